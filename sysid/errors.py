@@ -1,0 +1,32 @@
+"""The two ways in which a request can fail that are not a fault of the program.
+
+Both are turned into one line and an exit code by `sysid.cli`.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+class SysidError(Exception):
+    """Base of the errors that a user can mend; `exit_code` is the process' exit status."""
+
+    exit_code = 1
+
+
+class InputError(SysidError):
+    """Unusable input or arguments (exit 2): names the place and the mend."""
+
+    exit_code = 2
+
+
+class NotIdentifiedError(SysidError):
+    """The data were read, but cannot identify what was asked (exit 3)."""
+
+    exit_code = 3
+
+
+def input_error(where: str | Path, what: str, mend: str) -> InputError:
+    """One line: where it is (file, row or key), what is wrong, how to mend it."""
+    line = f"{where}: {what}; {mend}"
+    return InputError(" ".join(line.split()))

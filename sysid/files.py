@@ -1,0 +1,126 @@
+"""Result files: written whole or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import stat
+import tempfile
+import threading
+from collections.abc import Generator
+from pathlib import Path
+from types import FrameType
+from typing import BinaryIO
+
+from sysid.errors import InputError, input_error
+
+
+def write_atomic(path: Path, data: bytes | str) -> None:
+    """Write `data` (text as UTF-8) to `path`, whole or not at all; see `open_atomic`."""
+    with open_atomic(path) as file:
+        file.write(data.encode("utf-8") if isinstance(data, str) else data)
+
+
+@contextlib.contextmanager
+def open_atomic(path: Path) -> Generator[BinaryIO, None, None]:
+    """A file to write `path` through: in place when the block ends, and only if it ends well.
+
+    The bytes go to a temporary file in the same folder, which is then renamed. After an
+    error, Ctrl-C or SIGTERM inside the block the temporary file is gone and what stood at
+    `path` stands as it was. A pipe or device is written directly. Raises InputError where
+    the folder is missing, not writable or full.
+    """
+    try:
+        mode = _mode(path)
+    except (OSError, ValueError) as error:
+        raise _not_writable(path, error) from None
+    if stat.S_ISDIR(mode):
+        raise input_error(path, "is a directory", "give the path of a file in it to write")
+    if mode and not stat.S_ISREG(mode):
+        try:
+            with path.open("wb") as direct:
+                yield direct
+        except BrokenPipeError:
+            raise
+        except OSError as error:
+            raise _not_writable(path, error) from None
+        return
+    with _terminated_by_exception():
+        yield from _through_temporary(path, mode)
+
+
+def _mode(path: Path) -> int:
+    """`st_mode` of what stands at `path` (or what it links to), 0 where nothing does."""
+    try:
+        return path.stat().st_mode
+    except FileNotFoundError:
+        return 0
+
+
+def _through_temporary(path: Path, mode: int) -> Generator[BinaryIO, None, None]:
+    target = Path(os.path.realpath(path))  # a link stays a link
+    try:
+        if mode and not os.access(target, os.W_OK):  # a rename would not ask
+            raise PermissionError(None, "Permission denied")
+        handle, name = tempfile.mkstemp(prefix=".sysid-", suffix=".tmp", dir=target.parent)
+    except OSError as error:
+        raise _not_writable(path, error) from None
+    temporary = Path(name)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.chmod(stat.S_IMODE(mode) if mode else 0o666 & ~_umask())
+        temporary.replace(target)
+    except OSError as error:
+        raise _not_writable(path, error) from None
+    finally:
+        temporary.unlink(missing_ok=True)  # nothing left of it once it was renamed
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+@contextlib.contextmanager
+def _terminated_by_exception() -> Generator[None, None, None]:
+    """SIGTERM raises SystemExit inside the block, so that the clean-up runs.
+
+    A handler that somebody has set is left alone; outside the main thread none can be set.
+    """
+    if (
+        threading.current_thread() is not threading.main_thread()
+        or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL
+    ):
+        yield
+        return
+
+    def leave(number: int, _frame: FrameType | None) -> None:
+        raise SystemExit(128 + number)
+
+    signal.signal(signal.SIGTERM, leave)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def _not_writable(path: Path, error: OSError | ValueError) -> InputError:
+    """One line for each way in which a file cannot be written."""
+    shown = str(path) if len(str(path)) < 200 else f"{str(path)[:80]}..."
+    if isinstance(error, FileNotFoundError):
+        return input_error(
+            shown, f"its folder {path.parent} does not exist", "make it, or name another"
+        )
+    if isinstance(error, NotADirectoryError):
+        return input_error(shown, f"{path.parent} is not a folder", "name another place")
+    if isinstance(error, PermissionError):
+        return input_error(
+            shown, "may not be written", "change the permissions, or name another place"
+        )
+    reason = getattr(error, "strerror", None) or str(error)
+    return input_error(shown, f"cannot be written: {reason}", "name another place")

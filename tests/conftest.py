@@ -1,0 +1,75 @@
+"""What several tests share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parent.parent
+SHARED = REPOSITORY.parent / "shared"
+
+RIG_TEXT = """\
+[rig]
+name = "arm"
+orientation = "horizontal"
+
+[air]
+gas_constant_j_per_kg_k = 287.0
+heat_capacity_ratio = 1.4
+temperature_k = 293.15
+atmospheric_pressure_pa = 100000.0
+supply_pressure_pa = 300000.0
+
+[cylinder]
+area_a_m2 = 4.524e-4
+area_b_m2 = 4.207e-4
+offset_a_m = 0.075
+offset_b_m = 0.075
+stroke_m = 0.127
+pitch_radius_m = 0.0375
+
+[inertia]
+equivalent_kg_m2 = 0.02368
+
+[motor]
+torque_per_volt_nm = 0.0795
+max_torque_nm = 0.795
+
+[pwm]
+period_s = 0.005
+
+[valves]
+on_delay_s = 0.0017
+off_delay_s = 0.002
+
+[sampling]
+period_s = 0.001
+
+[sensors]
+encoder_counts_per_rev = 80000
+"""
+
+
+@pytest.fixture
+def rig_text() -> str:
+    """A whole rig file (the thesis' reference rig)."""
+    return RIG_TEXT
+
+
+@pytest.fixture
+def shared_data() -> Path:
+    """The measured data beside the project; skips visibly where they are absent."""
+    folder = SHARED / "data"
+    if not folder.is_dir():
+        pytest.skip("../shared/data is absent")
+    return folder
+
+
+@pytest.fixture
+def shared_samples() -> Path:
+    """The sample campaigns beside the project; skips visibly where they are absent."""
+    folder = SHARED / "samples"
+    if not folder.is_dir():
+        pytest.skip("../shared/samples is absent")
+    return folder
