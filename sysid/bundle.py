@@ -1,0 +1,182 @@
+"""The parameter bundle: what a controller, a simulator or a later fit needs, in one JSON file.
+
+The contract is `spec/bundle.md`; the schema is `bundle.schema.json` in this package. Every
+bundle is checked against it when written and when read. Reading one never runs code.
+"""
+
+from __future__ import annotations
+
+import datetime
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from sysid import __version__
+from sysid.errors import InputError, input_error
+from sysid.files import write_atomic
+from sysid.logs import Log
+from sysid.rig import Rig, rig_from_content
+from sysid.tables import read_bytes
+
+SCHEMA = "sysid-bundle/1"
+
+
+@dataclass(frozen=True)
+class Source:
+    """A log that a part of a bundle was fitted or judged on."""
+
+    log: Log
+    use: str
+    kind: str
+
+    def to_json(self) -> dict[str, str]:
+        """The log's entry in `provenance.logs`: its name alone, so that a bundle can be shared."""
+        return {
+            "file": self.log.path.name,
+            "sha256": self.log.sha256,
+            "use": self.use,
+            "kind": self.kind,
+        }
+
+
+def new_bundle(
+    rig: Rig,
+    parts: Mapping[str, Any],
+    sources: Iterable[Source],
+    *,
+    seeds: Mapping[str, int] | None = None,
+    options: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """A bundle of the given parts (`friction`, `valves`, ...), unchecked until written."""
+    now = datetime.datetime.now(datetime.UTC)
+    return {
+        "schema": SCHEMA,
+        "created": now.isoformat(timespec="seconds"),
+        "sysid_version": __version__,
+        "rig": rig.content,
+        **parts,
+        "effects": list(parts.get("effects", [])),
+        "provenance": {
+            "logs": [s.to_json() for s in sources],
+            "seeds": dict(seeds or {}),
+            "options": dict(options or {}),
+        },
+    }
+
+
+def write_bundle(bundle: Mapping[str, Any], path: Path) -> None:
+    """Check a bundle against the schema and write it, whole or not at all."""
+    _validate(bundle, path)
+    write_atomic(path, json.dumps(bundle, indent=2, allow_nan=False, ensure_ascii=False) + "\n")
+
+
+def read_bundle(path: Path) -> dict[str, Any]:
+    """Read and check a bundle. Raises InputError naming the key that is wrong."""
+    raw = read_bytes(path, "a bundle")
+    try:
+        bundle = json.loads(raw.decode("utf-8-sig"), parse_constant=_no_constant)
+    except UnicodeDecodeError:
+        raise input_error(path, "is not UTF-8 text", "a bundle is JSON in UTF-8") from None
+    except json.JSONDecodeError as error:
+        raise input_error(
+            f"{path}, line {error.lineno}", f"is not JSON ({error.msg})", "write the bundle again"
+        ) from None
+    except _NotFiniteError as error:
+        raise input_error(path, f"holds {error}", "a bundle holds finite numbers only") from None
+    _validate(bundle, path)
+    rig_from_content(bundle["rig"], f"{path}, rig")
+    return dict(bundle)
+
+
+def bundle_rig(bundle: Mapping[str, Any], path: Path) -> Rig:
+    """The rig that a bundle was fitted for."""
+    return rig_from_content(bundle["rig"], f"{path}, rig")
+
+
+def merge(base: Mapping[str, Any], part: Mapping[str, Any], path: Path) -> dict[str, Any]:
+    """`base` (read from `path`) with the parts of `part` added; a part that both hold is replaced.
+
+    Raises InputError where the two were fitted for different rigs.
+    """
+    for section in sorted(set(base["rig"]) | set(part["rig"])):
+        if base["rig"].get(section) != part["rig"].get(section):
+            raise input_error(
+                path,
+                f"was fitted with another rig file ([{section}] differs)",
+                "fit both with the same rig file, or write a new bundle with -o",
+            )
+    merged = {**base, **{k: v for k, v in part.items() if k != "effects"}}
+    if "valves" in base and "valves" in part:
+        merged["valves"] = _merge_valves(base["valves"], part["valves"])
+    merged["effects"] = part["effects"] or base["effects"]
+    merged["provenance"] = _merge_provenance(base["provenance"], part["provenance"])
+    return merged
+
+
+def _merge_valves(base: Mapping[str, Any], part: Mapping[str, Any]) -> dict[str, Any]:
+    merged = dict(base)
+    for valve, models in part.items():
+        before = dict(merged.get(valve, {}))
+        for model, content in models.items():
+            kept = before.get(model, {}) if model == "pwm" else {}
+            before[model] = {**kept, **content}
+        merged[valve] = before
+    return merged
+
+
+def _merge_provenance(base: Mapping[str, Any], part: Mapping[str, Any]) -> dict[str, Any]:
+    logs = {(e["sha256"], e.get("kind")): e for e in (*base["logs"], *part["logs"])}
+    return {
+        "logs": list(logs.values()),
+        "seeds": {**base.get("seeds", {}), **part.get("seeds", {})},
+        "options": {**base.get("options", {}), **part.get("options", {})},
+    }
+
+
+def check_log_unchanged(bundle: Mapping[str, Any], log: Log, path: Path) -> None:
+    """InputError where a log has changed since the bundle was fitted on it."""
+    for entry in bundle["provenance"]["logs"]:
+        if entry["file"] == log.path.name and entry["use"] == "fit":
+            if entry["sha256"] == log.sha256:
+                return
+            raise input_error(
+                path,
+                f"{entry['file']} has changed since this bundle was fitted on it (SHA-256)",
+                "fit again, or bring the old log back",
+            )
+
+
+class _NotFiniteError(ValueError):
+    pass
+
+
+def _no_constant(name: str) -> float:
+    raise _NotFiniteError(name)
+
+
+def _validate(bundle: Any, path: Path) -> None:
+    if not isinstance(bundle, Mapping):
+        raise input_error(path, "is not a JSON object", "name a bundle that sysid wrote")
+    version = bundle.get("schema")
+    if version != SCHEMA:
+        found = "has no `schema`" if version is None else f"has schema {version!r}"
+        raise input_error(path, f"{found}, not {SCHEMA!r}", "fit again with this version of sysid")
+    import jsonschema
+
+    text = resources.files("sysid").joinpath("bundle.schema.json").read_text("utf-8")
+    validator = jsonschema.Draft202012Validator(json.loads(text))
+    error = jsonschema.exceptions.best_match(validator.iter_errors(bundle))
+    if error is not None:
+        raise _schema_error(error, path)
+
+
+def _schema_error(error: Any, path: Path) -> InputError:
+    key = ".".join(str(p) for p in error.absolute_path) or "the bundle"
+    return input_error(
+        path,
+        f"{key}: {error.message[:160]}",
+        "mend that key, or fit again to write the bundle anew",
+    )
