@@ -61,7 +61,9 @@ def _mode(path: Path) -> int:
 def _through_temporary(path: Path, mode: int) -> Generator[BinaryIO, None, None]:
     target = Path(os.path.realpath(path))  # a link stays a link
     try:
-        if mode and not os.access(target, os.W_OK):  # a rename would not ask
+        effective = os.access in os.supports_effective_ids
+        # A rename would not ask whether the file that it replaces may be written.
+        if mode and not os.access(target, os.W_OK, effective_ids=effective):
             raise PermissionError(None, "Permission denied")
         handle, name = tempfile.mkstemp(prefix=".sysid-", suffix=".tmp", dir=target.parent)
     except OSError as error:

@@ -15,7 +15,7 @@ from sysid import plausibility
 from sysid.errors import InputError, input_error
 from sysid.rig import Rig
 from sysid.tables import Table, read_table
-from sysid.units import CANONICAL_UNITS, ColumnMap, to_si
+from sysid.units import CANONICAL_UNITS, ColumnMap, find_column, to_si
 
 FloatArray = NDArray[np.float64]
 
@@ -119,13 +119,14 @@ def read_log(path: Path, rig: Rig, mapping: Mapping[str, ColumnMap] | None = Non
 def _take_columns(reading: _Reading, maps: Mapping[str, ColumnMap]) -> None:
     table = reading.table
     known = set(CANONICAL_UNITS)
-    used = {m.column for m in maps.values()}
-    for target, entry in maps.items():
-        if entry.column not in table.header:
-            raise _no_such_column(table, target, entry.column)
-        if target in table.header and entry.column != target:
+    sources = {
+        t: table.header[find_column(table.header, m, reading.where)] for t, m in maps.items()
+    }
+    used = set(sources.values())
+    for target, column in sources.items():
+        if target in table.header and column != target:
             reading.notices.append(
-                f"{reading.where}: {target} is taken from {entry.column}, as mapped, not from the "
+                f"{reading.where}: {target} is taken from {column}, as mapped, not from the "
                 "column of its own name"
             )
     for name in table.header:
@@ -135,19 +136,13 @@ def _take_columns(reading: _Reading, maps: Mapping[str, ColumnMap]) -> None:
     ambient = reading.rig.air.atmospheric_pressure_pa if reading.rig.air else None
     for target, entry in maps.items():
         if target != "test":
-            reading.columns[target] = to_si(table.numbers(entry.column), entry, ambient)
-            reading.origin[target] = entry.column
+            reading.columns[target] = to_si(table.numbers(sources[target]), entry, ambient)
+            reading.origin[target] = sources[target]
     unknown = [n for n in table.header if n not in known and n not in used]
     if unknown:
         reading.notices.append(f"{reading.where}: ignored, not known: {', '.join(unknown)}")
     if len(table.frame) < 2:
         raise input_error(reading.where, "holds one row only", "a test needs two samples or more")
-
-
-def _no_such_column(table: Table, target: str, column: str) -> InputError:
-    close = difflib.get_close_matches(column, table.header, 1, 0.6)
-    hint = f"did you mean {close[0]}?" if close else f"it has {', '.join(table.header[:12])}"
-    return input_error(table.path, f"no column {column} to map to {target}", hint)
 
 
 def _missing_time(table: Table) -> InputError:
@@ -164,9 +159,10 @@ def _groups(
     reading: _Reading, maps: Mapping[str, ColumnMap]
 ) -> list[tuple[str, NDArray[np.int64] | slice]]:
     """(label, rows) of each test, in the order in which they first appear."""
-    name = maps["test"].column if "test" in maps else "test"
+    header = reading.table.header
+    name = header[find_column(header, maps["test"], reading.where)] if "test" in maps else "test"
     rows = len(reading.table.frame)
-    if name not in reading.table.header:
+    if name not in header:
         return [("", slice(0, rows))]
     import pandas as pd
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import io
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -134,6 +134,11 @@ def read_table(path: Path, wanted: Collection[str], text: Collection[str] = ()) 
     return _read_csv(path, raw, digest, wanted, text)
 
 
+def _chosen(header: Sequence[str], wanted: Collection[str]) -> list[str]:
+    """The columns asked for, by name or by number (`#3` is the third)."""
+    return [c for i, c in enumerate(header, start=1) if c in wanted or f"#{i}" in wanted]
+
+
 def _read_parquet(path: Path, raw: bytes, digest: str, wanted: Collection[str]) -> Table:
     import pyarrow
     import pyarrow.parquet as parquet
@@ -142,7 +147,7 @@ def _read_parquet(path: Path, raw: bytes, digest: str, wanted: Collection[str]) 
         file = parquet.ParquetFile(io.BytesIO(raw))
         header = tuple(file.schema_arrow.names)
         _reject_doubled(path, header, "the schema")
-        frame = file.read(columns=[c for c in header if c in wanted]).to_pandas()
+        frame = file.read(columns=_chosen(header, wanted)).to_pandas()
     except (pyarrow.ArrowException, OSError) as error:
         first = str(error).splitlines()[0][:120]
         raise input_error(
@@ -158,7 +163,8 @@ def _read_csv(
 
     body = _decoded(path, raw)
     header_line, header = _header(path, body)
-    used = [c for c in header if c in wanted]
+    used = _chosen(header, wanted)
+    text = _chosen(header, text)
     _check_first_row(path, body, header)
     try:
         frame = pd.read_csv(

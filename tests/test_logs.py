@@ -83,6 +83,7 @@ def test_encoder_zero(frame: pd.DataFrame, rig_text: str, tmp_path: Path) -> Non
         ("pressure_a_pa=P1:bar(g)", lambda p: (p - 1e5) / 1e5),
         ("pressure_a_pa=P1:psi(a)", lambda p: p / 6894.757293168361),
         ("pressure_a_pa=P1", lambda p: p),
+        ("pressure_a_pa=#5:kPa", lambda p: p / 1e3),
     ],
 )
 def test_mapped_pressure(

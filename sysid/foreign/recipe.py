@@ -1,0 +1,156 @@
+"""How a foreign file becomes a log: the maps, constants and options, as given or by TOML.
+
+What the command line says can stand in a TOML file too (`--spec`):
+
+    [map]                                # as --map; the command line's entries win
+    time_s = "#1:ms"
+    pressure_a_pa = "#6:bar(g)"
+
+    [constants]                          # columns of one value
+    temperature_k = 293.15
+
+    [options]
+    delimiter = ";"                      # also "tab", "blank"; found by itself where absent
+    decimal = ","
+    thousands = "."                      # "." with decimal ".": all but the last dot
+    header = false                       # the first row is data: columns #1, #2 ...
+    skip_rows = 22                       # lines above the table
+    sheet = "Run 3"
+    sampling_period_s = 0.001            # where no column holds the time
+    atmosphere_pa = 101325.0             # added to gauge pressures
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from sysid.errors import input_error
+from sysid.foreign.table import ReadOptions
+from sysid.rig import read_toml, reject_misspelt
+from sysid.units import CANONICAL_UNITS, TEST_COLUMN, ColumnMap, parse_map, parse_map_table
+
+_SECTIONS = ("map", "constants", "options")
+_OPTIONS: dict[str, tuple[type, ...]] = {
+    "delimiter": (str,),
+    "decimal": (str,),
+    "thousands": (str,),
+    "header": (bool,),
+    "skip_rows": (int,),
+    "sheet": (str,),
+    "sampling_period_s": (int, float),
+    "atmosphere_pa": (int, float),
+}
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How foreign columns become a log: maps by target, constants, and how to read."""
+
+    maps: Mapping[str, ColumnMap] = field(default_factory=dict)
+    constants: Mapping[str, str | float] = field(default_factory=dict)
+    read: ReadOptions = field(default_factory=ReadOptions)
+    period_s: float | None = None
+    atmosphere_pa: float | None = None
+    notices: tuple[str, ...] = ()
+
+
+def read_recipe(path: Path) -> Recipe:
+    """The recipe of a `--spec` TOML file. Raises InputError naming the key and the mend."""
+    content = read_toml(path, "a TOML file with [map] and [options]")
+    notices = reject_misspelt(content, _SECTIONS, "section ", str(path))
+    for section in _SECTIONS:
+        if not isinstance(content.get(section, {}), dict):
+            raise input_error(path, f"{section} is not a section", f"write [{section}]")
+    options = content.get("options", {})
+    notices += reject_misspelt(options, _OPTIONS, "[options] ", str(path))
+    for key, types in _OPTIONS.items():
+        value = options.get(key)
+        wrong = not isinstance(value, types) or (isinstance(value, bool) and types != (bool,))
+        if value is not None and wrong:
+            raise input_error(
+                path, f"[options] {key} = {value!r} is not {_said(types)}", "mend the value"
+            )
+    constants = {}
+    for key, value in content.get("constants", {}).items():
+        if isinstance(value, bool) or not isinstance(value, str | int | float):
+            raise input_error(
+                path, f"[constants] {key} = {value!r} is no number or text", "mend the value"
+            )
+        constants[key] = _constant(key, str(value), f"{path} [constants]")
+    return Recipe(
+        parse_map_table(content.get("map", {}), f"{path} [map]"),
+        constants,
+        ReadOptions(**{k: options[k] for k in ReadOptions.__dataclass_fields__ if k in options}),
+        options.get("sampling_period_s"),
+        options.get("atmosphere_pa"),
+        tuple(notices),
+    )
+
+
+def _said(types: tuple[type, ...]) -> str:
+    return {str: "text", bool: "true or false", int: "a whole number"}.get(types[-1], "a number")
+
+
+def extended(
+    base: Recipe,
+    maps: Iterable[str],
+    constants: Iterable[str],
+    reading: Mapping[str, Any],
+    period_s: float | None,
+    atmosphere_pa: float | None,
+) -> Recipe:
+    """`base` with the command line's entries laid over it, checked as a whole.
+
+    `reading` holds `ReadOptions` by name, None where nothing was said; `period_s` in s,
+    `atmosphere_pa` in Pa. Raises InputError for what is implausible or said twice.
+    """
+    extra = {}
+    for text in constants:
+        target, equals, value = text.partition("=")
+        if not equals:
+            raise input_error(f"--set {text!r}", "has no '='", 'write "temperature_k=293.15"')
+        extra[target.strip()] = _constant(target.strip(), value.strip(), "--set")
+    recipe = replace(
+        base,
+        maps={**base.maps, **parse_map(maps)},
+        constants={**base.constants, **extra},
+        read=replace(base.read, **{k: v for k, v in reading.items() if v is not None}),
+        period_s=base.period_s if period_s is None else period_s,
+        atmosphere_pa=base.atmosphere_pa if atmosphere_pa is None else atmosphere_pa,
+    )
+    for target in recipe.constants:
+        if target in recipe.maps:
+            raise input_error("convert", f"{target} is mapped and a constant", "keep one")
+    period, atmosphere = recipe.period_s, recipe.atmosphere_pa
+    if period is not None and not 1e-7 <= period <= 3600.0:
+        raise input_error(
+            "--period", f"{period:g} s is no sampling period", "give it in seconds: 1 ms is 0.001"
+        )
+    if period is not None and "time_s" in recipe.maps:
+        raise input_error("--period", "is given beside a mapped time_s", "leave one of them out")
+    if atmosphere is not None and not 4e4 <= atmosphere <= 1.2e5:
+        raise input_error(
+            "--atmosphere", f"{atmosphere:g} Pa is no atmosphere", "give Pa: about 101325"
+        )
+    if recipe.read.skip_rows < 0:
+        raise input_error("skip_rows", "is negative", "give the number of lines above the table")
+    return recipe
+
+
+def _constant(target: str, text: str, where: str) -> str | float:
+    if target not in CANONICAL_UNITS or target == "time_s":
+        names = ", ".join(name for name in CANONICAL_UNITS if name != "time_s")
+        raise input_error(where, f"{target!r} cannot be a constant", f"use one of {names}")
+    if target == TEST_COLUMN:
+        return text
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise input_error(where, f"{target} = {text!r} is not a number", "give it in SI units")
+    return value
