@@ -1,0 +1,1 @@
+"""Data that the project keeps, and what generates it."""

@@ -1,0 +1,1 @@
+"""Generator of whole campaigns: random rigs, every kind of test, known truth (`README.md`)."""

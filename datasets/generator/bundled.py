@@ -1,0 +1,30 @@
+"""The small campaign that ships in `datasets/bundled/`, and how it is made again bit for bit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from datasets.generator.campaign import SMALL, GeneratedCampaign, GeneratedLog, make_campaign
+from datasets.generator.files import Dialect, write_campaign
+
+BUNDLED_SEED = 20
+BUNDLED_COMMAND = "python -m datasets.generator --bundled"
+BUNDLED_FOLDER = Path(__file__).resolve().parents[1] / "bundled"
+LARGEST_CSV_ROWS = 10_000  # longer logs are kept as Parquet, a quarter of the size
+
+
+def bundled_campaign(stems: tuple[str, ...] | None = None) -> GeneratedCampaign:
+    """The bundled campaign in memory, or only the logs named: a random horizontal rotary rig."""
+    return make_campaign(BUNDLED_SEED, size=SMALL, stems=stems)
+
+
+def bundled_dialect(log: GeneratedLog) -> Dialect:
+    """CSV for the short logs, Parquet for the long ones."""
+    return Dialect(parquet=sum(map(len, log.tests)) > LARGEST_CSV_ROWS)
+
+
+def write_bundled(
+    folder: Path = BUNDLED_FOLDER, stems: tuple[str, ...] | None = None
+) -> list[Path]:
+    """Write the bundled campaign, or the part of it named by `stems`."""
+    return write_campaign(folder, bundled_campaign(stems), BUNDLED_COMMAND, bundled_dialect)

@@ -1,0 +1,139 @@
+"""One test: commands in, the plant integrated, samples out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from datasets.generator.integrator import integrate
+from datasets.generator.plant import FloatArray, Plant
+from datasets.generator.rigs import GeneratedRig
+from datasets.generator.sensors import measured
+from datasets.generator.timing import (
+    Edges,
+    merged,
+    movements,
+    no_edges,
+    pwm_commands,
+    switched_commands,
+)
+
+NO_BAND = (-np.inf, np.inf)
+
+
+@dataclass(frozen=True)
+class Commands:
+    """What a test commands, each (n,): the motor (Nm or N) and either valves or duties."""
+
+    motor: FloatArray
+    valve_a: FloatArray | None = None
+    valve_b: FloatArray | None = None
+    duty_a: FloatArray | None = None
+    duty_b: FloatArray | None = None
+    log_motor: bool = True
+
+    def columns(self, rig: GeneratedRig) -> dict[str, FloatArray]:
+        """The commanded columns under the log format's names."""
+        names = ("valve_a", "valve_b", "duty_a", "duty_b")
+        given = {name: getattr(self, name) for name in names}
+        columns = {name: value for name, value in given.items() if value is not None}
+        if self.log_motor:
+            columns["motor_force_n" if rig.is_linear else "motor_torque_nm"] = self.motor
+        return columns
+
+
+@dataclass(frozen=True)
+class Start:
+    """How a test starts, at rest: position (rad or m), chamber pressures (Pa), valves."""
+
+    position: float
+    pressure_a: float
+    pressure_b: float
+    opened: tuple[int, int] = (0, 0)
+    held: bool = False
+
+
+@dataclass(frozen=True)
+class GeneratedTest:
+    """One `test` of a log: its columns, each (n,), `time_s` first, and its own truth."""
+
+    label: str
+    columns: dict[str, FloatArray]
+    truth: dict[str, Any] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.columns["time_s"])
+
+
+def at_atmosphere(rig: GeneratedRig, position: float) -> Start:
+    """At rest with both chambers at the atmosphere's pressure."""
+    atmosphere = float(rig.content["air"]["atmospheric_pressure_pa"])
+    return Start(position, atmosphere, atmosphere)
+
+
+def simulated(
+    rig: GeneratedRig,
+    plant: Plant,
+    commands: Commands,
+    start: Start,
+    band: tuple[float, float] = NO_BAND,
+    tolerance: float = 1.0,
+) -> FloatArray:
+    """States at the rows, (m, 4), m <= n: the run ends after the first row outside `band`."""
+    edges = [
+        _movements(rig, commands.valve_a, commands.duty_a, start.opened[0]),
+        _movements(rig, commands.valve_b, commands.duty_b, start.opened[1]),
+    ]
+    time, valve, state = merged(*edges)
+    states, rows = integrate(
+        plant,
+        rig.row_period,
+        np.ascontiguousarray(commands.motor, dtype=np.float64),
+        time,
+        valve,
+        state,
+        np.array([start.position, 0.0, start.pressure_a, start.pressure_b]),
+        np.array(start.opened, dtype=np.int64),
+        start.held,
+        np.array(band, dtype=np.float64),
+        tolerance,
+    )
+    if rows == 0:
+        raise RuntimeError("the integration's steps ran away: is the rig plausible?")
+    return np.asarray(states[:rows])
+
+
+def _movements(
+    rig: GeneratedRig, valve: FloatArray | None, duty: FloatArray | None, initial: int
+) -> Edges:
+    delays = rig.content["valves"]
+    if duty is not None:
+        period = float(rig.content["pwm"]["period_s"])
+        times, states = pwm_commands(duty, rig.row_period, period, initial)
+    elif valve is not None:
+        times, states = switched_commands(valve, rig.row_period)
+    else:
+        return no_edges()
+    return movements(
+        times, states, float(delays["on_delay_s"]), float(delays["off_delay_s"]), initial
+    )
+
+
+def logged(
+    label: str,
+    rig: GeneratedRig,
+    commands: Commands,
+    states: FloatArray,
+    noise_pa: float,
+    rng: np.random.Generator,
+    truth: dict[str, Any],
+) -> GeneratedTest:
+    """The test as its log will hold it."""
+    n = len(states)
+    time = np.round(np.arange(n) * rig.row_period, 9)
+    columns = {"time_s": time}
+    columns |= {name: value[:n] for name, value in commands.columns(rig).items()}
+    columns |= measured(states, rig, noise_pa, rng)
+    return GeneratedTest(label, columns, truth)
