@@ -275,7 +275,14 @@ def find_rig_file(log: Path) -> Path:
 
     Raises InputError where there is none.
     """
-    folder = log.resolve().parent
+    try:
+        is_folder, folder = log.is_dir(), log.resolve().parent
+    except OSError as error:
+        name = str(log) if len(str(log)) < 200 else f"{str(log)[:80]}..."
+        what = f"cannot be opened: {error.strerror}"
+        raise input_error(name, what, "give the path of a log") from None
+    if is_folder:
+        raise input_error(log, "is a directory", "give the path of a log in it")
     for candidate in (folder, *folder.parents):
         path = candidate / RIG_FILE_NAME
         if path.is_file():

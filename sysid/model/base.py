@@ -1,0 +1,486 @@
+"""The thesis' equations (chapter 3, corrected) as pure functions of state, inputs, parameters.
+
+Every function takes floats, numpy arrays or jax arrays, of any shapes that broadcast, and
+answers in the same kind: nothing here imports an array library but numpy. SI, absolute
+pressures. "Effort" is torque (Nm) on a rotary rig and force (N) on a linear one, whose
+pitch radius is 1; "position" is rad or m accordingly.
+
+Equation numbers are the thesis'; where its print is wrong, the corrected form stands.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sysid.errors import input_error
+from sysid.rig import Rig, require_inertia
+
+Array = Any
+"""A float, or an array of any library that follows the array API standard."""
+
+CRITICAL_RATIO = 0.53
+"""Downstream over upstream pressure below which flow is choked (3.5.1)."""
+
+
+def array_namespace(*values: Array) -> Any:
+    """The module whose functions take these values: numpy, unless one is of another library."""
+    for value in values:
+        if isinstance(value, float | int | np.ndarray | np.generic):
+            continue
+        namespace = getattr(value, "__array_namespace__", None)
+        if namespace is not None:
+            return namespace()
+    return np
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """Every number of the base model, flat, so that any of them can be fitted or batched.
+
+    Each field is a float or an array over runs. `offset` is a constant effort in the
+    direction of positive motion (0 in the base model). `choked_fill_*` holds at
+    `supply_reference`, to which choked filling is proportional. Gravity is
+    `gravity_moment` sin(position) + `weight`: the first on a rotary rig, the second on a
+    linear one.
+    """
+
+    # mechanics: Nm, Nm s/rad, kg m2 (linear: N, N s/m, kg)
+    static_effort: Array
+    coulomb_effort: Array
+    viscous: Array
+    inertia: Array
+    gravity_moment: Array
+    weight: Array
+    offset: Array
+    max_effort: Array
+    # cylinder: m2, m
+    area_a: Array
+    area_b: Array
+    offset_a: Array
+    offset_b: Array
+    stroke: Array
+    pitch_radius: Array
+    # air: J/(kg K), -, K, Pa
+    gas_constant: Array
+    heat_capacity_ratio: Array
+    temperature: Array
+    atmosphere: Array
+    supply: Array
+    supply_reference: Array
+    # valves: kg/s, kg/s, kg/(s Pa^0.5), kg/(s Pa), s, s
+    choked_fill_a: Array
+    choked_dis_a: Array
+    c_fill_a: Array
+    c_dis_a: Array
+    on_delay_a: Array
+    off_delay_a: Array
+    choked_fill_b: Array
+    choked_dis_b: Array
+    c_fill_b: Array
+    c_dis_b: Array
+    on_delay_b: Array
+    off_delay_b: Array
+    # s
+    pwm_period: Array
+
+    def replace(self, **changes: Array) -> Parameters:
+        """A copy with some fields changed."""
+        return dataclasses.replace(self, **changes)
+
+    def valve(self, side: str) -> ValveParameters:
+        """Valve A's or B's four flow parameters; `side` is "a" or "b"."""
+        return ValveParameters(
+            choked_fill=getattr(self, f"choked_fill_{side}"),
+            choked_dis=getattr(self, f"choked_dis_{side}"),
+            c_fill=getattr(self, f"c_fill_{side}"),
+            c_dis=getattr(self, f"c_dis_{side}"),
+        )
+
+
+@dataclass(frozen=True)
+class ValveParameters:
+    """The discrete law of one valve: kg/s, kg/s, kg/(s Pa^0.5), kg/(s Pa)."""
+
+    choked_fill: Array
+    choked_dis: Array
+    c_fill: Array
+    c_dis: Array
+
+
+PARAMETER_NAMES: tuple[str, ...] = tuple(f.name for f in dataclasses.fields(Parameters))
+
+# A chamber without a valve model holds its gas; a rig without a motor takes no command.
+_NO_VALVE = ValveParameters(0.0, 0.0, 0.0, 0.0)
+
+
+def parameters_from_rig(
+    rig: Rig,
+    *,
+    static_effort: float,
+    coulomb_effort: float,
+    viscous: float,
+    valve_a: ValveParameters = _NO_VALVE,
+    valve_b: ValveParameters = _NO_VALVE,
+    offset: float = 0.0,
+) -> Parameters:
+    """Parameters of a rig: constants from its file, the rest as given (fitted or assumed).
+
+    Raises InputError where the rig file lacks what the model needs ([air], [cylinder], an
+    inertia). Without `[pwm]` or `[valves]` the period is 1 s and the delays 0.
+    """
+    air = rig.require("air", "which the chamber equations need")
+    cylinder = rig.require("cylinder", "which the chamber equations need")
+    gravity = rig.gravity_moment()
+    delays = (rig.valves.on_delay_s, rig.valves.off_delay_s) if rig.valves else (0.0, 0.0)
+    period = rig.pwm.period_s if rig.pwm else 1.0
+    if not static_effort >= 0.0 or not coulomb_effort >= 0.0:
+        raise input_error(rig.source, "friction is negative", "give static and Coulomb friction")
+    return Parameters(
+        static_effort=static_effort,
+        coulomb_effort=coulomb_effort,
+        viscous=viscous,
+        inertia=require_inertia(rig),
+        gravity_moment=0.0 if rig.is_linear else gravity,
+        weight=gravity if rig.is_linear else 0.0,
+        offset=offset,
+        max_effort=np.inf if rig.max_effort is None else rig.max_effort,
+        area_a=cylinder.area_a_m2,
+        area_b=cylinder.area_b_m2,
+        offset_a=cylinder.offset_a_m,
+        offset_b=cylinder.offset_b_m,
+        stroke=cylinder.stroke_m,
+        pitch_radius=cylinder.pitch_radius_m,
+        gas_constant=air.gas_constant_j_per_kg_k,
+        heat_capacity_ratio=air.heat_capacity_ratio,
+        temperature=air.temperature_k,
+        atmosphere=air.atmospheric_pressure_pa,
+        supply=air.supply_pressure_pa,
+        supply_reference=air.supply_pressure_pa,
+        choked_fill_a=valve_a.choked_fill,
+        choked_dis_a=valve_a.choked_dis,
+        c_fill_a=valve_a.c_fill,
+        c_dis_a=valve_a.c_dis,
+        on_delay_a=delays[0],
+        off_delay_a=delays[1],
+        choked_fill_b=valve_b.choked_fill,
+        choked_dis_b=valve_b.choked_dis,
+        c_fill_b=valve_b.c_fill,
+        c_dis_b=valve_b.c_dis,
+        on_delay_b=delays[0],
+        off_delay_b=delays[1],
+        pwm_period=period,
+    )
+
+
+# --- mechanics -------------------------------------------------------------------------
+
+
+def cylinder_effort(
+    pressure_a: Array,
+    pressure_b: Array,
+    area_a: Array,
+    area_b: Array,
+    atmosphere: Array,
+    pitch_radius: Array = 1.0,
+) -> Array:
+    """Effort of the cylinder, Nm or N (3.3.3): (Pa Aa - Pb Ab - P0 (Aa - Ab)) r.
+
+    Written with gauge pressures, so that it is exactly zero with both chambers open.
+    """
+    return ((pressure_a - atmosphere) * area_a - (pressure_b - atmosphere) * area_b) * pitch_radius
+
+
+def motor_effort(volts: Array, effort_per_volt: Array, max_effort: Array = np.inf) -> Array:
+    """Motor effort at the output (3.3.4): Kt Kamp N volts, within +- max_effort; Nm or N."""
+    return limit_effort(volts * effort_per_volt, max_effort)
+
+
+def limit_effort(effort: Array, max_effort: Array) -> Array:
+    """An effort clipped to +- max_effort."""
+    xp = array_namespace(effort, max_effort)
+    below = xp.where(effort < max_effort, effort, max_effort)
+    return xp.where(below > -max_effort, below, -max_effort)
+
+
+def equivalent_inertia(
+    arm_mass: Array,
+    arm_length: Array,
+    block_mass: Array,
+    pitch_radius: Array,
+    payload_mass: Array = 0.0,
+    payload_length: Array = 0.0,
+) -> Array:
+    """Inertia of arm, payload and block about the shaft, kg m2 (3.3.5)."""
+    return (
+        arm_mass * arm_length**2 / 3.0
+        + payload_mass * payload_length**2
+        + block_mass * pitch_radius**2
+    )
+
+
+def gravity_effort(position: Array, gravity_moment: Array, weight: Array = 0.0) -> Array:
+    """Effort of gravity against positive motion (3.3.8-3.3.10), Nm or N.
+
+    Rotary: (M_arm L/2 + Mp Lp) g sin(theta), theta = 0 hanging down; `gravity_moment` is
+    the bracket times g. Linear: the `weight`. Both are zero in the horizontal.
+    """
+    xp = array_namespace(position, gravity_moment, weight)
+    return gravity_moment * xp.sin(position) + weight
+
+
+def sliding_friction(velocity: Array, coulomb_effort: Array, viscous: Array) -> Array:
+    """Friction while moving (3.4.1): t_cf sign(w) + Cvf w, Nm or N; zero at zero velocity."""
+    xp = array_namespace(velocity, coulomb_effort, viscous)
+    return coulomb_effort * xp.sign(velocity) + viscous * velocity
+
+
+def friction_effort(
+    velocity: Array, applied: Array, static_effort: Array, coulomb_effort: Array, viscous: Array
+) -> Array:
+    """Friction of 3.4.1 in full, with `applied` = t_cyl + t_mot - t_grav; Nm or N.
+
+    At rest it holds against the applied effort up to `static_effort`, and is that limit
+    with the applied effort's sign beyond it.
+    """
+    xp = array_namespace(velocity, applied, static_effort, coulomb_effort, viscous)
+    at_rest = xp.minimum(xp.maximum(applied, -static_effort), static_effort)
+    moving = sliding_friction(velocity, coulomb_effort, viscous)
+    return xp.where(velocity == 0.0, at_rest, moving)
+
+
+def smooth_friction(velocity: Array, coulomb_effort: Array, viscous: Array, width: Array) -> Array:
+    """Sliding friction with tanh(w/width) for the sign: for derivatives only, Nm or N."""
+    xp = array_namespace(velocity, coulomb_effort, viscous, width)
+    return coulomb_effort * xp.tanh(velocity / width) + viscous * velocity
+
+
+# --- chambers --------------------------------------------------------------------------
+
+
+def chamber_volume_a(position: Array, area: Array, offset: Array, pitch_radius: Array) -> Array:
+    """Volume of chamber A, m3: (ya0 + r theta) Aa."""
+    return (offset + pitch_radius * position) * area
+
+
+def chamber_volume_b(position: Array, area: Array, offset: Array, pitch_radius: Array) -> Array:
+    """Volume of chamber B, m3: (yb0 - r theta) Ab."""
+    return (offset - pitch_radius * position) * area
+
+
+def pressure_rate(
+    pressure: Array,
+    flow: Array,
+    volume: Array,
+    volume_rate: Array,
+    heat_capacity_ratio: Array,
+    gas_constant: Array,
+    temperature: Array,
+) -> Array:
+    """dP/dt of a chamber, Pa/s (3.3.6, 3.5.2): (k R T m - k P dV/dt) / V.
+
+    `flow` into the chamber in kg/s, `volume` in m3, `volume_rate` in m3/s.
+    """
+    inflow = gas_constant * temperature * flow
+    return heat_capacity_ratio * (inflow - pressure * volume_rate) / volume
+
+
+def flow_from_pressure_rate(
+    rate: Array,
+    pressure: Array,
+    volume: Array,
+    volume_rate: Array,
+    heat_capacity_ratio: Array,
+    gas_constant: Array,
+    temperature: Array,
+) -> Array:
+    """Mass flow into a chamber, kg/s: 3.5.2 solved for it (3.5.3 with the piston held)."""
+    return (volume * rate / heat_capacity_ratio + pressure * volume_rate) / (
+        gas_constant * temperature
+    )
+
+
+# --- valves ----------------------------------------------------------------------------
+
+
+def is_filling_choked(pressure: Array, supply: Array) -> Array:
+    """Whether filling is choked: P <= 0.53 Ps (3.5.1)."""
+    return pressure <= filling_boundary(supply)
+
+
+def is_exhaust_choked(pressure: Array, atmosphere: Array) -> Array:
+    """Whether the exhaust is choked: P >= P0 / 0.53 (3.5.1)."""
+    return pressure >= exhaust_boundary(atmosphere)
+
+
+def filling_boundary(supply: Array) -> Array:
+    """Chamber pressure up to which filling is choked, Pa: 0.53 Ps."""
+    return CRITICAL_RATIO * supply
+
+
+def exhaust_boundary(atmosphere: Array) -> Array:
+    """Chamber pressure from which on the exhaust is choked, Pa: P0 / 0.53."""
+    return (1.0 / CRITICAL_RATIO) * atmosphere
+
+
+def signed_sqrt(value: Array) -> Array:
+    """sign(x) sqrt(|x|)."""
+    xp = array_namespace(value)
+    root = xp.sqrt(xp.abs(value))
+    return xp.where(value < 0, -root, root)
+
+
+def unchoked_filling_flow(pressure: Array, supply: Array, c_fill: Array) -> Array:
+    """c_fill sqrt(Ps - P), and -c_fill sqrt(P - Ps) above the supply; kg/s."""
+    return c_fill * signed_sqrt(supply - pressure)
+
+
+def unchoked_exhaust_flow(pressure: Array, atmosphere: Array, c_dis: Array) -> Array:
+    """c_dis (P0 - P): out of the chamber above P0 (negative), into it below; kg/s."""
+    return c_dis * (atmosphere - pressure)
+
+
+def filling_flow(
+    pressure: Array,
+    supply: Array,
+    choked_fill: Array,
+    c_fill: Array,
+    supply_reference: Array | None = None,
+    choked: Array | None = None,
+) -> Array:
+    """Flow into the chamber through an open valve, kg/s (3.6.6).
+
+    Choked: `choked_fill`, which holds at `supply_reference` (default: the supply itself)
+    and is proportional to the supply; unchoked: see unchoked_filling_flow. The law jumps
+    at the boundary, as the thesis' fitted constants do. An integrator that has located
+    the boundary says itself on which side of it the law is taken (`choked`).
+    """
+    xp = array_namespace(pressure, supply, choked_fill, c_fill)
+    reference = supply if supply_reference is None else supply_reference
+    return xp.where(
+        is_filling_choked(pressure, supply) if choked is None else choked,
+        choked_fill * (supply / reference),
+        unchoked_filling_flow(pressure, supply, c_fill),
+    )
+
+
+def exhaust_flow(
+    pressure: Array,
+    atmosphere: Array,
+    choked_dis: Array,
+    c_dis: Array,
+    choked: Array | None = None,
+) -> Array:
+    """Flow into the chamber through a valve that is off, kg/s (3.6.7, 3.6.10).
+
+    Negative (out) above P0: -`choked_dis` where choked, else c_dis (P0 - P), which also
+    lets air in below P0. `choked` as in filling_flow.
+    """
+    xp = array_namespace(pressure, atmosphere, choked_dis, c_dis)
+    return xp.where(
+        is_exhaust_choked(pressure, atmosphere) if choked is None else choked,
+        -choked_dis,
+        unchoked_exhaust_flow(pressure, atmosphere, c_dis),
+    )
+
+
+def laminar_filling_flow(
+    pressure: Array, supply: Array, choked_fill: Array, c_fill: Array, width: Array
+) -> Array:
+    """Filling law that is smooth everywhere, for derivatives only; kg/s.
+
+    `width` (Pa) is that of the logistic switch at the choked boundary and of the laminar
+    (linear) branch around P = Ps.
+    """
+    xp = array_namespace(pressure, supply, choked_fill, c_fill, width)
+    gap = supply - pressure
+    unchoked = c_fill * gap / (gap * gap + width * width) ** 0.25
+    share = 0.5 * (1.0 + xp.tanh((filling_boundary(supply) - pressure) / (0.5 * width)))
+    return share * choked_fill + (1.0 - share) * unchoked
+
+
+def smooth_exhaust_flow(
+    pressure: Array, atmosphere: Array, choked_dis: Array, c_dis: Array, width: Array
+) -> Array:
+    """Exhaust law with a logistic switch `width` Pa wide, for derivatives only; kg/s."""
+    xp = array_namespace(pressure, atmosphere, choked_dis, c_dis, width)
+    share = 0.5 * (1.0 + xp.tanh((pressure - exhaust_boundary(atmosphere)) / (0.5 * width)))
+    return -share * choked_dis + (1.0 - share) * c_dis * (atmosphere - pressure)
+
+
+def filling_jump(supply: Array, choked_fill: Array, c_fill: Array) -> Array:
+    """Relative jump of the filling law at the choked boundary: unchoked / choked - 1."""
+    boundary = unchoked_filling_flow(filling_boundary(supply), supply, c_fill)
+    return boundary / choked_fill - 1.0
+
+
+def exhaust_jump(atmosphere: Array, choked_dis: Array, c_dis: Array) -> Array:
+    """Relative jump of the exhaust law at the choked boundary: unchoked / choked - 1."""
+    boundary = unchoked_exhaust_flow(exhaust_boundary(atmosphere), atmosphere, c_dis)
+    return -boundary / choked_dis - 1.0
+
+
+# --- flow control in series with the valve (3.6.1 to 3.6.10) ---------------------------
+
+
+def series_filling_coefficient(c_valve: Array, c_control: Array) -> Array:
+    """Combined c_fill of valve and flow control, kg/(s Pa^0.5): C1 C2 / sqrt(C1^2 + C2^2)."""
+    xp = array_namespace(c_valve, c_control)
+    return c_valve * c_control / xp.sqrt(c_valve**2 + c_control**2)
+
+
+def series_exhaust_coefficient(c_valve: Array, c_control: Array) -> Array:
+    """Combined c_dis of valve and flow control, kg/(s Pa): C1 C2 / (C1 + C2)."""
+    return c_valve * c_control / (c_valve + c_control)
+
+
+def filling_intermediate_pressure(
+    pressure: Array, supply: Array, c_valve: Array, c_control: Array
+) -> Array:
+    """Pressure between valve and flow control while filling, Pa (3.6.4), both unchoked."""
+    valve, control = c_valve**2, c_control**2
+    return (valve * supply + control * pressure) / (valve + control)
+
+
+def exhaust_intermediate_pressure(
+    pressure: Array, atmosphere: Array, c_valve: Array, c_control: Array
+) -> Array:
+    """Pressure between flow control and valve while discharging, Pa (3.6.9), unchoked."""
+    return (c_valve * atmosphere + c_control * pressure) / (c_valve + c_control)
+
+
+def series_filling_flow(
+    pressure: Array, supply: Array, choked_fill: Array, c_valve: Array, c_control: Array
+) -> Array:
+    """Filling flow through valve and flow control by the two-orifice law, kg/s (3.6.6).
+
+    The valve is choked where the intermediate pressure is at most 0.53 Ps.
+    """
+    xp = array_namespace(pressure, supply, choked_fill, c_valve, c_control)
+    between = filling_intermediate_pressure(pressure, supply, c_valve, c_control)
+    combined = series_filling_coefficient(c_valve, c_control)
+    return xp.where(
+        is_filling_choked(between, supply),
+        choked_fill,
+        unchoked_filling_flow(pressure, supply, combined),
+    )
+
+
+def series_exhaust_flow(
+    pressure: Array, atmosphere: Array, choked_dis: Array, c_valve: Array, c_control: Array
+) -> Array:
+    """Exhaust flow through flow control and valve by the two-orifice law, kg/s (3.6.10).
+
+    The valve is choked where the intermediate pressure is at least P0 / 0.53.
+    """
+    xp = array_namespace(pressure, atmosphere, choked_dis, c_valve, c_control)
+    between = exhaust_intermediate_pressure(pressure, atmosphere, c_valve, c_control)
+    combined = series_exhaust_coefficient(c_valve, c_control)
+    return xp.where(
+        is_exhaust_choked(between, atmosphere),
+        -choked_dis,
+        unchoked_exhaust_flow(pressure, atmosphere, combined),
+    )

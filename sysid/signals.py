@@ -1,0 +1,249 @@
+"""What every pipeline does to a sampled signal before it looks for physics in it.
+
+Zero-phase low-pass filtering (thesis 3.7.2 and 4.2.2: second order Butterworth, 50 Hz),
+derivatives on the uniform grid, uniform resampling, and two properties of a channel that
+are taken from its samples: the quantum (resolution) and the noise floor.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.errors import input_error
+
+FloatArray = NDArray[np.float64]
+
+DEFAULT_CUTOFF_HZ = 50.0
+FILTER_ORDER = 2
+# Time stamps written with few digits wobble by this much of a period and mean nothing.
+_JITTER_IGNORED = 1e-3
+_DIFFERENCE_ORDERS = (2, 3, 4, 5, 6)
+_LAGS = (2, 4, 8, 16, 32)
+_NOISE_BLOCKS = 16
+_MIN_BLOCK = 64
+
+
+def lowpass(values: FloatArray, period: float, cutoff_hz: float = DEFAULT_CUTOFF_HZ) -> FloatArray:
+    """Zero-phase second-order Butterworth low-pass, run forwards and backwards.
+
+    `values` (n,) or (n, m), filtered along the first axis; `period` s; `cutoff_hz` is the
+    cut-off of one pass, so that the two passes together halve the amplitude there.
+    Raises InputError when the cut-off does not lie below the Nyquist frequency.
+    """
+    from scipy import signal
+
+    nyquist = 0.5 / period
+    if not 0.0 < cutoff_hz < nyquist:
+        raise input_error(
+            f"cut-off {cutoff_hz:g} Hz",
+            f"does not lie between 0 and the Nyquist frequency, {nyquist:g} Hz",
+            "choose a lower cut-off or log faster",
+        )
+    x = np.asarray(values, dtype=float)
+    if len(x) < 4:
+        return x.copy()
+    sections = signal.butter(FILTER_ORDER, cutoff_hz / nyquist, output="sos")
+    pad = min(len(x) - 1, 3 * filter_length(period, cutoff_hz))
+    filtered = signal.sosfiltfilt(sections, x, axis=0, padtype="odd", padlen=pad)
+    return np.asarray(filtered, dtype=float)
+
+
+def filter_length(period: float, cutoff_hz: float) -> int:
+    """Samples over which `lowpass` smears an event: one period of the cut-off.
+
+    The impulse response of the two passes has fallen below 1 % of its peak there.
+    """
+    return max(1, math.ceil(1.0 / (cutoff_hz * period)))
+
+
+def first_derivative(values: FloatArray, period: float) -> FloatArray:
+    """Central difference on the uniform grid, (n,) per second; second order at the ends."""
+    order: Literal[1, 2] = 2 if len(values) > 2 else 1
+    slope = np.gradient(values, period, axis=0, edge_order=order)
+    return np.asarray(slope, dtype=np.float64)
+
+
+def second_derivative(values: FloatArray, period: float) -> FloatArray:
+    """Three-point second difference, (n,) per second squared; the ends repeat theirs."""
+    x = np.asarray(values, dtype=float)
+    if len(x) < 3:
+        return np.zeros_like(x)
+    inner = (x[2:] - 2.0 * x[1:-1] + x[:-2]) / period**2
+    return np.concatenate([inner[:1], inner, inner[-1:]])
+
+
+def jitter(time: FloatArray) -> float:
+    """Largest departure of a sampling interval from the median one, as a share of it."""
+    steps = np.diff(time)
+    median = float(np.median(steps))
+    return float(np.max(np.abs(steps - median)) / median)
+
+
+def uniform_grid(time: FloatArray) -> FloatArray:
+    """Evenly spaced times (s) that span `time` in steps as near its median as fits."""
+    span = float(time[-1] - time[0])
+    steps = max(1, round(span / float(np.median(np.diff(time)))))
+    return np.asarray(np.linspace(time[0], time[-1], steps + 1))
+
+
+def resample(
+    time: FloatArray, values: FloatArray, grid: FloatArray, *, hold: bool = False
+) -> FloatArray:
+    """`values` (n,) sampled at `time` (n,), taken at `grid` (m,) s.
+
+    `hold` is for commands, which stay from their row to the next; measured signals are
+    joined by a cubic spline. Time stamps that wobble by less than a thousandth of a period
+    are taken as even, and the samples are returned as they are.
+    """
+    near = len(grid) == len(time)
+    if near and float(np.max(np.abs(grid - time))) < _JITTER_IGNORED * float(grid[1] - grid[0]):
+        return np.asarray(values, dtype=float)
+    if hold:
+        rows = np.searchsorted(time, grid + 1e-9 * (grid[1] - grid[0]), side="right") - 1
+        held = np.clip(rows, 0, len(time) - 1)
+        return np.asarray(np.asarray(values, dtype=float)[held])
+    from scipy.interpolate import CubicSpline
+
+    return np.asarray(CubicSpline(time, values)(grid), dtype=float)
+
+
+def quantum(values: FloatArray) -> float:
+    """Resolution of a channel, in its own unit; 0 where its values lie on no grid.
+
+    The smallest step between distinct values, refined over all of them: each step must be
+    a whole multiple of it. Rounding in the file (a step of 7.854e-5 written with seven
+    decimals) is allowed for.
+    """
+    levels = np.unique(np.asarray(values, dtype=float))
+    if len(levels) < 2:
+        return 0.0
+    steps = np.diff(levels)
+    # One digit in the last place of a 64-bit number is arithmetic, not a converter.
+    steps = steps[steps > 1e-12 * max(abs(levels[0]), abs(levels[-1]))]
+    if len(steps) == 0:
+        return 0.0
+    smallest = float(np.median(steps[steps < 1.5 * steps.min()]))
+    near = steps[steps < 20.0 * smallest]
+    if len(near) < 0.5 * len(steps):
+        return 0.0
+    # A signal that moves by three or four counts a sample shows no single one.
+    tolerance = 0.05 if len(near) > 10 else 0.01
+    for part in range(1, 6):
+        multiples = near * part / smallest
+        whole = np.round(multiples)
+        if math.sqrt(float(np.mean((multiples - whole) ** 2))) < tolerance * math.sqrt(part):
+            return float(whole @ near / (whole @ whole))
+    return 0.0
+
+
+@dataclass(frozen=True)
+class NoiseFloor:
+    """Noise of a channel, in its own unit.
+
+    `noise` is the standard deviation of the random noise in front of the converter,
+    `quantum` the converter's step (0: none seen), and `total` the standard deviation of
+    the whole error of one sample: sqrt(noise^2 + quantum^2/12).
+    """
+
+    noise: float
+    quantum: float
+
+    @property
+    def total(self) -> float:
+        return math.sqrt(self.noise**2 + self.quantum**2 / 12.0)
+
+
+def noise_floor(values: FloatArray, resolution: float | None = None) -> NoiseFloor:
+    """Noise of a uniformly sampled channel, from the channel itself.
+
+    Differences of order 2 to 6 remove motion that is slow against the sampling (Gasser,
+    Sroka, Jennen-Steinmetz 1986 for order 2): the smallest of the five variances is the
+    one that holds the least motion. Each is the median over blocks, so that a kick or a
+    jump in a few of them does not matter. Noise that a sensor or its filter has coloured
+    shows only in differences over several samples: the lag is doubled as long as the
+    variance settles; motion, unlike noise, would multiply it.
+
+    The variance of the differences is not noise^2: below half a count a converter
+    swallows noise or turns it into whole counts. Averaged over where the signal lies
+    between two counts, what survives is
+
+        quantum^2 h(noise/quantum),
+        h(x) = x^2 + sum_k (1 - exp(-4 pi^2 k^2 x^2)) / (2 pi^2 k^2),
+
+    (Widrow, Kollar 2008: the quantisation error's mean square less its mean's), which is
+    inverted. Of a signal that rests between the same two counts with less than a third
+    of a count of noise nobody can tell the noise; `total` never falls below the
+    quantisation's own share.
+
+    `values` (n,), n >= 16; `resolution` overrules the quantum found in the data.
+    """
+    x = np.asarray(values, dtype=float)
+    step = quantum(x) if resolution is None else resolution
+    variance = _noise_variance(x, 1)
+    if variance > step**2:
+        variance = _settled_variance(x, variance)
+    if step == 0.0:
+        return NoiseFloor(math.sqrt(variance), 0.0)
+    return NoiseFloor(step * _noise_in_counts(variance / step**2), step)
+
+
+def _settled_variance(x: FloatArray, variance: float) -> float:
+    """Variance of coloured noise: over the lag at which it has settled, before motion shows."""
+    found = [variance]
+    for lag in _LAGS:
+        if len(x) < 16 * lag:
+            break
+        found.append(_noise_variance(x, lag))
+    settled = variance
+    for i in range(1, len(found) - 1):
+        # Motion grows at least sixteenfold with a doubled lag, coloured noise by a few times.
+        if found[i] > 8.0 * settled:
+            break
+        if found[i] > 1.1 * settled and found[i + 1] < 2.0 * found[i]:
+            settled = found[i]
+    return settled
+
+
+def _noise_variance(x: FloatArray, lag: int) -> float:
+    """Least variance (of one sample) among the differences of all orders over this lag."""
+    orders = [k for k in _DIFFERENCE_ORDERS if len(x) >= 8 + k * lag]
+    return min((_difference_variance(x, k, lag) for k in orders), default=0.0)
+
+
+def _difference_variance(x: FloatArray, order: int, lag: int) -> float:
+    """Variance of noise in `x` from its differences of one order, median over blocks."""
+    for _ in range(order):
+        x = x[lag:] - x[:-lag]
+    squares = x**2 / math.comb(2 * order, order)
+    count = min(_NOISE_BLOCKS, len(squares) // _MIN_BLOCK)
+    if count < 3:
+        return float(squares.mean())
+    return float(np.median([block.mean() for block in np.array_split(squares, count)]))
+
+
+def _surviving_variance(noise: float) -> float:
+    """h of `noise_floor`: variance after the converter, noise and result in counts."""
+    k2 = np.arange(1.0, 400.0) ** 2
+    kept = (1.0 - np.exp(-4.0 * math.pi**2 * k2 * noise**2)) / (2.0 * math.pi**2 * k2)
+    return float(noise**2 + kept.sum())
+
+
+def _noise_in_counts(variance: float) -> float:
+    """Noise (counts) that leaves this variance (counts^2): h inverted by bisection."""
+    if variance <= 0.0:
+        return 0.0
+    low, high = 0.0, math.sqrt(variance) + 1.0
+    if variance > 4.0:
+        return math.sqrt(variance - 1.0 / 12.0)
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        if _surviving_variance(middle) < variance:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)

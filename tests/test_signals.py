@@ -1,0 +1,125 @@
+"""Signals: filtering, derivatives, resampling, quantum and noise floor."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sysid import signals
+from sysid.errors import InputError
+
+PERIOD = 1e-3
+
+
+def test_lowpass_has_no_phase_and_halves_at_the_cutoff() -> None:
+    t = np.arange(4000) * PERIOD
+    for frequency, gain in ((5.0, 1.0), (50.0, 0.5), (200.0, 0.0)):
+        x = np.sin(2 * np.pi * frequency * t)
+        y = signals.lowpass(x, PERIOD, 50.0)[1000:3000]
+        in_phase = 2.0 * np.mean(y * x[1000:3000])
+        quadrature = 2.0 * np.mean(y * np.cos(2 * np.pi * frequency * t[1000:3000]))
+        assert in_phase == pytest.approx(gain, abs=0.01)
+        assert quadrature == pytest.approx(0.0, abs=1e-3)
+
+
+def test_lowpass_keeps_a_line_up_to_its_ends() -> None:
+    t = np.arange(500) * PERIOD
+    assert signals.lowpass(3.0 * t + 1.0, PERIOD) == pytest.approx(3.0 * t + 1.0, abs=1e-7)
+
+
+@pytest.mark.parametrize("cutoff", [0.0, -1.0, 500.0, 600.0])
+def test_lowpass_names_a_cutoff_that_cannot_be(cutoff: float) -> None:
+    with pytest.raises(InputError, match="Nyquist frequency, 500 Hz"):
+        signals.lowpass(np.zeros(100), PERIOD, cutoff)
+
+
+def test_an_event_stays_within_the_filter_length() -> None:
+    impulse = np.zeros(401)
+    impulse[200] = 1.0
+    response = np.abs(signals.lowpass(impulse, PERIOD, 50.0))
+    reach = signals.filter_length(PERIOD, 50.0)
+    outside = np.abs(np.arange(401) - 200) > reach
+    assert response[outside].max() < 0.01 * response.max()
+
+
+def test_derivatives_are_exact_on_a_parabola() -> None:
+    t = np.arange(50) * 0.02
+    x = 2.0 * t**2 - t
+    assert signals.first_derivative(x, 0.02) == pytest.approx(4.0 * t - 1.0, abs=1e-7)
+    assert signals.second_derivative(x, 0.02) == pytest.approx(np.full(50, 4.0), abs=1e-7)
+
+
+def test_resampling_a_wobbling_clock_gives_back_the_course() -> None:
+    rng = np.random.default_rng(1)
+    time = np.arange(1000) * PERIOD + rng.uniform(-2e-4, 2e-4, 1000)
+    grid = signals.uniform_grid(time)
+    assert np.ptp(np.diff(grid)) < 1e-12
+    measured = signals.resample(time, np.sin(20.0 * time), grid)
+    assert measured == pytest.approx(np.sin(20.0 * grid), abs=1e-6)
+
+
+def test_a_command_is_held_not_interpolated() -> None:
+    time = np.array([0.0, 1.0, 2.1, 3.0])
+    held = signals.resample(
+        time, np.array([0.0, 5.0, 7.0, 1.0]), np.array([0.0, 0.9, 1.5, 2.5, 3.0]), hold=True
+    )
+    assert held.tolist() == [0.0, 0.0, 5.0, 7.0, 1.0]
+
+
+def test_quantum_of_counts_written_with_few_digits() -> None:
+    rng = np.random.default_rng(2)
+    step = 2.0 * np.pi / 80000
+    counts = np.round(500.0 * np.sin(np.arange(3000) / 300.0) + rng.normal(size=3000))
+    assert signals.quantum(np.round(counts * step, 7)) == pytest.approx(step, rel=1e-5)
+    assert signals.quantum(rng.normal(size=3000)) == 0.0
+    assert signals.quantum(np.full(10, 3.0)) == 0.0
+
+
+def test_quantum_where_no_two_readings_are_one_count_apart() -> None:
+    x = np.round(3.37 * np.arange(400))
+    assert signals.quantum(x) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("ratio", [0.1, 0.2, 0.3, 0.5, 1.0, 3.0, 10.0])
+@pytest.mark.parametrize("counts_a_sample", [0.003, 0.013, 0.3])
+def test_noise_floor_over_a_slow_ramp(ratio: float, counts_a_sample: float) -> None:
+    """Noise from a tenth of a count to ten counts, with the signal on a ramp."""
+    rng = np.random.default_rng([3, round(100 * ratio)])
+    n = 8000
+    truth = counts_a_sample * np.arange(n)
+    x = np.round(truth + ratio * rng.normal(size=n))
+    floor = signals.noise_floor(0.01 * x)
+    error = 0.01 * float(np.std(x - truth))
+    assert floor.quantum == pytest.approx(0.01, rel=1e-6)
+    assert floor.total == pytest.approx(error, rel=0.10)
+    # Quantisation of a ramp of a third of a count a sample looks like noise of 0.1 counts.
+    if counts_a_sample < 0.1 or ratio >= 0.2:
+        assert floor.noise == pytest.approx(0.01 * ratio, rel=0.15)
+
+
+def test_noise_floor_is_not_fooled_by_motion() -> None:
+    rng = np.random.default_rng(4)
+    t = np.arange(6000) * PERIOD
+    motion = 300.0 * np.sin(2 * np.pi * t) + 1000.0 * np.exp(-t / 0.2)
+    noise = rng.normal(size=6000)
+    assert signals.noise_floor(motion + noise).total == pytest.approx(1.0, rel=0.06)
+    kicked = motion + noise
+    kicked[2000:] += 500.0
+    assert signals.noise_floor(kicked).total == pytest.approx(1.0, rel=0.06)
+
+
+@pytest.mark.parametrize("memory", [0.3, 0.45, 0.7])
+def test_noise_that_the_sensor_coloured_counts_in_full(memory: float) -> None:
+    rng = np.random.default_rng(5)
+    white = rng.normal(size=8000) * np.sqrt(1.0 - memory**2)
+    noise = np.zeros(8000)
+    for i in range(1, 8000):
+        noise[i] = memory * noise[i - 1] + white[i]
+    motion = 300.0 * np.sin(2 * np.pi * np.arange(8000) * PERIOD)
+    assert signals.noise_floor(motion + noise).total == pytest.approx(1.0, rel=0.08)
+
+
+def test_a_resting_encoder_keeps_the_share_of_its_count() -> None:
+    floor = signals.noise_floor(np.full(500, 7.0), resolution=1.0)
+    assert floor.noise == 0.0
+    assert floor.total == pytest.approx(1.0 / np.sqrt(12.0))
