@@ -1,0 +1,141 @@
+"""Figures 1 to 3 of the friction slice, as measured.
+
+    python benchmarks/friction.py [--only thesis|emps|generated] [--seeds 50]
+
+thesis: Tables 3.4.1 and 3.4.2. emps: the measured positioning system of Janot, Gautier, Brunot
+(2019), skipped where ../shared/data is absent. generated: random rigs with known friction; the
+seeds are 0, 1, 2, ...
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+import numpy as np
+
+REPOSITORY = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(REPOSITORY))
+
+from datasets.generator.campaign import make_friction_tests  # noqa: E402
+from datasets.thesis.recompute import sliding_friction, static_friction  # noqa: E402
+from sysid.estimation import Estimate  # noqa: E402
+from sysid.friction import FrictionResult, fit_friction, friction_rmse  # noqa: E402
+from sysid.logs import Trial  # noqa: E402
+from sysid.rig import Rig, rig_from_content  # noqa: E402
+
+EMPS = REPOSITORY.parent / "shared" / "data" / "emps"
+PUBLISHED = {
+    "mass_kg": (95.1, 1.0),
+    "viscous_n_s_per_m": (203.5, 2.0),
+    "coulomb_n": (20.4, 3.0),
+    "offset_n": (-3.2, 5.0),
+}
+TARGETS = {"static": 3.0, "coulomb": 2.0, "viscous": 6.0}
+
+
+def thesis() -> None:
+    """Figure 1."""
+    static, sliding = static_friction(), sliding_friction()
+    places = "/".join(f"{p.estimate.value:.3f}" for p in static.by_position)
+    test = static.tests["position"]
+    print("1. thesis")
+    print(f"   static mean {static.estimate.value:.3f} Nm (issue: 0.333)")
+    print(f"   left/middle/right {places} (0.368/0.353/0.278)")
+    print(f"   position: F = {test.statistic:.1f} (27.6), p = {test.p_value:.1e}")
+    print(f"   C_vf = {shown(sliding.viscous)} (0.0488 [0.040, 0.063])")
+    print(f"   tau_cf = {shown(sliding.coulomb)} (0.2081 [0.196, 0.216])")
+    for cluster in sliding.clusters:
+        print(
+            f"   clusters: {', '.join(cluster.first)} | {', '.join(cluster.second)}; "
+            f"p = {cluster.p_value:.4f}"
+        )
+
+
+def shown(estimate: Estimate) -> str:
+    low, high = estimate.interval
+    return f"{estimate.value:.4f} [{low:.4f}, {high:.4f}] {estimate.unit}"
+
+
+def emps_trial(name: str) -> Trial:
+    from scipy.io import loadmat
+
+    data = loadmat(EMPS / f"{name}.mat")
+    flat = {key: np.asarray(data[key], dtype=float).ravel() for key in ("t", "qm", "vir")}
+    gain = float(np.asarray(data["gtau"]).squeeze())
+    channels = {"position_m": flat["qm"], "motor_force_n": gain * flat["vir"]}
+    return Trial(name, flat["t"], channels, name)
+
+
+def emps() -> None:
+    """Figure 2."""
+    print("2. EMPS")
+    if not EMPS.is_dir():
+        print("   skipped: ../shared/data/emps is absent")
+        return
+    rig = Rig("emps", "horizontal", "linear")
+    fitted, held_out = emps_trial("DATA_EMPS"), emps_trial("DATA_EMPS_PULSES")
+    result = fit_friction([fitted], rig, kind="motion", estimate_inertia=True)
+    for name, (published, percent) in PUBLISHED.items():
+        estimate = result[name]
+        off = 100.0 * (estimate.value / published - 1.0)
+        inside = "inside" if estimate.holds(published) else "NOT inside"
+        print(
+            f"   {name} {shown(estimate)}: {off:+.2f} % of {published:g} (+-{percent:g} %), "
+            f"published value {inside} the interval"
+        )
+    print(f"   force RMSE, fitted {friction_rmse(result, [fitted], rig):.2f} N")
+    print(f"   force RMSE, held out (pulses) {friction_rmse(result, [held_out], rig):.2f} N")
+
+
+def generated_fit(seed: int) -> tuple[FrictionResult, dict[str, float]]:
+    """One random rig's fit and its true friction."""
+    tests = make_friction_tests(seed, kinds=("friction-static", "friction-sliding"))
+    rig = rig_from_content(tests.rig, "generated")
+    trials = [
+        Trial(
+            f"{kind} {test.label}",
+            test.columns["time_s"],
+            {name: values for name, values in test.columns.items() if name != "time_s"},
+            "generated",
+        )
+        for kind, group in tests.kinds.items()
+        for test in group
+    ]
+    return fit_friction(trials, rig), tests.truth["friction"]
+
+
+def generated(seeds: int) -> None:
+    """Figure 3."""
+    errors: dict[str, list[float]] = {}
+    held: dict[str, list[bool]] = {}
+    for seed in range(seeds):
+        result, truth = generated_fit(seed)
+        for name, value in truth.items():
+            errors.setdefault(name, []).append(abs(result[name].value / value - 1.0))
+            held.setdefault(name, []).append(result[name].holds(value))
+    print(f"3. generated, {seeds} seeds, 2 % trial scatter")
+    for name, values in errors.items():
+        target = TARGETS[name.split("_")[0]]
+        print(
+            f"   {name}: median error {100.0 * np.median(values):.2f} % (within {target:g} %), "
+            f"truth inside the 95 % interval in {100.0 * np.mean(held[name]):.0f} % (90 to 99 %)"
+        )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--only", choices=("thesis", "emps", "generated"))
+    parser.add_argument("--seeds", type=int, default=50)
+    options = parser.parse_args()
+    if options.only in (None, "thesis"):
+        thesis()
+    if options.only in (None, "emps"):
+        emps()
+    if options.only in (None, "generated"):
+        generated(options.seeds)
+
+
+if __name__ == "__main__":
+    main()

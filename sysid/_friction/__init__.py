@@ -1,0 +1,1 @@
+"""One file a kind of friction test; `sysid.friction` is the pipeline that calls them."""

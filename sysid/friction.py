@@ -1,0 +1,388 @@
+"""Friction from logs: breakaway ramps, constant-effort trials, and any motion (thesis 3.4)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+from sysid._friction.clusters import Clusters, cluster_test
+from sysid._friction.effort import (
+    KINDS,
+    MOTION,
+    ROTARY,
+    SLIDING,
+    STATIC,
+    EvenTrial,
+    TrialUse,
+    Units,
+    classify,
+    classify_trial,
+    even_trial,
+    units_of,
+)
+from sysid._friction.motion import RULE, MotionFriction, effort_rmse, fit_motion
+from sysid._friction.sliding import ANOTHER_LEVEL, SlidingFriction, SlidingPoints, fit_sliding
+from sysid._friction.static import (
+    CRITERION,
+    PositionMean,
+    StaticFriction,
+    fit_static,
+    static_summary,
+)
+from sysid._friction.stretch import sliding_points
+from sysid.errors import NotIdentifiedError, input_error
+from sysid.estimation import Estimate, FTest
+from sysid.logs import Trial
+from sysid.rig import Rig
+from sysid.signals import DEFAULT_CUTOFF_HZ
+
+__all__ = [
+    "KINDS",
+    "ROTARY",
+    "Clusters",
+    "FrictionResult",
+    "MotionFriction",
+    "PositionMean",
+    "SlidingFriction",
+    "SlidingPoints",
+    "StaticFriction",
+    "TrialUse",
+    "Units",
+    "classify_trial",
+    "cluster_test",
+    "fit_friction",
+    "fit_sliding",
+    "friction_rmse",
+    "static_summary",
+]
+
+DISAGREEMENT = 3.0  # standard errors between two estimates of one parameter
+
+_WANTED = {
+    STATIC: "no friction-static test: give slow ramps of the motor's effort from zero",
+    SLIDING: f"no usable friction-sliding test: {ANOTHER_LEVEL}, or a friction-motion test",
+    MOTION: "no friction-motion test: give a motion that accelerates and reverses",
+}
+
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True)
+class FrictionResult:
+    """Friction parameters by their names in the bundle, and how they were come by.
+
+    `parameters` holds `static_nm`, `coulomb_nm`, `viscous_nm_s_per_rad`, `offset_nm` and,
+    where estimated, `inertia_kg_m2` (linear: `static_n`, `coulomb_n`, `viscous_n_s_per_m`,
+    `offset_n`, `mass_kg`); one that the tests do not identify says so. Coulomb and viscous
+    friction come from `source` (the constant-effort tests where these identify them);
+    `cross_check` holds what the other kind of test says. `trials` tells of every test
+    whether it was used.
+    """
+
+    units: Units
+    parameters: dict[str, Estimate]
+    source: str
+    static: StaticFriction | None
+    sliding: SlidingFriction | None
+    motion: MotionFriction | None
+    cross_check: dict[str, Estimate]
+    trials: tuple[TrialUse, ...]
+    notices: tuple[str, ...]
+    cutoff_hz: float
+
+    def __getitem__(self, name: str) -> Estimate:
+        return self.parameters[name]
+
+    @property
+    def rmse(self) -> dict[str, float]:
+        """Of each fit, in units of effort; of static friction, its repeatability."""
+        found = {
+            STATIC: None if self.static is None else self.static.repeatability,
+            SLIDING: None if self.sliding is None else self.sliding.rmse,
+            MOTION: None if self.motion is None else self.motion.rmse,
+        }
+        return {k: v for k, v in found.items() if v is not None and math.isfinite(v)}
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What a summary says beside the numbers, a line each."""
+        lines = []
+        for kind in KINDS:
+            uses = [use for use in self.trials if use.kind == kind]
+            if uses:
+                used = sum(use.used for use in uses)
+                lines.append(f"{kind}: {used} of {len(uses)} tests used")
+        if self.static is not None:
+            lines += [*self.static.remarks, f"breakaway: {CRITERION}"]
+        if self.sliding is not None:
+            lines.append(
+                f"sliding friction scatters by {100.0 * self.sliding.scatter:.2g} % from trial "
+                "to trial"
+            )
+        if self.motion is not None:
+            lines.append(f"friction from motion: {RULE}")
+        for name, estimate in self.cross_check.items():
+            if estimate.identified:
+                lines.append(
+                    f"cross-check, from motion: {name} {estimate.value:.4g} +- "
+                    f"{estimate.std:.2g} {estimate.unit}"
+                )
+        lines += [f"RMSE of the fit of {k}: {v:.3g} {self.units.effort}" for k, v in self._rmse()]
+        return tuple(lines)
+
+    def _rmse(self) -> list[tuple[str, float]]:
+        return [(k, v) for k, v in self.rmse.items() if k != STATIC]
+
+    def to_json(self) -> dict[str, Any]:
+        """The bundle's `friction` (`spec/bundle.md`), with the tables behind it."""
+        table: dict[str, Any] = {name: e.to_json() for name, e in self.parameters.items()}
+        table["source"] = self.source
+        table[f"rmse_{self.units.effort.lower()}"] = self.rmse
+        table["cross_check"] = {name: e.to_json() for name, e in self.cross_check.items()}
+        table["trials"] = [use.to_json() for use in self.trials]
+        if self.static is not None:
+            table["static_by_position"] = [p.to_json() for p in self.static.by_position]
+            table["static_tests"] = {k: _test(t) for k, t in self.static.tests.items()}
+            table["static_criterion"] = CRITERION
+        if self.sliding is not None:
+            table["clusters"] = [c.to_json() for c in self.sliding.clusters]
+            table["offset_p_value"] = self.sliding.offset_p_value
+            curved = self.sliding.lack_of_fit
+            table["sliding_lack_of_fit"] = None if curved is None else _test(curved)
+        if self.motion is not None:
+            table["motion_rule"] = RULE
+            table["cutoff_hz"] = self.cutoff_hz
+        return table
+
+
+def _test(test: FTest) -> dict[str, float]:
+    return {
+        "f": test.statistic,
+        "dof_numerator": test.dof_numerator,
+        "dof_denominator": test.dof_denominator,
+        "p_value": test.p_value,
+    }
+
+
+@dataclass
+class _Fit:
+    """A fit under way: the trials by kind, what is said, and why something failed."""
+
+    rig: Rig
+    units: Units
+    cutoff_hz: float
+    by_kind: dict[str, list[EvenTrial]]
+    uses: list[TrialUse] = field(default_factory=list)
+    notices: list[str] = field(default_factory=list)
+    reasons: dict[str, str] = field(default_factory=dict)
+
+    def attempt(self, kind: str, fit: Callable[[], Result | None]) -> Result | None:
+        """The fit of one kind of test; None, and the reason kept, where it identifies nothing."""
+        if not self.by_kind[kind]:
+            return None
+        try:
+            return fit()
+        except NotIdentifiedError as error:
+            self.reasons[kind] = str(error)
+            return None
+
+
+def fit_friction(
+    trials: Sequence[Trial],
+    rig: Rig,
+    *,
+    kind: str | Sequence[str | None] | None = None,
+    estimate_inertia: bool = False,
+    cutoff_hz: float = DEFAULT_CUTOFF_HZ,
+) -> FrictionResult:
+    """Static, Coulomb and viscous friction (and offset and inertia) from a rig's friction tests.
+
+    `kind` (`static`, `sliding`, `motion`, or with `friction-` in front) overrules what
+    each trial's content says; one for all, or one a trial. The inertia is estimated from
+    motion where the rig file gives none, or on demand. Raises InputError where a channel is
+    missing, NotIdentifiedError where the tests identify none of the parameters.
+    """
+    fit = _prepared(trials, rig, kind, cutoff_hz)
+    static = fit.attempt(STATIC, lambda: _static(fit))
+    given = rig.total_inertia()
+    motion = fit.attempt(MOTION, lambda: _motion(fit, None if estimate_inertia else given))
+    inertia = given
+    if inertia is None and motion is not None and motion.inertia is not None:
+        inertia = motion.inertia.value
+    sliding = fit.attempt(SLIDING, lambda: _sliding(fit, inertia))
+    if static is None and sliding is None and motion is None:
+        raise NotIdentifiedError(_nothing(fit))
+    for reason in fit.reasons.values():
+        fit.notices.append(f"not identified: {reason}")
+    return _result(fit, static, sliding, motion, estimate_inertia)
+
+
+def _prepared(
+    trials: Sequence[Trial],
+    rig: Rig,
+    kind: str | Sequence[str | None] | None,
+    cutoff_hz: float,
+) -> _Fit:
+    fit = _Fit(rig, units_of(rig), cutoff_hz, {name: [] for name in KINDS})
+    declared = [kind] * len(trials) if kind is None or isinstance(kind, str) else list(kind)
+    for trial, name in zip(trials, declared, strict=True):
+        if len(trial) < 2:
+            fit.notices.append(f"test {trial.label}: left out, one sample is no test")
+            continue
+        even = even_trial(trial, rig, fit.notices)
+        fit.by_kind[_kind(name) if name else classify(even)].append(even)
+    return fit
+
+
+def _kind(name: str) -> str:
+    full = name if name.startswith("friction-") else f"friction-{name}"
+    if full not in KINDS:
+        short = ", ".join(k.removeprefix("friction-") for k in KINDS)
+        raise input_error(f"kind {name!r}", "is no kind of friction test", f"use one of {short}")
+    return full
+
+
+def _reasons(uses: Sequence[TrialUse]) -> str:
+    """Why tests were left out, each reason once with the tests that it holds for."""
+    tests: dict[str, list[str]] = {}
+    for use in uses:
+        tests.setdefault(use.reason, []).append(use.label)
+    return "; ".join(f"test {', '.join(labels)}: {why}" for why, labels in tests.items())
+
+
+def _static(fit: _Fit) -> StaticFriction | None:
+    result, uses = fit_static(fit.by_kind[STATIC], fit.units, fit.notices)
+    fit.uses += uses
+    if result is None:
+        raise NotIdentifiedError(
+            f"static friction: no ramp is usable ({_reasons(uses)}); {_WANTED[STATIC]}"
+        )
+    fit.notices += result.notices
+    return result
+
+
+def _sliding(fit: _Fit, inertia: float | None) -> SlidingFriction | None:
+    points, uses = sliding_points(fit.by_kind[SLIDING], inertia, fit.units, fit.notices)
+    fit.uses += uses
+    if points is None:
+        raise NotIdentifiedError(
+            "Coulomb and viscous friction: no constant-effort trial is usable "
+            f"({_reasons(uses)}); {_WANTED[SLIDING]}"
+        )
+    result = fit_sliding(points, fit.units)
+    fit.notices += result.notices
+    return result
+
+
+def _motion(fit: _Fit, inertia: float | None) -> MotionFriction | None:
+    result, uses = fit_motion(fit.by_kind[MOTION], inertia, fit.units, fit.cutoff_hz, fit.notices)
+    fit.uses += uses
+    return result
+
+
+def _nothing(fit: _Fit) -> str:
+    if fit.reasons:
+        return "; ".join(fit.reasons.values())
+    return "static, Coulomb and viscous friction: no friction test is given; " + _WANTED[STATIC]
+
+
+def _result(
+    fit: _Fit,
+    static: StaticFriction | None,
+    sliding: SlidingFriction | None,
+    motion: MotionFriction | None,
+    estimate_inertia: bool,
+) -> FrictionResult:
+    u = fit.units
+    chosen = sliding if sliding is not None else motion
+    other = motion if sliding is not None else None
+    reason = fit.reasons.get(SLIDING) or fit.reasons.get(MOTION) or _WANTED[SLIDING]
+    parameters = {
+        u.static: Estimate.unidentified(u.effort, fit.reasons.get(STATIC, _WANTED[STATIC]))
+        if static is None
+        else static.estimate
+    }
+    parameters |= _sliding_parameters(chosen, u, reason)
+    if motion is not None and motion.inertia is not None:
+        parameters[u.inertia] = motion.inertia
+    elif estimate_inertia:
+        reason = fit.reasons.get(MOTION, _WANTED[MOTION])
+        parameters[u.inertia] = Estimate.unidentified(u.inertia_unit, reason)
+    cross_check = {} if other is None else _sliding_parameters(other, u, "")
+    _compare(parameters, cross_check, fit.notices)
+    _order(parameters, u, fit.notices)
+    return FrictionResult(
+        units=u,
+        parameters=parameters,
+        source=SLIDING if sliding is not None else MOTION if motion is not None else STATIC,
+        static=static,
+        sliding=sliding,
+        motion=motion,
+        cross_check=cross_check,
+        trials=tuple(fit.uses),
+        notices=tuple(fit.notices),
+        cutoff_hz=fit.cutoff_hz,
+    )
+
+
+def _sliding_parameters(
+    source: SlidingFriction | MotionFriction | None, u: Units, reason: str
+) -> dict[str, Estimate]:
+    if source is None:
+        return {
+            u.coulomb: Estimate.unidentified(u.effort, reason),
+            u.viscous: Estimate.unidentified(u.viscous_unit, reason),
+        }
+    return {u.coulomb: source.coulomb, u.viscous: source.viscous, u.offset: source.offset}
+
+
+def _compare(
+    parameters: dict[str, Estimate], cross_check: dict[str, Estimate], notices: list[str]
+) -> None:
+    """Say which tests give the value, and where the others disagree."""
+    if not cross_check:
+        return
+    notices.append(
+        "Coulomb and viscous friction are those of the constant-effort tests; friction from "
+        "motion is reported beside them as a cross-check"
+    )
+    for name, check in cross_check.items():
+        mine = parameters[name]
+        if not (mine.identified and check.identified):
+            continue
+        error = math.hypot(mine.std, check.std)
+        if abs(mine.value - check.value) > DISAGREEMENT * error:
+            notices.append(
+                f"{name}: constant-effort tests give {mine.value:.4g} {mine.unit}, motion "
+                f"{check.value:.4g}, apart by {abs(mine.value - check.value) / error:.1f} standard "
+                "errors: Coulomb and viscous friction alone do not describe both"
+            )
+
+
+def _order(parameters: dict[str, Estimate], u: Units, notices: list[str]) -> None:
+    static, coulomb = parameters[u.static], parameters[u.coulomb]
+    if static.identified and coulomb.identified and static.value < coulomb.value:
+        notices.append(
+            f"static friction ({static.value:.4g} {u.effort}) comes out below Coulomb friction "
+            f"({coulomb.value:.4g} {u.effort}), which it cannot be: look at the ramps"
+        )
+
+
+def friction_rmse(result: FrictionResult, trials: Sequence[Trial], rig: Rig) -> float:
+    """RMSE (N or Nm) of the motor's effort that `result` predicts, on motion trials it did not see.
+
+    Both sides filtered as in the fit. Raises NotIdentifiedError where the result lacks
+    Coulomb, viscous friction or an inertia (its own, or the rig file's).
+    """
+    u = result.units
+    inertia = result.parameters[u.inertia].value if u.inertia in result.parameters else None
+    inertia = rig.total_inertia() if inertia is None else inertia
+    coulomb, viscous = result[u.coulomb], result[u.viscous]
+    if inertia is None or not (coulomb.identified and viscous.identified):
+        raise NotIdentifiedError(f"the effort in motion: {_WANTED[MOTION]}")
+    offset = result.parameters.get(u.offset)
+    constant = offset.value if offset is not None and offset.identified else 0.0
+    even = [even_trial(trial, rig, []) for trial in trials]
+    return effort_rmse(even, coulomb.value, viscous.value, constant, inertia, result.cutoff_hz)
