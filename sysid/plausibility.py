@@ -17,7 +17,15 @@ from sysid.rig import Rig
 
 FloatArray = NDArray[np.float64]
 
-PRESSURE_UNITS = {"bar": 1e5, "kPa": 1e3, "MPa": 1e6, "psi": 6894.757, "mbar": 1e2}
+PRESSURE_UNITS = {
+    "Pa": 1.0,
+    "mbar": 1e2,
+    "kPa": 1e3,
+    "psi": 6894.757,
+    "bar": 1e5,
+    "MPa": 1e6,
+}
+_LEAST_SPREAD_PA = 50.0
 _TIME_UNITS = {"ms": 1e-3, "us": 1e-6, "min": 60.0}
 # An actuator's chamber is never pumped far below the atmosphere.
 _LOWEST_SHARE_OF_ATMOSPHERE = 0.5
@@ -46,18 +54,20 @@ def check_pressure(where: str, target: str, column: str, values: FloatArray, rig
 def _pressure_mend(
     target: str, column: str, values: FloatArray, ambient: float, supply: float
 ) -> str:
+    """The unit in which the readings would rest at the atmosphere, as an open chamber does."""
     low, high = float(np.min(values)), float(np.max(values))
     floor, ceiling = _LOWEST_SHARE_OF_ATMOSPHERE * ambient, _HIGHEST_SHARE_OF_SUPPLY * supply
-    # A chamber rests at the atmosphere: the unit whose lowest or median reading lies there.
-    for reading, gauge in (("Pa", True), *((u, g) for u in PRESSURE_UNITS for g in (False, True))):
-        factor = PRESSURE_UNITS.get(reading, 1.0)
+    for gauge in (False, True):
         shift = ambient if gauge else 0.0
-        fits = low * factor + shift >= floor and high * factor + shift <= ceiling
-        rests = abs(low * factor + shift - ambient) < 0.2 * ambient
-        if fits and rests:
-            name = f"{reading}(g)" if gauge else reading
-            kind = "a gauge pressure" if gauge else "an absolute pressure"
-            return f"it looks like {kind} in {reading}: " + _mapping(target, column, name)
+        for unit, factor in PRESSURE_UNITS.items():
+            fits = low * factor + shift >= floor and high * factor + shift <= ceiling
+            rests = abs(low * factor + shift - ambient) < 0.2 * ambient
+            # Every gauge unit reads zero at rest; a real sensor shows some noise there.
+            lives = (high - low) * factor > _LEAST_SPREAD_PA
+            if fits and rests and lives:
+                kind = "a gauge pressure" if gauge else "an absolute pressure"
+                name = f"{unit}(g)" if gauge else unit
+                return f"it looks like {kind} in {unit}: " + _mapping(target, column, name)
     return _mapping(target, column, "kPa") + " (or bar, psi; add (g) to a gauge pressure)"
 
 

@@ -36,6 +36,7 @@ class Table:
     header: tuple[str, ...]
     frame: pd.DataFrame
     body: bytes | None
+    header_line: int = 0
 
     def place(self, row: int) -> str:
         """`line 17` of a CSV file (row 0 is the first data row), `row 17` of Parquet."""
@@ -181,8 +182,11 @@ def _read_csv(
             low_memory=False,
         )
     except pd.errors.ParserError as error:
-        raise _ragged(path, body, header, str(error)) from None
-    table = Table(path, digest, header, frame, body)
+        raise input_error(
+            path, f"cannot be read as CSV ({error})", "mend that line, or save it again as CSV"
+        ) from None
+    table = Table(path, digest, header, frame, body, header_line)
+    _reject_surplus(table)
     _reject_cut_off(table)
     return table
 
@@ -256,16 +260,21 @@ def _check_first_row(path: Path, body: bytes, header: tuple[str, ...]) -> None:
         )
 
 
-def _ragged(path: Path, body: bytes, header: tuple[str, ...], why: str) -> Exception:
+def _reject_surplus(table: Table) -> None:
+    """Fields beyond the header's, which pandas drops in silence."""
+    body, header = table.body or b"", table.header
+    # Counting commas is quick and decides every file that quotes nothing.
+    data = body.split(b"\n", table.header_line)[-1]
+    if b'"' not in data and data.count(b",") == len(table.frame) * (len(header) - 1):
+        return
     for number, line in _data_lines(body):
         fields = len(next(csv.reader([line])))
         if fields > len(header):
-            return input_error(
-                f"{path}, line {number}",
+            raise input_error(
+                f"{table.path}, line {number}",
                 f"{fields} fields under {len(header)} column names",
                 "delete the surplus fields (a decimal comma, or two lines run together?)",
             )
-    return input_error(path, f"cannot be read as CSV ({why})", "save it again as CSV")
 
 
 def _reject_cut_off(table: Table) -> None:

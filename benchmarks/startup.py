@@ -1,0 +1,73 @@
+"""How quickly the commands start: whole processes, side by side, median of several.
+
+    python benchmarks/startup.py
+
+Prints, for each pair, both medians and their ratio. The processes of a pair take turns, so
+that a machine that slows down slows both.
+"""
+
+from __future__ import annotations
+
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+REPOSITORY = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(REPOSITORY))
+RUNS = 9
+LOG_BYTES = 2_000_000
+
+
+def seconds(command: Sequence[str]) -> float:
+    """Wall time of one process."""
+    start = time.perf_counter()
+    subprocess.run(command, check=True, capture_output=True)
+    return time.perf_counter() - start
+
+
+def compare(name: str, ours: Sequence[str], theirs: Sequence[str], limit: float) -> None:
+    """Print the medians of both and of the ratio pair by pair."""
+    seconds(ours), seconds(theirs)
+    pairs = [(seconds(ours), seconds(theirs)) for _ in range(RUNS)]
+    ratio = statistics.median(a / b for a, b in pairs)
+    mine, other = (statistics.median(p[i] for p in pairs) for i in (0, 1))
+    print(f"{name}: {mine:.2f} s against {other:.2f} s, ratio {ratio:.2f} (at most {limit:g})")
+
+
+def two_megabyte_log(folder: Path) -> Path:
+    """Generated friction ramps (seed 1), repeated until the file holds 2 MB."""
+    from datasets.generator.campaign import make_friction_tests
+    from datasets.generator.files import write_log
+    from datasets.generator.rigs import rig_toml
+
+    (folder / "rig.toml").write_text(rig_toml(make_friction_tests(1).rig))
+    path = folder / "friction_static.csv"
+    for repeats in range(3, 40, 2):
+        tests = make_friction_tests(1, repeats=repeats, kinds=("friction-static",))
+        write_log(path, tests.kinds["friction-static"], tests.generated_rig)
+        if path.stat().st_size >= LOG_BYTES:
+            return path
+    raise RuntimeError("the generated ramps do not fill 2 MB")
+
+
+def main() -> None:
+    """Both figures of issue 2's item 5."""
+    python, sysid = sys.executable, str(Path(sys.executable).with_name("sysid"))
+    compare("sysid --help", [sysid, "--help"], [python, "-c", "import numpy"], 3.0)
+    with tempfile.TemporaryDirectory() as folder:
+        log = two_megabyte_log(Path(folder))
+        print(f"log: {log.stat().st_size / 1e6:.2f} MB")
+        compare(
+            "sysid fit friction, 2 MB",
+            [sysid, "fit", "friction", str(log)],
+            [python, "-c", "import pandas, scipy.signal"],
+            3.0,
+        )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,201 @@
+"""The command line (`spec/cli.md`): one thin function a command, and no logic.
+
+What a command computes with is imported inside it, so that `sysid --help` stays quick.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+from sysid import __version__
+from sysid.errors import SysidError
+
+_FAULT = 1
+_UNUSABLE = 2
+_INTERRUPTED = 130
+
+PathArgument = click.Path(path_type=Path)
+
+
+class _FitGroup(click.Group):
+    """`sysid fit friction LOG...` beside `sysid fit CAMPAIGN.toml`: a path is a campaign."""
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        first = args[0]
+        if self.get_command(ctx, first) is None and (
+            first.endswith(".toml") or os.sep in first or Path(first).exists()
+        ):
+            return "campaign", self.get_command(ctx, "campaign"), args
+        return super().resolve_command(ctx, args)
+
+
+def _options(*decorators: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    def decorate(function: Any) -> Any:
+        for decorator in reversed(decorators):
+            function = decorator(function)
+        return function
+
+    return decorate
+
+
+_json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+_rig_option = click.option(
+    "--rig", type=PathArgument, help="Rig file (else rig.toml in or above the log's folder)."
+)
+_map_option = click.option(
+    "--map",
+    "maps",
+    multiple=True,
+    metavar="TARGET=COLUMN:UNIT",
+    help='Foreign column and unit, e.g. "pressure_a_pa=P1:kPa(g)"; may be repeated.',
+)
+_fit_options = _options(
+    _rig_option,
+    _map_option,
+    click.option("-o", "output", type=PathArgument, help="Write a bundle of this part."),
+    click.option("--into", type=PathArgument, help="Add this part to an existing bundle."),
+    _json_option,
+)
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="sysid")
+def app() -> None:
+    """Turn logged tests of a pneumatic actuator into a model that controllers can trust."""
+
+
+@app.group(cls=_FitGroup)
+def fit() -> None:
+    """Identify parameters: one part from its logs, or a whole CAMPAIGN.toml."""
+
+
+@fit.command("friction")
+@click.argument("logs", nargs=-1, required=True, type=PathArgument, metavar="LOG...")
+@click.option(
+    "--kind",
+    type=click.Choice(["static", "sliding", "motion"]),
+    help="Take every test for this kind, whatever its content.",
+)
+@click.option("--inertia", "estimate_inertia", is_flag=True, help="Estimate the inertia too.")
+@click.option(
+    "--cutoff", "cutoff_hz", default=50.0, show_default=True, help="Zero-phase low-pass, Hz."
+)
+@_fit_options
+def fit_friction(logs: Sequence[Path], as_json: bool, **options: Any) -> None:
+    """Static, Coulomb and viscous friction from ramped, constant or general motion tests."""
+    from sysid import fit as pipelines
+    from sysid import summary
+
+    fitted = pipelines.fit_friction_logs(logs, **options)
+    summary.show(fitted, as_json, summary.friction_tables)
+
+
+@fit.command("campaign", hidden=True)
+@click.argument("campaign", type=PathArgument)
+@click.option("-o", "output", type=PathArgument, help="Write the bundle here.")
+@_json_option
+def fit_campaign(campaign: Path, output: Path | None, as_json: bool) -> None:
+    """All that a campaign's fit logs hold, assembled into one bundle."""
+    from sysid import fit as pipelines
+    from sysid import summary
+
+    summary.show(pipelines.fit_campaign(campaign, output), as_json, summary.campaign_tables)
+
+
+@app.command()
+@click.argument("logs", nargs=-1, required=True, type=PathArgument, metavar="LOG...")
+@_rig_option
+@_map_option
+@_json_option
+def check(logs: Sequence[Path], rig: Path | None, maps: Sequence[str], as_json: bool) -> None:
+    """Data quality of each LOG, and what it can and cannot identify."""
+    from sysid import check as checks
+    from sysid import summary
+
+    summary.show_checks(checks.check_logs(logs, rig, maps), as_json)
+
+
+@app.command()
+@click.argument("foreign", nargs=-1, required=True, type=PathArgument, metavar="FOREIGN...")
+@click.option(
+    "-o", "output", required=True, type=PathArgument, help="log.csv or log.parquet to write."
+)
+@_map_option
+@click.option(
+    "--set", "constants", multiple=True, metavar="TARGET=VALUE", help="A column of one value."
+)
+@click.option("--spec", "spec_file", type=PathArgument, help="A TOML with [map] and [options].")
+@click.option("--delimiter", help="Of a text file, where it is not told by its look.")
+@click.option("--decimal", help="Decimal sign of a text file: `.` or `,`.")
+@click.option("--thousands", help="Thousands separator of a text file.")
+@click.option("--skip-rows", type=int, help="Lines to leave out on top of a text file.")
+@click.option("--no-header", is_flag=True, help="The first row is data; columns are #1, #2, ...")
+@click.option("--sheet", help="Sheet of an Excel workbook.")
+@click.option("--period", "period_s", type=float, help="Sampling period, s: no time column.")
+@click.option("--atmosphere", "atmosphere_pa", type=float, help="Pa, for gauge pressures.")
+@_json_option
+def convert(foreign: Sequence[Path], output: Path, as_json: bool, **options: Any) -> None:
+    """Bring a lab's own file (.mat, text, Excel, TDMS, Parquet) into the log format."""
+    from sysid import convert as conversion
+    from sysid import summary
+
+    summary.show_conversion(conversion.convert(foreign, output, **options), as_json)
+
+
+@app.command()
+@click.argument("rig", type=PathArgument)
+@click.option("--linear", is_flag=True, help="A linear rig: metres, newtons, kilograms.")
+@click.option("--force", is_flag=True, help="Write over a file that exists.")
+def init(rig: Path, linear: bool, force: bool) -> None:
+    """Write a commented rig file to fill in."""
+    from sysid.template import write_rig_template
+
+    write_rig_template(rig, linear=linear, force=force)
+    click.echo(f"{rig}: fill in what is known about the rig, then `sysid check LOG`")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command; the exit status of `spec/cli.md`, errors as one line on standard error."""
+    try:
+        app(args=arguments, prog_name="sysid", standalone_mode=False)
+    except SysidError as error:
+        return _report("error", str(error), error.exit_code)
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(error.format_message(), err=True)
+        return _UNUSABLE
+    except click.UsageError as error:
+        command = error.ctx.command_path if error.ctx else "sysid"
+        return _report(
+            "error", f"{error.format_message().rstrip('.')}; see `{command} --help`", _UNUSABLE
+        )
+    except (click.Abort, KeyboardInterrupt):
+        return _report("error", "interrupted; nothing was written by halves", _INTERRUPTED)
+    except BrokenPipeError:
+        # The reader of a pipe (head, less) went away; what is left to print has no use.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except Exception as error:
+        if os.environ.get("SYSID_DEBUG"):
+            raise
+        what = f"{type(error).__name__}: {error}"
+        return _report(
+            "fault", f"{what} (a fault of sysid itself; SYSID_DEBUG=1 shows where)", _FAULT
+        )
+    return 0
+
+
+def _report(kind: str, line: str, code: int) -> int:
+    click.echo(f"sysid: {kind}: {' '.join(line.split())}", err=True)
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

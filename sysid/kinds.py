@@ -1,0 +1,45 @@
+"""Which kind of test a trial is, told from its content (`spec/cli.md`)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sysid.friction import classify_trial
+from sysid.logs import Trial, smallest_step
+from sysid.rig import Rig
+
+# A held piston shows encoder counts and a little give, not a stroke.
+_HELD_SHARE_OF_STROKE = 0.005
+_HELD_STEPS = 20.0
+
+
+def is_held(trial: Trial, rig: Rig) -> bool:
+    """Whether the piston stayed where it was (no position channel: it is taken to be held)."""
+    name = rig.position_channel
+    if name not in trial:
+        return True
+    moved = float(np.ptp(trial[name]))
+    step = smallest_step(trial[name]) or 0.0
+    give = _HELD_SHARE_OF_STROKE * rig.travel if rig.travel is not None else 0.0
+    return moved <= max(give, _HELD_STEPS * step)
+
+
+def is_active(trial: Trial, *names: str) -> bool:
+    """Whether any of these commands is ever other than zero."""
+    return any(name in trial and bool(np.any(trial[name] != 0.0)) for name in names)
+
+
+def kind_of(trial: Trial, rig: Rig) -> str | None:
+    """The trial's kind as in `spec/log-format.md`; None where nothing is commanded.
+
+    A motion under the motor alone is called `friction-motion`: what it can identify is the
+    same as that of `motion-motor`.
+    """
+    held = is_held(trial, rig)
+    if is_active(trial, "duty_a", "duty_b"):
+        return "valve-pwm" if held else "motion-pwm"
+    if is_active(trial, "valve_a", "valve_b"):
+        return "valve-discrete" if held else "motion-discrete"
+    if is_active(trial, rig.effort_channel) and rig.position_channel in trial:
+        return classify_trial(trial, rig)
+    return None

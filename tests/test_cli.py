@@ -1,0 +1,153 @@
+"""The command line as a user meets it: `fit friction`, bundles, campaigns, convert, JSON."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+
+from datasets.generator.campaign import GeneratedTests, make_friction_tests
+from datasets.generator.files import write_log
+from datasets.generator.rigs import rig_toml
+from sysid.bundle import read_bundle
+from sysid.cli import main
+
+BUNDLED = Path(__file__).resolve().parent.parent / "datasets" / "bundled"
+SEED = 7
+
+
+@pytest.fixture(scope="module")
+def generated() -> GeneratedTests:
+    return make_friction_tests(SEED)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory, generated: GeneratedTests) -> Path:
+    """One rig's friction tests, a file a kind, and a campaign that holds the motion out."""
+    path = tmp_path_factory.mktemp("rig")
+    (path / "rig.toml").write_text(rig_toml(generated.rig))
+    lines = ['rig = "rig.toml"']
+    for kind, tests in generated.kinds.items():
+        write_log(path / f"{kind}.csv", tests, generated.generated_rig)
+        use = "holdout" if kind == "friction-motion" else "fit"
+        lines += ["[[log]]", f'kind = "{kind}"', f'file = "{kind}.csv"', f'use = "{use}"']
+    (path / "campaign.toml").write_text("\n".join(lines))
+    return path
+
+
+def test_friction_from_the_command_line(
+    folder: Path, generated: GeneratedTests, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    logs = [str(folder / "friction-static.csv"), str(folder / "friction-sliding.csv")]
+    bundle_path = tmp_path / "bundle.json"
+    assert main(["fit", "friction", *logs, "-o", str(bundle_path), "--json"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    friction = read_bundle(bundle_path)["friction"]
+    assert printed["friction"] == friction
+    truth = generated.truth["friction"]
+    for name, share in (("static_nm", 0.05), ("coulomb_nm", 0.05), ("viscous_nm_s_per_rad", 0.2)):
+        assert friction[name]["value"] == pytest.approx(truth[name], rel=share)
+        assert friction[name]["unit"]
+        low, high = friction[name]["interval"]
+        assert low < friction[name]["value"] < high
+    files = {e["file"]: e for e in read_bundle(bundle_path)["provenance"]["logs"]}
+    assert set(files) == {"friction-static.csv", "friction-sliding.csv"}
+
+
+def test_summary_and_notices_go_to_their_streams(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["fit", "friction", str(folder / "friction-sliding.csv")]) == 0
+    captured = capsys.readouterr()
+    assert "coulomb_nm" in captured.out
+    assert "not identified" in captured.out
+    assert all(line.startswith("sysid: ") for line in captured.err.splitlines())
+
+
+def test_a_campaign_leaves_held_out_logs_alone(folder: Path, tmp_path: Path) -> None:
+    path = tmp_path / "bundle.json"
+    assert main(["fit", str(folder / "campaign.toml"), "-o", str(path)]) == 0
+    bundle = read_bundle(path)
+    used = {(e["file"], e["use"]) for e in bundle["provenance"]["logs"]}
+    assert used == {("friction-static.csv", "fit"), ("friction-sliding.csv", "fit")}
+
+
+def test_into_replaces_one_part_only(folder: Path, tmp_path: Path) -> None:
+    path = tmp_path / "bundle.json"
+    first, second = str(folder / "friction-sliding.csv"), str(folder / "friction-static.csv")
+    assert main(["fit", "friction", first, "-o", str(path)]) == 0
+    before = read_bundle(path)
+    assert main(["fit", "friction", first, second, "--into", str(path)]) == 0
+    after = read_bundle(path)
+    assert before["friction"]["static_nm"]["value"] is None
+    assert after["friction"]["static_nm"]["value"] is not None
+
+
+def test_kind_overrules_the_content(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    ramps = str(folder / "friction-static.csv")
+    assert main(["fit", "friction", ramps, "--kind", "static", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["friction"]["static_nm"]["value"] > 0
+    code = main(["fit", "friction", ramps, "--kind", "sliding"])
+    assert code == 3
+    assert "friction-sliding" in capsys.readouterr().err
+
+
+def test_logs_of_two_rigs_are_not_fitted_together(
+    folder: Path, tmp_path: Path, rig_text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "rig.toml").write_text(rig_text)
+    (tmp_path / "run.csv").write_bytes((folder / "friction-static.csv").read_bytes())
+    code = main(
+        ["fit", "friction", str(tmp_path / "run.csv"), str(folder / "friction-sliding.csv")]
+    )
+    assert code == 2
+    assert "--rig" in capsys.readouterr().err
+
+
+def test_one_level_cannot_tell_viscous_friction(
+    generated: GeneratedTests, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trials = generated.kinds["friction-sliding"]
+    level = max(abs(t.columns["motor_torque_nm"][-1]) for t in trials)
+    same = [t for t in trials if math.isclose(abs(t.columns["motor_torque_nm"][-1]), level)]
+    assert 1 < len(same) < len(trials)
+    (tmp_path / "rig.toml").write_text(rig_toml(generated.rig))
+    write_log(tmp_path / "run.csv", same, generated.generated_rig)
+    assert main(["fit", "friction", str(tmp_path / "run.csv")]) == 3
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert "viscous" in error
+    assert "level" in error
+
+
+def test_the_bundled_campaign_fits(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["fit", str(BUNDLED / "campaign.toml"), "--json"]) == 0
+    friction = json.loads(capsys.readouterr().out)["friction"]
+    assert friction["static_nm"]["value"] > friction["coulomb_nm"]["value"] > 0
+
+
+def test_measured_axis_from_mat_to_parameters(
+    shared_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Janot, Gautier, Brunot 2019: the published parameters of the EMPS axis."""
+    log = tmp_path / "emps.csv"
+    maps = ["time_s=t", "position_m=qm:m", "motor_force_n=vir:35.15 N"]
+    source = str(shared_data / "emps" / "DATA_EMPS.mat")
+    arguments = [part for entry in maps for part in ("--map", entry)]
+    assert main(["convert", source, "-o", str(log), *arguments]) == 0
+    (tmp_path / "rig.toml").write_text(
+        '[rig]\nname = "EMPS"\nmotion = "linear"\norientation = "horizontal"\n'
+    )
+    capsys.readouterr()
+    assert main(["fit", "friction", str(log), "--inertia", "--json"]) == 0
+    friction = json.loads(capsys.readouterr().out)["friction"]
+    for name, published, share in (
+        ("mass_kg", 95.1, 0.01),
+        ("viscous_n_s_per_m", 203.5, 0.02),
+        ("coulomb_n", 20.4, 0.03),
+        ("offset_n", -3.2, 0.05),
+    ):
+        assert friction[name]["value"] == pytest.approx(published, rel=share), name
+        low, high = friction[name]["interval"]
+        assert low <= published <= high, name
