@@ -8,9 +8,9 @@ STAMP := $(VENV)/.installed
 .PHONY: demo test clean
 
 demo: $(STAMP)
-	$(BIN)/sysid check datasets/bundled/friction_static.csv datasets/bundled/friction_sliding.csv
-	$(BIN)/sysid fit friction datasets/bundled/friction_static.csv \
-		datasets/bundled/friction_sliding.csv -o out/friction.json
+	$(BIN)/sysid check datasets/bundled/friction_static.parquet datasets/bundled/friction_sliding.parquet
+	$(BIN)/sysid fit friction datasets/bundled/friction_static.parquet \
+		datasets/bundled/friction_sliding.parquet -o out/friction.json
 
 test: $(STAMP)
 	$(BIN)/ruff check .

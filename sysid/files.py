@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import secrets
 import signal
 import stat
 import tempfile
@@ -14,6 +15,8 @@ from types import FrameType
 from typing import BinaryIO
 
 from sysid.errors import InputError, input_error
+
+_PREFIX, _SUFFIX = ".sysid-", ".tmp"
 
 
 def write_atomic(path: Path, data: bytes | str) -> None:
@@ -65,21 +68,47 @@ def _through_temporary(path: Path, mode: int) -> Generator[BinaryIO, None, None]
         # A rename would not ask whether the file that it replaces may be written.
         if mode and not os.access(target, os.W_OK, effective_ids=effective):
             raise PermissionError(None, "Permission denied")
-        handle, name = tempfile.mkstemp(prefix=".sysid-", suffix=".tmp", dir=target.parent)
+        handle, name = _temporary(target.parent)
     except OSError as error:
         raise _not_writable(path, error) from None
-    temporary = Path(name)
     try:
         with os.fdopen(handle, "wb") as file:
             yield file
             file.flush()
             os.fsync(file.fileno())
-        temporary.chmod(stat.S_IMODE(mode) if mode else 0o666 & ~_umask())
-        temporary.replace(target)
+            if name is None:
+                name = _named(file.fileno(), target.parent)
+        name.chmod(stat.S_IMODE(mode) if mode else 0o666 & ~_umask())
+        name.replace(target)
     except OSError as error:
         raise _not_writable(path, error) from None
     finally:
-        temporary.unlink(missing_ok=True)  # nothing left of it once it was renamed
+        if name is not None:
+            name.unlink(missing_ok=True)  # nothing left of it once it was renamed
+
+
+def _temporary(folder: Path) -> tuple[int, Path | None]:
+    """A file to write to: without a name where the system can, so that SIGKILL leaves nothing."""
+    unnamed = getattr(os, "O_TMPFILE", None)
+    if unnamed is not None:
+        # Some file systems have no unnamed files; a folder that is missing fails again below.
+        with contextlib.suppress(OSError):
+            return os.open(folder, unnamed | os.O_WRONLY, 0o600), None
+    handle, name = tempfile.mkstemp(prefix=_PREFIX, suffix=_SUFFIX, dir=folder)
+    return handle, Path(name)
+
+
+def _named(handle: int, folder: Path) -> Path:
+    """Give a whole, unnamed file a temporary name, to be renamed from."""
+    name = folder / f"{_PREFIX}{os.getpid()}-{handle}-{secrets.token_hex(4)}{_SUFFIX}"
+    os.link(f"/proc/self/fd/{handle}", name, follow_symlinks=True)
+    return name
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Remove temporary files that a killed process left in `folder`."""
+    for leftover in folder.glob(f"{_PREFIX}*{_SUFFIX}"):
+        leftover.unlink(missing_ok=True)
 
 
 def _umask() -> int:

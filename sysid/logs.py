@@ -164,14 +164,12 @@ def _groups(
     rows = len(reading.table.frame)
     if name not in header:
         return [("", slice(0, rows))]
-    import pandas as pd
-
-    codes, labels = pd.factorize(np.asarray(reading.table.labels(name), dtype=object))
+    codes, labels = reading.table.labels(name)
     changes = np.flatnonzero(np.diff(codes)) + 1
     if len(changes) == len(labels) - 1:
         bounds = [0, *changes.tolist(), rows]
-        return [(str(labels[i]), slice(bounds[i], bounds[i + 1])) for i in range(len(labels))]
-    return [(str(label), np.flatnonzero(codes == i)) for i, label in enumerate(labels)]
+        return [(labels[i], slice(bounds[i], bounds[i + 1])) for i in range(len(labels))]
+    return [(label, np.flatnonzero(codes == i)) for i, label in enumerate(labels)]
 
 
 def _convert_position(reading: _Reading) -> None:

@@ -66,15 +66,19 @@ class Table:
             raise self._not_finite(column, int(np.flatnonzero(~finite)[0]), array)
         return array
 
-    def labels(self, column: str) -> list[str]:
-        """A column as text labels; InputError at the first empty one."""
-        values = self.frame[column]
-        if values.isna().any() or (values.astype(str) == "").any():
-            row = int(np.flatnonzero((values.isna() | (values.astype(str) == "")).to_numpy())[0])
-            raise self._not_finite(column, row, None)
-        if values.dtype.kind == "f":
-            return [f"{v:g}" for v in values]
-        return [str(v) for v in values]
+    def labels(self, column: str) -> tuple[NDArray[np.intp], list[str]]:
+        """A column of labels: (n,) codes, and the label of each code in order of appearance.
+
+        InputError at the first empty one.
+        """
+        import pandas as pd
+
+        codes, found = pd.factorize(self.frame[column])
+        names = [f"{v:g}" if isinstance(v, float) else str(v) for v in found]
+        empty = codes < 0 if "" not in names else (codes < 0) | (codes == names.index(""))
+        if empty.any():
+            raise self._not_finite(column, int(np.flatnonzero(empty)[0]), None)
+        return np.asarray(codes, dtype=np.intp), names
 
     def _not_finite(self, column: str, row: int, array: NDArray[np.float64] | None) -> Exception:
         where = f"{self.path}, {self.place(row)}"

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from sysid.errors import InputError
-from sysid.files import open_atomic, write_atomic
+from sysid.files import open_atomic, remove_leftovers, write_atomic
 
 
 def leftovers(folder: Path) -> list[str]:
@@ -113,3 +113,18 @@ def test_no_permission(tmp_path: Path, which: str) -> None:
     finally:
         folder.chmod(0o755)
     assert path.read_text() == "old"
+
+
+def test_a_killed_process_leaves_no_half_written_file(tmp_path: Path) -> None:
+    path = tmp_path / "out.csv"
+    code = (
+        "import os, signal, sys; from pathlib import Path; from sysid.files import open_atomic\n"
+        "with open_atomic(Path(sys.argv[1])) as file:\n"
+        "    file.write(b'half'); file.flush(); os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code, str(path)], check=False)
+    assert done.returncode == -signal.SIGKILL
+    remove_leftovers(tmp_path)
+    assert list(tmp_path.iterdir()) == []
+    write_atomic(path, "whole")
+    assert path.read_text() == "whole"
