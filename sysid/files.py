@@ -17,6 +17,7 @@ from typing import BinaryIO
 from sysid.errors import InputError, input_error
 
 _PREFIX, _SUFFIX = ".sysid-", ".tmp"
+_DESCRIPTORS = Path("/proc/self/fd")
 
 
 def write_atomic(path: Path, data: bytes | str) -> None:
@@ -90,7 +91,7 @@ def _through_temporary(path: Path, mode: int) -> Generator[BinaryIO, None, None]
 def _temporary(folder: Path) -> tuple[int, Path | None]:
     """A file to write to: without a name where the system can, so that SIGKILL leaves nothing."""
     unnamed = getattr(os, "O_TMPFILE", None)
-    if unnamed is not None:
+    if unnamed is not None and _DESCRIPTORS.is_dir():
         # Some file systems have no unnamed files; a folder that is missing fails again below.
         with contextlib.suppress(OSError):
             return os.open(folder, unnamed | os.O_WRONLY, 0o600), None
@@ -101,7 +102,12 @@ def _temporary(folder: Path) -> tuple[int, Path | None]:
 def _named(handle: int, folder: Path) -> Path:
     """Give a whole, unnamed file a temporary name, to be renamed from."""
     name = folder / f"{_PREFIX}{os.getpid()}-{handle}-{secrets.token_hex(4)}{_SUFFIX}"
-    os.link(f"/proc/self/fd/{handle}", name, follow_symlinks=True)
+    descriptors = os.open(_DESCRIPTORS, os.O_RDONLY)
+    try:
+        # With a folder's descriptor Python asks for linkat, which does follow the link.
+        os.link(str(handle), name, src_dir_fd=descriptors, follow_symlinks=True)
+    finally:
+        os.close(descriptors)
     return name
 
 
