@@ -5,18 +5,27 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test clean
+.PHONY: demo test browser reports clean
 
 demo: $(STAMP)
-	$(BIN)/sysid check datasets/bundled/friction_static.parquet datasets/bundled/friction_sliding.parquet
-	$(BIN)/sysid fit friction datasets/bundled/friction_static.parquet \
-		datasets/bundled/friction_sliding.parquet -o out/friction.json
+	$(BIN)/sysid demo -o out/demo
 
-test: $(STAMP)
+test: $(STAMP) browser
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist worksteal
+
+# The report is tested in Debian's Chromium; where it cannot be installed those tests skip.
+browser:
+	@command -v chromium >/dev/null || { [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null \
+		&& apt-get update -qq && apt-get install -y -qq chromium >/dev/null; } \
+		|| echo "chromium is not here: the tests of the report in a browser will be skipped"
+
+# The example report, made again from the bundled campaign.
+reports: $(STAMP)
+	$(BIN)/sysid demo -o out/demo
+	cp out/demo/report.html reports/example.html
 
 $(STAMP): pyproject.toml constraints.txt
 	test -d $(VENV) || $(PYTHON) -m venv $(VENV)

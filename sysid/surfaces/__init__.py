@@ -1,0 +1,88 @@
+"""Mean flow of a valve under PWM as a surface over (duty, pressure), and its inverse.
+
+Two estimators with scikit-learn's interface, for one valve and one direction (filling or
+discharging) each: `Bipolynomial` (thesis 3.7.3) and `DutyNetwork` (thesis 3.7.4). Nothing
+heavy is imported here: a name loads its module when it is first used, torch only when a
+network is trained, and scikit-learn never.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from sysid.errors import input_error
+
+if TYPE_CHECKING:
+    from sysid.surfaces.ann import DutyNetwork, SizeSweep, sweep_hidden_size
+    from sysid.surfaces.bipolynomial import Bipolynomial
+    from sysid.surfaces.comparison import (
+        ResolutionStudy,
+        SurfaceComparison,
+        SurfaceError,
+        compare_surfaces,
+        duty_errors,
+        resolution_study,
+    )
+    from sysid.surfaces.domain import Domain, Saturation
+    from sysid.surfaces.points import SurfacePoints, surface_points, thin_samples
+
+_MODULES = {
+    "Bipolynomial": "bipolynomial",
+    "Domain": "domain",
+    "DutyNetwork": "ann",
+    "ResolutionStudy": "comparison",
+    "Saturation": "domain",
+    "SizeSweep": "ann",
+    "SurfaceComparison": "comparison",
+    "SurfaceError": "comparison",
+    "SurfacePoints": "points",
+    "compare_surfaces": "comparison",
+    "duty_errors": "comparison",
+    "resolution_study": "comparison",
+    "surface_points": "points",
+    "sweep_hidden_size": "ann",
+    "thin_samples": "points",
+}
+
+__all__ = [
+    "Bipolynomial",
+    "Domain",
+    "DutyNetwork",
+    "ResolutionStudy",
+    "Saturation",
+    "SizeSweep",
+    "SurfaceComparison",
+    "SurfaceError",
+    "SurfacePoints",
+    "compare_surfaces",
+    "duty_errors",
+    "resolution_study",
+    "surface_from_dict",
+    "surface_points",
+    "sweep_hidden_size",
+    "thin_samples",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _MODULES:
+        return getattr(importlib.import_module(f"{__name__}.{_MODULES[name]}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def surface_from_dict(content: dict[str, Any]) -> Bipolynomial | DutyNetwork:
+    """The surface that `to_dict` of either estimator wrote; needs numpy only.
+
+    Raises InputError where `content["kind"]` is neither of the two.
+    """
+    kind = content.get("kind")
+    if kind == "bipolynomial":
+        from sysid.surfaces.bipolynomial import Bipolynomial
+
+        return Bipolynomial.from_dict(content)
+    if kind == "ann":
+        from sysid.surfaces.ann import DutyNetwork
+
+        return DutyNetwork.from_dict(content)
+    raise input_error("PWM surface", f"kind = {kind!r} is unknown", "use bipolynomial or ann")

@@ -1,0 +1,347 @@
+"""PWM valves: from constant-duty tests to surfaces of mean flow over (duty, pressure).
+
+Thesis 3.7: the piston is held, so that the mean flow follows from dP/dt (3.5.3); its samples
+over duty and pressure are fitted by a bipolynomial (3.7.3) or a network (3.7.4), for filling
+and discharging separately.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sysid._valve_pwm.coverage import coverage, unseen_regimes
+from sysid._valve_pwm.samples import FlowSamples, PwmTest, sample_tests
+from sysid._valve_pwm.selection import Remarks, moved_valves, select_tests
+from sysid.errors import NotIdentifiedError, input_error
+from sysid.logs import Trial
+from sysid.rig import Rig
+from sysid.surfaces._holdout import group_folds
+from sysid.surfaces.bipolynomial import N_TERMS, Bipolynomial
+from sysid.surfaces.comparison import (
+    ResolutionStudy,
+    SurfaceComparison,
+    SurfaceError,
+    compare_surfaces,
+    duty_errors,
+    resolution_study,
+)
+from sysid.surfaces.domain import Domain
+from sysid.surfaces.points import SurfacePoints, surface_points
+
+if TYPE_CHECKING:
+    from sysid.surfaces.ann import DutyNetwork, SizeSweep
+
+SURFACES = ("bipolynomial", "ann", "both")
+DIRECTIONS = {"fill": "filling", "discharge": "discharging"}
+FOLDS = 4
+# A test that stays this close to where it started, as a share of the way from atmosphere to
+# supply, has no mean flow to measure: duties differ there by less than the pressure's noise.
+_LEAST_TRAVEL = 0.01
+
+
+@dataclass(frozen=True)
+class DirectionFit:
+    """Surfaces of one valve in one direction ("fill" or "discharge").
+
+    `samples` are the measured mean flows, `points` their even reduction that was fitted.
+    `bipolynomial` and `network` are None where not asked for. `errors` holds each surface's
+    error in duty by its name, on tests that it did not see (`held_out`) and on all that it
+    was fitted on (`fitted`). `comparison`: both on the same held-out tests. `resolution`:
+    Table 3.7.1, None for unevenly spaced duties. `sweep`: hidden sizes, where asked for.
+    """
+
+    valve: str
+    direction: str
+    supply_pressure_pa: float
+    pwm_period_s: float
+    samples: FlowSamples
+    points: SurfacePoints
+    domain: Domain
+    bipolynomial: Bipolynomial | None = None
+    network: DutyNetwork | None = None
+    errors: dict[str, dict[str, SurfaceError]] = field(default_factory=dict)
+    comparison: SurfaceComparison | None = None
+    resolution: ResolutionStudy | None = None
+    sweep: SizeSweep | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """`valves.<v>.pwm.<direction>` of a bundle."""
+        content: dict[str, Any] = {
+            "supply_pressure_pa": self.supply_pressure_pa,
+            "pwm_period_s": self.pwm_period_s,
+            "n_tests": len(np.unique(self.samples.test)),
+            "n_samples": len(self.samples),
+        }
+        for name, surface in (("bipolynomial", self.bipolynomial), ("ann", self.network)):
+            if surface is not None:
+                content[name] = {**surface.to_dict(), **self._errors(name)}
+        if self.comparison is not None:
+            content["comparison"] = self.comparison.to_dict()
+        if self.resolution is not None:
+            content["resolution_study"] = asdict(self.resolution)
+        if self.sweep is not None:
+            content["hidden_size_sweep"] = asdict(self.sweep)
+        return content
+
+    def _errors(self, name: str) -> dict[str, Any]:
+        found = self.errors[name]
+        judged = found.get("held_out", found["fitted"])
+        return {
+            "rmse_duty": judged.rmse,
+            "max_relative_error_duty_percent": judged.max_relative_error_percent,
+            "errors_duty": {use: asdict(error) for use, error in found.items()},
+        }
+
+
+@dataclass(frozen=True)
+class ValvePwmFit:
+    """Surfaces of every valve and direction that the tests hold.
+
+    `fits` by (valve, direction); `unidentified`: for each of the others, the reason.
+    `remarks` sum up, `notices` say what was left out or is doubtful.
+    """
+
+    fits: dict[tuple[str, str], DirectionFit]
+    unidentified: dict[tuple[str, str], str]
+    remarks: tuple[str, ...]
+    notices: tuple[str, ...]
+    seed: int
+
+    def to_json(self) -> dict[str, Any]:
+        """The bundle's `valves` part: {"a": {"pwm": {"fill": ..., "discharge": ...}}, ...}."""
+        valves: dict[str, Any] = {}
+        for (valve, direction), fit in self.fits.items():
+            valves.setdefault(valve, {"pwm": {}})["pwm"][direction] = fit.to_json()
+        for (valve, direction), reason in self.unidentified.items():
+            if valve in valves:
+                missing = {"value": None, "identified": False, "reason": reason}
+                valves[valve]["pwm"][direction] = missing
+        return valves
+
+
+def fit_valve_pwm(
+    trials: Sequence[Trial],
+    rig: Rig,
+    *,
+    valve: str | None = None,
+    surface: str = "bipolynomial",
+    seed: int = 0,
+    sweep: bool = False,
+) -> ValvePwmFit:
+    """Surfaces of mean flow from `valve-pwm` tests, for every valve that moves.
+
+    `valve` ("a" or "b") restricts the fit to one; `surface`: "bipolynomial", "ann" or "both"
+    (then compared on held-out tests); `seed` starts the folds and the network's restarts;
+    `sweep` tries networks of several sizes (slow). Raises InputError for missing channels or
+    rig sections, NotIdentifiedError where no surface can be identified.
+    """
+    if surface not in SURFACES:
+        raise input_error("surface", f"{surface!r} is unknown", f"use {', '.join(SURFACES)}")
+    if valve not in (None, "a", "b"):
+        raise input_error("valve", f"{valve!r} is unknown", "use a or b")
+    moved = moved_valves(trials)
+    valves = moved if valve is None else [v for v in moved if v == valve]
+    if not valves:
+        name = "duty_a and duty_b" if valve is None else f"duty_{valve}"
+        raise NotIdentifiedError(
+            f"{_place(trials)}: the PWM surfaces cannot be identified: {name} never leaves zero; "
+            "valve-pwm tests (piston held, one constant duty a test) would identify them"
+        )
+    remarks = Remarks()
+    fits: dict[tuple[str, str], DirectionFit] = {}
+    missing: dict[tuple[str, str], str] = {}
+    for v in valves:
+        tests = select_tests(trials, rig, v, remarks)
+        for direction in DIRECTIONS:
+            own = [t for t in tests if t.filling == (direction == "fill")]
+            others = [t.duty for t in tests if t.filling != (direction == "fill")]
+            try:
+                fit = _fit_direction(own, others, rig, v, direction, surface, seed, sweep, remarks)
+                fits[v, direction] = fit
+            except NotIdentifiedError as error:
+                reason = f"valve {v.upper()}, {DIRECTIONS[direction]}: {error}"
+                missing[v, direction] = reason
+    if not fits:
+        raise NotIdentifiedError("; ".join((*missing.values(), *remarks.notices())))
+    notices = (*remarks.notices(), *(f"not identified: {r}" for r in missing.values()))
+    return ValvePwmFit(fits, missing, tuple(_summary(f) for f in fits.values()), notices, seed)
+
+
+def _place(trials: Sequence[Trial]) -> str:
+    if not trials:
+        return "valve-pwm"
+    return trials[0].source.removesuffix(f", test {trials[0].label}")
+
+
+def _fit_direction(
+    tests: Sequence[PwmTest],
+    other_duties: Sequence[float],
+    rig: Rig,
+    valve: str,
+    direction: str,
+    surface: str,
+    seed: int,
+    sweep: bool,
+    remarks: Remarks,
+) -> DirectionFit:
+    where = f"valve {valve.upper()}, {DIRECTIONS[direction]}"
+    samples = _travelled(sample_tests(tests, rig), tests, direction, rig, remarks)
+    if len(samples) == 0:
+        start = "the atmosphere" if direction == "fill" else "the supply"
+        raise NotIdentifiedError(
+            f"no usable test; valve-pwm tests from {start}, one constant duty each, piston held, "
+            "would identify the surface"
+        )
+    if np.median(np.unique(samples.test, return_counts=True)[1]) < 2:
+        few = "most tests are so short that they give one mean flow, at one pressure; record longer"
+        raise NotIdentifiedError("; ".join((few, *unseen_regimes(samples, rig))))
+    try:
+        domain = Domain.from_samples(samples.duty, samples.pressure, samples.flow)
+    except NotIdentifiedError as error:
+        raise NotIdentifiedError("; ".join((str(error), *unseen_regimes(samples, rig)))) from None
+    remarks.lines += [f"{where}: {line}" for line in coverage(samples, domain, other_duties, rig)]
+    points = surface_points(samples.duty, samples.pressure, samples.flow, samples.test, samples.std)
+    points = points.select(domain.holds_duty(points.duty))
+    found = DirectionFit(
+        valve=valve,
+        direction=direction,
+        supply_pressure_pa=float(rig.require("air", "supply").supply_pressure_pa),
+        pwm_period_s=float(rig.require("pwm", "period").period_s),
+        samples=samples,
+        points=points,
+        domain=domain,
+        resolution=_resolution(samples),
+    )
+    return _with_surfaces(found, surface, seed, sweep)
+
+
+def _travelled(
+    samples: FlowSamples, tests: Sequence[PwmTest], direction: str, rig: Rig, remarks: Remarks
+) -> FlowSamples:
+    """The samples of tests in which the pressure moved away from its start."""
+    air = rig.require("air", "start pressures")
+    start = air.atmospheric_pressure_pa if direction == "fill" else air.supply_pressure_pa
+    way = abs(air.supply_pressure_pa - air.atmospheric_pressure_pa)
+    travel = np.zeros(len(tests))
+    np.maximum.at(travel, samples.test, np.abs(samples.pressure - start))
+    moved = travel > _LEAST_TRAVEL * way
+    for number, test in enumerate(tests):
+        if moved[number]:
+            continue
+        if (samples.test == number).any():
+            remarks.leave_out(
+                test,
+                f"the pressure stays within {_LEAST_TRAVEL:.0%} of where it starts, where flow "
+                "and pressure cannot tell such duties apart; the domain ends before them",
+            )
+        else:
+            remarks.leave_out(test, "no stretch is long enough for a mean flow")
+    return samples.part(moved[samples.test])
+
+
+def _with_surfaces(base: DirectionFit, surface: str, seed: int, sweep: bool) -> DirectionFit:
+    """The fit with the surfaces that are asked for, and their errors."""
+    points, domain, samples = base.points, base.domain, base.samples
+    content = {name: getattr(base, name) for name in base.__dataclass_fields__}
+    errors: dict[str, dict[str, SurfaceError]] = {}
+    if surface == "both":
+        content["comparison"] = comparison = compare_surfaces(
+            samples.duty, samples.pressure, samples.flow, samples.test, samples.std, FOLDS,
+            _network(domain, seed),
+        )  # fmt: skip
+    if surface in ("bipolynomial", "both"):
+        content["bipolynomial"] = polynomial = fit_bipolynomial(points, domain)
+        errors["bipolynomial"] = {"fitted": _error(polynomial, points, N_TERMS)}
+        held_out = (
+            comparison.bipolynomial
+            if surface == "both"
+            else _held_out_bipolynomial(points, domain, seed)
+        )
+        if held_out is not None:
+            errors["bipolynomial"]["held_out"] = held_out
+    if surface in ("ann", "both"):
+        network = _network(domain, seed)
+        network.fit(
+            np.column_stack((points.flow, points.pressure)), points.duty, groups=points.test
+        )
+        content["network"] = network
+        errors["ann"] = {"fitted": _error(network, points, network.n_parameters_)}
+        if surface == "both":
+            errors["ann"]["held_out"] = comparison.network
+    if sweep:
+        from sysid.surfaces.ann import sweep_hidden_size
+
+        content["sweep"] = sweep_hidden_size(
+            points.flow, points.pressure, points.duty, points.test, domain=domain, seed=seed
+        )
+    content["errors"] = errors
+    return DirectionFit(**content)
+
+
+def _network(domain: Domain, seed: int) -> DutyNetwork:
+    from sysid.surfaces.ann import DutyNetwork
+
+    return DutyNetwork(domain=domain, seed=seed)
+
+
+def fit_bipolynomial(points: SurfacePoints, domain: Domain) -> Bipolynomial:
+    """Weighted least squares on the measured surface.
+
+    Nine terms do not follow the valve exactly: the points' errors are their noise and the
+    surface's own misfit. Weights of 1/std^2 alone would give the whole fit to the few points
+    at rest, so the misfit's variance, from a first unweighted fit, is added to the noise's.
+    """
+    X = np.column_stack((points.duty, points.pressure))
+    first = Bipolynomial(domain).fit(X, points.flow, groups=points.test)
+    known = np.where(np.isfinite(points.std), points.std, np.nanmax(points.std, initial=0.0))
+    misfit = max(first.rmse_flow_**2 - float(np.mean(known**2)), 1e-4 * first.rmse_flow_**2)
+    weight = misfit / (misfit + known**2) if misfit > 0.0 else np.ones_like(known)
+    return Bipolynomial(domain).fit(X, points.flow, weight, groups=points.test)
+
+
+def _error(
+    surface: Bipolynomial | DutyNetwork, points: SurfacePoints, n_parameters: int
+) -> SurfaceError:
+    fitted = surface.duty(points.flow, points.pressure)[0]
+    return duty_errors(fitted, points.duty, points.pressure, points.flow, n_parameters)
+
+
+def _held_out_bipolynomial(points: SurfacePoints, domain: Domain, seed: int) -> SurfaceError | None:
+    """Error in duty on tests left out, each once; None for too few tests."""
+    if len(np.unique(points.test)) < FOLDS + 4:
+        return None
+    fitted = np.full(len(points.duty), math.nan)
+    for held in group_folds(points.test, points.duty, FOLDS, seed):
+        polynomial = fit_bipolynomial(points.select(~held), domain)
+        fitted[held] = polynomial.duty(points.flow[held], points.pressure[held])[0]
+    judged = np.isfinite(fitted)
+    seen = points.select(judged)
+    return duty_errors(fitted[judged], seen.duty, seen.pressure, seen.flow, N_TERMS)
+
+
+def _resolution(samples: FlowSamples) -> ResolutionStudy | None:
+    # The study trusts a bin with two samples or more; one of these is a mean over a window
+    # already.
+    duty, pressure, flow = (np.repeat(c, 2) for c in (samples.duty, samples.pressure, samples.flow))
+    try:
+        return resolution_study(duty, pressure, flow)
+    except NotIdentifiedError:
+        return None
+
+
+def _summary(fit: DirectionFit) -> str:
+    where = f"valve {fit.valve.upper()}, {DIRECTIONS[fit.direction]}"
+    if fit.comparison is not None:
+        return f"{where}: use {fit.comparison.recommended}: {fit.comparison.reason}"
+    parts = []
+    for name, errors in fit.errors.items():
+        use, error = ("held-out", errors["held_out"]) if "held_out" in errors else (
+            "fitted", errors["fitted"]
+        )  # fmt: skip
+        parts.append(f"{name}: RMSE {error.rmse:.4f} in duty on {use} tests")
+    return f"{where}: {'; '.join(parts)}"
