@@ -1,0 +1,79 @@
+"""What a controller consumes: a bundle as a C header, a MAT file or flat JSON.
+
+All three hold the same content, worked out once in `flat.py`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from sysid.bundle import read_bundle
+from sysid.errors import input_error
+from sysid.export.flat import Flat, flatten
+from sysid.files import write_atomic
+from sysid.tables import read_bytes
+
+FORMATS = ("c", "mat", "json")
+DEFAULT_PREFIX = "sysid_"
+
+__all__ = ["DEFAULT_PREFIX", "FORMATS", "Flat", "export_bundle", "export_file", "flatten"]
+
+
+def export_file(source: Path, path: Path, fmt: str, *, prefix: str = DEFAULT_PREFIX) -> list[str]:
+    """Read the bundle `source` and export it to `path`, with the file's own SHA-256.
+
+    Arguments, notices and errors as `export_bundle`; InputError for a bad bundle too.
+    """
+    bundle = read_bundle(source)
+    digest = hashlib.sha256(read_bytes(source, "a bundle")).hexdigest()
+    return export_bundle(bundle, path, fmt, prefix=prefix, sha256=digest, where=str(source))
+
+
+def export_bundle(
+    bundle: Mapping[str, Any],
+    path: Path,
+    fmt: str,
+    *,
+    prefix: str = DEFAULT_PREFIX,
+    sha256: str | None = None,
+    where: str = "bundle",
+) -> list[str]:
+    """Write a checked bundle for a controller, whole or not at all; returns notices.
+
+    fmt: "c" (one C99 header whose names begin with `prefix`), "mat" (MAT 5, a struct
+    `sysid`) or "json". `sha256` is the bundle file's, by default that of the file which
+    `sysid.bundle.write_bundle` makes of it; `where` names the bundle in messages. Notices
+    name every parameter that is absent, and effects whose laws the C header does not hold.
+    Raises InputError for an unknown format or prefix, for content that contradicts itself
+    (units, PWM period), and where `path` cannot be written.
+    """
+    if fmt not in FORMATS:
+        raise input_error("--format", f"{fmt!r} is unknown", f"use one of {', '.join(FORMATS)}")
+    if sha256 is None:
+        sha256 = _digest(bundle)
+    flat = flatten(bundle, sha256, where)
+    data: bytes | str
+    if fmt == "c":
+        from sysid.export.c_header import absences, render
+
+        data, notices = render(flat, prefix), absences(flat, prefix)
+    elif fmt == "mat":
+        from sysid.export.matlab import encode
+
+        data, notices = encode(flat), flat.absences("NaN")
+    else:
+        from sysid.export.json_file import render as render_json
+
+        data, notices = render_json(flat), flat.absences("null")
+    write_atomic(path, data)
+    return [*flat.notices, *notices]
+
+
+def _digest(bundle: Mapping[str, Any]) -> str:
+    """SHA-256 of the file that `sysid.bundle.write_bundle` makes of a bundle."""
+    text = json.dumps(bundle, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()

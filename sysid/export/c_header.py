@@ -1,0 +1,325 @@
+"""A bundle's content as one self-contained C99 header: constants and static functions.
+
+The functions are the laws of `sysid.model.base` and `sysid.surfaces`, branch by branch. A
+law whose parameters are not all known is absent, and its feature macro is 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from sysid.export.c_surfaces import macro, slots, surfaces
+from sysid.export.c_text import Names, comment_text, constant, has, names
+from sysid.export.flat import SIDES, Flat, Table, gravity_name, inertia_name, values
+
+_MEANING = {
+    "critical_ratio": "downstream over upstream pressure of choked flow (3.5.1)",
+    "k_r_t_j_per_kg": "k R T of the pressure equations (3.3.6)",
+    "area_a_m2": "piston area, chamber A",
+    "area_b_m2": "piston area, chamber B",
+    "offset_a_m": "chamber A is (offset + y) area",
+    "offset_b_m": "chamber B is (offset - y) area",
+    "pitch_radius_m": "y is this times the position",
+    "inertia_kg_m2": "payload included (3.3.5)",
+    "mass_kg": "payload included",
+    "gravity_moment_nm": "gravity is this times sin(theta) (3.3.8-10)",
+    "supply_pressure_pa": "absolute; choked filling holds at it",
+    "atmospheric_pressure_pa": "absolute",
+    "declared_on_delay_s": "from the valve's manual; command to opening",
+    "declared_off_delay_s": "command to closing",
+    "friction_offset_nm": "constant torque in the positive direction, part of what is applied",
+    "friction_offset_n": "constant force in the positive direction, part of what is applied",
+}
+
+
+@dataclass(frozen=True)
+class _Law:
+    """What needs some constants: feature macro (no prefix), what it needs, its functions."""
+
+    feature: str
+    needs: tuple[str, ...]
+    text: str = ""
+
+
+def render(flat: Flat, prefix: str) -> str:
+    """The header's text. Raises InputError for a prefix that is no C name."""
+    n = names(prefix)
+    laws = _laws(flat, n)
+    features = _features(flat, laws)
+    guard = f"{n.upper}CONTROLLER_H"
+    parts = [
+        _title(flat),
+        f"#ifndef {guard}\n#define {guard}\n\n#include <math.h>\n",
+        _feature_lines(flat, features, n),
+        _constant_lines(flat, n),
+        *(law.text for law in laws if law.text and features[law.feature]),
+        surfaces(flat, n),
+        f"#endif /* {guard} */\n",
+    ]
+    return "\n".join(part for part in parts if part)
+
+
+def absences(flat: Flat, prefix: str) -> list[str]:
+    """Notices: what the header leaves out, and effects that it does not hold."""
+    n = names(prefix)
+    notices = flat.absences("left out")
+    absent = [k for k, present in _features(flat, _laws(flat, n)).items() if not present]
+    if absent:
+        notices.append("0 in the header: " + ", ".join(n.upper + feature for feature in absent))
+    if flat.effects:
+        ids = ", ".join(effect.id for effect in flat.effects)
+        notices.append(
+            f"the C header holds the base model only, not the laws of the bundle's effects ({ids}):"
+            " a controller that uses it neglects them"
+        )
+    return notices
+
+
+def _constants(flat: Flat) -> Table:
+    """All scalars by C name without prefix: the rig's, friction, and each valve's law."""
+    table = dict(flat.constants)
+    table |= {f"friction_{name}": quantity for name, quantity in flat.friction.items()}
+    for side in SIDES:
+        law = flat.valves[side].discrete
+        table |= {f"valve_{side}_{name}": quantity for name, quantity in law.items()}
+    return table
+
+
+def _features(flat: Flat, laws: Iterable[_Law]) -> dict[str, bool]:
+    """Feature macro without prefix -> whether the header holds it."""
+    known = {name for name, value in values(_constants(flat)).items() if value is not None}
+    features = {law.feature: known.issuperset(law.needs) for law in laws}
+    features |= {macro(name, kind): surface is not None for name, kind, surface in slots(flat)}
+    return features
+
+
+def _title(flat: Flat) -> str:
+    """The opening comment: what, from which bundle, for which rig."""
+    made = flat.provenance
+    effects = ", ".join(effect.id for effect in flat.effects)
+    lines = [
+        "Identified model of a pneumatic actuator, for a controller. Written by sysid export.",
+        f"rig: {flat.rig.name} ({flat.rig.motion}, {flat.rig.orientation})",
+        f"bundle: {made['bundle_schema']}, created {made['bundle_created']} "
+        f"by sysid {made['bundle_sysid_version']}",
+        f"bundle SHA-256: {made['bundle_sha256']}",
+        "SI, absolute pressures. Equation numbers are those of the thesis, as corrected.",
+        "What is not known is absent, and its HAS macro is 0. C99, link with the maths library;",
+        "not to be compiled with -ffast-math, which drops the checks for NaN.",
+    ]
+    if effects:
+        lines.append(f"NOT CONTAINED: the laws of these effects of the bundle: {effects}")
+    body = "\n".join(f" * {comment_text(line)}" for line in lines)
+    return f"/*\n{body}\n */"
+
+
+def _feature_lines(flat: Flat, features: dict[str, bool], n: Names) -> str:
+    lines = ["/* --- what this header holds (1) and lacks (0) --- */", ""]
+    lines += [has(f"{n.upper}{feature}", present) for feature, present in features.items()]
+    lines.append(f"#define {n.upper}EFFECTS_NOT_CONTAINED {len(flat.effects)}")
+    return "\n".join(lines) + "\n"
+
+
+def _constant_lines(flat: Flat, n: Names) -> str:
+    lines = ["/* --- constants --- */", ""]
+    for name, quantity in _constants(flat).items():
+        if quantity.value is not None:
+            meaning = f"; {_MEANING[name]}" if name in _MEANING else ""
+            lines.append(constant(f"{n.lower}{name}", quantity.value, quantity.unit + meaning))
+    return "\n".join(lines) + "\n"
+
+
+# --- laws ------------------------------------------------------------------------------
+
+
+def _laws(flat: Flat, n: Names) -> Sequence[_Law]:
+    laws = [_cylinder(flat, n), _gravity(flat, n), *_friction(flat, n), _motor(flat, n)]
+    laws.append(_Law("HAS_INERTIA", (inertia_name(flat.rig)[0],)))
+    for side in SIDES:
+        filling, exhaust = _filling_law(side, n), _exhaust_law(side, n)
+        valve = f"HAS_VALVE_{side.upper()}"
+        delays = tuple(f"valve_{side}_{edge}_delay_s" for edge in ("on", "off"))
+        laws += [
+            filling,
+            exhaust,
+            _Law(f"{valve}_DISCRETE", filling.needs + exhaust.needs),
+            _Law(f"{valve}_DELAYS", delays),
+            _chamber(flat, side, n),
+        ]
+    return laws
+
+
+def _effort(flat: Flat) -> tuple[str, str, str]:
+    """Word, suffix and unit of effort."""
+    return ("force", "n", "N") if flat.rig.is_linear else ("torque", "nm", "Nm")
+
+
+def _motion(flat: Flat) -> tuple[str, str, str]:
+    """C names of position and velocity, and their units."""
+    if flat.rig.is_linear:
+        return "position_m", "velocity_m_s", "m, m/s"
+    return "theta_rad", "omega_rad_s", "rad, rad/s"
+
+
+def _cylinder(flat: Flat, n: Names) -> _Law:
+    word, _, unit = _effort(flat)
+    p = n.lower
+    needs = ("area_a_m2", "area_b_m2", "pitch_radius_m", "atmospheric_pressure_pa")
+    text = f"""\
+/* {word.capitalize()} of the cylinder, {unit}, from absolute pressures, Pa (3.3.3). */
+static inline double {p}cylinder_{word}(double pressure_a_pa, double pressure_b_pa)
+{{
+    double gauge_a = pressure_a_pa - {p}atmospheric_pressure_pa;
+    double gauge_b = pressure_b_pa - {p}atmospheric_pressure_pa;
+    return (gauge_a * {p}area_a_m2 - gauge_b * {p}area_b_m2) * {p}pitch_radius_m;
+}}
+"""
+    return _Law("HAS_CYLINDER", needs, text)
+
+
+def _gravity(flat: Flat, n: Names) -> _Law:
+    word, _, unit = _effort(flat)
+    position, _, _ = _motion(flat)
+    name, _ = gravity_name(flat.rig)
+    if flat.rig.is_linear:
+        where, body = "the weight", f"(void){position};\n    return {n.lower}{name};"
+    else:
+        where, body = "theta = 0 hangs down", f"return {n.lower}{name} * sin({position});"
+    text = f"""\
+/* {word.capitalize()} of gravity against positive motion, {unit} (3.3.8-10): {where}. */
+static inline double {n.lower}gravity_{word}(double {position})
+{{
+    {body}
+}}
+"""
+    return _Law("HAS_GRAVITY", (name,), text)
+
+
+def _friction(flat: Flat, n: Names) -> Iterable[_Law]:
+    word, suffix, unit = _effort(flat)
+    _, velocity, _ = _motion(flat)
+    p = n.lower
+    static, coulomb = f"friction_static_{suffix}", f"friction_coulomb_{suffix}"
+    slope = "n_s_per_m" if flat.rig.is_linear else "nm_s_per_rad"
+    viscous = f"friction_viscous_{slope}"
+    sliding = f"""\
+/* Friction while moving, {unit} (3.4.1): Coulomb sign(w) + viscous w; 0 at rest. */
+static inline double {p}sliding_friction_{word}(double {velocity})
+{{
+    double sign = (double)(({velocity} > 0.0) - ({velocity} < 0.0));
+    return {p}{coulomb} * sign + {p}{viscous} * {velocity};
+}}
+"""
+    whole = f"""\
+/* Friction in full, {unit} (3.4.1, corrected). applied = cylinder + motor - gravity (+ the
+   constant friction_offset_{suffix}, where it is known). At rest it holds against what is
+   applied, up to static friction. */
+static inline double {p}friction_{word}(double {velocity}, double applied_{suffix})
+{{
+    if ({velocity} != 0.0) {{
+        return {p}sliding_friction_{word}({velocity});
+    }}
+    if (applied_{suffix} > {p}{static}) {{
+        return {p}{static};
+    }}
+    return applied_{suffix} < -{p}{static} ? -{p}{static} : applied_{suffix};
+}}
+"""
+    yield _Law("HAS_SLIDING_FRICTION", (coulomb, viscous), sliding)
+    yield _Law("HAS_FRICTION", (static, coulomb, viscous), whole)
+
+
+def _motor(flat: Flat, n: Names) -> _Law:
+    word, suffix, unit = _effort(flat)
+    p = n.lower
+    gain, limit = f"{word}_per_volt_{suffix}", f"max_{word}_{suffix}"
+    if flat.constants[limit].value is None:
+        within, body = "no limit is declared", f"return volts * {p}{gain};"
+    else:
+        within = "within its declared limit"
+        body = f"""double effort = volts * {p}{gain};
+    if (effort > {p}{limit}) {{
+        return {p}{limit};
+    }}
+    return effort < -{p}{limit} ? -{p}{limit} : effort;"""
+    text = f"""\
+/* {word.capitalize()} of the motor at the output, {unit}, from volts (3.3.4); {within}. */
+static inline double {p}motor_{word}(double volts)
+{{
+    {body}
+}}
+"""
+    return _Law("HAS_MOTOR", (gain,), text)
+
+
+def _filling_law(side: str, n: Names) -> _Law:
+    p = n.lower
+    choked, unchoked = f"valve_{side}_choked_flow_fill_kg_s", f"valve_{side}_c_fill"
+    text = f"""\
+/* Flow into chamber {side.upper()}, kg/s, with the valve on (3.6.6). Choked up to 0.53 of the
+   supply, in proportion to it; negative above the supply. */
+static inline double {p}valve_{side}_filling_flow(double pressure_pa, double supply_pa)
+{{
+    double gap = supply_pa - pressure_pa;
+    if (pressure_pa <= {p}critical_ratio * supply_pa) {{
+        return {p}{choked} * (supply_pa / {p}supply_pressure_pa);
+    }}
+    return {p}{unchoked} * (gap < 0.0 ? -sqrt(-gap) : sqrt(gap));
+}}
+"""
+    return _Law(f"HAS_VALVE_{side.upper()}_FILLING", (choked, unchoked, "supply_pressure_pa"), text)
+
+
+def _exhaust_law(side: str, n: Names) -> _Law:
+    p = n.lower
+    choked, unchoked = f"valve_{side}_choked_flow_dis_kg_s", f"valve_{side}_c_dis"
+    text = f"""\
+/* Flow into chamber {side.upper()}, kg/s, with the valve off (3.6.7, 3.6.10): negative (out)
+   above the atmosphere, choked from atmosphere / 0.53 on; air comes in below it. */
+static inline double {p}valve_{side}_exhaust_flow(double pressure_pa, double atmosphere_pa)
+{{
+    if (pressure_pa >= (1.0 / {p}critical_ratio) * atmosphere_pa) {{
+        return -{p}{choked};
+    }}
+    return {p}{unchoked} * (atmosphere_pa - pressure_pa);
+}}
+"""
+    return _Law(f"HAS_VALVE_{side.upper()}_EXHAUST", (choked, unchoked), text)
+
+
+def _chamber(flat: Flat, side: str, n: Names) -> _Law:
+    """Pressure rate (3.3.6) and its inverse (3.5.3) of one chamber."""
+    p = n.lower
+    position, velocity, unit = _motion(flat)
+    sign = "+" if side == "a" else "-"
+    area, offset = f"area_{side}_m2", f"offset_{side}_m"
+    swept = f"{'-' if side == 'b' else ''}{p}pitch_radius_m * {velocity}"
+    volumes = f"""\
+    double volume = ({p}{offset} {sign} {p}pitch_radius_m * {position}) * {p}{area};
+    double volume_rate = {swept} * {p}{area};
+    if (!(volume > 0.0)) {{
+        return (double)NAN; /* no such position */
+    }}"""
+    text = f"""\
+/* dP/dt of chamber {side.upper()}, Pa/s (3.3.6): position and velocity in {unit}, flow into it
+   in kg/s. */
+static inline double {p}pressure_rate_{side}(double pressure_pa, double {position},
+                                             double {velocity}, double flow_kg_s)
+{{
+{volumes}
+    return ({p}k_r_t_j_per_kg * flow_kg_s - {p}heat_capacity_ratio * pressure_pa * volume_rate)
+           / volume;
+}}
+
+/* The flow into chamber {side.upper()}, kg/s, that gives this dP/dt, Pa/s: (3.3.6) solved. */
+static inline double {p}flow_for_pressure_rate_{side}(double rate_pa_s, double pressure_pa,
+                                                      double {position}, double {velocity})
+{{
+{volumes}
+    return (volume * rate_pa_s + {p}heat_capacity_ratio * pressure_pa * volume_rate)
+           / {p}k_r_t_j_per_kg;
+}}
+"""
+    needs = (area, offset, "pitch_radius_m", "heat_capacity_ratio", "k_r_t_j_per_kg")
+    return _Law(f"HAS_CHAMBER_{side.upper()}", needs, text)

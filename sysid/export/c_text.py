@@ -1,0 +1,59 @@
+"""Pieces of C text: names, numbers, comments that no file's content can break."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from sysid.errors import input_error
+
+_PREFIX = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,30}")
+_UNSAFE = re.compile(r"[^A-Za-z0-9 .,:;+=()@#%&<>/^_'-]")
+_LONGEST = 100
+
+
+@dataclass(frozen=True)
+class Names:
+    """The prefix of functions and constants, and that of macros."""
+
+    lower: str
+    upper: str
+
+
+def names(prefix: str) -> Names:
+    """Checked prefixes. Raises InputError for one that would not be a C name."""
+    if not _PREFIX.fullmatch(prefix):
+        raise input_error(
+            "--prefix", f"{prefix[:40]!r} does not begin a C name", "use letters, digits and _"
+        )
+    return Names(prefix, prefix.upper())
+
+
+def number(value: float) -> str:
+    """A double that C reads back to the last bit."""
+    return repr(float(value))
+
+
+def comment_text(text: str) -> str:
+    """Text for a comment: ASCII on one line, with nothing that ends or opens a comment."""
+    short = text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "..."
+    return re.sub(r"/(?=/)", "_", _UNSAFE.sub("_", short))
+
+
+def constant(name: str, value: float, comment: str) -> str:
+    """One named constant with its unit or meaning."""
+    return f"static const double {name} = {number(value)}; /* {comment_text(comment)} */"
+
+
+def array(name: str, values: Iterable[float]) -> str:
+    """A named array, four numbers a line."""
+    items = [number(v) for v in values]
+    lines = [", ".join(items[k : k + 4]) for k in range(0, len(items), 4)]
+    body = ",\n    ".join(lines)
+    return f"static const double {name}[{len(items)}] = {{\n    {body}\n}};"
+
+
+def has(name: str, present: bool) -> str:
+    """A feature macro, 0 or 1; `name` with its prefix."""
+    return f"#define {name} {int(present)}"

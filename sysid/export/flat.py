@@ -1,0 +1,398 @@
+"""The constants that a controller needs, worked out from a bundle: plain numbers and units.
+
+Every format of `sysid.export` writes this content. What the bundle or its rig file does
+not hold is None, and `Flat.missing` says why: an export never makes up a number.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from sysid.errors import InputError, input_error
+from sysid.export.surface_tables import Surface, read_surface
+from sysid.model.base import CRITICAL_RATIO
+from sysid.rig import Rig, rig_from_content
+
+SIDES = ("a", "b")
+DIRECTIONS = ("fill", "discharge")
+KINDS = ("bipolynomial", "ann")
+FORMAT = "sysid-controller/1"
+
+_AGAIN = "fit again to write the bundle anew"
+_NO_PART = "the bundle does not hold this part"
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One number, or None where it is not known, and its unit."""
+
+    value: float | None
+    unit: str
+
+
+Table = dict[str, Quantity]
+
+
+@dataclass(frozen=True)
+class PwmMap:
+    """Surfaces of one valve in one direction, at one PWM period and supply pressure."""
+
+    conditions: Table
+    bipolynomial: Surface | None
+    ann: Surface | None
+
+
+@dataclass(frozen=True)
+class Valve:
+    """One valve: the on/off law with its delays, and PWM maps by direction."""
+
+    discrete: Table
+    pwm: dict[str, PwmMap]
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One effect of the model, as data: parameter values (numbers, text or None) and units."""
+
+    id: str
+    values: dict[str, float | str | None]
+    units: dict[str, str]
+
+
+@dataclass(frozen=True)
+class Flat:
+    """A bundle's content for a controller; SI, absolute pressures.
+
+    `constants`: of the rig, derived ones among them (inertia with payload, gravity moment,
+    k R T). `static_by_position`: static friction (unit of effort) at positions (rad or m).
+    `missing`: dotted name of what is None -> why. `notices`: what else should be said.
+    """
+
+    rig: Rig
+    constants: Table
+    friction: Table
+    static_by_position: tuple[tuple[float, float | None], ...]
+    valves: dict[str, Valve]
+    effects: tuple[Effect, ...]
+    provenance: dict[str, str]
+    missing: dict[str, str]
+    notices: tuple[str, ...]
+
+    def absences(self, stands_as: str) -> list[str]:
+        """One notice for each missing number or part, which the file holds as `stands_as`."""
+        return [f"{name}: {stands_as}, {why}" for name, why in self.missing.items()]
+
+
+def flatten(bundle: Mapping[str, Any], sha256: str, where: str = "bundle") -> Flat:
+    """The content of a checked bundle whose file has this SHA-256.
+
+    Raises InputError where numbers contradict their names' units, the rig's PWM period, or
+    each other.
+    """
+    rig = rig_from_content(dict(bundle["rig"]), f"{where}, rig")
+    missing: dict[str, str] = {}
+    notices: list[str] = []
+    constants = _constants(rig, missing)
+    friction, by_position = _friction(bundle.get("friction"), rig, missing, where)
+    _take_identified_inertia(bundle, rig, constants, notices, where)
+    valves = {
+        side: _valve(bundle.get("valves", {}).get(side, {}), side, rig, missing, where)
+        for side in SIDES
+    }
+    provenance = {
+        "bundle_schema": str(bundle["schema"]),
+        "bundle_created": clean_text(bundle["created"]),
+        "bundle_sysid_version": clean_text(bundle["sysid_version"]),
+        "bundle_sha256": sha256,
+    }
+    return Flat(
+        rig=rig,
+        constants=constants,
+        friction=friction,
+        static_by_position=by_position,
+        valves=valves,
+        effects=tuple(_effect(e, where) for e in bundle["effects"]),
+        provenance=provenance,
+        missing=missing,
+        notices=tuple(notices),
+    )
+
+
+def clean_text(value: Any) -> str:
+    """Text that can be written as UTF-8, whatever a file put into it."""
+    return str(value).encode("utf-8", "replace").decode("utf-8")
+
+
+def effort_unit(rig: Rig) -> str:
+    """Suffix of names in units of effort: "nm", or "n" on a linear rig."""
+    return "n" if rig.is_linear else "nm"
+
+
+# --- rig -------------------------------------------------------------------------------
+
+
+def _constants(rig: Rig, missing: dict[str, str]) -> Table:
+    """Rig constants (thesis 3.3.3-3.3.10), with what is derived from them."""
+    table: Table = {"critical_ratio": Quantity(CRITICAL_RATIO, "1")}
+    for section, keys in _rig_keys(rig).items():
+        part = getattr(rig, section)
+        absent = []
+        for name, (key, unit) in keys.items():
+            value = None if part is None else getattr(part, key)
+            table[name] = Quantity(value, unit)
+            if value is None:
+                absent.append(name)
+        if part is None:
+            missing[", ".join(f"constants.{n}" for n in absent)] = f"the rig has no [{section}]"
+        else:
+            missing.update(
+                {f"constants.{n}": f"the rig's [{section}] has no {keys[n][0]}" for n in absent}
+            )
+    if rig.air is not None:
+        air = rig.air
+        krt = air.heat_capacity_ratio * air.gas_constant_j_per_kg_k * air.temperature_k
+        table["k_r_t_j_per_kg"] = Quantity(krt, "J/kg")
+    else:
+        table["k_r_t_j_per_kg"] = Quantity(None, "J/kg")
+        missing["constants.k_r_t_j_per_kg"] = "the rig has no [air]"
+    _add_load(table, rig, missing)
+    return table
+
+
+def _rig_keys(rig: Rig) -> dict[str, dict[str, tuple[str, str]]]:
+    """By section of the rig file: exported name -> key of the section, unit."""
+    effort = "N" if rig.is_linear else "Nm"
+    suffix = effort_unit(rig)
+    word = "force" if rig.is_linear else "torque"
+    counts = ("m", "counts/m") if rig.is_linear else ("rev", "counts/rev")
+
+    def same(**units: str) -> dict[str, tuple[str, str]]:
+        return {name: (name, unit) for name, unit in units.items()}
+
+    motor = {f"{word}_per_volt_{suffix}": f"{effort}/V", f"max_{word}_{suffix}": effort}
+    return {
+        "air": same(
+            gas_constant_j_per_kg_k="J/(kg K)",
+            heat_capacity_ratio="1",
+            temperature_k="K",
+            atmospheric_pressure_pa="Pa",
+            supply_pressure_pa="Pa",
+        ),
+        "cylinder": same(
+            area_a_m2="m2",
+            area_b_m2="m2",
+            offset_a_m="m",
+            offset_b_m="m",
+            stroke_m="m",
+            pitch_radius_m="m",
+        ),
+        "motor": same(**motor),
+        "pwm": {"pwm_period_s": ("period_s", "s")},
+        "valves": {
+            "declared_on_delay_s": ("on_delay_s", "s"),
+            "declared_off_delay_s": ("off_delay_s", "s"),
+        },
+        "sampling": {"sampling_period_s": ("period_s", "s")},
+        "sensors": {
+            f"encoder_counts_per_{counts[0]}": (f"encoder_counts_per_{counts[0]}", counts[1]),
+            "encoder_zero_counts": ("encoder_zero_counts", "counts"),
+        },
+    }
+
+
+def inertia_name(rig: Rig) -> tuple[str, str]:
+    """Exported name and unit of the whole inertia."""
+    return ("mass_kg", "kg") if rig.is_linear else ("inertia_kg_m2", "kg m2")
+
+
+def gravity_name(rig: Rig) -> tuple[str, str]:
+    """Exported name and unit of gravity's amplitude."""
+    return ("weight_n", "N") if rig.is_linear else ("gravity_moment_nm", "Nm")
+
+
+def _add_load(table: Table, rig: Rig, missing: dict[str, str]) -> None:
+    """Inertia with payload (3.3.5) and gravity's amplitude (3.3.8-3.3.10)."""
+    name, unit = inertia_name(rig)
+    table[name] = Quantity(rig.total_inertia(), unit)
+    if table[name].value is None:
+        missing[f"constants.{name}"] = "the rig's [inertia] does not give it"
+    name, unit = gravity_name(rig)
+    try:
+        table[name] = Quantity(rig.gravity_moment(), unit)
+    except InputError as error:
+        table[name] = Quantity(None, unit)
+        missing[f"constants.{name}"] = str(error)
+
+
+def _take_identified_inertia(
+    bundle: Mapping[str, Any], rig: Rig, constants: Table, notices: list[str], where: str
+) -> None:
+    """An identified inertia replaces the declared one, as in the simulation."""
+    name, unit = inertia_name(rig)
+    estimate = bundle.get("friction", {}).get(name)
+    if estimate is None or estimate["value"] is None:
+        return
+    declared = constants[name].value
+    constants[name] = Quantity(_number(estimate, unit, f"{where}, friction.{name}"), unit)
+    said = "gives none" if declared is None else f"says {declared:.6g}"
+    notices.append(f"{name} is the identified {constants[name].value:.6g}; the rig file {said}")
+
+
+# --- what was fitted -------------------------------------------------------------------
+
+
+def _friction(
+    part: Mapping[str, Any] | None, rig: Rig, missing: dict[str, str], where: str
+) -> tuple[Table, tuple[tuple[float, float | None], ...]]:
+    """Friction (3.4.1), and static friction by position."""
+    suffix = effort_unit(rig)
+    effort = "N" if rig.is_linear else "Nm"
+    viscous = (
+        ("viscous_n_s_per_m", "N s/m")
+        if rig.is_linear
+        else (
+            "viscous_nm_s_per_rad",
+            "Nm s/rad",
+        )
+    )
+    units = {
+        f"static_{suffix}": effort,
+        f"coulomb_{suffix}": effort,
+        viscous[0]: viscous[1],
+        f"offset_{suffix}": effort,
+    }
+    table = _estimates(part, units, "friction", missing, where)
+    rows = () if part is None else part.get("static_by_position", ())
+    place = f"{where}, friction.static_by_position"
+    try:
+        return table, tuple(_static_row(row, effort, place) for row in rows)
+    except (KeyError, TypeError):
+        raise input_error(
+            place, "a row is not a position and its static friction", _AGAIN
+        ) from None
+
+
+def _static_row(row: Mapping[str, Any], unit: str, where: str) -> tuple[float, float | None]:
+    estimate = row["static"]
+    static = None if estimate["value"] is None else _number(estimate, unit, where)
+    return _finite(row["position"], where), static
+
+
+def _valve(
+    part: Mapping[str, Any], side: str, rig: Rig, missing: dict[str, str], where: str
+) -> Valve:
+    """One valve's on/off law (3.6.6, 3.6.10) and PWM maps."""
+    units = {
+        "choked_flow_fill_kg_s": "kg/s",
+        "c_fill": "kg/(s Pa^0.5)",
+        "choked_flow_dis_kg_s": "kg/s",
+        "c_dis": "kg/(s Pa)",
+        "on_delay_s": "s",
+        "off_delay_s": "s",
+    }
+    discrete = _estimates(part.get("discrete"), units, f"valves.{side}.discrete", missing, where)
+    maps = part.get("pwm", {})
+    pwm = {}
+    for direction in DIRECTIONS:
+        name = f"valves.{side}.pwm.{direction}"
+        if direction not in maps:
+            missing[name] = _NO_PART
+        pwm[direction] = _pwm_map(maps.get(direction), name, rig, missing, where)
+    return Valve(discrete, pwm)
+
+
+def _pwm_map(
+    found: Mapping[str, Any] | None,
+    name: str,
+    rig: Rig,
+    missing: dict[str, str],
+    where: str,
+) -> PwmMap:
+    part = found or {}
+    place = f"{where}, {name}"
+    period, declared = part.get("pwm_period_s"), rig.pwm.period_s if rig.pwm else None
+    if period is not None and declared and abs(_finite(period, place) / declared - 1.0) > 1e-6:
+        raise input_error(
+            place,
+            f"was fitted at a PWM period of {period:g} s, and the rig says {declared:g} s",
+            "fit valve-pwm tests at the rig's period",
+        )
+    conditions = {
+        key: Quantity(None if part.get(key) is None else _finite(part[key], place), unit)
+        for key, unit in (("pwm_period_s", "s"), ("supply_pressure_pa", "Pa"))
+    }
+    surfaces: dict[str, Surface | None] = {}
+    for kind in KINDS:
+        content = part.get(kind)
+        surfaces[kind] = None if content is None else read_surface(content, f"{place}.{kind}")
+        if content is None and found is not None:
+            missing[f"{name}.{kind}"] = _NO_PART
+    return PwmMap(conditions, surfaces["bipolynomial"], surfaces["ann"])
+
+
+def _effect(effect: Mapping[str, Any], where: str) -> Effect:
+    name = clean_text(effect["id"])
+    place = f"{where}, effect {name}"
+    values: dict[str, float | str | None] = {}
+    units: dict[str, str] = {}
+    for key, content in effect["parameters"].items():
+        value, unit = content, ""
+        if isinstance(content, Mapping):
+            value, unit = content.get("value"), clean_text(content.get("unit", ""))
+        if not key.isidentifier() or not key.isascii() or key.startswith("_"):
+            raise input_error(place, f"{key!r} is not a parameter's name", _AGAIN)
+        if isinstance(value, str):
+            values[key] = clean_text(value)
+        else:
+            values[key] = None if value is None else _finite(value, f"{place}, {key}")
+        units[key] = unit
+    return Effect(name, values, units)
+
+
+def _estimates(
+    part: Mapping[str, Any] | None,
+    units: Mapping[str, str],
+    name: str,
+    missing: dict[str, str],
+    where: str,
+) -> Table:
+    """The parameters in `units` of one part, None where they are absent or not identified."""
+    table: Table = {key: Quantity(None, unit) for key, unit in units.items()}
+    if part is None:
+        missing[name] = _NO_PART
+        return table
+    for key, unit in units.items():
+        estimate = part.get(key)
+        if estimate is None:
+            missing[f"{name}.{key}"] = "the bundle does not hold it"
+        elif estimate["value"] is None:
+            missing[f"{name}.{key}"] = f"not identified ({clean_text(estimate['reason'])})"
+        else:
+            table[key] = Quantity(_number(estimate, unit, f"{where}, {name}.{key}"), unit)
+    return table
+
+
+def _number(estimate: Mapping[str, Any], unit: str, where: str) -> float:
+    """An estimate's value, whose unit must be the one that its name stands for."""
+    if estimate["unit"] != unit:
+        raise input_error(where, f"is in {estimate['unit']!r}, not {unit!r}", _AGAIN)
+    return _finite(estimate["value"], where)
+
+
+def _finite(value: Any, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise input_error(where, f"{str(value)[:40]!r} is not a finite number", _AGAIN)
+    return float(value)
+
+
+def values(table: Table) -> dict[str, float | None]:
+    """The numbers of a table by name."""
+    return {name: quantity.value for name, quantity in table.items()}
+
+
+def units(table: Table) -> dict[str, str]:
+    """The units of a table by name."""
+    return {name: quantity.unit for name, quantity in table.items()}

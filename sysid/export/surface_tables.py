@@ -1,0 +1,109 @@
+"""A PWM surface of a bundle, checked and in the arrays that every export format writes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.errors import input_error
+from sysid.surfaces import surface_from_dict
+from sysid.surfaces.ann import DutyNetwork
+from sysid.surfaces.bipolynomial import EXPONENTS, Bipolynomial
+from sysid.surfaces.domain import Domain
+
+FloatArray = NDArray[np.float64]
+
+DOMAIN_UNITS = {
+    "pressure_pa": "Pa",
+    "duty_low": "1",
+    "duty_high": "1",
+    "flow_low_kg_s": "kg/s",
+    "flow_high_kg_s": "kg/s",
+}
+_AGAIN = "fit the surface again"
+_ERRORS = {
+    "rmse_duty": "1",
+    "max_relative_error_duty_percent": "%",
+    "rmse_flow_kg_s": "kg/s",
+}
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A fitted surface and the errors that the bundle reports for it (name -> value, unit)."""
+
+    model: Bipolynomial | DutyNetwork
+    errors: dict[str, tuple[float, str]]
+
+
+def read_surface(content: Any, where: str) -> Surface:
+    """A surface from its bundle form. Raises InputError for one that cannot be evaluated."""
+    if not isinstance(content, Mapping):
+        raise input_error(where, "is not a surface", _AGAIN)
+    terms = content.get("coefficients")
+    if terms is not None:
+        names = [t.get("term") if isinstance(t, Mapping) else None for t in terms]
+        if names != [f"u^{i} P^{j}" for i, j in EXPONENTS]:
+            raise input_error(where, "coefficients are not in the thesis' order", _AGAIN)
+    activation = content.get("activation", "tanh")
+    if activation != "tanh":
+        raise input_error(where, f"activation {str(activation)[:40]!r} is unknown", _AGAIN)
+    try:
+        model = surface_from_dict(dict(content))
+    except (TypeError, ValueError, AttributeError, IndexError, np.linalg.LinAlgError) as error:
+        raise input_error(where, f"cannot be read ({error})", _AGAIN) from None
+    _check_numbers(model, where)
+    errors = {
+        name: (float(content[name]), unit)
+        for name, unit in _ERRORS.items()
+        if isinstance(content.get(name), int | float)
+    }
+    if not np.isfinite([value for value, _ in errors.values()]).all():
+        raise input_error(where, "an error is not finite", _AGAIN)
+    return Surface(model, errors)
+
+
+def _check_numbers(model: Bipolynomial | DutyNetwork, where: str) -> None:
+    domain = model.domain_
+    numbers = [model.scaling_, *domain_arrays(domain).values()]
+    numbers += [np.array(domain.duty_range), np.array(domain.pressure_range)]
+    if isinstance(model, Bipolynomial):
+        numbers += [model.coefficients_, model.scaled_coefficients_]
+    else:
+        numbers += [model.hidden_weights_, model.hidden_bias_, model.output_weights_]
+        numbers += [np.array(model.output_bias_)]
+    if not all(np.isfinite(array).all() for array in numbers):
+        raise input_error(where, "holds a number that is not finite", _AGAIN)
+    if model.scaling_.shape[1] != 2 or not (model.scaling_[:, 1] > 0.0).all():
+        raise input_error(where, "scaling is not (centre, positive half range)", _AGAIN)
+    nodes = domain.pressure
+    if len(nodes) < 2 or not (np.diff(nodes) > 0.0).all():
+        raise input_error(where, "domain nodes do not rise in pressure", _AGAIN)
+    for low, high in (
+        domain.duty_range,
+        domain.pressure_range,
+        (domain.duty_low, domain.duty_high),
+        (domain.flow_low, domain.flow_high),
+    ):
+        if (np.asarray(low) > np.asarray(high)).any():
+            raise input_error(where, "a lower limit of the domain is above the upper", _AGAIN)
+
+
+def domain_arrays(domain: Domain) -> dict[str, FloatArray]:
+    """The domain's nodes by exported name, (G,) each; units in `DOMAIN_UNITS`."""
+    return {
+        "pressure_pa": domain.pressure,
+        "duty_low": domain.duty_low,
+        "duty_high": domain.duty_high,
+        "flow_low_kg_s": domain.flow_low,
+        "flow_high_kg_s": domain.flow_high,
+    }
+
+
+def coefficient_units() -> list[str]:
+    """Unit of each of the nine coefficients, in the thesis' order."""
+    return ["kg/s" if j == 0 else f"kg/(s Pa^{j})" if j > 1 else "kg/(s Pa)" for _, j in EXPONENTS]
