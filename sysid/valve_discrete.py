@@ -1,0 +1,345 @@
+"""On/off valve tests to flows, coefficients and delays (thesis 3.5.3, 3.6.6, 3.6.10).
+
+The piston is held, the valve is switched on and off again. Each regime's stretch gives first
+values by 3.5.3; the whole pressure curve is then fitted by simulation error, with the
+simulation in closed form, so that delays are found to a fraction of a sample.
+
+The supply and the atmosphere are those that the chamber itself is seen to settle at, test by
+test; where a test does not settle, those of the log (`supply_pressure_pa`) or the rig file.
+Choked filling is proportional to the supply: the fitted value holds at the rig file's.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid._valve_discrete.curve import DELAYS, FLOWS, UNITS, CurveFit, fit_curves
+from sysid._valve_discrete.held_chamber import DiscreteValve
+from sysid._valve_discrete.notices import (
+    JUMPS,
+    delay_notices,
+    misfit_notices,
+    settled_notices,
+    verdicts,
+)
+from sysid._valve_discrete.ratio import DISCHARGE, FILL, critical_ratio
+from sysid._valve_discrete.stretches import Stretches, read_stretches
+from sysid._valve_discrete.trials import Piece, Screened, screen
+from sysid.errors import InputError, NotIdentifiedError, input_error
+from sysid.estimation import Estimate
+from sysid.logs import Trial
+from sysid.model.base import CRITICAL_RATIO, exhaust_jump, filling_jump
+from sysid.rig import Air, Rig
+
+FloatArray = NDArray[np.float64]
+
+__all__ = ["DiscreteFit", "PressureCurve", "ValveDiscreteResult", "fit_valve_discrete"]
+
+# A standard error above this share of a flow: the data do not give it.
+_LARGEST_ERROR = 0.3
+
+
+@dataclass(frozen=True)
+class PressureCurve:
+    """One test's pressure, measured and simulated: `time` (n,) s, pressures (n,) Pa."""
+
+    test: str
+    time: FloatArray
+    measured: FloatArray
+    simulated: FloatArray
+
+
+@dataclass(frozen=True)
+class DiscreteFit:
+    """What one valve's tests give.
+
+    `estimates` by name: the four flow parameters, both delays, both critical ratios, both
+    jumps of the law at the choked boundary (percent, unchoked over choked less one).
+    `stretches`: the first values, by 3.5.3. `choked_flow_fill_kg_s` holds at `supply` Pa.
+    `rmse`, `noise` Pa; `fit_percent` 100 (1 - NRMSE) over all tests.
+    """
+
+    valve: str
+    estimates: Mapping[str, Estimate]
+    stretches: Mapping[str, float]
+    supply: float
+    rmse: float
+    noise: float
+    fit_percent: float
+    curves: tuple[PressureCurve, ...] = field(repr=False)
+
+    def __getitem__(self, name: str) -> Estimate:
+        return self.estimates[name]
+
+    def to_json(self) -> dict[str, Any]:
+        """`valves.<a|b>.discrete` of the bundle."""
+        return {
+            **{name: e.to_json() for name, e in self.estimates.items()},
+            "supply_pressure_pa": self.supply,
+            "rmse_pa": self.rmse,
+            "noise_pa": self.noise,
+            "fit_percent": self.fit_percent,
+            "tests": sorted({c.test for c in self.curves}),
+        }
+
+
+@dataclass(frozen=True)
+class ValveDiscreteResult:
+    """The fitted valves, "a" and "b" or one of them, and what to say about them."""
+
+    valves: Mapping[str, DiscreteFit]
+    remarks: tuple[str, ...]
+    notices: tuple[str, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """The bundle's `valves`: {"a": {"discrete": ...}, ...}."""
+        return {name: {"discrete": fit.to_json()} for name, fit in self.valves.items()}
+
+
+def fit_valve_discrete(
+    trials: Sequence[Trial], rig: Rig, *, valve: str | None = None, find_ratio: bool = True
+) -> ValveDiscreteResult:
+    """Fit the on/off valves that the trials switch; `valve` ("a" or "b") keeps one.
+
+    `find_ratio`: look for the critical ratio as well, which takes longer than all the rest.
+    A parameter that the tests do not give is in the result without a value and says why.
+    Raises InputError where a channel is missing, NotIdentifiedError where the tests give
+    no flow parameter at all.
+    """
+    air: Air = rig.require("air", "which the valve law needs")
+    fits: dict[str, DiscreteFit] = {}
+    remarks: list[str] = []
+    notices: list[str] = []
+    failed: list[str] = []
+    for side in _valves(trials, valve):
+        try:
+            fits[side] = _fit_valve(trials, side, rig, air, find_ratio, remarks, notices)
+        except NotIdentifiedError as error:
+            failed.append(str(error))
+    if not fits:
+        raise NotIdentifiedError("; ".join(failed))
+    return ValveDiscreteResult(fits, tuple(remarks), (*notices, *failed))
+
+
+def _valves(trials: Sequence[Trial], valve: str | None) -> list[str]:
+    """The valves that are switched, in order; `valve` where it is given."""
+    if not trials:
+        raise NotIdentifiedError("no test at all: give a valve-discrete log")
+    if valve is not None:
+        if valve not in ("a", "b"):
+            raise input_error("valve", f"{valve!r} is neither a nor b", "write a or b")
+        return [valve]
+    if not any(f"valve_{v}" in t for v in "ab" for t in trials):
+        raise _no_command(trials[0])
+    switched = [v for v in "ab" if any(_is_switched(t, v) for t in trials)]
+    if not switched:
+        raise NotIdentifiedError(
+            f"{trials[0].source}: no test switches a valve on (valve_a and valve_b stay 0): no "
+            "flow is identified; a valve-discrete test (off, on for 3 s, off, piston held) would"
+        )
+    return switched
+
+
+def _no_command(trial: Trial) -> InputError:
+    mend = 'add them, or name them with --map "valve_a=COLUMN"'
+    return input_error(trial.source, "columns valve_a and valve_b are missing", mend)
+
+
+def _is_switched(trial: Trial, valve: str) -> bool:
+    name = f"valve_{valve}"
+    return name in trial and bool(np.any(trial[name] > 0.5))
+
+
+def _fit_valve(
+    trials: Sequence[Trial],
+    valve: str,
+    rig: Rig,
+    air: Air,
+    find_ratio: bool,
+    remarks: list[str],
+    notices: list[str],
+) -> DiscreteFit:
+    used = [t for t in trials if _is_switched(t, valve)]
+    title = f"valve {valve.upper()}"
+    if not used:
+        trials[0].require([f"valve_{valve}"], f"which tells when {title} switches")
+        raise NotIdentifiedError(
+            f"{title}: no test switches it on (valve_{valve} stays 0): none of its parameters is "
+            "identified; a valve-discrete test of it (off, on for 3 s, off, piston held) would"
+        )
+    screened = [screen(t, valve, rig) for t in used]
+    notices += [n for s in screened for n in s.notices]
+    pieces = [p for s in screened for p in s.pieces]
+    read = [read_stretches(p) for p in pieces]
+    start, reasons = _start(screened, read, rig)
+    if all(name in reasons for name in FLOWS):
+        raise NotIdentifiedError(f"{title}: {_joined(reasons)}")
+    curves = fit_curves(pieces, start, _free(reasons, pieces))
+    estimates = _estimates(curves, reasons, title, notices)
+    estimates |= _ratios(curves, estimates) if find_ratio else {}
+    estimates |= _jumps(curves, estimates, air)
+    notices += [
+        f"{title}: {name} is not identified: {estimates[name].reason}"
+        for name in (*FLOWS, *DELAYS)
+        if not estimates[name].identified
+    ]
+    notices += settled_notices(curves, title, air)
+    notices += misfit_notices(curves, title)
+    notices += delay_notices(estimates, title, rig)
+    remarks += verdicts(estimates, title)
+    return _result(valve, curves, estimates, read, air)
+
+
+def _joined(reasons: Mapping[str, str]) -> str:
+    """Each reason once, after the parameters that it holds for."""
+    by_reason: dict[str, list[str]] = {}
+    for name in FLOWS:
+        by_reason.setdefault(reasons[name], []).append(name)
+    return "; ".join(f"{', '.join(n)} not identified: {why}" for why, n in by_reason.items())
+
+
+def _start(
+    screened: Sequence[Screened], read: Sequence[Stretches], rig: Rig
+) -> tuple[DiscreteValve, dict[str, str]]:
+    """Start of the fit: the stretches' medians; and why parameters are missing from all."""
+    names = (*FLOWS, *DELAYS)
+    found = {
+        n: float(np.median([r.values[n] for r in read if n in r.values]))
+        for n in names
+        if any(n in r.values for r in read)
+    }
+    reasons: dict[str, str] = {}
+    cut = dict(reason for s in reversed(screened) for reason in reversed(s.reasons))
+    for name in names:
+        given = [r for r in read if name not in r.reasons]
+        if not given:
+            why = [r.reasons[name] for r in read]
+            reasons[name] = cut.get(name) or (why[0] if why else "no test of it can be used")
+    declared = (rig.valves.on_delay_s, rig.valves.off_delay_s) if rig.valves else (0.002, 0.002)
+    supply = rig.air.supply_pressure_pa if rig.air else 3e5
+    atmosphere = rig.air.atmospheric_pressure_pa if rig.air else 1e5
+    # Held where the data say nothing: the law that is continuous at the choked boundary.
+    fill_root = math.sqrt(supply * (1.0 - CRITICAL_RATIO))
+    dis_gauge = atmosphere * (1.0 / CRITICAL_RATIO - 1.0)
+    choked_fill = found.get("choked_flow_fill_kg_s", found.get("c_fill", 2e-6) * fill_root)
+    choked_dis = found.get("choked_flow_dis_kg_s", found.get("c_dis", 4e-9) * dis_gauge)
+    valve = DiscreteValve(
+        choked_flow_fill_kg_s=choked_fill,
+        c_fill=found.get("c_fill", choked_fill / fill_root),
+        choked_flow_dis_kg_s=choked_dis,
+        c_dis=found.get("c_dis", choked_dis / dis_gauge),
+        on_delay_s=found.get("on_delay_s", declared[0]),
+        off_delay_s=found.get("off_delay_s", declared[1]),
+    )
+    return valve, reasons
+
+
+def _free(reasons: Mapping[str, str], pieces: Sequence[Piece]) -> list[str]:
+    """What is fitted: what is identified, and delays that else would bend the rest."""
+    free = [n for n in (*FLOWS, *DELAYS) if n not in reasons]
+    starts = any(np.isfinite(p.chamber.opens).any() for p in pieces)
+    ends = any((p.chamber.closes < p.chamber.time[-1]).any() for p in pieces)
+    if "on_delay_s" not in free and "c_fill" in free and starts:
+        free.append("on_delay_s")
+    if "off_delay_s" not in free and "c_dis" in free and ends:
+        free.append("off_delay_s")
+    return free
+
+
+def _estimates(
+    curves: CurveFit, reasons: Mapping[str, str], title: str, notices: list[str]
+) -> dict[str, Estimate]:
+    found: dict[str, Estimate] = {}
+    if not curves.fit.converged:
+        notices.append(f"{title}: the fit did not converge ({curves.fit.message})")
+    for name in (*FLOWS, *DELAYS):
+        if name in reasons:
+            found[name] = Estimate.unidentified(UNITS[name], reasons[name])
+            continue
+        estimate, scatters = curves.estimate(name)
+        if estimate.identified and name in FLOWS and estimate.std > _LARGEST_ERROR * estimate.value:
+            share = 100.0 * estimate.std / estimate.value
+            estimate = Estimate.unidentified(
+                UNITS[name],
+                f"its standard error is {share:.0f} %: record more tests, or log faster",
+            )
+        if scatters:
+            notices.append(
+                f"{title}: {name} differs from test to test by more than the noise explains; its "
+                "interval is that of the tests' scatter"
+            )
+        found[name] = estimate
+    return found
+
+
+def _ratios(curves: CurveFit, estimates: Mapping[str, Estimate]) -> dict[str, Estimate]:
+    """The critical ratios with the boundary left free."""
+    found = {}
+    for direction in (FILL, DISCHARGE):
+        missing = [n for n in direction.free if not estimates[n].identified]
+        found[direction.ratio] = (
+            Estimate.unidentified("-", f"{', '.join(missing)} not identified")
+            if missing
+            else critical_ratio(curves, direction)
+        )
+    return found
+
+
+def _jumps(curves: CurveFit, estimates: Mapping[str, Estimate], air: Air) -> dict[str, Estimate]:
+    """Jump of the fitted law at the boundary of ratio 0.53, percent, at the rig's pressures."""
+    supply, atmosphere = air.supply_pressure_pa, air.atmospheric_pressure_pa
+    found = {}
+    for name, (choked, unchoked) in zip(JUMPS, (FLOWS[:2], FLOWS[2:]), strict=True):
+        m, c = estimates[choked], estimates[unchoked]
+        if not (m.identified and c.identified):
+            why = "needs both the choked and the unchoked stretch"
+            found[name] = Estimate.unidentified("%", why)
+            continue
+        value = (
+            float(filling_jump(supply, m.value, c.value))
+            if name == JUMPS[0]
+            else float(exhaust_jump(atmosphere, m.value, c.value))
+        )
+        i, k = (curves.fit.names.index(n) for n in (choked, unchoked))
+        shared = float(curves.covariance[i, k]) / (m.value * c.value)
+        variance = (m.std / m.value) ** 2 + (c.std / c.value) ** 2 - 2.0 * shared
+        std = 100.0 * (1.0 + value) * math.sqrt(max(variance, 0.0))
+        found[name] = Estimate.symmetric(100.0 * value, std, "%", curves.fit.dof)
+    return found
+
+
+def _result(
+    valve: str,
+    curves: CurveFit,
+    estimates: Mapping[str, Estimate],
+    read: Sequence[Stretches],
+    air: Air,
+) -> DiscreteFit:
+    pieces = curves.problem.pieces
+    measured = np.concatenate([p.pressure for p in pieces])
+    residuals = curves.fit.residuals
+    spread = float(np.linalg.norm(measured - measured.mean()))
+    nrmse = float(np.linalg.norm(residuals)) / spread
+    return DiscreteFit(
+        valve=valve,
+        estimates=dict(estimates),
+        stretches={
+            n: float(np.median([r.values[n] for r in read if n in r.values]))
+            for n in (*FLOWS, *DELAYS)
+            if any(n in r.values for r in read)
+        },
+        supply=air.supply_pressure_pa,
+        rmse=float(np.sqrt(np.mean(residuals**2))),
+        noise=float(np.median([p.noise for p in pieces])),
+        fit_percent=100.0 * (1.0 - nrmse),
+        curves=tuple(
+            PressureCurve(p.label, p.chamber.time, p.pressure, p.pressure + curves.residuals(i))
+            for i, p in enumerate(pieces)
+        ),
+    )
