@@ -1,0 +1,124 @@
+"""What a section of the report is made of: tables, figures, plots, lines of text.
+
+Everything is plain text that the template escapes; the only markup is a figure's SVG, which
+`sysid.report.svg` makes and which holds no text from a file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+# Text that is longer than this may be broken.
+_LONGEST_CELL = 36
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table: the first cell of each row is its header.
+
+    `numeric` columns are set to the right, `code` in a fixed width; only `prose` may wrap.
+    """
+
+    caption: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    numeric: frozenset[int] = frozenset()
+    code: frozenset[int] = frozenset()
+    prose: frozenset[int] = frozenset()
+    kind: Literal["table"] = "table"
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A static figure. `svg` is safe markup; `title` names it, `description` tells it in words."""
+
+    id: str
+    title: str
+    description: str
+    svg: str
+
+
+@dataclass(frozen=True)
+class FigureGroup:
+    """Figures side by side under one caption, which may say which of the thesis' they match."""
+
+    caption: str
+    figures: tuple[Figure, ...]
+    kind: Literal["figures"] = "figures"
+
+
+@dataclass(frozen=True)
+class Plot:
+    """An interactive plot, and the static figures that stand in for it.
+
+    `document` is Bokeh's JSON, which plots may share; `samples` are this plot's own.
+    """
+
+    id: str
+    title: str
+    description: str
+    caption: str
+    document: dict[str, Any]
+    samples: dict[str, Any]
+    static: tuple[Figure, ...]
+    kind: Literal["plot"] = "plot"
+
+
+@dataclass(frozen=True)
+class Lines:
+    """Lines of text; with a `summary` they fold away behind it."""
+
+    lines: tuple[str, ...]
+    summary: str = ""
+    kind: Literal["lines"] = "lines"
+
+
+@dataclass(frozen=True)
+class Heading:
+    """A heading below the section's own."""
+
+    id: str
+    text: str
+    kind: Literal["heading"] = "heading"
+
+
+@dataclass(frozen=True)
+class Fold:
+    """Blocks that fold away behind a summary."""
+
+    summary: str
+    blocks: tuple[Block, ...]
+    kind: Literal["fold"] = "fold"
+
+
+Block = Table | FigureGroup | Plot | Lines | Heading | Fold
+
+
+@dataclass(frozen=True)
+class Section:
+    """A numbered section; `intro` are its first paragraphs."""
+
+    id: str
+    title: str
+    intro: tuple[str, ...] = ()
+    blocks: tuple[Block, ...] = field(default=())
+
+
+def table(
+    caption: str,
+    columns: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    *,
+    text: Sequence[int] = (),
+    code: Sequence[int] = (),
+) -> Table:
+    """A table whose columns are numbers but for the first and those in `text` and `code`."""
+    words = {0, *text, *code}
+    numeric = frozenset(i for i in range(len(columns)) if i not in words)
+    prose = frozenset(
+        i for i in words.difference(code) if any(len(row[i]) > _LONGEST_CELL for row in rows)
+    )
+    cells = tuple(tuple(row) for row in rows)
+    return Table(caption, tuple(columns), cells, numeric, frozenset(code), prose)

@@ -1,0 +1,114 @@
+"""Numbers as a reader wants them: as many digits as their error leaves, and readable units."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+DASH = "\N{EN DASH}"
+MINUS = "\N{MINUS SIGN}"
+MISSING = "\N{EM DASH}"
+_SUPERSCRIPT = str.maketrans("-0123456789", "\N{SUPERSCRIPT MINUS}⁰¹²³⁴⁵⁶⁷⁸⁹")
+_UNITS = {
+    "Nm": "N·m",
+    "Nm s/rad": "N·m·s/rad",
+    "N s/m": "N·s/m",
+    "kg m2": "kg·m²",
+    "kg/(s Pa^0.5)": "kg/(s·Pa⁰·⁵)",
+    "kg/(s Pa)": "kg/(s·Pa)",
+    "-": "",
+}
+# Times below this are said in ms.
+_SHORT_S = 0.1
+# Powers of ten that are written out.
+_PLAIN = range(-2, 6)
+
+
+def unit(text: str) -> str:
+    """A bundle's unit as it is printed."""
+    return _UNITS.get(text, text)
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """A value with so many significant digits; an em dash for None and NaN."""
+    if value is None or math.isnan(value):
+        return MISSING
+    if math.isinf(value):
+        return "∞" if value > 0 else f"{MINUS}∞"
+    if value == 0.0:
+        return "0"
+    exponent = _exponent(value, digits)
+    if exponent in _PLAIN:
+        return fixed(value, max(digits - 1 - exponent, 0))
+    return f"{fixed(value / 10.0**exponent, digits - 1)}{_power(exponent)}"
+
+
+def _exponent(value: float, digits: int) -> int:
+    return int(f"{abs(value):.{digits - 1}e}".partition("e")[2])
+
+
+def fixed(value: float, decimals: int) -> str:
+    """A value with so many decimals and a true minus sign."""
+    text = f"{value:.{decimals}f}"
+    return text.replace("-", MINUS)
+
+
+def _power(exponent: int) -> str:
+    return f" × 10{str(exponent).translate(_SUPERSCRIPT)}"
+
+
+def percent(value: float | None, digits: int = 3) -> str:
+    """A percentage that is one already, with its sign."""
+    return MISSING if value is None else f"{number(value, digits)} %"
+
+
+def estimate_cells(estimate: Mapping[str, Any]) -> tuple[str, str, str, str]:
+    """Value, standard error, 95 % interval and unit of a bundle's parameter.
+
+    All are written with the value's power of ten, and to the second digit of the error.
+    """
+    if estimate.get("value") is None:
+        return "not identified", MISSING, str(estimate.get("reason", "")), ""
+    value, std = float(estimate["value"]), estimate.get("std")
+    low, high = estimate.get("interval", (None, None))
+    name = unit(str(estimate.get("unit", "")))
+    if name == "s" and abs(value) < _SHORT_S:
+        name = "ms"
+        value = 1e3 * value
+        std, low, high = (None if x is None else 1e3 * x for x in (std, low, high))
+    places = _decimals(value, std)
+    exponent = _exponent(max(abs(value), std or 0.0) or 1.0, 4)
+    power = "" if exponent in _PLAIN else _power(exponent)
+    scale = 1.0 if exponent in _PLAIN else 10.0**exponent
+    decimals = places if exponent in _PLAIN else max(places + exponent, 0)
+
+    def shown(x: float | None, missing: str) -> str:
+        return missing if x is None else fixed(x / scale, decimals)
+
+    interval = MISSING
+    if low is not None or high is not None:
+        interval = f"{shown(low, MINUS + '∞')} to {shown(high, '∞')}"
+        interval = f"({interval}){power}" if power else interval
+    return (
+        shown(value, MISSING) + power,
+        shown(std, MISSING) + (power if std is not None else ""),
+        interval,
+        name,
+    )
+
+
+def _decimals(value: float, std: float | None) -> int:
+    """Decimal places (of the plain number) that show two digits of the error, at most six
+    significant ones of the value."""
+    size = _exponent(max(abs(value), std or 0.0) or 1.0, 4)
+    if std is None or std <= 0.0:
+        return max(3 - size, 0)
+    return max(min(1 - _exponent(std, 2), 5 - size), 0)
+
+
+def duration(seconds: float) -> str:
+    """A time: in ms below a tenth of a second, else in s."""
+    if abs(seconds) < _SHORT_S:
+        return f"{number(1e3 * seconds)} ms"
+    return f"{number(seconds)} s"

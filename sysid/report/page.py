@@ -1,0 +1,225 @@
+"""The page: sections put together, and the template filled in."""
+
+from __future__ import annotations
+
+import datetime
+import json
+from collections.abc import Callable, Mapping, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sysid import __version__
+from sysid.campaign import FRICTION_KINDS, MOTION_KINDS
+from sysid.files import write_atomic
+from sysid.report.blocks import Block, Fold, Plot, Section
+from sysid.report.verdict import Verdict, verdict
+
+if TYPE_CHECKING:
+    from sysid.campaign import Campaign
+    from sysid.check import LogCheck
+    from sysid.logs import Log
+    from sysid.validation import ValidationResult
+
+Progress = Callable[[str], None]
+
+
+def write_report(
+    path: Path,
+    *,
+    campaign: Campaign,
+    bundle: Mapping[str, Any],
+    validation: ValidationResult | None = None,
+    checks: Sequence[LogCheck] = (),
+    progress: Progress | None = None,
+) -> None:
+    """Write the report of a campaign as one self-contained HTML file, whole or not at all.
+
+    Curves are computed anew from the campaign's fit logs and the bundle, so that a later
+    process can rebuild the report; `validation` and `checks` are what `sysid.validation` and
+    `sysid.check` found. Sections whose part is missing are left out, and the page says so.
+    Raises InputError where a log cannot be read or the file not be written.
+    """
+    html = render_report(
+        campaign=campaign, bundle=bundle, validation=validation, checks=checks, progress=progress
+    )
+    write_atomic(path, html)
+
+
+def render_report(
+    *,
+    campaign: Campaign,
+    bundle: Mapping[str, Any],
+    validation: ValidationResult | None = None,
+    checks: Sequence[LogCheck] = (),
+    progress: Progress | None = None,
+) -> str:
+    """The page of `write_report` as text."""
+    tell = progress or (lambda line: None)
+    from sysid.report import svg
+
+    with svg.styled():
+        sections, left_out = _sections(campaign, bundle, validation, checks, tell)
+    tell("assembling the page")
+    return _fill(campaign, bundle, verdict(bundle, validation), sections, left_out)
+
+
+def _sections(
+    campaign: Campaign,
+    bundle: Mapping[str, Any],
+    validation: ValidationResult | None,
+    checks: Sequence[LogCheck],
+    tell: Progress,
+) -> tuple[list[Section], list[str]]:
+    """The sections that there is something for, and a line for each that is left out."""
+    from sysid.report.provenance import provenance_section
+    from sysid.report.quality import quality_section
+
+    sections = [quality_section(campaign, checks)]
+    left_out: list[str] = []
+    for title, lacks, build in _parts(campaign, bundle, validation):
+        tell(f"drawing: {title}")
+        section = build()
+        if section is None:
+            left_out.append(f"{title}: {lacks}.")
+        else:
+            sections.append(section)
+    sections.append(provenance_section(bundle))
+    return sections, left_out
+
+
+def _parts(
+    campaign: Campaign, bundle: Mapping[str, Any], validation: ValidationResult | None
+) -> list[tuple[str, str, Callable[[], Section | None]]]:
+    """Title, what to say if it is missing, and what makes it, of each section in turn."""
+    valves = bundle.get("valves", {})
+
+    def friction() -> Section | None:
+        from sysid.report.friction import friction_section
+
+        part = bundle.get("friction")
+        return None if part is None else friction_section(part, campaign.rig.is_linear)
+
+    def discrete() -> Section | None:
+        from sysid.report.valves import discrete_section
+
+        return discrete_section(valves, _logs(campaign, "valve-discrete"), campaign.rig)
+
+    def surfaces() -> Section | None:
+        from sysid.report.surfaces import surfaces_section
+
+        return surfaces_section(valves, _logs(campaign, "valve-pwm"), campaign.rig)
+
+    def motion() -> Section | None:
+        from sysid.report.motion import validation_section
+
+        return None if validation is None else validation_section(validation)
+
+    def residuals() -> Section | None:
+        from sysid.report.residuals import residuals_section
+
+        return None if validation is None else residuals_section(validation)
+
+    not_validated = f"the model was not validated (motion logs: {', '.join(MOTION_KINDS)})"
+    return [
+        ("Friction", f"no friction was fitted (tests: {', '.join(FRICTION_KINDS)})", friction),
+        ("On/off valves", "no on/off law was fitted (tests: valve-discrete)", discrete),
+        ("PWM surfaces", "no surface was fitted (tests: valve-pwm)", surfaces),
+        ("Open-loop validation", not_validated, motion),
+        ("Residuals", not_validated, residuals),
+    ]
+
+
+def _logs(campaign: Campaign, kind: str) -> list[tuple[str | None, Log]]:
+    """The fit logs of a kind with the valve that each is said to be of."""
+    return [(entry.valve, campaign.read(entry)) for entry in campaign.select((kind,))]
+
+
+# --- the template ----------------------------------------------------------------------
+
+
+def _fill(
+    campaign: Campaign,
+    bundle: Mapping[str, Any],
+    judged: Verdict,
+    sections: Sequence[Section],
+    left_out: Sequence[str],
+) -> str:
+    import jinja2
+    from markupsafe import Markup
+
+    from sysid.report.interactive import bokeh_script
+
+    templates = resources.files("sysid.report") / "templates"
+    environment = jinja2.Environment(
+        loader=jinja2.FunctionLoader(lambda name: (templates / name).read_text("utf-8")),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    plots = [block for section in sections for block in _plots(section.blocks)]
+    documents, data = _plot_data(plots)
+    rig = campaign.rig
+    return environment.get_template("report.html").render(
+        rig=rig,
+        campaign=campaign.path.name,
+        orientation=f"{rig.orientation}, {rig.motion}",
+        written=_moment(datetime.datetime.now(datetime.UTC).isoformat()),
+        fitted=_moment(str(bundle.get("created", ""))),
+        version=__version__,
+        verdict=judged,
+        sections=sections,
+        left_out=left_out,
+        documents=documents,
+        plot_section=next((s.id for s in sections if _plots(s.blocks)), ""),
+        data=[(id, Markup(_json(content))) for id, content in data],
+        style=Markup((templates / "style.css").read_text("utf-8")),
+        script=Markup((templates / "report.js").read_text("utf-8")),
+        bokeh=Markup(bokeh_script()) if plots else "",
+    )
+
+
+def _moment(text: str) -> str:
+    """An ISO time to the minute, UTC; anything else as it is."""
+    try:
+        moment = datetime.datetime.fromisoformat(text)
+    except ValueError:
+        return text
+    return moment.astimezone(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
+
+
+def _plots(blocks: Sequence[Block]) -> list[Plot]:
+    found: list[Plot] = []
+    for block in blocks:
+        if isinstance(block, Plot):
+            found.append(block)
+        elif isinstance(block, Fold):
+            found += _plots(block.blocks)
+    return found
+
+
+def _plot_data(plots: Sequence[Plot]) -> tuple[dict[str, str], list[tuple[str, Any]]]:
+    """The id of each plot's document, and everything that the script reads, by id."""
+    shared: list[dict[str, Any]] = []
+    documents: dict[str, str] = {}
+    data: list[tuple[str, Any]] = []
+    for plot in plots:
+        if not any(plot.document is known for known in shared):
+            shared.append(plot.document)
+            data.append((f"document-{len(shared)}", plot.document))
+        place = next(i for i, known in enumerate(shared, 1) if known is plot.document)
+        documents[plot.id] = f"document-{place}"
+        data.append((f"{plot.id}-samples", plot.samples))
+    return documents, data
+
+
+def _json(item: Mapping[str, Any]) -> str:
+    """JSON that may stand inside a script element: no tag can begin or end in it."""
+    text = json.dumps(item, separators=(",", ":"), allow_nan=False)
+    for sign in "<>&\u2028\u2029":
+        text = text.replace(sign, f"\\u{ord(sign):04x}")
+    return text
+
+
+__all__ = ["render_report", "write_report"]

@@ -1,0 +1,123 @@
+"""The data: every log, what its tests are good for, and what was said about it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from sysid.report.blocks import Block, Fold, Lines, Section, Table, table
+from sysid.report.numbers import MISSING, duration, number
+
+if TYPE_CHECKING:
+    from sysid.campaign import Campaign, CampaignLog
+    from sysid.check import LogCheck
+
+_SHOWN_UNITS = {
+    "theta_rad": ("angle", "mrad", 1e3),
+    "position_m": ("position", "mm", 1e3),
+    "pressure_a_pa": ("pressure A", "kPa", 1e-3),
+    "pressure_b_pa": ("pressure B", "kPa", 1e-3),
+    "supply_pressure_pa": ("supply", "kPa", 1e-3),
+    "temperature_k": ("temperature", "K", 1.0),
+    "motor_torque_nm": ("motor torque", "N·m", 1.0),
+    "motor_force_n": ("motor force", "N", 1.0),
+}
+
+
+def quality_section(campaign: Campaign, checks: Sequence[LogCheck]) -> Section:
+    """Every log of the campaign, with its check where there is one."""
+    by_path = {Path(check.file).resolve(): check for check in checks}
+    pairs = [(entry, by_path.get(entry.path.resolve())) for entry in campaign.logs]
+    blocks: list[Block] = [_logs_table(pairs)]
+    known = [(e, c) for e, c in pairs if c is not None]
+    if known:
+        blocks.append(Fold("Channels: range, resolution and noise", (_channels_table(known),)))
+        blocks.append(Fold("What each log can identify", (_identifies_table(known),)))
+    said = [*campaign.notices, *campaign.rig.notices, *(n for _, c in known for n in c.notices)]
+    if said:
+        blocks.append(Lines(tuple(dict.fromkeys(said)), "Notices of the readers"))
+    held = sum(e.use == "holdout" for e in campaign.logs)
+    intro = (
+        f"{len(campaign.logs)} logs; {held} of them are held out: no parameter was fitted on them."
+        if held
+        else f"{len(campaign.logs)} logs; none is held out, so that errors below are those of the "
+        "data that were fitted.",
+    )
+    return Section("data", "Data and their quality", intro, tuple(blocks))
+
+
+def _logs_table(pairs: Sequence[tuple[CampaignLog, LogCheck | None]]) -> Table:
+    rows = []
+    for entry, check in pairs:
+        head = (
+            entry.file,
+            entry.kind,
+            entry.valve.upper() if entry.valve else MISSING,
+            "held out" if entry.use == "holdout" else "fit",
+        )
+        if check is None:
+            rows.append((*head, MISSING, MISSING, MISSING, MISSING, "not checked"))
+            continue
+        rows.append(
+            (
+                *head,
+                str(check.tests),
+                f"{check.rows:,}".replace(",", "\N{NARROW NO-BREAK SPACE}"),
+                number(check.duration_s),
+                number(1e3 * check.period_s),
+                _remarks(check),
+            )
+        )
+    columns = (
+        "Log", "Kind", "Valve", "Use", "Tests", "Rows", "Duration (s)", "Period (ms)", "Remarks",
+    )  # fmt: skip
+    return table("Logs", columns, rows, text=(1, 2, 3, 8))
+
+
+def _remarks(check: LogCheck) -> str:
+    found = []
+    if check.gaps:
+        found.append(f"{check.gaps} gaps, the longest {duration(check.longest_gap_s)}")
+    if check.jitter_s > 0.01 * check.period_s:
+        found.append(f"jitter {duration(check.jitter_s)}")
+    for channel in check.channels:
+        name = _SHOWN_UNITS.get(channel.name, (channel.name, "", 1.0))[0]
+        if channel.saturated_share:
+            found.append(f"{name} saturated in {number(100.0 * channel.saturated_share, 2)} %")
+        elif channel.stuck_s:
+            found.append(f"{name} stuck for {duration(channel.stuck_s)}")
+    return "; ".join(found) or "no gaps, nothing saturated"
+
+
+def _channels_table(pairs: Sequence[tuple[CampaignLog, LogCheck]]) -> Table:
+    rows = []
+    for entry, check in pairs:
+        for channel in check.channels:
+            name, unit, scale = _SHOWN_UNITS.get(channel.name, (channel.name, "SI", 1.0))
+            rows.append(
+                (
+                    entry.file,
+                    name,
+                    number(scale * channel.low, 4),
+                    number(scale * channel.high, 4),
+                    number(scale * channel.quantum) if channel.quantum else MISSING,
+                    MISSING if channel.noise_std is None else number(scale * channel.noise_std),
+                    unit,
+                )
+            )
+    columns = ("Log", "Channel", "Lowest", "Highest", "Resolution", "Noise (std)", "Unit")
+    return table("Channels", columns, rows, text=(1, 6))
+
+
+def _identifies_table(pairs: Sequence[tuple[CampaignLog, LogCheck]]) -> Table:
+    """What a log identifies in one cell; what it does not is not said of each kind of test."""
+    rows = []
+    for entry, check in pairs:
+        good = [i for i in check.identifies if i.identified]
+        shown = "; ".join(f"{i.parameter} ({i.reason})" for i in good)
+        rows.append((entry.file, shown or "nothing alone"))
+    return table("What each log can identify", ("Log", "Parameters"), rows, text=(1,))
+
+
+__all__ = ["quality_section"]

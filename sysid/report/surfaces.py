@@ -1,0 +1,346 @@
+"""PWM surfaces: measured, fitted, their errors in duty, and which of the two to use."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.logs import Log
+from sysid.report import svg
+from sysid.report.blocks import Block, Figure, FigureGroup, Fold, Heading, Section, Table, table
+from sysid.report.numbers import MISSING, estimate_cells, number
+from sysid.report.svg import COLOUR, MODEL_STYLES
+from sysid.rig import Rig
+
+if TYPE_CHECKING:
+    from sysid.surfaces.domain import LevelFlows
+
+FloatArray = NDArray[np.float64]
+
+_NAMES = {"bipolynomial": "Bipolynomial", "ann": "Network"}
+_DIRECTIONS = {"fill": "filling", "discharge": "discharging"}
+_GRID = 72
+_CUTS = 5
+
+
+@dataclass(frozen=True)
+class _Measured:
+    """One valve and direction: measured flow by duty and pressure, and the fitted surfaces."""
+
+    side: str
+    direction: str
+    content: Mapping[str, Any]
+    levels: LevelFlows | None
+    surfaces: dict[str, Any]
+
+    @property
+    def tag(self) -> str:
+        return f"{self.side}-{self.direction}"
+
+    @property
+    def title(self) -> str:
+        return f"Valve {self.side.upper()}, {_DIRECTIONS[self.direction]}"
+
+
+def surfaces_section(
+    valves: Mapping[str, Any], logs: Sequence[tuple[str | None, Log]], rig: Rig
+) -> Section | None:
+    """From the bundle's `valves` and the valve-pwm logs; None where no surface is fitted."""
+    parts = _parts(valves, logs, rig)
+    if not parts:
+        return None
+    blocks: list[Block] = [_comparison(parts)]
+    for part in parts:
+        blocks += _part_blocks(part)
+    intro = (
+        "Mean mass flow of a pulsed valve over duty and chamber pressure, from constant-duty "
+        "tests with the piston held. Errors are in duty, the quantity that a controller asks "
+        "for: in points (hundredths), and relative to the duty as in the thesis, where small "
+        "duties weigh most.",
+    )
+    return Section("surfaces", "PWM surfaces", intro, tuple(blocks))
+
+
+def _parts(
+    valves: Mapping[str, Any], logs: Sequence[tuple[str | None, Log]], rig: Rig
+) -> list[_Measured]:
+    from sysid.surfaces import surface_from_dict
+
+    found = []
+    for side, valve in sorted(valves.items()):
+        pwm = valve.get("pwm", {})
+        levels = _levels(side, logs, rig) if pwm else {}
+        for direction in _DIRECTIONS:
+            content = pwm.get(direction)
+            if content is None or not any(k in content for k in _NAMES):
+                continue
+            surfaces = {k: surface_from_dict(content[k]) for k in _NAMES if k in content}
+            found.append(_Measured(side, direction, content, levels.get(direction), surfaces))
+    return found
+
+
+def _levels(side: str, logs: Sequence[tuple[str | None, Log]], rig: Rig) -> dict[str, LevelFlows]:
+    """Measured flow by direction, sampled from the fit tests as the fit does."""
+    from sysid._valve_pwm.samples import sample_tests
+    from sysid._valve_pwm.selection import Remarks, select_tests
+    from sysid.surfaces.domain import level_flows
+
+    trials = [t for named, log in logs if named in (None, side) for t in log.trials]
+    tests = select_tests(trials, rig, side, Remarks())
+    found = {}
+    for direction in _DIRECTIONS:
+        samples = sample_tests([t for t in tests if t.filling == (direction == "fill")], rig)
+        if len(samples):
+            found[direction] = level_flows(samples.duty, samples.pressure, samples.flow)
+    return found
+
+
+# --- tables ----------------------------------------------------------------------------
+
+
+def _comparison(parts: Sequence[_Measured]) -> Table:
+    """Tables 3.7.2 to 3.7.4 of the thesis for these data."""
+    rows = []
+    for part in parts:
+        comparison = part.content.get("comparison") or {}
+        for kind in part.surfaces:
+            errors = part.content[kind].get("errors_duty", {})
+            held = errors.get("held_out") or {}
+            fitted = errors.get("fitted") or {}
+            judged = held or fitted
+            chosen = comparison.get("recommended") == kind
+            rows.append(
+                (
+                    f"{part.title}: {_NAMES[kind].lower()}",
+                    str(judged.get("n_parameters", MISSING)),
+                    number(_points(fitted.get("rmse"))),
+                    number(_points(held.get("rmse"))),
+                    number(judged.get("p95_error_points")),
+                    number(judged.get("max_error_points")),
+                    number(judged.get("max_relative_error_percent")),
+                    number(_points(comparison.get("noise_rmse"))),
+                    "use this" if chosen else "",
+                )
+            )
+    columns = (
+        "Surface", "Parameters", "RMSE, fitted", "RMSE, held-out tests", "95th percentile",
+        "Largest", "Largest relative (%)", "Noise alone", "",
+    )  # fmt: skip
+    caption = "Both surfaces compared (thesis, Tables 3.7.2 to 3.7.4); errors in duty points"
+    return table(caption, (*columns[:-1], "Choice"), rows, text=(8,))
+
+
+def _points(duty: float | None) -> float | None:
+    return None if duty is None else 100.0 * duty
+
+
+def _part_blocks(part: _Measured) -> list[Block]:
+    blocks: list[Block] = [Heading(f"surface-{part.tag}", part.title)]
+    figures = _figures(part)
+    if figures:
+        caption = (
+            f"{part.title}: measured and fitted mean flow, flow over pressure at a few duties "
+            "(dots: measured), and the fitted duty less the true one (thesis, Figures 3.14 to "
+            "3.18). Grey: not visited, or outside the domain."
+        )
+        blocks.append(FigureGroup(caption, tuple(figures)))
+    reason = (part.content.get("comparison") or {}).get("reason")
+    folded: list[Block] = []
+    if "bipolynomial" in part.surfaces:
+        folded.append(_coefficients(part))
+    if "ann" in part.surfaces:
+        folded.append(_weights(part))
+    study = part.content.get("resolution_study")
+    if study:
+        folded.append(_resolution(study))
+    if reason:
+        from sysid.report.blocks import Lines
+
+        blocks.append(Lines((f"Choice: {reason}.",)))
+    if folded:
+        blocks.append(Fold(f"{part.title}: coefficients and weights", tuple(folded)))
+    return blocks
+
+
+def _coefficients(part: _Measured) -> Table:
+    rows = []
+    for term in part.content["bipolynomial"]["coefficients"]:
+        value, std, interval, unit = estimate_cells(term)
+        rows.append((_powers(term["term"]), value, std, interval, _powers(unit)))
+    caption = f"{part.title}: bipolynomial (3.7.1), flow in kg/s, P in Pa"
+    columns = ("Term", "Coefficient", "Std. error", "95 % interval", "Unit")
+    return table(caption, columns, rows, text=(4,))
+
+
+def _powers(text: str) -> str:
+    for power, sign in (("^0", "⁰"), ("^1", "¹"), ("^2", "²")):
+        text = text.replace(power, sign)
+    return text
+
+
+def _weights(part: _Measured) -> Table:
+    ann = part.content["ann"]
+    hidden = ann["hidden_weights"]["value"]
+    bias, output = ann["hidden_bias"]["value"], ann["output_weights"]["value"]
+    rows = [
+        (str(i + 1), number(w[0], 5), number(w[1], 5), number(b, 5), number(o, 5))
+        for i, (w, b, o) in enumerate(zip(hidden, bias, output, strict=True))
+    ]
+    rows.append(("output bias", "", "", number(float(ann["output_bias"]["value"]), 5), ""))
+    caption = (
+        f"{part.title}: network, inputs and output scaled; single weights have no interval, as "
+        "many sets of them give one surface"
+    )
+    return table(caption, ("Neuron", "From flow", "From pressure", "Bias", "To output"), rows)
+
+
+def _resolution(study: Mapping[str, Any]) -> Table:
+    rows = [
+        (number(step), number(flow), str(n), "coarsest that will do" if step == study["coarsest"]
+         else "")
+        for step, flow, n in zip(study["steps"], study["max_flow"], study["tests"], strict=True)
+    ]  # fmt: skip
+    columns = ("Step of duty", "Largest mean flow (kg/s)", "Tests", "Remark")
+    return table("Resolution of duty (thesis, Table 3.7.1)", columns, rows, text=(3,))
+
+
+# --- figures ---------------------------------------------------------------------------
+
+
+def _figures(part: _Measured) -> list[Figure]:
+    levels = part.levels
+    if levels is None:
+        return []
+    flow = 1e3 * levels.flow
+    limits = (float(np.nanmin(flow)), float(np.nanmax(flow)))
+    pressure = levels.pressure / 1e3
+    figures = [
+        _map(part, "measured", "Measured flow", (levels.duty, pressure, flow), limits, False)
+    ]
+    for kind, surface in part.surfaces.items():
+        duty, grid, fitted = _fitted(surface)
+        title = f"{_NAMES[kind]}: flow"
+        figures.append(_map(part, kind, title, (duty, grid, fitted), limits, False))
+    figures.append(_cuts(part, levels))
+    errors = {k: _duty_error(s, levels) for k, s in part.surfaces.items()}
+    known = [np.abs(e[np.isfinite(e)]) for e in errors.values()]
+    largest = max((float(np.percentile(k, 99)) for k in known if k.size), default=1.0)
+    for kind, error in errors.items():
+        title = f"{_NAMES[kind]}: error in duty"
+        figures.append(
+            _map(part, f"{kind}-error", title, (levels.duty, pressure, error),
+                 (-largest, largest), True)
+        )  # fmt: skip
+    return figures
+
+
+def _fitted(surface: Any) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Duties (n,), pressures (m,) kPa and flow (n, m) g/s; NaN outside the domain."""
+    domain = surface.domain_
+    duty = np.linspace(domain.duty_range[0], domain.duty_range[1], _GRID)
+    pressure = np.linspace(domain.pressure_range[0], domain.pressure_range[1], _GRID)
+    flow = surface.flow(duty[:, None], pressure[None, :])[0]
+    low, high = domain.duty_limits(pressure)
+    outside = (duty[:, None] < low[None, :]) | (duty[:, None] > high[None, :])
+    return duty, pressure / 1e3, 1e3 * np.where(outside, np.nan, flow)
+
+
+def _duty_error(surface: Any, levels: LevelFlows) -> FloatArray:
+    """Fitted less true duty at the measured flows, in points (L, B); NaN outside the domain."""
+    inside = surface.domain_.holds_duty(levels.duty)
+    low, high = surface.domain_.pressure_range
+    seen = np.isfinite(levels.flow) & inside[:, None]
+    seen &= ((levels.pressure >= low) & (levels.pressure <= high))[None, :]
+    rows, columns = np.nonzero(seen)
+    fitted = surface.duty(levels.flow[rows, columns], levels.pressure[columns])[0]
+    error = np.full(levels.flow.shape, np.nan)
+    error[rows, columns] = 100.0 * (fitted - levels.duty[rows])
+    return error
+
+
+_Grid = tuple[FloatArray, FloatArray, FloatArray]
+
+
+def _map(
+    part: _Measured,
+    tag: str,
+    title: str,
+    grid: _Grid,
+    limits: tuple[float, float],
+    diverging: bool,
+) -> Figure:
+    duty, pressure, values = grid
+    figure, (ax,) = svg.panels(title, (1.0,), right=0.62)
+    width, height = figure.get_size_inches()
+    mesh = ax.pcolormesh(
+        pressure, duty, values, shading="nearest", cmap="PuOr" if diverging else "viridis",
+        vmin=limits[0], vmax=limits[1], rasterized=True,
+    )  # fmt: skip
+    ax.grid(False)
+    ax.axhspan(0.0, 1.0, color=COLOUR["grid"], linewidth=0, zorder=-1)
+    ax.set_xlabel("Pressure (kPa)")
+    ax.set_ylabel("Duty")
+    ax.set_ylim(0.0, 1.0)
+    box = ax.get_position()
+    bar = figure.add_axes((box.x1 + 0.09 / width, box.y0, 0.10 / width, box.height))
+    colours = figure.colorbar(mesh, cax=bar)
+    colours.outline.set_visible(False)
+    bar.tick_params(length=0, pad=2)
+    unit = "points" if diverging else "g/s"
+    figure.text(box.x1, 1.0 - 0.06 / height, unit, va="top", ha="left")
+    known = values[np.isfinite(values)]
+    description = (
+        f"{part.title}, over pressures of {number(float(pressure.min()))} to "
+        f"{number(float(pressure.max()))} kPa and duties of {number(float(duty.min()))} to "
+        f"{number(float(duty.max()))}: "
+    )
+    if diverging:
+        rms = float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
+        worst = float(np.abs(known).max()) if known.size else float("nan")
+        description += (
+            f"error {number(rms)} points rms, at most {number(worst)}; colours end at "
+            f"{number(limits[1])}."
+        )
+    else:
+        description += f"flow from {number(limits[0])} to {number(limits[1])} g/s."
+    return svg.to_figure(figure, f"fig-{part.tag}-{tag}", f"{part.title}. {title}", description)
+
+
+def _cuts(part: _Measured, levels: LevelFlows) -> Figure:
+    """Flow over pressure at a few duties: measured points, fitted lines."""
+    figure, ax = svg.panel("Flow at a few duties")
+    any_domain = next(iter(part.surfaces.values())).domain_
+    inside = np.flatnonzero(any_domain.holds_duty(levels.duty))
+    chosen = inside[np.linspace(0, len(inside) - 1, min(_CUTS, len(inside))).astype(int)]
+    for row in chosen:
+        measured = levels.count[row] > 0
+        ax.plot(
+            levels.pressure[measured] / 1e3, 1e3 * levels.flow[row, measured], "o",
+            color=COLOUR["measured"], markersize=2.2,
+        )  # fmt: skip
+    low, high = any_domain.pressure_range
+    pressure = np.linspace(low, high, 60)
+    for (kind, surface), (colour, dashes) in zip(part.surfaces.items(), MODEL_STYLES, strict=False):
+        for i, row in enumerate(chosen):
+            seen = np.flatnonzero(np.isfinite(levels.flow[row]))
+            ends = levels.pressure[seen[[0, -1]]]
+            p = pressure[(pressure >= ends[0]) & (pressure <= ends[1])]
+            if len(p) < 2:
+                continue
+            flow = surface.flow(np.full_like(p, levels.duty[row]), p)[0]
+            ax.plot(
+                p / 1e3, 1e3 * flow, color=colour, linestyle=dashes,
+                label=_NAMES[kind].lower() if i == 0 else None,
+            )  # fmt: skip
+    ax.set_xlabel("Pressure (kPa)")
+    ax.set_ylabel("Flow (g/s)")
+    svg.legend(ax)
+    duties = ", ".join(number(float(levels.duty[r]), 2) for r in chosen)
+    description = f"{part.title}: measured and fitted flow over pressure at duties of {duties}."
+    return svg.to_figure(
+        figure, f"fig-{part.tag}-cuts", f"{part.title}. Flow at a few duties", description
+    )

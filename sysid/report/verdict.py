@@ -1,0 +1,194 @@
+"""The report's first sentence and its small table: how well the model follows the rig."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from sysid.report.blocks import Table, table
+from sysid.report.numbers import number, percent
+from sysid.report.traces import MODEL_NAMES, Channel, shown_channels
+
+if TYPE_CHECKING:
+    from sysid.validation import ChannelResult, LogResult, ValidationResult
+
+# Fit percentage over whole open-loop tests of the channel that is followed worst.
+_WELL, _ROUGHLY = 90.0, 70.0
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """`level` ("good", "fair", "poor" or "none") goes with `sentence`; `notes` say what to mind."""
+
+    level: str
+    sentence: str
+    table: Table | None
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Pooled:
+    """One channel over the judged logs, in shown units of the residual."""
+
+    channel: Channel
+    rmse: float
+    rmse_second: float | None
+    largest: float
+    fit: float | None
+    noise: float
+
+    @property
+    def times_noise(self) -> float:
+        return self.rmse / self.noise if self.noise > 0.0 else math.inf
+
+
+def verdict(bundle: Mapping[str, Any], validation: ValidationResult | None) -> Verdict:
+    """Judged on the held-out logs; on those that were fitted, and said so, where none is."""
+    notes = tuple(_unidentified(bundle))
+    if validation is None:
+        parts = [n for k, n in (("friction", "friction"), ("valves", "the valves")) if k in bundle]
+        sentence = (
+            f"Parameters of {' and '.join(parts) or 'nothing'} were identified; whether the model "
+            "follows the rig's motion has not been tried (sysid validate does)."
+        )
+        return Verdict("none", sentence, None, notes)
+    held = validation.select("holdout")
+    logs = _primary(held or validation.logs)
+    present = {name for log in logs for name in log.channels}
+    pooled = [_pool(logs, c) for c in shown_channels(validation) if c.key in present]
+    if not pooled:
+        return Verdict("none", "No motion log could be simulated.", None, notes)
+    level = _level(pooled)
+    tests = sum(len(log.tests) for log in logs)
+    basis = f"{tests} test{'s' * (tests != 1)} " + (
+        "that nothing was fitted on" if held else "(all of them fitted on: none is held out)"
+    )
+    sentence = f"{_opening(level)} on {basis}, simulated open loop, {_figures(pooled)}."
+    models = sorted({MODEL_NAMES[log.model] for log in logs})
+    others = _other_models(held or validation.logs, logs)
+    return Verdict(level, sentence, _table(pooled, models), (*others, *notes))
+
+
+def _primary(logs: Sequence[LogResult]) -> list[LogResult]:
+    """Each log once, under the first valve model that simulated it."""
+    order = list(MODEL_NAMES)
+    chosen: dict[tuple[str, str], LogResult] = {}
+    for log in sorted(logs, key=lambda g: order.index(g.model)):
+        chosen.setdefault((log.file, log.kind), log)
+    return list(chosen.values())
+
+
+def _pool(logs: Sequence[LogResult], channel: Channel) -> _Pooled:
+    parts = [log.channels[channel.key] for log in logs if channel.key in log.channels]
+    samples = sum(p.errors.samples for p in parts)
+    squares = sum(p.errors.squares for p in parts)
+    spread = sum(p.errors.spread for p in parts)
+    scale = channel.residual_scale
+    return _Pooled(
+        channel=channel,
+        rmse=scale * math.sqrt(squares / samples),
+        rmse_second=channel.residual(_second(parts)),
+        largest=scale * max(p.errors.largest for p in parts),
+        fit=100.0 * (1.0 - math.sqrt(squares / spread)) if spread > 0.0 else None,
+        noise=scale * sum(p.noise_floor * p.errors.samples for p in parts) / samples,
+    )
+
+
+def _second(parts: Sequence[ChannelResult]) -> float | None:
+    """RMSE over the longest horizon below the whole log (1 s), over all segments."""
+    known = [p.horizons[-1] for p in parts if p.horizons and p.horizons[-1].rmse is not None]
+    segments = sum(h.segments for h in known)
+    if not segments:
+        return None
+    return math.sqrt(sum(h.segments * (h.rmse or 0.0) ** 2 for h in known) / segments)
+
+
+def _level(pooled: Sequence[_Pooled]) -> str:
+    fits = [p.fit for p in pooled if p.fit is not None]
+    if not fits:
+        return "none"
+    worst = min(fits)
+    return "good" if worst >= _WELL else "fair" if worst >= _ROUGHLY else "poor"
+
+
+def _opening(level: str) -> str:
+    return {
+        "good": "The model follows this rig well:",
+        "fair": "The model follows this rig roughly:",
+        "poor": "The model does not follow this rig:",
+        "none": "The rig did not move:",
+    }[level]
+
+
+def _figures(pooled: Sequence[_Pooled]) -> str:
+    """The position's fit and error over one second, and the pressures' against their noise."""
+    said = []
+    for p in pooled:
+        unit = p.channel.residual_unit
+        if p.channel.key.startswith("pressure"):
+            said.append(
+                f"{p.channel.title.lower().replace(' a', ' A').replace(' b', ' B')} fits to "
+                f"{percent(p.fit)} ({number(p.times_noise, 2)} times its sensor's noise)"
+            )
+            continue
+        second = f", {number(p.rmse_second)} {unit} RMSE over one second" if p.rmse_second else ""
+        said.append(f"position fits to {percent(p.fit)}{second}")
+    return ", ".join(said[:-1]) + (" and " if len(said) > 1 else "") + said[-1]
+
+
+def _table(pooled: Sequence[_Pooled], models: Sequence[str]) -> Table:
+    rows = [
+        (
+            f"{p.channel.title} ({p.channel.residual_unit})",
+            number(p.rmse_second),
+            number(p.rmse),
+            number(p.largest),
+            percent(p.fit),
+            number(p.noise),
+        )
+        for p in pooled
+    ]
+    columns = (
+        "Channel", "RMSE over 1 s", "RMSE, whole tests", "Largest error", "Fit, whole tests",
+        "Noise floor",
+    )  # fmt: skip
+    return table(f"Open loop, valves by the {' and the '.join(models)}", columns, rows)
+
+
+def _other_models(logs: Sequence[LogResult], primary: Sequence[LogResult]) -> Iterator[str]:
+    """How the position fares under the other valve models, on the logs that they simulate."""
+    for model, name in MODEL_NAMES.items():
+        own = [g for g in logs if g.model == model and not any(g is p for p in primary)]
+        channels = [c for g in own for c in g.channels]
+        if not own or not channels:
+            continue
+        files = {(g.file, g.kind) for g in own}
+        base = [g for g in primary if (g.file, g.kind) in files]
+        channel = next((c for c in _positions() if c.key in channels), None)
+        if channel is None or not base:
+            continue
+        there, here = _pool(own, channel), _pool(base, channel)
+        yield (
+            f"With the valves' mean flow from the {name}, position fits to {percent(there.fit)} "
+            f"on the tests under PWM ({percent(here.fit)} with the {MODEL_NAMES[base[0].model]})."
+        )
+
+
+def _positions() -> list[Channel]:
+    from sysid.report.traces import _CHANNELS
+
+    return [c for c in _CHANNELS if not c.key.startswith("pressure")]
+
+
+def _unidentified(content: Any, path: str = "") -> Iterator[str]:
+    """One line a parameter of the bundle that the data do not identify."""
+    if not isinstance(content, Mapping):
+        return
+    if content.get("identified") is False:
+        yield f"Not identified: {path} ({content.get('reason', '')})"
+        return
+    for key, value in content.items():
+        if path or key in ("friction", "valves"):
+            yield from _unidentified(value, f"{path}.{key}" if path else str(key))

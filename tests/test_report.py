@@ -1,0 +1,573 @@
+"""The report: what it says, its size, and that browsers, readers and printers can use it."""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import itertools
+import json
+import math
+import re
+from collections.abc import Iterator
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sysid.bundle import Source, new_bundle
+from sysid.campaign import FRICTION_KINDS, Campaign, read_campaign
+from sysid.check import check_log
+from sysid.report import numbers, render_report, svg, write_report
+from sysid.report.interactive import packed
+from sysid.report.page import _json
+from sysid.report.verdict import verdict
+
+REPOSITORY = Path(__file__).resolve().parent.parent
+BUNDLED = REPOSITORY / "datasets" / "bundled" / "campaign.toml"
+CHROMIUM = Path("/usr/bin/chromium")
+CHROMIUM_ARGUMENTS = [
+    "--no-sandbox",
+    "--disable-gpu",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+]
+LARGEST_BYTES = 6_000_000
+HOSTILE_NAME = "<script>alert(1)</script>"
+HOSTILE_FILE = 'a "quoted" file\'s </script><img src=x onerror=alert(2)>.csv'
+
+
+@dataclasses.dataclass(frozen=True)
+class Made:
+    """A campaign with all that the report is made from, and the page."""
+
+    campaign: Campaign
+    bundle: dict[str, Any]
+    validation: Any
+    checks: list[Any]
+    path: Path
+
+    @property
+    def html(self) -> str:
+        return self.path.read_text("utf-8")
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
+    """The bundled campaign, fitted (with quick networks), validated and reported."""
+    from sysid.friction import fit_friction
+    from sysid.validation import validate
+    from sysid.valve_discrete import fit_valve_discrete
+    from sysid.valve_pwm import fit_valve_pwm
+
+    campaign = read_campaign(BUNDLED)
+    logs = {entry.file: campaign.read(entry) for entry in campaign.logs}
+
+    def trials(*kinds: str) -> list[Any]:
+        return [t for e in campaign.select(kinds) for t in logs[e.file].trials]
+
+    friction = fit_friction(trials(*FRICTION_KINDS), campaign.rig).to_json()
+    valves: dict[str, Any] = fit_valve_discrete(trials("valve-discrete"), campaign.rig).to_json()
+    pwm = fit_valve_pwm(trials("valve-pwm"), campaign.rig)
+    for side, part in pwm.to_json().items():
+        valves.setdefault(side, {}).update(part)
+    for (side, direction), fit in pwm.fits.items():
+        valves[side]["pwm"][direction]["ann"] = quick_network(fit)
+    bundle = new_bundle(
+        campaign.rig,
+        {"friction": friction, "valves": valves},
+        [Source(logs[e.file], e.use, e.kind) for e in campaign.logs],
+        seeds={"surfaces": 0},
+    )
+    validation = validate(campaign, bundle)
+    checks = [check_log(log, campaign.rig) for log in logs.values()]
+    path = tmp_path_factory.mktemp("report") / "report.html"
+    write_report(path, campaign=campaign, bundle=bundle, validation=validation, checks=checks)
+    return Made(campaign, bundle, validation, checks, path)
+
+
+def quick_network(fit: Any) -> dict[str, Any]:
+    """A network of one short training: as large on the page as a good one."""
+    from sysid.surfaces import DutyNetwork
+
+    points = fit.points
+    network = DutyNetwork(domain=fit.domain, restarts=1, max_iter=40)
+    network.fit(np.column_stack((points.flow, points.pressure)), points.duty, groups=points.test)
+    content: dict[str, Any] = network.to_dict()
+    return content
+
+
+@pytest.fixture(scope="module")
+def hostile(made: Made, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A report of a rig, a file and a test whose names are markup."""
+    campaign = dataclasses.replace(
+        made.campaign,
+        rig=dataclasses.replace(made.campaign.rig, name=HOSTILE_NAME),
+        logs=tuple(
+            dataclasses.replace(e, file=HOSTILE_FILE) if e.use == "holdout" else e
+            for e in made.campaign.logs
+        ),
+        notices=(HOSTILE_NAME,),
+    )
+    log = made.validation.select("holdout")[0]
+    test = dataclasses.replace(log.tests[0], file=HOSTILE_FILE, test='"><b>1</b>')
+    validation = dataclasses.replace(
+        made.validation,
+        logs=(dataclasses.replace(log, file=HOSTILE_FILE, tests=(test,)),),
+        notices=(HOSTILE_FILE,),
+    )
+    bundle = json.loads(json.dumps({k: v for k, v in made.bundle.items() if k != "valves"}))
+    bundle["provenance"]["options"] = {HOSTILE_NAME: HOSTILE_FILE}
+    bundle["friction"]["trials"][0].update(used=False, test=HOSTILE_NAME, reason=HOSTILE_FILE)
+    path = tmp_path_factory.mktemp("hostile") / "report.html"
+    write_report(path, campaign=campaign, bundle=bundle, validation=validation)
+    return path
+
+
+# --- the page itself --------------------------------------------------------------------
+
+
+class Outline(HTMLParser):
+    """What a checker of accessibility looks at: elements, ids, names."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.elements: list[tuple[str, dict[str, str]]] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, {k: v or "" for k, v in attrs}))
+
+    def having(self, attribute: str) -> Iterator[tuple[str, str]]:
+        return ((tag, a[attribute]) for tag, a in self.elements if attribute in a)
+
+    def of(self, tag: str) -> list[dict[str, str]]:
+        return [a for t, a in self.elements if t == tag]
+
+
+def outline(html: str) -> Outline:
+    parser = Outline()
+    parser.feed(html)
+    return parser
+
+
+def test_size_and_self_containment(made: Made) -> None:
+    page = outline(made.html)
+    assert made.path.stat().st_size < LARGEST_BYTES
+    for attribute in ("src", "href", "srcset", "poster", "action"):
+        for tag, value in page.having(attribute):
+            assert value.startswith(("#", "data:")), f"<{tag} {attribute}={value[:80]}>"
+    assert "@import" not in made.html
+    assert not page.of("link") or all(a["href"] == "data:," for a in page.of("link"))
+
+
+def test_every_section_is_there_and_nothing_left_out(made: Made) -> None:
+    page = outline(made.html)
+    sections = [a["id"] for a in page.of("section")]
+    assert sections == [
+        "verdict", "data", "friction", "valves", "surfaces", "validation", "residuals",
+        "provenance",
+    ]  # fmt: skip
+    assert "Left out" not in made.html
+
+
+def test_elements_have_names_and_ids_of_their_own(made: Made) -> None:
+    page = outline(made.html)
+    ids = [value for _, value in page.having("id")]
+    assert len(ids) == len(set(ids))
+    for attributes in page.of("svg"):
+        assert attributes["role"] == "img"
+        assert set(attributes["aria-labelledby"].split()) <= set(ids)
+    for attribute in ("aria-labelledby", "aria-describedby"):
+        for _, value in page.having(attribute):
+            assert set(value.split()) <= set(ids)
+    assert page.of("html")[0]["lang"] == "en"
+    assert all(a.get("scope") in ("row", "col") for a in page.of("th"))
+    assert len(page.of("caption")) == len(page.of("table"))
+    assert all("alt" in a for a in page.of("img"))
+    levels = [int(tag[1]) for tag, _ in page.elements if re.fullmatch("h[1-6]", tag)]
+    assert levels[0] == 1 and levels.count(1) == 1
+    assert all(b <= a + 1 for a, b in itertools.pairwise(levels))
+    body = re.sub(r"<script.*?</script>", "", made.html, flags=re.DOTALL)
+    references = re.findall(r'(?:url\(#|\shref="#)([^")]+)', body)
+    assert set(references) <= set(ids)
+
+
+def test_figures_follow_the_page_s_colours(made: Made) -> None:
+    for figure in re.findall(r"<svg.*?</svg>", made.html, re.DOTALL):
+        drawn = re.sub(r'data:image/png;base64,[^"]*', "", figure)
+        fixed = set(re.findall(r"#[0-9a-f]{6}", drawn))
+        assert not fixed, f"colours that no scheme can change: {fixed}"
+
+
+def test_text_from_files_is_escaped(hostile: Path) -> None:
+    html = hostile.read_text("utf-8")
+    page = outline(html)
+    assert HOSTILE_NAME not in html
+    assert "&lt;script&gt;alert(1)&lt;/script&gt;" in html
+    assert not page.of("img") and not page.of("b")
+    assert not any(name.startswith("on") for _, a in page.elements for name in a)
+    assert "On/off valves: no on/off law was fitted" in html
+
+
+def test_json_cannot_end_its_script() -> None:
+    content = {"name": "</script><!--<script>\u2028&"}
+    text = _json(content)
+    assert not set("<>&\u2028") & set(text)
+    assert json.loads(text) == content
+
+
+def test_sections_without_their_part_are_left_out_and_said_so(made: Made) -> None:
+    bundle = {k: v for k, v in made.bundle.items() if k != "friction"}
+    bundle["valves"] = {"a": {"discrete": made.bundle["valves"]["a"]["discrete"]}}
+    html = render_report(campaign=made.campaign, bundle=bundle)
+    sections = [a["id"] for a in outline(html).of("section")]
+    assert sections == ["verdict", "data", "valves", "provenance"]
+    assert "Friction: no friction was fitted" in html
+    assert "the model was not validated" in html
+    assert len(html) < 1_000_000  # no plotting library where there is nothing to plot
+
+
+def test_provenance_holds_every_checksum(made: Made) -> None:
+    for entry in made.bundle["provenance"]["logs"]:
+        assert entry["sha256"] in made.html
+
+
+# --- what it says -----------------------------------------------------------------------
+
+
+def test_verdict_pools_the_held_out_tests(made: Made) -> None:
+    judged = verdict(made.bundle, made.validation)
+    held = [g for g in made.validation.select("holdout") if g.model == "discrete"]
+    residuals = np.concatenate(
+        [t.residual("theta_rad")[: t.counted] for g in held for t in g.tests]
+    )
+    rmse = 1e3 * math.sqrt(float(np.mean(residuals**2)))
+    assert judged.table is not None
+    row = next(r for r in judged.table.rows if r[0].startswith("Position"))
+    assert row[2] == numbers.number(rmse)
+    assert "that nothing was fitted on" in judged.sentence
+    assert judged.sentence.count(". ") == 0
+
+
+def test_verdict_without_held_out_logs_says_so(made: Made) -> None:
+    fitted = dataclasses.replace(made.validation, logs=made.validation.select("fit"))
+    assert "none is held out" in verdict(made.bundle, fitted).sentence
+    assert "has not been tried" in verdict(made.bundle, None).sentence
+
+
+def test_verdict_falls_with_the_fit(made: Made) -> None:
+    def worse(result: Any, factor: float) -> Any:
+        channels = {
+            name: dataclasses.replace(
+                c, errors=dataclasses.replace(c.errors, squares=factor**2 * c.errors.spread)
+            )
+            for name, c in result.channels.items()
+        }
+        return dataclasses.replace(result, channels=channels)
+
+    for share, level in ((0.05, "good"), (0.2, "fair"), (0.5, "poor")):
+        logs = tuple(worse(log, share) for log in made.validation.logs)
+        judged = verdict(made.bundle, dataclasses.replace(made.validation, logs=logs))
+        assert judged.level == level
+
+
+def test_unidentified_parameters_are_named(made: Made) -> None:
+    bundle = json.loads(json.dumps(made.bundle))
+    reason = "no ramp reaches motion"
+    bundle["friction"]["static_nm"] = {"value": None, "identified": False, "reason": reason}
+    notes = verdict(bundle, made.validation).notes
+    assert any("friction.static_nm" in n and reason in n for n in notes)
+
+
+def test_friction_band_agrees_with_the_fit_s_errors(made: Made) -> None:
+    """The jackknife's standard errors against those of the regression itself."""
+    from sysid.report.friction import _jackknife
+
+    friction = made.bundle["friction"]
+    trials = [t for t in friction["trials"] if t["used"] and t["kind"] == "friction-sliding"]
+    spread = _jackknife(trials)
+    assert spread is not None
+    for i, key in enumerate(("coulomb_nm", "viscous_nm_s_per_rad", "offset_nm")):
+        ratio = math.sqrt(spread[i, i]) / friction[key]["std"]
+        assert 0.4 < ratio < 2.5, key
+
+
+# --- numbers and samples ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "text"),
+    [
+        (0.0, 3, "0"),
+        (12.345, 3, "12.3"),
+        (-0.25, 2, "−0.25"),
+        (0.00012345, 3, "1.23 × 10⁻⁴"),
+        (9.996e-4, 3, "1.00 × 10⁻³"),
+        (123456.0, 3, "123456"),
+        (1.5e7, 2, "1.5 × 10⁷"),
+        (None, 3, "—"),
+        (math.nan, 3, "—"),
+        (-math.inf, 3, "−∞"),
+    ],
+)
+def test_numbers(value: float | None, digits: int, text: str) -> None:
+    assert numbers.number(value, digits) == text
+
+
+def test_estimates_show_two_digits_of_their_error() -> None:
+    estimate = {
+        "value": 6.51631e-4, "std": 4.2026e-7, "unit": "kg/s", "interval": [6.5080e-4, 6.5246e-4],
+    }  # fmt: skip
+    assert numbers.estimate_cells(estimate) == (
+        "6.5163 × 10⁻⁴", "0.0042 × 10⁻⁴", "(6.5080 to 6.5246) × 10⁻⁴", "kg/s",
+    )  # fmt: skip
+    delay = {"value": 0.00151, "std": 2.1e-5, "unit": "s", "interval": [None, 0.00155]}
+    assert numbers.estimate_cells(delay) == ("1.510", "0.021", "−∞ to 1.550", "ms")
+    missing = {"value": None, "identified": False, "reason": "no test"}
+    assert numbers.estimate_cells(missing)[::2] == ("not identified", "no test")
+
+
+def test_packed_samples_come_back_within_half_a_step() -> None:
+    values = np.random.default_rng(3).normal(2e5, 4e4, 5000)
+    values[17] = math.nan
+    content = packed(values)
+    stored = np.frombuffer(base64.b64decode(content["data"]), dtype="<i2")
+    back = content["offset"] + content["scale"] * stored
+    assert stored[17] == -32768
+    known = np.isfinite(values)
+    assert np.abs(back - values)[known].max() <= 0.501 * content["scale"]
+    assert content["scale"] < np.ptp(values[known]) / 65_000
+    assert packed(np.full(4, 3.0))["offset"] == 3.0
+
+
+def test_thinning_keeps_the_extremes() -> None:
+    rng = np.random.default_rng(5)
+    curve, other = rng.normal(size=20_000), rng.normal(size=20_000)
+    rows = svg.thinned(np.arange(20_000.0), [curve, other], 100)
+    assert len(rows) <= 402 and rows[0] == 0 and rows[-1] == 19_999
+    assert np.all(np.diff(rows) > 0)
+    for bucket in np.array_split(np.arange(20_000), 100):
+        inside = rows[(rows >= bucket[0]) & (rows <= bucket[-1])]
+        assert curve[inside].max() == curve[bucket].max()
+        assert other[inside].min() == other[bucket].min()
+
+
+# --- in a browser -----------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """Headless Chromium; skips visibly where it or playwright is absent."""
+    api = pytest.importorskip("playwright.sync_api", reason="playwright is absent")
+    if not CHROMIUM.exists():
+        pytest.skip(f"{CHROMIUM} is absent")
+    with api.sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(
+            executable_path=str(CHROMIUM), args=CHROMIUM_ARGUMENTS
+        )
+        yield chromium
+        chromium.close()
+
+
+class Watched:
+    """A page with what it said on the console and asked for."""
+
+    def __init__(self, browser: Any, path: Path, **options: Any) -> None:
+        options = {"viewport": {"width": 1366, "height": 900}, **options}
+        self.context = browser.new_context(**options)
+        self.page = self.context.new_page()
+        self.page.set_default_timeout(90_000)
+        self.faults: list[str] = []
+        self.requests: list[str] = []
+        self.dialogs: list[str] = []
+        self.page.on("console", self._said)
+        self.page.on("pageerror", lambda error: self.faults.append(str(error)))
+        self.page.on("request", lambda request: self.requests.append(request.url))
+        self.page.on("dialog", self._asked)
+        self.page.goto(path.as_uri())
+
+    def _said(self, message: Any) -> None:
+        if message.type in ("error", "warning"):
+            self.faults.append(message.text)
+
+    def _asked(self, dialog: Any) -> None:
+        self.dialogs.append(dialog.message)
+        dialog.dismiss()
+
+    def draw_all(self) -> int:
+        """Scroll every plot into view and wait until it stands; how many there are."""
+        plots = self.page.locator("figure.plot")
+        for i in range(plots.count()):
+            plots.nth(i).scroll_into_view_if_needed()
+            self.page.wait_for_function(f"window.sysidPlots.has('plot-{i}')")
+        self.page.wait_for_timeout(500)
+        return int(plots.count())
+
+    def time_range(self, plot: str) -> tuple[float, float]:
+        start, end = self.page.evaluate(
+            "(id) => { for (const m of window.sysidPlots.get(id).model.references())"
+            " if (m.type === 'Range1d') return [m.start, m.end]; }",
+            plot,
+        )
+        return start, end
+
+    def wait_for_range(self, plot: str, before: tuple[float, float]) -> tuple[float, float]:
+        for _ in range(100):
+            after = self.time_range(plot)
+            if after != before:
+                return after
+            self.page.wait_for_timeout(100)
+        raise AssertionError(f"the time range stays at {before}")
+
+    def close(self) -> None:
+        self.context.close()
+
+
+@pytest.fixture(scope="module")
+def drawn(made: Made, browser: Any) -> Iterator[Watched]:
+    """The report in a window, every plot drawn."""
+    watched = Watched(browser, made.path)
+    watched.draw_all()
+    yield watched
+    watched.close()
+
+
+def test_page_is_quiet_and_complete(made: Made, browser: Any, tmp_path: Path) -> None:
+    """No console error, no request, every figure has a box; in both schemes and on a phone."""
+    cases: dict[str, dict[str, Any]] = {
+        "light": {"color_scheme": "light"},
+        "dark": {"color_scheme": "dark"},
+        "phone": {"viewport": {"width": 390, "height": 800}, "color_scheme": "light"},
+    }
+    shades = {}
+    for name, options in cases.items():
+        watched = Watched(browser, made.path, **options)
+        assert watched.draw_all() >= 3
+        page = watched.page
+        boxes = page.evaluate(
+            "[...document.querySelectorAll('figure, figure svg, .canvas')]"
+            ".filter((e) => !e.closest('[hidden]'))"
+            ".map((e) => [e.getBoundingClientRect().width, e.getBoundingClientRect().height])"
+        )
+        assert len(boxes) > 40
+        assert all(w > 50 and h > 50 for w, h in boxes)
+        assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
+        page.evaluate("window.scrollTo(0, 0)")
+        shot = tmp_path / f"{name}.png"
+        page.screenshot(path=str(shot))
+        assert shot.stat().st_size > 10_000
+        shades[name] = page.evaluate("getComputedStyle(document.body).backgroundColor")
+        assert watched.faults == []
+        assert all(u.startswith(("file:", "data:", "blob:")) for u in watched.requests)
+        assert len([u for u in watched.requests if u.startswith("file:")]) == 1
+        watched.close()
+    assert shades["light"] != shades["dark"]
+
+
+def test_zoom_and_hover(drawn: Watched) -> None:
+    page = drawn.page
+    page.evaluate("document.getElementById('plot-0').scrollIntoView()")
+    page.wait_for_timeout(500)
+    box = page.locator("#plot-0 .canvas").bounding_box()
+    x, y = box["x"] + 0.5 * box["width"], box["y"] + 90
+    whole = drawn.time_range("plot-0")
+    page.mouse.move(x - 10, y)
+    page.mouse.move(x, y)
+    page.mouse.wheel(0, -300)
+    wheeled = drawn.wait_for_range("plot-0", whole)
+    assert whole[0] < wheeled[0] < wheeled[1] < whole[1]
+    page.wait_for_timeout(800)
+    wheeled = drawn.time_range("plot-0")
+    page.mouse.move(x - 80, y)
+    page.wait_for_timeout(200)
+    page.mouse.down()
+    page.mouse.move(x, y, steps=8)
+    page.mouse.move(x + 80, y, steps=8)
+    page.wait_for_timeout(200)
+    page.mouse.up()
+    boxed = drawn.wait_for_range("plot-0", wheeled)
+    assert boxed[1] - boxed[0] < wheeled[1] - wheeled[0]
+    page.mouse.move(x - 20, y)
+    page.mouse.move(x - 15, y + 1)
+    tooltip = page.locator(".bk-Tooltip").first
+    tooltip.wait_for(state="visible")
+    assert "measured" in tooltip.evaluate("(e) => e.shadowRoot.textContent")
+    assert drawn.faults == []
+
+
+def test_plots_by_keyboard(drawn: Watched) -> None:
+    page = drawn.page
+    page.locator("#plot-0 .interactive").focus()
+    page.keyboard.press("0")
+    whole = drawn.time_range("plot-0")
+    page.keyboard.press("+")
+    zoomed = drawn.wait_for_range("plot-0", whole)
+    assert zoomed[1] - zoomed[0] == pytest.approx(0.5 * (whole[1] - whole[0]))
+    page.keyboard.press("ArrowRight")
+    moved = drawn.wait_for_range("plot-0", zoomed)
+    assert moved[0] > zoomed[0]
+    assert page.locator("#plot-0 output").inner_text().endswith(" s")
+    page.keyboard.press("0")
+    assert drawn.wait_for_range("plot-0", moved) == pytest.approx(whole)
+
+
+def test_first_tab_reaches_the_skip_link(made: Made, browser: Any) -> None:
+    watched = Watched(browser, made.path)
+    watched.page.keyboard.press("Tab")
+    assert watched.page.evaluate("document.activeElement.className") == "skip"
+    box = watched.page.locator(".skip").bounding_box()
+    assert box["x"] >= 0 and box["height"] > 15
+    watched.page.keyboard.press("Enter")
+    assert watched.page.evaluate("location.hash") == "#verdict"
+    watched.close()
+
+
+def test_plots_show_every_sample(made: Made, drawn: Watched) -> None:
+    """What the script unpacks is what was simulated, to the 16 bits' step."""
+    shown = drawn.page.evaluate(
+        "() => { for (const m of window.sysidPlots.get('plot-0').model.references())"
+        " if (m.type === 'ColumnDataSource' && m.name === 'theta_rad')"
+        " return { time: [...m.data.time], measured: [...m.data.measured],"
+        " simulated: [...m.data.sim_discrete] }; }"
+    )
+    first = made.validation.select("holdout", "discrete")[0].tests[0]
+    assert shown["time"] == pytest.approx(first.time.tolist(), abs=1e-6)
+    for key, values in (("measured", first.measured), ("simulated", first.simulated)):
+        step = float(np.ptp(first.measured["theta_rad"])) / 65_000
+        assert np.abs(np.array(shown[key]) - values["theta_rad"]).max() < 2 * step
+
+
+def test_without_javascript_static_figures_remain(made: Made, browser: Any) -> None:
+    watched = Watched(browser, made.path, java_script_enabled=False)
+    for i in range(watched.page.locator("figure.plot").count()):
+        plot = watched.page.locator("figure.plot").nth(i)
+        assert plot.locator(".static svg").first.is_visible()
+        assert not plot.locator(".interactive").is_visible()
+    watched.close()
+
+
+def test_print_shows_static_figures(drawn: Watched) -> None:
+    drawn.page.emulate_media(media="print")
+    plot = drawn.page.locator("figure.plot").first
+    assert plot.locator(".static svg").first.is_visible()
+    assert not plot.locator(".interactive").is_visible()
+    assert not drawn.page.locator("nav").is_visible()
+    assert drawn.page.pdf()[:5] == b"%PDF-"
+    drawn.page.emulate_media(media="screen")
+
+
+def test_hostile_names_show_as_text(hostile: Path, browser: Any) -> None:
+    watched = Watched(browser, hostile)
+    watched.draw_all()
+    page = watched.page
+    page.evaluate("document.querySelectorAll('details').forEach((d) => { d.open = true; })")
+    assert HOSTILE_NAME in page.locator("h1").inner_text()
+    assert HOSTILE_FILE in page.locator("main").inner_text()
+    assert HOSTILE_NAME in page.title()
+    assert watched.dialogs == []
+    assert watched.faults == []
+    assert all(u.startswith(("file:", "data:", "blob:")) for u in watched.requests)
+    watched.close()
