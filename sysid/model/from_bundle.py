@@ -1,0 +1,237 @@
+"""The model that a bundle describes: parameters, and PWM surfaces as the plant reads them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sysid.errors import InputError, NotIdentifiedError, input_error
+from sysid.model.base import (
+    Array,
+    Parameters,
+    ValveParameters,
+    array_namespace,
+    parameters_from_rig,
+)
+from sysid.model.ports import SIDES, Model
+from sysid.rig import Rig
+
+SURFACE_KINDS = ("bipolynomial", "ann")
+DIRECTIONS = ("fill", "discharge")
+# Nodes of a surface's table over duty and pressure. Between them the table is bilinear: a
+# bipolynomial's flow is then off by less than 1e-4 of its range (tested).
+_NODES = 65
+_SAME_PERIOD = 1e-6
+
+_TESTS = {
+    "static": "friction-static tests (a torque ramp from rest)",
+    "coulomb": "friction-sliding tests (constant torques, two levels or more)",
+    "viscous": "friction-sliding tests (constant torques, two levels or more)",
+}
+_VALVE_KEYS = {
+    "choked_fill": "choked_flow_fill_kg_s",
+    "choked_dis": "choked_flow_dis_kg_s",
+    "c_fill": "c_fill",
+    "c_dis": "c_dis",
+}
+
+
+@dataclass(frozen=True)
+class TabulatedSurfaces:
+    """Mean flow of one valve under PWM over duty and pressure: two tables, bilinear.
+
+    `filling` and `discharging` (nodes, nodes) kg/s, rows duty and columns pressure, evenly
+    spaced from `..._low` to `..._high` (0 to 1 and Pa). Beyond them the inputs saturate, as
+    those of the surfaces themselves do. Arrays of any library; a flat dataclass of numbers,
+    as the simulation's compilation needs it.
+    """
+
+    filling: Array
+    filling_duty_low: Array
+    filling_duty_high: Array
+    filling_pressure_low: Array
+    filling_pressure_high: Array
+    discharging: Array
+    discharging_duty_low: Array
+    discharging_duty_high: Array
+    discharging_pressure_low: Array
+    discharging_pressure_high: Array
+
+    def fill(self, duty: Array, pressure: Array) -> Array:
+        """Mean flow into the chamber while its pressure rises, kg/s."""
+        return _bilinear(
+            self.filling,
+            (duty, self.filling_duty_low, self.filling_duty_high),
+            (pressure, self.filling_pressure_low, self.filling_pressure_high),
+        )
+
+    def discharge(self, duty: Array, pressure: Array) -> Array:
+        """Mean flow (negative: out) while the chamber's pressure falls, kg/s."""
+        return _bilinear(
+            self.discharging,
+            (duty, self.discharging_duty_low, self.discharging_duty_high),
+            (pressure, self.discharging_pressure_low, self.discharging_pressure_high),
+        )
+
+
+_Axis = tuple[Array, Array, Array]
+
+
+def _bilinear(table: Array, rows: _Axis, columns: _Axis) -> Array:
+    """`table` at (value, low, high) along its rows and its columns; saturated at its edges."""
+    xp = array_namespace(rows[0], columns[0])
+    cells, shares = [], []
+    for (value, low, high), size in zip((rows, columns), table.shape, strict=True):
+        place = xp.clip((value - low) / (high - low), 0.0, 1.0) * (size - 1)
+        cell = xp.minimum(xp.floor(place), size - 2)
+        cells.append(cell.astype(int))
+        shares.append(place - cell)
+    (i, j), (s, t) = cells, shares
+    lower = (1.0 - t) * table[i, j] + t * table[i, j + 1]
+    upper = (1.0 - t) * table[i + 1, j] + t * table[i + 1, j + 1]
+    return (1.0 - s) * lower + s * upper
+
+
+def parameters_from_bundle(
+    bundle: Mapping[str, Any], rig: Rig, where: str = "bundle"
+) -> Parameters:
+    """The base model's parameters: what was fitted from `bundle`, the rest from `rig`.
+
+    `where` names the bundle in messages. A valve without a discrete law gets NaN flows, so
+    that it cannot be used by mistake; see `has_discrete_law`. The offset that a friction fit
+    estimates beside friction is left out: the base model has none, and an offset that is
+    only noise would push an open-loop position away (the effect `torque-offset` is for a
+    real one). Raises InputError where the rig file lacks a section, NotIdentifiedError where
+    the bundle has no friction.
+    """
+    unit = (
+        ("n", "n_s_per_m", "mass_kg") if rig.is_linear else ("nm", "nm_s_per_rad", "inertia_kg_m2")
+    )
+    friction = bundle.get("friction")
+    if friction is None:
+        raise NotIdentifiedError(
+            f"{where}: holds no friction; fit friction-static and friction-sliding tests into it"
+        )
+    keys = {"static": unit[0], "coulomb": unit[0], "viscous": unit[1]}
+    values = {
+        name: _identified(friction, f"{name}_{suffix}", f"{where}, friction", _TESTS[name])
+        for name, suffix in keys.items()
+    }
+    parameters = parameters_from_rig(
+        rig,
+        static_effort=values["static"],
+        coulomb_effort=values["coulomb"],
+        viscous=values["viscous"],
+        valve_a=_discrete_law(bundle, "a", where),
+        valve_b=_discrete_law(bundle, "b", where),
+    )
+    inertia = _value_or(friction.get(unit[2]), math.nan)
+    return parameters if math.isnan(inertia) else parameters.replace(inertia=inertia)
+
+
+def model_from_bundle(bundle: Mapping[str, Any], rig: Rig, where: str = "bundle") -> Model:
+    """The base model with a bundle's parameters.
+
+    Raises as `parameters_from_bundle`, and InputError where the bundle holds effects, which
+    this function does not know.
+    """
+    effects = [str(effect["id"]) for effect in bundle.get("effects", [])]
+    if effects:
+        raise input_error(
+            where, f"holds effects ({', '.join(effects)})", "give a bundle of the base model"
+        )
+    return Model(parameters_from_bundle(bundle, rig, where))
+
+
+def has_discrete_law(parameters: Parameters) -> bool:
+    """Whether both valves have their four flow parameters."""
+    laws = [parameters.valve(side) for side in SIDES]
+    return not any(np.isnan(getattr(law, name)).any() for law in laws for name in _VALVE_KEYS)
+
+
+def surfaces_from_bundle(
+    bundle: Mapping[str, Any], rig: Rig, kind: str, where: str = "bundle"
+) -> tuple[TabulatedSurfaces, TabulatedSurfaces] | None:
+    """Valve A's and B's PWM surfaces of a kind ("bipolynomial" or "ann"), for `simulate`.
+
+    None where the bundle lacks one of the four. Raises InputError where they were fitted at
+    another PWM period than the rig's, at which they do not hold.
+    """
+    found = []
+    for side in SIDES:
+        pwm = bundle.get("valves", {}).get(side, {}).get("pwm", {})
+        parts = [pwm.get(direction, {}) for direction in DIRECTIONS]
+        if any(kind not in part for part in parts):
+            return None
+        for direction, part in zip(DIRECTIONS, parts, strict=True):
+            _check_period(part, rig, f"{where}, valves.{side}.pwm.{direction}")
+        found.append(_tabulated(*(part[kind] for part in parts)))
+    return found[0], found[1]
+
+
+def _tabulated(fill: Mapping[str, Any], discharge: Mapping[str, Any]) -> TabulatedSurfaces:
+    from sysid.surfaces import surface_from_dict
+
+    fields: dict[str, Any] = {}
+    for name, content in (("filling", fill), ("discharging", discharge)):
+        surface = surface_from_dict(dict(content))
+        duties = np.linspace(*surface.domain_.duty_range, _NODES)
+        pressures = np.linspace(*surface.domain_.pressure_range, _NODES)
+        fields[name] = surface.flow(duties[:, None], pressures[None, :])[0]
+        fields[f"{name}_duty_low"], fields[f"{name}_duty_high"] = duties[[0, -1]]
+        fields[f"{name}_pressure_low"], fields[f"{name}_pressure_high"] = pressures[[0, -1]]
+    return TabulatedSurfaces(**fields)
+
+
+def _check_period(part: Mapping[str, Any], rig: Rig, where: str) -> None:
+    fitted = part.get("pwm_period_s")
+    period = rig.pwm.period_s if rig.pwm else None
+    if fitted is None or period is None or abs(fitted / period - 1.0) < _SAME_PERIOD:
+        return
+    raise input_error(
+        where,
+        f"was fitted at a PWM period of {fitted:g} s, and {rig.source} says {period:g} s",
+        "fit valve-pwm tests at the rig's period",
+    )
+
+
+def _discrete_law(bundle: Mapping[str, Any], side: str, where: str) -> ValveParameters:
+    law = bundle.get("valves", {}).get(side, {}).get("discrete")
+    if law is None:
+        return ValveParameters(math.nan, math.nan, math.nan, math.nan)
+    place = f"{where}, valves.{side}.discrete"
+    test = f"valve-discrete tests of valve {side} (on and off again, piston held) would identify it"
+    values = {name: _identified(law, key, place, test) for name, key in _VALVE_KEYS.items()}
+    return ValveParameters(**values)
+
+
+def _identified(part: Mapping[str, Any], key: str, where: str, test: str) -> float:
+    estimate = part.get(key)
+    if estimate is None:
+        raise _missing(where, key)
+    if estimate["value"] is None:
+        raise NotIdentifiedError(f"{where}: {key} is not identified ({estimate['reason']}); {test}")
+    return float(estimate["value"])
+
+
+def _missing(where: str, key: str) -> InputError:
+    return input_error(where, f"{key} is missing", "fit again to write the bundle anew")
+
+
+def _value_or(estimate: Mapping[str, Any] | None, default: float) -> float:
+    value = None if estimate is None else estimate["value"]
+    return default if value is None else float(value)
+
+
+__all__ = [
+    "SURFACE_KINDS",
+    "TabulatedSurfaces",
+    "has_discrete_law",
+    "model_from_bundle",
+    "parameters_from_bundle",
+    "surfaces_from_bundle",
+]

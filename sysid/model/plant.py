@@ -1,0 +1,211 @@
+"""The plant's right-hand side: the equations of `base` put together through the ports.
+
+Pure functions of (point, model) for numpy and jax alike. The discontinuities are not
+decided here: a `Regime` says on which side of each the plant is, so that an integrator
+that locates them sees smooth equations in between.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from sysid.model import base
+from sysid.model.base import Array, array_namespace
+from sysid.model.ports import SIDES, Model, Point
+
+
+@dataclass(frozen=True)
+class Regime:
+    """On which side of each discontinuity the plant is; arrays over runs.
+
+    `choked_a/b`: whether the flow of the valve (filling if on, exhaust if off) is choked.
+    `direction`: -1, 1 sliding, 0 sticking.
+    """
+
+    choked_a: Array
+    choked_b: Array
+    direction: Array
+
+    def choked(self, side: str) -> Array:
+        """Whether a side's flow is choked."""
+        return self.choked_a if side == "a" else self.choked_b
+
+
+def displacement(point: Point, model: Model) -> Array:
+    """Piston's place y, m."""
+    return model.through("displacement", point.parameters.pitch_radius * point.position, point)
+
+
+def pitch_radius(point: Point, model: Model) -> Array:
+    """dy/dposition, m (linear: 1)."""
+    return model.through("pitch_radius", point.parameters.pitch_radius, point)
+
+
+def supply_pressure(side: str, point: Point, model: Model) -> Array:
+    """Supply pressure at a valve, Pa."""
+    return model.through("supply_pressure", point.parameters.supply, side, point)
+
+
+def exhaust_pressure(side: str, point: Point, model: Model) -> Array:
+    """Pressure that a valve exhausts to, Pa."""
+    return model.through("exhaust_pressure", point.parameters.atmosphere, side, point)
+
+
+def motor_effort(point: Point, model: Model) -> Array:
+    """Motor effort at the output, Nm or N."""
+    limited = base.limit_effort(point.motor, point.parameters.max_effort)
+    return model.through("motor_effort", limited, point)
+
+
+def applied_effort(point: Point, model: Model) -> Array:
+    """Cylinder + motor - gravity + offset + external: all but friction, Nm or N (3.3.7)."""
+    p = point.parameters
+    cylinder = base.cylinder_effort(
+        point.pressure_a,
+        point.pressure_b,
+        p.area_a,
+        p.area_b,
+        p.atmosphere,
+        pitch_radius(point, model),
+    )
+    gravity = base.gravity_effort(point.position, p.gravity_moment, p.weight)
+    effort = cylinder + motor_effort(point, model) - gravity + p.offset
+    return model.through("external_effort", effort, point)
+
+
+def sliding_friction(point: Point, model: Model) -> Array:
+    """Friction while moving in `point.direction`, Nm or N (3.4.1)."""
+    p = point.parameters
+    friction = p.coulomb_effort * point.direction + p.viscous * point.velocity
+    return model.through("friction_effort", friction, point)
+
+
+def breakaway_effort(applied: Array, point: Point, model: Model) -> Array:
+    """Effort up to which the plant at rest holds, Nm or N (3.4.1).
+
+    Never below the friction at which it would start to slide: else neither law holds.
+    """
+    xp = array_namespace(applied, point.velocity)
+    static = model.through("static_effort", point.parameters.static_effort, point)
+    way = xp.where(applied > 0, 1.0, -1.0)
+    starting = dataclasses.replace(point, velocity=0.0 * applied, direction=way)
+    sliding = sliding_friction(starting, model) * way
+    return xp.where(static > sliding, static, sliding)
+
+
+def discrete_flow(side: str, choked: Array, point: Point, model: Model) -> Array:
+    """Flow into a chamber by the discrete law (3.6.6, 3.6.10), kg/s; on where `is_open`."""
+    xp = array_namespace(point.pressure_a, point.position)
+    valve = point.parameters.valve(side)
+    pressure = point.pressure(side)
+    fill = base.filling_flow(
+        pressure,
+        supply_pressure(side, point, model),
+        valve.choked_fill,
+        valve.c_fill,
+        point.parameters.supply_reference,
+        choked,
+    )
+    exhaust = base.exhaust_flow(
+        pressure, exhaust_pressure(side, point, model), valve.choked_dis, valve.c_dis, choked
+    )
+    flow = xp.where(
+        point.is_open(side) > 0,
+        model.through("filling_flow", fill, side, point),
+        model.through("exhaust_flow", exhaust, side, point),
+    )
+    return model.through("chamber_flow", flow, side, point)
+
+
+def averaged_flow(side: str, surfaces: Any, point: Point, model: Model) -> Array:
+    """Flow into a chamber averaged over a PWM period, kg/s, from surfaces (3.7).
+
+    `surfaces` maps (duty, pressure) to flow by `fill` and `discharge`. The first is what a
+    chamber below its equilibrium receives and the second what one above it loses, so each
+    counts with its own sign only.
+    """
+    duty, pressure = point.is_open(side), point.pressure(side)
+    xp = array_namespace(pressure, duty)
+    fill = xp.maximum(surfaces.fill(duty, pressure), 0.0)
+    exhaust = xp.minimum(surfaces.discharge(duty, pressure), 0.0)
+    flow = model.through("filling_flow", fill, side, point) + model.through(
+        "exhaust_flow", exhaust, side, point
+    )
+    return model.through("chamber_flow", flow, side, point)
+
+
+def chamber_volume(side: str, y: Array, parameters: base.Parameters) -> Array:
+    """Volume of a chamber with the piston at y, m3."""
+    if side == "a":
+        return base.chamber_volume_a(y, parameters.area_a, parameters.offset_a, 1.0)
+    return base.chamber_volume_b(y, parameters.area_b, parameters.offset_b, 1.0)
+
+
+def volume_rate(side: str, point: Point, model: Model) -> Array:
+    """dV/dt of a chamber, m3/s."""
+    p = point.parameters
+    speed = pitch_radius(point, model) * point.velocity
+    return speed * p.area_a if side == "a" else -(speed * p.area_b)
+
+
+def pressure_rate(side: str, flow: Array, point: Point, model: Model) -> Array:
+    """dP/dt of a chamber, Pa/s (3.3.6)."""
+    p = point.parameters
+    rate = base.pressure_rate(
+        point.pressure(side),
+        flow,
+        chamber_volume(side, displacement(point, model), p),
+        volume_rate(side, point, model),
+        p.heat_capacity_ratio,
+        p.gas_constant,
+        p.temperature,
+    )
+    return model.through("pressure_rate", rate, side, flow, point)
+
+
+def acceleration(applied: Array, point: Point, model: Model) -> Array:
+    """Acceleration, rad/s2 or m/s2 (3.3.2); zero where `point.direction` is 0 (sticking)."""
+    xp = array_namespace(applied, point.direction)
+    moving = applied - sliding_friction(point, model)
+    return xp.where(point.direction == 0, 0.0, moving / point.parameters.inertia)
+
+
+def state_rates(point: Point, flows: Mapping[str, Array], model: Model) -> dict[str, Array]:
+    """Derivatives of the extra states, by name."""
+    rates: dict[str, Array] = {}
+    for effect in model.effects:
+        rates.update(effect.state_rates(point, flows))
+    return rates
+
+
+def initial_states(point: Point, model: Model) -> dict[str, Array]:
+    """The extra states at the start, by name."""
+    states: dict[str, Array] = {}
+    for effect in model.effects:
+        states.update(effect.initial_states(point))
+    return states
+
+
+__all__ = [
+    "SIDES",
+    "Regime",
+    "acceleration",
+    "applied_effort",
+    "averaged_flow",
+    "breakaway_effort",
+    "chamber_volume",
+    "discrete_flow",
+    "displacement",
+    "exhaust_pressure",
+    "initial_states",
+    "motor_effort",
+    "pitch_radius",
+    "pressure_rate",
+    "sliding_friction",
+    "state_rates",
+    "supply_pressure",
+    "volume_rate",
+]

@@ -1,0 +1,212 @@
+"""The ports through which an effect acts on the model, and the model as base plus effects.
+
+An effect is a frozen dataclass that derives from `Effect`, holds its own parameters as
+fields, and overrides the ports that it acts through. Each port gets the value so far and
+the point where the model is, and returns the new value; effects compose in the order in
+which they were added. At neutral strength a port must return its value to the last bit.
+Ports are written with `array_namespace`, so that they serve numpy and jax alike.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+
+from sysid.model.base import Array, Parameters
+
+SIDES = ("a", "b")
+
+
+@dataclass(frozen=True)
+class Point:
+    """Where the model is: what every port may read. Fields broadcast over runs.
+
+    `motor` is the commanded effort; `open_a`, `open_b` whether a valve is on (with an
+    averaged valve model: the duty); `direction` -1, 0 (at rest) or 1, to be used in place
+    of the sign of the velocity; `extra` the states that the effects added.
+    """
+
+    time: Array
+    position: Array
+    velocity: Array
+    pressure_a: Array
+    pressure_b: Array
+    motor: Array
+    open_a: Array
+    open_b: Array
+    direction: Array
+    parameters: Parameters
+    extra: Mapping[str, Array] = field(default_factory=dict)
+
+    def pressure(self, side: str) -> Array:
+        """Chamber pressure, Pa; `side` is "a" or "b"."""
+        return self.pressure_a if side == "a" else self.pressure_b
+
+    def is_open(self, side: str) -> Array:
+        """Whether the valve is on (averaged valve model: the duty)."""
+        return self.open_a if side == "a" else self.open_b
+
+
+class Effect:
+    """Every port, neutral. Derive, add fields (floats or arrays over runs), override.
+
+    `states` names the extra states; a name must be unique among the effects of a model.
+    """
+
+    states: ClassVar[tuple[str, ...]] = ()
+
+    def parameters(self, parameters: Parameters, time: Array) -> Parameters:
+        """The base model's own numbers at `time` (s since the first row)."""
+        return parameters
+
+    def motor_effort(self, effort: Array, point: Point) -> Array:
+        """Motor effort at the output, Nm or N, after the declared limit."""
+        return effort
+
+    def friction_effort(self, effort: Array, point: Point) -> Array:
+        """Friction while moving in `point.direction`, Nm or N."""
+        return effort
+
+    def static_effort(self, effort: Array, point: Point) -> Array:
+        """Breakaway effort, Nm or N."""
+        return effort
+
+    def external_effort(self, effort: Array, point: Point) -> Array:
+        """Any other effort in the direction of positive motion, Nm or N."""
+        return effort
+
+    def pitch_radius(self, radius: Array, point: Point) -> Array:
+        """dy/dtheta, m: lever of the cylinder's force and rate of the volumes."""
+        return radius
+
+    def displacement(self, displacement: Array, point: Point) -> Array:
+        """y, m: the piston's place, which must be the integral of pitch_radius."""
+        return displacement
+
+    def supply_pressure(self, pressure: Array, side: str, point: Point) -> Array:
+        """Supply pressure at the valve of a side, Pa."""
+        return pressure
+
+    def exhaust_pressure(self, pressure: Array, side: str, point: Point) -> Array:
+        """Pressure that the valve of a side exhausts to, Pa."""
+        return pressure
+
+    def filling_flow(self, flow: Array, side: str, point: Point) -> Array:
+        """Flow into the chamber through the open valve, kg/s."""
+        return flow
+
+    def exhaust_flow(self, flow: Array, side: str, point: Point) -> Array:
+        """Flow into the chamber (negative: out) through the valve when off, kg/s."""
+        return flow
+
+    def chamber_flow(self, flow: Array, side: str, point: Point) -> Array:
+        """Whole mass flow into a chamber, kg/s: leakage adds here, a tube's lag replaces."""
+        return flow
+
+    def pressure_rate(self, rate: Array, side: str, flow: Array, point: Point) -> Array:
+        """dP/dt from the chamber's energy balance, Pa/s."""
+        return rate
+
+    def initial_states(self, point: Point) -> dict[str, Array]:
+        """The extra states at the start of a test, by the names in `states`."""
+        return {}
+
+    def state_rates(self, point: Point, flows: Mapping[str, Array]) -> dict[str, Array]:
+        """Time derivatives of the extra states; `flows` holds kg/s by side."""
+        return {}
+
+    def pulses(self, on: Array, off: Array, side: str) -> tuple[Array, Array]:
+        """Commanded on-intervals of a valve, start and end times in s (numpy only)."""
+        return on, off
+
+    def delays(self, delays: Array, times: Array, opening: bool, side: str) -> Array:
+        """Delay of each command edge at `times`, s (numpy only)."""
+        return delays
+
+    def measure(self, channels: Mapping[str, Array], time: Array) -> dict[str, Array]:
+        """Measured channels from true ones; arrays (n,) by log-format names, time in s."""
+        return dict(channels)
+
+
+@dataclass(frozen=True)
+class Model:
+    """The base model with its parameters and effects: `Model(p) + Stribeck(0.1, 0.05)`."""
+
+    parameters: Parameters
+    effects: tuple[Effect, ...] = ()
+
+    def __add__(self, effect: Effect) -> Model:
+        taken = {name for e in self.effects for name in e.states}
+        clash = taken.intersection(effect.states)
+        if clash:
+            raise ValueError(f"two effects add the state {', '.join(sorted(clash))}")
+        return Model(self.parameters, (*self.effects, effect))
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Names of the extra states, in order."""
+        return tuple(name for effect in self.effects for name in effect.states)
+
+    def through(self, port: str, value: Any, *context: Any) -> Any:
+        """A value passed through one port of every effect."""
+        for effect in self.effects:
+            value = getattr(effect, port)(value, *context)
+        return value
+
+    def at(self, time: Array) -> Parameters:
+        """The parameters in force at a time."""
+        parameters: Parameters = self.through("parameters", self.parameters, time)
+        return parameters
+
+
+Structure = tuple[tuple[type, tuple[tuple[str, Any], ...]], ...]
+
+
+def split(parts: tuple[Any, ...]) -> tuple[Structure, list[dict[str, Any]]]:
+    """Dataclass instances as a hashable structure and their numbers, apart.
+
+    The structure (classes and fields that are not numbers) decides what is compiled; the
+    numbers are its inputs. `join` is the inverse.
+    """
+    structure, numbers = [], []
+    for part in parts:
+        fixed, values = [], {}
+        for f in dataclasses.fields(part):
+            value = getattr(part, f.name)
+            if value is None or isinstance(value, str | bool | tuple):
+                fixed.append((f.name, value))
+            else:
+                values[f.name] = value
+        structure.append((type(part), tuple(fixed)))
+        numbers.append(values)
+    return tuple(structure), numbers
+
+
+def join(structure: Structure, numbers: list[dict[str, Any]]) -> tuple[Any, ...]:
+    """Rebuild what `split` took apart."""
+    return tuple(
+        cls(**dict(fixed), **values)
+        for (cls, fixed), values in zip(structure, numbers, strict=True)
+    )
+
+
+def stack_models(models: list[Model]) -> Model:
+    """One model whose every number is an array over runs, from models of one structure.
+
+    Raises ValueError where the models differ in more than numbers.
+    """
+    structures = {split(model.effects)[0] for model in models}
+    if len(structures) != 1:
+        raise ValueError("models of one batch must have the same effects")
+    rows = [split((model.parameters, *model.effects)) for model in models]
+    structure = rows[0][0]
+    stacked = [
+        {name: np.array([row[1][i][name] for row in rows], dtype=float) for name in part}
+        for i, part in enumerate(rows[0][1])
+    ]
+    parameters, *effects = join(structure, stacked)
+    return Model(parameters, tuple(effects))

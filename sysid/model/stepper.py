@@ -1,0 +1,364 @@
+"""One step of many runs at once, with every discontinuity of the plant located.
+
+Within a sub-step the commands are constant, so only the state can leave a regime: flow
+that chokes or unchokes, a shaft that stops, breaks away or meets an end stop. A step is
+one step of Kutta's third-order method on the equations with the regime frozen, which are
+smooth; if an event function changes sign in it, the step is cut at the first root, by the
+method's own continuous extension, and the next step starts in the new regime. Runs advance
+each at its own pace: one that meets an event takes one more step than one that does not.
+
+A chamber about to reach the supply pressure obeys dD/dt = -K sqrt(D) + g with D = Ps - P,
+which is stiff without bound as D -> 0 and reaches its equilibrium in finite time. There,
+and only there, the pressure is advanced by an implicit method (`supply_approach`).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple, TypeVar
+
+from sysid.model import base, plant
+from sysid.model._jax import jnp
+from sysid.model.base import Array
+from sysid.model.events import Cubic, apart, first_event, kutta_cubic
+from sysid.model.ports import SIDES, Model, Point
+from sysid.model.supply_approach import gap_change
+
+Rates = tuple[Array, ...]
+_Result = TypeVar("_Result")
+
+# A pressure this close to a boundary, as a share of it, is on it: an event left it there.
+_ON_BOUNDARY = 1e-10
+# A cut step advances by at least this share, so that events cannot stop the clock.
+_LEAST_SHARE = 1e-4
+# Implicit where sqrt(D) is below this many h K: the explicit method is exact enough above.
+_STIFF_STEPS = 1.0
+
+
+class Lanes(NamedTuple):
+    """Where each run is; arrays (runs,), `extra` a tuple of them.
+
+    `index` is the sub-step of the table, `elapsed` s into it, `loose` the direction in
+    which a shaft at rest has just broken away (else 0).
+    """
+
+    time: Array
+    position: Array
+    velocity: Array
+    pressure_a: Array
+    pressure_b: Array
+    extra: Rates
+    loose: Array
+    index: Array
+    elapsed: Array
+
+
+class Table(NamedTuple):
+    """Sub-steps of every run, arrays (runs, sub-steps); `count` (runs,) of them are real.
+
+    `motor` in Nm or N, `open_a` and `open_b` 1 or 0 (averaged valve model: duty),
+    `ends_sample` whether a row of the log lies at the sub-step's end.
+    """
+
+    duration: Array
+    motor: Array
+    open_a: Array
+    open_b: Array
+    ends_sample: Array
+    count: Array
+
+
+class Chamber(NamedTuple):
+    """A chamber at the start of a step, and the regime of its valve during the step.
+
+    `above` is 1 where the law above the choked boundary is in force, -1 below it, 0 where
+    the pressure slides along it. `flow` in kg/s, `rate` in Pa/s, `volume` in m3,
+    `per_flow` = k R T / V in Pa/kg.
+    """
+
+    choked: Array
+    above: Array
+    boundary: Array
+    flow: Array
+    rate: Array
+    volume: Array
+    per_flow: Array
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What is constant during a step: model, commands (in `point`), regime.
+
+    `always` is true, which the compiler does not know: see `events.apart`.
+    """
+
+    model: Model
+    surfaces: tuple[Any, ...]
+    always: Array
+    point: Point
+    chambers: dict[str, Chamber]
+
+    def apart(self, function: Callable[[], _Result]) -> _Result:
+        """`events.apart` of this step."""
+        return apart(self.always, function)
+
+
+def _flow(side: str, choked: Array, point: Point, setting: Setting) -> Array:
+    """Flow into a chamber, kg/s, with the regime as said."""
+    if setting.surfaces:
+        surfaces = setting.surfaces[SIDES.index(side)]
+        return plant.averaged_flow(side, surfaces, point, setting.model)
+    return plant.discrete_flow(side, choked, point, setting.model)
+
+
+def _chamber(side: str, setting: Setting) -> Chamber:
+    """The regime of a valve. An averaged law has no boundary.
+
+    On the boundary itself the law is taken on the side to which it drives the pressure;
+    where both sides drive it back, the pressure slides along the boundary.
+    """
+    point, model = setting.point, setting.model
+    is_open = point.is_open(side) > 0
+    p = point.parameters
+    volume = plant.chamber_volume(side, plant.displacement(point, model), p)
+    per_flow = p.heat_capacity_ratio * p.gas_constant * p.temperature / volume
+    if setting.surfaces:
+        one = jnp.ones_like(point.time)
+        flow = _flow(side, is_open, point, setting)
+        rate = plant.pressure_rate(side, flow, point, model)
+        return Chamber(is_open, one, 0.0 * one, flow, rate, volume, per_flow)
+    boundary = jnp.where(
+        is_open,
+        base.filling_boundary(plant.supply_pressure(side, point, model)),
+        base.exhaust_boundary(plant.exhaust_pressure(side, point, model)),
+    )
+    excess = point.pressure(side) - boundary
+    flow_above = _flow(side, ~is_open, point, setting)
+    flow_below = _flow(side, is_open, point, setting)
+    higher = excess > 0
+    flow = jnp.where(higher, flow_above, flow_below)
+    rate = plant.pressure_rate(side, flow, point, model)
+    # What the other law would do, for the choice on the boundary: the rate is affine in flow.
+    jump = per_flow * (flow_above - flow_below)
+    rate_above = jnp.where(higher, rate, rate + jump)
+    rate_below = jnp.where(higher, rate - jump, rate)
+    driven = jnp.where(rate_above > 0, 1.0, jnp.where(rate_below < 0, -1.0, 0.0))
+    on_boundary = jnp.abs(excess) <= _ON_BOUNDARY * boundary
+    above = jnp.where(on_boundary, driven, jnp.where(higher, 1.0, -1.0))
+    below = above < 0
+    flow = jnp.where(below, flow_below, flow_above)
+    rate = plant.pressure_rate(side, flow, point, model)
+    return Chamber(
+        choked=below == is_open,
+        above=above,
+        boundary=boundary,
+        flow=flow,
+        rate=jnp.where(above == 0, 0.0, rate),
+        volume=volume,
+        per_flow=per_flow,
+    )
+
+
+def _stop(point: Point) -> Array:
+    """Position of the upper end stop; the lower one is its negative."""
+    return 0.5 * point.parameters.stroke / point.parameters.pitch_radius
+
+
+def _breakaway(applied: Array, point: Point, model: Model) -> tuple[Array, Array]:
+    """How far a shaft at rest is from breaking away, Nm or N, and to which side.
+
+    Positive, and so never broken, where an end stop takes the effort.
+    """
+    limit = plant.breakaway_effort(applied, point, model)
+    way = jnp.where(applied > 0, 1.0, -1.0)
+    blocked = way * point.position >= _stop(point)
+    return jnp.where(blocked, limit, limit - way * applied), way
+
+
+def _start(
+    lanes: Lanes, commands: Rates, model: Model, surfaces: tuple[Any, ...], always: Array
+) -> tuple[Setting, Rates, Array]:
+    """The step's setting, the rates at its start and the breakaway margin there."""
+    motor, open_a, open_b = commands
+    point = Point(
+        time=lanes.time,
+        position=lanes.position,
+        velocity=lanes.velocity,
+        pressure_a=lanes.pressure_a,
+        pressure_b=lanes.pressure_b,
+        motor=motor,
+        open_a=open_a,
+        open_b=open_b,
+        direction=jnp.sign(lanes.velocity),
+        parameters=model.at(lanes.time),
+        extra=dict(zip(model.state_names, lanes.extra, strict=True)),
+    )
+    setting = Setting(model, surfaces, always, point, {})
+    applied = setting.apart(lambda: plant.applied_effort(point, model))
+    margin, direction = setting.apart(lambda: _direction(applied, lanes.loose, point, model))
+    point = dataclasses.replace(point, direction=direction)
+    setting = dataclasses.replace(setting, point=point)
+    chambers = {side: setting.apart(partial(_chamber, side, setting)) for side in SIDES}
+    setting = dataclasses.replace(setting, chambers=chambers)
+    return setting, setting.apart(lambda: _start_rates(applied, setting)), margin
+
+
+def _direction(applied: Array, loose: Array, point: Point, model: Model) -> tuple[Array, Array]:
+    """The breakaway margin and which way the shaft slides: -1, 1, or 0 if it sticks."""
+    margin, way = _breakaway(applied, point, model)
+    starts = (margin < 0) | (loose * way > 0)
+    moving = jnp.where(point.velocity > 0, 1.0, -1.0)
+    return margin, jnp.where(point.velocity != 0, moving, jnp.where(starts, way, 0.0))
+
+
+def _start_rates(applied: Array, setting: Setting) -> Rates:
+    point, model, chambers = setting.point, setting.model, setting.chambers
+    extra = plant.state_rates(point, {side: c.flow for side, c in chambers.items()}, model)
+    return (
+        point.velocity,
+        plant.acceleration(applied, point, model),
+        *(chamber.rate for chamber in chambers.values()),
+        *(extra[name] for name in model.state_names),
+    )
+
+
+def _stage(
+    state: Rates, time: Array, setting: Setting, held: dict[str, tuple[Array, Array]]
+) -> tuple[Rates, Array, Array]:
+    """Derivatives of (position, velocity, pressures, extra), breakaway margin and its way.
+
+    The regime is frozen. `held` gives the constant rate of a chamber that the stiff method
+    advances, and where it does.
+    """
+    model = setting.model
+    position, velocity, pressure_a, pressure_b, *extra = setting.apart(lambda: state)
+    point = dataclasses.replace(
+        setting.point,
+        time=time,
+        position=position,
+        velocity=velocity,  # exactly zero while sticking
+        pressure_a=pressure_a,
+        pressure_b=pressure_b,
+        extra=dict(zip(model.state_names, extra, strict=True)),
+    )
+
+    def derivatives(applied: Array) -> Rates:
+        flows, rates = {}, []
+        for side, chamber in setting.chambers.items():
+            flows[side] = _flow(side, chamber.choked, point, setting)
+            rate = plant.pressure_rate(side, flows[side], point, model)
+            rate = jnp.where(chamber.above == 0, 0.0, rate)
+            rates.append(jnp.where(*held[side], rate) if side in held else rate)
+        extra_rates = plant.state_rates(point, flows, model)
+        return (
+            velocity,
+            plant.acceleration(applied, point, model),
+            *rates,
+            *(extra_rates[name] for name in model.state_names),
+        )
+
+    applied = setting.apart(lambda: plant.applied_effort(point, model))
+    margin, way = _breakaway(applied, point, model)
+    return setting.apart(lambda: derivatives(applied)), margin, way
+
+
+def _near_supply(start: Rates, step: Array, setting: Setting) -> dict[str, tuple[Array, Array]]:
+    """For each side: (whether the stiff method advances it, its mean rate over the step)."""
+    if setting.surfaces:
+        return {}
+    model, point = setting.model, setting.point
+    p = point.parameters
+    per_second = 1.0 / jnp.where(step > 0, step, 1.0)
+
+    def one(side: str, chamber: Chamber) -> tuple[Array, Array]:
+        gap = plant.supply_pressure(side, point, model) - point.pressure(side)
+        stiffness = step * chamber.per_flow * p.valve(side).c_fill
+        law = stiffness * base.signed_sqrt(gap)
+        other = law - step * chamber.rate
+        # The piston's part, which is the largest, changes during the step.
+        later = dataclasses.replace(point, velocity=point.velocity + step * start[1])
+        swept = plant.volume_rate(side, point, model), plant.volume_rate(side, later, model)
+        shrunk = 1.0 / (1.0 + 0.5 * step * (swept[0] + swept[1]) / chamber.volume)
+        squeeze = p.heat_capacity_ratio * point.pressure(side) / chamber.volume
+        gained = step * squeeze * (swept[1] * shrunk - swept[0])
+        reach = (_STIFF_STEPS * stiffness) * (_STIFF_STEPS * stiffness) + 2.0 * jnp.abs(other)
+        filling = (point.is_open(side) > 0) & ~chamber.choked
+        stiff = filling & (jnp.abs(gap) < reach)
+        change = gap_change(gap, (stiffness, stiffness * shrunk), (other, other + gained))
+        return stiff, -change * per_second
+
+    return {s: setting.apart(partial(one, s, c)) for s, c in setting.chambers.items()}
+
+
+def advance(lanes: Lanes, table: Table, model: Model, surfaces: tuple[Any, ...]) -> Lanes:
+    """One step of every run, to its sub-step's end or to the first event before it."""
+    run = jnp.arange(lanes.time.shape[0])
+    active = lanes.index < table.count
+    at = jnp.where(active, lanes.index, 0)
+    commands = tuple(t[run, at] for t in (table.motor, table.open_a, table.open_b))
+    rest = table.duration[run, at] - lanes.elapsed
+    step = jnp.where(active & (rest > 0), rest, 0.0)
+
+    setting, k1, margin_1 = _start(lanes, commands, model, surfaces, table.count[0] >= 0)
+    step = setting.apart(lambda: step)
+    held = _near_supply(k1, step, setting)
+    if held:
+        pressures = (jnp.where(*held[s], k) for s, k in zip(SIDES, k1[2:4], strict=True))
+        k1 = (*k1[:2], *pressures, *k1[4:])
+    state = (lanes.position, lanes.velocity, lanes.pressure_a, lanes.pressure_b, *lanes.extra)
+    half = 0.5 * step
+    state_2 = tuple(y + half * k for y, k in zip(state, k1, strict=True))
+    k2, margin_2, _ = _stage(state_2, lanes.time + half, setting, held)
+    state_3 = tuple(y + step * (2.0 * b - a) for y, a, b in zip(state, k1, k2, strict=True))
+    k3, margin_3, way = _stage(state_3, lanes.time + step, setting, held)
+    cubics = setting.apart(
+        lambda: [kutta_cubic(*of, step) for of in zip(state, k1, k2, k3, strict=True)]
+    )
+    # The stages lie at first order only; this parabola takes out what they are off.
+    bend = 0.5 * (margin_3 - 2.0 * margin_2 + margin_1)
+    margin = Cubic(margin_1, 2.0 * (margin_2 - margin_1), bend, jnp.zeros_like(bend))
+    return _cut(lanes, setting, cubics, (step, margin, way, active))
+
+
+def _cut(
+    lanes: Lanes, setting: Setting, cubics: list[Cubic], found: tuple[Array, Cubic, Array, Array]
+) -> Lanes:
+    """Where the runs are after the step, cut at each run's first event."""
+    step, margin, way, active = found
+    direction = setting.point.direction
+    sticks = direction == 0
+    slowing = cubics[1].distance(direction)
+    turns = Cubic(*(jnp.where(sticks, *of) for of in zip(margin, slowing, strict=True)))
+    end = direction * _stop(setting.point)
+    switches = [
+        cubic.distance(chamber.above, chamber.boundary)
+        for cubic, chamber in zip(cubics[2:4], setting.chambers.values(), strict=True)
+    ]
+    events = [turns, cubics[0].distance(-direction, end), *switches]
+    at, (turned, hit, *switched) = first_event(events, setting.always)
+    cut = at < 2.0
+    share = jnp.where(cut, jnp.where(at > _LEAST_SHARE, at, _LEAST_SHARE), 1.0)
+    position, velocity, *rest = (cubic(share) for cubic in cubics)
+    pressures = [
+        jnp.where(switch, chamber.boundary, pressure)
+        for switch, chamber, pressure in zip(
+            switched, setting.chambers.values(), rest[:2], strict=True
+        )
+    ]
+    return Lanes(
+        time=lanes.time + share * step,
+        position=jnp.where(hit, end, position),
+        velocity=jnp.where(hit | turned, 0.0, velocity),
+        pressure_a=pressures[0],
+        pressure_b=pressures[1],
+        extra=tuple(rest[2:]),
+        loose=jnp.where(turned & sticks, way, 0.0),
+        index=jnp.where(active & ~cut, lanes.index + 1, lanes.index),
+        elapsed=jnp.where(cut, lanes.elapsed + share * step, 0.0),
+    )
+
+
+__all__ = ["Chamber", "Lanes", "Setting", "Table", "advance"]

@@ -1,0 +1,202 @@
+"""When a valve is really open: commands, PWM periods, delays, overtaking edges.
+
+`spec/log-format.md`, "What the samples mean". numpy only. All times in s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+DelayPort = Callable[[FloatArray, FloatArray, bool], FloatArray]
+
+TIME_TOLERANCE = 1e-9
+"""Times closer than this, s, are one: a log's decimal times and a PWM grid differ by rounding."""
+
+
+@dataclass(frozen=True)
+class OpenIntervals:
+    """A valve is open in [opens[i], closes[i]); sorted, apart, of positive length."""
+
+    opens: FloatArray
+    closes: FloatArray
+
+    def open_time(self, starts: FloatArray, ends: FloatArray) -> FloatArray:
+        """Time open within each [starts, ends], s; exact."""
+        return self._cumulative(ends) - self._cumulative(starts)
+
+    def open_fraction(self, starts: FloatArray, ends: FloatArray) -> FloatArray:
+        """Share of each [starts, ends] in which the valve is open, 0 to 1."""
+        return self.open_time(starts, ends) / (ends - starts)
+
+    def is_open(self, times: FloatArray) -> BoolArray:
+        """Whether the valve is open just after each time."""
+        opened = np.searchsorted(self.opens, times, side="right")
+        closed = np.searchsorted(self.closes, times, side="right")
+        return opened > closed
+
+    def sampled(self, starts: FloatArray) -> FloatArray:
+        """1 or 0: whether the valve is open from each of the sorted times on.
+
+        An edge within the tolerance of a time counts at that time.
+        """
+        counts = [
+            np.bincount(np.searchsorted(starts, edges - TIME_TOLERANCE), minlength=len(starts) + 1)
+            for edges in (self.opens, self.closes)
+        ]
+        return np.cumsum((counts[0] - counts[1])[:-1]).astype(np.float64)
+
+    def _cumulative(self, times: FloatArray) -> FloatArray:
+        if len(self.opens) == 0:
+            return np.zeros_like(times)
+        total = np.concatenate(([0.0], np.cumsum(self.closes - self.opens)))
+        i = np.searchsorted(self.opens, times, side="right")
+        before = np.maximum(i - 1, 0)
+        running = np.minimum(times, self.closes[before]) - self.opens[before]
+        return np.where(i > 0, total[before] + running, 0.0)
+
+
+def switched_intervals(
+    time: FloatArray, command: FloatArray, starts_on: bool = False
+) -> tuple[FloatArray, FloatArray]:
+    """Commanded on-intervals of an on/off column; a command holds from its row to the next.
+
+    Before the first row the valve is off (`starts_on`: on). An interval that is on in the
+    last row ends at infinity; one that was on before starts at minus infinity.
+    """
+    on = np.concatenate(([starts_on], command > 0.5))
+    change = np.flatnonzero(on[1:] != on[:-1])
+    edges = time[change]
+    rising = on[1:][change]
+    opens, closes = edges[rising], edges[~rising]
+    if starts_on:
+        opens = np.concatenate(([-np.inf], opens))
+    if on[-1]:
+        closes = np.concatenate((closes, [np.inf]))
+    return opens, closes
+
+
+def period_duties(
+    time: FloatArray, duty: FloatArray, period: float
+) -> tuple[FloatArray, FloatArray]:
+    """Start of every PWM period and the duty in force then, which holds for the period."""
+    span = time[-1] - time[0]
+    count = int(np.floor((span + TIME_TOLERANCE) / period)) + 1
+    starts = time[0] + np.arange(count) * period
+    row = np.searchsorted(time, starts + TIME_TOLERANCE, side="right") - 1
+    return starts, np.clip(duty[row], 0.0, 1.0)
+
+
+def pwm_intervals(
+    time: FloatArray, duty: FloatArray, period: float, starts_on: bool = False
+) -> tuple[FloatArray, FloatArray]:
+    """Commanded on-intervals of a duty column: on for duty * period from each period's start.
+
+    Periods start at multiples of `period` from the first row. `starts_on` as in
+    switched_intervals.
+    """
+    starts, held = period_duties(time, duty, period)
+    # The last period is cut nowhere: what it would do after the last row is not simulated.
+    ends = starts + held * period
+    on = held > 0.0
+    opens, closes = starts[on], ends[on]
+    if starts_on:
+        opens = np.concatenate(([-np.inf], opens))
+        closes = np.concatenate(([time[0]], closes))
+    return _without_gaps(opens, closes)
+
+
+def _without_gaps(opens: FloatArray, closes: FloatArray) -> tuple[FloatArray, FloatArray]:
+    gap = opens[1:] - closes[:-1] > TIME_TOLERANCE
+    return opens[np.concatenate(([True], gap))[: len(opens)]], closes[
+        np.concatenate((gap, [True]))[: len(closes)]
+    ]
+
+
+def _no_port(delays: FloatArray, times: FloatArray, opening: bool) -> FloatArray:
+    return delays
+
+
+def delayed(
+    opens: FloatArray,
+    closes: FloatArray,
+    on_delay: float,
+    off_delay: float,
+    port: DelayPort = _no_port,
+) -> OpenIntervals:
+    """When the valve is open, from the commanded on-intervals.
+
+    An edge takes effect after its delay; an edge that overtakes the one before it cancels
+    it, and itself (the state stays). `port` may change the delay of every edge.
+    """
+    edges = np.empty(2 * len(opens))
+    edges[0::2] = opens + port(np.full(len(opens), on_delay), opens, True)
+    edges[1::2] = closes + port(np.full(len(closes), off_delay), closes, False)
+    while True:
+        overtaken = np.diff(edges) <= TIME_TOLERANCE
+        if not overtaken.any():
+            return OpenIntervals(edges[0::2].copy(), edges[1::2].copy())
+        # In a run of overtaken edges the first pair cancels; the rest is judged anew.
+        first = overtaken & ~np.concatenate(([False], overtaken[:-1]))
+        keep = np.ones(len(edges), dtype=bool)
+        keep[:-1] &= ~first
+        keep[1:] &= ~first
+        edges = edges[keep]
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Sub-steps between which a run has an edge, a sample or (averaged) a period's start.
+
+    `duration` (n,) s; `row` (n,) the log row in force; `ends_sample` (n,) whether a sample
+    lies at the sub-step's end; `start` (n,) s since the first row.
+    """
+
+    start: FloatArray
+    duration: FloatArray
+    row: NDArray[np.intp]
+    ends_sample: BoolArray
+
+
+def split_at(time: FloatArray, edges: FloatArray, max_step: float) -> Grid:
+    """Sub-steps of a log's samples, split at the edges and so that none exceeds max_step."""
+    inside = edges[(edges > time[0]) & (edges < time[-1])]
+    inside = np.sort(inside, kind="stable")  # of a few sorted runs: merged, not sorted
+    if len(inside):
+        inside = inside[np.concatenate(([True], np.diff(inside) > TIME_TOLERANCE))]
+        row = np.searchsorted(time, inside)
+        clear = (time[row] - inside > TIME_TOLERANCE) & (inside - time[row - 1] > TIME_TOLERANCE)
+        inside, row = inside[clear], row[clear]
+    else:
+        row = np.zeros(0, dtype=np.intp)
+    # Merge two sorted arrays by position, which is several times faster than sorting.
+    n = len(time) + len(inside)
+    place = row + np.arange(len(inside))
+    is_sample = np.ones(n, dtype=bool)
+    is_sample[place] = False
+    points = np.empty(n)
+    points[place] = inside
+    points[is_sample] = time
+    rows = np.cumsum(is_sample) - 1
+    start = points[:-1] - time[0]
+    grid = Grid(start, np.diff(points), rows[:-1], is_sample[1:])
+    return _no_longer_than(grid, max_step)
+
+
+def _no_longer_than(grid: Grid, max_step: float) -> Grid:
+    parts = np.ceil(grid.duration / max_step * (1.0 - 1e-6)).astype(np.intp)
+    parts = np.maximum(parts, 1)
+    if (parts == 1).all():
+        return grid
+    owner = np.repeat(np.arange(len(parts)), parts)
+    last = np.cumsum(parts)
+    within = np.arange(len(owner)) - (last - parts)[owner]
+    duration = (grid.duration / parts)[owner]
+    ends = np.zeros(len(owner), dtype=bool)
+    ends[last - 1] = grid.ends_sample
+    return Grid(grid.start[owner] + within * duration, duration, grid.row[owner], ends)
