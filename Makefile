@@ -24,8 +24,7 @@ browser:
 
 # The example report, made again from the bundled campaign.
 reports: $(STAMP)
-	$(BIN)/sysid demo -o out/demo
-	cp out/demo/report.html reports/example.html
+	$(BIN)/python reports/make.py
 
 $(STAMP): pyproject.toml constraints.txt
 	test -d $(VENV) || $(PYTHON) -m venv $(VENV)

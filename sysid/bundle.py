@@ -110,13 +110,14 @@ def merge(base: Mapping[str, Any], part: Mapping[str, Any], path: Path) -> dict[
             )
     merged = {**base, **{k: v for k, v in part.items() if k != "effects"}}
     if "valves" in base and "valves" in part:
-        merged["valves"] = _merge_valves(base["valves"], part["valves"])
+        merged["valves"] = merge_valves(base["valves"], part["valves"])
     merged["effects"] = part["effects"] or base["effects"]
     merged["provenance"] = _merge_provenance(base["provenance"], part["provenance"])
     return merged
 
 
-def _merge_valves(base: Mapping[str, Any], part: Mapping[str, Any]) -> dict[str, Any]:
+def merge_valves(base: Mapping[str, Any], part: Mapping[str, Any]) -> dict[str, Any]:
+    """Two `valves` tables in one: by valve, by model, and for PWM by direction."""
     merged = dict(base)
     for valve, models in part.items():
         before = dict(merged.get(valve, {}))

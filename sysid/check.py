@@ -19,6 +19,7 @@ from sysid.units import parse_map
 # A sample is late when it comes this many periods after the one before.
 _GAP_PERIODS = 1.5
 _FEWEST_SAMPLES = 16
+_MOST_TESTS_FOR_NOISE = 9
 # A sensor that dithers does not repeat a reading this often by chance.
 _STUCK_RUN = 25
 
@@ -63,6 +64,19 @@ class LogCheck:
     def to_json(self) -> dict[str, Any]:
         """Plain dictionaries and lists."""
         return asdict(self)
+
+    @classmethod
+    def from_json(cls, content: dict[str, Any]) -> LogCheck:
+        """What `to_json` gave."""
+        return cls(
+            **{
+                **content,
+                "channels": tuple(ChannelCheck(**c) for c in content["channels"]),
+                "excitation": tuple(content["excitation"]),
+                "identifies": tuple(Identification(**i) for i in content["identifies"]),
+                "notices": tuple(content["notices"]),
+            }
+        )
 
 
 def check_logs(
@@ -140,8 +154,13 @@ def check_channel(log: Log, name: str) -> ChannelCheck:
 
 
 def _noise(parts: Sequence[FloatArray], quantum: float) -> float | None:
-    """Median of the tests' noise floors: one disturbed test does not raise it."""
-    floors = [signals.noise_floor(p, quantum).noise for p in parts if len(p) >= _FEWEST_SAMPLES]
+    """Median of the tests' noise floors: one disturbed test does not raise it.
+
+    A file of many tests is judged by some of them, spread over it.
+    """
+    long = [p for p in parts if len(p) >= _FEWEST_SAMPLES]
+    some = long[:: -(-len(long) // _MOST_TESTS_FOR_NOISE)] if long else []
+    floors = [signals.noise_floor(p, quantum).noise for p in some]
     return float(np.median(floors)) if floors else None
 
 

@@ -98,6 +98,46 @@ def fit_friction(logs: Sequence[Path], as_json: bool, **options: Any) -> None:
     summary.show(fitted, as_json, summary.friction_tables)
 
 
+_valve_option = click.option(
+    "--valve", type=click.Choice(["a", "b"]), help="This valve only (else: by what moves)."
+)
+
+
+@fit.command("valve-discrete")
+@click.argument("logs", nargs=-1, required=True, type=PathArgument, metavar="LOG...")
+@_valve_option
+@_fit_options
+def fit_valve_discrete(logs: Sequence[Path], as_json: bool, **options: Any) -> None:
+    """Choked flows, unchoked coefficients and delays of on/off valves, piston held."""
+    from sysid import fit as pipelines
+    from sysid import summary
+
+    fitted = pipelines.fit_valve_discrete_logs(logs, **options)
+    summary.show(fitted, as_json, summary.valve_tables)
+
+
+@fit.command("valve-pwm")
+@click.argument("logs", nargs=-1, required=True, type=PathArgument, metavar="LOG...")
+@_valve_option
+@click.option(
+    "--surface",
+    type=click.Choice(["bipolynomial", "ann", "both"]),
+    default="both",
+    show_default=True,
+    help="Which surface to fit; both are compared on held-out tests.",
+)
+@click.option("--seed", default=0, show_default=True, help="Of the folds and the restarts.")
+@click.option("--sweep", is_flag=True, help="Also find the smallest network that does (slow).")
+@_fit_options
+def fit_valve_pwm(logs: Sequence[Path], as_json: bool, **options: Any) -> None:
+    """Mean flow over duty and pressure under PWM, and its inverse, piston held."""
+    from sysid import fit as pipelines
+    from sysid import summary
+
+    fitted = pipelines.fit_valve_pwm_logs(logs, **options)
+    summary.show(fitted, as_json, summary.valve_tables)
+
+
 @fit.command("campaign", hidden=True)
 @click.argument("campaign", type=PathArgument)
 @click.option("-o", "output", type=PathArgument, help="Write the bundle here.")
@@ -107,7 +147,8 @@ def fit_campaign(campaign: Path, output: Path | None, as_json: bool) -> None:
     from sysid import fit as pipelines
     from sysid import summary
 
-    summary.show(pipelines.fit_campaign(campaign, output), as_json, summary.campaign_tables)
+    fitted = pipelines.fit_campaign(campaign, output, progress=summary.progress("fitting "))
+    summary.show(fitted, as_json, summary.campaign_tables)
 
 
 @app.command()
@@ -148,6 +189,96 @@ def convert(foreign: Sequence[Path], output: Path, as_json: bool, **options: Any
     from sysid import summary
 
     summary.show_conversion(conversion.convert(foreign, output, **options), as_json)
+
+
+@app.command()
+@click.argument("campaign", type=PathArgument)
+@click.option("--bundle", required=True, type=PathArgument, help="What was fitted.")
+@click.option("--report", type=PathArgument, help="Write the HTML report here.")
+@click.option("-o", "output", type=PathArgument, help="Write the bundle with its validation.")
+@_json_option
+def validate(
+    campaign: Path, bundle: Path, report: Path | None, output: Path | None, as_json: bool
+) -> None:
+    """Open-loop simulation of a bundle's model against a campaign's motion logs."""
+    from sysid import summary
+    from sysid.validate import validate_campaign
+
+    validated = validate_campaign(
+        campaign, bundle, report=report, output=output, progress=summary.progress()
+    )
+    summary.show_validation(validated, as_json)
+
+
+@app.command()
+@click.argument("inputs", type=PathArgument)
+@click.option("--bundle", required=True, type=PathArgument, help="What was fitted.")
+@click.option("-o", "output", required=True, type=PathArgument, help="CSV or Parquet to write.")
+@click.option(
+    "--valve-model",
+    type=click.Choice(["discrete", "bipolynomial", "ann"]),
+    help="Else the on/off law where the bundle has it.",
+)
+@_map_option
+@_json_option
+def simulate(inputs: Path, bundle: Path, output: Path, as_json: bool, **options: Any) -> None:
+    """Open-loop simulation of the commands in INPUTS, a log."""
+    from sysid import summary
+    from sysid.simulate import simulate_log
+
+    summary.show_simulated(simulate_log(inputs, bundle, output, **options), as_json)
+
+
+_run_options = _options(
+    click.option(
+        "--surface",
+        type=click.Choice(["bipolynomial", "ann", "both"]),
+        default="both",
+        show_default=True,
+        help="Which PWM surfaces to fit.",
+    ),
+    click.option("--seed", default=0, show_default=True, help="Of folds and restarts."),
+    _json_option,
+)
+
+
+@app.command()
+@click.argument("campaign", type=PathArgument)
+@click.option("-o", "folder", required=True, type=PathArgument, help="Folder for all results.")
+@_run_options
+def run(campaign: Path, folder: Path, as_json: bool, **options: Any) -> None:
+    """The whole pipeline: check, fit, validate, report, export. Resumes where it stopped."""
+    from sysid import pipeline, summary
+
+    done = pipeline.run_campaign(campaign, folder, progress=summary.progress(), **options)
+    summary.show_run(done, as_json)
+
+
+@app.command()
+@click.option("-o", "folder", required=True, type=PathArgument, help="Folder for all results.")
+@_run_options
+def demo(folder: Path, as_json: bool, **options: Any) -> None:
+    """The whole pipeline on the bundled campaign."""
+    from sysid import pipeline, summary
+    from sysid.bundled import bundled_campaign
+
+    done = pipeline.run_campaign(bundled_campaign(), folder, progress=summary.progress(), **options)
+    summary.show_run(done, as_json)
+
+
+@app.command()
+@click.argument("bundle", type=PathArgument)
+@click.option(
+    "--format", "kind", required=True, type=click.Choice(["c", "mat", "json"]), help="What for."
+)
+@click.option("-o", "output", required=True, type=PathArgument, help="File to write.")
+@_json_option
+def export(bundle: Path, kind: str, output: Path, as_json: bool) -> None:
+    """What a controller consumes: a C header, a MATLAB file or flat JSON."""
+    from sysid import summary
+    from sysid.export import export_file
+
+    summary.show_written(output, export_file(bundle, output, kind), as_json)
 
 
 @app.command()

@@ -8,7 +8,6 @@ a TOML file too (`sysid.foreign.recipe`).
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,10 +16,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.errors import InputError, input_error
-from sysid.files import open_atomic
 from sysid.foreign import ForeignTable, read_foreign
 from sysid.foreign.recipe import Recipe, extended, read_recipe
-from sysid.tables import PARQUET_SUFFIXES, read_bytes
+from sysid.tables import read_bytes, write_table
 from sysid.units import (
     CANONICAL_UNITS,
     TEST_COLUMN,
@@ -281,26 +279,12 @@ def _joined(frames: Sequence[pd.DataFrame], paths: Sequence[Path]) -> pd.DataFra
 
 
 def _write(frame: pd.DataFrame, output: Path, sources: Sequence[Source], recipe: Recipe) -> None:
-    """CSV by RFC 4180 under comment lines that say where it comes from, or Parquet."""
-    origin = [f"{Path(s.path).name} ({s.format}), SHA-256 {s.sha256}" for s in sources]
-    told = [str(entry) for entry in recipe.maps.values()]
-    told += [f"{key}={value} (constant)" for key, value in recipe.constants.items()]
+    """CSV under comment lines that say where it comes from, or Parquet with the same inside."""
+    lines = [f"source: {Path(s.path).name} ({s.format}), SHA-256 {s.sha256}" for s in sources]
+    lines += [f"map: {entry}" for entry in recipe.maps.values()]
+    lines += [f"map: {key}={value} (constant)" for key, value in recipe.constants.items()]
     if recipe.atmosphere_pa is not None:
-        told.append(f"atmosphere {recipe.atmosphere_pa:g} Pa")
+        lines.append(f"map: atmosphere {recipe.atmosphere_pa:g} Pa")
     if recipe.period_s is not None:
-        told.append(f"sampling period {recipe.period_s:g} s")
-    with open_atomic(output) as file:
-        if output.suffix.lower() in PARQUET_SUFFIXES:
-            import pyarrow as pa
-            import pyarrow.parquet as parquet
-
-            content = pa.Table.from_pandas(frame, preserve_index=False)
-            note = json.dumps({"sources": origin, "map": told}, ensure_ascii=False)
-            metadata = {**(content.schema.metadata or {}), b"sysid.convert": note.encode()}
-            parquet.write_table(content.replace_schema_metadata(metadata), file)
-            return
-        lines = [*(f"source: {text}" for text in origin), *(f"map: {text}" for text in told)]
-        for line in lines:
-            file.write(f"# {' '.join(line.split())}\r\n".encode("utf-8", errors="replace"))
-        # pandas writes the shortest decimal that reads back as the same double.
-        file.write(frame.to_csv(index=False, lineterminator="\r\n").encode("utf-8"))
+        lines.append(f"map: sampling period {recipe.period_s:g} s")
+    write_table(frame, output, lines)

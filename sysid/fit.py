@@ -6,18 +6,21 @@ rig is found, the results become a bundle's parts, and the bundle is written.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
-from sysid.bundle import Source, merge, new_bundle, read_bundle, write_bundle
-from sysid.campaign import FRICTION_KINDS, Campaign, read_campaign
+from sysid.bundle import Source, merge, merge_valves, new_bundle, read_bundle, write_bundle
+from sysid.campaign import FRICTION_KINDS, Campaign, CampaignLog, read_campaign
 from sysid.errors import NotIdentifiedError, input_error
-from sysid.friction import FrictionResult, fit_friction
+from sysid.friction import fit_friction
 from sysid.logs import Log, Trial, read_log
 from sysid.rig import Rig, find_rig_file, read_rig
+from sysid.signals import DEFAULT_CUTOFF_HZ
 from sysid.units import parse_map
+from sysid.valve_discrete import fit_valve_discrete
+from sysid.valve_pwm import fit_valve_pwm
 
 
 @dataclass(frozen=True)
@@ -62,7 +65,7 @@ def fit_friction_logs(
     maps: Sequence[str] = (),
     kind: str | None = None,
     estimate_inertia: bool = False,
-    cutoff_hz: float = 50.0,
+    cutoff_hz: float = DEFAULT_CUTOFF_HZ,
     output: Path | None = None,
     into: Path | None = None,
 ) -> Fitted:
@@ -70,93 +73,245 @@ def fit_friction_logs(
 
     Raises InputError (unusable files) or NotIdentifiedError (the tests cannot identify it).
     """
-    the_rig, logs = read_logs(paths, rig, maps)
-    existing = None if into is None else read_bundle(into)
-    result = fit_friction(
-        [t for log in logs for t in log.trials],
-        the_rig,
-        kind=None if kind is None else f"friction-{kind}",
-        estimate_inertia=estimate_inertia,
-        cutoff_hz=cutoff_hz,
+    return _fit_part(
+        "friction",
+        lambda trials, the_rig: fit_friction(
+            trials, the_rig, kind=kind, estimate_inertia=estimate_inertia, cutoff_hz=cutoff_hz
+        ),
+        _Files(paths, rig, maps, output, into),
+        options={"cutoff_hz": cutoff_hz, "kind": kind},
     )
-    part = new_bundle(
-        the_rig,
-        {"friction": result.to_json()},
-        [Source(log, "fit", "friction") for log in logs],
-        options={"friction": {"cutoff_hz": cutoff_hz, "kind": kind}},
-    )
-    notices = (*the_rig.notices, *(n for log in logs for n in log.notices), *result.notices)
-    return _deliver(part, result.remarks, notices, output, into, existing)
 
 
-def _deliver(
-    part: dict[str, Any],
-    remarks: Sequence[str],
-    notices: Sequence[str],
-    output: Path | None,
-    into: Path | None,
-    existing: dict[str, Any] | None,
+def fit_valve_discrete_logs(
+    paths: Sequence[Path],
+    *,
+    rig: Path | None = None,
+    maps: Sequence[str] = (),
+    valve: str | None = None,
+    output: Path | None = None,
+    into: Path | None = None,
 ) -> Fitted:
-    """Write the part alone (`-o`), or added to the bundle that was read from `into`."""
-    bundle = part
-    if into is not None and existing is not None:
-        bundle = merge(existing, part, into)
-    target = output or into
+    """`sysid fit valve-discrete`: flows and delays of the on/off valves. Raises as friction."""
+    return _fit_part(
+        "valve-discrete",
+        lambda trials, the_rig: fit_valve_discrete(trials, the_rig, valve=valve),
+        _Files(paths, rig, maps, output, into),
+        options={"valve": valve},
+    )
+
+
+def fit_valve_pwm_logs(
+    paths: Sequence[Path],
+    *,
+    rig: Path | None = None,
+    maps: Sequence[str] = (),
+    valve: str | None = None,
+    surface: str = "both",
+    seed: int = 0,
+    sweep: bool = False,
+    output: Path | None = None,
+    into: Path | None = None,
+) -> Fitted:
+    """`sysid fit valve-pwm`: surfaces of mean flow over duty and pressure. Raises as friction."""
+    return _fit_part(
+        "valve-pwm",
+        lambda trials, the_rig: fit_valve_pwm(
+            trials, the_rig, valve=valve, surface=surface, seed=seed, sweep=sweep
+        ),
+        _Files(paths, rig, maps, output, into),
+        seeds={"valve-pwm": seed},
+        options={"valve": valve, "surface": surface},
+    )
+
+
+class _Result(Protocol):
+    """What every pipeline returns."""
+
+    @property
+    def remarks(self) -> tuple[str, ...]: ...
+
+    @property
+    def notices(self) -> tuple[str, ...]: ...
+
+    def to_json(self) -> dict[str, Any]: ...
+
+
+@dataclass(frozen=True)
+class _Files:
+    """What a partial fit reads and writes."""
+
+    paths: Sequence[Path]
+    rig: Path | None
+    maps: Sequence[str]
+    output: Path | None
+    into: Path | None
+
+
+def _fit_part(
+    kind: str,
+    fit: Callable[[list[Trial], Rig], _Result],
+    files: _Files,
+    *,
+    seeds: Mapping[str, int] | None = None,
+    options: Mapping[str, Any] | None = None,
+) -> Fitted:
+    """Read the logs, fit, and write the part alone (`-o`) or added to a bundle (`--into`)."""
+    rig, logs = read_logs(files.paths, files.rig, files.maps)
+    existing = None if files.into is None else read_bundle(files.into)
+    result = fit([t for log in logs for t in log.trials], rig)
+    key = "friction" if kind == "friction" else "valves"
+    bundle = new_bundle(
+        rig,
+        {key: result.to_json()},
+        [Source(log, "fit", kind) for log in logs],
+        seeds=seeds,
+        options={kind: options or {}},
+    )
+    if files.into is not None and existing is not None:
+        bundle = merge(existing, bundle, files.into)
+    target = files.output or files.into
     if target is not None:
         write_bundle(bundle, target)
-    return Fitted(bundle, tuple(remarks), tuple(notices), target)
+    notices = (*rig.notices, *(n for log in logs for n in log.notices), *result.notices)
+    return Fitted(bundle, tuple(result.remarks), notices, target)
 
 
-def fit_campaign(path: Path, output: Path | None) -> Fitted:
+@dataclass
+class _Assembly:
+    """A campaign's bundle while its parts come in."""
+
+    campaign: Campaign
+    progress: Callable[[str], None]
+    parts: dict[str, Any] = field(default_factory=dict)
+    sources: list[Source] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
+    notices: list[str] = field(default_factory=list)
+
+    def read(self, entries: Sequence[CampaignLog]) -> list[Trial]:
+        """All trials of these entries; their logs go into the provenance."""
+        trials: list[Trial] = []
+        for entry in entries:
+            log = self.campaign.read(entry)
+            self.sources.append(Source(log, entry.use, entry.kind))
+            self.notices += log.notices
+            trials += log.trials
+        return trials
+
+    def add(self, name: str, fit: Callable[[], _Result]) -> dict[str, Any]:
+        """A pipeline's part; empty, with a notice, where the tests do not identify it."""
+        self.progress(name)
+        try:
+            result = fit()
+        except NotIdentifiedError as error:
+            self.notices.append(str(error))
+            return {}
+        self.remarks += result.remarks
+        self.notices += result.notices
+        return result.to_json()
+
+
+def fit_campaign(
+    path: Path,
+    output: Path | None,
+    *,
+    surface: str = "both",
+    seed: int = 0,
+    progress: Callable[[str], None] = lambda stage: None,
+) -> Fitted:
     """`sysid fit CAMPAIGN.toml`: every part that the campaign's fit logs can identify.
 
     A part whose tests the campaign lacks, or that they cannot identify, is left out of the
     bundle with a notice. Raises NotIdentifiedError where nothing at all can be fitted.
+    `progress` is told the name of each part as its fit begins.
     """
     campaign = read_campaign(path)
-    parts: dict[str, Any] = {}
-    sources: list[Source] = []
-    remarks: list[str] = []
-    notices = [*campaign.notices, *campaign.rig.notices]
-    for stage in _STAGES:
-        try:
-            stage(campaign, parts, sources, remarks, notices)
-        except NotIdentifiedError as error:
-            notices.append(str(error))
-    if not parts:
+    assembly = _Assembly(campaign, progress)
+    assembly.notices += [*campaign.notices, *campaign.rig.notices]
+    _add_friction(assembly)
+    _add_valves(assembly, surface, seed)
+    if not assembly.parts:
         raise NotIdentifiedError(
             f'{path}: no fit log identifies anything; add friction or valve tests with use = "fit"'
         )
-    bundle = new_bundle(campaign.rig, parts, sources)
+    bundle = new_bundle(
+        campaign.rig,
+        assembly.parts,
+        assembly.sources,
+        seeds={"valve-pwm": seed},
+        options={"valve-pwm": {"surface": surface}},
+    )
     if output is not None:
         write_bundle(bundle, output)
-    return Fitted(bundle, tuple(remarks), tuple(notices), output)
+    return Fitted(bundle, tuple(assembly.remarks), tuple(assembly.notices), output)
 
 
-Stage = Callable[[Campaign, dict[str, Any], list[Source], list[str], list[str]], None]
-
-
-def _friction_stage(
-    campaign: Campaign,
-    parts: dict[str, Any],
-    sources: list[Source],
-    remarks: list[str],
-    notices: list[str],
-) -> None:
-    trials: list[tuple[str, Trial]] = []
-    for entry in campaign.select(FRICTION_KINDS):
-        log = campaign.read(entry)
-        sources.append(Source(log, entry.use, entry.kind))
-        notices += log.notices
-        trials += [(entry.kind, t) for t in log.trials]
-    if not trials:
+def _add_friction(assembly: _Assembly) -> None:
+    entries = assembly.campaign.select(FRICTION_KINDS)
+    if not entries:
         return
-    result: FrictionResult = fit_friction(
-        [t for _, t in trials], campaign.rig, kind=[kind for kind, _ in trials]
-    )
-    parts["friction"] = result.to_json()
-    remarks += result.remarks
-    notices += result.notices
+    trials: list[Trial] = []
+    kinds: list[str] = []
+    for entry in entries:
+        own = assembly.read([entry])
+        trials += own
+        kinds += [entry.kind] * len(own)
+    rig = assembly.campaign.rig
+    part = assembly.add("friction", lambda: fit_friction(trials, rig, kind=kinds))
+    if part:
+        assembly.parts["friction"] = part
 
 
-_STAGES: tuple[Stage, ...] = (_friction_stage,)
+@dataclass(frozen=True)
+class _ValveJob:
+    """One valve pipeline on the trials of the entries that name the same valve."""
+
+    kind: str
+    valve: str | None
+    trials: list[Trial]
+    rig: Rig
+    surface: str
+    seed: int
+
+    @property
+    def name(self) -> str:
+        return self.kind if self.valve is None else f"{self.kind}, valve {self.valve.upper()}"
+
+    def fit(self) -> tuple[dict[str, Any], tuple[str, ...], tuple[str, ...]]:
+        """The part, remarks and notices; an empty part where nothing is identified."""
+        try:
+            result: _Result
+            if self.kind == "valve-discrete":
+                result = fit_valve_discrete(self.trials, self.rig, valve=self.valve)
+            else:
+                result = fit_valve_pwm(
+                    self.trials, self.rig, valve=self.valve, surface=self.surface, seed=self.seed
+                )
+        except NotIdentifiedError as error:
+            return {}, (), (str(error),)
+        return result.to_json(), tuple(result.remarks), tuple(result.notices)
+
+
+def _add_valves(assembly: _Assembly, surface: str, seed: int) -> None:
+    """Both kinds of valve test, each valve a job of its own; the jobs share the cores."""
+    jobs = []
+    for kind in ("valve-pwm", "valve-discrete"):
+        entries = assembly.campaign.select([kind])
+        # Entries that do not say which valve are told by what moves.
+        for valve in dict.fromkeys(e.valve for e in entries):
+            trials = assembly.read([e for e in entries if e.valve == valve])
+            jobs.append(_ValveJob(kind, valve, trials, assembly.campaign.rig, surface, seed))
+    if not jobs:
+        return
+    import joblib
+
+    assembly.progress("; ".join(job.name for job in jobs))
+    workers = min(len(jobs), joblib.cpu_count())
+    found = joblib.Parallel(n_jobs=workers)(joblib.delayed(job.fit)() for job in jobs)
+    valves: dict[str, Any] = {}
+    for part, remarks, notices in reversed(found):
+        valves = merge_valves(valves, part)
+        assembly.remarks += remarks
+        assembly.notices += notices
+    if valves:
+        assembly.parts["valves"] = valves

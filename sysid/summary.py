@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -11,16 +12,24 @@ from rich.table import Table
 from rich.text import Text
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from sysid.check import LogCheck
     from sysid.convert import ConversionReport
     from sysid.fit import Fitted
+    from sysid.pipeline import RunReport
+    from sysid.simulate import Simulated
+    from sysid.validate import Validated
 
+# A pipe or a file has no width of its own; file names are not cut there.
+_PIPED_WIDTH = 132
 Tables = Callable[[Any], Iterable[Table]]
 
 
 def console() -> Console:
     """Standard output, as wide as the terminal; never colours what is piped."""
-    return Console(soft_wrap=False, highlight=False)
+    width = None if sys.stdout.isatty() else _PIPED_WIDTH
+    return Console(soft_wrap=False, highlight=False, width=width)
 
 
 def notices(lines: Iterable[str]) -> None:
@@ -97,6 +106,41 @@ def _position_tables(friction: dict[str, Any]) -> Iterable[Table]:
     yield table
 
 
+def valve_tables(fitted: Fitted) -> Iterable[Table]:
+    """Each valve's flow parameters and delays, and its surfaces' errors."""
+    valves = fitted.bundle.get("valves", {})
+    for name, models in valves.items():
+        if "discrete" in models:
+            yield parameter_table(f"Valve {name.upper()}, on/off", models["discrete"])
+    yield from _surface_tables(valves)
+    yield from _remark_tables(fitted)
+
+
+def _surface_tables(valves: dict[str, Any]) -> Iterable[Table]:
+    table = new_table(
+        "PWM surfaces, error in duty on tests left out of the fit",
+        "valve",
+        "direction",
+        "surface",
+        "RMSE",
+        "largest relative error, %",
+        "parameters",
+    )
+    for name, models in valves.items():
+        for direction, content in models.get("pwm", {}).items():
+            for kind, count in (("bipolynomial", 9), ("ann", 41)):
+                if kind in content:
+                    surface = content[kind]
+                    numbers = (
+                        surface["rmse_duty"],
+                        surface["max_relative_error_duty_percent"],
+                    )
+                    cells = [f"{n:.3g}" for n in numbers]
+                    table.add_row(name.upper(), direction, kind, *cells, str(count))
+    if table.row_count:
+        yield table
+
+
 def _remark_tables(fitted: Fitted) -> Iterable[Table]:
     if fitted.remarks:
         table = new_table("Remarks", "")
@@ -107,8 +151,103 @@ def _remark_tables(fitted: Fitted) -> Iterable[Table]:
 
 def campaign_tables(fitted: Fitted) -> Iterable[Table]:
     """Every part of a campaign's bundle."""
-    if "friction" in fitted.bundle:
-        yield from friction_tables(fitted)
+    friction = fitted.bundle.get("friction")
+    if friction is not None:
+        yield parameter_table("Friction", friction)
+        yield from _position_tables(friction)
+    yield from valve_tables(fitted)
+
+
+def progress(doing: str = "") -> Callable[[str], None]:
+    """A function that says on standard error what is being done now."""
+    error = Console(stderr=True, soft_wrap=True, highlight=False)
+
+    def say(what: str) -> None:
+        error.print(Text(f"sysid: {doing}{what}"))
+
+    return say
+
+
+def validation_table(validation: dict[str, Any]) -> Table:
+    """One row a log, valve model and channel of a bundle's `validation`."""
+    table = new_table(
+        "Open-loop validation",
+        "log",
+        "use",
+        "valve model",
+        "channel",
+        "RMSE",
+        "fit, %",
+        "noise floor",
+    )
+    for log in validation.get("logs", []):
+        for name, channel in log["channels"].items():
+            table.add_row(
+                Text(log["file"]),
+                log["use"],
+                log["valve_model"],
+                name,
+                f"{channel['rmse']:.4g}",
+                f"{channel['fit_percent']:.1f}",
+                f"{channel['noise_floor']:.3g}",
+            )
+    return table
+
+
+def show_validation(validated: Validated, as_json: bool) -> None:
+    """`sysid validate`: the errors of every log, and what was written."""
+    notices(validated.notices)
+    if as_json:
+        print_json(validated.to_json())
+        return
+    out = console()
+    out.print(validation_table(validated.validation))
+    for path in validated.written:
+        out.print(Text(f"written: {path}"))
+
+
+def show_run(done: RunReport, as_json: bool) -> None:
+    """`sysid run`: what each stage did, the validation, and where the report is."""
+    notices(done.notices)
+    if as_json:
+        print_json(done.to_json())
+        return
+    out = console()
+    out.print(validation_table(done.bundle.get("validation", {})))
+    table = new_table("Stages", "stage", "", "s")
+    for stage in done.stages:
+        table.add_row(stage.name, stage.why or "up to date", f"{stage.seconds:.1f}")
+    out.print(table)
+    out.print(Text(f"bundle: {done.folder / 'bundle.json'}"), soft_wrap=True)
+    out.print(Text(f"report: {done.report}"), soft_wrap=True)
+
+
+def show_simulated(simulated: Simulated, as_json: bool) -> None:
+    """`sysid simulate`: how far each test went, and where the result is."""
+    notices(simulated.notices)
+    if as_json:
+        print_json(simulated.to_json())
+        return
+    table = new_table(
+        f"Simulated, {simulated.valve_model} valves", "test", "s", "position", "A, Pa", "B, Pa"
+    )
+    names = (simulated.position, "pressure_a_pa", "pressure_b_pa")
+    for trial, channels in zip(simulated.trials, simulated.channels, strict=True):
+        ranges = [channels[name] for name in names]
+        cells = [f"{float(r.min()):.4g} to {float(r.max()):.4g}" for r in ranges]
+        table.add_row(Text(trial.label or "-"), f"{trial.time[-1] - trial.time[0]:.3g}", *cells)
+    out = console()
+    out.print(table)
+    out.print(Text(f"written: {simulated.written}"), soft_wrap=True)
+
+
+def show_written(path: Path, said: Sequence[str], as_json: bool) -> None:
+    """A command whose result is one file."""
+    notices(said)
+    if as_json:
+        print_json({"written": str(path), "notices": list(said)})
+        return
+    console().print(Text(f"written: {path}"), soft_wrap=True)
 
 
 def show_checks(checks: Sequence[LogCheck], as_json: bool) -> None:

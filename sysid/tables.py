@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import io
+import json
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.errors import input_error
+from sysid.files import open_atomic
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -137,6 +139,27 @@ def read_table(path: Path, wanted: Collection[str], text: Collection[str] = ()) 
     if path.suffix.lower() in PARQUET_SUFFIXES:
         return _read_parquet(path, raw, digest, wanted)
     return _read_csv(path, raw, digest, wanted, text)
+
+
+def write_table(frame: pd.DataFrame, path: Path, comments: Sequence[str]) -> None:
+    """Write columns as CSV (RFC 4180) under `#` comment lines, or as Parquet by the suffix.
+
+    Numbers are written so that they read back as the same doubles; whole or not at all.
+    """
+    with open_atomic(path) as file:
+        if path.suffix.lower() in PARQUET_SUFFIXES:
+            import pyarrow as pa
+            import pyarrow.parquet as parquet
+
+            content = pa.Table.from_pandas(frame, preserve_index=False)
+            note = json.dumps(list(comments), ensure_ascii=False).encode()
+            metadata = {**(content.schema.metadata or {}), b"sysid.comments": note}
+            parquet.write_table(content.replace_schema_metadata(metadata), file)
+            return
+        for line in comments:
+            file.write(f"# {' '.join(line.split())}\r\n".encode("utf-8", errors="replace"))
+        # pandas writes the shortest decimal that reads back as the same double.
+        file.write(frame.to_csv(index=False, lineterminator="\r\n").encode("utf-8"))
 
 
 def _chosen(header: Sequence[str], wanted: Collection[str]) -> list[str]:
@@ -319,4 +342,4 @@ def _is_number(text: str) -> bool:
     return True
 
 
-__all__ = ["PARQUET_SUFFIXES", "Table", "read_bytes", "read_table"]
+__all__ = ["PARQUET_SUFFIXES", "Table", "read_bytes", "read_table", "write_table"]

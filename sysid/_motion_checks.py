@@ -1,0 +1,143 @@
+"""What makes a test of a motion log unfit for open-loop simulation."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.errors import input_error
+from sysid.logs import Trial
+from sysid.model import base
+from sysid.rig import Rig, require_inertia
+
+FloatArray = NDArray[np.float64]
+
+PRESSURES = ("pressure_a_pa", "pressure_b_pa")
+MARGIN_OF_STROKE = 0.01
+"""Samples nearer to an end stop than this share of the stroke are left out."""
+MIN_ROWS = 20
+
+# A step this much longer than the median one is a gap.
+_GAP = 1.5
+# The PWM grid may wander by this share of a period against the rows, over a whole test.
+_PWM_WANDER = 0.5
+_MAX_DENOMINATOR = 4
+_START_S = 0.05
+# How much the cylinder and motor may exceed what the log and the rig file say.
+_EFFORT_MARGIN = 1.2
+
+
+def check_channels(trial: Trial, kind: str, rig: Rig) -> None:
+    """InputError for a channel that simulating this kind of test needs, or too few rows."""
+    needed = [rig.position_channel]
+    if kind in ("motion-motor", "friction-motion"):
+        needed.append(rig.effort_channel)
+    else:
+        prefix = "duty" if kind == "motion-pwm" else "valve"
+        needed += [f"{prefix}_a", f"{prefix}_b", *PRESSURES]
+    trial.require(needed, f"which simulating a {kind} test needs")
+    if len(trial) < MIN_ROWS:
+        raise input_error(
+            trial.source, f"holds {len(trial)} rows", f"a motion test needs {MIN_ROWS} or more"
+        )
+
+
+def check_sampling(trial: Trial, kind: str, rig: Rig) -> None:
+    """InputError for gaps, and for rows that cannot follow the PWM periods of a pulsed test."""
+    steps = np.diff(trial.time)
+    period = float(np.median(steps))
+    gap = int(np.argmax(steps))
+    if steps[gap] > _GAP * period:
+        raise input_error(
+            f"{trial.source}, at {trial.time[gap]:.6g} s",
+            f"no sample for {steps[gap]:.4g} s (elsewhere every {period:.4g} s), and the commands "
+            "in between are unknown",
+            "leave the test out, or give what precedes and follows the gap labels of their own "
+            "in the column `test` if each starts at rest",
+        )
+    if kind != "motion-pwm":
+        return
+    pwm = rig.require("pwm", f"which {trial.source} needs: when a PWM period starts").period_s
+    span = float(trial.time[-1] - trial.time[0])
+    mean = span / len(steps)
+    ratio = _rows_per_period(pwm, mean)
+    # What the nearest simple ratio leaves adds up from period to period.
+    wander = abs(pwm / mean / float(ratio) - 1.0) * span / pwm if ratio else math.inf
+    if mean > pwm * (1.0 + 1e-6) or wander > _PWM_WANDER:
+        raise input_error(
+            trial.source,
+            f"a row every {mean:.6g} s cannot follow PWM periods of {pwm:.6g} s "
+            f"({pwm / mean:.4g} rows a period)",
+            "check [pwm] period_s and time_s, or log a whole number of rows a period",
+        )
+
+
+def _rows_per_period(pwm: float, period: float) -> Fraction:
+    return Fraction(pwm / period).limit_denominator(_MAX_DENOMINATOR)
+
+
+def rows_per_ripple(trial: Trial, rig: Rig) -> int:
+    """Rows after which the PWM ripple repeats: those of one period, or of a few."""
+    pwm = rig.require("pwm", "which a test under PWM needs").period_s
+    mean = float(trial.time[-1] - trial.time[0]) / (len(trial) - 1)
+    return max(1, _rows_per_period(pwm, mean).numerator)
+
+
+def check_at_rest(
+    source: str,
+    time: FloatArray,
+    motor: FloatArray,
+    measured: FloatArray,
+    tolerance: float,
+    rig: Rig,
+) -> None:
+    """InputError where the shaft moves in the first 50 ms as nothing at rest could.
+
+    From rest it cannot have gone further than the logged effort, friction aside, would have
+    driven it: the double integral of |effort|/inertia. `measured` (3, n) position and
+    pressures; `tolerance` is what the encoder may show at rest, rad or m.
+    """
+    rows = int(np.count_nonzero(time - time[0] <= _START_S))
+    time, measured = time[:rows] - time[0], measured[:, :rows]
+    effort = np.abs(_applied_effort(motor[:rows], measured, rig))
+    rate = _EFFORT_MARGIN * effort / require_inertia(rig)
+    # The greater of two neighbours: what happens between rows is not known.
+    rate = np.maximum(rate[:-1], rate[1:]) * np.diff(time)
+    speed = np.cumsum(rate)
+    reach = np.concatenate([[0.0], np.cumsum(speed * np.diff(time))])
+    gone = np.abs(measured[0] - measured[0, 0])
+    beyond = np.flatnonzero(gone > reach + tolerance)
+    if beyond.size == 0:
+        return
+    at = int(beyond[0])
+    raise input_error(
+        source,
+        f"starts while moving: the position changes by {gone[at]:.3g} in its first "
+        f"{1000.0 * time[at]:.3g} ms, and from rest the logged effort explains {reach[at]:.2g}",
+        "start each test at rest, or cut off its beginning up to a rest",
+    )
+
+
+def _applied_effort(motor: FloatArray, measured: FloatArray, rig: Rig) -> FloatArray:
+    """Cylinder + motor - gravity from the log, (n,) Nm or N."""
+    effort = np.asarray(motor, dtype=float)
+    if rig.cylinder is not None and rig.air is not None:
+        c, atmosphere = rig.cylinder, rig.air.atmospheric_pressure_pa
+        a, b = np.nan_to_num(measured[1:], nan=atmosphere)
+        effort = effort + base.cylinder_effort(
+            a, b, c.area_a_m2, c.area_b_m2, atmosphere, c.pitch_radius_m
+        )
+    gravity = rig.gravity_moment()
+    moment, weight = (0.0, gravity) if rig.is_linear else (gravity, 0.0)
+    return np.asarray(effort - base.gravity_effort(measured[0], moment, weight))
+
+
+def near_end_stop(position: FloatArray, rig: Rig) -> NDArray[np.bool_]:
+    """(n,) whether a position is within 1 % of the stroke from an end, or beyond it."""
+    if rig.travel is None:
+        return np.zeros(len(position), dtype=bool)
+    limit = (0.5 - MARGIN_OF_STROKE) * rig.travel
+    return np.asarray(np.abs(position) > limit)

@@ -1,0 +1,256 @@
+"""Motion logs as runs of the simulator: commands, start states, segments.
+
+A test is simulated open loop from its first row, and in segments that start within it. Every
+start state is estimated from the samples around it; that a test starts at rest
+(`spec/log-format.md`) is checked against them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid import signals
+from sysid._motion_checks import (
+    MIN_ROWS,
+    PRESSURES,
+    check_at_rest,
+    check_channels,
+    check_sampling,
+    near_end_stop,
+    rows_per_ripple,
+)
+from sysid._start_states import (
+    InitialState,
+    Noise,
+    ValveEdges,
+    half_window,
+    state_at_rest,
+    state_within,
+    valve_edges,
+)
+from sysid.errors import input_error
+from sysid.logs import Trial
+from sysid.model import timing
+from sysid.rig import Rig
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+Commands = tuple[FloatArray | None, FloatArray | None]
+
+SIDES = ("a", "b")
+# A segment may start this share of its length after its place on the even grid.
+_SLACK = 0.25
+
+
+@dataclass(frozen=True)
+class Segment:
+    """Rows [start, stop) of a test, the state at its start, and which valves were open there.
+
+    `settled`: no valve had an edge under way at the start, so that the commands from there
+    on say all about the valves.
+    """
+
+    start: int
+    stop: int
+    state: InitialState
+    starts_on: tuple[bool, bool] = (False, False)
+    settled: bool = True
+
+
+@dataclass(frozen=True)
+class MotionTest:
+    """One test of a motion log, checked and ready for the simulator.
+
+    `time` (n,) s; `motor` (n,) Nm or N; `commands` of valves A and B: (n,) duty if `pulsed`,
+    else 0 or 1, None for a valve that stays off; `measured` (3, n) position and pressures,
+    NaN where not logged; `near_stop` (n,): too near an end stop to count. `whole` starts at
+    the first row, `segments` within the test.
+    """
+
+    label: str
+    source: str
+    time: FloatArray
+    motor: FloatArray
+    commands: Commands
+    pulsed: bool
+    measured: FloatArray
+    near_stop: NDArray[np.bool_]
+    noise: Noise
+    whole: Segment
+    segments: tuple[Segment, ...] = ()
+    notices: tuple[str, ...] = ()
+
+    @property
+    def period(self) -> float:
+        """Mean sampling period, s."""
+        return float(self.time[-1] - self.time[0]) / (len(self.time) - 1)
+
+    def counted(self, segment: Segment) -> int:
+        """How many rows of a segment count: those before the arm comes near an end stop."""
+        near = np.flatnonzero(self.near_stop[segment.start : segment.stop])
+        return int(near[0]) if near.size else segment.stop - segment.start
+
+
+def prepare(trial: Trial, kind: str, rig: Rig, horizon: float) -> MotionTest:
+    """A test of a motion log, its noise, and its start states about every `horizon` s.
+
+    Raises InputError, which names the test, for missing channels, gaps, a sampling that
+    cannot follow the PWM grid, or a test that does not start at rest.
+    """
+    check_channels(trial, kind, rig)
+    check_sampling(trial, kind, rig)
+    pulsed = kind == "motion-pwm"
+    commands = _commands(trial, kind)
+    stride = rows_per_ripple(trial, rig) if pulsed else None
+    notices: list[str] = []
+    measured = _measured(trial, rig, notices)
+    noise = channel_noise(measured, stride or 1, rig.sensors.pressure_noise_pa)
+    edges = (
+        valve_edges(trial.time, commands[0], pulsed, rig),
+        valve_edges(trial.time, commands[1], pulsed, rig),
+    )
+    motor = np.asarray(trial.channels.get(rig.effort_channel, np.zeros(len(trial))), dtype=float)
+    tolerance = 2.0 * noise.still
+    check_at_rest(trial.source, trial.time, motor, measured, tolerance, rig)
+    test = MotionTest(
+        label=trial.label,
+        source=trial.source,
+        time=trial.time,
+        motor=motor,
+        commands=commands,
+        pulsed=pulsed,
+        measured=measured,
+        near_stop=near_end_stop(measured[0], rig),
+        noise=noise,
+        whole=Segment(0, len(trial), state_at_rest(trial.time, measured, noise, edges)),
+    )
+    if test.near_stop.any():
+        notices.append(_stop_notice(test))
+    segments = _segments(test, edges, horizon, rig, stride)
+    return replace(test, segments=segments, notices=tuple(notices))
+
+
+def _stop_notice(test: MotionTest) -> str:
+    first = int(np.argmax(test.near_stop))
+    return (
+        f"{test.source}: within 1 % of the stroke from an end stop at "
+        f"{test.time[first] - test.time[0]:.3f} s ({int(test.near_stop.sum())} of "
+        f"{len(test.time)} rows); a simulation counts until the arm comes that near"
+    )
+
+
+def _commands(trial: Trial, kind: str) -> Commands:
+    prefix, other = ("duty", "valve") if kind == "motion-pwm" else ("valve", "duty")
+    for side in SIDES:
+        name = f"{other}_{side}"
+        if name in trial and bool(np.any(trial[name] != 0.0)):
+            raise input_error(
+                trial.source,
+                f"{name} is commanded in a {kind} test",
+                "name its kind in the campaign: motion-pwm for duties, motion-discrete for valves",
+            )
+    return trial.channels.get(f"{prefix}_a"), trial.channels.get(f"{prefix}_b")
+
+
+def _measured(trial: Trial, rig: Rig, notices: list[str]) -> FloatArray:
+    rows = [trial[rig.position_channel]]
+    for name in PRESSURES:
+        if name in trial:
+            rows.append(trial[name])
+        else:
+            notices.append(
+                f"{trial.source}: {name} is not logged; the chamber is taken to start at the "
+                "atmosphere's pressure, and the test is simulated as a whole only"
+            )
+            rows.append(np.full(len(trial), np.nan))
+    return np.array(rows, dtype=float)
+
+
+def channel_noise(measured: FloatArray, stride: int = 1, declared_pa: float | None = None) -> Noise:
+    """Noise of one sample of position and pressures (3, n), from the samples themselves.
+
+    Where the rig file declares the pressure sensors' noise (`declared_pa`), that is taken.
+    Under PWM the pressures ripple with the pulses, which is no noise: `stride` rows apart
+    it is always the same point of a pulse. Two such combs, half a period apart, are looked
+    at. NaN for a channel that is not logged.
+    """
+    totals = [signals.noise_floor(measured[0]).total]
+    for row in measured[1:]:
+        if np.isnan(row).any():
+            totals.append(math.nan)
+            continue
+        step = signals.quantum(row)
+        if declared_pa is not None:
+            totals.append(signals.NoiseFloor(declared_pa, step).total)
+            continue
+        combs = [row[start::stride] for start in {0, stride // 2}]
+        long_enough = [c for c in combs if len(c) >= MIN_ROWS] or [row]
+        floors = [signals.noise_floor(c, step).total for c in long_enough]
+        totals.append(math.sqrt(float(np.mean(np.square(floors)))))
+    return Noise(np.array(totals), signals.quantum(measured[0]))
+
+
+# --- where segments start --------------------------------------------------------------
+
+
+def _segments(
+    test: MotionTest,
+    edges: tuple[ValveEdges, ValveEdges],
+    horizon: float,
+    rig: Rig,
+    stride: int | None,
+) -> tuple[Segment, ...]:
+    """Segments of `horizon` s, one after another, each from an estimated state."""
+    if np.isnan(test.measured).any():
+        return ()
+    rows, n = round(horizon / test.period), len(test.time)
+    half = half_window(test.period, stride)
+    allowed = _allowed_starts(test, rig)
+    segments = []
+    for first in range(half, n - rows + 1, rows):
+        last = min(first + round(_SLACK * rows), n - rows, n - half - 1)
+        near = allowed[(allowed >= first) & (allowed <= last)]
+        start = _best_start(test, edges, near, half * test.period)
+        if start is None:
+            continue
+        at = float(test.time[start])
+        part = slice(start - half, start + half + 1)
+        state = state_within(at, test.time[part], test.measured[:, part], test.noise, edges, stride)
+        starts_on = (edges[0].was_open(at), edges[1].was_open(at))
+        settled = not any(e.pending(at) for e in edges)
+        segments.append(Segment(start, start + rows, state, starts_on, settled))
+    return tuple(segments)
+
+
+def _allowed_starts(test: MotionTest, rig: Rig) -> IntArray:
+    """Rows at which a run of its own may start: under PWM, those that start a period."""
+    if not test.pulsed:
+        return np.arange(len(test.time))
+    period = rig.require("pwm", "which a test under PWM needs").period_s
+    starts, _ = timing.period_duties(test.time, np.zeros(len(test.time)), period)
+    row = np.searchsorted(test.time, starts - 1e-3 * test.period)
+    row = np.minimum(row, len(test.time) - 1)
+    return np.unique(row[np.abs(test.time[row] - starts) < 1e-3 * test.period])
+
+
+def _best_start(
+    test: MotionTest, edges: tuple[ValveEdges, ValveEdges], rows: IntArray, window: float
+) -> int | None:
+    """The first of these rows with no valve edge under way; None if there are no rows.
+
+    Valves that do not pulse should not move within the smoothing window either, where the
+    pressures bend; that is given up before the other.
+    """
+    clearances = (0.0,) if test.pulsed else (window, 0.25 * window, 0.0)
+    for clearance in clearances:
+        for row in rows:
+            if not any(e.moves_near(float(test.time[row]), clearance) for e in edges):
+                return int(row)
+    return int(rows[0]) if rows.size else None
+
+
+__all__ = ["PRESSURES", "SIDES", "MotionTest", "Segment", "channel_noise", "prepare"]

@@ -1,0 +1,273 @@
+"""`sysid run`: check, fit, validate, report and export a campaign, one stage after another.
+
+Each stage writes its files whole and is then entered in `run.json` with the digests of all
+that it was made from. A later call does again what failed, what is missing and what is
+stale, and says why.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sysid import __version__
+from sysid.bundle import Source, read_bundle, write_bundle
+from sysid.campaign import Campaign, read_campaign
+from sysid.check import LogCheck, check_log
+from sysid.errors import input_error
+from sysid.files import remove_leftovers, write_atomic
+from sysid.fit import fit_campaign
+from sysid.validation import VALIDATED_KINDS, validate
+
+if TYPE_CHECKING:
+    from sysid.validation_results import ValidationResult
+
+STATE_FILE = "run.json"
+REPORT_FILE = "report.html"
+BUNDLE_FILE = "bundle.json"
+_FITTED_FILE = "fitted.json"
+_CHECKS_FILE = "checks.json"
+EXPORTS = {"c": "export/model.h", "mat": "export/model.mat", "json": "export/model.json"}
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class StageReport:
+    """What became of a stage: `why` it was done (None: it was up to date), and s it took."""
+
+    name: str
+    why: str | None
+    seconds: float
+
+
+@dataclass(frozen=True)
+class RunReport:
+    """What `sysid run` did: the stages, the bundle, and the files that it wrote."""
+
+    folder: Path
+    stages: tuple[StageReport, ...]
+    bundle: dict[str, Any]
+    notices: tuple[str, ...]
+
+    @property
+    def report(self) -> Path:
+        """The HTML report."""
+        return self.folder / REPORT_FILE
+
+    def to_json(self) -> dict[str, Any]:
+        """What `sysid run --json` prints."""
+        return {
+            "folder": str(self.folder),
+            "report": str(self.report),
+            "bundle": str(self.folder / BUNDLE_FILE),
+            "exports": {kind: str(self.folder / name) for kind, name in EXPORTS.items()},
+            "stages": [asdict(s) for s in self.stages],
+            "validation": self.bundle.get("validation", {}),
+            "notices": list(self.notices),
+        }
+
+
+@dataclass
+class _Run:
+    """A run under way."""
+
+    campaign: Campaign
+    folder: Path
+    surface: str
+    seed: int
+    tell: Progress
+    inputs: dict[str, str]
+    notices: list[str] = field(default_factory=list)
+    validation: ValidationResult | None = None
+
+    def path(self, name: str) -> Path:
+        return self.folder / name
+
+
+def run_campaign(
+    campaign_path: Path,
+    folder: Path,
+    *,
+    surface: str = "both",
+    seed: int = 0,
+    progress: Progress = lambda line: None,
+) -> RunReport:
+    """Run every stage that is not up to date. Raises what the stages raise.
+
+    `surface` and `seed` are `sysid fit valve-pwm`'s; `progress` is told what is being done.
+    """
+    campaign = read_campaign(campaign_path)
+    try:
+        (folder / "export").mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise input_error(
+            folder, f"cannot be made a folder: {error.strerror}", "name another with -o"
+        ) from None
+    remove_leftovers(folder)
+    remove_leftovers(folder / "export")
+    run = _Run(campaign, folder, surface, seed, progress, _digests(campaign))
+    run.notices += [*campaign.notices, *campaign.rig.notices]
+    stages = [_perform(run, stage) for stage in _STAGES]
+    bundle = read_bundle(folder / BUNDLE_FILE)
+    return RunReport(folder, tuple(stages), bundle, tuple(dict.fromkeys(run.notices)))
+
+
+def _digests(campaign: Campaign) -> dict[str, str]:
+    """SHA-256 of the campaign file, the rig file and every log, by their names."""
+    paths = {campaign.path.name: campaign.path, "rig file": Path(campaign.rig.source)}
+    paths |= {entry.file: entry.path for entry in campaign.logs}
+    return {name: _digest(path) for name, path in paths.items()}
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+@dataclass(frozen=True)
+class _Stage:
+    """A stage: what it writes, what it is made from besides the logs, and what it does."""
+
+    name: str
+    outputs: tuple[str, ...]
+    made_from: tuple[str, ...]
+    perform: Callable[[_Run], None]
+
+
+def _perform(run: _Run, stage: _Stage) -> StageReport:
+    made_from = {
+        **run.inputs,
+        **{name: _digest(run.path(name)) for name in stage.made_from},
+        "sysid": __version__,
+        "--surface": run.surface,
+        "--seed": str(run.seed),
+    }
+    state = _read_state(run.folder)
+    why = _stale(run, stage, made_from, state.get(stage.name))
+    if why is None:
+        run.tell(f"{stage.name}: up to date")
+        return StageReport(stage.name, None, 0.0)
+    run.tell(f"{stage.name}: {why}")
+    start = time.perf_counter()
+    stage.perform(run)
+    seconds = time.perf_counter() - start
+    state[stage.name] = {
+        "made_from": made_from,
+        "outputs": {name: _digest(run.path(name)) for name in stage.outputs},
+        "seconds": round(seconds, 3),
+    }
+    write_atomic(run.path(STATE_FILE), json.dumps(state, indent=2) + "\n")
+    return StageReport(stage.name, why, seconds)
+
+
+def _read_state(folder: Path) -> dict[str, Any]:
+    """What earlier calls did; nothing where the file is missing or no longer readable."""
+    try:
+        state = json.loads((folder / STATE_FILE).read_text("utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return state if isinstance(state, dict) else {}
+
+
+def _stale(
+    run: _Run, stage: _Stage, made_from: Mapping[str, str], before: Mapping[str, Any] | None
+) -> str | None:
+    """Why a stage has to be done; None where its files stand and nothing has changed."""
+    if before is None:
+        return "not done yet"
+    old = before.get("made_from", {})
+    changed = [k for k in {**old, **made_from} if old.get(k) != made_from.get(k)]
+    if changed:
+        return f"stale, changed: {', '.join(changed)}"
+    for name, digest in before.get("outputs", {}).items():
+        path = run.path(name)
+        if not path.is_file():
+            return f"{name} is missing"
+        if _digest(path) != digest:
+            return f"{name} was changed by hand"
+    return None
+
+
+def _check(run: _Run) -> None:
+    checks = []
+    for entry in run.campaign.logs:
+        log = run.campaign.read(entry)
+        run.notices += log.notices
+        checks.append(check_log(log, run.campaign.rig).to_json())
+    write_atomic(run.path(_CHECKS_FILE), json.dumps({"logs": checks}, indent=2) + "\n")
+
+
+def _fit(run: _Run) -> None:
+    fitted = fit_campaign(
+        run.campaign.path,
+        run.path(_FITTED_FILE),
+        surface=run.surface,
+        seed=run.seed,
+        progress=lambda part: run.tell(f"fitting {part}"),
+    )
+    run.notices += fitted.notices
+
+
+def _validated(run: _Run) -> ValidationResult | None:
+    """The validation of the fitted bundle; None in a campaign without motion logs."""
+    entries = run.campaign.select(VALIDATED_KINDS, None)
+    if not entries:
+        return None
+    if run.validation is None:
+        fitted = run.path(_FITTED_FILE)
+        run.validation = validate(
+            run.campaign, read_bundle(fitted), bundle_path=fitted, progress=run.tell
+        )
+    return run.validation
+
+
+def _validate(run: _Run) -> None:
+    bundle = read_bundle(run.path(_FITTED_FILE))
+    result = _validated(run)
+    if result is None:
+        run.notices.append(f"{run.campaign.path}: no motion log: the bundle is not validated")
+    else:
+        run.notices += result.notices
+        bundle["validation"] = result.to_json()
+        known = {e["sha256"] for e in bundle["provenance"]["logs"]}
+        for entry in run.campaign.select(VALIDATED_KINDS, None):
+            source = Source(run.campaign.read(entry), entry.use, entry.kind).to_json()
+            if source["sha256"] not in known:
+                bundle["provenance"]["logs"].append(source)
+    write_bundle(bundle, run.path(BUNDLE_FILE))
+
+
+def _report(run: _Run) -> None:
+    from sysid.report import write_report
+
+    content = json.loads(run.path(_CHECKS_FILE).read_text("utf-8"))
+    write_report(
+        run.path(REPORT_FILE),
+        campaign=run.campaign,
+        bundle=read_bundle(run.path(BUNDLE_FILE)),
+        validation=_validated(run),
+        checks=[LogCheck.from_json(c) for c in content["logs"]],
+        progress=run.tell,
+    )
+
+
+def _export(run: _Run) -> None:
+    from sysid.export import export_file
+
+    for kind, name in EXPORTS.items():
+        run.notices += export_file(run.path(BUNDLE_FILE), run.path(name), kind)
+
+
+_STAGES = (
+    _Stage("check", (_CHECKS_FILE,), (), _check),
+    _Stage("fit", (_FITTED_FILE,), (), _fit),
+    _Stage("validate", (BUNDLE_FILE,), (_FITTED_FILE,), _validate),
+    _Stage("report", (REPORT_FILE,), (BUNDLE_FILE, _CHECKS_FILE), _report),
+    _Stage("export", tuple(EXPORTS.values()), (BUNDLE_FILE,), _export),
+)

@@ -1,0 +1,234 @@
+"""What a validation found: errors per channel, test, log and valve model, and their pooling."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid import residual_tests
+from sysid.residual_tests import CorrelationTest
+
+FloatArray = NDArray[np.float64]
+
+HORIZONS_S = (0.1, 1.0)
+"""Horizons beside the whole log, s."""
+
+
+@dataclass(frozen=True)
+class HorizonError:
+    """Error of simulations over one horizon, each from a fresh start state.
+
+    `rmse` is over all samples of the horizon and all `segments`; None where no segment fits.
+    """
+
+    horizon_s: float
+    rmse: float | None
+    segments: int
+
+    def to_json(self) -> dict[str, Any]:
+        return {"horizon_s": self.horizon_s, "rmse": self.rmse, "segments": self.segments}
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Sums from which errors are taken, so that tests can be pooled: over counted samples."""
+
+    samples: int
+    squares: float
+    spread: float
+    largest: float
+
+    @classmethod
+    def of(cls, measured: FloatArray, residual: FloatArray) -> Errors:
+        """Of a test's counted samples (n,)."""
+        return cls(
+            samples=len(residual),
+            squares=float(residual @ residual),
+            spread=float(np.sum((measured - measured.mean()) ** 2)),
+            largest=residual_tests.max_error(residual),
+        )
+
+    @classmethod
+    def pooled(cls, parts: Sequence[Errors]) -> Errors:
+        """Of several tests; each one's spread is about its own mean."""
+        return cls(
+            samples=sum(p.samples for p in parts),
+            squares=sum(p.squares for p in parts),
+            spread=sum(p.spread for p in parts),
+            largest=max(p.largest for p in parts),
+        )
+
+    @property
+    def rmse(self) -> float:
+        """In the channel's unit."""
+        return math.sqrt(self.squares / self.samples)
+
+    @property
+    def fit_percentage(self) -> float | None:
+        """100 (1 - NRMSE); None for a channel that does not vary."""
+        return None if self.spread == 0.0 else 100.0 * (1.0 - math.sqrt(self.squares / self.spread))
+
+
+@dataclass(frozen=True)
+class ChannelResult:
+    """One channel of one test (or, pooled, of one log) under one valve model.
+
+    `noise_floor` is one standard deviation of a sample, in the channel's unit; `ratio` the
+    RMSE over it. `whiteness` and `inputs` are those of the whole residual of one test (None
+    and empty for a pooled log, or where there is nothing to test). `horizons` are 0.1 s and
+    1 s; the whole log's error is `errors`.
+    """
+
+    errors: Errors
+    noise_floor: float
+    horizons: tuple[HorizonError, ...]
+    whiteness: CorrelationTest | None = None
+    inputs: Mapping[str, CorrelationTest] = field(default_factory=dict)
+
+    @property
+    def ratio(self) -> float | None:
+        """RMSE over the noise floor; None where no noise was seen."""
+        return self.errors.rmse / self.noise_floor if self.noise_floor > 0.0 else None
+
+    def to_json(self, tests: bool = True) -> dict[str, Any]:
+        content: dict[str, Any] = {
+            "rmse": self.errors.rmse,
+            "max_error": self.errors.largest,
+            "fit_percent": self.errors.fit_percentage,
+            "noise_floor": self.noise_floor,
+            "rmse_to_noise": self.ratio,
+            "samples": self.errors.samples,
+            "horizons": [h.to_json() for h in self.horizons],
+        }
+        if tests:
+            content["whiteness"] = None if self.whiteness is None else self.whiteness.to_json()
+            content["cross_correlation"] = {k: t.to_json() for k, t in self.inputs.items()}
+        return content
+
+
+@dataclass(frozen=True)
+class TestResult:
+    """One test under one valve model, with the arrays that a report draws.
+
+    `time` (n,) s from the first row; `measured` and `simulated` (n,) by channel, over the
+    whole test; only the first `counted` rows enter the errors. `growth` (m,) by channel is
+    the RMS error over the segments at each sample since their start. `initial_std` is the
+    standard error of the start state: position, velocity, pressures A and B.
+    """
+
+    # pytest must not take this for a test.
+    __test__ = False
+
+    file: str
+    kind: str
+    use: str
+    test: str
+    model: str
+    time: FloatArray
+    measured: Mapping[str, FloatArray]
+    simulated: Mapping[str, FloatArray]
+    counted: int
+    channels: Mapping[str, ChannelResult]
+    growth: Mapping[str, FloatArray]
+    initial: FloatArray
+    initial_std: FloatArray
+
+    def residual(self, channel: str) -> FloatArray:
+        """Measured less simulated, (n,)."""
+        return self.measured[channel] - self.simulated[channel]
+
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "test": self.test,
+            "counted_s": float(self.time[self.counted - 1]),
+            "initial_state": self.initial.tolist(),
+            "initial_state_std": [s if math.isfinite(s) else None for s in self.initial_std],
+            "channels": {name: c.to_json() for name, c in self.channels.items()},
+        }
+
+
+@dataclass(frozen=True)
+class LogResult:
+    """One log under one valve model: its tests, and their errors pooled."""
+
+    file: str
+    sha256: str
+    kind: str
+    use: str
+    model: str
+    channels: Mapping[str, ChannelResult]
+    tests: tuple[TestResult, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "file": self.file,
+            "sha256": self.sha256,
+            "kind": self.kind,
+            "use": self.use,
+            "valve_model": self.model,
+            "channels": {name: c.to_json(tests=False) for name, c in self.channels.items()},
+            "tests": [t.to_json() for t in self.tests],
+        }
+
+
+@dataclass(frozen=True)
+class ValidationResult:
+    """Every motion log under every valve model that applies, in the campaign's order."""
+
+    logs: tuple[LogResult, ...]
+    notices: tuple[str, ...]
+
+    def select(self, use: str | None = None, model: str | None = None) -> tuple[LogResult, ...]:
+        """The logs of this use and this valve model (None: any)."""
+        return tuple(
+            log for log in self.logs if use in (None, log.use) and model in (None, log.model)
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """The bundle's `validation` part."""
+        return {
+            "alarm_rate": residual_tests.ALARM_RATE,
+            "logs": [log.to_json() for log in self.logs],
+        }
+
+
+def pooled_channels(tests: Sequence[TestResult]) -> dict[str, ChannelResult]:
+    """Each channel over all tests of a log: errors pooled, the median of the noise floors."""
+    names = dict.fromkeys(name for t in tests for name in t.channels)
+    pooled = {}
+    for name in names:
+        parts = [t.channels[name] for t in tests if name in t.channels]
+        pooled[name] = ChannelResult(
+            errors=Errors.pooled([p.errors for p in parts]),
+            noise_floor=float(np.median([p.noise_floor for p in parts])),
+            horizons=tuple(
+                _pooled_horizon([p.horizons[i] for p in parts]) for i in range(len(HORIZONS_S))
+            ),
+        )
+    return pooled
+
+
+def _pooled_horizon(parts: Sequence[HorizonError]) -> HorizonError:
+    known = [p for p in parts if p.rmse is not None]
+    segments = sum(p.segments for p in known)
+    if not segments:
+        return HorizonError(parts[0].horizon_s, None, 0)
+    squares = sum(p.segments * p.rmse**2 for p in known if p.rmse is not None)
+    return HorizonError(parts[0].horizon_s, math.sqrt(squares / segments), segments)
+
+
+__all__ = [
+    "HORIZONS_S",
+    "ChannelResult",
+    "Errors",
+    "HorizonError",
+    "LogResult",
+    "TestResult",
+    "ValidationResult",
+    "pooled_channels",
+]

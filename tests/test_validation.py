@@ -1,0 +1,566 @@
+"""Open-loop validation: start states, refusals, errors, and what the bundle gets of them.
+
+The logs come from the generator, whose plant is written and integrated independently, with no
+scatter of friction from test to test: with the true parameters only the sensors' noise is left.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from datasets.generator.campaign import SMALL, GeneratedCampaign, make_campaign
+from datasets.generator.files import write_log
+from datasets.generator.rigs import rig_toml
+from datasets.generator.runs import Commands, GeneratedTest, at_atmosphere, simulated
+from sysid.bundle import new_bundle, read_bundle, write_bundle
+from sysid.campaign import MOTION_KINDS, Campaign, read_campaign
+from sysid.errors import InputError, NotIdentifiedError
+from sysid.logs import Trial, with_channels
+from sysid.model.from_bundle import (
+    TabulatedSurfaces,
+    model_from_bundle,
+    parameters_from_bundle,
+    surfaces_from_bundle,
+)
+from sysid.motion_runs import MotionTest, channel_noise, prepare
+from sysid.residual_tests import fit_percentage
+from sysid.rig import Rig, rig_from_content
+from sysid.surfaces import Bipolynomial
+from sysid.validation import simulate_segments, validate
+from sysid.validation_results import Errors, LogResult, ValidationResult
+
+FloatArray = NDArray[np.float64]
+Bundle = dict[str, Any]
+
+SEED = 1
+STEMS = ("motion_motor_2", "motion_pwm_2", "motion_discrete_2")
+
+
+def generated(orientation: str = "horizontal", motion: str = "rotary") -> GeneratedCampaign:
+    return make_campaign(
+        SEED,
+        size=SMALL,
+        scatter=0.0,
+        orientation=orientation,
+        motion=motion,
+        kinds=MOTION_KINDS,
+        stems=STEMS,
+    )
+
+
+def written(made: GeneratedCampaign, folder: Path) -> Campaign:
+    (folder / "rig.toml").write_text(rig_toml(made.rig.content))
+    lines = ['rig = "rig.toml"']
+    for log in made.logs:
+        write_log(folder / f"{log.stem}.csv", log.tests, made.rig)
+        lines += ["[[log]]", f'kind = "{log.kind}"', f'file = "{log.stem}.csv"', 'use = "holdout"']
+    (folder / "campaign.toml").write_text("\n".join(lines) + "\n")
+    return read_campaign(folder / "campaign.toml")
+
+
+def estimate(value: float) -> dict[str, Any]:
+    return {"value": value, "std": 0.0, "unit": "SI"}
+
+
+def true_bundle(made: GeneratedCampaign, rig: Rig) -> Bundle:
+    friction = {k: estimate(v) for k, v in made.truth["friction"].items()}
+    valves = {
+        side: {"discrete": {k: estimate(v) for k, v in law.items()}}
+        for side, law in made.truth["valves"].items()
+    }
+    return new_bundle(rig, {"friction": friction, "valves": valves}, [])
+
+
+@pytest.fixture(scope="module")
+def made() -> GeneratedCampaign:
+    return generated()
+
+
+@pytest.fixture(scope="module")
+def campaign(made: GeneratedCampaign, tmp_path_factory: pytest.TempPathFactory) -> Campaign:
+    return written(made, tmp_path_factory.mktemp("campaign"))
+
+
+@pytest.fixture(scope="module")
+def bundle(made: GeneratedCampaign, campaign: Campaign) -> Bundle:
+    return true_bundle(made, campaign.rig)
+
+
+@pytest.fixture(scope="module")
+def result(campaign: Campaign, bundle: Bundle) -> ValidationResult:
+    return validate(campaign, bundle)
+
+
+def trial_of(test: GeneratedTest) -> Trial:
+    channels = {k: v for k, v in test.columns.items() if k != "time_s"}
+    return Trial(test.label, test.columns["time_s"], channels, f"log.csv, test {test.label}")
+
+
+# --- the true parameters leave nothing but noise -----------------------------------------
+
+
+def test_the_true_parameters_leave_only_noise(
+    made: GeneratedCampaign, result: ValidationResult
+) -> None:
+    assert [log.file for log in result.logs] == [f"{stem}.csv" for stem in STEMS]
+    # The converter's step adds to the generator's noise.
+    noise = np.hypot(made.rig.truth.pressure_noise_pa, 26.0 / np.sqrt(12.0))
+    for log in result.logs:
+        assert (log.use, log.model) == ("holdout", "discrete")
+        for name in ("pressure_a_pa", "pressure_b_pa"):
+            channel = log.channels[name]
+            assert channel.errors.rmse == pytest.approx(noise, rel=0.05)
+            assert channel.noise_floor == pytest.approx(noise, rel=0.1)
+            assert channel.ratio == pytest.approx(1.0, abs=0.1)
+            assert [h.horizon_s for h in channel.horizons] == [0.1, 1.0]
+            for horizon in channel.horizons:
+                assert horizon.segments >= 4
+                assert horizon.rmse == pytest.approx(noise, rel=0.2)
+        position = log.channels["theta_rad"]
+        assert position.errors.fit_percentage is not None
+        assert position.errors.fit_percentage > 99.0
+        short, long = (h.rmse for h in position.horizons)
+        assert short is not None
+        assert long is not None
+        assert short < long < 2e-3
+
+
+def test_white_pressure_residuals_pass_as_often_as_they_should(result: ValidationResult) -> None:
+    tests = [t for log in result.logs for t in log.tests]
+    white = [t.channels[c].whiteness for t in tests for c in t.channels if "pressure" in c]
+    assert len(white) == 8
+    # At 5 % false alarms, three or more of eight have a probability of 0.6 %.
+    assert sum(w is not None and not w.passed for w in white) <= 2
+    pulsed = next(t for t in tests if t.kind == "motion-pwm")
+    assert {"duty_a", "duty_b"} <= set(pulsed.channels["pressure_a_pa"].inputs)
+
+
+def test_a_wrong_friction_shows(
+    campaign: Campaign, bundle: Bundle, result: ValidationResult
+) -> None:
+    friction = dict(bundle["friction"])
+    friction["coulomb_nm"] = estimate(1.3 * friction["coulomb_nm"]["value"])
+    wrong = validate(campaign, {**bundle, "friction": friction}, kinds=("motion-motor",))
+    right = result.logs[0]
+    assert wrong.logs[0].file == right.file
+    error, least = (r.channels["theta_rad"].horizons[1].rmse for r in (wrong.logs[0], right))
+    assert error is not None
+    assert least is not None
+    assert error > 10.0 * least
+    test = wrong.logs[0].tests[0]
+    whiteness = test.channels["theta_rad"].whiteness
+    assert whiteness is not None
+    assert not whiteness.passed
+    growth = test.growth["theta_rad"]
+    assert growth[0] < 1e-4
+    assert growth[-1] > 10.0 * growth[round(0.05 * len(growth))]
+
+
+@pytest.mark.parametrize(
+    ("orientation", "motion"), [("vertical", "rotary"), ("vertical", "linear")]
+)
+def test_other_rigs(orientation: str, motion: str, tmp_path: Path) -> None:
+    made = generated(orientation, motion)
+    campaign = written(made, tmp_path)
+    result = validate(campaign, true_bundle(made, campaign.rig))
+    position = "position_m" if motion == "linear" else "theta_rad"
+    for log in result.logs:
+        assert set(log.channels) == {position, "pressure_a_pa", "pressure_b_pa"}
+        assert log.channels["pressure_a_pa"].ratio == pytest.approx(1.0, abs=0.1)
+        fit = log.channels[position].errors.fit_percentage
+        assert fit is not None
+        assert fit > 98.0
+
+
+# --- what a bundle and a report get -------------------------------------------------------
+
+
+def test_the_result_goes_into_a_bundle(
+    result: ValidationResult, bundle: Bundle, tmp_path: Path
+) -> None:
+    path = tmp_path / "bundle.json"
+    write_bundle({**bundle, "validation": result.to_json()}, path)
+    logs = read_bundle(path)["validation"]["logs"]
+    assert len(logs) == 3
+    for log in logs:
+        assert {"file", "sha256", "use", "kind", "valve_model"} <= set(log)
+        for channel in log["channels"].values():
+            assert {"rmse", "fit_percent", "noise_floor", "rmse_to_noise"} <= set(channel)
+        for test in log["tests"]:
+            assert test["channels"]["theta_rad"]["whiteness"]["band"] > 0.0
+
+
+def test_arrays_are_kept(result: ValidationResult) -> None:
+    test = result.logs[0].tests[0]
+    residual = test.residual("theta_rad")
+    assert residual.shape == test.time.shape
+    error = np.sqrt(np.mean(residual[: test.counted] ** 2))
+    assert test.channels["theta_rad"].errors.rmse == pytest.approx(error)
+    assert result.select(use="fit") == ()
+    assert result.select("holdout", "discrete") == result.logs
+
+
+def test_pooled_errors_are_those_of_all_samples() -> None:
+    rng = np.random.default_rng(0)
+    parts = [(rng.standard_normal(n), rng.standard_normal(n)) for n in (30, 70)]
+    pooled = Errors.pooled([Errors.of(y, e) for y, e in parts])
+    errors = np.concatenate([e for _, e in parts])
+    spread = np.concatenate([y - y.mean() for y, _ in parts])
+    assert pooled.samples == 100
+    assert pooled.rmse == pytest.approx(np.sqrt(np.mean(errors**2)))
+    assert pooled.largest == np.max(np.abs(errors))
+    expected = 100.0 * (1.0 - np.linalg.norm(errors) / np.linalg.norm(spread))
+    assert pooled.fit_percentage == pytest.approx(expected)
+
+
+# --- provenance ---------------------------------------------------------------------------
+
+
+def with_source(bundle: Bundle, log: LogResult, **changes: str) -> Bundle:
+    entry = {"file": log.file, "sha256": log.sha256, "use": "fit", "kind": log.kind} | changes
+    return {**bundle, "provenance": {**bundle["provenance"], "logs": [entry]}}
+
+
+def test_a_holdout_log_that_was_fitted_on_is_refused(
+    campaign: Campaign, bundle: Bundle, result: ValidationResult
+) -> None:
+    leaked = with_source(bundle, result.logs[0], file="other_name.csv")
+    with pytest.raises(InputError, match=r"held out.*was fitted on it \(other_name.csv\)"):
+        validate(campaign, leaked)
+
+
+def test_a_changed_log_is_refused(
+    campaign: Campaign, bundle: Bundle, result: ValidationResult
+) -> None:
+    changed = with_source(bundle, result.logs[0], sha256="0" * 64)
+    with pytest.raises(InputError, match="has changed since"):
+        validate(campaign, changed)
+
+
+def test_another_rig_file_is_said(campaign: Campaign, bundle: Bundle) -> None:
+    other = {**bundle["rig"], "air": {**bundle["rig"]["air"], "temperature_k": 280.0}}
+    found = validate(campaign, {**bundle, "rig": other}, kinds=("motion-motor",))
+    assert any("[air] differ" in notice for notice in found.notices)
+
+
+# --- what a bundle must hold --------------------------------------------------------------
+
+
+def test_parameters_are_the_bundles(bundle: Bundle, campaign: Campaign) -> None:
+    p = parameters_from_bundle(bundle, campaign.rig)
+    assert p.coulomb_effort == bundle["friction"]["coulomb_nm"]["value"]
+    assert p.c_dis_b == bundle["valves"]["b"]["discrete"]["c_dis"]["value"]
+    assert (p.inertia, p.offset) == (campaign.rig.total_inertia(), 0.0)
+    friction = {**bundle["friction"], "inertia_kg_m2": estimate(0.5), "offset_nm": estimate(0.01)}
+    p = parameters_from_bundle({**bundle, "friction": friction}, campaign.rig)
+    # The base model has no offset: what a fit estimates beside friction is not part of it.
+    assert (p.inertia, p.offset) == (0.5, 0.0)
+
+
+def test_an_offset_of_the_friction_fit_is_said(campaign: Campaign, bundle: Bundle) -> None:
+    for low, said in ((-0.01, False), (0.005, True)):
+        offset = {**estimate(0.01), "interval": [low, 0.02]}
+        with_offset = {**bundle, "friction": {**bundle["friction"], "offset_nm": offset}}
+        found = validate(campaign, with_offset, kinds=("motion-motor",))
+        assert any("offset of 0.01 Nm" in notice for notice in found.notices) == said
+
+
+def test_an_incomplete_bundle_is_refused(bundle: Bundle, campaign: Campaign) -> None:
+    with pytest.raises(NotIdentifiedError, match="holds no valve model"):
+        validate(campaign, {**bundle, "valves": {}})
+    with pytest.raises(NotIdentifiedError, match="holds no friction"):
+        validate(campaign, {k: v for k, v in bundle.items() if k != "friction"})
+    unknown = {"value": None, "identified": False, "reason": "one level only"}
+    friction = {**bundle["friction"], "viscous_nm_s_per_rad": unknown}
+    with pytest.raises(NotIdentifiedError, match=r"one level only.*friction-sliding"):
+        model_from_bundle({**bundle, "friction": friction}, campaign.rig)
+    with pytest.raises(InputError, match="stribeck"):
+        model_from_bundle({**bundle, "effects": [{"id": "stribeck-friction"}]}, campaign.rig)
+
+
+# --- PWM surfaces -------------------------------------------------------------------------
+
+
+def mean_flow(
+    rig: Rig, law: dict[str, float], duty: FloatArray, pressure: FloatArray
+) -> FloatArray:
+    """The discrete law's mean over a PWM period, kg/s, at duties away from 0 and 1."""
+    assert rig.air is not None
+    assert rig.pwm is not None
+    assert rig.valves is not None
+    supply, atmosphere = rig.air.supply_pressure_pa, rig.air.atmospheric_pressure_pa
+    longer = (rig.valves.off_delay_s - rig.valves.on_delay_s) / rig.pwm.period_s
+    share = np.clip(duty + longer, 0.0, 1.0)
+    gap = supply - pressure
+    unchoked = law["c_fill"] * np.sign(gap) * np.sqrt(np.abs(gap))
+    fill = np.where(pressure <= 0.53 * supply, law["choked_flow_fill_kg_s"], unchoked)
+    unchoked = law["c_dis"] * (atmosphere - pressure)
+    exhaust = np.where(pressure >= atmosphere / 0.53, -law["choked_flow_dis_kg_s"], unchoked)
+    return np.asarray(share * fill + (1.0 - share) * exhaust)
+
+
+def exact_table(rig: Rig, law: dict[str, float]) -> TabulatedSurfaces:
+    """The mean of the discrete law itself, without a surface fitted to it."""
+    duties, pressures = np.linspace(0.0, 1.0, 201), np.linspace(0.9e5, 3.5e5, 801)
+    flow = mean_flow(rig, law, duties[:, None], pressures[None, :])
+    ends = (0.0, 1.0, pressures[0], pressures[-1])
+    return TabulatedSurfaces(np.maximum(flow, 0.0), *ends, np.minimum(flow, 0.0), *ends)
+
+
+def fitted_surfaces(rig: Rig, law: dict[str, float]) -> dict[str, Any]:
+    """A bundle's `pwm` part: bipolynomials fitted to the mean of the discrete law."""
+    assert rig.air is not None
+    assert rig.pwm is not None
+    duty, pressure = (
+        a.ravel()
+        for a in np.meshgrid(
+            np.linspace(0.02, 0.9, 45),
+            np.linspace(rig.air.atmospheric_pressure_pa, rig.air.supply_pressure_pa, 80),
+            indexing="ij",
+        )
+    )
+    flow = mean_flow(rig, law, duty, pressure)
+    parts = {}
+    for direction, rows in (("fill", flow > 0.0), ("discharge", flow < 0.0)):
+        surface = Bipolynomial().fit(np.column_stack([duty, pressure])[rows], flow[rows])
+        parts[direction] = {"pwm_period_s": rig.pwm.period_s, "bipolynomial": surface.to_dict()}
+    return parts
+
+
+@pytest.fixture(scope="module")
+def with_surfaces(made: GeneratedCampaign, campaign: Campaign, bundle: Bundle) -> Bundle:
+    valves = {
+        side: {**bundle["valves"][side], "pwm": fitted_surfaces(campaign.rig, law)}
+        for side, law in made.truth["valves"].items()
+    }
+    return {**bundle, "valves": valves}
+
+
+def test_the_table_is_the_surface(campaign: Campaign, with_surfaces: Bundle) -> None:
+    found = surfaces_from_bundle(with_surfaces, campaign.rig, "bipolynomial")
+    assert found is not None
+    content = with_surfaces["valves"]["b"]["pwm"]["fill"]["bipolynomial"]
+    surface = Bipolynomial.from_dict(content)
+    rng = np.random.default_rng(0)
+    # Beyond the domain too, where both saturate.
+    duty, pressure = rng.uniform(0.0, 1.0, 2000), rng.uniform(0.8e5, 3.4e5, 2000)
+    exact = surface.flow(duty, pressure)[0]
+    table = found[1].fill(duty, pressure)
+    assert np.max(np.abs(table - exact)) < 1e-3 * np.ptp(exact)
+
+
+def test_the_table_is_the_same_in_jax(campaign: Campaign, with_surfaces: Bundle) -> None:
+    from sysid.model._jax import jnp
+
+    found = surfaces_from_bundle(with_surfaces, campaign.rig, "bipolynomial")
+    assert found is not None
+    fields = dataclasses.asdict(found[0])
+    in_jax = TabulatedSurfaces(**{k: jnp.asarray(v) for k, v in fields.items()})
+    duty, pressure = np.linspace(0.0, 1.0, 31), np.linspace(0.9e5, 3.3e5, 31)
+    np.testing.assert_allclose(
+        in_jax.discharge(jnp.asarray(duty), jnp.asarray(pressure)),
+        found[0].discharge(duty, pressure),
+        rtol=1e-12,
+    )
+
+
+def test_surfaces_of_another_period_are_refused(campaign: Campaign, with_surfaces: Bundle) -> None:
+    assert surfaces_from_bundle(with_surfaces, campaign.rig, "ann") is None
+    content = {**campaign.rig.content, "pwm": {"period_s": 0.01}}
+    with pytest.raises(InputError, match=r"PWM period of 0\.005"):
+        surfaces_from_bundle(with_surfaces, rig_from_content(content, "rig"), "bipolynomial")
+
+
+def test_pulsed_motion_by_surfaces(campaign: Campaign, with_surfaces: Bundle) -> None:
+    found = validate(campaign, with_surfaces, kinds=("motion-pwm", "motion-motor"))
+    assert [(g.kind, g.model) for g in found.logs] == [
+        ("motion-motor", "discrete"),
+        ("motion-pwm", "discrete"),
+        ("motion-pwm", "bipolynomial"),
+    ]
+    assert any("no ann model" in n for n in found.notices)
+    discrete, averaged = found.logs[1:]
+    for name in discrete.channels:
+        # Nine terms do not follow a law that jumps where it chokes.
+        assert averaged.channels[name].errors.rmse > discrete.channels[name].errors.rmse
+
+
+def test_the_mean_flow_does_almost_what_the_pulses_do(
+    made: GeneratedCampaign, bundle: Bundle, rig: Rig
+) -> None:
+    test = prepare(trial_of(made.log("motion_pwm_2").tests[0]), "motion-pwm", rig, 1.0)
+    surfaces = tuple(exact_table(rig, made.truth["valves"][side]) for side in "ab")
+    model = model_from_bundle(bundle, rig)
+    runs = simulate_segments([(test, test.whole)], model, surfaces)
+    for measured, simulated_, least in zip(test.measured, runs[0], (90.0, 80.0, 65.0), strict=True):
+        fit = fit_percentage(measured, simulated_)
+        assert fit is not None
+        assert fit > least
+
+
+# --- start states -------------------------------------------------------------------------
+
+
+def true_states(made: GeneratedCampaign, test: GeneratedTest) -> FloatArray:
+    c = test.columns
+    names = ("valve_a", "valve_b", "duty_a", "duty_b")
+    commands = Commands(c["motor_torque_nm"], *(c.get(name) for name in names))
+    start = at_atmosphere(made.rig, test.truth["position"])
+    return simulated(made.rig, made.rig.plant(), commands, start)
+
+
+@pytest.mark.parametrize("stem", STEMS)
+def test_start_states_are_as_good_as_they_say(made: GeneratedCampaign, stem: str) -> None:
+    log = made.log(stem)
+    rig = rig_from_content(made.rig.content, "rig")
+    relative = []
+    for test in log.tests:
+        states = true_states(made, test)
+        prepared = prepare(trial_of(test), log.kind, rig, 0.25)
+        assert all(s.settled for s in prepared.segments)
+        for segment in prepared.segments:
+            error = segment.state.values - states[segment.start]
+            relative.append(error / segment.state.std)
+        # The first row: at rest, and the chambers at the atmosphere.
+        whole = prepared.whole.state
+        assert whole.values[1] == 0.0
+        known = [0, 2, 3]
+        assert np.all(np.abs(whole.values - states[0])[known] < 4.0 * whole.std[known])
+    sizes = np.sqrt(np.mean(np.square(relative), axis=0))
+    assert np.all(sizes < 1.6)
+    assert np.all(sizes > 0.3)
+    assert np.max(np.abs(relative)) < 6.0
+
+
+def test_pulses_are_no_noise(made: GeneratedCampaign) -> None:
+    test = made.log("motion_pwm_2").tests[0]
+    rows = np.array([test.columns[k] for k in ("theta_rad", "pressure_a_pa", "pressure_b_pa")])
+    true = np.hypot(made.rig.truth.pressure_noise_pa, 26.0 / np.sqrt(12.0))
+    combed, plain = channel_noise(rows, 5).total, channel_noise(rows).total
+    np.testing.assert_allclose(combed[1:], true, rtol=0.1)
+    assert (plain[1:] > 1.3 * true).all()
+
+
+# --- refusals -----------------------------------------------------------------------------
+
+
+@pytest.fixture
+def pulsed(made: GeneratedCampaign) -> Trial:
+    return trial_of(made.log("motion_pwm_2").tests[0])
+
+
+@pytest.fixture
+def rig(made: GeneratedCampaign) -> Rig:
+    return rig_from_content(made.rig.content, "rig.toml")
+
+
+def part(trial: Trial, rows: Any) -> Trial:
+    channels = {k: v[rows] for k, v in trial.channels.items()}
+    return dataclasses.replace(trial, time=trial.time[rows], channels=channels)
+
+
+def prepared(trial: Trial, rig: Rig, kind: str = "motion-pwm") -> MotionTest:
+    return prepare(trial, kind, rig, 1.0)
+
+
+def test_a_start_in_motion_is_refused(pulsed: Trial, rig: Rig) -> None:
+    speed = np.abs(np.gradient(pulsed["theta_rad"], 0.001))
+    fast = int(np.argmax(speed > 0.5 * speed.max()))
+    with pytest.raises(InputError, match=r"test 1: starts while moving.*cut off"):
+        prepared(part(pulsed, slice(fast, None)), rig)
+
+
+def test_a_motor_that_starts_at_once_is_no_start_in_motion(
+    made: GeneratedCampaign, rig: Rig
+) -> None:
+    trial = trial_of(made.log("motion_motor_2").tests[0])
+    plant, n = made.rig.plant(), 1000
+    motor = np.full(n, made.rig.max_effort)
+    states = simulated(made.rig, plant, Commands(motor), at_atmosphere(made.rig, 0.0))
+    step = made.rig.position_per_count
+    kicked = part(trial, slice(n))
+    kicked = with_channels(
+        kicked,
+        motor_torque_nm=motor,
+        theta_rad=np.round(states[:, 0] / step) * step,
+        pressure_a_pa=states[:, 2],
+        pressure_b_pa=states[:, 3],
+    )
+    assert prepared(kicked, rig, "motion-motor").whole.state.values[1] == 0.0
+    # The same motion with the motor's command shifted away cannot have begun at rest.
+    with pytest.raises(InputError, match="starts while moving"):
+        prepared(with_channels(kicked, motor_torque_nm=np.zeros(n)), rig, "motion-motor")
+
+
+def test_a_gap_is_refused(pulsed: Trial, rig: Rig) -> None:
+    kept = np.r_[0:500, 510 : len(pulsed)]
+    with pytest.raises(InputError, match=r"at 0.499 s: no sample for 0.011 s"):
+        prepared(part(pulsed, kept), rig)
+
+
+@pytest.mark.parametrize("missing", ["duty_b", "pressure_a_pa", "theta_rad"])
+def test_a_missing_channel_is_refused(pulsed: Trial, rig: Rig, missing: str) -> None:
+    channels = {k: v for k, v in pulsed.channels.items() if k != missing}
+    with pytest.raises(InputError, match=f"column {missing} is missing"):
+        prepared(dataclasses.replace(pulsed, channels=channels), rig)
+
+
+@pytest.mark.parametrize("period", [0.00487, 0.0007])
+def test_rows_that_cannot_follow_the_pulses_are_refused(
+    pulsed: Trial, rig: Rig, period: float
+) -> None:
+    odd = rig_from_content({**rig.content, "pwm": {"period_s": period}}, "rig.toml")
+    with pytest.raises(InputError, match="cannot follow PWM periods"):
+        prepared(pulsed, odd)
+
+
+def test_rows_that_follow_the_pulses_now_and_then_will_do(pulsed: Trial, rig: Rig) -> None:
+    uneven = rig_from_content({**rig.content, "pwm": {"period_s": 0.0025}}, "rig.toml")
+    found = prepared(pulsed, uneven)
+    # Two rows to five periods: only every second row starts one.
+    assert found.segments
+    assert all(s.start % 5 == 0 for s in found.segments)
+
+
+def test_a_command_of_another_kind_is_refused(pulsed: Trial, rig: Rig) -> None:
+    valves = {"valve_a": np.zeros(len(pulsed)), "valve_b": np.zeros(len(pulsed))}
+    with pytest.raises(InputError, match=r"duty_a is commanded in a motion-discrete test"):
+        prepared(with_channels(pulsed, **valves), rig, "motion-discrete")
+    with pytest.raises(InputError, match="holds 10 rows"):
+        prepared(part(pulsed, slice(10)), rig)
+
+
+def test_pressures_that_are_not_logged(
+    made: GeneratedCampaign, rig: Rig, tmp_path: Path, bundle: Bundle
+) -> None:
+    test = made.log("motion_motor_2").tests[0]
+    columns = {k: v for k, v in test.columns.items() if "pressure" not in k}
+    less = dataclasses.replace(test, columns=columns)
+    log = dataclasses.replace(made.log("motion_motor_2"), tests=[less])
+    campaign = written(dataclasses.replace(made, logs=[log]), tmp_path)
+    found = validate(campaign, bundle)
+    channels = found.logs[0].channels
+    assert set(channels) == {"theta_rad"}
+    fit = channels["theta_rad"].errors.fit_percentage
+    assert fit is not None
+    assert fit > 99.0
+    assert sum("is not logged" in n for n in found.notices) == 2
+
+
+def test_samples_near_an_end_stop_do_not_count(made: GeneratedCampaign, rig: Rig) -> None:
+    trial = trial_of(made.log("motion_discrete_2").tests[0])
+    assert rig.travel is not None
+    position = trial["theta_rad"].copy()
+    position[3000:3200] = 0.495 * rig.travel
+    found = prepared(with_channels(trial, theta_rad=position), rig, "motion-discrete")
+    assert found.counted(found.whole) == 3000
+    for segment in found.segments:
+        rows = np.arange(segment.start, segment.start + found.counted(segment))
+        assert not np.isin(rows, np.arange(3000, 3200)).any()
+    assert any("end stop at 3.000 s (200 of" in n for n in found.notices)
