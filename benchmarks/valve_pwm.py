@@ -127,7 +127,7 @@ def speed(repeats: int) -> None:
             "read only": [sys.executable, "-c", READ_ONLY.format(str(path))],
             "fit": [
                 sys.executable, "-m", "sysid", "fit", "valve-pwm", str(path),
-                "-o", str(Path(folder) / "bundle.json"),
+                "--surface", "bipolynomial", "-o", str(Path(folder) / "bundle.json"),
             ],
         }  # fmt: skip
         times: dict[str, list[float]] = {name: [] for name in commands}

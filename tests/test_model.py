@@ -455,6 +455,40 @@ def test_the_grid_splits_samples_at_edges_and_at_the_longest_step() -> None:
     ends = grid.start + grid.duration
     np.testing.assert_allclose(ends[grid.ends_sample], time[1:], atol=1e-12)
     np.testing.assert_allclose(grid.start[1:], ends[:-1], atol=1e-12)
-    for edge in (0.0005, 0.00402):
-        assert np.isclose(grid.start, edge, atol=1e-12).any()
+    for i, edge in ((0, 0.0005), (1, 0.004), (2, 0.00402)):
+        assert grid.start[grid.edge_at[i]] == pytest.approx(edge, abs=1e-12)
     np.testing.assert_array_equal(grid.row, np.searchsorted(time, grid.start + 1e-9) - 1)
+
+
+@settings(max_examples=60)
+@given(
+    edges=st.lists(
+        st.one_of(
+            st.floats(-0.01, 0.05),
+            st.sampled_from([-np.inf, 0.0, 0.004, 0.004 + 5e-10, 0.008 - 5e-10, 0.02, np.inf]),
+        ),
+        min_size=0,
+        max_size=12,
+    ),
+    jitter=st.floats(0.0, 3e-4),
+)
+def test_the_grid_knows_where_the_valve_is_open(edges: list[float], jitter: float) -> None:
+    rows = np.arange(11) * 2e-3
+    time = 5.0 + rows + jitter * np.sin(rows * 1e4) * (rows > 0)
+    # Distinct edges, alternately opening and closing.
+    ordered = np.array(sorted(edges)) + 5.0
+    if len(ordered):
+        with np.errstate(invalid="ignore"):
+            ordered = ordered[np.concatenate(([True], np.diff(ordered) > 3e-9))]
+    ordered = ordered[: len(ordered) // 2 * 2]
+    intervals = timing.OpenIntervals(ordered[0::2], ordered[1::2])
+    half = len(ordered) // 2
+    grid = timing.split_at(time, np.concatenate((ordered[0::2], ordered[1::2])), 1e-3)
+    middle = time[0] + grid.start + 0.5 * grid.duration
+    found = grid.is_open(slice(0, half), slice(half, 2 * half))
+    long = grid.duration > 1e-8
+    np.testing.assert_array_equal(found[long], intervals.is_open(middle)[long])
+    assert grid.duration.min() > 0.0
+    assert grid.duration.sum() == pytest.approx(time[-1] - time[0])
+    np.testing.assert_array_equal(grid.row, np.searchsorted(time, middle) - 1)
+    assert grid.ends_sample.sum() == len(time) - 1

@@ -124,10 +124,13 @@ def _prepare(inputs: Inputs, model: Model, averaged: bool, max_step: float) -> _
     if averaged:
         return _prepare_averaged(inputs, model, max_step)
     intervals = {side: open_intervals(inputs, side, model) for side in SIDES}
-    edges = np.concatenate([e for i in intervals.values() for e in (i.opens, i.closes)])
-    grid = timing.split_at(time, edges, max_step)
-    starts = grid.start + time[0]
-    opens = {side: intervals[side].sampled(starts) for side in SIDES}
+    edges = [e for i in intervals.values() for e in (i.opens, i.closes)]
+    grid = timing.split_at(time, np.concatenate(edges), max_step)
+    end = np.cumsum([len(e) for e in edges])
+    opens = {
+        "a": grid.is_open(slice(0, end[0]), slice(end[0], end[1])),
+        "b": grid.is_open(slice(end[1], end[2]), slice(end[2], end[3])),
+    }
     return _Run(grid, np.asarray(inputs.motor, dtype=float)[grid.row], opens)
 
 
@@ -203,13 +206,10 @@ def _advance_block(
     structure, numbers = split((model.parameters, *model.effects, *surfaces))
     lanes = _start(inputs, model)
     counts = np.array([len(r) for r in runs])
-    tables, ends_sample = _tables(runs, -(-int(counts.max()) // _CHUNK) * _CHUNK)
     pieces = [[np.array([[getattr(lanes, n)[i]] for n in _STATE])] for i in range(len(runs))]
-    for start in range(0, tables.shape[2], _CHUNK):
+    for start in range(0, int(counts.max()), _CHUNK):
         count = np.clip(counts - start, 0, _CHUNK)
-        part = slice(start, start + _CHUNK)
-        duration, motor, open_a, open_b = tables[:, :, part]
-        table = Table(duration, motor, open_a, open_b, ends_sample[:, part], count)
+        table = _table(runs, start, count)
         lanes = lanes._replace(index=np.zeros(len(runs), dtype=int))
         calls = 0
         while (np.asarray(lanes.index) < count).any():
@@ -240,15 +240,19 @@ def _collect(
 _STATE = ("position", "velocity", "pressure_a", "pressure_b")
 
 
-def _tables(runs: list[_Run], length: int) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """The runs' sub-steps side by side, filled up to a length."""
-    tables = np.zeros((4, len(runs), length))
-    ends_sample = np.zeros((len(runs), length), dtype=bool)
-    for i, r in enumerate(runs):
-        for table, row in zip(tables, (r.grid.duration, r.motor, *r.opens.values()), strict=True):
-            table[i, : len(r)] = row
-        ends_sample[i, : len(r)] = r.grid.ends_sample
-    return tables, ends_sample
+def _table(runs: list[_Run], start: int, count: NDArray[np.intp]) -> Table:
+    """The runs' sub-steps from `start` on side by side, as many as a chunk holds."""
+    numbers = np.zeros((4, len(runs), _CHUNK))
+    ends_sample = np.zeros((len(runs), _CHUNK), dtype=bool)
+    for i, (run, n) in enumerate(zip(runs, count, strict=True)):
+        rows = slice(start, start + n)
+        for table, values in zip(
+            numbers, (run.grid.duration, run.motor, *run.opens.values()), strict=True
+        ):
+            table[i, :n] = values[rows]
+        ends_sample[i, :n] = run.grid.ends_sample[rows]
+    duration, motor, open_a, open_b = numbers
+    return Table(duration, motor, open_a, open_b, ends_sample, count)
 
 
 def _start(inputs: list[Inputs], model: Model) -> Lanes:
@@ -369,7 +373,9 @@ def simulate(
 
 
 def _no_steps() -> timing.Grid:
-    return timing.Grid(np.zeros(0), np.zeros(0), np.zeros(0, np.intp), np.zeros(0, bool))
+    return timing.Grid(
+        np.zeros(0), np.zeros(0), np.zeros(0, np.intp), np.zeros(0, bool), np.zeros(0, np.intp)
+    )
 
 
 __all__ = ["MAX_STEP", "Inputs", "Trajectory", "ValveCommand", "open_intervals", "simulate"]

@@ -40,17 +40,6 @@ class OpenIntervals:
         closed = np.searchsorted(self.closes, times, side="right")
         return opened > closed
 
-    def sampled(self, starts: FloatArray) -> FloatArray:
-        """1 or 0: whether the valve is open from each of the sorted times on.
-
-        An edge within the tolerance of a time counts at that time.
-        """
-        counts = [
-            np.bincount(np.searchsorted(starts, edges - TIME_TOLERANCE), minlength=len(starts) + 1)
-            for edges in (self.opens, self.closes)
-        ]
-        return np.cumsum((counts[0] - counts[1])[:-1]).astype(np.float64)
-
     def _cumulative(self, times: FloatArray) -> FloatArray:
         if len(self.opens) == 0:
             return np.zeros_like(times)
@@ -88,8 +77,20 @@ def period_duties(
     span = time[-1] - time[0]
     count = int(np.floor((span + TIME_TOLERANCE) / period)) + 1
     starts = time[0] + np.arange(count) * period
-    row = np.searchsorted(time, starts + TIME_TOLERANCE, side="right") - 1
-    return starts, np.clip(duty[row], 0.0, 1.0)
+    return starts, np.clip(duty[_rows_before(time, starts + TIME_TOLERANCE) - 1], 0.0, 1.0)
+
+
+def _rows_before(time: FloatArray, at: FloatArray) -> NDArray[np.intp]:
+    """How many rows lie at or before each time: searchsorted, at once where rows are even."""
+    n = len(time)
+    guess = np.floor((at - time[0]) * ((n - 1) / (time[-1] - time[0])))
+    row = np.minimum(np.maximum(guess, 0.0), n - 2.0).astype(np.intp)
+    right = (time[row] <= at) & (at < time[row + 1])
+    found: NDArray[np.intp] = row + 1
+    if right.all():
+        return found
+    found[~right] = np.searchsorted(time, at[~right], side="right")
+    return found
 
 
 def pwm_intervals(
@@ -154,49 +155,66 @@ class Grid:
     """Sub-steps between which a run has an edge, a sample or (averaged) a period's start.
 
     `duration` (n,) s; `row` (n,) the log row in force; `ends_sample` (n,) whether a sample
-    lies at the sub-step's end; `start` (n,) s since the first row.
+    lies at the sub-step's end; `start` (n,) s since the first row; `edge_at` (edges,) the
+    first sub-step after each edge (n: none).
     """
 
     start: FloatArray
     duration: FloatArray
     row: NDArray[np.intp]
     ends_sample: BoolArray
+    edge_at: NDArray[np.intp]
+
+    def is_open(self, opens: slice, closes: slice) -> FloatArray:
+        """1 or 0 in every sub-step, from which of the edges open the valve and which close it."""
+        size = len(self.start) + 1
+        change = np.bincount(self.edge_at[opens], minlength=size)
+        change -= np.bincount(self.edge_at[closes], minlength=size)
+        return np.cumsum(change[:-1]).astype(np.float64)
 
 
 def split_at(time: FloatArray, edges: FloatArray, max_step: float) -> Grid:
-    """Sub-steps of a log's samples, split at the edges and so that none exceeds max_step."""
-    inside = edges[(edges > time[0]) & (edges < time[-1])]
-    inside = np.sort(inside, kind="stable")  # of a few sorted runs: merged, not sorted
-    if len(inside):
-        inside = inside[np.concatenate(([True], np.diff(inside) > TIME_TOLERANCE))]
-        row = np.searchsorted(time, inside)
-        clear = (time[row] - inside > TIME_TOLERANCE) & (inside - time[row - 1] > TIME_TOLERANCE)
-        inside, row = inside[clear], row[clear]
-    else:
-        row = np.zeros(0, dtype=np.intp)
+    """Sub-steps of a log's samples, split at the edges and so that none exceeds max_step.
+
+    An edge within the tolerance of a sample, or of another edge, counts as there.
+    """
+    edges = np.clip(edges, time[0] - 1.0, time[-1] + 1.0)  # some lie at infinity
+    order = np.argsort(edges, kind="stable")  # a few sorted runs: merged, not sorted
+    edge = edges[order]
+    before = np.where(
+        edge <= time[0] + TIME_TOLERANCE, 0, _rows_before(time, edge - TIME_TOLERANCE)
+    )
+    inside = before < len(time)
+    on_sample = inside.copy()
+    on_sample[inside] = time[before[inside]] - edge[inside] <= TIME_TOLERANCE
+    apart = np.concatenate(([True], np.diff(edge) > TIME_TOLERANCE))[: len(edge)]
+    kept = inside & ~on_sample & apart
+    count = np.cumsum(kept)
+    edge_at = np.empty(len(edge), dtype=np.intp)
+    edge_at[order] = before + count - (inside & ~on_sample)
     # Merge two sorted arrays by position, which is several times faster than sorting.
-    n = len(time) + len(inside)
-    place = row + np.arange(len(inside))
-    is_sample = np.ones(n, dtype=bool)
+    points = np.empty(len(time) + int(kept.sum()))
+    is_sample = np.ones(len(points), dtype=bool)
+    place = edge_at[order][kept]
     is_sample[place] = False
-    points = np.empty(n)
-    points[place] = inside
+    points[place] = edge[kept]
     points[is_sample] = time
-    rows = np.cumsum(is_sample) - 1
-    start = points[:-1] - time[0]
-    grid = Grid(start, np.diff(points), rows[:-1], is_sample[1:])
+    row = np.cumsum(is_sample[:-1]) - 1
+    edge_at = np.minimum(edge_at, len(row))
+    grid = Grid(points[:-1] - time[0], np.diff(points), row, is_sample[1:], edge_at)
     return _no_longer_than(grid, max_step)
 
 
 def _no_longer_than(grid: Grid, max_step: float) -> Grid:
-    parts = np.ceil(grid.duration / max_step * (1.0 - 1e-6)).astype(np.intp)
-    parts = np.maximum(parts, 1)
-    if (parts == 1).all():
+    if grid.duration.max() <= max_step * (1.0 + 1e-6):
         return grid
+    parts = np.maximum(np.ceil(grid.duration / max_step * (1.0 - 1e-6)).astype(np.intp), 1)
     owner = np.repeat(np.arange(len(parts)), parts)
     last = np.cumsum(parts)
-    within = np.arange(len(owner)) - (last - parts)[owner]
+    first = np.concatenate(([0], last))
+    within = np.arange(len(owner)) - first[owner]
     duration = (grid.duration / parts)[owner]
     ends = np.zeros(len(owner), dtype=bool)
     ends[last - 1] = grid.ends_sample
-    return Grid(grid.start[owner] + within * duration, duration, grid.row[owner], ends)
+    start = grid.start[owner] + within * duration
+    return Grid(start, duration, grid.row[owner], ends, first[grid.edge_at])
