@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sysid.errors import input_error
+from sysid.kinds import rows_per_period
 from sysid.logs import Trial
 from sysid.model import base
 from sysid.rig import Rig, require_inertia
@@ -24,7 +24,6 @@ MIN_ROWS = 20
 _GAP = 1.5
 # The PWM grid may wander by this share of a period against the rows, over a whole test.
 _PWM_WANDER = 0.5
-_MAX_DENOMINATOR = 4
 _START_S = 0.05
 # How much the cylinder and motor may exceed what the log and the rig file say.
 _EFFORT_MARGIN = 1.2
@@ -63,7 +62,7 @@ def check_sampling(trial: Trial, kind: str, rig: Rig) -> None:
     pwm = rig.require("pwm", f"which {trial.source} needs: when a PWM period starts").period_s
     span = float(trial.time[-1] - trial.time[0])
     mean = span / len(steps)
-    ratio = _rows_per_period(pwm, mean)
+    ratio = rows_per_period(pwm, mean)
     # What the nearest simple ratio leaves adds up from period to period.
     wander = abs(pwm / mean / float(ratio) - 1.0) * span / pwm if ratio else math.inf
     if mean > pwm * (1.0 + 1e-6) or wander > _PWM_WANDER:
@@ -73,17 +72,6 @@ def check_sampling(trial: Trial, kind: str, rig: Rig) -> None:
             f"({pwm / mean:.4g} rows a period)",
             "check [pwm] period_s and time_s, or log a whole number of rows a period",
         )
-
-
-def _rows_per_period(pwm: float, period: float) -> Fraction:
-    return Fraction(pwm / period).limit_denominator(_MAX_DENOMINATOR)
-
-
-def rows_per_ripple(trial: Trial, rig: Rig) -> int:
-    """Rows after which the PWM ripple repeats: those of one period, or of a few."""
-    pwm = rig.require("pwm", "which a test under PWM needs").period_s
-    mean = float(trial.time[-1] - trial.time[0]) / (len(trial) - 1)
-    return max(1, _rows_per_period(pwm, mean).numerator)
 
 
 def check_at_rest(

@@ -11,7 +11,7 @@ import numpy as np
 
 from sysid import identifiable, signals
 from sysid.identifiable import Identification
-from sysid.kinds import kind_of
+from sysid.kinds import is_active, kind_of, rows_per_ripple
 from sysid.logs import PRESSURES, FloatArray, Log, Trial, read_log
 from sysid.rig import Rig, find_rig_file, read_rig
 from sysid.units import parse_map
@@ -114,7 +114,7 @@ def check_log(log: Log, rig: Rig) -> LogCheck:
         jitter_s=float(np.std(regular)),
         gaps=int(np.count_nonzero(late)),
         longest_gap_s=float(np.max(steps)) if late.any() else 0.0,
-        channels=tuple(check_channel(log, name) for name in channels),
+        channels=tuple(check_channel(log, name, rig) for name in channels),
         excitation=tuple(identifiable.excitation(by_kind, rig)),
         identifies=tuple(identifiable.identifications(by_kind, rig)),
         notices=log.notices,
@@ -127,12 +127,12 @@ def _measured_channels(log: Log, rig: Rig) -> list[str]:
     return [n for n in names if n in present]
 
 
-def check_channel(log: Log, name: str) -> ChannelCheck:
+def check_channel(log: Log, name: str, rig: Rig) -> ChannelCheck:
     """Range, resolution, noise, stuck and saturated stretches of one channel."""
     parts = [t[name] for t in log.trials]
     values = np.concatenate(parts)
     quantum = signals.quantum(values)
-    noise = _noise(parts, quantum)
+    noise = _noise([c for t in log.trials for c in _combs(t, name, rig)], quantum)
     stuck_s, saturated = 0.0, 0
     dithers = noise is not None and noise > 0.5 * quantum
     if name in PRESSURES and (dithers or np.ptp(values) == 0.0):
@@ -151,6 +151,19 @@ def check_channel(log: Log, name: str) -> ChannelCheck:
         stuck_s=stuck_s,
         saturated_share=saturated / len(values),
     )
+
+
+def _combs(trial: Trial, name: str, rig: Rig) -> list[FloatArray]:
+    """A channel's samples, (n,) each, without the ripple of a valve under PWM, which is no noise.
+
+    Rows a whole number of PWM periods apart see the same point of a pulse.
+    """
+    values = trial[name]
+    if name not in PRESSURES or rig.pwm is None or not is_active(trial, "duty_a", "duty_b"):
+        return [values]
+    stride = rows_per_ripple(trial, rig)
+    combs = [values[start::stride] for start in {0, stride // 2}]
+    return [c for c in combs if len(c) >= _FEWEST_SAMPLES] or [values]
 
 
 def _noise(parts: Sequence[FloatArray], quantum: float) -> float | None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
+
 import numpy as np
 
 from sysid.friction import classify_trial
@@ -11,6 +13,8 @@ from sysid.rig import Rig
 # A held piston shows encoder counts and a little give, not a stroke.
 _HELD_SHARE_OF_STROKE = 0.005
 _HELD_STEPS = 20.0
+# A PWM period that is a whole number of rows only after more periods than this is none.
+_MAX_PERIODS = 4
 
 
 def is_held(trial: Trial, rig: Rig) -> bool:
@@ -43,3 +47,15 @@ def kind_of(trial: Trial, rig: Rig) -> str | None:
     if is_active(trial, rig.effort_channel) and rig.position_channel in trial:
         return classify_trial(trial, rig)
     return None
+
+
+def rows_per_period(pwm_period: float, sampling_period: float) -> Fraction:
+    """Rows in a PWM period (both in s), as a ratio of small numbers: 10/3 at 300 Hz and 1 kHz."""
+    return Fraction(pwm_period / sampling_period).limit_denominator(_MAX_PERIODS)
+
+
+def rows_per_ripple(trial: Trial, rig: Rig) -> int:
+    """Rows after which the PWM ripple repeats: those of one period, or of a few."""
+    pwm = rig.require("pwm", "which a test under PWM needs").period_s
+    mean = float(trial.time[-1] - trial.time[0]) / (len(trial) - 1)
+    return max(1, rows_per_period(pwm, mean).numerator)

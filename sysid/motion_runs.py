@@ -21,7 +21,6 @@ from sysid._motion_checks import (
     check_channels,
     check_sampling,
     near_end_stop,
-    rows_per_ripple,
 )
 from sysid._start_states import (
     InitialState,
@@ -33,6 +32,7 @@ from sysid._start_states import (
     valve_edges,
 )
 from sysid.errors import input_error
+from sysid.kinds import rows_per_ripple
 from sysid.logs import Trial
 from sysid.model import timing
 from sysid.rig import Rig

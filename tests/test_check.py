@@ -147,3 +147,13 @@ def test_the_command_prints_one_json_object(
     assert out["logs"][0]["rows"] == 4000
     assert main(["check", str(path)]) == 0
     assert "Coulomb friction" in capsys.readouterr().out
+
+
+def test_the_ripple_of_a_valve_under_pwm_is_no_noise(folder: Path) -> None:
+    frame = motion_frame(noise=0.0)
+    rng = np.random.default_rng(6)
+    ripple = 1200.0 * np.sin(2 * np.pi * frame.time_s / 0.005)
+    frame["pressure_a_pa"] = pressure(rng, 1.8e5 + ripple.to_numpy())
+    frame["duty_a"], frame["duty_b"] = 0.4, 0.0
+    found = next(c for c in checked(frame, folder).channels if c.name == "pressure_a_pa")
+    assert found.noise_std == pytest.approx(200.0, rel=0.1)

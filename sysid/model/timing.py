@@ -185,8 +185,8 @@ def split_at(time: FloatArray, edges: FloatArray, max_step: float) -> Grid:
         edge <= time[0] + TIME_TOLERANCE, 0, _rows_before(time, edge - TIME_TOLERANCE)
     )
     inside = before < len(time)
-    on_sample = inside.copy()
-    on_sample[inside] = time[before[inside]] - edge[inside] <= TIME_TOLERANCE
+    on_sample = before == 0  # or before the first row
+    on_sample[inside] |= time[before[inside]] - edge[inside] <= TIME_TOLERANCE
     apart = np.concatenate(([True], np.diff(edge) > TIME_TOLERANCE))[: len(edge)]
     kept = inside & ~on_sample & apart
     count = np.cumsum(kept)
