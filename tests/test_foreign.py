@@ -239,8 +239,8 @@ def test_parquet_in_and_out(tmp_path: Path, suffix: str) -> None:
     convert(foreign, out, maps=maps("t", "P", "q"), atmosphere_pa=ATMOSPHERE)
     expect_samples(out)
     if suffix == ".parquet":
-        note = json.loads(parquet.read_schema(out).metadata[b"sysid.convert"])
-        assert hashlib.sha256(foreign.read_bytes()).hexdigest() in note["sources"][0]
+        note = json.loads(parquet.read_schema(out).metadata[b"sysid.comments"])
+        assert hashlib.sha256(foreign.read_bytes()).hexdigest() in note[0]
 
 
 def test_time_stamps_become_seconds_from_the_first(tmp_path: Path) -> None:
