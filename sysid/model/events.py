@@ -14,15 +14,14 @@ _NEWTON_STEPS = 2
 _TINY = 1e-300
 
 
-def apart(always: Array, function: Callable[[], _Result]) -> _Result:
-    """function(), compiled apart from what uses its results.
+def apart(always: Array, function: Callable[[], _Result], like: _Result) -> _Result:
+    """function(), compiled apart from what uses its results, which are shaped `like` this.
 
     XLA computes a value that several expressions share anew in each of them, stage upon
     stage, which makes a step several times slower. It does not look through a branch:
     `always` (a scalar) is true, which it does not know.
     """
-    shapes = jax.eval_shape(function)
-    empty = jax.tree.map(lambda shape: jnp.zeros(shape.shape, shape.dtype), shapes)
+    empty = jax.tree.map(jnp.zeros_like, like)
     result: _Result = jax.lax.cond(always, function, lambda: empty)
     return result
 
@@ -43,6 +42,7 @@ class Cubic(NamedTuple):
         return Cubic(sign * (self.c0 - origin), sign * self.c1, sign * self.c2, sign * self.c3)
 
 
+@jax.jit  # traced once for all states
 def kutta_cubic(start: Array, k1: Array, k2: Array, k3: Array, step: Array) -> Cubic:
     """Kutta's third-order method as a cubic in the share of the step (order 2 within)."""
     return Cubic(
@@ -53,6 +53,7 @@ def kutta_cubic(start: Array, k1: Array, k2: Array, k3: Array, step: Array) -> C
     )
 
 
+@jax.jit  # traced once for all events
 def _about(cubic: Cubic) -> Array:
     """About the share of the step at which a cubic that starts positive turns negative.
 
@@ -80,8 +81,10 @@ def _root(cubic: Cubic, s: Array) -> Array:
 
 def first_event(events: list[Cubic], always: Array) -> tuple[Array, list[Array]]:
     """Share of the step at the first event (2: none), and whether each event is the one."""
-    events = apart(always, lambda: events)
-    near = apart(always, lambda: [_about(event) for event in events])
+    events = apart(always, lambda: events, events)
+    near = apart(
+        always, lambda: [_about(event) for event in events], [event.c0 for event in events]
+    )
 
     def sooner() -> tuple[Array, Cubic]:
         first, chosen = near[0], events[0]
@@ -91,9 +94,9 @@ def first_event(events: list[Cubic], always: Array) -> tuple[Array, list[Array]]
             chosen = Cubic(*(jnp.where(earlier, *of) for of in zip(event, chosen, strict=True)))
         return first, chosen
 
-    first, chosen = apart(always, sooner)
+    first, chosen = apart(always, sooner, (near[0], events[0]))
     occurs = first < 1.0
-    at = apart(always, lambda: jnp.where(occurs, _root(chosen, first), 2.0))
+    at = apart(always, lambda: jnp.where(occurs, _root(chosen, first), 2.0), first)
     return at, [occurs & (share == first) for share in near]
 
 

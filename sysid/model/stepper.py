@@ -21,7 +21,7 @@ from functools import partial
 from typing import Any, NamedTuple, TypeVar
 
 from sysid.model import base, plant
-from sysid.model._jax import jnp
+from sysid.model._jax import jax, jnp
 from sysid.model.base import Array
 from sysid.model.events import Cubic, apart, first_event, kutta_cubic
 from sysid.model.ports import SIDES, Model, Point
@@ -101,9 +101,9 @@ class Setting:
     point: Point
     chambers: dict[str, Chamber]
 
-    def apart(self, function: Callable[[], _Result]) -> _Result:
+    def apart(self, function: Callable[[], _Result], like: _Result) -> _Result:
         """`events.apart` of this step."""
-        return apart(self.always, function)
+        return apart(self.always, function, like)
 
 
 def _flow(side: str, choked: Array, point: Point, setting: Setting) -> Array:
@@ -141,7 +141,7 @@ def _chamber(side: str, setting: Setting) -> Chamber:
     higher = excess > 0
     flow = jnp.where(higher, flow_above, flow_below)
     rate = plant.pressure_rate(side, flow, point, model)
-    # What the other law would do, for the choice on the boundary: the rate is affine in flow.
+    # On the boundary the other law may be the one in force: the rate is affine in the flow.
     jump = per_flow * (flow_above - flow_below)
     rate_above = jnp.where(higher, rate, rate + jump)
     rate_below = jnp.where(higher, rate - jump, rate)
@@ -149,13 +149,12 @@ def _chamber(side: str, setting: Setting) -> Chamber:
     on_boundary = jnp.abs(excess) <= _ON_BOUNDARY * boundary
     above = jnp.where(on_boundary, driven, jnp.where(higher, 1.0, -1.0))
     below = above < 0
-    flow = jnp.where(below, flow_below, flow_above)
-    rate = plant.pressure_rate(side, flow, point, model)
+    rate = jnp.where(below, rate_below, rate_above)
     return Chamber(
         choked=below == is_open,
         above=above,
         boundary=boundary,
-        flow=flow,
+        flow=jnp.where(below, flow_below, flow_above),
         rate=jnp.where(above == 0, 0.0, rate),
         volume=volume,
         per_flow=per_flow,
@@ -197,13 +196,18 @@ def _start(
         extra=dict(zip(model.state_names, lanes.extra, strict=True)),
     )
     setting = Setting(model, surfaces, always, point, {})
-    applied = setting.apart(lambda: plant.applied_effort(point, model))
-    margin, direction = setting.apart(lambda: _direction(applied, lanes.loose, point, model))
+    one, flag = lanes.time, jnp.zeros_like(lanes.time, dtype=bool)
+    applied = setting.apart(lambda: plant.applied_effort(point, model), one)
+    margin, direction = setting.apart(
+        lambda: _direction(applied, lanes.loose, point, model), (one, one)
+    )
     point = dataclasses.replace(point, direction=direction)
     setting = dataclasses.replace(setting, point=point)
-    chambers = {side: setting.apart(partial(_chamber, side, setting)) for side in SIDES}
+    like = Chamber(flag, *[one] * 6)
+    chambers = {side: setting.apart(partial(_chamber, side, setting), like) for side in SIDES}
     setting = dataclasses.replace(setting, chambers=chambers)
-    return setting, setting.apart(lambda: _start_rates(applied, setting)), margin
+    rates = (one,) * (4 + len(model.state_names))
+    return setting, setting.apart(lambda: _start_rates(applied, setting), rates), margin
 
 
 def _direction(applied: Array, loose: Array, point: Point, model: Model) -> tuple[Array, Array]:
@@ -226,7 +230,7 @@ def _start_rates(applied: Array, setting: Setting) -> Rates:
 
 
 def _stage(
-    state: Rates, time: Array, setting: Setting, held: dict[str, tuple[Array, Array]]
+    setting: Setting, held: dict[str, tuple[Array, Array]], state: Rates, time: Array
 ) -> tuple[Rates, Array, Array]:
     """Derivatives of (position, velocity, pressures, extra), breakaway margin and its way.
 
@@ -234,7 +238,7 @@ def _stage(
     advances, and where it does.
     """
     model = setting.model
-    position, velocity, pressure_a, pressure_b, *extra = setting.apart(lambda: state)
+    position, velocity, pressure_a, pressure_b, *extra = setting.apart(lambda: state, state)
     point = dataclasses.replace(
         setting.point,
         time=time,
@@ -260,9 +264,9 @@ def _stage(
             *(extra_rates[name] for name in model.state_names),
         )
 
-    applied = setting.apart(lambda: plant.applied_effort(point, model))
+    applied = setting.apart(lambda: plant.applied_effort(point, model), velocity)
     margin, way = _breakaway(applied, point, model)
-    return setting.apart(lambda: derivatives(applied)), margin, way
+    return setting.apart(lambda: derivatives(applied), state), margin, way
 
 
 def _near_supply(start: Rates, step: Array, setting: Setting) -> dict[str, tuple[Array, Array]]:
@@ -290,7 +294,10 @@ def _near_supply(start: Rates, step: Array, setting: Setting) -> dict[str, tuple
         change = gap_change(gap, (stiffness, stiffness * shrunk), (other, other + gained))
         return stiff, -change * per_second
 
-    return {s: setting.apart(partial(one, s, c)) for s, c in setting.chambers.items()}
+    return {
+        s: setting.apart(partial(one, s, c), (c.choked, c.rate))
+        for s, c in setting.chambers.items()
+    }
 
 
 def advance(lanes: Lanes, table: Table, model: Model, surfaces: tuple[Any, ...]) -> Lanes:
@@ -303,7 +310,7 @@ def advance(lanes: Lanes, table: Table, model: Model, surfaces: tuple[Any, ...])
     step = jnp.where(active & (rest > 0), rest, 0.0)
 
     setting, k1, margin_1 = _start(lanes, commands, model, surfaces, table.count[0] >= 0)
-    step = setting.apart(lambda: step)
+    step = setting.apart(lambda: step, step)
     held = _near_supply(k1, step, setting)
     if held:
         pressures = (jnp.where(*held[s], k) for s, k in zip(SIDES, k1[2:4], strict=True))
@@ -311,11 +318,13 @@ def advance(lanes: Lanes, table: Table, model: Model, surfaces: tuple[Any, ...])
     state = (lanes.position, lanes.velocity, lanes.pressure_a, lanes.pressure_b, *lanes.extra)
     half = 0.5 * step
     state_2 = tuple(y + half * k for y, k in zip(state, k1, strict=True))
-    k2, margin_2, _ = _stage(state_2, lanes.time + half, setting, held)
+    stage = jax.jit(partial(_stage, setting, held))  # traced once for both stages
+    k2, margin_2, _ = stage(state_2, lanes.time + half)
     state_3 = tuple(y + step * (2.0 * b - a) for y, a, b in zip(state, k1, k2, strict=True))
-    k3, margin_3, way = _stage(state_3, lanes.time + step, setting, held)
+    k3, margin_3, way = stage(state_3, lanes.time + step)
     cubics = setting.apart(
-        lambda: [kutta_cubic(*of, step) for of in zip(state, k1, k2, k3, strict=True)]
+        lambda: [kutta_cubic(*of, step) for of in zip(state, k1, k2, k3, strict=True)],
+        [Cubic(y, y, y, y) for y in state],
     )
     # The stages lie at first order only; this parabola takes out what they are off.
     bend = 0.5 * (margin_3 - 2.0 * margin_2 + margin_1)

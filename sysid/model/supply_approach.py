@@ -7,7 +7,7 @@ of its stages is a quadratic equation here, with one root.
 
 from __future__ import annotations
 
-from sysid.model._jax import jnp
+from sysid.model._jax import jax, jnp
 from sysid.model.base import Array
 
 # Parts of a step that the method takes.
@@ -21,6 +21,7 @@ _THIRD = (
 )
 
 
+@jax.jit
 def _implicit_root(known: Array, stiffness: Array) -> Array:
     """z with z|z| + stiffness z = known."""
     size = jnp.abs(known)
@@ -29,6 +30,7 @@ def _implicit_root(known: Array, stiffness: Array) -> Array:
     return jnp.where(known < 0, -root, root)
 
 
+@jax.jit  # traced once for both chambers
 def gap_change(gap: Array, stiffness: tuple[Array, Array], other: tuple[Array, Array]) -> Array:
     """Change of D over a step of dD/dt = -K sqrt(D) sign(D) + g, by Alexander's method.
 
