@@ -178,7 +178,7 @@ def cross_correlation_test(
 
     The band is one for the whole family, all lags of all inputs. A coloured residual is
     first whitened by an autoregressive filter of order up to `max_order` (Burg's method,
-    order by BIC), and the inputs go through the same filter (Box, Jenkins 1976; Haugh 1976):
+    order by AIC), and the inputs go through the same filter (Box, Jenkins 1976; Haugh 1976):
     the correlations are those of the filtered series. The correlations at neighbouring lags
     of a slow input are nearly one and the same, so that independent bands would be far too
     wide: given the inputs, the correlations of Gaussian white noise are jointly distributed
@@ -227,13 +227,14 @@ def autoregressive_filter(values: FloatArray, max_order: int = MAX_AR_ORDER) -> 
     """(p + 1,) coefficients, the first 1, of the filter that whitens a sequence (n,).
 
     Burg's method, which stays stable close to the unit circle, up to order n/10 at most;
-    the order is the one of least BIC.
+    the order is the one of least AIC, which unlike BIC grows with the samples where the
+    colour is not autoregressive, as that of drift under sensor noise.
     """
     x = np.asarray(values, dtype=float) - np.mean(values)
     n = len(x)
     coefficients = np.ones(1)
-    best, least = coefficients, math.log(float(x @ x) / n)
     power = float(x @ x) / n
+    best, least = coefficients, math.log(power)
     forward, backward = x[1:], x[:-1]
     for order in range(1, min(max_order, n // 10) + 1):
         norm = float(forward @ forward + backward @ backward)
@@ -245,9 +246,9 @@ def autoregressive_filter(values: FloatArray, max_order: int = MAX_AR_ORDER) -> 
         power *= 1.0 - reflection**2
         if power <= 0.0:
             return coefficients
-        bic = math.log(power) + order * math.log(n) / n
-        if bic < least:
-            best, least = coefficients, bic
+        criterion = math.log(power) + 2.0 * order / n
+        if criterion < least:
+            best, least = coefficients, criterion
         forward, backward = (
             (forward + reflection * backward)[1:],
             (backward + reflection * forward)[:-1],

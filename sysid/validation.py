@@ -231,7 +231,10 @@ def _simulated(
 def simulate_segments(
     segments: Sequence[tuple[MotionTest, Segment]], model: Model, surfaces: tuple[Any, ...] = ()
 ) -> list[FloatArray]:
-    """Position and pressures (3, rows) of each segment, simulated from its own start state."""
+    """Position and pressures (3, rows) of each segment, simulated from its own start state.
+
+    Raises RuntimeError where a simulation does not stay finite: never a number in silence.
+    """
     from sysid.model.simulate import simulate
 
     inputs = [_inputs(test, segment) for test, segment in segments]
@@ -242,12 +245,16 @@ def simulate_segments(
         group = order[first : first + _LANES]
         padded = [inputs[i] for i in group] + [inputs[group[0]]] * (_LANES - len(group))
         runs = simulate(padded, [model] * _LANES, surfaces)
-        found.update((i, _channels(run)) for i, run in zip(group, runs, strict=False))
+        for i, run in zip(group, runs, strict=False):
+            found[i] = _channels(run, segments[i][0].source)
     return [found[i] for i in range(len(inputs))]
 
 
-def _channels(run: Trajectory) -> FloatArray:
-    return np.array([run.position, run.pressure_a, run.pressure_b])
+def _channels(run: Trajectory, source: str) -> FloatArray:
+    channels = np.array([run.position, run.pressure_a, run.pressure_b])
+    if not np.isfinite(channels).all():
+        raise RuntimeError(f"{source}: the simulation does not stay finite")
+    return channels
 
 
 def _inputs(test: MotionTest, segment: Segment) -> Inputs:
