@@ -222,7 +222,11 @@ def _validated(run: _Run) -> ValidationResult | None:
     if run.validation is None:
         fitted = run.path(_FITTED_FILE)
         run.validation = validate(
-            run.campaign, read_bundle(fitted), bundle_path=fitted, progress=run.tell
+            run.campaign,
+            read_bundle(fitted),
+            # The name alone: what is said of it goes into a report that is sent to others.
+            bundle_path=Path(_FITTED_FILE),
+            progress=run.tell,
         )
     return run.validation
 

@@ -143,7 +143,7 @@ def _offset(bundle: Mapping[str, Any], rig: Rig, path: Path) -> list[str]:
         return []
     return [
         f"{path}: the friction tests show an offset of {offset['value']:.3g} {unit}, which the "
-        "base model does not have; `sysid diagnose` judges it as an effect"
+        "base model does not have: the position may drift by it"
     ]
 
 

@@ -198,7 +198,7 @@ def _rig_content(**changes: Any) -> dict[str, Any]:
 def test_parameters_of_a_vertical_rig_with_payload() -> None:
     rig = rig_from_content(_rig_content(), "rig.toml")
     p = base.parameters_from_rig(rig, static_effort=0.3, coulomb_effort=0.2, viscous=0.05)
-    inertia = base.equivalent_inertia(0.3, 0.46, 0.2, 0.0375, 0.5, 0.37)
+    inertia = 0.3 * 0.46**2 / 3 + 0.2 * 0.0375**2 + 0.5 * 0.37**2
     assert p.inertia == pytest.approx(inertia)
     assert p.gravity_moment == pytest.approx((0.3 * 0.46 / 2 + 0.5 * 0.37) * 9.81)
     assert p.weight == 0.0

@@ -206,22 +206,6 @@ def limit_effort(effort: Array, max_effort: Array) -> Array:
     return xp.where(below > -max_effort, below, -max_effort)
 
 
-def equivalent_inertia(
-    arm_mass: Array,
-    arm_length: Array,
-    block_mass: Array,
-    pitch_radius: Array,
-    payload_mass: Array = 0.0,
-    payload_length: Array = 0.0,
-) -> Array:
-    """Inertia of arm, payload and block about the shaft, kg m2 (3.3.5)."""
-    return (
-        arm_mass * arm_length**2 / 3.0
-        + payload_mass * payload_length**2
-        + block_mass * pitch_radius**2
-    )
-
-
 def gravity_effort(position: Array, gravity_moment: Array, weight: Array = 0.0) -> Array:
     """Effort of gravity against positive motion (3.3.8-3.3.10), Nm or N.
 
