@@ -16,6 +16,10 @@ import click
 from sysid import __version__
 from sysid.errors import SysidError
 
+# Small matrices are slower on several BLAS threads; read when numpy is first imported.
+for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_variable, "1")
+
 _FAULT = 1
 _UNUSABLE = 2
 _INTERRUPTED = 130
