@@ -70,7 +70,12 @@ def new_bundle(
 def write_bundle(bundle: Mapping[str, Any], path: Path) -> None:
     """Check a bundle against the schema and write it, whole or not at all."""
     _validate(bundle, path)
-    write_atomic(path, json.dumps(bundle, indent=2, allow_nan=False, ensure_ascii=False) + "\n")
+    write_atomic(path, bundle_text(bundle))
+
+
+def bundle_text(bundle: Mapping[str, Any]) -> str:
+    """A bundle as its file holds it; ValueError for a number that is not finite."""
+    return json.dumps(bundle, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
 
 
 def read_bundle(path: Path) -> dict[str, Any]:

@@ -6,12 +6,11 @@ All three hold the same content, worked out once in `flat.py`.
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from sysid.bundle import read_bundle
+from sysid.bundle import bundle_text, read_bundle
 from sysid.errors import input_error
 from sysid.export.flat import Flat, flatten
 from sysid.files import write_atomic
@@ -75,5 +74,4 @@ def export_bundle(
 
 def _digest(bundle: Mapping[str, Any]) -> str:
     """SHA-256 of the file that `sysid.bundle.write_bundle` makes of a bundle."""
-    text = json.dumps(bundle, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
-    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
+    return hashlib.sha256(bundle_text(bundle).encode("utf-8", "surrogatepass")).hexdigest()
