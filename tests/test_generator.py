@@ -575,7 +575,7 @@ def test_bundled_campaign_is_small_and_whole() -> None:
 
 def test_generator_shares_no_code_with_what_it_checks() -> None:
     folder = Path(bundled.__file__).parent
-    for path in folder.glob("*.py"):
+    for path in folder.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
             names = [alias.name for alias in getattr(node, "names", [])]
             names.append(getattr(node, "module", None) or "")

@@ -11,7 +11,15 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from datasets.generator.bundled import BUNDLED_FOLDER, write_bundled
-from datasets.generator.campaign import KINDS, Size, make_campaign, size_of, stream
+from datasets.generator.campaign import (
+    KINDS,
+    Size,
+    drawn_effects,
+    make_campaign,
+    size_of,
+    stream,
+)
+from datasets.generator.effects import parsed
 from datasets.generator.files import Dialect, write_campaign, write_text
 from datasets.generator.rigs import GeneratedRig, random_rig, reference_rig
 
@@ -31,7 +39,7 @@ def _size(text: str) -> Size:
         return size_of(text)
     except ValueError:
         raise argparse.ArgumentTypeError(
-            f"{text!r} is neither small, standard, large nor a positive factor"
+            f"{text!r} is neither small, standard, lab, large nor a positive factor"
         ) from None
 
 
@@ -66,12 +74,21 @@ def _seed(text: str) -> int:
     return int(text)
 
 
+def _effect(text: str) -> tuple[str, str, float]:
+    try:
+        return parsed(text)
+    except ValueError as fault:
+        raise argparse.ArgumentTypeError(str(fault)) from None
+
+
 def parser() -> argparse.ArgumentParser:
     """The command line's arguments."""
     p = argparse.ArgumentParser(prog="python -m datasets.generator", description=__doc__)
     p.add_argument("-o", "--output", type=Path, metavar="DIR", help="folder for the campaign")
     p.add_argument("--seed", type=_seed, help="seed of the rig and of every test")
-    p.add_argument("--size", type=_size, default="standard", help="small, standard, large, factor")
+    p.add_argument(
+        "--size", type=_size, default="standard", help="small, standard, lab, large, factor"
+    )
     p.add_argument("--kinds", type=_kinds, default=KINDS, help="comma-separated; default all")
     p.add_argument("--rig", choices=("random", "reference"), default="random")
     p.add_argument("--orientation", choices=("horizontal", "vertical"), default="horizontal")
@@ -83,6 +100,14 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--noise", type=_not_negative, metavar="PA", help="pressure noise; else drawn")
     p.add_argument("--pwm-frequency", type=_pwm_frequency, default=200.0, metavar="HZ")
     p.add_argument("--truth", type=Path, metavar="FILE", help="write the truth there, as JSON")
+    p.add_argument(
+        "--effect",
+        type=_effect,
+        action="append",
+        default=[],
+        metavar="ID[:FORM][*SCALE]",
+        help="an undeclared effect, its size times SCALE; may be repeated",
+    )
     p.add_argument("--bundled", action="store_true", help="make datasets/bundled/ again")
     for name, text in _FLAGS.items():
         p.add_argument("--" + name.replace("_", "-"), action="store_true", help=text)
@@ -101,15 +126,19 @@ def _generate(p: argparse.ArgumentParser, a: argparse.Namespace, command: str) -
         p.error("-o DIR and --seed N are needed (or --bundled)")
     if a.truth is not None and a.output.resolve() in a.truth.resolve().parents:
         p.error("--truth must lie outside the campaign's folder, where a fit might find it")
-    campaign = make_campaign(
-        a.seed,
-        size=a.size,
-        scatter=a.scatter,
-        noise_pa=a.noise,
-        pwm_frequency=a.pwm_frequency,
-        rig=_rig(a),
-        kinds=a.kinds,
-    )
+    try:
+        campaign = make_campaign(
+            a.seed,
+            size=a.size,
+            scatter=a.scatter,
+            noise_pa=a.noise,
+            pwm_frequency=a.pwm_frequency,
+            rig=_rig(a),
+            kinds=a.kinds,
+            effects=drawn_effects(a.seed, a.effect),
+        )
+    except (ValueError, RuntimeError) as fault:  # effects that clash, a rig that does not move
+        p.error(str(fault))
     dialect = Dialect(**{name: getattr(a, name) for name in _FLAGS})
     written = write_campaign(a.output, campaign, command, dialect)
     if a.truth is not None:

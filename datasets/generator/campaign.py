@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from datasets.generator import friction_tests, motion_tests, valve_tests
+from datasets.generator.effects import Injected, typical
 from datasets.generator.rigs import Content, GeneratedRig, random_rig
 from datasets.generator.runs import GeneratedTest
 
@@ -36,6 +37,7 @@ _STREAMS = (
     "motion-pwm-holdout",
     "motion-discrete-fit",
     "motion-discrete-holdout",
+    "effects",
 )
 
 
@@ -50,12 +52,15 @@ class Size:
     motor_motions: tuple[int, int]  # tests in the fit log and in the holdout log
     pwm_motions: tuple[int, int]
     discrete_motions: tuple[int, int]
+    slidings: int | None = None  # sliding trials in all, in place of `repeats` at each level
 
 
 SMALL = Size(2, 2, 2, 0.04, (2, 1), (3, 2), (2, 1))
 STANDARD = Size(3, 3, 3, 0.02, (3, 1), (4, 2), (3, 1))
 LARGE = Size(6, 6, 6, 0.01, (6, 2), (8, 4), (6, 2))
-_SIZES = {"small": SMALL, "standard": STANDARD, "large": LARGE}
+# As much as a lab's usual campaign: the friction motions are left to the motion logs.
+LAB = Size(3, 0, 3, 0.04, (3, 1), (4, 2), (3, 1), slidings=14)
+_SIZES = {"small": SMALL, "standard": STANDARD, "lab": LAB, "large": LARGE}
 
 
 def size_of(text: str | float) -> Size:
@@ -139,9 +144,12 @@ class _Maker:
             for i, r in enumerate(rngs)
         ]
 
-    def sliding(self, repeats: int) -> list[GeneratedTest]:
+    def sliding(self, repeats: int, count: int | None) -> list[GeneratedTest]:
+        """All levels in both directions, `repeats` times, or `count` trials of them in turn."""
         speeds = friction_tests.SPEEDS
         plan = [(s, d) for s in speeds for d in (1, -1) for _ in range(repeats)]
+        if count is not None:
+            plan = [(s, d) for _ in range(repeats) for s in speeds for d in (1, -1)][:count]
         rngs = self.rngs("friction-sliding", len(plan))
         return [
             friction_tests.sliding_test(self.rig, str(i + 1), *plan[i], self.scatter, self.noise, r)
@@ -191,6 +199,14 @@ def stream(seed: int, name: str, *index: int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence([seed, _STREAMS.index(name), *index]))
 
 
+def drawn_effects(seed: int, wanted: Sequence[tuple[str, str, float]]) -> tuple[Injected, ...]:
+    """Effects of typical size for `make_campaign`, from ids, forms and scales. ValueError."""
+    return tuple(
+        typical(id, form, stream(seed, "effects", i), scale)
+        for i, (id, form, scale) in enumerate(wanted)
+    )
+
+
 def _maker(
     seed: int,
     scatter: float,
@@ -231,7 +247,7 @@ def make_friction_tests(
     maker = _maker(seed, scatter, orientation, motion, noise_pa, rig)
     makers: dict[str, Callable[[], list[GeneratedTest]]] = {
         "friction-static": lambda: maker.static(repeats),
-        "friction-sliding": lambda: maker.sliding(repeats),
+        "friction-sliding": lambda: maker.sliding(repeats, None),
         "friction-motion": lambda: maker.friction_motion(3),
     }
     tests = {kind: make() for kind, make in makers.items() if kind in kinds}
@@ -256,19 +272,27 @@ def make_campaign(
     rig: GeneratedRig | None = None,
     kinds: tuple[str, ...] = KINDS,
     stems: tuple[str, ...] | None = None,
+    effects: tuple[Injected, ...] = (),
 ) -> GeneratedCampaign:
     """A whole campaign for a random rig (or the one given).
 
     `kinds` keeps only those kinds, `stems` only those files; what is kept does not depend on what
-    is left out. Other arguments as in `make_friction_tests`. Raises ValueError where a rig can make
-    no test of a kind (a motor too weak to move it).
+    is left out. `effects` act in the plant and its sensors and stand in the truth; the rig's own
+    are kept before them, and the rig file declares none. Other arguments as in
+    `make_friction_tests`. Raises ValueError where a rig can make no test of a kind (a motor too
+    weak to move it), and for effects that do not go together.
     """
     maker = _maker(seed, scatter, orientation, motion, noise_pa, rig)
     maker = dataclasses.replace(maker, rig=with_pwm_frequency(maker.rig, pwm_frequency))
+    if effects:
+        own = (*maker.rig.effects, *effects)
+        maker = dataclasses.replace(maker, rig=dataclasses.replace(maker.rig, effects=own))
     logs = []
     for stem, kind, use, valve, make in _plan(maker, size):
         if kind in kinds and (stems is None or stem in stems):
-            logs.append(GeneratedLog(stem, kind, use, make(), valve))
+            tests = make()
+            if tests:
+                logs.append(GeneratedLog(stem, kind, use, tests, valve))
     truth = _truth(maker)
     truth["tests"] = {log.stem: {test.label: test.truth for test in log.tests} for log in logs}
     return GeneratedCampaign(maker.rig, logs, truth)
@@ -281,7 +305,13 @@ def _plan(maker: _Maker, size: Size) -> list[_Planned]:
     """Every log of a campaign: stem, kind, use, valve, and what makes its tests."""
     plan: list[_Planned] = [
         ("friction_static", "friction-static", "fit", None, lambda: maker.static(size.repeats)),
-        ("friction_sliding", "friction-sliding", "fit", None, lambda: maker.sliding(size.repeats)),
+        (
+            "friction_sliding",
+            "friction-sliding",
+            "fit",
+            None,
+            lambda: maker.sliding(size.repeats, size.slidings),
+        ),
         (
             "friction_motion",
             "friction-motion",

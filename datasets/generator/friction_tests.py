@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from datasets.generator.plant import POSITION, FloatArray, Plant
+from datasets.generator.plant import POSITION, VELOCITY, FloatArray, Plant
 from datasets.generator.rigs import GeneratedRig
 from datasets.generator.runs import (
     Commands,
@@ -23,6 +23,8 @@ RAMP_S = 4.2  # from zero to the motor's limit
 STATIC_LIMIT = 0.9  # of the half travel, where a ramp is ended at the latest
 SLIDING_START, SLIDING_END = 0.76, 0.83
 SLIDING_LIMIT_S = 4.0
+CLEAR_MOTION = 0.006  # half travels that no one takes for elasticity, 10 mrad
+FIRMER, MOST_FIRMER = 0.03, 8  # of the limit: a level that stalls is raised so, so many times
 SPEEDS = (0.25, 0.5, 0.9)  # half travels a second at which the levels aim
 KICK_S = 0.06
 
@@ -81,7 +83,9 @@ def static_test(
         rig, rig.plant(*factors), commands, at_atmosphere(rig, position), (-limit, limit)
     )
     counts = position_counts(states[:, POSITION], rig)
-    moved = np.flatnonzero(counts != counts[0])
+    # Bristles and gaps give a little before the shaft moves: there the operator waits for more.
+    least = CLEAR_MOTION * rig.half_travel / rig.position_per_count if rig.effects else 0.0
+    moved = np.flatnonzero(np.abs(counts - counts[0]) > least)
     if moved.size == 0:
         raise ValueError("the motor is too weak to break this rig away")
     beyond = round(rng.uniform(0.3, 0.5) / rig.row_period)
@@ -127,12 +131,18 @@ def sliding_test(
     weight = rig.gravity() if rig.is_linear else 0.0
     kick = max(1.8 * rig.truth.static_friction, level + 0.6 * rig.truth.static_friction)
     n = round(SLIDING_LIMIT_S / rig.row_period)
-    effort = np.full(n, weight + direction * level)
-    effort[: round(_kick_time(rig, kick, speed) / rig.row_period)] = weight + direction * kick
-    commands = Commands(rounded_effort(effort, rig))
+    kick_rows = round(_kick_time(rig, kick, speed) / rig.row_period)
     position = -direction * start + rng.uniform(-0.012, 0.012) * rig.half_travel
     band = (-np.inf, end) if direction > 0 else (-end, np.inf)
-    states = simulated(rig, rig.plant(*factors), commands, at_atmosphere(rig, position), band)
+    for firmer in range(MOST_FIRMER):
+        more = firmer * FIRMER * rig.max_effort
+        effort = np.full(n, weight + direction * (level + more))
+        effort[:kick_rows] = weight + direction * (kick + more)
+        commands = Commands(rounded_effort(effort, rig))
+        states = simulated(rig, rig.plant(*factors), commands, at_atmosphere(rig, position), band)
+        # An effect that the operator does not know may stall the arm at its usual level.
+        if not rig.effects or len(states) < n or abs(states[-1, VELOCITY]) > 0.05 * speed:
+            break
     truth = {**factors_truth(*factors), "direction": direction, "position": position}
     return logged(label, rig, commands, states, noise_pa, rng, truth)
 

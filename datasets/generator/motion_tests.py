@@ -24,6 +24,8 @@ LIMIT = 0.92  # of the half travel, never passed
 # Least swing from one extreme to the other, in half travels.
 PWM_SWING, DISCRETE_SWING = 0.7, 0.5
 TRIES = 400
+MORE_DUTY, TRIES_A_LEVEL = 0.04, 30
+SEARCH_TOLERANCE = 2.0  # with effects: where to put the next pulse needs no fine steps
 
 
 def start_position(rig: GeneratedRig, rng: np.random.Generator) -> float:
@@ -60,8 +62,10 @@ def pwm_test(
     plant, start = rig.plant(*factors), at_atmosphere(rig, position)
     n = round(duration / rig.row_period)
     limit = LIMIT * rig.half_travel
-    for _ in range(TRIES):
-        commands = _pwm_commands(rig, n, with_motor, rng)
+    for attempt in range(TRIES):
+        # An effect that swallows pulses makes the operator ask for longer ones.
+        more = MORE_DUTY * (attempt // TRIES_A_LEVEL) if rig.effects else 0.0
+        commands = _pwm_commands(rig, n, with_motor, rng, more)
         states = simulated(rig, plant, commands, start, (-limit, limit))
         if len(states) == n and _is_lively(states, rig, PWM_SWING):
             truth = {**factors_truth(*factors), "position": position}
@@ -70,9 +74,12 @@ def pwm_test(
 
 
 def _pwm_commands(
-    rig: GeneratedRig, n: int, with_motor: bool, rng: np.random.Generator
+    rig: GeneratedRig, n: int, with_motor: bool, rng: np.random.Generator, more: float
 ) -> Commands:
-    """Duties that change from one PWM period to the next, the two about in antiphase."""
+    """Duties that change from one PWM period to the next, the two about in antiphase.
+
+    `more` is added to both duties' middle.
+    """
     period = float(rig.content["pwm"]["period_s"])
     held = np.floor(np.arange(n) * rig.row_period / period + 1e-6).astype(int)
     frequency, phase = rng.uniform(0.25, 0.6), rng.uniform(0.0, 2.0 * np.pi)
@@ -83,7 +90,7 @@ def _pwm_commands(
         # A slight difference of frequencies lets the phase between the valves wander.
         own = frequency * rng.uniform(0.97, 1.03)
         sine = clipped_sine(held[-1] + 1, period, own, side_phase, amplitude, clip)
-        waves.append(rounded_duty(np.clip(middle + sine, 0.004, 0.95))[held])
+        waves.append(rounded_duty(np.clip(middle + more + sine, 0.004, 0.95))[held])
     motor = np.zeros(n)
     if with_motor:
         amplitude = rng.uniform(0.15, 0.5) * rig.max_effort
@@ -132,11 +139,12 @@ def _sequence(
     start = at_atmosphere(rig, position)
     commands = Commands(motor, valve_a=valves[0], valve_b=valves[1])
     row = round(rng.uniform(0.25, 0.6) / rig.row_period)
+    search = SEARCH_TOLERANCE if rig.effects else 1.0
     while row < n:
         # Valve A pushes up, B down: mostly towards the middle, as a careful operator would.
         now = row + 1
         so_far = Commands(motor[:now], valve_a=valves[0, :now], valve_b=valves[1, :now])
-        states = simulated(rig, plant, so_far, start, (-limit, limit))
+        states = simulated(rig, plant, so_far, start, (-limit, limit), search)
         if len(states) <= row:
             return None
         towards = 1 if states[row, POSITION] > 0.0 else 0

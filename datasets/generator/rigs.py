@@ -1,7 +1,7 @@
 """Rigs: the thesis' reference machine, and random ones around it.
 
 A rig is what `rig.toml` declares (`content`) and what no file tells (`Truth`). In the base model
-the two agree; an undeclared effect would be put into the truth alone.
+the two agree; an undeclared effect is in the truth alone (`effects`).
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from datasets.generator.effects.catalogue import Injected
 from datasets.generator.plant import Chamber, Plant
 
 GRAVITY_M_PER_S2 = 9.81
@@ -50,6 +51,13 @@ class GeneratedRig:
 
     content: Content
     truth: Truth
+    effects: tuple[Injected, ...] = ()
+
+    @property
+    def atmosphere(self) -> float:
+        """The room's real pressure, Pa; the rig file declares another one if an effect says so."""
+        error = sum(e.values.get("ambient_pa", 0.0) for e in self.effects)
+        return float(self.content["air"]["atmospheric_pressure_pa"]) + error
 
     @property
     def is_linear(self) -> bool:
@@ -163,7 +171,7 @@ class GeneratedRig:
             "valves": {"a": dataclasses.asdict(t.valve_a), "b": dataclasses.asdict(t.valve_b)},
             "delays": {"on_delay_s": valves["on_delay_s"], "off_delay_s": valves["off_delay_s"]},
             "pressure_noise_pa": t.pressure_noise_pa,
-            "effects": [],
+            "effects": [effect.content() for effect in self.effects],
         }
 
 

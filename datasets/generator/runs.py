@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from datasets.generator.effects import simulate as with_effects
 from datasets.generator.integrator import integrate
 from datasets.generator.plant import FloatArray, Plant
 from datasets.generator.rigs import GeneratedRig
@@ -69,8 +70,7 @@ class GeneratedTest:
 
 def at_atmosphere(rig: GeneratedRig, position: float) -> Start:
     """At rest with both chambers at the atmosphere's pressure."""
-    atmosphere = float(rig.content["air"]["atmospheric_pressure_pa"])
-    return Start(position, atmosphere, atmosphere)
+    return Start(position, rig.atmosphere, rig.atmosphere)
 
 
 def simulated(
@@ -81,11 +81,22 @@ def simulated(
     band: tuple[float, float] = NO_BAND,
     tolerance: float = 1.0,
 ) -> FloatArray:
-    """States at the rows, (m, 4), m <= n: the run ends after the first row outside `band`."""
-    edges = [
-        _movements(rig, commands.valve_a, commands.duty_a, start.opened[0]),
-        _movements(rig, commands.valve_b, commands.duty_b, start.opened[1]),
-    ]
+    """States at the rows, (m, 4), m <= n: the run ends after the first row outside `band`.
+
+    `tolerance` scales the error allowed a step. With undeclared effects it scales the step itself,
+    and the states are (m, 8): the columns of `effects.simulate` after the four states.
+    """
+    asked = (
+        _command_edges(rig, commands.valve_a, commands.duty_a, start.opened[0]),
+        _command_edges(rig, commands.valve_b, commands.duty_b, start.opened[1]),
+    )
+    initial = np.array([start.position, 0.0, start.pressure_a, start.pressure_b])
+    if rig.effects:
+        motor = np.ascontiguousarray(commands.motor, dtype=np.float64)
+        return with_effects.simulated(
+            rig, plant, motor, asked, initial, start.opened, start.held, band, tolerance
+        )
+    edges = [_movements(rig, asked[i], start.opened[i]) for i in (0, 1)]
     time, valve, state = merged(*edges)
     states, rows = integrate(
         plant,
@@ -94,7 +105,7 @@ def simulated(
         time,
         valve,
         state,
-        np.array([start.position, 0.0, start.pressure_a, start.pressure_b]),
+        initial,
         np.array(start.opened, dtype=np.int64),
         start.held,
         np.array(band, dtype=np.float64),
@@ -105,20 +116,23 @@ def simulated(
     return np.asarray(states[:rows])
 
 
-def _movements(
+def _command_edges(
     rig: GeneratedRig, valve: FloatArray | None, duty: FloatArray | None, initial: int
 ) -> Edges:
-    delays = rig.content["valves"]
     if duty is not None:
         period = float(rig.content["pwm"]["period_s"])
-        times, states = pwm_commands(duty, rig.row_period, period, initial)
-    elif valve is not None:
-        times, states = switched_commands(valve, rig.row_period)
-    else:
-        return no_edges()
-    return movements(
-        times, states, float(delays["on_delay_s"]), float(delays["off_delay_s"]), initial
-    )
+        edges: Edges = pwm_commands(duty, rig.row_period, period, initial)
+        return edges
+    if valve is not None:
+        return switched_commands(valve, rig.row_period)
+    return no_edges()
+
+
+def _movements(rig: GeneratedRig, commands: Edges, initial: int) -> Edges:
+    delays = rig.content["valves"]
+    on, off = float(delays["on_delay_s"]), float(delays["off_delay_s"])
+    moved: Edges = movements(*commands, on, off, initial)
+    return moved
 
 
 def logged(

@@ -4,6 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from datasets.generator.effects.integrator import (
+    N_COLUMNS,
+    SENSED_A,
+    SENSED_B,
+    SENSED_POSITION,
+    SENSED_SUPPLY,
+)
 from datasets.generator.plant import POSITION, PRESSURE_A, PRESSURE_B, FloatArray
 from datasets.generator.rigs import GeneratedRig
 
@@ -39,13 +46,16 @@ def measured_pressure(
 def measured(
     states: FloatArray, rig: GeneratedRig, noise_pa: float, rng: np.random.Generator
 ) -> dict[str, FloatArray]:
-    """The measured columns of states (n, 4), under the log format's names."""
+    """The measured columns of states (n, 4; with effects n, 8), under the log format's names."""
     position = "position_m" if rig.is_linear else "theta_rad"
-    counts = position_counts(states[:, POSITION], rig)
     supply = np.full(len(states), float(rig.content["air"]["supply_pressure_pa"]))
+    shown = [states[:, POSITION], states[:, PRESSURE_A], states[:, PRESSURE_B], supply]
+    if states.shape[1] == N_COLUMNS:
+        shown = [states[:, i] for i in (SENSED_POSITION, SENSED_A, SENSED_B, SENSED_SUPPLY)]
+    counts = position_counts(shown[0], rig)
     return {
         position: counts * rig.position_per_count,
-        "pressure_a_pa": measured_pressure(states[:, PRESSURE_A], noise_pa, rng),
-        "pressure_b_pa": measured_pressure(states[:, PRESSURE_B], noise_pa, rng),
-        "supply_pressure_pa": measured_pressure(supply, noise_pa, rng),
+        "pressure_a_pa": measured_pressure(shown[1], noise_pa, rng),
+        "pressure_b_pa": measured_pressure(shown[2], noise_pa, rng),
+        "supply_pressure_pa": measured_pressure(shown[3], noise_pa, rng),
     }

@@ -18,7 +18,7 @@ def held_start(rig: GeneratedRig, valve: str, filled: bool) -> Start:
     `filled`: that chamber is at supply pressure and its valve on, as before a discharging test.
     """
     air = rig.content["air"]
-    atmosphere, supply = float(air["atmospheric_pressure_pa"]), float(air["supply_pressure_pa"])
+    atmosphere, supply = rig.atmosphere, float(air["supply_pressure_pa"])
     on = int(filled)
     pressure = supply if filled else atmosphere
     if valve == "a":

@@ -1,0 +1,11 @@
+"""Undeclared effects for the generator's plant: forms, typical sizes, and how they act."""
+
+from datasets.generator.effects.catalogue import (
+    FORMS,
+    OUT_OF_CATALOGUE,
+    Injected,
+    parsed,
+    typical,
+)
+
+__all__ = ["FORMS", "OUT_OF_CATALOGUE", "Injected", "parsed", "typical"]

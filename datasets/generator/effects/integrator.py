@@ -1,0 +1,232 @@
+"""Fixed steps of Heun's method for a plant with undeclared effects.
+
+Steps of 25 or 50 us end at every valve edge. Friction's direction is held over a step: where the
+velocity changes sign the shaft is at rest and sticks or goes on, as effort and static friction say.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from datasets.generator.effects.compiling import compiled
+from datasets.generator.effects.gas import (
+    FLOW_1,
+    FLOW_2,
+    GAS,
+    N_EFFECT_STATES,
+    RESERVOIR,
+    SENSOR_1,
+    SENSOR_2,
+    gas_rates,
+    supplies,
+)
+from datasets.generator.effects.mechanics import (
+    ARM,
+    BRISTLE,
+    MOTOR,
+    PENDULUM,
+    applied_effort,
+    breakaway_level,
+    bristle,
+    drag_effort,
+    free_effort,
+    second_rates,
+    sliding_level,
+)
+from datasets.generator.plant import (
+    HELD,
+    N_MODES,
+    N_STATES,
+    OPEN_A,
+    POSITION,
+    PRESSURE_A,
+    PRESSURE_B,
+    SLIDE,
+    VELOCITY,
+    FloatArray,
+    IntArray,
+)
+
+# Columns of a run, after the plant's four states.
+SENSED_POSITION, SENSED_A, SENSED_B, SENSED_SUPPLY = 4, 5, 6, 7
+N_COLUMNS = 8
+SHORTEST_S = 1e-9
+
+
+@compiled
+def _rates(
+    x: FloatArray, mode: IntArray, time: float, command: float, p: Any, k: Any, dx: FloatArray
+) -> None:
+    for i in range(dx.size):
+        dx[i] = 0.0
+    held = mode[HELD] == 1
+    second_rates(x, dx, command, p, k, held)
+    if not held and k.bristle_compliance_rad_per_nm > 0.0:
+        dx[BRISTLE], friction = bristle(x, time, p, k)
+        friction += drag_effort(x[VELOCITY], p, k)
+        dx[VELOCITY] = (applied_effort(x, time, command, p, k) - friction) / p.inertia
+        dx[POSITION] = x[VELOCITY]
+    elif not held and mode[SLIDE] != 0:
+        speed = x[VELOCITY] * k.angle_scale
+        friction = mode[SLIDE] * sliding_level(x, speed, time, p, k)
+        friction += drag_effort(x[VELOCITY], p, k) + k.asymmetry_nm * k.angle_scale
+        dx[VELOCITY] = (applied_effort(x, time, command, p, k) - friction) / p.inertia
+        dx[POSITION] = x[VELOCITY]
+    gas_rates(x, mode, time, p, k, dx)
+
+
+@compiled
+def _stick_or_slide(
+    x: FloatArray, mode: IntArray, time: float, stuck: float, command: float, p: Any, k: Any
+) -> None:
+    """At zero velocity: stuck unless the effort exceeds static friction."""
+    x[VELOCITY] = 0.0
+    effort = free_effort(x, time, command, p, k)
+    if k.use_asymmetric_static > 0.0:
+        effort -= k.asymmetry_nm * k.angle_scale
+    if abs(effort) <= breakaway_level(x, time, stuck, p, k):
+        mode[SLIDE] = 0
+    else:
+        mode[SLIDE] = 1 if effort > 0.0 else -1
+
+
+@compiled
+def _after_step(
+    x: FloatArray, mode: IntArray, time: float, stuck: float, command: float, p: Any, k: Any
+) -> None:
+    """End stops, reversals and breakaway at a step's end."""
+    if mode[HELD] == 1:
+        return
+    at_stop = abs(x[POSITION]) >= p.half_travel and x[POSITION] * x[VELOCITY] > 0.0
+    if at_stop:
+        x[POSITION] = p.half_travel if x[POSITION] > 0.0 else -p.half_travel
+        x[VELOCITY] = 0.0
+    if k.bristle_compliance_rad_per_nm > 0.0:
+        return
+    if at_stop or mode[SLIDE] * x[VELOCITY] < 0.0 or mode[SLIDE] == 0:
+        _stick_or_slide(x, mode, time, stuck, command, p, k)
+
+
+@compiled
+def _advance(
+    x: FloatArray, mode: IntArray, time: float, h: float, stuck: float, command: float,
+    p: Any, k: Any, first: FloatArray, second: FloatArray, end: FloatArray,
+) -> float:  # fmt: skip
+    """One step of `h` s; returns for how long the shaft has been stuck, s. The last three: work."""
+    _rates(x, mode, time, command, p, k, first)
+    for i in range(x.size):
+        end[i] = x[i] + h * first[i]
+    _rates(end, mode, time + h, command, p, k, second)
+    for i in range(x.size):
+        x[i] += 0.5 * h * (first[i] + second[i])
+    _after_step(x, mode, time + h, stuck, command, p, k)
+    return stuck + h if mode[SLIDE] == 0 else 0.0
+
+
+@compiled
+def _start(start: FloatArray, p: Any, k: Any) -> FloatArray:
+    """All states in rest at the plant's start (4,)."""
+    x = np.zeros(N_EFFECT_STATES)
+    x[:N_STATES] = start
+    if k.use_gap == 1.0:
+        x[MOTOR] = x[POSITION]
+    x[ARM] = x[POSITION]
+    x[PENDULUM] = x[POSITION]
+    for i in range(2):
+        c = p.a if i == 0 else p.b
+        volume = (c.offset + c.direction * x[POSITION] * p.radius) * c.area
+        mass = x[PRESSURE_A + i] * volume / (p.gas_constant * p.temperature)
+        x[GAS + i] = p.temperature if k.use_heat == 2.0 else mass
+        x[SENSOR_1 + i] = x[SENSOR_2 + i] = x[PRESSURE_A + i]
+    x[FLOW_1 : FLOW_2 + 2] = 0.0
+    x[RESERVOIR] = p.supply
+    return x
+
+
+@compiled
+def _sensed(x: FloatArray, i: int, k: Any) -> float:
+    """What the pressure sensor of chamber `i` (0: A) shows, Pa, before gain and offset."""
+    lag = k.pressure_lag_s_a if i == 0 else k.pressure_lag_s_b
+    second = k.use_sensor_second_a if i == 0 else k.use_sensor_second_b
+    if lag <= 0.0:
+        return float(x[PRESSURE_A + i])
+    return float(x[SENSOR_2 + i] if second > 0.0 else x[SENSOR_1 + i])
+
+
+@compiled
+def _late(history: FloatArray, at: int, i: int, steps: float) -> float:
+    """The sensed pressure `steps` fine steps before step `at`; the first value before the test."""
+    place = max(at - steps, 0.0)
+    low = int(place)
+    share = place - low
+    value = history[low, i]
+    return float(value + share * (history[min(low + 1, at), i] - value) if share > 0.0 else value)
+
+
+@compiled
+def integrate_with_effects(
+    plant: Any,
+    knobs: Any,
+    period: float,
+    substeps: int,
+    motor: FloatArray,
+    edge_time: FloatArray,
+    edge_valve: IntArray,
+    edge_state: IntArray,
+    start: FloatArray,
+    opened: IntArray,
+    held: bool,
+    band: FloatArray,
+) -> tuple[FloatArray, int]:
+    """Rows (n, 8), and how many were reached: four states, sensed position, pressures, supply.
+
+    `plant` and `knobs` are `PLANT` and `KNOBS` arrays of one record, `substeps` the steps a row;
+    the other arguments are those of `generator.integrator.integrate`.
+    """
+    p, k = plant[0], knobs[0]
+    n = motor.size
+    rows = np.empty((n, N_COLUMNS))
+    x = _start(start, p, k)
+    one, two, three = np.empty_like(x), np.empty_like(x), np.empty_like(x)
+    mode = np.zeros(N_MODES, dtype=np.int64)
+    mode[HELD] = 1 if held else 0
+    mode[OPEN_A], mode[OPEN_A + 1] = opened[0], opened[1]
+    on_arm = k.use_encoder_on_arm > 0.0 and k.arm_inertia > 0.0
+    late = max(k.skew_s_a, k.skew_s_b) > 0.0
+    history = np.empty((n * substeps + 1 if late else 1, 2))
+    step = period / substeps
+    edge, stuck = 0, 0.0
+    for row in range(n):
+        now = row * period
+        rows[row, :N_STATES] = x[:N_STATES]
+        rows[row, SENSED_POSITION] = x[ARM] if on_arm else x[POSITION]
+        rows[row, SENSED_A], rows[row, SENSED_B] = _sensed(x, 0, k), _sensed(x, 1, k)
+        rows[row, SENSED_SUPPLY] = supplies(x, mode, now, p, k)[2]
+        at = row * substeps
+        if late:
+            history[at, 0], history[at, 1] = rows[row, SENSED_A], rows[row, SENSED_B]
+            rows[row, SENSED_A] = _late(history, at, 0, k.skew_s_a / step)
+            rows[row, SENSED_B] = _late(history, at, 1, k.skew_s_b / step)
+        if x[POSITION] < band[0] or x[POSITION] > band[1]:
+            return rows, row + 1
+        _after_step(x, mode, now, stuck, motor[row], p, k)
+        for part in range(substeps):
+            begin, end = row * period + part * step, row * period + (part + 1) * step
+            while edge < edge_time.size and edge_time[edge] < end:
+                until = max(edge_time[edge], begin)
+                if until - begin > SHORTEST_S:
+                    h = until - begin
+                    stuck = _advance(x, mode, begin, h, stuck, motor[row], p, k, one, two, three)
+                    begin = until
+                mode[OPEN_A + edge_valve[edge]] = edge_state[edge]
+                edge += 1
+            h = end - begin
+            stuck = _advance(x, mode, begin, h, stuck, motor[row], p, k, one, two, three)
+            if late:
+                history[at + part + 1, 0] = _sensed(x, 0, k)
+                history[at + part + 1, 1] = _sensed(x, 1, k)
+        if not (np.isfinite(x[POSITION]) and x[PRESSURE_A] > 0.0 and x[PRESSURE_B] > 0.0):
+            return rows, 0
+    return rows, n

@@ -1,0 +1,80 @@
+"""One test of a rig with undeclared effects: the plant integrated, then its imperfect sensors."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from datasets.generator.effects.integrator import (
+    SENSED_A,
+    SENSED_B,
+    SENSED_POSITION,
+    integrate_with_effects,
+)
+from datasets.generator.effects.knobs import changed_plant, knobs_of, plant_record, step_s
+from datasets.generator.effects.timing import changed_movements
+from datasets.generator.plant import FloatArray, IntArray, Plant
+from datasets.generator.rigs import GeneratedRig
+from datasets.generator.timing import Edges, merged
+
+
+def simulated(
+    rig: GeneratedRig,
+    plant: Plant,
+    motor: FloatArray,
+    commands: tuple[Edges, Edges],
+    start: FloatArray,
+    opened: tuple[int, int],
+    held: bool,
+    band: tuple[float, float],
+    tolerance: float = 1.0,
+) -> FloatArray:
+    """Rows (m, 8), m <= n, with the rig's effects: four states, sensed position, pressures, supply.
+
+    `motor` (n,) Nm or N, `commands` both valves' command edges, `start` (4,), `opened` the valves
+    before the first row. The run ends after the first row outside `band`; `tolerance` times the
+    usual step is taken. Raises ValueError for effects that do not go together, RuntimeError where
+    the integration runs away.
+    """
+    knobs = knobs_of(rig.effects, rig)
+    k = knobs[0]
+    plant = changed_plant(plant, k, rig)
+    delays = rig.content["valves"]
+    edges = [
+        changed_movements(
+            commands[i],
+            float(delays["on_delay_s"]),
+            float(delays["off_delay_s"]),
+            opened[i],
+            k,
+            "ab"[i],
+        )
+        for i in (0, 1)
+    ]
+    time, valve, state = merged(*edges)
+    opened_array: IntArray = np.array(opened, dtype=np.int64)
+    step = tolerance * step_s(rig.effects, time.size > 0)
+    steps = max(1, round(rig.row_period / step))
+    rows, count = integrate_with_effects(
+        plant_record(plant), knobs, rig.row_period, steps, motor, time, valve, state,
+        start, opened_array, held, np.array(band),
+    )  # fmt: skip
+    if count == 0:
+        raise RuntimeError("the integration with effects ran away: are their sizes plausible?")
+    return sensed(np.asarray(rows[:count]), motor[:count], plant, k)
+
+
+def sensed(rows: FloatArray, motor: FloatArray, plant: Plant, k: Any) -> FloatArray:
+    """Rows (m, 8) with the sensors' gains, offsets, cross-talk and encoder eccentricity."""
+    scale = float(k["angle_scale"])
+    torque = np.clip(motor, -plant.max_effort, plant.max_effort) / scale
+    for column, side in ((SENSED_A, "a"), (SENSED_B, "b")):
+        zero = plant.atmosphere if k[f"use_gauge_{side}"] > 0.0 else 0.0
+        rows[:, column] += k[f"pressure_gain_{side}"] * (rows[:, column] - zero)
+        rows[:, column] += k[f"pressure_offset_pa_{side}"]
+        rows[:, column] += k[f"crosstalk_pa_per_nm_{side}"] * torque
+    if k["encoder_rad"] != 0.0:
+        angle = rows[:, SENSED_POSITION] * scale + k["encoder_phase_rad"]
+        rows[:, SENSED_POSITION] += k["encoder_rad"] / scale * np.sin(angle)
+    return rows

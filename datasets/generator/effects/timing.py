@@ -1,0 +1,93 @@
+"""Valve movements with undeclared delays, coil heating and lost pulses."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from datasets.generator.effects.compiling import compiled
+from datasets.generator.plant import FloatArray
+from datasets.generator.timing import Edges
+
+
+@compiled
+def without_short_pulses(times: FloatArray, states: Any, dead: float, on_only: bool) -> Edges:
+    """Command edges without the pulses (and, unless `on_only`, the gaps) shorter than `dead` s."""
+    kept, to = np.empty(times.size), np.empty(times.size, dtype=np.int64)
+    count = 0
+    for i in range(times.size):
+        short = count > 0 and times[i] - kept[count - 1] < dead
+        if short and (to[count - 1] == 1 or not on_only):
+            count -= 1  # the pulse that this edge ends never moved the valve
+        else:
+            kept[count], to[count] = times[i], states[i]
+            count += 1
+    return kept[:count], to[:count]
+
+
+@compiled
+def shortened_pulses(times: FloatArray, states: Any, dead: float) -> Edges:
+    """Command edges whose pulses lose `dead` s at their start; shorter ones vanish."""
+    kept, to = np.empty(times.size), np.empty(times.size, dtype=np.int64)
+    count = 0
+    for i in range(times.size):
+        when = times[i] + (dead if states[i] == 1 else 0.0)
+        if count > 0 and to[count - 1] == 1 and kept[count - 1] >= when:
+            count -= 1
+        else:
+            kept[count], to[count] = when, states[i]
+            count += 1
+    return kept[:count], to[:count]
+
+
+@compiled
+def drifting_movements(
+    times: FloatArray,
+    states: Any,
+    on_delay: float,
+    off_delay: float,
+    on_drift: float,
+    off_drift: float,
+    drift_time: float,
+    initial: int,
+) -> Edges:
+    """When the valve moves, its delays growing by drift (1 - exp(-t / drift_time)), all in s."""
+    moved, to = np.empty(times.size), np.empty(times.size, dtype=np.int64)
+    count = 0
+    for i in range(times.size):
+        warmed = 1.0 - np.exp(-times[i] / drift_time)
+        delay = on_delay + on_drift * warmed if states[i] == 1 else off_delay + off_drift * warmed
+        when = times[i] + max(delay, 0.0)
+        while count > 0 and moved[count - 1] >= when:
+            count -= 1
+        state = to[count - 1] if count > 0 else initial
+        if states[i] != state:
+            moved[count], to[count] = when, states[i]
+            count += 1
+    return moved[:count], to[:count]
+
+
+def changed_movements(
+    commands: Edges, on_delay: float, off_delay: float, initial: int, k: Any, side: str
+) -> Edges:
+    """Movements of valve `side` (`a` or `b`) from its command edges, with the effects of `k`."""
+    times, states = commands
+    dead = float(k[f"dead_s_{side}"])
+    if dead > 0.0:
+        law = k[f"use_dead_{side}"]
+        if law == 2.0:
+            times, states = shortened_pulses(times, states, dead)
+        else:
+            times, states = without_short_pulses(times, states, dead, bool(law == 1.0))
+    drift = float(k["heating_s"])
+    return drifting_movements(
+        times,
+        states,
+        on_delay + float(k[f"on_delay_s_{side}"]),
+        off_delay + float(k[f"off_delay_s_{side}"]),
+        drift,
+        0.0 if k["use_on_only"] > 0.0 else drift,
+        float(k["heating_time_s"]) or 1.0,
+        initial,
+    )

@@ -1,0 +1,5 @@
+"""The catalogue of effects that the base model lacks, one class each, by subsystem."""
+
+from sysid.model.effects.entry import CatalogueEffect, Quantity
+
+__all__ = ["CatalogueEffect", "Quantity"]

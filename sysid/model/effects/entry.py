@@ -1,0 +1,83 @@
+"""What an effect of the catalogue says of itself, beside how it acts through the ports."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal, Self
+
+from sysid.model.ports import Effect
+
+Subsystem = Literal["friction", "mechanics", "motor", "chamber", "valve", "supply", "sensor"]
+SIDE_CHOICES = ("a", "b", "both")
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One number of an effect: a field of its class, the unit in the name.
+
+    A strength (`is_strength`) makes the effect vanish at 0; a shape parameter says what
+    form it takes. `typical` is the usual size on a rig like the reference rig. `grid` holds
+    the values that screening tries: of a shape parameter all plausible ones, of a strength
+    only where the effect is not proportional to it (a threshold, a limit, a dead gap).
+    """
+
+    name: str
+    unit: str
+    typical: float
+    lower: float
+    upper: float
+    meaning: str
+    is_strength: bool = True
+    grid: tuple[float, ...] = ()
+
+
+class CatalogueEffect(Effect):
+    """An effect with its entry in the catalogue. Derive as a frozen dataclass.
+
+    Each `Quantity` names a field; the strengths' defaults are 0. An effect of one chamber,
+    valve or sensor also has the field `side`, "a", "b" or "both".
+    """
+
+    id: ClassVar[str]
+    title: ClassVar[str]
+    subsystem: ClassVar[Subsystem]
+    quantities: ClassVar[tuple[Quantity, ...]]
+    signature: ClassVar[str]
+    """Where it shows, in words."""
+    rivals: ClassVar[tuple[str, ...]] = ()
+    """Ids of the effects that it is often confused with."""
+    tie_breaker: ClassVar[str] = ""
+    """The test that tells it from its rivals."""
+    source: ClassVar[str]
+
+    @classmethod
+    def strengths(cls) -> tuple[Quantity, ...]:
+        """The quantities that are 0 where the effect is absent."""
+        return tuple(q for q in cls.quantities if q.is_strength)
+
+    @classmethod
+    def shapes(cls) -> tuple[Quantity, ...]:
+        """The quantities that say what form the effect takes."""
+        return tuple(q for q in cls.quantities if not q.is_strength)
+
+    @classmethod
+    def has_side(cls) -> bool:
+        """Whether the effect belongs to one chamber, valve or sensor."""
+        return "side" in {f.name for f in dataclasses.fields(cls)}  # type: ignore[arg-type]
+
+    @classmethod
+    def neutral(cls, **fields: Any) -> Self:
+        """The effect at neutral strength, its other fields typical or as given."""
+        values = {q.name: 0.0 if q.is_strength else q.typical for q in cls.quantities}
+        return cls(**values | fields)
+
+    @classmethod
+    def typical(cls, **fields: Any) -> Self:
+        """The effect at its usual size, or as given."""
+        return cls(**{q.name: q.typical for q in cls.quantities} | fields)
+
+
+def of_side(side: str, chosen: str) -> bool:
+    """Whether an effect on `chosen` ("a", "b" or "both") acts on `side`."""
+    return chosen in (side, "both")
