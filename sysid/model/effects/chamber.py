@@ -1,0 +1,309 @@
+"""Effects of the chambers: gas law, wall heat, dead volume, tubes and leaks.
+
+Flows are kg/s, positive into the chamber.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from sysid.model import base
+from sysid.model.base import Array, Parameters, array_namespace
+from sysid.model.effects.entry import CatalogueEffect, Quantity, of_side
+from sysid.model.ports import SIDES, Point
+
+# The shortest time constant that the simulator's explicit steps of 1 ms follow, s.
+_SHORTEST_LAG_S = 1e-3
+
+
+def chamber_volume(side: str, point: Point) -> Array:
+    """Volume of a chamber, m3, with the nominal pitch radius."""
+    p = point.parameters
+    if side == "a":
+        return base.chamber_volume_a(point.position, p.area_a, p.offset_a, p.pitch_radius)
+    return base.chamber_volume_b(point.position, p.area_b, p.offset_b, p.pitch_radius)
+
+
+def volume_rate(side: str, point: Point) -> Array:
+    """dV/dt of a chamber, m3/s, with the nominal pitch radius."""
+    p = point.parameters
+    speed = p.pitch_radius * point.velocity
+    return speed * p.area_a if side == "a" else -(speed * p.area_b)
+
+
+def base_valve_flow(side: str, point: Point) -> Array:
+    """Flow of the base law (3.6.6, 3.6.10) into a chamber, weighted by how far it is open, kg/s.
+
+    0 where the law is not known (NaN), as an averaged valve model does without it.
+    """
+    p = point.parameters
+    valve, pressure, share = p.valve(side), point.pressure(side), point.is_open(side)
+    fill = base.filling_flow(
+        pressure, p.supply, valve.choked_fill, valve.c_fill, p.supply_reference
+    )
+    exhaust = base.exhaust_flow(pressure, p.atmosphere, valve.choked_dis, valve.c_dis)
+    flow = share * fill + (1.0 - share) * exhaust
+    return array_namespace(flow).where(flow == flow, flow, 0.0)
+
+
+def _states_of(prefix: str, chosen: str) -> tuple[str, ...]:
+    return tuple(f"{prefix}_{side}" for side in SIDES if of_side(side, chosen))
+
+
+@dataclass(frozen=True)
+class PolytropicExponent(CatalogueEffect):
+    """The gas obeys another exponent than the declared one: k + d."""
+
+    exponent_change: Array = 0.0
+
+    id = "polytropic-exponent"
+    title = "Polytropic exponent"
+    subsystem = "chamber"
+    quantities = (
+        Quantity(
+            "exponent_change", "-", -0.1, -0.4, 0.3, "added to the declared heat capacity ratio"
+        ),
+    )
+    signature = "flow against P dV/dt, and against dP/dt"
+    rivals = ("dead-volume-error",)
+    tie_breaker = "fill and empty the chambers at several angles"
+    source = "thesis 3.3.6; Beater, Pneumatic Drives, 2007"
+
+    def parameters(self, parameters: Parameters, time: Array) -> Parameters:
+        return parameters.replace(
+            heat_capacity_ratio=parameters.heat_capacity_ratio + self.exponent_change
+        )
+
+
+@dataclass(frozen=True)
+class DeadVolumeError(CatalogueEffect):
+    """The chamber is longer or shorter than declared: y_a0 + d, y_b0 + d."""
+
+    dead_length_m: Array = 0.0
+    side: str = "both"
+
+    id = "dead-volume-error"
+    title = "Dead volume off its declared size"
+    subsystem = "chamber"
+    quantities = (
+        Quantity("dead_length_m", "m", 3e-3, -0.01, 0.03, "added to the chamber's length at y = 0"),
+    )
+    signature = "flow against dP/dt"
+    rivals = ("polytropic-exponent",)
+    tie_breaker = "fill and empty the chambers at several angles"
+    source = "thesis 3.3.6"
+
+    def parameters(self, parameters: Parameters, time: Array) -> Parameters:
+        names = [f"offset_{side}" for side in SIDES if of_side(side, self.side)]
+        changes = {name: getattr(parameters, name) + self.dead_length_m for name in names}
+        return parameters.replace(**changes)
+
+
+@dataclass(frozen=True)
+class WallHeatTransfer(CatalogueEffect):
+    """The cylinder's wall, at ambient temperature, warms or cools the gas.
+
+    Heat Q = d (T - Tg) adds (k-1) Q / V to dP/dt. The gas temperature Tg = P V / (m R)
+    follows from the base model's own pressure and mass balances, and is kept as
+    z = ln(Tg / T), which stays bounded:
+    dz/dt = (R flow (k T - Tg) - (k-1) P dV/dt + (k-1) Q) / (P V).
+    Without heat a fill from vacuum tends to Tg = k T, as charging does.
+    """
+
+    wall_conductance_w_per_k: Array = 0.0
+    side: str = "both"
+
+    id = "wall-heat-transfer"
+    title = "Heat through the cylinder's wall"
+    subsystem = "chamber"
+    quantities = (
+        Quantity(
+            "wall_conductance_w_per_k", "W/K", 0.4, 0.0, 4.0, "heat per kelvin from wall to gas"
+        ),
+    )
+    signature = "pressure that decays in some 0.2 s after each edge of a valve"
+    rivals = ("piston-leakage", "atmosphere-leakage")
+    tie_breaker = "hold the closed chamber for two lengths of time"
+    source = "energy balance of an open volume; Beater, Pneumatic Drives, 2007"
+    states = ("wall_log_temperature_a", "wall_log_temperature_b")
+
+    def __post_init__(self) -> None:
+        # An instance has the states of its own side only.
+        object.__setattr__(self, "states", _states_of("wall_log_temperature", self.side))
+
+    def _heat(self, side: str, point: Point) -> Array:
+        """Heat into the gas, W."""
+        z = point.extra[f"wall_log_temperature_{side}"]
+        warmer = array_namespace(z).expm1(z)
+        return -self.wall_conductance_w_per_k * point.parameters.temperature * warmer
+
+    def pressure_rate(self, rate: Array, side: str, flow: Array, point: Point) -> Array:
+        if not of_side(side, self.side):
+            return rate
+        per_watt = (point.parameters.heat_capacity_ratio - 1.0) / chamber_volume(side, point)
+        return rate + per_watt * self._heat(side, point)
+
+    def initial_states(self, point: Point) -> dict[str, Array]:
+        return dict.fromkeys(self.states, 0.0 * point.position)
+
+    def state_rates(self, point: Point, flows: Mapping[str, Array]) -> dict[str, Array]:
+        p = point.parameters
+        less_one = p.heat_capacity_ratio - 1.0
+        rates = {}
+        for side in SIDES:
+            name = f"wall_log_temperature_{side}"
+            if name not in self.states:
+                continue
+            pressure, z = point.pressure(side), point.extra[name]
+            gas = p.temperature * array_namespace(z).exp(z)
+            enthalpy = p.gas_constant * flows[side] * (p.heat_capacity_ratio * p.temperature - gas)
+            work = less_one * pressure * volume_rate(side, point)
+            heat = less_one * self._heat(side, point)
+            energy = pressure * chamber_volume(side, point)
+            rates[name] = (enthalpy - work + heat) / energy
+        return rates
+
+
+@dataclass(frozen=True)
+class TubeLag(CatalogueEffect):
+    """The tube between valve and chamber delays the flow as a first-order lag.
+
+    The lag acts on the flow of the base law; what other effects add to it passes at once.
+    Below 1 ms the lag is right to first order in it.
+    """
+
+    tube_lag_s: Array = 0.0
+    side: str = "both"
+
+    id = "tube-lag"
+    title = "Lag of the tube"
+    subsystem = "chamber"
+    quantities = (
+        Quantity("tube_lag_s", "s", 1.5e-3, 0.0, 0.02, "time constant of the chamber's flow"),
+    )
+    signature = "timing of the pressure at a valve's edges"
+    rivals = ("pressure-lag", "time-skew")
+    tie_breaker = "none by the pressure logs alone; a second sensor at the valve"
+    source = "Richer and Hurmuzlu, ASME J. Dyn. Syst. Meas. Control 122, 2000 (tube dynamics)"
+    states = ("tube_flow_a", "tube_flow_b")
+
+    def __post_init__(self) -> None:
+        # An instance has the states of its own side only.
+        object.__setattr__(self, "states", _states_of("tube_flow", self.side))
+
+    def _state_lag(self) -> Array:
+        return array_namespace(self.tube_lag_s).maximum(self.tube_lag_s, _SHORTEST_LAG_S)
+
+    def chamber_flow(self, flow: Array, side: str, point: Point) -> Array:
+        if not of_side(side, self.side):
+            return flow
+        behind = point.extra[f"tube_flow_{side}"] - base_valve_flow(side, point)
+        return flow + (self.tube_lag_s / self._state_lag()) * behind
+
+    def initial_states(self, point: Point) -> dict[str, Array]:
+        return {name: base_valve_flow(name[-1], point) for name in self.states}
+
+    def state_rates(self, point: Point, flows: Mapping[str, Array]) -> dict[str, Array]:
+        return {
+            name: (base_valve_flow(name[-1], point) - point.extra[name]) / self._state_lag()
+            for name in self.states
+        }
+
+
+@dataclass(frozen=True)
+class PistonLeakage(CatalogueEffect):
+    """Air passes the piston's seal: d (Pa^2 - Pb^2) from A to B, as through a narrow gap."""
+
+    piston_leakage_kg_per_s_pa2: Array = 0.0
+
+    id = "piston-leakage"
+    title = "Leakage past the piston"
+    subsystem = "chamber"
+    quantities = (
+        Quantity(
+            "piston_leakage_kg_per_s_pa2",
+            "kg/(s Pa^2)",
+            5e-17,
+            0.0,
+            1e-14,
+            "flow from A to B per difference of squared pressures",
+        ),
+    )
+    signature = "flow into A that B loses"
+    rivals = ("wall-heat-transfer",)
+    tie_breaker = "plug the port of one chamber and watch its pressure"
+    source = "isothermal laminar flow in a narrow gap; Beater, Pneumatic Drives, 2007"
+
+    def chamber_flow(self, flow: Array, side: str, point: Point) -> Array:
+        squares = point.pressure_a * point.pressure_a - point.pressure_b * point.pressure_b
+        across = self.piston_leakage_kg_per_s_pa2 * squares
+        return flow - across if side == "a" else flow + across
+
+
+@dataclass(frozen=True)
+class AtmosphereLeakage(CatalogueEffect):
+    """A chamber leaks to the outside: d (P^2 - P0^2), as through a narrow gap."""
+
+    atmosphere_leakage_kg_per_s_pa2: Array = 0.0
+    side: str = "both"
+
+    id = "atmosphere-leakage"
+    title = "Leakage to the atmosphere"
+    subsystem = "chamber"
+    quantities = (
+        Quantity(
+            "atmosphere_leakage_kg_per_s_pa2",
+            "kg/(s Pa^2)",
+            5e-17,
+            0.0,
+            1e-14,
+            "flow out per difference of squared pressures",
+        ),
+    )
+    signature = "flow of one chamber, valve on or off"
+    rivals = ("supply-droop", "subsonic-flow-shape", "choked-exhaust-scaling")
+    tie_breaker = "plug the port of the chamber and watch its pressure"
+    source = "isothermal laminar flow in a narrow gap; Beater, Pneumatic Drives, 2007"
+
+    def chamber_flow(self, flow: Array, side: str, point: Point) -> Array:
+        if not of_side(side, self.side):
+            return flow
+        pressure, outside = point.pressure(side), point.parameters.atmosphere
+        squares = pressure * pressure - outside * outside
+        return flow - self.atmosphere_leakage_kg_per_s_pa2 * squares
+
+
+@dataclass(frozen=True)
+class TemperatureDrift(CatalogueEffect):
+    """The air's temperature drifts over a test: T + d t, which scales what a flow does."""
+
+    temperature_drift_k_per_s: Array = 0.0
+
+    id = "temperature-drift"
+    title = "Drift of the air's temperature"
+    subsystem = "chamber"
+    quantities = (
+        Quantity(
+            "temperature_drift_k_per_s", "K/s", 10.0 / 60.0, -0.5, 0.5, "rise since a test's start"
+        ),
+    )
+    signature = "scale of the flow that drifts slowly over a test"
+    rivals = ("coil-heating",)
+    tie_breaker = "a long hold of one valve, without edges"
+    source = "thesis 3.3.6"
+
+    def parameters(self, parameters: Parameters, time: Array) -> Parameters:
+        drifted = parameters.temperature + self.temperature_drift_k_per_s * time
+        return parameters.replace(temperature=drifted)
+
+
+EFFECTS: tuple[type[CatalogueEffect], ...] = (
+    PolytropicExponent,
+    WallHeatTransfer,
+    DeadVolumeError,
+    TubeLag,
+    PistonLeakage,
+    AtmosphereLeakage,
+    TemperatureDrift,
+)

@@ -1,0 +1,207 @@
+"""Effects of the sensors: what a log shows beside what is true.
+
+They act through `measure`, on numpy arrays (n,) by log-format names; a channel that is
+absent stays absent. The ambient pressure, which is no channel, acts as a parameter.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.model.base import Array, Parameters
+from sysid.model.effects.entry import CatalogueEffect, Quantity, of_side
+from sysid.model.ports import SIDES
+
+FloatArray = NDArray[np.float64]
+
+POSITION_CHANNELS = ("theta_rad", "position_m")
+
+
+def lagged(values: Array, time: Array, lag: float) -> FloatArray:
+    """First-order lag of a signal that is linear between its samples, exactly; starts at rest.
+
+    `values` (n,), `time` (n,) s increasing, evenly or not, `lag` s, 0 for none.
+    """
+    shown = np.array(values, dtype=float)
+    if lag <= 0.0 or len(shown) < 2:
+        return shown
+    step = np.diff(time)
+    forgets = -np.expm1(-step / lag)
+    # How far the lagged signal is behind: decays, and is fed by the slope.
+    fed = np.diff(shown) * (lag / step) * forgets
+    pairs = zip((1.0 - forgets).tolist(), fed.tolist(), strict=True)
+    behind = itertools.accumulate(pairs, lambda b, pair: pair[0] * b + pair[1], initial=0.0)
+    result: FloatArray = shown - np.fromiter(behind, dtype=float, count=len(shown))
+    return result
+
+
+def delayed(values: Array, time: Array, delay: float) -> FloatArray:
+    """A signal `delay` s later (negative: sooner), linear between samples, held at its ends."""
+    at = np.asarray(time, dtype=float)
+    result: FloatArray = np.interp(at - delay, at, np.asarray(values, dtype=float))
+    return result
+
+
+def _changed_pressures(
+    channels: Mapping[str, Array], chosen: str, change: Callable[[Array], Array]
+) -> dict[str, Array]:
+    """The channels with the pressures of the chosen side changed."""
+    found = dict(channels)
+    for side in SIDES:
+        name = f"pressure_{side}_pa"
+        if of_side(side, chosen) and name in found:
+            found[name] = change(found[name])
+    return found
+
+
+@dataclass(frozen=True)
+class PressureOffset(CatalogueEffect):
+    """A pressure sensor shows P + d."""
+
+    pressure_offset_pa: Array = 0.0
+    side: str = "both"
+
+    id = "pressure-offset"
+    title = "Offset of a pressure sensor"
+    subsystem = "sensor"
+    quantities = (
+        Quantity("pressure_offset_pa", "Pa", 1.7e3, -2e4, 2e4, "added to the true pressure"),
+    )
+    signature = "constant difference of a pressure"
+    rivals = ("pressure-gain",)
+    tie_breaker = "read the sensor at two known pressures"
+    source = "textbook: static errors of a sensor"
+
+    def measure(self, channels: Mapping[str, Array], time: Array) -> dict[str, Array]:
+        return _changed_pressures(channels, self.side, lambda p: p + self.pressure_offset_pa)
+
+
+@dataclass(frozen=True)
+class PressureGain(CatalogueEffect):
+    """A pressure sensor shows P (1 + d), P absolute."""
+
+    pressure_gain_error: Array = 0.0
+    side: str = "both"
+
+    id = "pressure-gain"
+    title = "Gain of a pressure sensor"
+    subsystem = "sensor"
+    quantities = (
+        Quantity("pressure_gain_error", "-", 5e-3, -0.1, 0.1, "relative error of the gain"),
+    )
+    signature = "difference proportional to a pressure"
+    rivals = ("pressure-offset",)
+    tie_breaker = "read the sensor at two known pressures"
+    source = "textbook: static errors of a sensor"
+
+    def measure(self, channels: Mapping[str, Array], time: Array) -> dict[str, Array]:
+        gain = 1.0 + self.pressure_gain_error
+        return _changed_pressures(channels, self.side, lambda p: p * gain)
+
+
+@dataclass(frozen=True)
+class PressureLag(CatalogueEffect):
+    """A pressure sensor follows as a first-order lag; it is at rest at the first sample."""
+
+    pressure_lag_s: Array = 0.0
+    side: str = "both"
+
+    id = "pressure-lag"
+    title = "Lag of a pressure sensor"
+    subsystem = "sensor"
+    quantities = (Quantity("pressure_lag_s", "s", 2e-3, 0.0, 0.05, "time constant of the sensor"),)
+    signature = "timing of a pressure at a valve's edges"
+    rivals = ("time-skew", "tube-lag", "valve-delay")
+    tie_breaker = "a second, faster sensor at the same chamber"
+    source = "textbook: first-order sensor"
+
+    def measure(self, channels: Mapping[str, Array], time: Array) -> dict[str, Array]:
+        lag = float(self.pressure_lag_s)
+        return _changed_pressures(channels, self.side, lambda p: lagged(p, time, lag))
+
+
+@dataclass(frozen=True)
+class TimeSkew(CatalogueEffect):
+    """A pressure channel is late by d (negative: early), as one from another recorder is."""
+
+    time_skew_s: Array = 0.0
+    side: str = "both"
+
+    id = "time-skew"
+    title = "Pressure channel out of time"
+    subsystem = "sensor"
+    quantities = (
+        Quantity("time_skew_s", "s", 2e-3, -0.02, 0.02, "by how much the channel is late"),
+    )
+    signature = "timing of a pressure at a valve's edges"
+    rivals = ("pressure-lag", "tube-lag", "valve-delay")
+    tie_breaker = "sweep the PWM frequency; feed one signal to both channels"
+    source = "textbook: transport delay of a channel"
+
+    def measure(self, channels: Mapping[str, Array], time: Array) -> dict[str, Array]:
+        skew = float(self.time_skew_s)
+        return _changed_pressures(channels, self.side, lambda p: delayed(p, time, skew))
+
+
+@dataclass(frozen=True)
+class EncoderEccentricity(CatalogueEffect):
+    """The encoder's disc is off its centre: theta + s sin theta + c cos theta."""
+
+    encoder_sine_rad: Array = 0.0
+    encoder_cosine_rad: Array = 0.0
+
+    id = "encoder-eccentricity"
+    title = "Eccentric encoder"
+    subsystem = "sensor"
+    quantities = (
+        Quantity("encoder_sine_rad", "rad", 7e-4, -0.05, 0.05, "amplitude of sin theta"),
+        Quantity("encoder_cosine_rad", "rad", 7e-4, -0.05, 0.05, "amplitude of cos theta"),
+    )
+    signature = "error of the angle, once a turn; often too small to be seen"
+    tie_breaker = "turn the disc on its shaft and repeat a test"
+    source = "textbook: eccentricity of an encoder's disc"
+
+    def measure(self, channels: Mapping[str, Array], time: Array) -> dict[str, Array]:
+        found = dict(channels)
+        for name in POSITION_CHANNELS:
+            if name in found:
+                true = found[name]
+                sine = self.encoder_sine_rad * np.sin(true)
+                found[name] = true + sine + self.encoder_cosine_rad * np.cos(true)
+        return found
+
+
+@dataclass(frozen=True)
+class AmbientPressureError(CatalogueEffect):
+    """The atmosphere's pressure is not the declared one: P0 + d."""
+
+    ambient_pressure_pa: Array = 0.0
+
+    id = "ambient-pressure-error"
+    title = "Atmospheric pressure off its declared value"
+    subsystem = "sensor"
+    quantities = (
+        Quantity("ambient_pressure_pa", "Pa", 1e3, -1e4, 1e4, "added to the declared pressure"),
+    )
+    signature = "constant torque; exhaust that ends at another pressure"
+    rivals = ("torque-offset", "asymmetric-coulomb-friction", "mounting-tilt", "area-error")
+    tie_breaker = "read a barometer"
+    source = "thesis 3.3.3 and 3.6.10"
+
+    def parameters(self, parameters: Parameters, time: Array) -> Parameters:
+        return parameters.replace(atmosphere=parameters.atmosphere + self.ambient_pressure_pa)
+
+
+EFFECTS: tuple[type[CatalogueEffect], ...] = (
+    PressureOffset,
+    PressureGain,
+    PressureLag,
+    TimeSkew,
+    EncoderEccentricity,
+    AmbientPressureError,
+)

@@ -1,0 +1,138 @@
+"""Effects of the air supply and of the exhaust line.
+
+Both close a loop: the flow lowers the pressure difference that drives it. The loop of a
+chamber with its own flow is solved in closed form, by the base law of the regime that the
+undisturbed pressure gives. Flows are kg/s.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from sysid.model import base
+from sysid.model.base import Array, array_namespace
+from sysid.model.effects.entry import CatalogueEffect, Quantity
+from sysid.model.ports import SIDES, Point
+
+# How often the flows of both chambers are adapted to each other.
+_SWEEPS = 2
+
+
+def drooped_filling_flow(
+    pressure: Array,
+    supply: Array,
+    valve: base.ValveParameters,
+    supply_reference: Array,
+    droop: Array,
+) -> Array:
+    """Filling flow f >= 0 by the base law (3.6.6) at the supply pressure Ps - droop f, kg/s.
+
+    Choked: f = m (Ps - droop f) / Pref. Unchoked: f^2 = c^2 (Ps - droop f - P). Pressures in
+    Pa, `droop` in Pa s/kg. No flow above the supply, nor where the law is not known (NaN).
+    """
+    xp = array_namespace(pressure, supply, valve.choked_fill, droop)
+    loss = droop * valve.c_fill
+    gap = xp.maximum(supply - pressure, 0.0)
+    unchoked = 0.5 * valve.c_fill * (xp.sqrt(loss * loss + 4.0 * gap) - loss)
+    choked = valve.choked_fill * supply / (supply_reference + droop * valve.choked_fill)
+    flow = xp.where(base.is_filling_choked(pressure, supply), choked, unchoked)
+    return xp.where(flow > 0.0, flow, 0.0)
+
+
+def backed_exhaust_flow(
+    pressure: Array, atmosphere: Array, valve: base.ValveParameters, resistance: Array
+) -> Array:
+    """Flow f >= 0 out of a chamber by the base law (3.6.10) against P0 + resistance f, kg/s.
+
+    Unchoked: f = c (P - P0 - resistance f). Pressures in Pa, `resistance` in Pa s/kg. No flow
+    below the atmosphere, nor where the law is not known (NaN).
+    """
+    xp = array_namespace(pressure, atmosphere, valve.choked_dis, resistance)
+    unchoked = valve.c_dis * (pressure - atmosphere) / (1.0 + resistance * valve.c_dis)
+    flow = xp.where(base.is_exhaust_choked(pressure, atmosphere), valve.choked_dis, unchoked)
+    return xp.where(flow > 0.0, flow, 0.0)
+
+
+@dataclass(frozen=True)
+class SupplyDroop(CatalogueEffect):
+    """The supply gives way to the flow of both chambers: Ps - d (flow A + flow B).
+
+    Each chamber's flow is solved with its own droop and with the other's flow, in turn,
+    twice; the other counts for the share of the time that its valve is open. An averaged
+    valve model has no supply pressure, and so no droop.
+    """
+
+    droop_pa_s_per_kg: Array = 0.0
+
+    id = "supply-droop"
+    title = "Supply pressure that droops with flow"
+    subsystem = "supply"
+    quantities = (
+        Quantity(
+            "droop_pa_s_per_kg",
+            "Pa s/kg",
+            10e3 / 7.8e-4,
+            0.0,
+            2e8,
+            "loss of supply pressure per flow into both chambers",
+        ),
+    )
+    signature = "onset of filling; flow into A while B fills"
+    rivals = ("subsonic-flow-shape", "atmosphere-leakage", "choked-exhaust-scaling")
+    tie_breaker = "log the supply pressure"
+    source = "textbook: source with an inner resistance; base law of thesis 3.6.6"
+
+    def supply_pressure(self, pressure: Array, side: str, point: Point) -> Array:
+        other = SIDES[1 - SIDES.index(side)]
+        share = point.is_open(other)
+        own: Array = 0.0
+        beside: Array = 0.0
+        for _ in range(_SWEEPS):
+            beside = share * self._flow(other, pressure, own, point)
+            own = self._flow(side, pressure, beside, point)
+        return pressure - self.droop_pa_s_per_kg * (own + beside)
+
+    def _flow(self, side: str, supply: Array, beside: Array, point: Point) -> Array:
+        p, droop = point.parameters, self.droop_pa_s_per_kg
+        left = supply - droop * beside
+        return drooped_filling_flow(
+            point.pressure(side), left, p.valve(side), p.supply_reference, droop
+        )
+
+
+@dataclass(frozen=True)
+class ExhaustBackPressure(CatalogueEffect):
+    """Each valve exhausts through a resistance, such as a silencer: P0 + d flow.
+
+    An averaged valve model has no exhaust pressure, and so no back pressure.
+    """
+
+    back_pressure_pa_s_per_kg: Array = 0.0
+
+    id = "exhaust-back-pressure"
+    title = "Back pressure of the exhaust"
+    subsystem = "supply"
+    quantities = (
+        Quantity(
+            "back_pressure_pa_s_per_kg",
+            "Pa s/kg",
+            5e3 / 3.5e-4,
+            0.0,
+            2e8,
+            "rise of the exhaust pressure per flow through the valve",
+        ),
+    )
+    signature = "exhaust flow, below 1.9 times the atmosphere above all"
+    rivals = ("valve-delay",)
+    tie_breaker = "take the silencers off"
+    source = "textbook: linear resistance of a silencer; base law of thesis 3.6.10"
+
+    def exhaust_pressure(self, pressure: Array, side: str, point: Point) -> Array:
+        resistance = self.back_pressure_pa_s_per_kg
+        flow = backed_exhaust_flow(
+            point.pressure(side), pressure, point.parameters.valve(side), resistance
+        )
+        return pressure + resistance * flow
+
+
+EFFECTS: tuple[type[CatalogueEffect], ...] = (SupplyDroop, ExhaustBackPressure)

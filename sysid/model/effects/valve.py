@@ -1,0 +1,252 @@
+"""Effects of the valves: flow law and timing.
+
+Flows are kg/s, positive into the chamber.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.model import base
+from sysid.model.base import Array, array_namespace
+from sysid.model.effects.entry import CatalogueEffect, Quantity, of_side
+from sysid.model.ports import Point
+from sysid.model.timing import TIME_TOLERANCE
+
+
+def iso6358_share(ratio: Array, critical_ratio: Array, exponent: Array) -> Array:
+    """Flow over choked flow by ISO 6358-1:2013, 0 to 1; `ratio` is downstream over upstream.
+
+    1 up to the critical ratio b, then (1 - ((ratio - b) / (1 - b))^2)^exponent.
+    """
+    xp = array_namespace(ratio, critical_ratio, exponent)
+    beyond = xp.maximum((ratio - critical_ratio) / (1.0 - critical_ratio), 0.0)
+    return xp.maximum(1.0 - beyond * beyond, 0.0) ** exponent
+
+
+@dataclass(frozen=True)
+class SubsonicFlowShape(CatalogueEffect):
+    """Flow follows ISO 6358's ellipse in place of the thesis' unchoked laws.
+
+    A blend (0: the base law, 1: ISO's), of its own for filling and exhaust. ISO's law takes
+    the base law's choked flow as its own, at the nominal supply and atmosphere. Flow that
+    runs backwards keeps the base law. An averaged flow is blended with ISO's for the share
+    of the time that the valve is open.
+    """
+
+    filling_blend: Array = 0.0
+    exhaust_blend: Array = 0.0
+    critical_ratio: Array = 0.3
+    subsonic_exponent: Array = 0.5
+
+    id = "subsonic-flow-shape"
+    title = "Shape of the subsonic flow (ISO 6358)"
+    subsystem = "valve"
+    quantities = (
+        Quantity("filling_blend", "-", 1.0, 0.0, 1.0, "share of ISO's law in filling"),
+        Quantity("exhaust_blend", "-", 1.0, 0.0, 1.0, "share of ISO's law in exhaust"),
+        Quantity(
+            "critical_ratio",
+            "-",
+            0.3,
+            0.05,
+            0.6,
+            "downstream over upstream pressure below which flow is choked",
+            is_strength=False,
+            grid=(0.2, 0.3, 0.4, 0.5),
+        ),
+        Quantity(
+            "subsonic_exponent",
+            "-",
+            0.5,
+            0.3,
+            1.0,
+            "exponent of the ellipse",
+            is_strength=False,
+            grid=(0.4, 0.5, 0.6),
+        ),
+    )
+    signature = "flow against P/Ps while filling, P0/P in exhaust"
+    rivals = ("choked-exhaust-scaling", "supply-droop", "atmosphere-leakage")
+    tie_breaker = "repeat the valve tests at a second supply pressure"
+    source = "ISO 6358-1:2013"
+
+    def _share(self, ratio: Array) -> Array:
+        return iso6358_share(ratio, self.critical_ratio, self.subsonic_exponent)
+
+    def filling_flow(self, flow: Array, side: str, point: Point) -> Array:
+        p, pressure = point.parameters, point.pressure(side)
+        choked = p.valve(side).choked_fill * (p.supply / p.supply_reference)
+        law = point.is_open(side) * choked * self._share(pressure / p.supply)
+        return _blended(flow, law, self.filling_blend, pressure < p.supply)
+
+    def exhaust_flow(self, flow: Array, side: str, point: Point) -> Array:
+        p, pressure = point.parameters, point.pressure(side)
+        xp = array_namespace(pressure, p.atmosphere)
+        # Below the atmosphere the base law holds; the ratio has only to be finite there.
+        ratio = p.atmosphere / xp.maximum(pressure, p.atmosphere)
+        shut = 1.0 - point.is_open(side)
+        law = -shut * p.valve(side).choked_dis * self._share(ratio)
+        return _blended(flow, law, self.exhaust_blend, pressure > p.atmosphere)
+
+
+def _blended(flow: Array, law: Array, blend: Array, forward: Array) -> Array:
+    """flow, or where `forward` and the law is known (not NaN), blended with it."""
+    xp = array_namespace(flow, law, blend, forward)
+    return flow + blend * xp.where(forward & (law == law), law - flow, 0.0)
+
+
+@dataclass(frozen=True)
+class ChokedExhaustScaling(CatalogueEffect):
+    """Choked exhaust grows with the chamber's pressure, in place of being constant.
+
+    Above the boundary P0/0.53 the flow is that of the base law times 1 + d (P/(P0/0.53) - 1);
+    at d = 1 it is proportional to P. Anchored at the boundary, where the fitted constant
+    holds: the law gets no new jump there.
+    """
+
+    exhaust_scaling: Array = 0.0
+
+    id = "choked-exhaust-scaling"
+    title = "Choked exhaust that grows with pressure"
+    subsystem = "valve"
+    quantities = (
+        Quantity(
+            "exhaust_scaling",
+            "-",
+            0.75,
+            0.0,
+            1.5,
+            "relative growth of the flow per relative rise above the choked boundary",
+        ),
+    )
+    signature = "exhaust flow above 1.9 times the atmosphere (189 kPa)"
+    rivals = ("subsonic-flow-shape", "supply-droop", "atmosphere-leakage")
+    tie_breaker = "discharge from a second, higher supply pressure"
+    source = "ISO 6358-1:2013 (choked flow is proportional to the upstream pressure)"
+
+    def exhaust_flow(self, flow: Array, side: str, point: Point) -> Array:
+        boundary = base.exhaust_boundary(point.parameters.atmosphere)
+        xp = array_namespace(point.pressure(side), boundary)
+        excess = xp.maximum(point.pressure(side) / boundary - 1.0, 0.0)
+        return flow * (1.0 + self.exhaust_scaling * excess)
+
+
+@dataclass(frozen=True)
+class ValveDelay(CatalogueEffect):
+    """A valve opens and closes later than declared (negative: sooner)."""
+
+    on_delay_s: Array = 0.0
+    off_delay_s: Array = 0.0
+    side: str = "both"
+
+    id = "valve-delay"
+    title = "Valve delays off their declared values"
+    subsystem = "valve"
+    quantities = (
+        Quantity("on_delay_s", "s", 5e-4, -1.5e-3, 1e-2, "added to the delay of opening"),
+        Quantity("off_delay_s", "s", 5e-4, -1.5e-3, 1e-2, "added to the delay of closing"),
+    )
+    signature = "mass of air that every edge adds or takes"
+    rivals = ("time-skew", "exhaust-back-pressure", "pressure-lag")
+    tie_breaker = "sweep the PWM frequency"
+    source = "thesis 3.7"
+
+    def delays(self, delays: Array, times: Array, opening: bool, side: str) -> Array:
+        if not of_side(side, self.side):
+            return delays
+        return delays + (self.on_delay_s if opening else self.off_delay_s)
+
+
+@dataclass(frozen=True)
+class DutyDeadZone(CatalogueEffect):
+    """Pulses shorter than d vanish, and so do the pauses between pulses.
+
+    A valve follows a command only if the command lasts for d.
+    """
+
+    dead_time_s: Array = 0.0
+    side: str = "both"
+
+    id = "duty-dead-zone"
+    title = "Dead zone of the duty"
+    subsystem = "valve"
+    quantities = (
+        Quantity(
+            "dead_time_s",
+            "s",
+            9e-4,
+            0.0,
+            2.5e-3,
+            "pulses and pauses below this length vanish",
+            grid=(4e-4, 7e-4, 1e-3, 1.4e-3),
+        ),
+    )
+    signature = "flow at duties below 0.1 and above 0.8"
+    source = "thesis 3.7"
+
+    def pulses(self, on: Array, off: Array, side: str) -> tuple[Array, Array]:
+        if not of_side(side, self.side) or len(on) == 0:
+            return on, off
+        edges = np.column_stack((on, off)).ravel()
+        # Segment 0 is the pause before the first edge, 1 the first pulse, and so on.
+        segment = np.arange(len(edges) + 1)
+        within = np.diff(edges) >= self.dead_time_s - TIME_TOLERANCE
+        lasts = np.concatenate(([True], within, [True]))
+        obeyed = np.maximum.accumulate(np.where(lasts, segment, 0))
+        state = obeyed % 2
+        moves = state[1:] != state[:-1]
+        rises = state[1:] == 1
+        return edges[moves & rises], edges[moves & ~rises]
+
+
+@dataclass(frozen=True)
+class CoilHeating(CatalogueEffect):
+    """A valve's delays drift as its coil warms up: d (1 - exp(-t / tau))."""
+
+    on_delay_drift_s: Array = 0.0
+    off_delay_drift_s: Array = 0.0
+    heating_time_s: Array = 20.0
+    side: str = "both"
+
+    id = "coil-heating"
+    title = "Valve delays that drift as the coil warms up"
+    subsystem = "valve"
+    quantities = (
+        Quantity("on_delay_drift_s", "s", 5e-4, -1.5e-3, 5e-3, "final change of the opening delay"),
+        Quantity(
+            "off_delay_drift_s", "s", 5e-4, -1.5e-3, 5e-3, "final change of the closing delay"
+        ),
+        Quantity(
+            "heating_time_s",
+            "s",
+            20.0,
+            1.0,
+            300.0,
+            "time constant of the warming",
+            is_strength=False,
+            grid=(10.0, 20.0, 40.0),
+        ),
+    )
+    signature = "drift of the switching times over a test"
+    rivals = ("temperature-drift", "valve-delay")
+    tie_breaker = "repeat a test with the coil warm"
+    source = "textbook: first-order warming of a coil, whose resistance rises with temperature"
+
+    def delays(self, delays: Array, times: Array, opening: bool, side: str) -> Array:
+        if not of_side(side, self.side):
+            return delays
+        # A valve that was on before the test has an edge at minus infinity.
+        warmed = -np.expm1(-np.maximum(times, 0.0) / self.heating_time_s)
+        return delays + (self.on_delay_drift_s if opening else self.off_delay_drift_s) * warmed
+
+
+EFFECTS: tuple[type[CatalogueEffect], ...] = (
+    SubsonicFlowShape,
+    ChokedExhaustScaling,
+    ValveDelay,
+    DutyDeadZone,
+    CoilHeating,
+)

@@ -1,0 +1,574 @@
+"""Effects of chambers, valves, supply and sensors: neutral to the last bit, closed forms."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import itertools
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.rigs import REFERENCE, random_runs
+from sysid.model import base
+from sysid.model.effects import chamber, sensor, supply, valve
+from sysid.model.effects.entry import CatalogueEffect
+from sysid.model.ports import Model, Point, join, split
+from sysid.model.simulate import Inputs, Trajectory, ValveCommand, open_intervals, simulate
+
+MODULES = (chamber, valve, supply, sensor)
+EFFECTS = [effect for module in MODULES for effect in module.EFFECTS]
+IDS = [effect.id for effect in EFFECTS]
+STATES = ("position", "velocity", "pressure_a", "pressure_b")
+STEPPING_PA = 0.1
+PER_FLOW = 1.4 * 287.0 * 293.15 / (REFERENCE.offset_a * REFERENCE.area_a)
+HELD = REFERENCE.replace(static_effort=1e6)  # nothing can move the piston
+NO_VALVES = {
+    f"{k}_{s}": 0.0 for k in ("choked_fill", "choked_dis", "c_fill", "c_dis") for s in "ab"
+}
+
+
+def forms(effect: type[CatalogueEffect]) -> list[CatalogueEffect]:
+    """The effect at neutral strength in every shape of its grids, on every side."""
+    axes: dict[str, tuple[Any, ...]] = {q.name: q.grid for q in effect.shapes()}
+    if effect.has_side():
+        axes["side"] = ("a", "b", "both")
+    rows = itertools.product(*axes.values())
+    return [effect.neutral(**dict(zip(axes, row, strict=True))) for row in rows]
+
+
+def random_point(shape: tuple[int, ...], seed: int = 0, **changes: Any) -> Point:
+    """Anywhere, also above the supply and below the atmosphere; valves on, off or between."""
+    rng = np.random.default_rng(seed)
+    values: dict[str, Any] = {
+        "time": rng.uniform(0, 60, shape),
+        "position": rng.uniform(-1.6, 1.6, shape),
+        "velocity": rng.uniform(-5, 5, shape),
+        "pressure_a": rng.uniform(0.8e5, 3.3e5, shape),
+        "pressure_b": rng.uniform(0.8e5, 3.3e5, shape),
+        "motor": rng.uniform(-0.8, 0.8, shape),
+        "open_a": rng.choice([0.0, 0.3, 1.0], shape),
+        "open_b": rng.choice([0.0, 0.3, 1.0], shape),
+        "direction": rng.choice([-1.0, 0.0, 1.0], shape),
+        "parameters": REFERENCE,
+    }
+    # On the discontinuities too.
+    for value, name in zip((3e5, 1e5, 0.53 * 3e5, 1e5 / 0.53), ("pressure_a",) * 4, strict=True):
+        values[name].flat[rng.integers(values[name].size)] = value
+    extra = {
+        **{f"wall_log_temperature_{s}": rng.uniform(-0.5, 0.4, shape) for s in "ab"},
+        **{f"tube_flow_{s}": rng.uniform(-4e-4, 1e-3, shape) for s in "ab"},
+    }
+    return Point(**values | {"extra": extra} | changes)
+
+
+def before(point: Point) -> dict[str, Any]:
+    """A value for every port of the plant, by port and side."""
+    rng = np.random.default_rng(7)
+    sizes = {
+        "filling_flow": 1e-3,
+        "exhaust_flow": -4e-4,
+        "chamber_flow": 5e-4,
+        "pressure_rate": 1e6,
+        "supply_pressure": 3e5,
+        "exhaust_pressure": 1e5,
+    }
+    return {
+        f"{port}_{side}": size * rng.uniform(0.5, 1.0, point.time.shape)
+        for port, size in sizes.items()
+        for side in "ab"
+    }
+
+
+def after(effect: CatalogueEffect, point: Point, given: dict[str, Any]) -> dict[str, Any]:
+    """The same values, and the parameters, behind the effect's ports."""
+    found = {}
+    for name, value in given.items():
+        port, side = name[:-2], name[-1]
+        context = (side, 1e-4, point) if port == "pressure_rate" else (side, point)
+        found[name] = getattr(effect, port)(value, *context)
+    return found | vars(effect.parameters(point.parameters, point.time))
+
+
+def same(found: dict[str, Any], given: dict[str, Any], where: str) -> None:
+    expected = given | vars(REFERENCE)
+    assert found.keys() == expected.keys()
+    for name, value in expected.items():
+        wanted = np.broadcast_to(value, np.shape(found[name]))
+        np.testing.assert_array_equal(np.asarray(found[name]), wanted, err_msg=f"{where}: {name}")
+
+
+# --- the entries -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=IDS)
+def test_the_entry_is_whole(effect: type[CatalogueEffect]) -> None:
+    fields = {f.name: f.default for f in dataclasses.fields(effect)}
+    assert effect.strengths()
+    assert {q.name for q in effect.quantities} | ({"side"} & fields.keys()) == fields.keys()
+    for q in effect.quantities:
+        assert fields[q.name] == (0.0 if q.is_strength else q.typical)
+        assert q.lower <= (0.0 if q.is_strength else q.typical) <= q.upper
+        assert q.lower <= q.typical <= q.upper and q.typical != 0.0
+        assert all(q.lower < g < q.upper for g in q.grid)
+        assert q.is_strength or len(q.grid) >= 3
+    assert effect.signature and effect.source and effect.title
+    assert bool(effect.rivals) == bool(effect.tie_breaker) or effect.id == "encoder-eccentricity"
+    assert effect.id not in effect.rivals
+
+
+# --- neutral ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=IDS)
+@pytest.mark.parametrize("shape", [(500,), (6, 7)])
+def test_neutral_ports_change_no_bit(effect: type[CatalogueEffect], shape: tuple[int, ...]) -> None:
+    point = random_point(shape)
+    given = before(point)
+    for form in forms(effect):
+        same(after(form, point, given), given, str(form))
+
+
+def test_neutral_ports_change_no_bit_in_jax() -> None:
+    from sysid.model._jax import jax
+
+    point = random_point((300,))
+    given = before(point)
+    structure, numbers = split(tuple(form for effect in EFFECTS for form in forms(effect)[-1:]))
+
+    @jax.jit
+    def compiled(numbers: Any, given: Any, fields: dict[str, Any]) -> Any:
+        at = dataclasses.replace(point, **fields)
+        return [after(effect, at, given) for effect in join(structure, numbers)]
+
+    names = ("position", "velocity", "pressure_a", "pressure_b", "open_a", "open_b", "extra")
+    fields = {name: getattr(point, name) for name in names}
+    for effect, found in zip(EFFECTS, compiled(numbers, given, fields), strict=True):
+        same(found, given, effect.id)
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=IDS)
+def test_neutral_timing_and_sensors_change_no_bit(effect: type[CatalogueEffect]) -> None:
+    rng = np.random.default_rng(3)
+    edges = np.concatenate(([-np.inf], np.cumsum(rng.uniform(1e-6, 5e-3, 400)), [np.inf]))
+    time = np.cumsum(rng.uniform(1e-4, 3e-3, 500))
+    names = ("theta_rad", "pressure_a_pa", "pressure_b_pa")
+    channels = {name: rng.uniform(1e5, 3e5, 500) for name in names}
+    for form in forms(effect):
+        for found, given in zip(
+            form.pulses(edges[0::2], edges[1::2], "a"), (edges[0::2], edges[1::2]), strict=True
+        ):
+            np.testing.assert_array_equal(found, given)
+        for opening in (True, False):
+            delays = rng.uniform(0, 3e-3, len(edges))
+            np.testing.assert_array_equal(form.delays(delays, edges, opening, "b"), delays)
+        shown = form.measure(channels, time)
+        for name, values in channels.items():
+            np.testing.assert_array_equal(shown[name], values)
+        assert form.measure({"force_n": time}, time).keys() == {"force_n"}
+
+
+def whole(parameters: base.Parameters, *acting: CatalogueEffect) -> Model:
+    """The model with every effect, those given in place of the neutral ones: one compilation."""
+    given = {type(effect): effect for effect in acting}
+    model = Model(parameters)
+    for effect in EFFECTS:
+        model = model + given.get(effect, effect.neutral())
+    return model
+
+
+def one(inputs: Inputs, model: Model) -> Trajectory:
+    return simulate([inputs], [model])[0]
+
+
+def test_all_effects_at_neutral_strength_simulate_as_the_base_model() -> None:
+    inputs, models = random_runs(seed=4, count=1, seconds=0.6)
+    bare = one(inputs[0], models[0])
+    neutral = one(inputs[0], whole(models[0].parameters))
+    for name in STATES:
+        np.testing.assert_array_equal(getattr(neutral, name), getattr(bare, name), err_msg=name)
+
+
+# --- acting ----------------------------------------------------------------------------
+
+TIME = np.arange(801) * 1e-3
+
+
+def command(on: float, off: float) -> ValveCommand:
+    return ValveCommand(np.heaviside(TIME - on, 1.0) - np.heaviside(TIME - off, 1.0))
+
+
+def switched(**changes: Any) -> Inputs:
+    """Valve A on until 0.4 s, valve B from 0.1 to 0.3 s."""
+    values: dict[str, Any] = {"valve_a": command(0.0, 0.4), "valve_b": command(0.1, 0.3)}
+    return Inputs(TIME, 0.0 * TIME, **values | changes)
+
+
+def shown(run: Trajectory, model: Model) -> dict[str, Any]:
+    channels = {
+        "theta_rad": run.position,
+        "pressure_a_pa": run.pressure_a,
+        "pressure_b_pa": run.pressure_b,
+    }
+    for effect in model.effects:
+        channels = effect.measure(channels, run.time)
+    return channels
+
+
+@functools.cache
+def bare_run() -> Trajectory:
+    return one(switched(), whole(HELD))
+
+
+@pytest.mark.parametrize("effect", [e for e in EFFECTS if e is not valve.DutyDeadZone])
+@pytest.mark.parametrize("side", ["a", "b"])
+def test_at_typical_size_it_shows_and_on_its_own_side_only(
+    effect: type[CatalogueEffect], side: str
+) -> None:
+    acting = effect.typical(**({"side": side} if effect.has_side() else {}))
+    model = whole(HELD, acting)
+    run = one(switched(), model)
+    channels, bare = shown(run, model), bare_run()
+    assert np.isfinite([*channels.values()]).all()
+    changed_a = np.abs(channels["pressure_a_pa"] - bare.pressure_a).max()
+    changed_b = np.abs(channels["pressure_b_pa"] - bare.pressure_b).max()
+    if effect is sensor.EncoderEccentricity:
+        expected = bare.position + 7e-4 * np.sin(bare.position) + 7e-4 * np.cos(bare.position)
+        np.testing.assert_array_equal(channels["theta_rad"], expected)
+        assert changed_a == changed_b == 0.0
+        return
+    # A delay that drifts over 20 s, and air that warms by 0.17 K/s, show little in 0.8 s.
+    least = 1.0 if effect in (valve.CoilHeating, chamber.TemperatureDrift) else 100.0
+    for changed, own in ((changed_a, side == "a"), (changed_b, side == "b")):
+        # The other side may be stepped at other instants, no more.
+        assert changed > least if own or not effect.has_side() else changed < STEPPING_PA
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=IDS)
+def test_at_its_bounds_it_stays_finite(effect: type[CatalogueEffect]) -> None:
+    for limits in ("lower", "upper"):
+        strengths = {q.name: getattr(q, limits) for q in effect.strengths()}
+        run = one(switched(), whole(HELD, effect.typical(**strengths)))
+        for name in STATES:
+            assert np.isfinite(getattr(run, name)).all()
+        assert run.pressure_a.min() > 0.7e5 and run.pressure_a.max() < 3.5e5
+
+
+def test_two_sides_may_differ() -> None:
+    first, second = (chamber.WallHeatTransfer(0.4, side) for side in "ab")
+    model = Model(HELD) + first + second
+    assert model.state_names == ("wall_log_temperature_a", "wall_log_temperature_b")
+    assert dataclasses.replace(first, side="both").states == model.state_names
+
+
+# --- chambers --------------------------------------------------------------------------
+
+
+def pulse(length: float, **changes: Any) -> Inputs:
+    """Valve A on for a while from the first row; B closed."""
+    return switched(valve_a=command(0.0, length), valve_b=None, **changes)
+
+
+def test_exponent_and_dead_volume_scale_the_choked_rise() -> None:
+    since = np.maximum(TIME - HELD.on_delay_a, 0.0)
+    early = TIME <= 0.02
+    for effect, factor in (
+        (chamber.PolytropicExponent(-0.1), 1.3 / 1.4),
+        (chamber.DeadVolumeError(0.003, "a"), 0.075 / 0.078),
+        (chamber.DeadVolumeError(0.003, "b"), 1.0),
+    ):
+        run = one(pulse(0.4), whole(HELD, effect))
+        expected = 1e5 + factor * PER_FLOW * HELD.choked_fill_a * since
+        np.testing.assert_allclose(run.pressure_a[early], expected[early], rtol=1e-9)
+
+
+def test_temperature_drift_scales_the_flow_with_time() -> None:
+    run = one(pulse(0.4), whole(HELD, chamber.TemperatureDrift(0.5)))
+    early = (TIME > 0.002) & (TIME <= 0.02)
+    on, end = HELD.on_delay_a, TIME[early]
+    drifted = (end - on) + 0.5 / 293.15 * (end**2 - on**2) / 2
+    expected = 1e5 + PER_FLOW * HELD.choked_fill_a * drifted
+    # Within a step the simulator takes the parameters at its start.
+    np.testing.assert_allclose(run.pressure_a[early], expected, atol=0.1)
+
+
+@pytest.mark.parametrize("conductance", [0.1, 0.4, 2.0])
+def test_after_a_fill_heat_leads_to_the_isothermal_pressure(conductance: float) -> None:
+    # Nothing leaves the chamber: the mass is what the choked flow brought, in 17 ms.
+    tight = HELD.replace(choked_dis_a=0.0, c_dis_a=0.0, off_delay_a=HELD.on_delay_a)
+    run = one(pulse(0.017), whole(tight, chamber.WallHeatTransfer(conductance)))
+    brought = tight.choked_fill_a * 0.017
+    isothermal = 1e5 + brought * 287.0 * 293.15 / (tight.offset_a * tight.area_a)
+    peak = 1e5 + 1.4 * (isothermal - 1e5)
+    assert isothermal < run.pressure_a.max() < peak
+    # The closed chamber cools as m cv dT/dt = -h (T - T0).
+    mass = 1e5 * tight.offset_a * tight.area_a / (287.0 * 293.15) + brought
+    rate = conductance * 0.4 / (mass * 287.0)
+    closed = TIME >= 0.019
+    above = run.pressure_a[closed] - isothermal
+    expected = above[0] * np.exp(-rate * (TIME[closed] - TIME[closed][0]))
+    np.testing.assert_allclose(above, expected, atol=0.02)
+
+
+def test_compressed_gas_heats_up_as_an_adiabat() -> None:
+    # dz/dt at no flow and no heat is (1-k) dlnV/dt, so Tg V^(k-1) is constant.
+    point = random_point((20,))
+    effect = chamber.WallHeatTransfer()
+    rates = effect.state_rates(point, {"a": 0.0, "b": 0.0})
+    for side in "ab":
+        stretch = chamber.volume_rate(side, point) / chamber.chamber_volume(side, point)
+        np.testing.assert_allclose(rates[f"wall_log_temperature_{side}"], -0.4 * stretch)
+
+
+@pytest.mark.parametrize("lag", [1.5e-3, 6e-3])
+def test_tube_lag_is_a_first_order_lag_of_the_flow(lag: float) -> None:
+    run = one(pulse(0.4), whole(HELD, chamber.TubeLag(lag)))
+    since = np.maximum(TIME - HELD.on_delay_a, 0.0)
+    behind = since + lag * np.expm1(-since / lag)
+    early = TIME <= 0.02
+    expected = 1e5 + PER_FLOW * HELD.choked_fill_a * behind
+    np.testing.assert_allclose(run.pressure_a[early], expected[early], atol=60.0)
+
+
+def test_a_tube_lag_below_the_step_is_right_to_first_order() -> None:
+    run = one(pulse(0.4), whole(HELD, chamber.TubeLag(3e-4)))
+    at = 20
+    lost = PER_FLOW * HELD.choked_fill_a * 3e-4
+    assert bare_run().pressure_a[at] - run.pressure_a[at] == pytest.approx(lost, rel=1e-3)
+
+
+def test_what_leaks_after_the_tube_is_not_lagged() -> None:
+    point = random_point((50,))
+    leak, tube = chamber.AtmosphereLeakage(5e-17), chamber.TubeLag(2e-3)
+    flow = before(point)["chamber_flow_a"]
+    both = leak.chamber_flow(tube.chamber_flow(flow, "a", point), "a", point)
+    apart = tube.chamber_flow(flow, "a", point) + (leak.chamber_flow(flow, "a", point) - flow)
+    np.testing.assert_allclose(both, apart, rtol=1e-12, atol=1e-18)
+
+
+def test_a_closed_chamber_leaks_by_its_closed_form() -> None:
+    closed = HELD.replace(**NO_VALVES)
+    leak = 7e-15
+    start = switched(pressure_a=3e5, pressure_b=1e5)
+    run = one(start, whole(closed, chamber.AtmosphereLeakage(leak, "a")))
+    ratio = 0.5 * np.exp(-2.0 * 1e5 * PER_FLOW * leak * TIME)  # (P - P0) / (P + P0)
+    expected = 1e5 * (1 + ratio) / (1 - ratio)
+    np.testing.assert_allclose(run.pressure_a, expected, rtol=1e-6)
+    np.testing.assert_array_equal(run.pressure_b, 1e5)
+
+
+def test_what_passes_the_piston_is_lost_on_one_side_and_gained_on_the_other() -> None:
+    closed = HELD.replace(**NO_VALVES)
+    start = switched(pressure_a=3e5, pressure_b=1e5)
+    run = one(start, whole(closed, chamber.PistonLeakage(7e-15)))
+    held = run.pressure_a * HELD.area_a + run.pressure_b * HELD.area_b
+    np.testing.assert_allclose(held, held[0], rtol=1e-9)
+    squares = run.pressure_a**2 - run.pressure_b**2
+    lost = PER_FLOW * 7e-15 * np.trapezoid(squares, TIME)
+    assert 3e5 - run.pressure_a[-1] == pytest.approx(lost, rel=1e-3)
+    assert run.pressure_a[-1] == pytest.approx(run.pressure_b[-1], rel=1e-3)
+
+
+# --- valves ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("ratio", "critical", "exponent", "share"),
+    [
+        (0.0, 0.3, 0.5, 1.0),
+        (0.3, 0.3, 0.5, 1.0),
+        (0.5, 0.3, 0.5, 0.9583148474999099),  # sqrt(1 - (2/7)^2)
+        (0.9, 0.5, 0.5, 0.6),  # sqrt(1 - 0.8^2)
+        (0.9, 0.5, 1.0, 0.36),
+        (1.0, 0.3, 0.5, 0.0),
+    ],
+)
+def test_iso_6358(ratio: float, critical: float, exponent: float, share: float) -> None:
+    assert valve.iso6358_share(ratio, critical, exponent) == pytest.approx(share, abs=1e-15)
+
+
+def at_pressure(pressure: Any, is_open: float) -> Point:
+    pressures = np.asarray(pressure, dtype=float)
+    ones = np.ones_like(pressures)
+    return random_point(
+        pressures.shape,
+        pressure_a=pressures,
+        pressure_b=1e5 * ones,
+        open_a=is_open * ones,
+        open_b=0.0 * ones,
+    )
+
+
+def base_flow(point: Point) -> Any:
+    return chamber.base_valve_flow("a", point)
+
+
+def test_a_whole_blend_is_isos_law_and_half_of_it_lies_midway() -> None:
+    pressure = np.linspace(1.0e5, 3.2e5, 23)
+    filling, exhaust = at_pressure(pressure, 1.0), at_pressure(pressure, 0.0)
+    full, half = valve.SubsonicFlowShape(1.0, 1.0), valve.SubsonicFlowShape(0.5, 0.5)
+    law = full.filling_flow(base_flow(filling), "a", filling)
+    forward = pressure < 3e5
+    expected = 7.8e-4 * valve.iso6358_share(pressure / 3e5, 0.3, 0.5)
+    np.testing.assert_allclose(law[forward], expected[forward], rtol=1e-12)
+    np.testing.assert_array_equal(law[~forward], base_flow(filling)[~forward])
+    midway = half.filling_flow(base_flow(filling), "a", filling)
+    np.testing.assert_allclose(midway, 0.5 * (law + base_flow(filling)))
+    out = full.exhaust_flow(base_flow(exhaust), "a", exhaust)
+    expected = -3.5e-4 * valve.iso6358_share(1e5 / pressure, 0.3, 0.5)
+    np.testing.assert_allclose(out, expected, rtol=1e-12)
+
+
+def test_scaled_choked_exhaust_is_proportional_to_pressure_and_continuous() -> None:
+    boundary = 1e5 / 0.53
+    above = at_pressure([boundary * 1.0001, 2.5e5, 3e5], 0.0)
+    law = valve.ChokedExhaustScaling(1.0).exhaust_flow(base_flow(above), "a", above)
+    np.testing.assert_allclose(law, -3.5e-4 * above.pressure_a / boundary, rtol=1e-12)
+    below = at_pressure([0.9e5, 1.2e5, boundary * 0.9999], 0.0)
+    unchanged = valve.ChokedExhaustScaling(1.0).exhaust_flow(base_flow(below), "a", below)
+    np.testing.assert_array_equal(unchanged, base_flow(below))
+
+
+def test_delays_move_the_edges_of_their_valve() -> None:
+    inputs = switched()
+    model = Model(HELD) + valve.ValveDelay(5e-4, -3e-4, "a")
+    a, b = (open_intervals(inputs, side, model) for side in "ab")
+    np.testing.assert_allclose([a.opens[0], a.closes[0]], [0.0022, 0.4017])
+    np.testing.assert_allclose([b.opens[0], b.closes[0]], [0.1017, 0.302])
+
+
+def test_heated_coils_switch_later() -> None:
+    heated = valve.CoilHeating(5e-4, -2e-4, 20.0)
+    times = np.array([-np.inf, 0.0, 20.0, np.inf])
+    grown = 1.0 - np.exp([0.0, 0.0, -1.0, -np.inf])
+    for opening, drift in ((True, 5e-4), (False, -2e-4)):
+        found = heated.delays(np.full(4, 2e-3), times, opening, "a")
+        np.testing.assert_allclose(found, 2e-3 + drift * grown)
+
+
+@pytest.mark.parametrize(
+    ("pulses", "kept"),
+    [
+        ([(0.0, 0.5), (5.0, 7.0)], [(5.0, 7.0)]),  # a short pulse
+        ([(0.0, 4.5), (5.0, 7.0)], [(0.0, 7.0)]),  # a short pause
+        ([(0.0, 0.5), (1.0, 1.5)], []),
+        ([(0.0, 1.0), (5.0, 6.0)], [(0.0, 1.0), (5.0, 6.0)]),  # just long enough
+        ([(-np.inf, 0.0), (0.5, 0.9)], [(-np.inf, 0.9)]),
+        ([(0.0, 3.0), (3.2, np.inf)], [(0.0, np.inf)]),
+        ([], []),
+    ],
+)
+def test_a_dead_zone_swallows_short_pulses_and_pauses(pulses: Any, kept: Any) -> None:
+    on, off = np.array(pulses, dtype=float).reshape(-1, 2).T * 1e-3
+    dead = valve.DutyDeadZone(1e-3, "a")
+    found = np.column_stack(dead.pulses(on, off, "a"))
+    np.testing.assert_array_equal(found, np.array(kept, dtype=float).reshape(-1, 2) * 1e-3)
+    np.testing.assert_array_equal(dead.pulses(on, off, "b"), (on, off))
+
+
+# --- supply ----------------------------------------------------------------------------
+
+
+def test_the_supply_droops_by_what_its_own_flow_takes() -> None:
+    droop = supply.SupplyDroop(10e3 / 7.8e-4)
+    pressure = np.linspace(1.7e5, 3e5, 14)
+    point = at_pressure(pressure, 1.0)
+    left = droop.supply_pressure(3e5, "a", point)
+    drawn = HELD.c_fill_a * np.sqrt(left - pressure)
+    np.testing.assert_allclose(left, 3e5 - droop.droop_pa_s_per_kg * drawn, rtol=1e-12)
+    choked = droop.supply_pressure(3e5, "a", at_pressure([1.2e5], 1.0))
+    np.testing.assert_allclose(choked, 3e5 - 10e3 * choked / 3e5, rtol=1e-12)
+
+
+def test_droop_couples_the_chambers_and_their_flows_agree() -> None:
+    droop = supply.SupplyDroop(10e3 / 7.8e-4)
+    filling = at_pressure([1.2e5, 2.0e5, 2.6e5], 1.0)
+    alone = droop.supply_pressure(3e5, "a", filling)
+    beside = dataclasses.replace(filling, open_b=np.ones(3), pressure_b=np.full(3, 2.2e5))
+    both = droop.supply_pressure(3e5, "a", beside)
+    assert (both < alone - 1e3).all()
+    # Two sweeps leave little between what the flows take and what they were driven by.
+    flows = [
+        base.filling_flow(beside.pressure(s), both, v.choked_fill, v.c_fill, 3e5)
+        for s, v in ((s, HELD.valve(s)) for s in "ab")
+    ]
+    np.testing.assert_allclose(both, 3e5 - droop.droop_pa_s_per_kg * sum(flows), atol=100.0)
+
+
+def test_a_chamber_behind_a_droop_still_reaches_the_supply() -> None:
+    run = one(switched(), whole(HELD, supply.SupplyDroop.typical()))
+    assert run.pressure_a[399] == pytest.approx(3e5, abs=30.0)
+
+
+def test_the_exhaust_backs_up_by_its_own_flow() -> None:
+    backed = supply.ExhaustBackPressure.typical()
+    pressure = np.array([1.0e5, 1.2e5, 1.8e5])
+    back = backed.exhaust_pressure(1e5, "a", at_pressure(pressure, 0.0))
+    flow = HELD.c_dis_a * (pressure - back)
+    np.testing.assert_allclose(back, 1e5 + backed.back_pressure_pa_s_per_kg * flow, rtol=1e-12)
+    choked = backed.exhaust_pressure(1e5, "a", at_pressure([2.5e5], 0.0))
+    np.testing.assert_allclose(choked, 1.05e5)
+
+
+def test_a_model_without_a_discrete_law_stays_as_it_is() -> None:
+    unknown = dict.fromkeys(NO_VALVES, np.nan)
+    point = random_point((50,), parameters=REFERENCE.replace(**unknown))
+    given = before(point)
+    for effect in (chamber.TubeLag, valve.SubsonicFlowShape, *supply.EFFECTS):
+        found = after(effect.typical(), point, given)
+        for name, value in given.items():
+            if not name.startswith("chamber_flow"):
+                np.testing.assert_array_equal(found[name], value, err_msg=name)
+            assert np.isfinite(found[name]).all()
+
+
+# --- sensors ---------------------------------------------------------------------------
+
+
+def test_a_lagged_sensor_follows_steps_and_ramps_exactly() -> None:
+    rng = np.random.default_rng(1)
+    lag = 2e-3
+    time = np.concatenate(
+        ([0.0, 0.01, 0.01 + 1e-9], 0.011 + np.cumsum(rng.uniform(1e-4, 4e-3, 40)))
+    )
+    step = np.where(time > 0.01, 1e5, 0.0)
+    after_step = time > 0.0101
+    expected = -1e5 * np.expm1(-(time - 0.01) / lag)
+    found = sensor.lagged(step, time, lag)
+    np.testing.assert_allclose(found[after_step], expected[after_step], rtol=1e-6)
+    assert found[1] == 0.0
+    ramp = sensor.lagged(1e6 * time, time, lag)
+    np.testing.assert_allclose(ramp, 1e6 * (time + lag * np.expm1(-time / lag)), atol=1e-6)
+
+
+def test_a_lag_does_not_depend_on_how_lines_are_sampled() -> None:
+    coarse = np.array([0.0, 0.004, 0.005, 0.02])
+    values = np.array([1e5, 3e5, 2e5, 2.2e5])
+    fine = np.union1d(np.linspace(0.0, 0.02, 501), coarse)
+    dense = sensor.lagged(np.interp(fine, coarse, values), fine, 3e-3)
+    np.testing.assert_allclose(
+        dense[np.searchsorted(fine, coarse)], sensor.lagged(values, coarse, 3e-3), rtol=1e-10
+    )
+
+
+def test_a_skewed_channel_is_late_and_holds_its_first_value() -> None:
+    time = np.cumsum(np.full(50, 1e-3)) + 4.0
+    channels = {"pressure_a_pa": 1e6 * time, "pressure_b_pa": 2e6 * time, "position_m": time}
+    found = sensor.TimeSkew(2.5e-3, "b").measure(channels, time)
+    np.testing.assert_array_equal(found["pressure_a_pa"], channels["pressure_a_pa"])
+    np.testing.assert_allclose(found["pressure_b_pa"][3:], 2e6 * (time[3:] - 2.5e-3))
+    np.testing.assert_array_equal(found["pressure_b_pa"][:3], 2e6 * time[0])
+    early = sensor.TimeSkew(-2.5e-3).measure(channels, time)["pressure_a_pa"]
+    np.testing.assert_array_equal(early[-3:], 1e6 * time[-1])
+
+
+def test_offset_and_gain_and_ambient_pressure() -> None:
+    time = np.arange(3.0)
+    channels = {"pressure_a_pa": np.array([1e5, 2e5, 3e5])}
+    found = sensor.PressureOffset(1.7e3).measure(channels, time)
+    np.testing.assert_array_equal(found["pressure_a_pa"], [1.017e5, 2.017e5, 3.017e5])
+    found = sensor.PressureGain(5e-3, "a").measure(channels, time)
+    np.testing.assert_allclose(found["pressure_a_pa"], [1.005e5, 2.01e5, 3.015e5])
+    np.testing.assert_array_equal(channels["pressure_a_pa"], [1e5, 2e5, 3e5])
+    assert sensor.AmbientPressureError(1e3).parameters(HELD, 0.0).atmosphere == 1.01e5
