@@ -61,6 +61,9 @@ _map_option = click.option(
     metavar="TARGET=COLUMN:UNIT",
     help='Foreign column and unit, e.g. "pressure_a_pa=P1:kPa(g)"; may be repeated.',
 )
+_effects_option = click.option(
+    "--effects", type=PathArgument, help="Python file of a user's own effects; it is run."
+)
 _fit_options = _options(
     _rig_option,
     _map_option,
@@ -200,17 +203,14 @@ def convert(foreign: Sequence[Path], output: Path, as_json: bool, **options: Any
 @click.option("--bundle", required=True, type=PathArgument, help="What was fitted.")
 @click.option("--report", type=PathArgument, help="Write the HTML report here.")
 @click.option("-o", "output", type=PathArgument, help="Write the bundle with its validation.")
+@_effects_option
 @_json_option
-def validate(
-    campaign: Path, bundle: Path, report: Path | None, output: Path | None, as_json: bool
-) -> None:
+def validate(campaign: Path, bundle: Path, as_json: bool, **options: Any) -> None:
     """Open-loop simulation of a bundle's model against a campaign's motion logs."""
     from sysid import summary
     from sysid.validate import validate_campaign
 
-    validated = validate_campaign(
-        campaign, bundle, report=report, output=output, progress=summary.progress()
-    )
+    validated = validate_campaign(campaign, bundle, progress=summary.progress(), **options)
     summary.show_validation(validated, as_json)
 
 
@@ -224,6 +224,7 @@ def validate(
     help="Else the on/off law where the bundle has it.",
 )
 @_map_option
+@_effects_option
 @_json_option
 def simulate(inputs: Path, bundle: Path, output: Path, as_json: bool, **options: Any) -> None:
     """Open-loop simulation of the commands in INPUTS, a log."""
@@ -276,13 +277,27 @@ def demo(folder: Path, as_json: bool, **options: Any) -> None:
     "--format", "kind", required=True, type=click.Choice(["c", "mat", "json"]), help="What for."
 )
 @click.option("-o", "output", required=True, type=PathArgument, help="File to write.")
+@_effects_option
 @_json_option
-def export(bundle: Path, kind: str, output: Path, as_json: bool) -> None:
+def export(bundle: Path, kind: str, output: Path, effects: Path | None, as_json: bool) -> None:
     """What a controller consumes: a C header, a MATLAB file or flat JSON."""
     from sysid import summary
     from sysid.export import export_file
 
-    summary.show_written(output, export_file(bundle, output, kind), as_json)
+    notices = export_file(bundle, output, kind, effects=effects)
+    summary.show_written(output, notices, as_json)
+
+
+@app.command()
+@click.argument("name", metavar="[ID]", required=False)
+@_effects_option
+@click.option("-o", "output", type=PathArgument, help="Picture of what ID changes, SVG or PNG.")
+@_json_option
+def effects(name: str | None, effects: Path | None, output: Path | None, as_json: bool) -> None:
+    """The catalogue of effects; with ID all of one, and what it does to a rig."""
+    from sysid.effects import show_effects
+
+    show_effects(name, effects, as_json, output)
 
 
 @app.command()

@@ -15,12 +15,15 @@ from sysid.bundle import bundle_rig, read_bundle
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.logs import PRESSURES, Log, Trial, read_log
 from sysid.model.base import Parameters
+from sysid.model.effects.serialise import Catalogue
 from sysid.model.from_bundle import (
+    catalogue_with,
     has_discrete_law,
     model_from_bundle,
     surfaces_from_bundle,
 )
 from sysid.model.ports import SIDES, Model
+from sysid.model.sensors import measured_channels, true_start
 from sysid.rig import Rig
 from sysid.tables import write_table
 from sysid.units import parse_map
@@ -78,7 +81,9 @@ def simulate_trials(
     Names are those of the log format (`time_s`, `theta_rad` or `position_m`,
     `pressure_a_pa`, `pressure_b_pa`), and `velocity_rad_per_s` or `velocity_m_per_s`.
     Trials may differ in length. `surfaces`: valve A's and B's, for the averaged valve models
-    (see `surfaces_for`); without, the discrete law under the real pulses. Raises InputError
+    (see `surfaces_for`); without, the discrete law under the real pulses. The first row's
+    position and pressures are measured ones, and so are the results: the model's sensors lie
+    between them and the true ones. Raises InputError
     as inputs_from_trial does, NotIdentifiedError where the model lacks a parameter.
     """
     from sysid.model.simulate import simulate
@@ -86,19 +91,14 @@ def simulate_trials(
     if isinstance(model, Parameters):
         model = Model(model)
     on = starts_on or [(False, False)] * len(trials)
-    inputs = [inputs_from_trial(t, rig, o) for t, o in zip(trials, on, strict=True)]
+    inputs = [
+        true_start(inputs_from_trial(t, rig, o), rig.position_channel, model)
+        for t, o in zip(trials, on, strict=True)
+    ]
     results = []
     for trial, run in zip(trials, simulate(inputs, [model] * len(inputs), surfaces), strict=True):
-        channels = {
-            "time_s": trial.time,
-            rig.position_channel: run.position,
-            "velocity_m_per_s" if rig.is_linear else "velocity_rad_per_s": run.velocity,
-            "pressure_a_pa": run.pressure_a,
-            "pressure_b_pa": run.pressure_b,
-        }
-        for effect in model.effects:
-            channels = effect.measure(channels, trial.time - trial.time[0])
-        results.append(channels)
+        channels = measured_channels(run, rig.position_channel, model)
+        results.append({"time_s": trial.time, **channels})
     return results
 
 
@@ -130,10 +130,11 @@ def simulate_bundle(
     bundle: Mapping[str, Any],
     valve_model: str = DISCRETE,
     where: str = "bundle",
+    catalogue: Catalogue | None = None,
 ) -> list[dict[str, FloatArray]]:
     """simulate_trials with what a bundle holds; raises as it, surfaces_for and the bundle do."""
     surfaces = surfaces_for(bundle, rig, valve_model, where)
-    return simulate_trials(trials, rig, model_from_bundle(bundle, rig, where), surfaces)
+    return simulate_trials(trials, rig, model_from_bundle(bundle, rig, where, catalogue), surfaces)
 
 
 @dataclass(frozen=True)
@@ -165,24 +166,26 @@ def simulate_log(
     *,
     valve_model: str | None = None,
     maps: Sequence[str] = (),
+    effects: Path | None = None,
 ) -> Simulated:
     """Simulate every test of a log of commands and write the result in the log format.
 
     The rig is the bundle's. A test starts at rest, at its first row's position and pressures;
     a test under PWM that starts nearer to the supply than to the atmosphere had its valve on
     (log format). `valve_model` None: the discrete law where the bundle has it, else a surface.
-    Raises InputError for unusable files, NotIdentifiedError where the bundle lacks what the
-    model needs.
+    `effects` is a file of a user's own effects, which is run. Raises InputError for unusable
+    files, NotIdentifiedError where the bundle lacks what the model needs.
     """
     bundle = read_bundle(bundle_path)
     rig = bundle_rig(bundle, bundle_path)
     log = read_log(inputs, rig, parse_map(maps))
-    chosen = valve_model or _first_valve_model(bundle, rig, str(bundle_path))
+    catalogue = catalogue_with(effects) if effects else None
+    model = model_from_bundle(bundle, rig, str(bundle_path), catalogue)
+    chosen = valve_model or _first_valve_model(bundle, rig, model.parameters, str(bundle_path))
     notices = [*rig.notices, *log.notices]
     for trial in log.trials:
         _check_commands(trial, rig, chosen)
         notices += _start_notices(trial, rig)
-    model = model_from_bundle(bundle, rig, str(bundle_path))
     channels = simulate_trials(
         log.trials,
         rig,
@@ -201,8 +204,10 @@ def simulate_log(
     )
 
 
-def _first_valve_model(bundle: Mapping[str, Any], rig: Rig, where: str) -> str:
-    if has_discrete_law(model_from_bundle(bundle, rig, where).parameters):
+def _first_valve_model(
+    bundle: Mapping[str, Any], rig: Rig, parameters: Parameters, where: str
+) -> str:
+    if has_discrete_law(parameters):
         return DISCRETE
     for name in VALVE_MODELS[1:]:
         if surfaces_from_bundle(bundle, rig, name, where) is not None:

@@ -10,6 +10,7 @@ from typing import Any
 from sysid.bundle import read_bundle, write_bundle
 from sysid.campaign import read_campaign
 from sysid.check import check_log
+from sysid.model.from_bundle import catalogue_with
 from sysid.validation import validate
 
 
@@ -36,16 +37,23 @@ def validate_campaign(
     *,
     report: Path | None = None,
     output: Path | None = None,
+    effects: Path | None = None,
     progress: Callable[[str], None] = lambda line: None,
 ) -> Validated:
     """Simulate a campaign's motion logs open loop with a bundle's model.
 
-    Raises InputError for unusable files, NotIdentifiedError where the bundle lacks what the
-    simulation needs.
+    `effects` is a file of a user's own effects, which is run. Raises InputError for unusable
+    files, NotIdentifiedError where the bundle lacks what the simulation needs.
     """
     campaign = read_campaign(campaign_path)
     bundle = read_bundle(bundle_path)
-    result = validate(campaign, bundle, bundle_path=bundle_path, progress=progress)
+    result = validate(
+        campaign,
+        bundle,
+        bundle_path=bundle_path,
+        catalogue=catalogue_with(effects) if effects else None,
+        progress=progress,
+    )
     bundle["validation"] = result.to_json()
     written = []
     if output is not None:

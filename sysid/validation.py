@@ -23,6 +23,7 @@ from sysid.bundle import check_log_unchanged
 from sysid.campaign import MOTION_KINDS, Campaign, CampaignLog
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.logs import Log
+from sysid.model.effects.serialise import Catalogue
 from sysid.model.from_bundle import (
     SURFACE_KINDS,
     has_discrete_law,
@@ -30,6 +31,7 @@ from sysid.model.from_bundle import (
     surfaces_from_bundle,
 )
 from sysid.model.ports import Model
+from sysid.model.sensors import measured_channels, true_start
 from sysid.motion_runs import PRESSURES, SIDES, MotionTest, Segment, prepare
 from sysid.rig import Rig
 from sysid.validation_results import (
@@ -44,12 +46,13 @@ from sysid.validation_results import (
 )
 
 if TYPE_CHECKING:
-    from sysid.model.simulate import Inputs, Trajectory
+    from sysid.model.simulate import Inputs
 
 FloatArray = NDArray[np.float64]
 
 VALIDATED_KINDS = (*MOTION_KINDS, "friction-motion")
 DISCRETE = "discrete"
+OFFSET_EFFECT = "torque-offset"
 VALVE_MODELS = (DISCRETE, *SURFACE_KINDS)
 # Runs in one call of the simulator: one compiled shape serves every call.
 _LANES = 32
@@ -84,14 +87,16 @@ def validate(
     *,
     bundle_path: Path = Path("bundle.json"),
     kinds: Iterable[str] = VALIDATED_KINDS,
+    catalogue: Catalogue | None = None,
     progress: Progress | None = None,
 ) -> ValidationResult:
     """Simulate every motion log of a campaign open loop with a bundle's parameters.
 
     The rig is the campaign's: it says what the tests were run with (payload, supply).
-    `bundle_path` names the bundle in messages; `progress` is told what is being done. Raises
-    InputError where a log cannot be validated (missing channels, gaps, a start in motion),
-    has changed since it was fitted on, or is held out though it was fitted on; and
+    `bundle_path` names the bundle in messages; `catalogue` knows its effects (None: the
+    project's own); `progress` is told what is being done. Raises InputError where a log cannot
+    be validated (missing channels, gaps, a start in motion), has changed since it was fitted
+    on, or is held out though it was fitted on, and for an effect that is not known; and
     NotIdentifiedError where the bundle holds no valve model that applies.
     """
     tell = progress or (lambda line: None)
@@ -104,7 +109,7 @@ def validate(
             "holds no motion log",
             f"add a [[log]] of kind {', '.join(MOTION_KINDS)} to validate on",
         )
-    model = model_from_bundle(bundle, rig, str(bundle_path))
+    model = model_from_bundle(bundle, rig, str(bundle_path), catalogue)
     valve_models = _valve_models(bundle, rig, model, bundle_path, entries, notices)
     cases: list[_Case] = []
     for entry in entries:
@@ -136,6 +141,8 @@ def _other_rig(bundle: Mapping[str, Any], rig: Rig, path: Path) -> list[str]:
 
 def _offset(bundle: Mapping[str, Any], rig: Rig, path: Path) -> list[str]:
     """A real offset that the friction fit found is an effect, and not in the base model."""
+    if any(effect["id"] == OFFSET_EFFECT for effect in bundle["effects"]):
+        return []
     unit = "N" if rig.is_linear else "Nm"
     offset = bundle.get("friction", {}).get(f"offset_{unit.lower()}", {})
     low, high = offset.get("interval", (None, None))
@@ -218,7 +225,7 @@ def _simulated(
 ) -> list[tuple[_Case, TestResult]]:
     """Every case's result: whole tests and segments go through the simulator together."""
     segments = [(c.test, s) for c in cases for s in (c.test.whole, *c.test.segments)]
-    runs = simulate_segments(segments, model, valves.surfaces)
+    runs = simulate_segments(segments, model, valves.surfaces, rig.position_channel)
     results, next_run = [], 0
     for case in cases:
         count = 1 + len(case.test.segments)
@@ -229,32 +236,39 @@ def _simulated(
 
 
 def simulate_segments(
-    segments: Sequence[tuple[MotionTest, Segment]], model: Model, surfaces: tuple[Any, ...] = ()
+    segments: Sequence[tuple[MotionTest, Segment]],
+    model: Model | Sequence[Model],
+    surfaces: tuple[Any, ...] = (),
+    position: str = "theta_rad",
 ) -> list[FloatArray]:
     """Position and pressures (3, rows) of each segment, simulated from its own start state.
 
+    `model` is every segment's, or one each (of the same effects). The results are as the
+    sensors show them, and so is the start state, which was measured: both go through the
+    `measure` ports of the model's effects, which know the position by the name `position`.
+    Effects count time from the test's start.
     Raises RuntimeError where a simulation does not stay finite: never a number in silence.
     """
     from sysid.model.simulate import simulate
 
-    inputs = [_inputs(test, segment) for test, segment in segments]
+    models = [model] * len(segments) if isinstance(model, Model) else list(model)
+    inputs = [
+        true_start(_inputs(test, s), position, own)
+        for (test, s), own in zip(segments, models, strict=True)
+    ]
     # Runs of like length share a call: a short one would wait for the longest.
     order = sorted(range(len(inputs)), key=lambda i: len(inputs[i].time))
     found: dict[int, FloatArray] = {}
     for first in range(0, len(order), _LANES):
         group = order[first : first + _LANES]
-        padded = [inputs[i] for i in group] + [inputs[group[0]]] * (_LANES - len(group))
-        runs = simulate(padded, [model] * _LANES, surfaces)
+        padded = [*group, *[group[0]] * (_LANES - len(group))]
+        runs = simulate([inputs[i] for i in padded], [models[i] for i in padded], surfaces)
         for i, run in zip(group, runs, strict=False):
-            found[i] = _channels(run, segments[i][0].source)
+            shown = measured_channels(run, position, models[i], inputs[i].elapsed)
+            found[i] = np.array([shown[name] for name in (position, *PRESSURES)])
+            if not np.isfinite(found[i]).all():
+                raise RuntimeError(f"{segments[i][0].source}: the simulation does not stay finite")
     return [found[i] for i in range(len(inputs))]
-
-
-def _channels(run: Trajectory, source: str) -> FloatArray:
-    channels = np.array([run.position, run.pressure_a, run.pressure_b])
-    if not np.isfinite(channels).all():
-        raise RuntimeError(f"{source}: the simulation does not stay finite")
-    return channels
 
 
 def _inputs(test: MotionTest, segment: Segment) -> Inputs:
@@ -276,6 +290,7 @@ def _inputs(test: MotionTest, segment: Segment) -> Inputs:
         velocity=float(velocity),
         pressure_a=known[0],
         pressure_b=known[1],
+        elapsed=float(test.time[segment.start] - test.time[0]),
     )
 
 

@@ -14,6 +14,7 @@ from sysid.bundle import bundle_text, read_bundle
 from sysid.errors import input_error
 from sysid.export.flat import Flat, flatten
 from sysid.files import write_atomic
+from sysid.model.from_bundle import catalogue_with, effects_from_bundle
 from sysid.tables import read_bytes
 
 FORMATS = ("c", "mat", "json")
@@ -22,12 +23,21 @@ DEFAULT_PREFIX = "sysid_"
 __all__ = ["DEFAULT_PREFIX", "FORMATS", "Flat", "export_bundle", "export_file", "flatten"]
 
 
-def export_file(source: Path, path: Path, fmt: str, *, prefix: str = DEFAULT_PREFIX) -> list[str]:
+def export_file(
+    source: Path,
+    path: Path,
+    fmt: str,
+    *,
+    prefix: str = DEFAULT_PREFIX,
+    effects: Path | None = None,
+) -> list[str]:
     """Read the bundle `source` and export it to `path`, with the file's own SHA-256.
 
-    Arguments, notices and errors as `export_bundle`; InputError for a bad bundle too.
+    Arguments, notices and errors as `export_bundle`; InputError for a bad bundle too, and for
+    effects that neither the catalogue nor `effects`, a user's file that is run, holds.
     """
     bundle = read_bundle(source)
+    effects_from_bundle(bundle, str(source), catalogue_with(effects) if effects else None)
     digest = hashlib.sha256(read_bytes(source, "a bundle")).hexdigest()
     return export_bundle(bundle, path, fmt, prefix=prefix, sha256=digest, where=str(source))
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from sysid.export import c_effects
 from sysid.export.c_surfaces import macro, slots, surfaces
 from sysid.export.c_text import Names, comment_text, constant, has, names
 from sysid.export.flat import SIDES, Flat, Table, gravity_name, inertia_name, values
@@ -54,6 +55,7 @@ def render(flat: Flat, prefix: str) -> str:
         _feature_lines(flat, features, n),
         _constant_lines(flat, n),
         *(law.text for law in laws if law.text and features[law.feature]),
+        c_effects.effects(flat, n),
         surfaces(flat, n),
         f"#endif /* {guard} */\n",
     ]
@@ -67,10 +69,10 @@ def absences(flat: Flat, prefix: str) -> list[str]:
     absent = [k for k, present in _features(flat, _laws(flat, n)).items() if not present]
     if absent:
         notices.append("0 in the header: " + ", ".join(n.upper + feature for feature in absent))
-    if flat.effects:
-        ids = ", ".join(effect.id for effect in flat.effects)
+    ids = ", ".join(effect.id for effect in c_effects.not_contained(flat))
+    if ids:
         notices.append(
-            f"the C header holds the base model only, not the laws of the bundle's effects ({ids}):"
+            f"the C header does not hold the laws of these effects of the bundle: {ids};"
             " a controller that uses it neglects them"
         )
     return notices
@@ -97,7 +99,10 @@ def _features(flat: Flat, laws: Iterable[_Law]) -> dict[str, bool]:
 def _title(flat: Flat) -> str:
     """The opening comment: what, from which bundle, for which rig."""
     made = flat.provenance
-    effects = ", ".join(effect.id for effect in flat.effects)
+    held, absent = (
+        ", ".join(effect.id for effect in part)
+        for part in (c_effects.contained(flat), c_effects.not_contained(flat))
+    )
     lines = [
         "Identified model of a pneumatic actuator, for a controller. Written by sysid export.",
         f"rig: {flat.rig.name} ({flat.rig.motion}, {flat.rig.orientation})",
@@ -108,8 +113,10 @@ def _title(flat: Flat) -> str:
         "What is not known is absent, and its HAS macro is 0. C99, link with the maths library;",
         "not to be compiled with -ffast-math, which drops the checks for NaN.",
     ]
-    if effects:
-        lines.append(f"NOT CONTAINED: the laws of these effects of the bundle: {effects}")
+    if held:
+        lines.append(f"Effects, in the functions whose names end with _with_effects: {held}")
+    if absent:
+        lines.append(f"NOT CONTAINED: the laws of these effects of the bundle: {absent}")
     body = "\n".join(f" * {comment_text(line)}" for line in lines)
     return f"/*\n{body}\n */"
 
@@ -117,7 +124,7 @@ def _title(flat: Flat) -> str:
 def _feature_lines(flat: Flat, features: dict[str, bool], n: Names) -> str:
     lines = ["/* --- what this header holds (1) and lacks (0) --- */", ""]
     lines += [has(f"{n.upper}{feature}", present) for feature, present in features.items()]
-    lines.append(f"#define {n.upper}EFFECTS_NOT_CONTAINED {len(flat.effects)}")
+    lines += c_effects.features(flat, n)
     return "\n".join(lines) + "\n"
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,8 @@ from sysid.model.base import (
     array_namespace,
     parameters_from_rig,
 )
-from sysid.model.ports import SIDES, Model
+from sysid.model.effects.serialise import Catalogue, effect_from_dict
+from sysid.model.ports import SIDES, Effect, Model
 from sysid.rig import Rig
 
 SURFACE_KINDS = ("bipolynomial", "ann")
@@ -133,18 +135,54 @@ def parameters_from_bundle(
     return parameters if math.isnan(inertia) else parameters.replace(inertia=inertia)
 
 
-def model_from_bundle(bundle: Mapping[str, Any], rig: Rig, where: str = "bundle") -> Model:
-    """The base model with a bundle's parameters.
+def model_from_bundle(
+    bundle: Mapping[str, Any],
+    rig: Rig,
+    where: str = "bundle",
+    catalogue: Catalogue | None = None,
+) -> Model:
+    """The model with a bundle's parameters and effects, these in the bundle's order.
 
-    Raises as `parameters_from_bundle`, and InputError where the bundle holds effects, which
-    this function does not know.
+    `catalogue` maps ids to effects; None is the project's own. Raises as
+    `parameters_from_bundle` and `effects_from_bundle` do.
     """
-    effects = [str(effect["id"]) for effect in bundle.get("effects", [])]
-    if effects:
-        raise input_error(
-            where, f"holds effects ({', '.join(effects)})", "give a bundle of the base model"
-        )
-    return Model(parameters_from_bundle(bundle, rig, where))
+    effects = effects_from_bundle(bundle, where, catalogue)
+    return Model(parameters_from_bundle(bundle, rig, where), effects)
+
+
+def effects_from_bundle(
+    bundle: Mapping[str, Any], where: str = "bundle", catalogue: Catalogue | None = None
+) -> tuple[Effect, ...]:
+    """The effects that a bundle lists, in its order.
+
+    Raises InputError for an effect that `catalogue` lacks, one whose parameters are not its
+    own (`effect_from_dict`), and two that need the same state.
+    """
+    content = bundle.get("effects", [])
+    if not content:
+        return ()
+    if catalogue is None:
+        catalogue = catalogue_with(None)
+    effects: list[Effect] = []
+    for entry in content:
+        effect = effect_from_dict(entry, where, catalogue)
+        taken = {state for other in effects for state in other.states}
+        if taken.intersection(effect.states):
+            raise input_error(
+                f"{where}, effect {effect.id}", "is listed twice for one side", "take one out"
+            )
+        effects.append(effect)
+    return tuple(effects)
+
+
+def catalogue_with(path: Path | None) -> Catalogue:
+    """The catalogue of effects, with those of a user's file (None: no file) beside them.
+
+    Runs the file. Raises InputError where it cannot be used.
+    """
+    from sysid.model.effects.catalogue import catalogue, load_user_effects
+
+    return catalogue() if path is None else {**catalogue(), **load_user_effects(path)}
 
 
 def has_discrete_law(parameters: Parameters) -> bool:
@@ -230,6 +268,8 @@ def _value_or(estimate: Mapping[str, Any] | None, default: float) -> float:
 __all__ = [
     "SURFACE_KINDS",
     "TabulatedSurfaces",
+    "catalogue_with",
+    "effects_from_bundle",
     "has_discrete_law",
     "model_from_bundle",
     "parameters_from_bundle",

@@ -54,7 +54,8 @@ class Inputs:
     """One run: rows as in a log. `time` (n,) s increasing; `motor` (n,) Nm or N.
 
     A valve that is None stays off. The state at the first row: rad or m, rad/s or m/s, Pa;
-    a pressure that is None is the atmosphere.
+    a pressure that is None is the atmosphere. `elapsed`: s from the test's start to the first
+    row, as effects count time from the test's start, and a run may start within it.
     """
 
     time: FloatArray
@@ -65,6 +66,7 @@ class Inputs:
     velocity: float = 0.0
     pressure_a: float | None = None
     pressure_b: float | None = None
+    elapsed: float = 0.0
 
     def valve(self, side: str) -> ValveCommand | None:
         """Valve A's or B's command."""
@@ -110,8 +112,9 @@ def open_intervals(inputs: Inputs, side: str, model: Model) -> timing.OpenInterv
         on, off = effect.pulses(on, off, side)
 
     def port(delays: FloatArray, times: FloatArray, opening: bool) -> FloatArray:
+        since = times - inputs.time[0] + inputs.elapsed
         for effect in model.effects:
-            delays = effect.delays(delays, times - inputs.time[0], opening, side)
+            delays = effect.delays(delays, since, opening, side)
         return delays
 
     on_delay = float(getattr(p, f"on_delay_{side}"))
@@ -257,7 +260,10 @@ def _table(runs: list[_Run], start: int, count: NDArray[np.intp]) -> Table:
 
 def _start(inputs: list[Inputs], model: Model) -> Lanes:
     n = len(inputs)
-    atmosphere = np.broadcast_to(model.parameters.atmosphere, n)
+    zero = np.zeros(n)
+    time = zero + [i.elapsed for i in inputs]
+    parameters = model.at(time)
+    atmosphere = np.broadcast_to(parameters.atmosphere, n)
 
     def column(name: str) -> FloatArray:
         given = [getattr(i, name) for i in inputs]
@@ -265,10 +271,9 @@ def _start(inputs: list[Inputs], model: Model) -> Lanes:
             [a if g is None else g for g, a in zip(given, atmosphere, strict=True)], dtype=float
         )
 
-    zero = np.zeros(n)
     position, velocity, pressure_a, pressure_b = (column(name) for name in _STATE)
     point = Point(
-        time=zero,
+        time=time,
         position=position,
         velocity=velocity,
         pressure_a=pressure_a,
@@ -277,11 +282,11 @@ def _start(inputs: list[Inputs], model: Model) -> Lanes:
         open_a=zero,
         open_b=zero,
         direction=np.sign(velocity),
-        parameters=model.at(zero),
+        parameters=parameters,
     )
     extra = plant.initial_states(point, model)
     return Lanes(
-        time=zero,
+        time=time,
         position=position,
         velocity=velocity,
         pressure_a=pressure_a,

@@ -1,0 +1,148 @@
+"""The catalogue: every effect by its id, the classes that data cannot separate, users' own."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.util
+import sys
+import traceback
+from importlib.machinery import SourceFileLoader
+from pathlib import Path
+from types import ModuleType
+
+from sysid.errors import input_error
+from sysid.model.effects import chamber, friction, linkage, motor, sensor, supply, valve
+from sysid.model.effects.entry import CatalogueEffect, Quantity
+
+AMBIGUOUS_CLASSES: tuple[frozenset[str], ...] = (
+    frozenset(
+        {
+            "torque-offset",
+            "ambient-pressure-error",
+            "asymmetric-coulomb-friction",
+            "mounting-tilt",
+            "area-error",
+        }
+    ),
+    frozenset({"pressure-lag", "time-skew", "tube-lag"}),
+    frozenset({"torque-constant-error", "pitch-eccentricity"}),
+    frozenset({"pressure-offset", "pressure-gain"}),
+    frozenset({"polytropic-exponent", "dead-volume-error"}),
+    frozenset(
+        {
+            "subsonic-flow-shape",
+            "choked-exhaust-scaling",
+            "supply-droop",
+            "atmosphere-leakage",
+        }
+    ),
+)
+"""Effects that ordinary data cannot tell apart (spec/effects.md)."""
+
+_MODULES = (friction, linkage, motor, chamber, valve, supply, sensor)
+_ATTRIBUTES = ("id", "title", "subsystem", "quantities", "signature", "source")
+
+
+def catalogue() -> dict[str, type[CatalogueEffect]]:
+    """Every effect of the project's own catalogue, by id, subsystem by subsystem."""
+    return {effect.id: effect for module in _MODULES for effect in module.EFFECTS}
+
+
+def class_of(effect: str) -> frozenset[str]:
+    """The ids that ordinary data cannot tell from this one, itself among them."""
+    for members in AMBIGUOUS_CLASSES:
+        if effect in members:
+            return members
+    return frozenset({effect})
+
+
+def load_user_effects(path: Path) -> dict[str, type[CatalogueEffect]]:
+    """The effects that a user's Python file defines, by id. Runs the file's code.
+
+    Raises InputError where the file does not run, defines none, or defines one that is not
+    complete or takes the id of another.
+    """
+    module = _run(path)
+    found = [
+        value
+        for value in vars(module).values()
+        if isinstance(value, type)
+        and issubclass(value, CatalogueEffect)
+        and value.__module__ == module.__name__
+    ]
+    if not found:
+        raise input_error(
+            path, "defines no effect", "derive one from sysid.model.effects.CatalogueEffect"
+        )
+    effects: dict[str, type[CatalogueEffect]] = {}
+    own = catalogue()
+    for effect in found:
+        where = f"{path}, class {effect.__name__}"
+        _check_entry(where, effect)
+        if effect.id in own or effect.id in effects:
+            of = "the catalogue" if effect.id in own else "another class of this file"
+            raise input_error(where, f"takes the id {effect.id} of {of}", "choose another id")
+        effects[effect.id] = effect
+    return effects
+
+
+def _run(path: Path) -> ModuleType:
+    if not path.is_file():
+        raise input_error(path, "no such file", "name a Python file that defines effects")
+    name = f"sysid_user_effects_{path.stem}"
+    spec = importlib.util.spec_from_loader(name, SourceFileLoader(name, str(path)))
+    assert spec is not None and spec.loader is not None  # a loader was given
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # where dataclasses look up annotations that are text
+    try:
+        spec.loader.exec_module(module)
+    except (Exception, SystemExit) as error:
+        del sys.modules[name]
+        line = _line_of(error, path)
+        where = f"{path}, line {line}" if line else str(path)
+        reason = error.msg if isinstance(error, SyntaxError) else str(error)
+        what = f"does not run: {type(error).__name__}: {reason}"
+        raise input_error(where, what, "mend the file") from None
+    return module
+
+
+def _line_of(error: BaseException, path: Path) -> int | None:
+    """The line of the user's file at which an error arose, if any did."""
+    if isinstance(error, SyntaxError):
+        return error.lineno if error.filename == str(path) else None
+    lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)]
+    return lines[-1] if lines else None
+
+
+def _check_entry(where: str, effect: type[CatalogueEffect]) -> None:
+    missing = [name for name in _ATTRIBUTES if not hasattr(effect, name)]
+    if missing:
+        raise input_error(where, f"has no {', '.join(missing)}", "add it, as the README shows")
+    if "__dataclass_fields__" not in vars(effect):
+        raise input_error(where, "is not a dataclass", "put @dataclass(frozen=True) above it")
+    if not isinstance(effect.quantities, tuple) or not all(
+        isinstance(q, Quantity) for q in effect.quantities
+    ):
+        raise input_error(where, "quantities is not a tuple of Quantity", "mend it: (Quantity(),)")
+    if not effect.strengths():
+        raise input_error(where, "has no strength", "let one quantity be 0 where it vanishes")
+    fields = {f.name: f for f in dataclasses.fields(effect)}  # type: ignore[arg-type]
+    for quantity in effect.quantities:
+        if quantity.name not in fields:
+            raise input_error(
+                where, f"has no field {quantity.name}", "every quantity names a field"
+            )
+        default = fields[quantity.name].default
+        if quantity.is_strength and default != 0.0:
+            what = (
+                "has no default" if default is dataclasses.MISSING else f"is {default} by default"
+            )
+            mend = "a strength is 0 by default, where the effect vanishes"
+            raise input_error(where, f"{quantity.name} {what}", mend)
+    named = {q.name for q in effect.quantities} | {"side"}
+    unnamed = [f.name for f in fields.values() if f.name not in named]
+    if unnamed:
+        raise input_error(where, f"no quantity names {', '.join(unnamed)}", "add a Quantity")
+
+
+__all__ = ["AMBIGUOUS_CLASSES", "catalogue", "class_of", "load_user_effects"]

@@ -1,0 +1,333 @@
+"""Effects of what lies between cylinder, motor and load: geometry, gears, springs, inertia."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from sysid.model.base import Array, Parameters, array_namespace
+from sysid.model.effects.entry import CatalogueEffect, Quantity
+from sysid.model.ports import Point
+
+# The shortest time constant that the simulator's explicit steps of 1 ms follow, s.
+_SHORTEST_S = 1e-3
+# Below this nothing is divided: rad, rad/s.
+_LEAST = 1e-12
+
+
+@dataclass(frozen=True)
+class Backlash(CatalogueEffect):
+    """A dead gap in the motor's gear: the motor's torque is lost while the gap is crossed.
+
+    The state is the place in the gap, -1 to 1, which tends to the flank that the motor pushes
+    against, at a rate that goes with its torque: nine tenths of the gap take
+    gap / (crossing_speed * torque in Nm). At that flank the motor gives all of its torque,
+    further away none. No rate is faster than the simulator can follow; where the motor's is,
+    the loss is weighted so that the lost impulse stays right to first order, and 0 at no gap.
+    """
+
+    gap_rad: Array = 0.0
+    crossing_speed_rad_per_s: Array = 2.0
+    states = ("backlash_place",)
+
+    id = "backlash"
+    title = "Backlash in the motor's gear"
+    subsystem = "mechanics"
+    quantities = (
+        Quantity("gap_rad", "rad", 0.004, 0.0, 0.1, "dead gap at the output shaft"),
+        Quantity(
+            "crossing_speed_rad_per_s",
+            "rad/s",
+            2.0,
+            0.1,
+            50.0,
+            "speed in the gap under 1 Nm of motor torque",
+            is_strength=False,
+            grid=(0.5, 2.0, 8.0),
+        ),
+    )
+    signature = "pulses where the motor's torque reverses"
+    rivals = ("amplifier-lag",)
+    tie_breaker = "motor torque reversed slowly and fast: a lag's pulse scales with the rate"
+    source = "Nordin, Gutman, Automatica 38(10), 2002"
+
+    def _push(self, point: Point) -> Array:
+        """Rate towards the flank times the gap, rad/s: nine tenths are -1 to 0.8 of a gap."""
+        xp = array_namespace(point.motor, self.gap_rad)
+        return math.log(10.0) * self.crossing_speed_rad_per_s * xp.abs(point.motor)
+
+    def motor_effort(self, effort: Array, point: Point) -> Array:
+        xp = array_namespace(effort, self.gap_rad)
+        towards = xp.sign(effort)
+        place = point.extra.get("backlash_place", towards)
+        lost = xp.clip(10.0 * 0.5 * (1.0 - place * towards), 0.0, 1.0)
+        fastest = self.gap_rad / _SHORTEST_S
+        weight = xp.minimum(fastest / xp.maximum(self._push(point), _LEAST), 1.0)
+        return effort - effort * (weight * lost)
+
+    def initial_states(self, point: Point) -> dict[str, Array]:
+        xp = array_namespace(point.motor)
+        return {"backlash_place": xp.sign(point.motor) + 0.0 * point.position}
+
+    def state_rates(self, point: Point, flows: Mapping[str, Array]) -> dict[str, Array]:
+        xp = array_namespace(point.motor, self.gap_rad)
+        rate = xp.minimum(self._push(point) / xp.maximum(self.gap_rad, _LEAST), 1.0 / _SHORTEST_S)
+        towards = xp.sign(point.motor)
+        return {"backlash_place": rate * (towards - point.extra["backlash_place"])}
+
+
+@dataclass(frozen=True)
+class GearMeshRipple(CatalogueEffect):
+    """Torque that varies with the mesh of the rack: + s sin(n theta) + c cos(n theta)."""
+
+    mesh_sine_nm: Array = 0.0
+    mesh_cosine_nm: Array = 0.0
+    mesh_wave_per_rad: Array = 20.0
+
+    id = "gear-mesh-ripple"
+    title = "Gear mesh ripple"
+    subsystem = "mechanics"
+    quantities = (
+        Quantity("mesh_sine_nm", "Nm", 0.02, -0.5, 0.5, "amplitude of the sine"),
+        Quantity("mesh_cosine_nm", "Nm", 0.02, -0.5, 0.5, "amplitude of the cosine"),
+        Quantity(
+            "mesh_wave_per_rad",
+            "1/rad",
+            20.0,
+            5.0,
+            120.0,
+            "teeth a turn over 2 pi, or teeth of the pinion",
+            is_strength=False,
+            grid=tuple(float(n) for n in (*range(6, 30), *range(30, 62, 2), *range(64, 100, 4))),
+        ),
+    )
+    signature = "a line in the torque's spectrum over angle"
+    rivals = ("torque-ripple",)
+    tie_breaker = "motion by the valves alone: a motor's ripple is gone"
+    source = "Michalec, Precision Gearing, 1966"
+
+    def external_effort(self, effort: Array, point: Point) -> Array:
+        xp = array_namespace(point.position, self.mesh_sine_nm)
+        phase = self.mesh_wave_per_rad * point.position
+        return effort + (self.mesh_sine_nm * xp.sin(phase) + self.mesh_cosine_nm * xp.cos(phase))
+
+
+@dataclass(frozen=True)
+class PitchEccentricity(CatalogueEffect):
+    """The pinion turns off its centre: r (1 + c cos theta + s sin theta), and y its integral."""
+
+    eccentricity_cosine: Array = 0.0
+    eccentricity_sine: Array = 0.0
+
+    id = "pitch-eccentricity"
+    title = "Eccentric pinion"
+    subsystem = "mechanics"
+    quantities = (
+        Quantity("eccentricity_cosine", "-", 0.005, -0.2, 0.2, "relative, in phase with theta = 0"),
+        Quantity("eccentricity_sine", "-", 0.005, -0.2, 0.2, "relative, a quarter turn off"),
+    )
+    signature = "torque against the cylinder's torque times cos theta"
+    rivals = ("torque-constant-error",)
+    tie_breaker = "static weights at several angles"
+    source = "thesis 3.3.3; Michalec, Precision Gearing, 1966"
+
+    def pitch_radius(self, radius: Array, point: Point) -> Array:
+        xp = array_namespace(point.position, self.eccentricity_cosine)
+        change = self.eccentricity_cosine * xp.cos(
+            point.position
+        ) + self.eccentricity_sine * xp.sin(point.position)
+        return radius + point.parameters.pitch_radius * change
+
+    def displacement(self, displacement: Array, point: Point) -> Array:
+        xp = array_namespace(point.position, self.eccentricity_cosine)
+        change = self.eccentricity_cosine * xp.sin(point.position) + self.eccentricity_sine * (
+            1.0 - xp.cos(point.position)
+        )
+        return displacement + point.parameters.pitch_radius * change
+
+
+@dataclass(frozen=True)
+class LinkFlexibility(CatalogueEffect):
+    """A share of the inertia hangs on a spring: a second inertia with a resonance.
+
+    States: the hanging inertia's angle and speed. The share is the strength, and the shaft
+    keeps the rest; the resonance is that of the hanging inertia with the shaft held.
+    """
+
+    flexible_share: Array = 0.0
+    link_frequency_hz: Array = 25.0
+    link_damping: Array = 0.03
+    states = ("link_angle_rad", "link_speed_rad_per_s")
+
+    id = "link-flexibility"
+    title = "Flexible link"
+    subsystem = "mechanics"
+    quantities = (
+        Quantity("flexible_share", "-", 0.5, 0.0, 0.9, "share of the inertia behind the spring"),
+        Quantity(
+            "link_frequency_hz",
+            "Hz",
+            25.0,
+            5.0,
+            60.0,
+            "resonance with the shaft held",
+            is_strength=False,
+            grid=(12.0, 18.0, 25.0, 35.0),
+        ),
+        Quantity(
+            "link_damping", "-", 0.03, 0.0, 0.5, "damping ratio", is_strength=False, grid=(0.05,)
+        ),
+    )
+    signature = "a resonance: torque that rings after every step"
+    rivals = ("amplifier-lag", "inertia-mismatch")
+    tie_breaker = "a tap on the link at rest"
+    source = "Spong, ASME Journal of Dynamic Systems 109(4), 1987"
+
+    def _hanging_acceleration(self, point: Point) -> Array:
+        """Acceleration of the hanging inertia by its spring, rad/s2."""
+        rate = 2.0 * math.pi * self.link_frequency_hz
+        bend = point.position - point.extra["link_angle_rad"]
+        bending = point.velocity - point.extra["link_speed_rad_per_s"]
+        return rate * rate * bend + 2.0 * self.link_damping * rate * bending
+
+    def parameters(self, parameters: Parameters, time: Array) -> Parameters:
+        return parameters.replace(inertia=parameters.inertia * (1.0 - self.flexible_share))
+
+    def external_effort(self, effort: Array, point: Point) -> Array:
+        if "link_angle_rad" not in point.extra:
+            return effort
+        # point.parameters holds the shaft's rest of the inertia, 1 - share of it.
+        hanging = self.flexible_share / (1.0 - self.flexible_share) * point.parameters.inertia
+        return effort - hanging * self._hanging_acceleration(point)
+
+    def initial_states(self, point: Point) -> dict[str, Array]:
+        return {
+            "link_angle_rad": point.position + 0.0,
+            "link_speed_rad_per_s": point.velocity + 0.0,
+        }
+
+    def state_rates(self, point: Point, flows: Mapping[str, Array]) -> dict[str, Array]:
+        return {
+            "link_angle_rad": point.extra["link_speed_rad_per_s"],
+            "link_speed_rad_per_s": self._hanging_acceleration(point),
+        }
+
+
+@dataclass(frozen=True)
+class CableSpring(CatalogueEffect):
+    """Cables and hoses pull the shaft back: - d theta."""
+
+    stiffness_nm_per_rad: Array = 0.0
+
+    id = "cable-spring"
+    title = "Spring of cables and hoses"
+    subsystem = "mechanics"
+    quantities = (Quantity("stiffness_nm_per_rad", "Nm/rad", 0.05, -0.5, 5.0, "towards theta = 0"),)
+    signature = "torque against angle"
+    rivals = ("mounting-tilt", "position-dependent-friction")
+    tie_breaker = "large angles: a spring grows on, gravity's sine does not"
+    source = "thesis 3.3.7, a term of the torque balance"
+
+    def external_effort(self, effort: Array, point: Point) -> Array:
+        return effort - self.stiffness_nm_per_rad * point.position
+
+
+@dataclass(frozen=True)
+class MountingTilt(CatalogueEffect):
+    """The rig does not stand level, and gravity acts: - d sin(theta + phase)."""
+
+    tilt_sine_nm: Array = 0.0
+    tilt_cosine_nm: Array = 0.0
+
+    id = "mounting-tilt"
+    title = "Rig mounted off the level"
+    subsystem = "mechanics"
+    quantities = (
+        Quantity("tilt_sine_nm", "Nm", 0.012, -2.0, 2.0, "gravity's torque at theta = pi/2"),
+        Quantity("tilt_cosine_nm", "Nm", 0.012, -2.0, 2.0, "gravity's torque at theta = 0"),
+    )
+    signature = "torque against sin theta and cos theta"
+    rivals = (
+        "torque-offset",
+        "cable-spring",
+        "asymmetric-coulomb-friction",
+        "ambient-pressure-error",
+        "area-error",
+    )
+    tie_breaker = "breakaway in both directions at angles far apart"
+    source = "thesis 3.3.8 to 3.3.10"
+
+    def external_effort(self, effort: Array, point: Point) -> Array:
+        xp = array_namespace(point.position, self.tilt_sine_nm)
+        return effort - (
+            self.tilt_sine_nm * xp.sin(point.position)
+            + self.tilt_cosine_nm * xp.cos(point.position)
+        )
+
+
+@dataclass(frozen=True)
+class InertiaMismatch(CatalogueEffect):
+    """The moving inertia is not the declared one: + d, and gravity in the same proportion.
+
+    As if the mass that is off lay where the rest does; no gravity on a horizontal rig.
+    """
+
+    inertia_change_kg_m2: Array = 0.0
+
+    id = "inertia-mismatch"
+    title = "Inertia off its declared size"
+    subsystem = "mechanics"
+    quantities = (
+        Quantity("inertia_change_kg_m2", "kg m2", 0.003, -0.02, 0.2, "added to the declared one"),
+    )
+    signature = "torque against acceleration"
+    rivals = ("torque-constant-error", "link-flexibility")
+    tie_breaker = "a known mass added to the arm"
+    source = "thesis 3.3.2"
+
+    def parameters(self, parameters: Parameters, time: Array) -> Parameters:
+        share = self.inertia_change_kg_m2 / parameters.inertia
+        return parameters.replace(
+            inertia=parameters.inertia + self.inertia_change_kg_m2,
+            gravity_moment=parameters.gravity_moment + parameters.gravity_moment * share,
+            weight=parameters.weight + parameters.weight * share,
+        )
+
+
+@dataclass(frozen=True)
+class AreaError(CatalogueEffect):
+    """The piston's rod side is not of the declared area: A_b + d."""
+
+    area_change_m2: Array = 0.0
+
+    id = "area-error"
+    title = "Piston area off its declared size"
+    subsystem = "mechanics"
+    quantities = (
+        Quantity("area_change_m2", "m2", 3e-6, -1e-4, 1e-4, "added to the declared area of B"),
+    )
+    signature = "torque against the pressure in B"
+    rivals = (
+        "torque-offset",
+        "mounting-tilt",
+        "ambient-pressure-error",
+        "asymmetric-coulomb-friction",
+    )
+    tie_breaker = "static torque at two pressures in B"
+    source = "thesis 3.3.3"
+
+    def parameters(self, parameters: Parameters, time: Array) -> Parameters:
+        return parameters.replace(area_b=parameters.area_b + self.area_change_m2)
+
+
+EFFECTS = (
+    Backlash,
+    GearMeshRipple,
+    PitchEccentricity,
+    LinkFlexibility,
+    CableSpring,
+    MountingTilt,
+    InertiaMismatch,
+    AreaError,
+)

@@ -1,0 +1,101 @@
+"""What the sensors show of simulated channels, and the true start behind a measured one."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.model.ports import Model
+
+if TYPE_CHECKING:
+    from sysid.model.simulate import Inputs, Trajectory
+
+FloatArray = NDArray[np.float64]
+
+VELOCITY_CHANNELS = {"theta_rad": "velocity_rad_per_s", "position_m": "velocity_m_per_s"}
+"""Name of the simulated velocity beside a log's position channel."""
+
+_STATE = ("position", "velocity", "pressure_a", "pressure_b")
+# Each round leaves the error times the slope of the sensor's error, some 1e-2 or less.
+_ROUNDS = 2
+_ROW_S = 1e-3
+
+
+def through_sensors(
+    channels: Mapping[str, FloatArray], time: FloatArray, model: Model
+) -> dict[str, FloatArray]:
+    """Channels as the model's sensors show them: the `measure` port of every effect, in order.
+
+    `channels` (n,) by log-format names (rad or m, Pa); `time` (n,) s since the test's start.
+    """
+    shown = dict(channels)
+    for effect in model.effects:
+        shown = effect.measure(shown, time)
+    return shown
+
+
+def before_sensors(
+    channels: Mapping[str, float], model: Model, elapsed: float = 0.0
+) -> dict[str, float]:
+    """The true values that the model's sensors show as `channels`, at rest.
+
+    `channels` by log-format names (rad or m, Pa), `elapsed` s since the test's start. A fixed
+    point of true = measured - (shown(true) - true) on two rows of a constant: offsets and
+    gains are taken back; a lag and a delay show nothing of a constant.
+    """
+    if not model.effects:
+        return dict(channels)
+    time = elapsed + np.array([0.0, _ROW_S])
+    measured = {name: np.full(2, value, dtype=float) for name, value in channels.items()}
+    true = measured
+    for _ in range(_ROUNDS):
+        shown = through_sensors(true, time, model)
+        true = {name: row - (shown[name] - true[name]) for name, row in measured.items()}
+    return {name: float(row[0]) for name, row in true.items()}
+
+
+def measured_channels(
+    run: Trajectory, position: str, model: Model, elapsed: float = 0.0
+) -> dict[str, FloatArray]:
+    """A simulated run's position, velocity and pressures (n,) as the sensors show them.
+
+    By name; `position` is the log's position channel. `elapsed` as in the run's `Inputs`.
+    """
+    states = [getattr(run, name) for name in _STATE]
+    channels = dict(zip(_names(position), states, strict=True))
+    return through_sensors(channels, run.time - run.time[0] + elapsed, model)
+
+
+def true_start(inputs: Inputs, position: str, model: Model) -> Inputs:
+    """Inputs whose start state was measured, with what the sensors show instead taken back.
+
+    A pressure that is None, which starts at the atmosphere, was not measured. `position` as
+    in `measured_channels`.
+    """
+    fields = dict(zip(_names(position), _STATE, strict=True))
+    given = {name: getattr(inputs, field) for name, field in fields.items()}
+    # An effect may read any channel: one that was not measured stands in with the atmosphere.
+    atmosphere = float(model.parameters.atmosphere)
+    start = {name: atmosphere if value is None else value for name, value in given.items()}
+    true = before_sensors(start, model, inputs.elapsed)
+    changes: dict[str, Any] = {
+        fields[name]: true[name] for name, value in given.items() if value is not None
+    }
+    return dataclasses.replace(inputs, **changes)
+
+
+def _names(position: str) -> tuple[str, str, str, str]:
+    return position, VELOCITY_CHANNELS[position], "pressure_a_pa", "pressure_b_pa"
+
+
+__all__ = [
+    "VELOCITY_CHANNELS",
+    "before_sensors",
+    "measured_channels",
+    "through_sensors",
+    "true_start",
+]
