@@ -1,0 +1,106 @@
+"""What scores and sums look like where nothing is missing: the twins' screening."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.diagnosis.equation_error import CHANNELS
+from sysid.diagnosis.screening import Projected, screen_group
+from sysid.diagnosis.signatures import Candidate
+
+FloatArray = NDArray[np.float64]
+
+_SMALLEST_P = 1e-300
+# Real noise may be this much stronger than the twins' before it counts as structure.
+_NOISIEST = 1.6
+
+
+class Null:
+    """Twins' residuals, and what each effect gains on them where it is asked for.
+
+    `sums` maps a channel to the twins' whitened sums of squares a row, (twins,), `typical`
+    to those of the middling stretch. `family` is the number of effects that are looked at.
+    """
+
+    def __init__(self, twins: Sequence[Projected], forms: Sequence[Candidate]) -> None:
+        self._twins = tuple(twins)
+        self._forms = tuple(forms)
+        self._gains: dict[str, FloatArray] = {}
+        self.family = len({form.id for form in forms})
+        self.sums = {
+            name: np.array([_mean_square(twin, name) for twin in twins]) for name in CHANNELS
+        }
+        self.typical = {
+            name: np.array([typical_square(twin, name) for twin in twins]) for name in CHANNELS
+        }
+
+    def calibrate(self, effects: Iterable[str]) -> None:
+        """Screen the twins for these effects, those that are not known yet."""
+        from joblib import Parallel, delayed
+
+        wanted = [e for e in effects if e not in self._gains]
+        jobs = [(e, twin) for e in wanted for twin in self._twins]
+        forms = {e: [f for f in self._forms if f.id == e] for e in wanted}
+        found = Parallel(n_jobs=-1)(delayed(screen_group)(twin, forms[e]) for e, twin in jobs)
+        best = [max((r.gain for r in results), default=0.0) for results in found]
+        for i, e in enumerate(wanted):
+            self._gains[e] = np.array(best[i * len(self._twins) : (i + 1) * len(self._twins)])
+
+    def gains(self, effect: str) -> FloatArray:
+        """The best gain of an effect on each twin, (twins,)."""
+        self.calibrate([effect])
+        return self._gains[effect]
+
+    def p_value(self, effect: str, gain: float, strengths: int) -> float:
+        """Chance that any effect of the catalogue gains so much where nothing is missing.
+
+        An effect's gain over its own mean among the twins is taken for chi-squared over its
+        degrees of freedom; the family is controlled by Bonferroni's bound.
+        """
+        from scipy.stats import chi2
+
+        mean = max(float(np.mean(self.gains(effect))), float(strengths))
+        tail = float(chi2.sf(strengths * gain / mean, strengths))
+        return min(1.0, max(self.family * tail, _SMALLEST_P))
+
+    def ratio(self, effect: str, gain: float) -> float:
+        """A gain over the largest that a twin shows (at least 10: noise alone)."""
+        return gain / max(float(np.max(self.gains(effect))), 10.0)
+
+    def excess(self, base: Projected, rest: FloatArray | None = None) -> dict[str, float]:
+        """Each channel's sum of squares beyond the twins' mean; negative where below it."""
+        values = base.rest if rest is None else rest
+        found = {}
+        for name in CHANNELS:
+            own = values[base.frame.rows(name)]
+            level = max(1.0, typical_square(base, name) / float(np.mean(self.typical[name])))
+            expected = float(np.mean(self.sums[name])) * min(level, _NOISIEST)
+            found[name] = float(own @ own) - len(own) * expected
+        return found
+
+    def spread(self, base: Projected, channel: str) -> float:
+        """How far twins' sums of squares lie apart in a channel: one standard deviation."""
+        rows = base.frame.rows(channel)
+        count = rows.stop - rows.start
+        relative = float(np.std(self.sums[channel], ddof=1)) if len(self.sums[channel]) > 1 else 0.0
+        return count * max(relative, math.sqrt(2.0 / max(count, 1)))
+
+
+def typical_square(base: Projected, channel: str) -> float:
+    """Whitened square a row in the middling stretch of a channel: noise, where most are calm."""
+    view = base.frame.windows[channel]
+    if len(view) == 0:
+        return 1.0
+    squares = base.rest[base.frame.rows(channel)] ** 2
+    counts = np.bincount(view.stretch)
+    means = np.bincount(view.stretch, squares) / np.maximum(counts, 1)
+    return float(np.median(np.repeat(means, counts)))
+
+
+def _mean_square(base: Projected, channel: str) -> float:
+    own = base.rest[base.frame.rows(channel)]
+    return float(own @ own) / max(len(own), 1)

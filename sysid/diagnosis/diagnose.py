@@ -1,0 +1,124 @@
+"""From a campaign's logs and a fitted bundle to a `Diagnosis`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.diagnosis.holdout import HeldOut, held_out
+from sysid.diagnosis.leftover import leftover
+from sysid.diagnosis.loop import Loop, close_loop
+from sysid.diagnosis.result import BeforeAfter, Diagnosis, FoundEffect, Verdict
+from sysid.diagnosis.search import Step
+from sysid.errors import NotIdentifiedError
+from sysid.logs import Log, Trial
+from sysid.model.effects.entry import CatalogueEffect
+from sysid.model.from_bundle import has_discrete_law
+from sysid.model.ports import Model
+from sysid.motion_runs import PRESSURES
+from sysid.rig import Rig
+
+FloatArray = NDArray[np.float64]
+
+
+def diagnose(
+    logs: Sequence[tuple[str, str, Log]],
+    rig: Rig,
+    model: Model,
+    catalogue: Mapping[str, type[CatalogueEffect]],
+    *,
+    seed: int = 0,
+    progress: Callable[[str], None] = lambda line: None,
+) -> Diagnosis:
+    """Find what a fitted model lacks, and measure what adding it gains.
+
+    `logs` are (use, kind, log): those to `fit` on are looked at and fitted on, the motion
+    logs among those held out are only simulated, before and after. Raises InputError for
+    logs that cannot be used, NotIdentifiedError where the model or the logs do not suffice.
+    """
+    if not has_discrete_law(model.parameters):
+        raise NotIdentifiedError(
+            "diagnosis: the bundle holds no discrete law of both valves; "
+            "fit valve-discrete tests of valves a and b into it"
+        )
+    tests: list[tuple[str, str, Trial]] = [
+        (log.path.name, kind, trial)
+        for use, kind, log in logs
+        if use == "fit"
+        for trial in log.trials
+    ]
+    if not tests:
+        raise NotIdentifiedError('diagnosis: no log has use = "fit"; give it some')
+    outside = held_out(rig, [(kind, log) for use, kind, log in logs if use == "holdout"])
+    notices = []
+    if not outside.tests:
+        notices.append("no held-out motion log: errors before and after are not known")
+    found = close_loop(tests, rig, model, catalogue.values(), seed=seed, progress=progress)
+    progress("simulating the held-out logs, before and after")
+    errors = _errors(outside, model, found)
+    floor = (
+        outside.noise_floor(found.search.model, found.noise, found.scatter_after, seed)
+        if outside.tests
+        else np.full(3, math.nan)
+    )
+    verdict, unexplained = leftover(found)
+    names = (rig.position_channel, *PRESSURES)
+    return Diagnosis(
+        verdict=_verdict(found, verdict),
+        effects=tuple(
+            _found_effect(step, found, names, errors[i], errors[i + 1])
+            for i, step in enumerate(found.search.steps)
+        ),
+        residual={
+            name: BeforeAfter(float(before), float(after), float(noise))
+            for name, before, after, noise in zip(names, errors[0], errors[-1], floor, strict=True)
+            if np.isfinite([before, after, noise]).all()
+        },
+        unexplained=unexplained,
+        model=found.search.model,
+        rejected=found.search.suspects,
+        loop=found,
+        notices=tuple(notices),
+        seed=seed,
+    )
+
+
+def _verdict(found: Loop, structure_left: bool) -> Verdict:
+    if structure_left:
+        return "unexplained"
+    return "effects-found" if found.search.steps else "adequate"
+
+
+def _errors(outside: HeldOut, model: Model, found: Loop) -> list[FloatArray]:
+    """RMSE (3,) of the given model, and after each step."""
+    if not outside.tests:
+        return [np.full(3, math.nan)] * (len(found.search.steps) + 1)
+    return [outside.rmse(model), *(outside.rmse(step.model) for step in found.search.steps)]
+
+
+def _found_effect(
+    step: Step, found: Loop, names: Sequence[str], before: FloatArray, after: FloatArray
+) -> FoundEffect:
+    place = found.search.steps.index(step)
+    effect = found.search.model.effects[place]
+    assert isinstance(effect, CatalogueEffect)
+    return FoundEffect(
+        effect=effect,
+        estimates=found.search.estimates[place],
+        p_value=step.p_value,
+        share=step.share,
+        holdout={
+            name: BeforeAfter(float(b), float(a))
+            for name, b, a in zip(names, before, after, strict=True)
+            if np.isfinite([b, a]).all()
+        },
+        ambiguous_with=step.ambiguous,
+        advice=type(effect).tie_breaker if step.ambiguous else "",
+        suspects=step.suspects,
+    )
+
+
+__all__ = ["diagnose"]

@@ -1,0 +1,301 @@
+"""Equation errors of a model along measured traces: torque balance and chamber balances.
+
+Every term comes from `sysid.model` through its ports, so that an effect of any kind shows
+here as it does in a simulation. Extra states are integrated along the measured trace;
+what a sensor does is undone before the equations see its channel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.diagnosis.traces import Traces, opening
+from sysid.model import base, plant
+from sysid.model.ports import SIDES, Effect, Model, Point
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+
+EFFORT, RATE_A, RATE_B = "effort", "rate_a", "rate_b"
+CHANNELS = (EFFORT, RATE_A, RATE_B)
+
+# States are integrated in pieces, all at once, each after a run-up from rest.
+_PIECE_S = 0.25
+_RUN_UP_S = 0.35
+# A resonance takes longer to forget, and costs less: fewer tests, no flows.
+_MECHANICAL_RUN_UP_S = 1.0
+_STATE_STEP_S = 1e-3
+_SENSOR_ROUNDS = 2
+_TIMING_PORTS = ("pulses", "delays")
+
+
+@dataclass(frozen=True)
+class EquationError:
+    """Residuals sample by sample, (n,), measured less modelled: effort in Nm or N, rates in Pa/s.
+
+    `effort` is what acts beyond the model, in the direction of positive motion; `rate_a`
+    and `rate_b` are what the pressures rise beyond it.
+    """
+
+    effort: FloatArray
+    rate_a: FloatArray
+    rate_b: FloatArray
+
+    def __getitem__(self, channel: str) -> FloatArray:
+        values: FloatArray = getattr(self, channel)
+        return values
+
+
+# Ports that reach one of the balances only; all others reach both.
+_EFFORT_PORTS = ("motor_effort", "friction_effort", "static_effort", "external_effort")
+_RATE_PORTS = (
+    "supply_pressure",
+    "exhaust_pressure",
+    "filling_flow",
+    "exhaust_flow",
+    "chamber_flow",
+    "pressure_rate",
+    "pulses",
+    "delays",
+)
+_BOTH_PORTS = ("parameters", "pitch_radius", "displacement", "measure")
+
+
+def channels_of(effect: Effect) -> tuple[str, ...]:
+    """The channels whose residual an effect can change."""
+    if overrides(effect, *_BOTH_PORTS):
+        return CHANNELS
+    effort = (EFFORT,) if overrides(effect, *_EFFORT_PORTS) else ()
+    rates = (RATE_A, RATE_B) if overrides(effect, *_RATE_PORTS) else ()
+    return effort + rates
+
+
+def overrides(effect: Effect, *ports: str) -> bool:
+    """Whether an effect acts through any of these ports."""
+    return any(getattr(type(effect), p) is not getattr(Effect, p) for p in ports)
+
+
+def equation_error(
+    traces: Traces, model: Model, channels: tuple[str, ...] = CHANNELS
+) -> EquationError:
+    """Residuals of a model at every sample of the traces; zero where not asked for.
+
+    At rest friction is whatever holds the shaft: the effort residual means nothing there,
+    and `Traces.direction` is 0.
+    """
+    traces = _without_sensors(traces, model)
+    traces = _with_timing(traces, model)
+    point = point_of(traces, model)
+    if model.state_names:
+        point = replace(point, extra=integrate_states(traces, model))
+    nothing = np.zeros(len(traces))
+    return EquationError(
+        _effort_error(traces, point, model) if EFFORT in channels else nothing,
+        *(
+            _rate_error(side, traces, point, model) if f"rate_{side}" in channels else nothing
+            for side in SIDES
+        ),
+    )
+
+
+def point_of(traces: Traces, model: Model) -> Point:
+    """Where the model is at every sample."""
+    parameters = model.at(traces.time)
+    supply = parameters.supply + (traces.supply - parameters.supply_reference)
+    return Point(
+        time=traces.time,
+        position=traces.position,
+        velocity=traces.velocity,
+        pressure_a=traces.pressure_a,
+        pressure_b=traces.pressure_b,
+        motor=traces.motor,
+        open_a=traces.open_a,
+        open_b=traces.open_b,
+        direction=traces.direction,
+        parameters=parameters.replace(supply=supply),
+    )
+
+
+def chamber_flow(side: str, point: Point, model: Model) -> FloatArray:
+    """Mean flow into a chamber over the time around a sample, kg/s (n,).
+
+    Each sample holds a share of filling and one of exhaust; the law is taken at both.
+    """
+    share = np.asarray(point.is_open(side))
+    pressure = point.pressure(side)
+    ones = np.ones_like(share)
+    # A port reads both valves: where one effect couples the sides, the other keeps its share.
+    opened = replace(point, **{f"open_{side}": ones})
+    closed = replace(point, **{f"open_{side}": 0.0 * ones})
+    fill_choked = base.is_filling_choked(pressure, plant.supply_pressure(side, opened, model))
+    dis_choked = base.is_exhaust_choked(pressure, plant.exhaust_pressure(side, closed, model))
+    fill = plant.discrete_flow(side, fill_choked, opened, model)
+    exhaust = plant.discrete_flow(side, dis_choked, closed, model)
+    return np.asarray(share * fill + (1.0 - share) * exhaust)
+
+
+def _effort_error(traces: Traces, point: Point, model: Model) -> FloatArray:
+    applied = plant.applied_effort(point, model)
+    friction = plant.sliding_friction(point, model)
+    return np.asarray(point.parameters.inertia * traces.acceleration - (applied - friction))
+
+
+def _rate_error(side: str, traces: Traces, point: Point, model: Model) -> FloatArray:
+    """Rise of the measured pressure beyond what the model gives it, Pa/s."""
+    rate = plant.pressure_rate(side, chamber_flow(side, point, model), point, model)
+    measured = traces.rate_a if side == "a" else traces.rate_b
+    return np.asarray(measured - rate)
+
+
+def _with_timing(traces: Traces, model: Model) -> Traces:
+    if not any(overrides(e, *_TIMING_PORTS) for e in model.effects):
+        return traces
+    return traces.with_opening(*(opening(traces.runs, model, side) for side in SIDES))
+
+
+def _without_sensors(traces: Traces, model: Model) -> Traces:
+    """The traces as they were before the sensors: the `measure` ports undone by iteration."""
+    if not any(overrides(e, "measure") for e in model.effects):
+        return traces
+    names = ("position", "pressure_a_pa", "pressure_b_pa")
+    found = [traces.position.copy(), traces.pressure_a.copy(), traces.pressure_b.copy()]
+    measured = [traces.position, traces.pressure_a, traces.pressure_b]
+    for run in traces.runs:
+        rows = run.rows
+        shown = [channel[rows] for channel in measured]
+        true = [channel.copy() for channel in shown]
+        for _ in range(_SENSOR_ROUNDS):
+            channels: Mapping[str, FloatArray] = dict(zip(names, true, strict=True))
+            channels = {"theta_rad": channels["position"], **channels}
+            channels["position_m"] = channels["position"]  # type: ignore[index]
+            for effect in model.effects:
+                channels = effect.measure(channels, traces.time[rows])
+            after = [channels["theta_rad"], channels["pressure_a_pa"], channels["pressure_b_pa"]]
+            true = [t + (s - a) for t, s, a in zip(true, shown, after, strict=True)]
+        for channel, values in zip(found, true, strict=True):
+            channel[rows] = values
+    return traces.with_channels(*found)
+
+
+# --- extra states ----------------------------------------------------------------------
+
+
+def integrate_states(traces: Traces, model: Model) -> dict[str, FloatArray]:
+    """Extra states along the measured traces, (n,) by name.
+
+    The tests are cut into pieces that are integrated side by side by Heun's method; each
+    begins with a run-up, at a test's own start or from the states at rest, so that what it
+    holds has forgotten where it began. Where only the torque balance is concerned, held
+    tests are left out.
+    """
+    found = {name: np.zeros(len(traces)) for name in model.state_names}
+    owners = [e for e in model.effects if e.states]
+    needs_flow = any(RATE_A in channels_of(e) for e in owners)
+    run_up = _RUN_UP_S if needs_flow else _MECHANICAL_RUN_UP_S
+    point = point_of(traces, model)
+    runs = [run for run in traces.runs if run.moves or needs_flow]
+    for period in sorted({run.period for run in runs}):
+        rows = [run.rows for run in runs if run.period == period]
+        _integrate(point, model, _pieces(rows, period, run_up), needs_flow, found)
+    return found
+
+
+@dataclass(frozen=True)
+class _Pieces:
+    """Pieces of tests, side by side: (pieces,) rows at which each begins to count and ends.
+
+    `low` is where its run-up begins, `last` its test's last row; `steps` from there on.
+    """
+
+    first: IntArray
+    low: IntArray
+    last: IntArray
+    count: int
+    steps: int
+    period: float
+
+
+def _pieces(runs: Sequence[slice], period: float, run_up_s: float) -> _Pieces:
+    count, run_up = round(_PIECE_S / period), round(run_up_s / period)
+    found = [
+        (first, max(rows.start, first - run_up), rows.stop - 1)
+        for rows in runs
+        for first in range(rows.start, rows.stop, count)
+    ]
+    first, low, last = np.array(found, dtype=np.intp).reshape(-1, 3).T
+    return _Pieces(first, low, last, count, run_up + count, period)
+
+
+def _integrate(
+    whole: Point, model: Model, pieces: _Pieces, needs_flow: bool, found: dict[str, FloatArray]
+) -> None:
+    """Heun's method through all pieces at once; writes the states of the rows that count."""
+    names = model.state_names
+    parts = max(1, int(np.ceil(pieces.period / _STATE_STEP_S * (1 - 1e-6))))
+    step = pieces.period / parts
+    rows = np.minimum(pieces.low + np.arange(pieces.steps + 1)[:, None], pieces.last)
+    take = _taker(whole, rows)
+    here = take(0)
+    initial = plant.initial_states(here, model)
+    state = {n: np.zeros(len(pieces.low)) + initial[n] for n in names}
+
+    def rates(at: Point) -> dict[str, FloatArray]:
+        flows = {side: chamber_flow(side, at, model) for side in SIDES} if needs_flow else {}
+        return plant.state_rates(at, flows, model)
+
+    history = {n: np.empty((pieces.steps, len(pieces.low))) for n in names}
+    for k in range(pieces.steps):
+        after = take(k + 1)
+        for n in names:
+            history[n][k] = state[n]
+        for _ in range(parts):
+            slope = rates(replace(here, extra=state))
+            trial = {n: state[n] + step * slope[n] for n in names}
+            slope_after = rates(replace(after, extra=trial))
+            state = {n: state[n] + 0.5 * step * (slope[n] + slope_after[n]) for n in names}
+        here = after
+    place = pieces.low + np.arange(pieces.steps)[:, None]
+    counts = (place >= pieces.first) & (place < pieces.first + pieces.count)
+    counts &= place <= pieces.last
+    for n in names:
+        found[n][place[counts]] = history[n][counts]
+
+
+def _taker(point: Point, rows: IntArray) -> Callable[[int], Point]:
+    """A function from a step to the point at that row of `rows` (steps, pieces)."""
+    count = len(np.asarray(point.time))
+
+    def gathered(value: object) -> object:
+        array = np.asarray(value)
+        return array[rows] if array.shape == (count,) else value
+
+    def at(value: object, step: int) -> object:
+        return value[step] if isinstance(value, np.ndarray) and value.ndim == 2 else value
+
+    parameters = {n: gathered(v) for n, v in vars(point.parameters).items()}
+    fields = {n: gathered(getattr(point, n)) for n in _POINT_FIELDS}
+    varying = [n for n, v in parameters.items() if isinstance(v, np.ndarray) and v.ndim == 2]
+
+    def take(step: int) -> Point:
+        changes = {n: at(parameters[n], step) for n in varying}
+        own = point.parameters.replace(**changes)
+        return Point(parameters=own, **{n: at(v, step) for n, v in fields.items()})  # type: ignore[arg-type]
+
+    return take
+
+
+_POINT_FIELDS = (
+    "time",
+    "position",
+    "velocity",
+    "pressure_a",
+    "pressure_b",
+    "motor",
+    "open_a",
+    "open_b",
+    "direction",
+)

@@ -1,0 +1,99 @@
+"""What no effect explains: the regressor that a residual depends on most, and its curve."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.diagnosis.equation_error import EFFORT, EquationError
+from sysid.diagnosis.frame import Frame
+from sysid.diagnosis.traces import Traces
+
+FloatArray = NDArray[np.float64]
+
+BINS = 12
+# Windows that are averaged before a curve is looked for: noise falls, slow structure stays.
+_GROUP = 4
+_LEAST_IN_BIN = 8
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Mean residual over a regressor, in bins of equal count: (bins,) each, and its share.
+
+    `share`: of the residual's variance in the channel, 0 to 1, adjusted for the bins.
+    `centres` in the regressor's unit, `means` and `errors` (standard errors) in the
+    residual's: Nm or N for `effort`, Pa/s for rates.
+    """
+
+    channel: str
+    regressor: str
+    share: float
+    centres: FloatArray
+    means: FloatArray
+    errors: FloatArray
+
+
+def regressors(traces: Traces, channel: str) -> dict[str, FloatArray]:
+    """What a residual may depend on, (n,) each, by name."""
+    t = traces
+    found = {
+        "velocity": t.velocity,
+        "angle": t.position,
+        "pressure_a": t.pressure_a,
+        "pressure_b": t.pressure_b,
+        "time": t.time,
+        "acceleration": t.acceleration,
+        "motor": t.motor,
+    }
+    if channel == EFFORT:
+        found["pressure_sum times direction"] = (t.pressure_a + t.pressure_b) * t.direction
+        found["angle times direction"] = (t.position - t.position.min() + 0.1) * t.direction
+        found["pressure_difference"] = t.pressure_a - t.pressure_b
+    else:
+        side = channel[-1]
+        found["pressure_rate"] = t.rate_a if side == "a" else t.rate_b
+        found["valve_opening"] = t.open_a if side == "a" else t.open_b
+        found["pressure_difference"] = t.pressure_a - t.pressure_b
+    return found
+
+
+def curves(frame: Frame, error: EquationError, channel: str) -> list[Curve]:
+    """The residual's dependence on every regressor, the strongest first."""
+    view = frame.windows[channel]
+    if len(view) < _GROUP * BINS * _LEAST_IN_BIN:
+        return []
+    values = _grouped(view.average(error[channel]), view.stretch)
+    found = []
+    for name, regressor in regressors(frame.traces, channel).items():
+        own = _grouped(view.average(regressor), view.stretch)
+        found.append(_curve(channel, name, own, values))
+    return sorted(found, key=lambda c: -c.share)
+
+
+def _grouped(values: FloatArray, stretch: NDArray[np.intp]) -> FloatArray:
+    """Means of _GROUP windows in a row; groups that span two stretches are left out."""
+    count = len(values) // _GROUP
+    table = values[: count * _GROUP].reshape(count, _GROUP)
+    same = stretch[: count * _GROUP].reshape(count, _GROUP)
+    return np.asarray(table[same[:, 0] == same[:, -1]].mean(axis=1))
+
+
+def _curve(channel: str, name: str, regressor: FloatArray, values: FloatArray) -> Curve:
+    edges = np.unique(np.quantile(regressor, np.linspace(0.0, 1.0, BINS + 1)))
+    place = np.clip(np.searchsorted(edges, regressor, side="right") - 1, 0, max(len(edges) - 2, 0))
+    counts = np.bincount(place)
+    keep = counts >= _LEAST_IN_BIN
+    safe = np.maximum(counts, 1)
+    means = np.bincount(place, values) / safe
+    centres = np.bincount(place, regressor) / safe
+    inside = values - means[place]
+    spread = np.bincount(place, inside**2) / np.maximum(counts - 1, 1)
+    total = float(np.mean(values**2))
+    freedom = max(len(values) - len(means), 1)
+    share = 1.0 - float(inside @ inside) / freedom / total if total > 0.0 else 0.0
+    return Curve(
+        channel, name, max(share, 0.0), centres[keep], means[keep], np.sqrt(spread / safe)[keep]
+    )

@@ -1,0 +1,116 @@
+"""Effects' own numbers: nonlinear least squares of the whitened equation error.
+
+The base parameters go along and enter linearly, so they are projected out (variable
+projection, Golub and Pereyra 1973).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.diagnosis.equation_error import CHANNELS, channels_of
+from sysid.diagnosis.screening import Projected
+from sysid.diagnosis.signatures import base_jacobian, base_parameters
+from sysid.least_squares import LeastSquaresFit, Parameter, minimise
+from sysid.model.effects.entry import CatalogueEffect
+from sysid.model.ports import Model
+
+FloatArray = NDArray[np.float64]
+
+_EVALUATIONS = 12
+_TOLERANCE = 1e-5
+
+
+@dataclass(frozen=True)
+class Refit:
+    """Effects with their numbers fitted, and what they take of a residual.
+
+    `gain`: the fall of the whitened sum of squares; `rest` (rows,) what is left of the
+    residual; `fit` holds the parameters by "id/name".
+    """
+
+    effects: tuple[CatalogueEffect, ...]
+    gain: float
+    rest: FloatArray
+    fit: LeastSquaresFit
+
+    @property
+    def effect(self) -> CatalogueEffect:
+        """The last effect: the one that was added to those before it."""
+        return self.effects[-1]
+
+    @property
+    def id(self) -> str:
+        return self.effect.id
+
+
+def refit(base: Projected, starts: Sequence[CatalogueEffect]) -> Refit:
+    """Fit the effects' strengths and shapes from a start, beside the model's own effects."""
+    channels = tuple(c for c in CHANNELS if any(c in channels_of(e) for e in starts))
+    touched = np.zeros(len(base.rest), dtype=bool)
+    for name in channels:
+        touched[base.frame.rows(name)] = True
+    owned = [(e, q) for e in starts for q in type(e).quantities]
+
+    def residuals(values: FloatArray) -> FloatArray:
+        model = base.model
+        for effect in with_values(starts, values):
+            model = model + effect
+        changed = base.frame.residual(model, channels)
+        return base.project(np.where(touched, changed - base.bias, base.residual))
+
+    parameters = [
+        Parameter(
+            f"{e.id}/{q.name}",
+            float(np.clip(getattr(e, q.name), q.lower, q.upper)),
+            q.unit,
+            q.lower,
+            q.upper,
+            abs(q.typical),
+        )
+        for e, q in owned
+    ]
+    fit = minimise(
+        residuals,
+        parameters,
+        tolerance=_TOLERANCE,
+        max_evaluations=_EVALUATIONS,
+        polish=False,
+    )
+    gain = float(base.rest @ base.rest) - fit.sum_of_squares
+    return Refit(with_values(starts, fit.values), gain, fit.residuals, fit)
+
+
+def with_values(
+    effects: Sequence[CatalogueEffect], values: FloatArray
+) -> tuple[CatalogueEffect, ...]:
+    """The effects with other numbers, given in the order of their quantities."""
+    found, place = [], 0
+    for effect in effects:
+        quantities = type(effect).quantities
+        fields: dict[str, Any] = {"side": getattr(effect, "side", None)}
+        if not type(effect).has_side():
+            fields = {}
+        for q in quantities:
+            fields[q.name] = float(values[place])
+            place += 1
+        found.append(type(effect)(**fields))
+    return tuple(found)
+
+
+def with_base_refitted(base: Projected, model: Model) -> Model:
+    """A model whose base parameters take what is left of the residual, by one linear step."""
+    names = base_parameters(model)
+    residual = base.frame.residual(model)
+    jacobian = base_jacobian(base.frame, model, residual, names)
+    size = np.linalg.norm(jacobian, axis=0)
+    step = -np.linalg.lstsq(jacobian / size, residual - base.bias, rcond=1e-9)[0] / size
+    changes = {
+        n: float(getattr(model.parameters, n) * (1.0 + s)) for n, s in zip(names, step, strict=True)
+    }
+    return Model(model.parameters.replace(**changes), model.effects)

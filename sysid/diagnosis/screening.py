@@ -1,0 +1,138 @@
+"""Which effects explain the residual: a score of every effect, calibrated on twins."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.diagnosis.frame import Frame
+from sysid.diagnosis.signatures import (
+    Candidate,
+    Signatures,
+    base_jacobian,
+    base_parameters,
+)
+from sysid.model.ports import Model
+
+FloatArray = NDArray[np.float64]
+
+# Below this share of its length a signature is what the base parameters can do as well.
+_OWN_SHARE = 1e-3
+
+
+@dataclass(frozen=True)
+class Projected:
+    """A residual with all that the model's own parameters can do taken out of it.
+
+    `residual` (rows,) is without the `bias` that it has even if the model is right, `rest`
+    (rows,) what is left of it, `basis` (rows, m) orthonormal.
+    """
+
+    frame: Frame
+    model: Model
+    residual: FloatArray
+    bias: FloatArray
+    basis: FloatArray
+    rest: FloatArray
+
+    def project(self, values: FloatArray) -> FloatArray:
+        """`values` (rows,) or (rows, k) without what the basis holds."""
+        return values - self.basis @ (self.basis.T @ values)
+
+
+def projected(
+    frame: Frame, model: Model, bias: FloatArray | None = None, extra: FloatArray | None = None
+) -> Projected:
+    """The residual of a model, its base parameters (and `extra` columns) projected out.
+
+    `bias` (rows,) is what the residual holds even if the model is right.
+    """
+    residual = frame.residual(model)
+    jacobian = base_jacobian(frame, model, residual, base_parameters(model))
+    if extra is not None and extra.size:
+        jacobian = np.hstack([jacobian, extra])
+    bias = np.zeros(len(residual)) if bias is None else bias
+    residual = residual - bias
+    basis = _orthonormal(jacobian)
+    rest = residual - basis @ (basis.T @ residual)
+    return Projected(frame, model, residual, bias, basis, rest)
+
+
+def _orthonormal(columns: FloatArray) -> FloatArray:
+    """An orthonormal basis of the columns' span, (rows, rank)."""
+    size = np.linalg.norm(columns, axis=0)
+    scaled = columns[:, size > 0.0] / size[size > 0.0]
+    u, s, _ = np.linalg.svd(scaled, full_matrices=False)
+    return np.asarray(u[:, s > 1e-9 * s[0]])
+
+
+@dataclass(frozen=True)
+class Explained:
+    """How much of a residual a candidate takes: a fall of the whitened sum of squares.
+
+    `coefficients` (k,) in probing sizes.
+    """
+
+    candidate: Candidate
+    gain: float
+    coefficients: FloatArray
+
+
+def screen(base: Projected, forms: Sequence[Candidate]) -> list[Explained]:
+    """Every form against a residual, spread over the machine's cores."""
+    from joblib import Parallel, delayed
+
+    # The forms of one effect stay together: those on both sides build on those on either.
+    groups = [list(group) for _, group in itertools.groupby(forms, key=lambda f: f.id)]
+    found = Parallel(n_jobs=-1)(delayed(screen_group)(base, group) for group in groups)
+    return [result for group in found for result in group]
+
+
+def screen_group(base: Projected, forms: Sequence[Candidate]) -> list[Explained]:
+    """`screen` in this process."""
+    signatures = Signatures(base.frame, base.model, base.residual + base.bias)
+    return [explained(base, form, signatures(form)) for form in forms]
+
+
+def explained(base: Projected, candidate: Candidate, signature: FloatArray) -> Explained:
+    """Least squares of the projected residual on a candidate's signature (rows, k).
+
+    Strengths stay within their bounds: one that would have to leave them counts as absent.
+    """
+    columns = base.project(signature)
+    sizes = np.linalg.norm(signature, axis=0)
+    quantities = candidate.effect.strengths()
+    steps = np.array([step for _, step in candidate.steps])
+    low = np.array([q.lower for q in quantities]) / steps
+    high = np.array([q.upper for q in quantities]) / steps
+    keep = np.linalg.norm(columns, axis=0) > _OWN_SHARE * np.maximum(sizes, 1e-300)
+    coefficients = np.zeros(len(steps))
+    while keep.any():
+        used = columns[:, keep]
+        found = -np.linalg.lstsq(used, base.rest, rcond=1e-10)[0]
+        limited = np.clip(found, low[keep], high[keep])
+        wrong = (limited == 0.0) & (found != 0.0)
+        if not wrong.any():
+            coefficients[keep] = limited
+            break
+        keep[np.flatnonzero(keep)[wrong]] = False
+    fit = columns @ coefficients
+    gain = float(base.rest @ base.rest - (base.rest + fit) @ (base.rest + fit))
+    return Explained(candidate, max(gain, 0.0), coefficients)
+
+
+def best_by_effect(results: Sequence[Explained]) -> dict[str, Explained]:
+    """The candidate of each effect that explains most, in descending order."""
+    best: dict[str, Explained] = {}
+    for result in results:
+        known = best.get(result.candidate.id)
+        if known is None or result.gain > known.gain:
+            best[result.candidate.id] = result
+    return dict(sorted(best.items(), key=lambda item: -item[1].gain))
+
+
+__all__ = ["Explained", "Projected", "best_by_effect", "projected", "screen"]

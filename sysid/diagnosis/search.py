@@ -1,0 +1,184 @@
+"""One effect after another: screen, refit the suspects, add the best, look again."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from sysid.diagnosis.calibration import Null
+from sysid.diagnosis.frame import Frame
+from sysid.diagnosis.refit import Refit, refit, with_base_refitted
+from sysid.diagnosis.screening import Explained, Projected, best_by_effect, projected, screen
+from sysid.diagnosis.signatures import Candidate
+from sysid.model.effects.catalogue import class_of
+from sysid.model.effects.entry import CatalogueEffect
+from sysid.model.ports import Model
+
+FloatArray = NDArray[np.float64]
+
+SIGNIFICANCE = 1e-3
+MOST_EFFECTS = 3
+_SUSPECTS = 6
+# The twins are screened for this many effects at most, those that gain most.
+_CALIBRATED = 14
+_CLEAR_RATIO = 4.0
+# Of what is left beyond noise, an effect that is added has to take this share.
+_LEAST_SHARE = 0.35
+# A rival that takes almost as much as the winner cannot be told from it: nature's own form
+# of an effect seldom is the catalogue's, and costs the right one as much.
+_RIVAL_SHARE = 0.9
+_CLEAR_BIC = 10.0
+
+
+@dataclass(frozen=True)
+class Suspect:
+    """An effect that screening looked at: its gain, p-value and cosine with the winner."""
+
+    id: str
+    gain: float
+    ratio: float
+    p_value: float
+    refitted: float | None = None
+
+
+@dataclass(frozen=True)
+class Step:
+    """One effect that was added: its numbers, what it took, and what else was tried.
+
+    `share`: of the excess over noise that it found, how much it took. `ambiguous`: ids that
+    take as much. `suspects` in descending order.
+    """
+
+    refit: Refit
+    p_value: float
+    share: float
+    ambiguous: tuple[str, ...]
+    suspects: tuple[Suspect, ...]
+
+
+@dataclass(frozen=True)
+class Search:
+    """The steps, the model they end in, and its residual beside the base model's."""
+
+    steps: tuple[Step, ...]
+    model: Model
+    first: Projected
+    last: Projected
+    suspects: tuple[Suspect, ...]
+
+
+def search(
+    frame: Frame,
+    model: Model,
+    candidates: Sequence[Candidate],
+    null: Null,
+    progress: Callable[[str], None],
+) -> Search:
+    """Add effects while one passes the twins' test and takes a fair share of the excess."""
+    first = base = projected(frame, model)
+    steps: list[Step] = []
+    while True:
+        taken = {step.refit.id for step in steps}
+        open_ones = [c for c in candidates if c.id not in taken and _composes(base.model, c)]
+        best = best_by_effect(screen(base, open_ones))
+        suspects = _suspects(best, null)
+        passing = [
+            best[s.id] for s in suspects if s.p_value < SIGNIFICANCE and s.ratio > _CLEAR_RATIO
+        ]
+        if not passing or len(steps) == MOST_EFFECTS:
+            return Search(tuple(steps), base.model, first, base, tuple(suspects))
+        refits = _refit(base, passing[:_SUSPECTS])
+        winner = max(refits, key=lambda r: r.gain - _penalty(r, base))
+        progress(f"{winner.id}: tried {', '.join(r.id for r in refits)}")
+        excess = sum(max(v, 0.0) for v in null.excess(base).values())
+        share = winner.gain / max(excess, winner.gain)
+        step = Step(
+            refit=winner,
+            p_value=null.p_value(winner.id, winner.gain, len(type(winner.effect).strengths())),
+            share=share,
+            ambiguous=_ambiguous(winner, refits, base),
+            suspects=tuple(
+                replace(s, refitted=next((r.gain for r in refits if r.id == s.id), None))
+                for s in suspects
+            ),
+        )
+        if share < _LEAST_SHARE:
+            return Search(tuple(steps), base.model, first, base, step.suspects)
+        steps.append(step)
+        extended = base.model + winner.effect
+        extended = with_base_refitted(base, extended)
+        base = projected(frame, extended, extra=_own_columns(frame, extended))
+
+
+def _composes(model: Model, candidate: Candidate) -> bool:
+    return not set(model.state_names).intersection(candidate.neutral().states)
+
+
+def _suspects(best: dict[str, Explained], null: Null) -> list[Suspect]:
+    """Effects whose gain noise alone would hardly give, judged by the twins."""
+    remarkable = [
+        name
+        for name, result in best.items()
+        if null.family * chi2.sf(result.gain, len(result.coefficients)) < SIGNIFICANCE
+    ][:_CALIBRATED]
+    null.calibrate(remarkable)
+    found = [
+        Suspect(
+            name,
+            best[name].gain,
+            null.ratio(name, best[name].gain),
+            null.p_value(name, best[name].gain, len(best[name].coefficients)),
+        )
+        for name in remarkable
+    ]
+    return sorted(found, key=lambda s: -s.gain)
+
+
+def _refit(base: Projected, passing: Sequence[Explained]) -> list[Refit]:
+    from joblib import Parallel, delayed
+
+    starts = [p.candidate.with_strengths(p.coefficients) for p in passing]
+    return list(Parallel(n_jobs=-1)(delayed(refit)(base, [start]) for start in starts))
+
+
+def _penalty(found: Refit, base: Projected) -> float:
+    """BIC's price of an effect's parameters, in whitened squares."""
+    rows = len(base.rest)
+    scale = max(float(found.rest @ found.rest) / rows, 1.0)
+    return scale * len(found.fit.values) * math.log(rows)
+
+
+def _ambiguous(winner: Refit, refits: Sequence[Refit], base: Projected) -> tuple[str, ...]:
+    """Members of the winner's class, and rivals that explain as much within the margins."""
+    scale = max(float(winner.rest @ winner.rest) / len(base.rest), 1.0)
+    near = {i for i in class_of(winner.id) if i != winner.id}
+    for rival in refits:
+        if rival.id == winner.id:
+            continue
+        bic = (winner.gain - _penalty(winner, base) - rival.gain + _penalty(rival, base)) / scale
+        if bic < _CLEAR_BIC or rival.gain > _RIVAL_SHARE * winner.gain:
+            near.add(rival.id)
+    return tuple(sorted(near))
+
+
+def _own_columns(frame: Frame, model: Model) -> FloatArray:
+    """Change of the residual with every parameter of the model's effects, (rows, k)."""
+    residual = frame.residual(model)
+    columns = []
+    for place, effect in enumerate(model.effects):
+        assert isinstance(effect, CatalogueEffect)
+        for q in type(effect).quantities:
+            value = float(getattr(effect, q.name))
+            move = 0.01 * (abs(value) or abs(q.typical))
+            move = -move if value + move > q.upper else move
+            changed = list(model.effects)
+            changed[place] = replace(effect, **{q.name: value + move})  # type: ignore[type-var]
+            other = frame.residual(Model(model.parameters, tuple(changed)))
+            columns.append((other - residual) / move)
+    table = np.column_stack(columns)
+    return np.asarray(table[:, np.linalg.norm(table, axis=0) > 0.0])
