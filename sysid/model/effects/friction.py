@@ -12,8 +12,9 @@ from sysid.model.ports import Model, Point
 
 # The presliding state relaxes no faster than the simulator's explicit steps can follow, 1/s.
 _FASTEST_RATE = 1200.0
-# Below these nothing is divided: rad/s; rad, Nm.
-_LEAST_SPEED = 1e-9
+# Speed within one step of a standstill, rad/s: bristles stiffer than a step resolves fade there.
+_LEAST_SPEED = 1e-2
+# Below this nothing is divided: rad, Nm.
 _LEAST_SPAN = 1e-12
 
 
@@ -212,7 +213,7 @@ class QuadraticDrag(CatalogueEffect):
     title = "Quadratic drag"
     subsystem = "friction"
     quantities = (
-        Quantity("drag_nm_s2_per_rad2", "Nm s2/rad2", 0.005, -0.05, 0.5, "per squared speed"),
+        Quantity("drag_nm_s2_per_rad2", "Nm s2/rad2", 0.005, -0.005, 0.5, "per squared speed"),
     )
     signature = "torque at high speed"
     rivals = ("stribeck-friction",)

@@ -1,0 +1,416 @@
+"""Effects of friction, linkage and motor: neutral to the last bit, direction, closed forms."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import itertools
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.rigs import REFERENCE, random_runs
+from sysid.model import base
+from sysid.model.effects import catalogue, class_of, friction, linkage, motor
+from sysid.model.effects.catalogue import AMBIGUOUS_CLASSES
+from sysid.model.effects.entry import CatalogueEffect
+from sysid.model.ports import Model, Point, join, split
+from sysid.model.simulate import Inputs, Trajectory, ValveCommand, simulate
+
+EFFECTS = [effect for module in (friction, linkage, motor) for effect in module.EFFECTS]
+IDS = [effect.id for effect in EFFECTS]
+STATES = ("position", "velocity", "pressure_a", "pressure_b")
+# No friction, no cylinder, no end stop within reach: the motor's torque and the inertia only.
+FREE = REFERENCE.replace(
+    **{f"{law}_{side}": 0.0 for law in ("choked_dis", "c_dis") for side in "ab"},
+    **{"static_effort": 0.0, "coulomb_effort": 0.0, "viscous": 0.0, "stroke": 1e3},
+    **{"area_a": 1e-12, "area_b": 1e-12, "offset_a": 1e3, "offset_b": 1e3},
+)
+VERTICAL = REFERENCE.replace(gravity_moment=1.2)
+
+
+def random_point(shape: tuple[int, ...], **changes: Any) -> Point:
+    rng = np.random.default_rng(11)
+    direction = rng.choice([-1.0, 0.0, 1.0], shape)
+    values: dict[str, Any] = {
+        "time": rng.uniform(0, 60, shape),
+        "position": rng.uniform(-1.6, 1.6, shape),
+        "velocity": direction * rng.uniform(0, 5, shape),
+        "pressure_a": rng.uniform(0.8e5, 3.3e5, shape),
+        "pressure_b": rng.uniform(0.8e5, 3.3e5, shape),
+        "motor": rng.uniform(-1.2, 1.2, shape) * rng.choice([0.0, 1.0], shape),
+        "open_a": rng.choice([0.0, 1.0], shape),
+        "open_b": rng.choice([0.0, 1.0], shape),
+        "direction": direction,
+        "parameters": VERTICAL,
+    }
+    extra = {
+        "presliding_share": rng.uniform(-1, 1, shape),
+        "backlash_place": rng.uniform(-1, 1, shape),
+        "link_angle_rad": rng.uniform(-1.6, 1.6, shape),
+        "link_speed_rad_per_s": rng.uniform(-5, 5, shape),
+        "amplifier_effort": rng.uniform(-0.8, 0.8, shape),
+    }
+    return Point(**values | {"extra": extra} | changes)
+
+
+def given_values(point: Point) -> dict[str, Any]:
+    rng = np.random.default_rng(5)
+    shape = point.time.shape
+    return {
+        "motor_effort": base.limit_effort(point.motor, point.parameters.max_effort),
+        "friction_effort": rng.uniform(-0.5, 0.5, shape),
+        "static_effort": rng.uniform(0.1, 0.5, shape),
+        "external_effort": rng.uniform(-3, 3, shape),
+        "pitch_radius": rng.uniform(0.01, 0.05, shape),
+        "displacement": rng.uniform(-0.06, 0.06, shape),
+    }
+
+
+def after(effect: CatalogueEffect, point: Point, given: dict[str, Any]) -> dict[str, Any]:
+    found = {port: getattr(effect, port)(value, point) for port, value in given.items()}
+    return found | vars(effect.parameters(point.parameters, point.time))
+
+
+def same(found: dict[str, Any], given: dict[str, Any], where: str) -> None:
+    for name, value in (given | vars(VERTICAL)).items():
+        wanted = np.broadcast_to(value, np.shape(found[name]))
+        np.testing.assert_array_equal(np.asarray(found[name]), wanted, err_msg=f"{where}: {name}")
+
+
+def forms(effect: type[CatalogueEffect]) -> list[CatalogueEffect]:
+    """The effect at neutral strength in every shape of its grids."""
+    names = [q.name for q in effect.shapes()]
+    rows = itertools.product(*(q.grid for q in effect.shapes()))
+    return [effect.neutral(**dict(zip(names, row, strict=True))) for row in rows]
+
+
+# --- the catalogue ---------------------------------------------------------------------
+
+
+def test_the_catalogue_is_whole() -> None:
+    effects = catalogue()
+    assert len(effects) == 39 and set(IDS) < effects.keys()
+    for members in AMBIGUOUS_CLASSES:
+        assert members < effects.keys()
+        assert all(class_of(member) == members for member in members)
+    assert class_of("backlash") == {"backlash"}
+    assert sum(map(len, AMBIGUOUS_CLASSES)) == len(frozenset().union(*AMBIGUOUS_CLASSES))
+    for effect in effects.values():
+        assert set(effect.rivals) < effects.keys(), effect.id
+        assert (class_of(effect.id) - {effect.id}) <= set(effect.rivals) | {
+            "supply-droop", "atmosphere-leakage", "choked-exhaust-scaling", "subsonic-flow-shape"
+        }, effect.id  # fmt: skip
+    model = Model(REFERENCE)
+    for effect in effects.values():
+        model = model + effect.neutral()  # no two of them share a state
+    assert len(set(model.state_names)) == len(model.state_names)
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=IDS)
+def test_the_entry_is_whole(effect: type[CatalogueEffect]) -> None:
+    fields = {f.name: f.default for f in dataclasses.fields(effect)}  # type: ignore[arg-type]
+    assert {q.name for q in effect.quantities} == fields.keys()
+    assert effect.strengths()
+    for q in effect.quantities:
+        assert fields[q.name] == (0.0 if q.is_strength else q.typical)
+        assert q.lower <= fields[q.name] <= q.upper and q.lower < q.typical < q.upper
+        assert all(q.lower < g < q.upper for g in q.grid)
+        assert q.is_strength or q.grid
+    assert effect.title and effect.signature and effect.source
+    assert bool(effect.rivals) == bool(effect.tie_breaker)
+    assert effect.id not in effect.rivals
+
+
+# --- neutral ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=IDS)
+@pytest.mark.parametrize("shape", [(400,), (6, 7)])
+def test_neutral_ports_change_no_bit(effect: type[CatalogueEffect], shape: tuple[int, ...]) -> None:
+    point = random_point(shape)
+    given = given_values(point)
+    for form in forms(effect):
+        same(after(form, point, given), given, str(form))
+
+
+def test_neutral_ports_change_no_bit_in_jax() -> None:
+    from sysid.model._jax import jax
+
+    point = random_point((300,))
+    given = given_values(point)
+    structure, numbers = split(tuple(effect.neutral() for effect in EFFECTS))
+
+    @jax.jit
+    def compiled(numbers: Any, given: Any, fields: dict[str, Any]) -> Any:
+        at = dataclasses.replace(point, **fields)
+        return [after(effect, at, given) for effect in join(structure, numbers)]
+
+    names = [f.name for f in dataclasses.fields(point) if f.name != "parameters"]
+    fields = {name: getattr(point, name) for name in names}
+    for effect, found in zip(EFFECTS, compiled(numbers, given, fields), strict=True):
+        same(found, given, effect.id)
+
+
+def test_numpy_and_jax_agree_at_typical_size() -> None:
+    from sysid.model._jax import jnp
+
+    point = random_point((200,))
+    fields = {f.name: getattr(point, f.name) for f in dataclasses.fields(point)}
+    traced = {n: jnp.asarray(v) for n, v in fields.items() if isinstance(v, np.ndarray)}
+    extra = {name: jnp.asarray(value) for name, value in point.extra.items()}
+    other = dataclasses.replace(point, **traced, extra=extra)
+    given = given_values(point)
+    for effect in EFFECTS:
+        typical = effect.typical()
+        found = after(typical, other, {n: jnp.asarray(v) for n, v in given.items()})
+        found |= typical.state_rates(other, {})
+        expected = after(typical, point, given) | dict(typical.state_rates(point, {}))
+        for name, value in expected.items():
+            np.testing.assert_allclose(
+                found[name], value, rtol=1e-12, atol=1e-12, err_msg=f"{effect.id}: {name}"
+            )
+
+
+def whole(parameters: base.Parameters, *acting: CatalogueEffect) -> Model:
+    """The model with every effect, those given in place of the neutral ones: one compilation."""
+    given = {type(effect): effect for effect in acting}
+    model = Model(parameters)
+    for effect in EFFECTS:
+        model = model + given.get(effect, effect.neutral())
+    return model
+
+
+def one(inputs: Inputs, model: Model) -> Trajectory:
+    return simulate([inputs], [model])[0]
+
+
+def test_all_effects_at_neutral_strength_simulate_as_the_base_model() -> None:
+    inputs, models = random_runs(seed=4, count=1, seconds=0.8)
+    bare = one(inputs[0], models[0])
+    neutral = one(inputs[0], whole(models[0].parameters))
+    for name in STATES:
+        np.testing.assert_array_equal(getattr(neutral, name), getattr(bare, name), err_msg=name)
+
+
+# --- acting: the ports -----------------------------------------------------------------
+
+
+def moving(**changes: Any) -> Point:
+    """Moving in the positive direction at 0.07 rad/s, 1 rad from the middle."""
+    values = {"time": 0.0, "position": 1.0, "velocity": 0.07, "pressure_a": 2e5}
+    values |= {"pressure_b": 1.5e5, "motor": 0.5, "open_a": 0.0, "open_b": 0.0, "direction": 1.0}
+    return Point(**values | {"parameters": REFERENCE} | changes)
+
+
+BACK: dict[str, Any] = {"velocity": -0.07, "direction": -1.0}
+
+
+@pytest.mark.parametrize(
+    ("effect", "port", "forth", "back"),
+    [
+        (friction.StribeckFriction(0.12), "friction_effort", 0.12 / math.e, -0.12 / math.e),
+        (friction.AsymmetricCoulombFriction(0.017), "friction_effort", 0.017, 0.017),
+        (
+            friction.PositionDependentFriction(0.3, 0.1, 2.0),
+            "friction_effort",
+            0.208 * (0.3 * math.sin(2.0) + 0.1 * math.cos(2.0)),
+            -0.208 * (0.3 * math.sin(2.0) + 0.1 * math.cos(2.0)),
+        ),
+        (friction.SealFriction(2e-7), "friction_effort", 0.03, -0.03),
+        (friction.QuadraticDrag(0.005), "friction_effort", 0.005 * 0.0049, -0.005 * 0.0049),
+        (linkage.CableSpring(0.05), "external_effort", -0.05, -0.05),
+        (
+            linkage.MountingTilt(0.012, 0.02),
+            "external_effort",
+            -(0.012 * math.sin(1.0) + 0.02 * math.cos(1.0)),
+            -(0.012 * math.sin(1.0) + 0.02 * math.cos(1.0)),
+        ),
+        (
+            linkage.GearMeshRipple(0.02, 0.01, 20.0),
+            "external_effort",
+            0.02 * math.sin(20.0) + 0.01 * math.cos(20.0),
+            0.02 * math.sin(20.0) + 0.01 * math.cos(20.0),
+        ),
+        (motor.TorqueOffset(0.01), "external_effort", 0.01, 0.01),
+        (motor.TorqueConstantError(0.05), "motor_effort", 0.025, 0.025),
+        (
+            motor.TorqueRipple(0.02, 0.01, 12.0),
+            "motor_effort",
+            0.5 * (0.02 * math.sin(12.0) + 0.01 * math.cos(12.0)),
+            0.5 * (0.02 * math.sin(12.0) + 0.01 * math.cos(12.0)),
+        ),
+    ],
+    ids=lambda value: value.id if isinstance(value, CatalogueEffect) else "",
+)
+def test_it_adds_what_its_entry_says(
+    effect: CatalogueEffect, port: str, forth: float, back: float
+) -> None:
+    for point, expected in ((moving(), forth), (moving(**BACK), back)):
+        added = getattr(effect, port)(0.5, point) - 0.5
+        assert added == pytest.approx(expected, rel=1e-9)
+
+
+def test_saturation_clips_at_the_reciprocal() -> None:
+    efforts = np.linspace(-0.8, 0.8, 41)
+    found = motor.TorqueSaturation(1 / 0.55).motor_effort(efforts, moving())
+    np.testing.assert_allclose(found, np.clip(efforts, -0.55, 0.55), rtol=1e-12)
+
+
+def test_displacement_is_the_integral_of_the_eccentric_radius() -> None:
+    effect = linkage.PitchEccentricity(0.05, -0.03)
+    angle = np.linspace(-1.6, 1.6, 3201)
+    point = moving(position=angle)
+    y = effect.displacement(REFERENCE.pitch_radius * angle, point)
+    radius = effect.pitch_radius(np.full_like(angle, REFERENCE.pitch_radius), point)
+    np.testing.assert_allclose(np.gradient(y, angle)[1:-1], radius[1:-1], rtol=1e-6)
+    assert y[1600] == 0.0  # the middle stays where it was
+    assert radius[1600] == pytest.approx(1.05 * REFERENCE.pitch_radius)
+
+
+def test_inertia_and_area_are_added_to_the_declared_ones() -> None:
+    found = linkage.InertiaMismatch(0.003).parameters(VERTICAL, 0.0)
+    assert found.inertia == VERTICAL.inertia + 0.003
+    assert found.gravity_moment == pytest.approx(1.2 * found.inertia / VERTICAL.inertia)
+    level = linkage.InertiaMismatch(0.003).parameters(REFERENCE, 0.0)
+    assert level.gravity_moment == level.weight == 0.0
+    assert linkage.AreaError(3e-6).parameters(REFERENCE, 0.0).area_b == REFERENCE.area_b + 3e-6
+
+
+# --- acting: in a simulation -----------------------------------------------------------
+
+TIME = np.linspace(0.0, 0.8, 801)
+
+
+@functools.cache
+def driven() -> Inputs:
+    """Motor steps and reversals, valves under PWM in turn."""
+    effort = 0.6 * np.sign(np.sin(14.0 * TIME + 0.5)) * (0.4 + TIME)
+    duty_a = 0.5 + 0.4 * np.sin(12.0 * TIME)
+    return Inputs(TIME, effort, ValveCommand(duty_a, True), ValveCommand(1.0 - duty_a, True))
+
+
+@functools.cache
+def bare_run() -> Trajectory:
+    return one(driven(), whole(REFERENCE))
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=IDS)
+def test_at_typical_size_and_at_its_bounds_it_shows_and_stays_finite(
+    effect: type[CatalogueEffect],
+) -> None:
+    sizes = [{q.name: getattr(q, at) for q in effect.strengths()} for at in ("lower", "upper")]
+    for size in ({}, *sizes):
+        run = one(driven(), whole(REFERENCE, effect.typical(**size)))
+        states = np.array([getattr(run, name) for name in STATES])
+        assert np.isfinite(states).all()
+        assert np.abs(run.position).max() < 1.75
+        if any(size.values()) or not size:
+            assert np.abs(run.position - bare_run().position).max() > 1e-4  # the encoder's step
+
+
+def free_run(effort: np.ndarray[Any, Any], *acting: CatalogueEffect) -> Trajectory:
+    return one(Inputs(TIME, effort), whole(FREE, *acting))
+
+
+@pytest.mark.parametrize("lag", [1e-3, 3e-3, 0.05])
+def test_the_amplifier_is_a_first_order_lag(lag: float) -> None:
+    effort = np.where(TIME < 0.1, 0.0, 0.5)
+    run = free_run(effort, motor.AmplifierLag(lag))
+    since = np.maximum(TIME - 0.1, 0.0)
+    expected = 0.5 / FREE.inertia * (since + lag * np.expm1(-since / lag))
+    # A third-order method whose step is the time constant: 4 % of what the lag takes.
+    np.testing.assert_allclose(run.velocity, expected, atol=0.5 / FREE.inertia * 0.04 * 1e-3)
+
+
+@pytest.mark.parametrize("lag", [1e-5, 3e-4])
+def test_a_lag_below_the_step_takes_its_impulse(lag: float) -> None:
+    run = free_run(np.where(TIME < 0.1, 0.0, 0.5), motor.AmplifierLag(lag))
+    expected = 0.5 / FREE.inertia * (TIME - 0.1 - lag)
+    late = TIME > 0.12
+    np.testing.assert_allclose(run.velocity[late], expected[late], rtol=1e-6)
+
+
+def test_the_amplifier_lags_what_other_effects_leave() -> None:
+    run = free_run(np.full(801, 0.5), motor.TorqueConstantError(0.1), motor.AmplifierLag(0.01))
+    rate = np.gradient(run.velocity, TIME)[-10:]
+    np.testing.assert_allclose(rate, 0.55 / FREE.inertia, rtol=1e-6)
+
+
+@pytest.mark.parametrize("gap", [1e-4, 1e-3, 4e-3, 0.02])
+def test_backlash_loses_the_torque_while_the_gap_is_crossed(gap: float) -> None:
+    effort = np.where(TIME < 0.3, 0.4, -0.4)
+    lost = free_run(effort, linkage.Backlash(gap)).velocity - free_run(effort).velocity
+    crossing = gap / (2.0 * 0.4)
+    # Nine tenths of the gap at no torque, the rest as it decays.
+    impulse = 0.4 * crossing * (1.0 + 1.0 / math.log(10.0))
+    assert np.abs(lost[TIME < 0.3]).max() < 1e-12
+    # A crossing below the simulator's step is taken at one step a time constant.
+    rough = 0.02 if gap >= 4e-3 else 0.08
+    np.testing.assert_allclose(lost[-1], impulse / FREE.inertia, rtol=rough)
+    inside = np.searchsorted(TIME, 0.3 + 0.5 * crossing)
+    expected = 0.4 * (TIME[inside] - 0.3) / FREE.inertia
+    if gap >= 4e-3:
+        np.testing.assert_allclose(lost[inside], expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("share", [0.2, 0.5])
+def test_a_flexible_link_rings_as_two_inertias_do(share: float) -> None:
+    run = free_run(np.full(801, 0.5), linkage.LinkFlexibility(share, 20.0, 0.0))
+    rate = 2.0 * math.pi * 20.0 / math.sqrt(1.0 - share)
+    ringing = share / (1.0 - share) * np.sin(rate * TIME) / rate
+    expected = 0.5 / FREE.inertia * (TIME + ringing)
+    np.testing.assert_allclose(run.velocity, expected, atol=0.01)  # of ringing 0.03 to 0.12
+
+
+def integrated(
+    effect: CatalogueEffect, points: list[Point], step: float, state: str, start: float
+) -> Any:
+    """An extra state along given points by Heun's method."""
+    value = np.asarray(start)
+    found = [value]
+    for here, later in itertools.pairwise(points):
+        first = effect.state_rates(dataclasses.replace(here, extra={state: value}), {})[state]
+        trial = {state: value + step * first}
+        second = effect.state_rates(dataclasses.replace(later, extra=trial), {})[state]
+        value = value + 0.5 * step * (first + second)
+        found.append(value)
+    return np.array(found)
+
+
+@pytest.mark.parametrize("compliance", [1 / 400, 1 / 50])
+def test_presliding_friction_builds_up_over_the_displacement(compliance: float) -> None:
+    effect = friction.Presliding(compliance)
+    span = compliance * REFERENCE.coulomb_effort
+    step, speed = 5e-4, 0.05
+    points = [moving(velocity=-speed, direction=-1.0)] * 200
+    share = integrated(effect, points, step, "presliding_share", 1.0)
+    travel = speed * step * np.arange(len(share))
+    np.testing.assert_allclose(share, -1.0 + 2.0 * np.exp(-travel / span), atol=3e-3)
+    # The friction is the bristle's: with the motion at first, against it in the end.
+    resting = -REFERENCE.coulomb_effort
+    felt = [
+        effect.friction_effort(resting, dataclasses.replace(p, extra={"presliding_share": s}))
+        for p, s in zip(points, share, strict=True)
+    ]
+    np.testing.assert_allclose(felt, REFERENCE.coulomb_effort * share)
+
+
+def test_a_bristle_at_rest_takes_up_the_applied_effort() -> None:
+    effect = friction.Presliding(1 / 400)
+    equal = {"pressure_a": 1e5, "pressure_b": 1e5, "velocity": 0.0, "direction": 0.0}
+    share = integrated(effect, [moving(motor=0.1, **equal)] * 40, 5e-4, "presliding_share", 1.0)
+    assert share[-1] == pytest.approx(0.1 / REFERENCE.static_effort, rel=1e-6)
+
+
+def test_presliding_fades_with_the_compliance() -> None:
+    changes = [
+        np.abs(
+            one(driven(), whole(REFERENCE, friction.Presliding(c))).position - bare_run().position
+        ).max()
+        for c in (2.5e-3, 2.5e-4, 2.5e-6, 2.5e-8)
+    ]
+    assert changes[0] > changes[1] > changes[2] > changes[3]
+    assert changes[3] < 1e-3 * changes[0]
