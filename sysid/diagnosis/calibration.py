@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,8 @@ FloatArray = NDArray[np.float64]
 _SMALLEST_P = 1e-300
 # Real noise may be this much stronger than the twins' before it counts as structure.
 _NOISIEST = 1.6
+# A gain beyond this many times the first twin's is worth asking the others.
+_ASK_AGAIN = 2.0
 
 
 class Null:
@@ -38,21 +40,29 @@ class Null:
             name: np.array([typical_square(twin, name) for twin in twins]) for name in CHANNELS
         }
 
-    def calibrate(self, effects: Iterable[str]) -> None:
-        """Screen the twins for these effects, those that are not known yet."""
+    def calibrate(self, gains: Mapping[str, float]) -> None:
+        """Screen the twins for these effects, given with what they gain on the logs.
+
+        Where the first twin shows as much, the others need not be asked.
+        """
+        self._screen(gains, self._twins[:1])
+        clear = [e for e, gain in gains.items() if gain > _ASK_AGAIN * self._gains[e][0]]
+        self._screen(clear, self._twins[1:])
+
+    def _screen(self, effects: Iterable[str], twins: Sequence[Projected]) -> None:
         from joblib import Parallel, delayed
 
-        wanted = [e for e in effects if e not in self._gains]
-        jobs = [(e, twin) for e in wanted for twin in self._twins]
+        known = 0 if twins and twins[0] is self._twins[0] else 1
+        wanted = [e for e in effects if len(self._gains.get(e, ())) == known]
         forms = {e: [f for f in self._forms if f.id == e] for e in wanted}
+        jobs = [(e, twin) for e in wanted for twin in twins]
         found = Parallel(n_jobs=-1)(delayed(screen_group)(twin, forms[e]) for e, twin in jobs)
-        best = [max((r.gain for r in results), default=0.0) for results in found]
-        for i, e in enumerate(wanted):
-            self._gains[e] = np.array(best[i * len(self._twins) : (i + 1) * len(self._twins)])
+        for (e, _), results in zip(jobs, found, strict=True):
+            best = max((r.gain for r in results), default=0.0)
+            self._gains[e] = np.append(self._gains.get(e, np.zeros(0)), best)
 
     def gains(self, effect: str) -> FloatArray:
-        """The best gain of an effect on each twin, (twins,)."""
-        self.calibrate([effect])
+        """The best gain of an effect on each twin that was asked, (twins,)."""
         return self._gains[effect]
 
     def p_value(self, effect: str, gain: float, strengths: int) -> float:
@@ -87,7 +97,7 @@ class Null:
         rows = base.frame.rows(channel)
         count = rows.stop - rows.start
         relative = float(np.std(self.sums[channel], ddof=1)) if len(self.sums[channel]) > 1 else 0.0
-        return count * max(relative, math.sqrt(2.0 / max(count, 1)))
+        return float(count) * max(relative, math.sqrt(2.0 / max(count, 1)))
 
 
 def typical_square(base: Projected, channel: str) -> float:

@@ -64,10 +64,10 @@ def diagnose(
         if outside.tests
         else np.full(3, math.nan)
     )
-    verdict, unexplained = leftover(found)
+    unexplained = leftover(found, rig)
     names = (rig.position_channel, *PRESSURES)
     return Diagnosis(
-        verdict=_verdict(found, verdict),
+        verdict=_verdict(found, bool(unexplained)),
         effects=tuple(
             _found_effect(step, found, names, errors[i], errors[i + 1])
             for i, step in enumerate(found.search.steps)
@@ -107,7 +107,7 @@ def _found_effect(
     assert isinstance(effect, CatalogueEffect)
     return FoundEffect(
         effect=effect,
-        estimates=found.search.estimates[place],
+        estimates=found.search.estimates(place),
         p_value=step.p_value,
         share=step.share,
         holdout={

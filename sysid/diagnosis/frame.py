@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ from sysid.model.ports import SIDES, Model
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.intp]
 
 ORDER = 6
 # Share of white noise added to the autocovariance: what the model of the noise does not know.
@@ -50,7 +52,7 @@ class Frame:
 
     traces: Traces
     windows: dict[str, Windows]
-    whitening: dict[str, object]
+    whitening: dict[str, Any]
     friction: FloatArray
     scatter: float
 
@@ -69,7 +71,7 @@ class Frame:
 
     def channel(self, name: str, error: EquationError) -> FloatArray:
         """The whitened residual of one channel."""
-        white = self.whitening[name] @ self.windows[name].average(error[name])  # type: ignore[operator]
+        white = self.whitening[name] @ self.windows[name].average(error[name])
         return self._without_scatter(white) if name == EFFORT else white
 
     def _without_scatter(self, values: FloatArray) -> FloatArray:
@@ -86,6 +88,11 @@ class Frame:
                 share = 1.0 - 1.0 / np.sqrt(1.0 + self.scatter**2 * power)
                 found[first:last] -= (share * float(f @ values[first:last]) / power) * f
         return found
+
+    @property
+    def tests(self) -> IntArray:
+        """The test that each row of the vector belongs to, (rows,)."""
+        return np.concatenate([self.windows[name].run for name in CHANNELS])
 
     def rows(self, name: str) -> slice:
         """Where a channel lies in the vector."""
@@ -152,7 +159,7 @@ def build_frame(traces: Traces, model: Model, noise: Noise, scatter: float) -> F
     whitening = {name: _whitening(noise.covariance[name], view) for name, view in views.items()}
     p = model.parameters
     friction = p.coulomb_effort * traces.direction + p.viscous * traces.velocity
-    white = whitening[EFFORT] @ views[EFFORT].average(np.asarray(friction))
+    white = np.asarray(whitening[EFFORT] @ views[EFFORT].average(np.asarray(friction)))
     return Frame(traces, views, whitening, white, scatter)
 
 
@@ -183,7 +190,7 @@ def _weighted_median(rows: FloatArray, weights: FloatArray) -> FloatArray:
     return np.asarray(np.average(rows[near], axis=0, weights=weights[near]))
 
 
-def _whitening(covariance: FloatArray, view: Windows) -> object:
+def _whitening(covariance: FloatArray, view: Windows) -> Any:
     """Sparse (rows, rows): one-step prediction errors over the spread of each.
 
     The first rows of a stretch are predicted from the few before them (Levinson, Durbin).

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.diagnosis.equation_error import EFFORT, EquationError
+from sysid.diagnosis.equation_error import EFFORT, EquationError, equation_error
 from sysid.diagnosis.frame import Frame
 from sysid.diagnosis.traces import Traces
+from sysid.rig import Rig
+
+if TYPE_CHECKING:
+    from sysid.diagnosis.loop import Loop
 
 FloatArray = NDArray[np.float64]
 
@@ -17,6 +22,10 @@ BINS = 12
 # Windows that are averaged before a curve is looked for: noise falls, slow structure stays.
 _GROUP = 4
 _LEAST_IN_BIN = 8
+# A channel's excess counts beyond this many of the twins' spreads, and beyond this share of
+# what the effects took.
+_SPREADS = 8.0
+_TOLERATED = 0.2
 
 
 @dataclass(frozen=True)
@@ -34,6 +43,42 @@ class Curve:
     centres: FloatArray
     means: FloatArray
     errors: FloatArray
+
+
+@dataclass(frozen=True)
+class Unexplained:
+    """Structure that stays: channel (log format), regressor, share of the residual's variance."""
+
+    channel: str
+    regressor: str
+    share: float
+    curve: Curve
+
+    def to_json(self) -> dict[str, Any]:
+        """As `sysid diagnose --json` prints it (spec/cli.md)."""
+        return {"channel": self.channel, "regressor": self.regressor, "share": self.share}
+
+
+def leftover(found: Loop, rig: Rig) -> tuple[Unexplained, ...]:
+    """Channels whose residual still holds structure, each with its strongest regressor.
+
+    Nature's own form of an effect is seldom the catalogue's: a rest that is small beside
+    what the effects took is that difference, and not another effect.
+    """
+    search, null = found.search, found.null
+    before, after = null.excess(search.first), null.excess(search.last)
+    taken = sum(max(before[c] - after[c], 0.0) for c in before)
+    entries = []
+    for channel, excess in after.items():
+        spread = null.spread(search.last, channel)
+        if excess < max(_SPREADS * spread, _TOLERATED * taken):
+            continue
+        error = equation_error(search.last.frame.traces, search.last.model)
+        best = next(iter(curves(search.last.frame, error, channel)), None)
+        if best is not None:
+            name = rig.position_channel if channel == EFFORT else f"pressure_{channel[-1]}_pa"
+            entries.append(Unexplained(name, best.regressor, best.share, best))
+    return tuple(entries)
 
 
 def regressors(traces: Traces, channel: str) -> dict[str, FloatArray]:

@@ -28,11 +28,16 @@ _SCATTER_LIMIT = 0.1
 
 @dataclass(frozen=True)
 class Loop:
-    """Everything that the loop found on the logs to fit on."""
+    """Everything that the loop found on the logs to fit on.
+
+    `scatter` is friction's from test to test as the twins have it, `scatter_after` as the
+    extended model leaves it.
+    """
 
     traces: Traces
     noise: SensorNoise
     scatter: Scatter
+    scatter_after: Scatter
     null: Null
     search: Search
 
@@ -68,7 +73,9 @@ def close_loop(
     ]
     null = Null(judged, forms)
     found = search(frame_of(traces), model, forms, null, progress)
-    return Loop(traces, noise, scatter, null, found)
+    after = build_frame(traces, found.model, colour, 0.0)
+    left = min(friction_scatter(after, projected(after, found.model).rest), spread)
+    return Loop(traces, noise, scatter, Scatter(left, left), null, found)
 
 
 __all__ = ["Loop", "close_loop"]

@@ -114,3 +114,22 @@ def with_base_refitted(base: Projected, model: Model) -> Model:
         n: float(getattr(model.parameters, n) * (1.0 + s)) for n, s in zip(names, step, strict=True)
     }
     return Model(model.parameters.replace(**changes), model.effects)
+
+
+def standard_errors(base: Projected, extra: FloatArray) -> dict[str, float]:
+    """Standard errors of the base parameters beside `extra` columns (rows, k), in their units.
+
+    From the whitened squares that are left, so that what no effect explains widens them.
+    """
+    names = base_parameters(base.model)
+    jacobian = np.hstack(
+        [base_jacobian(base.frame, base.model, base.residual + base.bias, names), extra]
+    )
+    size = np.linalg.norm(jacobian, axis=0)
+    spread = max(float(base.rest @ base.rest) / len(base.rest), 1.0)
+    covariance = np.linalg.pinv((jacobian / size).T @ (jacobian / size), hermitian=True) * spread
+    relative = np.sqrt(np.diag(covariance)) / size
+    return {
+        name: float(abs(getattr(base.model.parameters, name)) * relative[i])
+        for i, name in enumerate(names)
+    }

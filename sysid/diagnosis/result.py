@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Literal
 
-from sysid.diagnosis.leftover import Curve
+from sysid.diagnosis.leftover import Unexplained
+from sysid.diagnosis.loop import Loop
 from sysid.diagnosis.search import Suspect
 from sysid.estimation import Estimate
 from sysid.model.effects.entry import CatalogueEffect
@@ -68,26 +69,12 @@ class FoundEffect:
 
 
 @dataclass(frozen=True)
-class Unexplained:
-    """Structure that stays: channel (log format), regressor, share of the residual's variance."""
-
-    channel: str
-    regressor: str
-    share: float
-    curve: Curve
-
-    def to_json(self) -> dict[str, Any]:
-        """As `sysid diagnose --json` prints it (spec/cli.md)."""
-        return {"channel": self.channel, "regressor": self.regressor, "share": self.share}
-
-
-@dataclass(frozen=True)
 class Diagnosis:
     """The verdict on a campaign and a bundle, with all that led to it.
 
-    `residual`: pooled RMSE on the held-out logs by channel; `excess`: each channel's
-    whitened sum of squares beyond the twins', before and after, in the fitted logs;
-    `rejected`: suspects of the last look, none of which was added.
+    `residual`: pooled RMSE on the held-out logs by channel. `model`: the extended model.
+    `rejected`: suspects of the last look, none of which was added. `loop`: what was found
+    on the logs that were fitted on, step by step.
     """
 
     verdict: Verdict
@@ -96,11 +83,14 @@ class Diagnosis:
     unexplained: tuple[Unexplained, ...]
     model: Model
     rejected: tuple[Suspect, ...]
-    excess: Mapping[str, tuple[float, float]]
-    scatter: float
+    loop: Loop
     seed: int
     notices: tuple[str, ...] = ()
-    details: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def base_std(self) -> Mapping[str, float]:
+        """Standard errors of the refitted base parameters, in their units."""
+        return self.loop.search.base_std
 
     def to_json(self) -> dict[str, Any]:
         """What `sysid diagnose --json` prints (spec/cli.md)."""
@@ -110,7 +100,7 @@ class Diagnosis:
             "residual": {name: errors.to_json() for name, errors in self.residual.items()},
             "unexplained": [entry.to_json() for entry in self.unexplained],
             "rejected": [{"id": s.id, "gain": s.gain, "p_value": s.p_value} for s in self.rejected],
-            "friction_scatter": self.scatter,
+            "friction_scatter": self.loop.scatter.sliding,
             "seed": self.seed,
             "notices": list(self.notices),
         }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,9 +12,10 @@ from scipy.stats import chi2
 
 from sysid.diagnosis.calibration import Null
 from sysid.diagnosis.frame import Frame
-from sysid.diagnosis.refit import Refit, refit, with_base_refitted
+from sysid.diagnosis.refit import Refit, refit, standard_errors, with_base_refitted
 from sysid.diagnosis.screening import Explained, Projected, best_by_effect, projected, screen
 from sysid.diagnosis.signatures import Candidate
+from sysid.estimation import Estimate
 from sysid.model.effects.catalogue import class_of
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import Model
@@ -50,11 +51,13 @@ class Suspect:
 class Step:
     """One effect that was added: its numbers, what it took, and what else was tried.
 
-    `share`: of the excess over noise that it found, how much it took. `ambiguous`: ids that
-    take as much. `suspects` in descending order.
+    `model` holds it, all before it, and the base parameters refitted beside them. `share`:
+    of the excess over noise that it found, how much it took. `ambiguous`: ids that take as
+    much. `suspects` in descending order.
     """
 
     refit: Refit
+    model: Model
     p_value: float
     share: float
     ambiguous: tuple[str, ...]
@@ -63,13 +66,31 @@ class Step:
 
 @dataclass(frozen=True)
 class Search:
-    """The steps, the model they end in, and its residual beside the base model's."""
+    """The steps, the model they end in, and its residual beside the base model's.
+
+    `joint` holds all effects fitted together, None where there are none; `base_std` the
+    standard errors of the base parameters beside them, in the parameters' units; `suspects`
+    are those of the last look.
+    """
 
     steps: tuple[Step, ...]
     model: Model
     first: Projected
     last: Projected
+    joint: Refit | None
+    base_std: Mapping[str, float]
     suspects: tuple[Suspect, ...]
+
+    def estimates(self, place: int) -> dict[str, Estimate]:
+        """An effect's numbers by name, with intervals from leaving out one test at a time."""
+        assert self.joint is not None
+        fit = self.joint.fit
+        effect = self.joint.effects[place]
+        covariance = fit.jackknife_covariance(self.first.frame.tests)
+        return {
+            q.name: fit.estimate(f"{effect.id}/{q.name}", covariance)
+            for q in type(effect).quantities
+        }
 
 
 def search(
@@ -91,14 +112,18 @@ def search(
             best[s.id] for s in suspects if s.p_value < SIGNIFICANCE and s.ratio > _CLEAR_RATIO
         ]
         if not passing or len(steps) == MOST_EFFECTS:
-            return Search(tuple(steps), base.model, first, base, tuple(suspects))
+            return _finished(first, base, steps, suspects)
         refits = _refit(base, passing[:_SUSPECTS])
         winner = max(refits, key=lambda r: r.gain - _penalty(r, base))
         progress(f"{winner.id}: tried {', '.join(r.id for r in refits)}")
         excess = sum(max(v, 0.0) for v in null.excess(base).values())
         share = winner.gain / max(excess, winner.gain)
+        if share < _LEAST_SHARE:
+            return _finished(first, base, steps, suspects)
+        extended = with_base_refitted(base, base.model + winner.effect)
         step = Step(
             refit=winner,
+            model=extended,
             p_value=null.p_value(winner.id, winner.gain, len(type(winner.effect).strengths())),
             share=share,
             ambiguous=_ambiguous(winner, refits, base),
@@ -107,12 +132,23 @@ def search(
                 for s in suspects
             ),
         )
-        if share < _LEAST_SHARE:
-            return Search(tuple(steps), base.model, first, base, step.suspects)
         steps.append(step)
-        extended = base.model + winner.effect
-        extended = with_base_refitted(base, extended)
         base = projected(frame, extended, extra=_own_columns(frame, extended))
+
+
+def _finished(
+    first: Projected, last: Projected, steps: Sequence[Step], suspects: Sequence[Suspect]
+) -> Search:
+    """All effects fitted once more, together, from the base model on."""
+    if not steps:
+        return Search((), first.model, first, last, None, {}, tuple(suspects))
+    joint = refit(first, [step.refit.effect for step in steps])
+    model = with_base_refitted(first, Model(first.model.parameters, joint.effects))
+    own = _own_columns(first.frame, model)
+    last = projected(first.frame, model, extra=own)
+    base_std = standard_errors(last, own)
+    steps = [*steps[:-1], replace(steps[-1], model=model)]
+    return Search(tuple(steps), model, first, last, joint, base_std, tuple(suspects))
 
 
 def _composes(model: Model, candidate: Candidate) -> bool:
@@ -126,7 +162,7 @@ def _suspects(best: dict[str, Explained], null: Null) -> list[Suspect]:
         for name, result in best.items()
         if null.family * chi2.sf(result.gain, len(result.coefficients)) < SIGNIFICANCE
     ][:_CALIBRATED]
-    null.calibrate(remarkable)
+    null.calibrate({name: best[name].gain for name in remarkable})
     found = [
         Suspect(
             name,
@@ -142,7 +178,7 @@ def _suspects(best: dict[str, Explained], null: Null) -> list[Suspect]:
 def _refit(base: Projected, passing: Sequence[Explained]) -> list[Refit]:
     from joblib import Parallel, delayed
 
-    starts = [p.candidate.with_strengths(p.coefficients) for p in passing]
+    starts = [p.candidate.with_strengths(list(p.coefficients)) for p in passing]
     return list(Parallel(n_jobs=-1)(delayed(refit)(base, [start]) for start in starts))
 
 

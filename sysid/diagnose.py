@@ -1,0 +1,207 @@
+"""From a campaign and a bundle to a diagnosis and the extended bundle: `sysid diagnose`."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from sysid.bundle import check_log_unchanged, read_bundle, write_bundle
+from sysid.campaign import Campaign, CampaignLog, read_campaign
+from sysid.diagnosis import Diagnosis, diagnose
+from sysid.errors import NotIdentifiedError, input_error
+from sysid.logs import Log
+from sysid.model.effects.serialise import effect_to_dict
+from sysid.model.from_bundle import catalogue_with, model_from_bundle
+from sysid.rig import Rig
+
+Progress = Callable[[str], None]
+
+_LAWS = {
+    "choked_fill": "choked_flow_fill_kg_s",
+    "choked_dis": "choked_flow_dis_kg_s",
+    "c_fill": "c_fill",
+    "c_dis": "c_dis",
+}
+
+
+@dataclass(frozen=True)
+class Diagnosed:
+    """A diagnosis, the bundle extended by it, what to say, and the files that were written."""
+
+    diagnosis: Diagnosis
+    bundle: Mapping[str, Any]
+    notices: tuple[str, ...]
+    written: tuple[Path, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """What `sysid diagnose --json` prints (spec/cli.md)."""
+        found = self.diagnosis.to_json()
+        found["notices"] = list(self.notices)
+        return found | {"written": [str(path) for path in self.written]}
+
+
+def diagnose_campaign(
+    campaign_path: Path,
+    bundle_path: Path,
+    *,
+    output: Path | None = None,
+    report: Path | None = None,
+    effects: Path | None = None,
+    seed: int = 0,
+    progress: Progress = lambda line: None,
+) -> Diagnosed:
+    """Diagnose a campaign with its fitted bundle; write the extended bundle and the report.
+
+    `effects` is a user's file of effects beside the catalogue. Raises InputError for
+    unusable files, NotIdentifiedError where the bundle or the campaign does not suffice.
+    """
+    campaign = read_campaign(campaign_path)
+    bundle = read_bundle(bundle_path)
+    diagnosis, notices = diagnose_logs(
+        campaign, bundle, bundle_path, effects=effects, seed=seed, progress=progress
+    )
+    extended = extended_bundle(bundle, diagnosis, campaign.rig)
+    written = []
+    if output is not None:
+        write_bundle(extended, output)
+        written.append(output)
+    if report is not None:
+        _write_report(report, campaign, extended, bundle_path, diagnosis, effects, progress)
+        written.append(report)
+    notices = (*campaign.notices, *campaign.rig.notices, *notices, *diagnosis.notices)
+    return Diagnosed(diagnosis, extended, tuple(dict.fromkeys(notices)), tuple(written))
+
+
+def diagnose_logs(
+    campaign: Campaign,
+    bundle: Mapping[str, Any],
+    bundle_path: Path,
+    *,
+    effects: Path | None = None,
+    seed: int = 0,
+    progress: Progress = lambda line: None,
+) -> tuple[Diagnosis, tuple[str, ...]]:
+    """The diagnosis of a campaign's logs, and what their readers want said.
+
+    An effect that the bundle holds already is part of the model that is looked at.
+    """
+    catalogue = catalogue_with(effects)
+    model = model_from_bundle(bundle, campaign.rig, str(bundle_path), catalogue)
+    taken = {entry["id"] for entry in bundle["effects"]}
+    logs: list[tuple[str, str, Log]] = []
+    notices: list[str] = []
+    for entry in campaign.logs:
+        log = _read(campaign, entry, bundle, bundle_path)
+        logs.append((entry.use, entry.kind, log))
+        notices += log.notices
+    diagnosis = diagnose(
+        logs,
+        campaign.rig,
+        model,
+        {name: effect for name, effect in catalogue.items() if name not in taken},
+        seed=seed,
+        progress=progress,
+    )
+    return diagnosis, tuple(notices)
+
+
+def _read(
+    campaign: Campaign, entry: CampaignLog, bundle: Mapping[str, Any], bundle_path: Path
+) -> Log:
+    log = campaign.read(entry)
+    check_log_unchanged(bundle, log, bundle_path)
+    fitted = {e["sha256"] for e in bundle["provenance"]["logs"] if e["use"] == "fit"}
+    if entry.use == "holdout" and log.sha256 in fitted:
+        raise input_error(
+            log.path,
+            f"is held out in the campaign, but {bundle_path} was fitted on it",
+            'fit without it, or give it use = "fit"',
+        )
+    return log
+
+
+def extended_bundle(bundle: Mapping[str, Any], diagnosis: Diagnosis, rig: Rig) -> dict[str, Any]:
+    """The bundle with the effects that were found and the base parameters refitted beside them.
+
+    PWM surfaces stay as they were fitted. Nothing changes where no effect was found.
+    """
+    found = copy.deepcopy(dict(bundle))
+    if not diagnosis.effects:
+        return found
+    found.pop("validation", None)
+    for effect in diagnosis.effects:
+        stds = {name: e.std for name, e in effect.estimates.items() if e.identified}
+        intervals = {name: e.interval for name, e in effect.estimates.items() if e.identified}
+        entry = effect_to_dict(effect.effect, stds, intervals)
+        entry |= {
+            "p_value": effect.p_value,
+            "holdout_rmse": {name: e.to_json() for name, e in effect.holdout.items()},
+            "ambiguous_with": list(effect.ambiguous_with),
+        }
+        found["effects"].append(entry)
+    unit = ("n", "n_s_per_m") if rig.is_linear else ("nm", "nm_s_per_rad")
+    p, std = diagnosis.model.parameters, diagnosis.base_std
+    friction = {"coulomb_effort": f"coulomb_{unit[0]}", "viscous": f"viscous_{unit[1]}"}
+    for name, key in friction.items():
+        _renew(found["friction"], key, float(getattr(p, name)), std.get(name))
+    for side in ("a", "b"):
+        law = found.get("valves", {}).get(side, {}).get("discrete", {})
+        for name, key in _LAWS.items():
+            _renew(law, key, float(getattr(p, f"{name}_{side}")), std.get(f"{name}_{side}"))
+    found["provenance"]["options"] = {
+        **found["provenance"].get("options", {}),
+        "diagnosis": {"seed": diagnosis.seed, "verdict": diagnosis.verdict},
+    }
+    return found
+
+
+def _renew(part: dict[str, Any], key: str, value: float, std: float | None) -> None:
+    """A parameter's new value; its old interval belongs to the old one."""
+    if key not in part or std is None:
+        return
+    part[key] = {
+        "value": value,
+        "std": std,
+        "unit": part[key].get("unit", ""),
+        "interval": [value - 1.96 * std, value + 1.96 * std],
+    }
+
+
+def _write_report(
+    path: Path,
+    campaign: Campaign,
+    bundle: Mapping[str, Any],
+    bundle_path: Path,
+    diagnosis: Diagnosis,
+    effects: Path | None,
+    progress: Progress,
+) -> None:
+    from sysid.check import check_log
+    from sysid.report import write_report
+    from sysid.validation import validate
+
+    if not campaign.select(("motion-motor", "motion-pwm", "motion-discrete"), None):
+        raise NotIdentifiedError(f"{campaign.path}: holds no motion log to report on")
+    validation = validate(
+        campaign,
+        bundle,
+        bundle_path=bundle_path,
+        catalogue=catalogue_with(effects),
+        progress=progress,
+    )
+    checks = [check_log(campaign.read(entry), campaign.rig) for entry in campaign.logs]
+    write_report(
+        path,
+        campaign=campaign,
+        bundle=bundle,
+        validation=validation,
+        checks=checks,
+        diagnosis=diagnosis,
+        progress=progress,
+    )
+
+
+__all__ = ["Diagnosed", "diagnose_campaign", "diagnose_logs", "extended_bundle"]
