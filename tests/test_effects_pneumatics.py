@@ -111,7 +111,7 @@ def test_the_entry_is_whole(effect: type[CatalogueEffect]) -> None:
         assert fields[q.name] == (0.0 if q.is_strength else q.typical)
         assert q.lower <= (0.0 if q.is_strength else q.typical) <= q.upper
         assert q.lower <= q.typical <= q.upper and q.typical != 0.0
-        assert all(q.lower < g < q.upper for g in q.grid)
+        assert all(q.lower <= g <= q.upper for g in q.grid)
         assert q.is_strength or len(q.grid) >= 3
     assert effect.signature and effect.source and effect.title
     assert bool(effect.rivals) == bool(effect.tie_breaker) or effect.id == "encoder-eccentricity"
@@ -501,8 +501,15 @@ def test_a_chamber_behind_a_droop_still_reaches_the_supply() -> None:
     assert run.pressure_a[399] == pytest.approx(3e5, abs=30.0)
 
 
-def test_the_exhaust_backs_up_by_its_own_flow() -> None:
+def test_one_silencer_couples_the_chambers() -> None:
     backed = supply.ExhaustBackPressure.typical()
+    off = at_pressure(np.array([1.5e5, 2.5e5]), 0.0)
+    own = supply.ExhaustBackPressure.typical(common_share=0.0).exhaust_pressure(1e5, "a", off)
+    assert (backed.exhaust_pressure(1e5, "a", off) >= own).all()
+
+
+def test_the_exhaust_backs_up_by_its_own_flow() -> None:
+    backed = supply.ExhaustBackPressure.typical(common_share=0.0)
     pressure = np.array([1.0e5, 1.2e5, 1.8e5])
     back = backed.exhaust_pressure(1e5, "a", at_pressure(pressure, 0.0))
     flow = HELD.c_dis_a * (pressure - back)

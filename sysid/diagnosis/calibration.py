@@ -19,20 +19,22 @@ _SMALLEST_P = 1e-300
 _NOISIEST = 1.6
 # A gain beyond this many times the first twin's is worth asking the others.
 _ASK_AGAIN = 2.0
+# A rig's numerics may bias a gain's root by this factor against its twins'.
+_MARGIN = 1.3
 
 
 class Null:
     """Twins' residuals, and what each effect gains on them where it is asked for.
 
     `sums` maps a channel to the twins' whitened sums of squares a row, (twins,), `typical`
-    to those of the middling stretch. `family` is the number of effects that are looked at.
+    to those of the middling stretch. `family` is the number of forms that are looked at.
     """
 
     def __init__(self, twins: Sequence[Projected], forms: Sequence[Candidate]) -> None:
         self._twins = tuple(twins)
         self._forms = tuple(forms)
         self._gains: dict[str, FloatArray] = {}
-        self.family = len({form.id for form in forms})
+        self.family = len(forms)
         self.sums = {
             name: np.array([_mean_square(twin, name) for twin in twins]) for name in CHANNELS
         }
@@ -66,29 +68,31 @@ class Null:
         return self._gains[effect]
 
     def p_value(self, effect: str, gain: float, strengths: int) -> float:
-        """Chance that any effect of the catalogue gains so much where nothing is missing.
+        """Chance that any form in the catalogue gains so much where nothing is missing.
 
-        An effect's gain over its own mean among the twins is taken for chi-squared over its
-        degrees of freedom; the family is controlled by Bonferroni's bound.
+        The root of an effect's gain is taken for normal about its mean among the twins,
+        which a real rig's own numerics may exceed by some share; the family is controlled by
+        Bonferroni's bound.
         """
-        from scipy.stats import chi2
+        from scipy.stats import norm
 
-        mean = max(float(np.mean(self.gains(effect))), float(strengths))
-        tail = float(chi2.sf(strengths * gain / mean, strengths))
-        return min(1.0, max(self.family * tail, _SMALLEST_P))
+        roots = np.sqrt(np.maximum(self.gains(effect), float(strengths)))
+        spread = max(1.0, float(np.std(roots, ddof=1)) if len(roots) > 1 else 1.0)
+        distance = (math.sqrt(gain) - _MARGIN * float(np.mean(roots))) / spread
+        return min(1.0, max(self.family * float(norm.sf(distance)), _SMALLEST_P))
 
     def ratio(self, effect: str, gain: float) -> float:
         """A gain over the largest that a twin shows (at least 10: noise alone)."""
         return gain / max(float(np.max(self.gains(effect))), 10.0)
 
     def excess(self, base: Projected, rest: FloatArray | None = None) -> dict[str, float]:
-        """Each channel's sum of squares beyond the twins' mean; negative where below it."""
+        """Each channel's sum of squares beyond the twins' median; negative where below it."""
         values = base.rest if rest is None else rest
         found = {}
         for name in CHANNELS:
             own = values[base.frame.rows(name)]
-            level = max(1.0, typical_square(base, name) / float(np.mean(self.typical[name])))
-            expected = float(np.mean(self.sums[name])) * min(level, _NOISIEST)
+            level = max(1.0, typical_square(base, name) / float(np.median(self.typical[name])))
+            expected = float(np.median(self.sums[name])) * min(level, _NOISIEST)
             found[name] = float(own @ own) - len(own) * expected
         return found
 
@@ -96,7 +100,8 @@ class Null:
         """How far twins' sums of squares lie apart in a channel: one standard deviation."""
         rows = base.frame.rows(channel)
         count = rows.stop - rows.start
-        relative = float(np.std(self.sums[channel], ddof=1)) if len(self.sums[channel]) > 1 else 0.0
+        sums = self.sums[channel]
+        relative = 1.48 * float(np.median(np.abs(sums - np.median(sums))))
         return float(count) * max(relative, math.sqrt(2.0 / max(count, 1)))
 
 

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.diagnosis.traces import Traces, opening
+from sysid.diagnosis.traces import Traces, opening, smooth
 from sysid.model import base, plant
 from sysid.model.ports import SIDES, Effect, Model, Point
 
@@ -30,6 +31,7 @@ _RUN_UP_S = 0.35
 _MECHANICAL_RUN_UP_S = 1.0
 _STATE_STEP_S = 1e-3
 _SENSOR_ROUNDS = 2
+_SENSOR_CUTOFF_HZ = 80.0
 _TIMING_PORTS = ("pulses", "delays")
 
 
@@ -87,18 +89,23 @@ def equation_error(
     At rest friction is whatever holds the shaft: the effort residual means nothing there,
     and `Traces.direction` is 0.
     """
-    traces = _without_sensors(traces, model)
-    traces = _with_timing(traces, model)
+    shown = traces
+    traces = _with_timing(_without_sensors(shown, model), model)
     point = point_of(traces, model)
     if model.state_names:
         point = replace(point, extra=integrate_states(traces, model))
     nothing = np.zeros(len(traces))
+    rates = {
+        side: plant.pressure_rate(side, chamber_flow(side, point, model), point, model)
+        if f"rate_{side}" in channels
+        else None
+        for side in SIDES
+    }
+    rates = _rates_as_shown(traces, rates, model)
     return EquationError(
         _effort_error(traces, point, model) if EFFORT in channels else nothing,
-        *(
-            _rate_error(side, traces, point, model) if f"rate_{side}" in channels else nothing
-            for side in SIDES
-        ),
+        nothing if rates["a"] is None else np.asarray(shown.rate_a - rates["a"]),
+        nothing if rates["b"] is None else np.asarray(shown.rate_b - rates["b"]),
     )
 
 
@@ -129,8 +136,9 @@ def chamber_flow(side: str, point: Point, model: Model) -> FloatArray:
     pressure = point.pressure(side)
     ones = np.ones_like(share)
     # A port reads both valves: where one effect couples the sides, the other keeps its share.
-    opened = replace(point, **{f"open_{side}": ones})
-    closed = replace(point, **{f"open_{side}": 0.0 * ones})
+    full: dict[str, Any] = {f"open_{side}": ones}
+    none: dict[str, Any] = {f"open_{side}": 0.0 * ones}
+    opened, closed = replace(point, **full), replace(point, **none)
     fill_choked = base.is_filling_choked(pressure, plant.supply_pressure(side, opened, model))
     dis_choked = base.is_exhaust_choked(pressure, plant.exhaust_pressure(side, closed, model))
     fill = plant.discrete_flow(side, fill_choked, opened, model)
@@ -144,11 +152,31 @@ def _effort_error(traces: Traces, point: Point, model: Model) -> FloatArray:
     return np.asarray(point.parameters.inertia * traces.acceleration - (applied - friction))
 
 
-def _rate_error(side: str, traces: Traces, point: Point, model: Model) -> FloatArray:
-    """Rise of the measured pressure beyond what the model gives it, Pa/s."""
-    rate = plant.pressure_rate(side, chamber_flow(side, point, model), point, model)
-    measured = traces.rate_a if side == "a" else traces.rate_b
-    return np.asarray(measured - rate)
+def _rates_as_shown(
+    traces: Traces, rates: dict[str, FloatArray | None], model: Model
+) -> dict[str, FloatArray | None]:
+    """The model's pressure rates as the pressure sensors would show them.
+
+    The sensors are applied to the model's side: undone on the measured rate, a lag would
+    raise its noise.
+    """
+    sensors = [e for e in model.effects if overrides(e, "measure")]
+    if not sensors or all(rate is None for rate in rates.values()):
+        return rates
+    names = {"a": "pressure_a_pa", "b": "pressure_b_pa"}
+    nothing = np.zeros(len(traces))
+    found = {side: nothing if rate is None else rate.copy() for side, rate in rates.items()}
+    for run in traces.runs:
+        rows = run.rows
+        time = traces.time[rows]
+        zero: Mapping[str, FloatArray] = {"theta_rad": traces.position[rows]}
+        zero = {**zero, **dict.fromkeys(names.values(), nothing[rows])}
+        moved: Mapping[str, FloatArray] = {**zero, **{names[s]: found[s][rows] for s in names}}
+        for effect in sensors:
+            zero, moved = effect.measure(zero, time), effect.measure(moved, time)
+        for side, name in names.items():
+            found[side][rows] = moved[name] - zero[name]
+    return {side: None if rates[side] is None else found[side] for side in rates}
 
 
 def _with_timing(traces: Traces, model: Model) -> Traces:
@@ -158,27 +186,31 @@ def _with_timing(traces: Traces, model: Model) -> Traces:
 
 
 def _without_sensors(traces: Traces, model: Model) -> Traces:
-    """The traces as they were before the sensors: the `measure` ports undone by iteration."""
+    """The traces as they were before the sensors: the `measure` ports undone by iteration.
+
+    What a sensor takes away is given back up to a cut-off, above which undoing it would
+    raise the noise without bound.
+    """
     if not any(overrides(e, "measure") for e in model.effects):
         return traces
-    names = ("position", "pressure_a_pa", "pressure_b_pa")
-    found = [traces.position.copy(), traces.pressure_a.copy(), traces.pressure_b.copy()]
-    measured = [traces.position, traces.pressure_a, traces.pressure_b]
-    for run in traces.runs:
-        rows = run.rows
-        shown = [channel[rows] for channel in measured]
-        true = [channel.copy() for channel in shown]
-        for _ in range(_SENSOR_ROUNDS):
-            channels: Mapping[str, FloatArray] = dict(zip(names, true, strict=True))
-            channels = {"theta_rad": channels["position"], **channels}
-            channels["position_m"] = channels["position"]  # type: ignore[index]
+    names = ("theta_rad", "pressure_a_pa", "pressure_b_pa")
+    shown = (traces.position, traces.pressure_a, traces.pressure_b)
+    true = list(shown)
+    for _ in range(_SENSOR_ROUNDS):
+        lost = [np.zeros(len(traces)) for _ in names]
+        for run in traces.runs:
+            rows = run.rows
+            before = {name: channel[rows] for name, channel in zip(names, true, strict=True)}
+            after: Mapping[str, FloatArray] = before
             for effect in model.effects:
-                channels = effect.measure(channels, traces.time[rows])
-            after = [channels["theta_rad"], channels["pressure_a_pa"], channels["pressure_b_pa"]]
-            true = [t + (s - a) for t, s, a in zip(true, shown, after, strict=True)]
-        for channel, values in zip(found, true, strict=True):
-            channel[rows] = values
-    return traces.with_channels(*found)
+                after = effect.measure(after, traces.time[rows])
+            for channel, name in zip(lost, names, strict=True):
+                channel[rows] = before[name] - after[name]
+        true = [
+            channel + smooth(traces.runs, gap, _SENSOR_CUTOFF_HZ) if gap.any() else channel
+            for channel, gap in zip(shown, lost, strict=True)
+        ]
+    return traces.with_channels(*true)
 
 
 # --- extra states ----------------------------------------------------------------------

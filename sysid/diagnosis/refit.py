@@ -21,9 +21,10 @@ from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import Model
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
 
-_EVALUATIONS = 12
-_TOLERANCE = 1e-5
+_EVALUATIONS = 8
+_TOLERANCE = 1e-4
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,18 @@ class Refit:
     @property
     def id(self) -> str:
         return self.effect.id
+
+    def wald(self, tests: IntArray) -> float:
+        """How clearly the last effect's strengths differ from 0: s' C^-1 s over their number.
+
+        C is the jackknife's over the tests (rows,): what one test alone shows does not count.
+        """
+        covariance = self.fit.jackknife_covariance(tests)
+        quantities = [q for q in type(self.effect).quantities if q.is_strength]
+        places = [self.fit.names.index(f"{self.id}/{q.name}") for q in quantities]
+        strengths = self.fit.values[places]
+        inverse = np.linalg.pinv(covariance[np.ix_(places, places)], hermitian=True)
+        return float(strengths @ inverse @ strengths) / len(places)
 
 
 def refit(base: Projected, starts: Sequence[CatalogueEffect]) -> Refit:

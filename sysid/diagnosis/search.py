@@ -24,12 +24,19 @@ FloatArray = NDArray[np.float64]
 
 SIGNIFICANCE = 1e-3
 MOST_EFFECTS = 3
-_SUSPECTS = 6
+_SUSPECTS = 5
+# A suspect whose signature takes less than this share of the best one's is not refitted.
+_WORTH_REFITTING = 0.3
 # The twins are screened for this many effects at most, those that gain most.
 _CALIBRATED = 14
-_CLEAR_RATIO = 4.0
+_CLEAR_RATIO = 2.5
+# A strength that the tests agree on lies this many squared standard errors off 0.
+_CLEAR_WALD = 16.0
 # Of what is left beyond noise, an effect that is added has to take this share.
 _LEAST_SHARE = 0.35
+# What is small beside the effects so far is their form's misfit, unless it is all of the rest.
+_LEAST_PART = 0.05
+_WHOLE_SHARE = 0.8
 # A rival that takes almost as much as the winner cannot be told from it: nature's own form
 # of an effect seldom is the catalogue's, and costs the right one as much.
 _RIVAL_SHARE = 0.9
@@ -109,16 +116,24 @@ def search(
         best = best_by_effect(screen(base, open_ones))
         suspects = _suspects(best, null)
         passing = [
-            best[s.id] for s in suspects if s.p_value < SIGNIFICANCE and s.ratio > _CLEAR_RATIO
+            best[s.id]
+            for s in suspects
+            if s.p_value < SIGNIFICANCE
+            and s.ratio > _CLEAR_RATIO
+            and s.gain > _WORTH_REFITTING * suspects[0].gain
         ]
         if not passing or len(steps) == MOST_EFFECTS:
             return _finished(first, base, steps, suspects)
-        refits = _refit(base, passing[:_SUSPECTS])
+        refits = [r for r in _refit(base, passing[:_SUSPECTS]) if r.wald(frame.tests) > _CLEAR_WALD]
+        if not refits:
+            return _finished(first, base, steps, suspects)
         winner = max(refits, key=lambda r: r.gain - _penalty(r, base))
         progress(f"{winner.id}: tried {', '.join(r.id for r in refits)}")
         excess = sum(max(v, 0.0) for v in null.excess(base).values())
         share = winner.gain / max(excess, winner.gain)
-        if share < _LEAST_SHARE:
+        taken_so_far = sum(step.refit.gain for step in steps)
+        small = winner.gain < _LEAST_PART * taken_so_far and share < _WHOLE_SHARE
+        if share < _LEAST_SHARE or small:
             return _finished(first, base, steps, suspects)
         extended = with_base_refitted(base, base.model + winner.effect)
         step = Step(

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -213,7 +213,7 @@ def _derived(
     position: FloatArray,
     pressure_a: FloatArray,
     pressure_b: FloatArray,
-) -> dict[str, FloatArray]:
+) -> dict[str, Any]:
     """Smoothed channels and their derivatives."""
     return _differentiated(
         runs,
@@ -228,7 +228,7 @@ def _differentiated(
     position: FloatArray,
     pressure_a: FloatArray,
     pressure_b: FloatArray,
-) -> dict[str, FloatArray]:
+) -> dict[str, Any]:
     """Channels and their derivatives; at the seams between tests they mean nothing."""
     period = np.empty(len(position))
     for run in runs:

@@ -102,12 +102,16 @@ class SupplyDroop(CatalogueEffect):
 
 @dataclass(frozen=True)
 class ExhaustBackPressure(CatalogueEffect):
-    """Each valve exhausts through a resistance, such as a silencer: P0 + d flow.
+    """The valves exhaust through a resistance, such as a silencer: P0 + d flow.
 
-    An averaged valve model has no exhaust pressure, and so no back pressure.
+    The flow is the valve's own and, at a common share of 1, that of the other valve through
+    the same silencer. Each chamber's flow is solved with its own rise and with the other's
+    flow, in turn, twice. A rise by the own flow alone is much like a smaller coefficient of
+    the base law. An averaged valve model has no exhaust pressure, and so no back pressure.
     """
 
     back_pressure_pa_s_per_kg: Array = 0.0
+    common_share: Array = 1.0
 
     id = "exhaust-back-pressure"
     title = "Back pressure of the exhaust"
@@ -119,20 +123,39 @@ class ExhaustBackPressure(CatalogueEffect):
             5e3 / 3.5e-4,
             0.0,
             2e8,
-            "rise of the exhaust pressure per flow through the valve",
+            "rise of the exhaust pressure per flow through the valves",
+        ),
+        Quantity(
+            "common_share",
+            "-",
+            1.0,
+            0.0,
+            1.0,
+            "of the other valve's flow: 0 a silencer each, 1 one for both",
+            is_strength=False,
+            grid=(0.0, 0.5, 1.0),
         ),
     )
-    signature = "exhaust flow, below 1.9 times the atmosphere above all"
+    signature = "exhaust flow, below 1.9 times the atmosphere above all; couples A and B"
     rivals = ("valve-delay",)
     tie_breaker = "take the silencers off"
     source = "textbook: linear resistance of a silencer; base law of thesis 3.6.10"
 
     def exhaust_pressure(self, pressure: Array, side: str, point: Point) -> Array:
+        other = SIDES[1 - SIDES.index(side)]
+        share = self.common_share * (1.0 - point.is_open(other))
+        own: Array = 0.0
+        beside: Array = 0.0
+        for _ in range(_SWEEPS):
+            beside = share * self._flow(other, pressure, own, point)
+            own = self._flow(side, pressure, beside, point)
+        return pressure + self.back_pressure_pa_s_per_kg * (own + beside)
+
+    def _flow(self, side: str, atmosphere: Array, beside: Array, point: Point) -> Array:
         resistance = self.back_pressure_pa_s_per_kg
-        flow = backed_exhaust_flow(
-            point.pressure(side), pressure, point.parameters.valve(side), resistance
-        )
-        return pressure + resistance * flow
+        against = atmosphere + resistance * beside
+        valve = point.parameters.valve(side)
+        return backed_exhaust_flow(point.pressure(side), against, valve, resistance)
 
 
 EFFECTS: tuple[type[CatalogueEffect], ...] = (SupplyDroop, ExhaustBackPressure)
