@@ -29,6 +29,7 @@ ORDER = 6
 _RIDGE = 0.02
 _END_SHARE = 0.01
 _NEAR_SUPPLY = 0.01
+_RUNAWAY = 1e4
 _NEAR_BOUNDARY = 0.006
 # Tests that tell their own friction to 3 %, and how many of them a spread needs.
 _LEAST_POWER = 1e3
@@ -66,8 +67,13 @@ class Frame:
         )
 
     def residual(self, model: Model, channels: tuple[str, ...] = CHANNELS) -> FloatArray:
-        """The whitened equation error of a model, (rows,)."""
-        return self.vector(equation_error(self.traces, model, channels), channels)
+        """The whitened equation error of a model, (rows,).
+
+        A trial model whose states run away has a large one, not an undefined one.
+        """
+        with np.errstate(over="ignore", invalid="ignore"):
+            found = self.vector(equation_error(self.traces, model, channels), channels)
+        return np.asarray(np.nan_to_num(found, nan=_RUNAWAY, posinf=_RUNAWAY, neginf=-_RUNAWAY))
 
     def channel(self, name: str, error: EquationError) -> FloatArray:
         """The whitened residual of one channel."""

@@ -43,7 +43,7 @@ SPACING_S = 0.010
 _REST_SPEED = 0.004
 # Around a reversal the shaft may stick, however short.
 _REVERSAL_S = 0.012
-# Time at a test's ends that its neighbour's smoothing and derivatives reach.
+# Time at a test's ends where smoothing is one-sided.
 _SEAM_S = 0.015
 
 
@@ -192,19 +192,15 @@ def _channels(trial: Trial, rig: Rig, inputs: Inputs) -> dict[str, FloatArray]:
 
 
 def smooth(runs: Sequence[TestRun], values: FloatArray, cutoff_hz: float) -> FloatArray:
-    """A channel (n,) under a Gaussian that halves the amplitude at the cut-off.
-
-    Runs over the seams between tests: the first and last rows of a test count for little.
-    """
+    """A channel (n,) under a Gaussian that halves the amplitude at the cut-off, test by test."""
     from scipy.ndimage import gaussian_filter1d
 
     found = np.empty(len(values))
-    for period in {run.period for run in runs}:
-        sigma = math.sqrt(2.0 * math.log(2.0)) / (2.0 * math.pi * cutoff_hz * period)
-        whole = gaussian_filter1d(values, sigma, mode="nearest", truncate=3.5)
-        for run in runs:
-            if run.period == period:
-                found[run.rows] = whole[run.rows]
+    for run in runs:
+        sigma = math.sqrt(2.0 * math.log(2.0)) / (2.0 * math.pi * cutoff_hz * run.period)
+        gaussian_filter1d(
+            values[run.rows], sigma, mode="nearest", truncate=3.5, output=found[run.rows]
+        )
     return found
 
 
@@ -229,27 +225,28 @@ def _differentiated(
     pressure_a: FloatArray,
     pressure_b: FloatArray,
 ) -> dict[str, Any]:
-    """Channels and their derivatives; at the seams between tests they mean nothing."""
-    period = np.empty(len(position))
-    for run in runs:
-        period[run.rows] = run.period
-
-    def slope(values: FloatArray) -> FloatArray:
-        return np.asarray(np.gradient(values) / period)
-
+    """Channels and their derivatives, test by test."""
+    velocity = smooth(runs, _slope(runs, position), VELOCITY_CUTOFF_HZ)
     curvature = np.zeros(len(position))
-    curvature[1:-1] = (position[2:] - 2.0 * position[1:-1] + position[:-2]) / period[1:-1] ** 2
-    velocity = smooth(runs, slope(position), VELOCITY_CUTOFF_HZ)
+    for run in runs:
+        curvature[run.rows] = signals.second_derivative(position[run.rows], run.period)
     return {
         "position": position,
         "velocity": velocity,
         "acceleration": curvature,
         "pressure_a": pressure_a,
         "pressure_b": pressure_b,
-        "rate_a": slope(pressure_a),
-        "rate_b": slope(pressure_b),
+        "rate_a": _slope(runs, pressure_a),
+        "rate_b": _slope(runs, pressure_b),
         "direction": directions(runs, velocity),
     }
+
+
+def _slope(runs: Sequence[TestRun], values: FloatArray) -> FloatArray:
+    found = np.empty(len(values))
+    for run in runs:
+        found[run.rows] = np.gradient(values[run.rows], run.period)
+    return found
 
 
 def directions(runs: Sequence[TestRun], slow_velocity: FloatArray) -> FloatArray:

@@ -47,6 +47,12 @@ def base_valve_flow(side: str, point: Point) -> Array:
     return array_namespace(flow).where(flow == flow, flow, 0.0)
 
 
+def bounded(log_temperature: Array) -> Array:
+    """ln(Tg/T) within what a gas does: measured flows that do not fit would drive it off."""
+    xp = array_namespace(log_temperature)
+    return xp.minimum(xp.maximum(log_temperature, -0.4), 0.4)
+
+
 def _states_of(prefix: str, chosen: str) -> tuple[str, ...]:
     return tuple(f"{prefix}_{side}" for side in SIDES if of_side(side, chosen))
 
@@ -134,7 +140,7 @@ class WallHeatTransfer(CatalogueEffect):
 
     def _heat(self, side: str, point: Point) -> Array:
         """Heat into the gas, W."""
-        z = point.extra[f"wall_log_temperature_{side}"]
+        z = bounded(point.extra[f"wall_log_temperature_{side}"])
         warmer = array_namespace(z).expm1(z)
         return -self.wall_conductance_w_per_k * point.parameters.temperature * warmer
 
@@ -155,7 +161,7 @@ class WallHeatTransfer(CatalogueEffect):
             name = f"wall_log_temperature_{side}"
             if name not in self.states:
                 continue
-            pressure, z = point.pressure(side), point.extra[name]
+            pressure, z = point.pressure(side), bounded(point.extra[name])
             gas = p.temperature * array_namespace(z).exp(z)
             enthalpy = p.gas_constant * flows[side] * (p.heat_capacity_ratio * p.temperature - gas)
             work = less_one * pressure * volume_rate(side, point)
