@@ -116,8 +116,8 @@ def test_the_entry_is_whole(effect: type[CatalogueEffect]) -> None:
     assert effect.strengths()
     for q in effect.quantities:
         assert fields[q.name] == (0.0 if q.is_strength else q.typical)
-        assert q.lower <= fields[q.name] <= q.upper and q.lower < q.typical < q.upper
-        assert all(q.lower < g < q.upper for g in q.grid)
+        assert q.lower <= fields[q.name] <= q.upper and q.lower <= q.typical <= q.upper
+        assert all(q.lower <= g <= q.upper for g in q.grid)
         assert q.is_strength or q.grid
     assert effect.title and effect.signature and effect.source
     assert bool(effect.rivals) == bool(effect.tie_breaker)

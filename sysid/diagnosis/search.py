@@ -37,6 +37,8 @@ _LEAST_SHARE = 0.35
 # What is small beside the effects so far is their form's misfit, unless it is all of the rest.
 _LEAST_PART = 0.05
 _WHOLE_SHARE = 0.8
+# An effect that changes by this factor beside the next one was not what it seemed.
+_MOST_CHANGE = 2.5
 # A rival that takes almost as much as the winner cannot be told from it: nature's own form
 # of an effect seldom is the catalogue's, and costs the right one as much.
 _RIVAL_SHARE = 0.9
@@ -133,7 +135,7 @@ def search(
         share = winner.gain / max(excess, winner.gain)
         taken_so_far = sum(step.refit.gain for step in steps)
         small = winner.gain < _LEAST_PART * taken_so_far and share < _WHOLE_SHARE
-        if share < _LEAST_SHARE or small:
+        if share < _LEAST_SHARE or small or not _leaves_alone(first, steps, winner):
             return _finished(first, base, steps, suspects)
         extended = with_base_refitted(base, base.model + winner.effect)
         step = Step(
@@ -164,6 +166,25 @@ def _finished(
     base_std = standard_errors(last, own)
     steps = [*steps[:-1], replace(steps[-1], model=model)]
     return Search(tuple(steps), model, first, last, joint, base_std, tuple(suspects))
+
+
+def _leaves_alone(first: Projected, steps: Sequence[Step], winner: Refit) -> bool:
+    """Whether the effects so far keep their size beside another one.
+
+    Two effects that grow against each other are neither: they make up a curve together.
+    """
+    if not steps:
+        return True
+    before = [step.refit.effect for step in steps]
+    joint = refit(first, [*before, winner.effect])
+    for old, new in zip(before, joint.effects, strict=False):
+        names = [q.name for q in type(old).quantities if q.is_strength]
+        was = np.array([getattr(old, n) for n in names])
+        now = np.array([getattr(new, n) for n in names])
+        kept = float(was @ now) / float(was @ was)
+        if not 1.0 / _MOST_CHANGE < kept < _MOST_CHANGE:
+            return False
+    return True
 
 
 def _composes(model: Model, candidate: Candidate) -> bool:
@@ -225,7 +246,7 @@ def _own_columns(frame: Frame, model: Model) -> FloatArray:
         assert isinstance(effect, CatalogueEffect)
         for q in type(effect).quantities:
             value = float(getattr(effect, q.name))
-            move = 0.01 * (abs(value) or abs(q.typical))
+            move = 0.01 * (abs(value) or abs(q.typical) or 1.0)
             move = -move if value + move > q.upper else move
             changed = list(model.effects)
             changed[place] = replace(effect, **{q.name: value + move})  # type: ignore[type-var]

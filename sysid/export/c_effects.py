@@ -107,7 +107,8 @@ _SNIPPETS: dict[str, tuple[_Snippet, ...]] = {
         _Snippet(
             "sliding_friction",
             "value + {seal_torque_nm_per_pa} * direction"
-            " * (pressure_a_pa + pressure_b_pa - 2.0 * {atmosphere})",
+            " * ((1.0 - {difference_share}) * (pressure_a_pa + pressure_b_pa - 2.0 * {atmosphere})"
+            " + {difference_share} * fabs(pressure_a_pa - pressure_b_pa))",
         ),
     ),
     "quadratic-drag": (

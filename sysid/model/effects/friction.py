@@ -125,26 +125,42 @@ class PositionDependentFriction(CatalogueEffect):
 
 @dataclass(frozen=True)
 class SealFriction(CatalogueEffect):
-    """Seals press harder under pressure: + d (gauge Pa + Pb) sign w."""
+    """Seals press harder under pressure: + d (gauge Pa + Pb) sign w.
+
+    Rod and piston seals feel the gauge pressures, a piston's lip seal their difference: a
+    blend of (gauge Pa + Pb) and |Pa - Pb| by `difference_share`.
+    """
 
     seal_torque_nm_per_pa: Array = 0.0
+    difference_share: Array = 0.0
 
     id = "seal-friction"
     title = "Seal friction that grows with pressure"
     subsystem = "friction"
     quantities = (
+        Quantity("seal_torque_nm_per_pa", "Nm/Pa", 2e-7, 0.0, 2e-5, "per pressure on the seals"),
         Quantity(
-            "seal_torque_nm_per_pa", "Nm/Pa", 2e-7, 0.0, 2e-5, "per gauge pressure, both chambers"
+            "difference_share",
+            "-",
+            0.0,
+            0.0,
+            1.0,
+            "0: the sum of the gauge pressures, 1: their difference",
+            is_strength=False,
+            grid=(0.0, 0.5, 1.0),
         ),
     )
     signature = "torque against the sum of the pressures, against the motion"
-    rivals = ("torque-constant-error",)
+    rivals = ("torque-constant-error", "inertia-mismatch")
     tie_breaker = "motion at several common-mode pressures"
     source = "Andrighetto, Valdiero, Carlotto, Study of the friction behaviour, COBEM 2005"
 
     def friction_effort(self, effort: Array, point: Point) -> Array:
+        xp = array_namespace(point.pressure_a, self.difference_share)
         gauge = point.pressure_a + point.pressure_b - 2.0 * point.parameters.atmosphere
-        return effort + self.seal_torque_nm_per_pa * gauge * point.direction
+        difference = xp.abs(point.pressure_a - point.pressure_b)
+        pressure = gauge + self.difference_share * (difference - gauge)
+        return effort + self.seal_torque_nm_per_pa * pressure * point.direction
 
 
 @dataclass(frozen=True)
