@@ -4,18 +4,29 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from datasets.generator.campaign import SMALL, GeneratedCampaign, GeneratedLog, make_campaign
+from datasets.generator.campaign import (
+    SMALL,
+    GeneratedCampaign,
+    GeneratedLog,
+    drawn_effects,
+    make_campaign,
+)
 from datasets.generator.files import Dialect, write_campaign
 
 BUNDLED_SEED = 20
+BUNDLED_EFFECT = ("seal-friction", "sum", 1.5)  # id, form, times the usual size
 BUNDLED_COMMAND = "python -m datasets.generator --bundled"
 BUNDLED_FOLDER = Path(__file__).resolve().parents[1] / "bundled"
 LARGEST_CSV_ROWS = 10_000  # longer logs are kept as Parquet, a quarter of the size
 
 
 def bundled_campaign(stems: tuple[str, ...] | None = None) -> GeneratedCampaign:
-    """The bundled campaign in memory, or only the logs named: a random horizontal rotary rig."""
-    return make_campaign(BUNDLED_SEED, size=SMALL, stems=stems)
+    """The bundled campaign in memory, or only the logs named: a random horizontal rotary rig.
+
+    It has an effect that its rig file does not declare.
+    """
+    effects = drawn_effects(BUNDLED_SEED, [BUNDLED_EFFECT])
+    return make_campaign(BUNDLED_SEED, size=SMALL, stems=stems, effects=effects)
 
 
 def bundled_dialect(log: GeneratedLog) -> Dialect:

@@ -159,7 +159,8 @@ def _finished(
     """All effects fitted once more, together, from the base model on."""
     if not steps:
         return Search((), first.model, first, last, None, {}, tuple(suspects))
-    joint = refit(first, [step.refit.effect for step in steps])
+    alone = steps[0].refit
+    joint = refit(first, [s.refit.effect for s in steps]) if len(steps) > 1 else alone
     model = with_base_refitted(first, Model(first.model.parameters, joint.effects))
     own = _own_columns(first.frame, model)
     last = projected(first.frame, model, extra=own)

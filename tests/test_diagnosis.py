@@ -1,0 +1,279 @@
+"""The diagnosis' parts: traces, equation errors, whitening, twins, screening, search."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from datasets.generator.campaign import LAB, GeneratedCampaign, drawn_effects, make_campaign
+from sysid.diagnosis.equation_error import CHANNELS, EFFORT
+from sysid.diagnosis.frame import (
+    Frame,
+    Noise,
+    build_frame,
+    build_windows,
+    friction_scatter,
+    noise_of,
+)
+from sysid.diagnosis.leftover import leftover
+from sysid.diagnosis.loop import Loop, close_loop
+from sysid.diagnosis.refit import refit
+from sysid.diagnosis.screening import explained, projected
+from sysid.diagnosis.signatures import Candidate, Signatures, candidates
+from sysid.diagnosis.traces import Traces, prepare
+from sysid.diagnosis.twins import Scatter, SensorNoise, sensor_noise, simulate_twins
+from sysid.logs import Trial
+from sysid.model.base import ValveParameters, parameters_from_rig
+from sysid.model.effects import catalogue, class_of
+from sysid.model.effects.friction import SealFriction
+from sysid.model.effects.motor import AmplifierLag, TorqueConstantError
+from sysid.model.effects.sensor import PressureLag, PressureOffset
+from sysid.model.ports import Model
+from sysid.rig import Rig, rig_from_content
+
+SEED = 900
+STEMS = (
+    "friction_sliding",
+    "valve_discrete_a",
+    "valve_discrete_b",
+    "motion_motor",
+    "motion_pwm",
+    "motion_discrete",
+)
+SILENT = SensorNoise((np.zeros(1), np.zeros(1), np.zeros(1)), np.zeros(3))
+Tests = list[tuple[str, str, Trial]]
+
+
+def made(*effects: tuple[str, str, float], scatter: float = 0.0) -> tuple[Tests, Rig, Model]:
+    """Tests to fit on of a generated rig, the rig as declared, and its true base model."""
+    campaign: GeneratedCampaign = make_campaign(
+        SEED, size=LAB, stems=STEMS, scatter=scatter, effects=drawn_effects(SEED, effects)
+    )
+    rig = rig_from_content(campaign.rig.content, "rig.toml")
+    truth = campaign.truth
+    valves = {
+        side: ValveParameters(
+            choked_fill=v["choked_flow_fill_kg_s"],
+            choked_dis=v["choked_flow_dis_kg_s"],
+            c_fill=v["c_fill"],
+            c_dis=v["c_dis"],
+        )
+        for side, v in truth["valves"].items()
+    }
+    friction = truth["friction"]
+    parameters = parameters_from_rig(
+        rig,
+        static_effort=friction["static_nm"],
+        coulomb_effort=friction["coulomb_nm"],
+        viscous=friction["viscous_nm_s_per_rad"],
+        valve_a=valves["a"],
+        valve_b=valves["b"],
+    )
+    tests = [
+        (log.stem, log.kind, Trial(t.label, t.columns["time_s"], t.columns, log.stem))
+        for log in campaign.logs
+        if log.use == "fit"
+        for t in log.tests
+    ]
+    return tests, rig, Model(parameters)
+
+
+@pytest.fixture(scope="module")
+def healthy() -> tuple[Tests, Rig, Model]:
+    return made(scatter=0.02)
+
+
+@pytest.fixture(scope="module")
+def traces(healthy: tuple[Tests, Rig, Model]) -> Traces:
+    tests, rig, model = healthy
+    return prepare(tests, rig, model)
+
+
+@pytest.fixture(scope="module")
+def frame(traces: Traces, healthy: tuple[Tests, Rig, Model]) -> Frame:
+    model = healthy[2]
+    return build_frame(traces, model, noise_of(traces, model), 0.02)
+
+
+def test_the_true_model_leaves_noise_only(frame: Frame, healthy: Any) -> None:
+    white = frame.residual(healthy[2])
+    for name in CHANNELS:
+        own = white[frame.rows(name)]
+        assert len(own) > 1000
+        assert np.median(own**2) / 0.455 == pytest.approx(1.0, abs=0.35)
+        assert abs(own.mean()) < 0.1
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        SealFriction(2e-7),
+        TorqueConstantError(0.05),
+        AmplifierLag(0.003),
+        PressureLag(0.002),
+        PressureOffset(1500.0, side="a"),
+    ],
+    ids=lambda e: e.id,
+)
+def test_a_model_with_the_effect_explains_a_twin_that_has_it(
+    effect: Any, traces: Traces, healthy: tuple[Tests, Rig, Model]
+) -> None:
+    _, rig, model = healthy
+    noise = SensorNoise((np.array([1e-5]), np.array([150.0]), np.array([150.0])), np.zeros(3))
+    twin = next(simulate_twins(traces, model + effect, noise, Scatter(), 1, 3, rig))
+    plain = next(simulate_twins(traces, model, noise, Scatter(), 1, 3, rig))
+    colour = noise_of(plain, model)
+    own = build_frame(twin, model, colour, 0.0)
+    without, beside = own.residual(model), own.residual(model + effect)
+    healthy_sum = float(np.mean(build_frame(plain, model, colour, 0.0).residual(model) ** 2))
+    excess = np.mean(without**2) - healthy_sum
+    assert excess > 0.05 * healthy_sum
+    assert np.mean(beside**2) - healthy_sum < 0.1 * excess
+
+
+def test_neutral_effects_change_nothing(frame: Frame, healthy: Any) -> None:
+    model = healthy[2]
+    before = frame.residual(model)
+    for effect in (SealFriction, AmplifierLag, PressureLag):
+        np.testing.assert_allclose(frame.residual(model + effect.neutral()), before, atol=1e-8)
+
+
+def test_whitening_takes_the_colour_out(frame: Frame) -> None:
+    rng = np.random.default_rng(0)
+    view = frame.windows[EFFORT]
+    coloured = np.empty(len(view))
+    for stretch in np.unique(view.stretch):
+        rows = view.stretch == stretch
+        coloured[rows] = lfilter([1.0], [1.0, -0.6], rng.standard_normal(rows.sum() + 200))[200:]
+    lags = np.arange(7)
+    noise = Noise(dict.fromkeys(CHANNELS, 0.6**lags / (1.0 - 0.36)))
+    from sysid.diagnosis.frame import _whitening
+
+    white = _whitening(noise.covariance[EFFORT], view) @ coloured
+    assert np.var(white) == pytest.approx(1.0, abs=0.06)
+    assert abs(np.corrcoef(white[1:], white[:-1])[0, 1]) < 0.04
+
+
+def test_windows_never_span_two_tests(traces: Traces, healthy: Any) -> None:
+    for view in build_windows(traces, healthy[2]).values():
+        first = np.array([run.rows.start for run in traces.runs])[view.run]
+        last = np.array([run.rows.stop for run in traces.runs])[view.run]
+        assert (view.centre >= first).all() and (view.centre < last).all()
+        ones = view.average(np.ones(len(traces)))
+        np.testing.assert_allclose(ones, 1.0)
+
+
+def test_the_scatter_of_friction_is_measured(traces: Traces, healthy: Any) -> None:
+    _, rig, model = healthy
+    noise = SensorNoise((np.array([1e-5]), np.array([150.0]), np.array([150.0])), np.zeros(3))
+    found = []
+    for twin in simulate_twins(traces, model, noise, Scatter(0.04, 0.04), 4, 1, rig):
+        bare = projected(build_frame(twin, model, noise_of(twin, model), 0.0), model)
+        found.append(friction_scatter(bare.frame, bare.rest))
+    assert np.mean(found) == pytest.approx(0.04, rel=0.4)
+
+
+def test_twins_are_the_same_for_a_seed(traces: Traces, healthy: Any) -> None:
+    _, rig, model = healthy
+    first, second = (
+        next(simulate_twins(traces, model, SILENT, Scatter(0.02, 0.02), 1, 5, rig)).position
+        for _ in range(2)
+    )
+    np.testing.assert_array_equal(first, second)
+
+
+def test_sensor_noise_of_coloured_noise() -> None:
+    tests, rig, _ = made()
+    rng = np.random.default_rng(0)
+    white = rng.standard_normal(20_001)
+    coloured = 200.0 * (white[1:] + 0.5 * white[:-1]) / np.sqrt(1.25)
+    file, kind, trial = tests[0]
+    channels = {**trial.channels, "pressure_a_pa": 1e5 + coloured[: len(trial)]}
+    long = replace(trial, channels=channels)
+    noise = sensor_noise([(file, kind, long)], rig)
+    assert noise.total[1] == pytest.approx(200.0, rel=0.08)
+    kernel = noise.kernels[1]
+    lag_one = float(kernel[1:] @ kernel[:-1]) / float(kernel @ kernel)
+    assert lag_one == pytest.approx(0.4, abs=0.08)
+
+
+def test_a_refit_finds_the_number(traces: Traces, healthy: tuple[Tests, Rig, Model]) -> None:
+    _, rig, model = healthy
+    noise = SensorNoise((np.array([1e-5]), np.array([150.0]), np.array([150.0])), np.zeros(3))
+    twin = next(simulate_twins(traces, model + AmplifierLag(0.003), noise, Scatter(), 1, 3, rig))
+    base = projected(build_frame(twin, model, noise_of(twin, model), 0.0), model)
+    found = refit(base, [AmplifierLag(0.001)])
+    assert found.fit["amplifier-lag/amplifier_lag_s"] == pytest.approx(0.003, rel=0.05)
+    assert found.gain > 100.0
+
+
+def test_strengths_stay_within_their_bounds(frame: Frame, healthy: Any) -> None:
+    base = projected(frame, healthy[2])
+    form = next(c for c in candidates([SealFriction]))
+    column = Signatures(frame, healthy[2], base.residual)(form)
+    pushed = replace(base, rest=base.project(base.rest + 5.0 * column[:, 0]))
+    # That residual asks for less than no seal friction at all.
+    assert explained(pushed, form, column).gain == 0.0
+
+
+def test_both_sides_are_the_sum_of_either(frame: Frame, healthy: Any) -> None:
+    forms = {dict(c.shape)["side"]: c for c in candidates([PressureOffset])}
+    signatures = Signatures(frame, healthy[2], frame.residual(healthy[2]))
+    both = signatures(forms["both"])
+    np.testing.assert_allclose(both, signatures(forms["a"]) + signatures(forms["b"]))
+
+
+def test_every_effect_has_forms() -> None:
+    forms = candidates(catalogue().values())
+    assert {c.id for c in forms} == set(catalogue())
+    assert all(isinstance(c, Candidate) and c.neutral() is not None for c in forms)
+
+
+# --- the whole loop ----------------------------------------------------------------------
+
+FEW = ("seal-friction", "stribeck-friction", "torque-constant-error", "torque-offset")
+
+
+def loop(tests: Tests, rig: Rig, model: Model) -> Loop:
+    effects = [catalogue()[name] for name in (*FEW, "inertia-mismatch", "piston-leakage")]
+    return close_loop(tests, rig, model, effects)
+
+
+def test_nothing_is_found_where_nothing_is_missing(healthy: tuple[Tests, Rig, Model]) -> None:
+    found = loop(*healthy)
+    assert found.search.steps == ()
+    assert leftover(found, healthy[1]) == ()
+
+
+@pytest.mark.parametrize(
+    ("effect", "is_right"),
+    [
+        (("seal-friction", "sum", 1.0), lambda step: step.refit.id == "seal-friction"),
+        (
+            ("torque-offset", "constant", 1.0),
+            lambda step: class_of("torque-offset") - {step.refit.id} == set(step.ambiguous),
+        ),
+    ],
+)
+def test_an_effect_is_found_and_named(
+    effect: tuple[str, str, float], is_right: Callable[[Any], bool]
+) -> None:
+    tests, rig, model = made(effect, scatter=0.02)
+    found = loop(tests, rig, model)
+    assert len(found.search.steps) == 1
+    assert is_right(found.search.steps[0])
+    assert leftover(found, rig) == ()
+
+
+def test_what_no_effect_explains_is_said() -> None:
+    tests, rig, model = made(("friction-warm-up", "decay", 1.0))
+    found = loop(tests, rig, model)
+    entries = leftover(found, rig)
+    assert [entry.channel for entry in entries] == ["theta_rad"]
+    assert 0.0 < entries[0].share <= 1.0
+    assert len(entries[0].curve.centres) == len(entries[0].curve.means) > 3
