@@ -31,9 +31,7 @@ def repeated(source: Path, target: Path, times: int) -> int:
     rows = 0
     shutil.copytree(source, target)
     for log in [*target.glob("*.csv"), *target.glob("*.parquet")]:
-        table = (
-            pd.read_parquet(log) if log.suffix == ".parquet" else pd.read_csv(log, comment="#")
-        )
+        table = pd.read_parquet(log) if log.suffix == ".parquet" else pd.read_csv(log, comment="#")
         copies = []
         for i in range(times):
             copy = table.copy()

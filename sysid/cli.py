@@ -215,6 +215,23 @@ def validate(campaign: Path, bundle: Path, as_json: bool, **options: Any) -> Non
 
 
 @app.command()
+@click.argument("campaign", type=PathArgument)
+@click.option("--bundle", required=True, type=PathArgument, help="What was fitted.")
+@click.option("-o", "output", type=PathArgument, help="Write the extended bundle.")
+@click.option("--report", type=PathArgument, help="Write the HTML report here.")
+@_effects_option
+@click.option("--seed", default=0, show_default=True, help="Of the simulated twins.")
+@_json_option
+def diagnose(campaign: Path, bundle: Path, as_json: bool, **options: Any) -> None:
+    """What the model lacks: the residual's cause, and the errors with it and without."""
+    from sysid import summary
+    from sysid.diagnose import diagnose_campaign
+
+    diagnosed = diagnose_campaign(campaign, bundle, progress=summary.progress(), **options)
+    summary.show_diagnosis(diagnosed, as_json)
+
+
+@app.command()
 @click.argument("inputs", type=PathArgument)
 @click.option("--bundle", required=True, type=PathArgument, help="What was fitted.")
 @click.option("-o", "output", required=True, type=PathArgument, help="CSV or Parquet to write.")
@@ -242,7 +259,11 @@ _run_options = _options(
         show_default=True,
         help="Which PWM surfaces to fit.",
     ),
-    click.option("--seed", default=0, show_default=True, help="Of folds and restarts."),
+    click.option("--seed", default=0, show_default=True, help="Of folds, restarts and twins."),
+    click.option(
+        "--diagnose/--no-diagnose", default=True, help="Whether to look for what the model lacks."
+    ),
+    _effects_option,
     _json_option,
 )
 
@@ -252,7 +273,7 @@ _run_options = _options(
 @click.option("-o", "folder", required=True, type=PathArgument, help="Folder for all results.")
 @_run_options
 def run(campaign: Path, folder: Path, as_json: bool, **options: Any) -> None:
-    """The whole pipeline: check, fit, validate, report, export. Resumes where it stopped."""
+    """The whole pipeline, from checks to exports. Resumes where it stopped."""
     from sysid import pipeline, summary
 
     done = pipeline.run_campaign(campaign, folder, progress=summary.progress(), **options)

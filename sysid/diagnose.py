@@ -11,7 +11,7 @@ from typing import Any
 from sysid.bundle import check_log_unchanged, read_bundle, write_bundle
 from sysid.campaign import Campaign, CampaignLog, read_campaign
 from sysid.diagnosis import Diagnosis, diagnose
-from sysid.errors import NotIdentifiedError, input_error
+from sysid.errors import input_error
 from sysid.logs import Log
 from sysid.model.effects.serialise import effect_to_dict
 from sysid.model.from_bundle import catalogue_with, model_from_bundle
@@ -181,17 +181,18 @@ def _write_report(
 ) -> None:
     from sysid.check import check_log
     from sysid.report import write_report
-    from sysid.validation import validate
+    from sysid.report.findings import content
+    from sysid.validation import VALIDATED_KINDS, validate
 
-    if not campaign.select(("motion-motor", "motion-pwm", "motion-discrete"), None):
-        raise NotIdentifiedError(f"{campaign.path}: holds no motion log to report on")
-    validation = validate(
-        campaign,
-        bundle,
-        bundle_path=bundle_path,
-        catalogue=catalogue_with(effects),
-        progress=progress,
-    )
+    validation = None
+    if campaign.select(VALIDATED_KINDS, None):
+        validation = validate(
+            campaign,
+            bundle,
+            bundle_path=bundle_path,
+            catalogue=catalogue_with(effects),
+            progress=progress,
+        )
     checks = [check_log(campaign.read(entry), campaign.rig) for entry in campaign.logs]
     write_report(
         path,
@@ -199,7 +200,7 @@ def _write_report(
         bundle=bundle,
         validation=validation,
         checks=checks,
-        diagnosis=diagnosis,
+        diagnosis=content(diagnosis),
         progress=progress,
     )
 

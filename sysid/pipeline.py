@@ -1,4 +1,4 @@
-"""`sysid run`: check, fit, validate, report and export a campaign, one stage after another.
+"""`sysid run`: check, fit, diagnose, validate, report and export a campaign, stage by stage.
 
 Each stage writes its files whole and is then entered in `run.json` with the digests of all
 that it was made from. A later call does again what failed, what is missing and what is
@@ -19,18 +19,22 @@ from sysid import __version__
 from sysid.bundle import Source, read_bundle, write_bundle
 from sysid.campaign import Campaign, read_campaign
 from sysid.check import LogCheck, check_log
-from sysid.errors import input_error
+from sysid.errors import NotIdentifiedError, input_error
 from sysid.files import remove_leftovers, write_atomic
 from sysid.fit import fit_campaign
+from sysid.model.from_bundle import catalogue_with
 from sysid.validation import VALIDATED_KINDS, validate
 
 if TYPE_CHECKING:
+    from sysid.model.effects.serialise import Catalogue
     from sysid.validation_results import ValidationResult
 
 STATE_FILE = "run.json"
 REPORT_FILE = "report.html"
 BUNDLE_FILE = "bundle.json"
 _FITTED_FILE = "fitted.json"
+_EXTENDED_FILE = "extended.json"
+_DIAGNOSIS_FILE = "diagnosis.json"
 _CHECKS_FILE = "checks.json"
 EXPORTS = {"c": "export/model.h", "mat": "export/model.mat", "json": "export/model.json"}
 
@@ -48,12 +52,16 @@ class StageReport:
 
 @dataclass(frozen=True)
 class RunReport:
-    """What `sysid run` did: the stages, the bundle, and the files that it wrote."""
+    """What `sysid run` did: the stages, the bundle, and the files that it wrote.
+
+    `diagnosis` is the content of its file, None where none was made.
+    """
 
     folder: Path
     stages: tuple[StageReport, ...]
     bundle: dict[str, Any]
     notices: tuple[str, ...]
+    diagnosis: dict[str, Any] | None = None
 
     @property
     def report(self) -> Path:
@@ -61,13 +69,15 @@ class RunReport:
         return self.folder / REPORT_FILE
 
     def to_json(self) -> dict[str, Any]:
-        """What `sysid run --json` prints."""
+        """What `sysid run --json` prints; `diagnosis` as `sysid diagnose --json`, or null."""
+        diagnosis = self.diagnosis and {k: v for k, v in self.diagnosis.items() if k != "figures"}
         return {
             "folder": str(self.folder),
             "report": str(self.report),
             "bundle": str(self.folder / BUNDLE_FILE),
             "exports": {kind: str(self.folder / name) for kind, name in EXPORTS.items()},
             "stages": [asdict(s) for s in self.stages],
+            "diagnosis": diagnosis,
             "validation": self.bundle.get("validation", {}),
             "notices": list(self.notices),
         }
@@ -83,11 +93,30 @@ class _Run:
     seed: int
     tell: Progress
     inputs: dict[str, str]
+    diagnose: bool = True
+    effects: Path | None = None
     notices: list[str] = field(default_factory=list)
     validation: ValidationResult | None = None
 
     def path(self, name: str) -> Path:
         return self.folder / name
+
+    @property
+    def model_file(self) -> str:
+        """The bundle that is validated: extended by the diagnosis where there is one."""
+        return _EXTENDED_FILE if self.diagnose else _FITTED_FILE
+
+    @property
+    def catalogue(self) -> Catalogue | None:
+        """The catalogue with the user's own effects; None is the project's."""
+        return catalogue_with(self.effects) if self.effects else None
+
+    def diagnosis(self) -> dict[str, Any] | None:
+        """What the diagnosis wrote: its result, or why it was `skipped`; None without one."""
+        if not self.diagnose:
+            return None
+        content: dict[str, Any] = json.loads(self.path(_DIAGNOSIS_FILE).read_text("utf-8"))
+        return content
 
 
 def run_campaign(
@@ -96,13 +125,19 @@ def run_campaign(
     *,
     surface: str = "both",
     seed: int = 0,
+    diagnose: bool = True,
+    effects: Path | None = None,
     progress: Progress = lambda line: None,
 ) -> RunReport:
     """Run every stage that is not up to date. Raises what the stages raise.
 
-    `surface` and `seed` are `sysid fit valve-pwm`'s; `progress` is told what is being done.
+    `surface` and `seed` are `sysid fit valve-pwm`'s and the diagnosis'; `diagnose` says
+    whether to look for what the model lacks, `effects` is a file of a user's own effects
+    for that; `progress` is told what is being done.
     """
     campaign = read_campaign(campaign_path)
+    if effects is not None:
+        catalogue_with(effects)  # an unusable file is said before the work, not after it
     try:
         (folder / "export").mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -111,11 +146,13 @@ def run_campaign(
         ) from None
     remove_leftovers(folder)
     remove_leftovers(folder / "export")
-    run = _Run(campaign, folder, surface, seed, progress, _digests(campaign))
+    run = _Run(campaign, folder, surface, seed, progress, _digests(campaign), diagnose, effects)
     run.notices += [*campaign.notices, *campaign.rig.notices]
-    stages = [_perform(run, stage) for stage in _STAGES]
+    stages = tuple(_perform(run, stage) for stage in _stages(run))
     bundle = read_bundle(folder / BUNDLE_FILE)
-    return RunReport(folder, tuple(stages), bundle, tuple(dict.fromkeys(run.notices)))
+    found = run.diagnosis()
+    diagnosis = found if found and "verdict" in found else None
+    return RunReport(folder, stages, bundle, tuple(dict.fromkeys(run.notices)), diagnosis)
 
 
 def _digests(campaign: Campaign) -> dict[str, str]:
@@ -132,12 +169,16 @@ def _digest(path: Path) -> str:
 
 @dataclass(frozen=True)
 class _Stage:
-    """A stage: what it writes, what it is made from besides the logs, and what it does."""
+    """A stage: what it writes, what it is made from besides the logs, and what it does.
+
+    `reads_effects`: whether a user's file of effects plays a part in it.
+    """
 
     name: str
     outputs: tuple[str, ...]
     made_from: tuple[str, ...]
     perform: Callable[[_Run], None]
+    reads_effects: bool = True
 
 
 def _perform(run: _Run, stage: _Stage) -> StageReport:
@@ -148,6 +189,8 @@ def _perform(run: _Run, stage: _Stage) -> StageReport:
         "--surface": run.surface,
         "--seed": str(run.seed),
     }
+    if stage.reads_effects and run.effects is not None:
+        made_from["--effects"] = _digest(run.effects)
     state = _read_state(run.folder)
     why = _stale(run, stage, made_from, state.get(stage.name))
     if why is None:
@@ -214,25 +257,52 @@ def _fit(run: _Run) -> None:
     run.notices += fitted.notices
 
 
+def _diagnose(run: _Run) -> None:
+    """A campaign that cannot be diagnosed is gone on with as it was fitted, and says why."""
+    from sysid.diagnose import diagnose_logs, extended_bundle
+    from sysid.report.findings import content
+
+    bundle = read_bundle(run.path(_FITTED_FILE))
+    try:
+        diagnosis, notices = diagnose_logs(
+            run.campaign,
+            bundle,
+            Path(_FITTED_FILE),
+            effects=run.effects,
+            seed=run.seed,
+            progress=run.tell,
+        )
+    except NotIdentifiedError as error:
+        run.notices.append(f"not diagnosed: {error}")
+        found: dict[str, Any] = {"skipped": str(error)}
+    else:
+        run.notices += [*notices, *diagnosis.notices]
+        found = content(diagnosis)
+        bundle = extended_bundle(bundle, diagnosis, run.campaign.rig)
+    text = json.dumps(found, indent=2, allow_nan=False, ensure_ascii=False)
+    write_atomic(run.path(_DIAGNOSIS_FILE), text + "\n")
+    write_bundle(bundle, run.path(_EXTENDED_FILE))
+
+
 def _validated(run: _Run) -> ValidationResult | None:
-    """The validation of the fitted bundle; None in a campaign without motion logs."""
+    """The validation of the bundle that stands; None in a campaign without motion logs."""
     entries = run.campaign.select(VALIDATED_KINDS, None)
     if not entries:
         return None
     if run.validation is None:
-        fitted = run.path(_FITTED_FILE)
         run.validation = validate(
             run.campaign,
-            read_bundle(fitted),
+            read_bundle(run.path(run.model_file)),
             # The name alone: what is said of it goes into a report that is sent to others.
-            bundle_path=Path(_FITTED_FILE),
+            bundle_path=Path(run.model_file),
+            catalogue=run.catalogue,
             progress=run.tell,
         )
     return run.validation
 
 
 def _validate(run: _Run) -> None:
-    bundle = read_bundle(run.path(_FITTED_FILE))
+    bundle = read_bundle(run.path(run.model_file))
     result = _validated(run)
     if result is None:
         run.notices.append(f"{run.campaign.path}: no motion log: the bundle is not validated")
@@ -257,6 +327,7 @@ def _report(run: _Run) -> None:
         bundle=read_bundle(run.path(BUNDLE_FILE)),
         validation=_validated(run),
         checks=[LogCheck.from_json(c) for c in content["logs"]],
+        diagnosis=run.diagnosis(),
         progress=run.tell,
     )
 
@@ -265,13 +336,19 @@ def _export(run: _Run) -> None:
     from sysid.export import export_file
 
     for kind, name in EXPORTS.items():
-        run.notices += export_file(run.path(BUNDLE_FILE), run.path(name), kind)
+        run.notices += export_file(run.path(BUNDLE_FILE), run.path(name), kind, effects=run.effects)
 
 
-_STAGES = (
-    _Stage("check", (_CHECKS_FILE,), (), _check),
-    _Stage("fit", (_FITTED_FILE,), (), _fit),
-    _Stage("validate", (BUNDLE_FILE,), (_FITTED_FILE,), _validate),
-    _Stage("report", (REPORT_FILE,), (BUNDLE_FILE, _CHECKS_FILE), _report),
-    _Stage("export", tuple(EXPORTS.values()), (BUNDLE_FILE,), _export),
-)
+def _stages(run: _Run) -> list[_Stage]:
+    """The stages of a run, in turn."""
+    diagnosed = (_DIAGNOSIS_FILE, _EXTENDED_FILE)
+    shown = (BUNDLE_FILE, _CHECKS_FILE, *([_DIAGNOSIS_FILE] if run.diagnose else []))
+    stages = [
+        _Stage("check", (_CHECKS_FILE,), (), _check, reads_effects=False),
+        _Stage("fit", (_FITTED_FILE,), (), _fit, reads_effects=False),
+        _Stage("diagnose", diagnosed, (_FITTED_FILE,), _diagnose),
+        _Stage("validate", (BUNDLE_FILE,), (run.model_file,), _validate),
+        _Stage("report", (REPORT_FILE,), shown, _report),
+        _Stage("export", tuple(EXPORTS.values()), (BUNDLE_FILE,), _export),
+    ]
+    return [stage for stage in stages if run.diagnose or stage.name != "diagnose"]

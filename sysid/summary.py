@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from sysid.check import LogCheck
     from sysid.convert import ConversionReport
+    from sysid.diagnose import Diagnosed
     from sysid.fit import Fitted
     from sysid.pipeline import RunReport
     from sysid.simulate import Simulated
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
 
 # A pipe or a file has no width of its own; file names are not cut there.
 _PIPED_WIDTH = 132
+# Suspects of one look that a summary names.
+_MOST_SUSPECTS = 6
 Tables = Callable[[Any], Iterable[Table]]
 
 
@@ -57,7 +60,7 @@ def show(fitted: Fitted, as_json: bool, tables: Tables) -> None:
         out.print(Text(f"written: {fitted.written}"))
 
 
-def estimate_cells(estimate: dict[str, Any]) -> tuple[str, str, str]:
+def estimate_cells(estimate: Mapping[str, Any]) -> tuple[str, str, str]:
     """Value, 95 % interval and unit of a bundle's parameter, as text."""
     if estimate.get("value") is None:
         return "not identified", estimate.get("reason", ""), ""
@@ -206,14 +209,102 @@ def show_validation(validated: Validated, as_json: bool) -> None:
         out.print(Text(f"written: {path}"))
 
 
+def show_diagnosis(diagnosed: Diagnosed, as_json: bool) -> None:
+    """`sysid diagnose`: the verdict, the effects, the errors, what was tried, what to do next."""
+    from sysid.report import diagnosis_text
+    from sysid.report.findings import looks
+
+    notices(diagnosed.notices)
+    content = diagnosed.to_json()
+    if as_json:
+        print_json(content)
+        return
+    out = console()
+    out.print(Text(diagnosis_text.sentence(content), style="bold"), soft_wrap=True)
+    tables = [*_effect_tables(content), *_before_after_tables(content)]
+    tables += [*_unexplained_tables(content), *_tried_tables(looks(diagnosed.diagnosis))]
+    for table in tables:
+        out.print("", table)
+    out.print()
+    written = (f"written: {path}" for path in diagnosed.written)
+    for line in (*diagnosis_text.advice(content), *written):
+        out.print(Text(line), soft_wrap=True)
+
+
+def _effect_tables(content: dict[str, Any]) -> Iterable[Table]:
+    """One row a parameter; what is said of the effect as a whole stands in its first row."""
+    from sysid.report.diagnosis_text import joined, p_text, parameter_rows
+
+    if not content["effects"]:
+        return
+    columns = ("parameter", "value", "95 % interval", "unit", "p", "share, %", "ambiguous with")
+    table = new_table("Effects", "effect", *columns)
+    for effect in content["effects"]:
+        head = effect["id"]
+        share = f"{100.0 * effect['share']:.3g}"
+        whole = (p_text(effect["p_value"]), share, joined(effect["ambiguous_with"], "or") or "-")
+        for name, estimate in parameter_rows(effect):
+            cells = (estimate, "", "") if isinstance(estimate, str) else estimate_cells(estimate)
+            table.add_row(*(Text(c) for c in (head, name, *cells, *whole)))
+            head, whole = "", ("", "", "")
+    yield table
+
+
+def _before_after_tables(content: dict[str, Any]) -> Iterable[Table]:
+    from sysid.report.diagnosis_text import errors_by_step
+
+    if not content["residual"]:
+        return
+    added = [f"+ {effect['id']}" for effect in content["effects"]]
+    title = "RMSE on held-out logs, simulated open loop"
+    table = new_table(title, "channel", "bundle given", *added, "noise floor")
+    for name, errors in errors_by_step(content).items():
+        floor = content["residual"][name]["noise_floor"]
+        table.add_row(name, *(f"{e:.4g}" for e in errors), f"{floor:.4g}")
+    yield table
+
+
+def _unexplained_tables(content: dict[str, Any]) -> Iterable[Table]:
+    from sysid.report.diagnosis_text import regressor_name
+
+    if content["unexplained"]:
+        table = new_table("Unexplained", "channel", "depends most on", "share of variance, %")
+        for entry in content["unexplained"]:
+            share = f"{100.0 * entry['share']:.3g}"
+            table.add_row(entry["channel"], regressor_name(entry["regressor"]), share)
+        yield table
+
+
+def _tried_tables(looks: Sequence[dict[str, Any]]) -> Iterable[Table]:
+    """What each look at the residual tried besides the effect that it added."""
+    from sysid.report.diagnosis_text import p_text
+
+    columns = ("look", "suspect", "gain", "most on a twin", "p", "what became of it")
+    table = new_table("Tried, and not added", *columns)
+    for place, look in enumerate(looks, start=1):
+        others = [s for s in look["suspects"] if s["id"] != look["added"]]
+        for suspect in others[:_MOST_SUSPECTS]:
+            gains = (f"{suspect['gain']:.3g}", f"{max(suspect['twins']):.3g}")
+            cells = (suspect["id"], *gains, p_text(suspect["p_value"]), suspect["fate"])
+            table.add_row(str(place), *(Text(c) for c in cells))
+        if len(others) > _MOST_SUSPECTS:
+            table.add_row(str(place), f"{len(others) - _MOST_SUSPECTS} more that gain less")
+    if table.row_count:
+        yield table
+
+
 def show_run(done: RunReport, as_json: bool) -> None:
-    """`sysid run`: what each stage did, the validation, and where the report is."""
+    """`sysid run`: the validation, the diagnosis, what each stage did, and where the report is."""
+    from sysid.report import diagnosis_text
+
     notices(done.notices)
     if as_json:
         print_json(done.to_json())
         return
     out = console()
     out.print(validation_table(done.bundle.get("validation", {})))
+    if done.diagnosis is not None:
+        out.print(Text(f"Diagnosis: {diagnosis_text.sentence(done.diagnosis)}"), soft_wrap=True)
     table = new_table("Stages", "stage", "", "s")
     for stage in done.stages:
         table.add_row(stage.name, stage.why or "up to date", f"{stage.seconds:.1f}")

@@ -151,7 +151,8 @@ def test_whitening_takes_the_colour_out(frame: Frame) -> None:
         rows = view.stretch == stretch
         coloured[rows] = lfilter([1.0], [1.0, -0.6], rng.standard_normal(rows.sum() + 200))[200:]
     lags = np.arange(7)
-    noise = Noise(dict.fromkeys(CHANNELS, 0.6**lags / (1.0 - 0.36)))
+    covariance = np.asarray(0.6**lags / (1.0 - 0.36), dtype=np.float64)
+    noise = Noise(dict.fromkeys(CHANNELS, covariance))
     from sysid.diagnosis.frame import _whitening
 
     white = _whitening(noise.covariance[EFFORT], view) @ coloured

@@ -9,15 +9,16 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from sysid.bundle import read_bundle
+from sysid.bundle import read_bundle, write_bundle
 from sysid.bundled import bundled_campaign
 from sysid.cli import main
 from sysid.pipeline import EXPORTS, RunReport, run_campaign
 
-STAGES = ("check", "fit", "validate", "report", "export")
+STAGES = ("check", "fit", "diagnose", "validate", "report", "export")
 
 
 @pytest.fixture(scope="module")
@@ -61,6 +62,93 @@ def test_a_second_run_does_nothing(first: RunReport, campaign: Path) -> None:
     assert done(run_campaign(campaign, first.folder)) == []
 
 
+def test_a_resumed_report_shows_the_diagnosis_without_diagnosing_again(
+    first: RunReport, campaign: Path
+) -> None:
+    diagnosis = json.loads((first.folder / "diagnosis.json").read_text())
+    assert first.diagnosis == diagnosis
+    first.report.unlink()
+    assert done(run_campaign(campaign, first.folder)) == ["report"]
+    html = first.report.read_text("utf-8")
+    assert '<section id="diagnosis"' in html and "fig-diagnosis-curve-0" in html
+
+
+def test_the_extended_bundle_is_what_is_validated(first: RunReport) -> None:
+    """Effects that a diagnosis file says were found are in the bundle that the run ends in."""
+    diagnosis = json.loads((first.folder / "diagnosis.json").read_text())
+    effects = [entry["id"] for entry in read_bundle(first.folder / "bundle.json")["effects"]]
+    assert effects == [effect["id"] for effect in diagnosis["effects"]]
+    assert first.to_json()["diagnosis"]["verdict"] == diagnosis["verdict"]
+    assert "figures" not in first.to_json()["diagnosis"]
+
+
+def test_an_effect_in_the_extended_bundle_reaches_the_later_stages(
+    first: RunReport, campaign: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The stage's own work is put in the place of the diagnosis: a bundle with drag in it."""
+    from sysid import pipeline
+
+    def with_drag(run: Any) -> None:
+        bundle = read_bundle(run.path("fitted.json"))
+        parameters = {"drag_nm_s2_per_rad2": {"value": 0.02, "unit": "Nm s2/rad2"}}
+        bundle["effects"].append({"id": "quadratic-drag", "parameters": parameters})
+        write_bundle(bundle, run.path("extended.json"))
+        run.path("diagnosis.json").write_text((first.folder / "diagnosis.json").read_text())
+
+    monkeypatch.setattr(pipeline, "_diagnose", with_drag)
+    run = run_campaign(campaign, tmp_path)
+    assert [entry["id"] for entry in run.bundle["effects"]] == ["quadratic-drag"]
+    assert "quadratic-drag" in (tmp_path / EXPORTS["json"]).read_text()
+
+    def error(bundle: Any) -> float:
+        logs = bundle["validation"]["logs"]
+        return float(logs[0]["channels"]["theta_rad"]["rmse"])
+
+    assert error(run.bundle) > 1.2 * error(first.bundle)
+
+
+def test_without_a_diagnosis_the_fitted_bundle_stands(
+    campaign: Path, first: RunReport, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(first.folder, tmp_path, dirs_exist_ok=True)
+    arguments = ["run", str(campaign), "-o", str(tmp_path), "--no-diagnose", "--json"]
+    assert main(arguments) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert [stage["name"] for stage in printed["stages"]] == [s for s in STAGES if s != "diagnose"]
+    assert printed["diagnosis"] is None
+    html = (tmp_path / "report.html").read_text("utf-8")
+    assert '<section id="diagnosis"' not in html and "was not looked for" in html
+
+
+def test_a_campaign_that_cannot_be_diagnosed_goes_on_without(
+    campaign: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "campaign"
+    shutil.copytree(campaign.parent, folder)
+    path = folder / "campaign.toml"
+    head, *blocks = path.read_text().split("[[log]]")
+    kept = [b for b in blocks if "friction-static" in b or "friction-sliding" in b]
+    path.write_text("[[log]]".join([head, *kept]))
+    run = run_campaign(path, tmp_path / "results")
+    assert tuple(done(run)) == STAGES
+    assert any(n.startswith("not diagnosed: ") and "valve-discrete" in n for n in run.notices)
+    assert run.diagnosis is None
+    html = run.report.read_text("utf-8")
+    assert "no discrete law of both valves" in html
+
+
+def test_a_file_of_effects_is_read_before_the_work(
+    campaign: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    effects = tmp_path / "own.py"
+    effects.write_text("raise ValueError('not ready')\n")
+    results = tmp_path / "results"
+    arguments = ["run", str(campaign), "-o", str(results), "--effects", str(effects)]
+    assert main(arguments) == 2
+    assert "own.py, line 1" in capsys.readouterr().err
+    assert not results.exists()
+
+
 def test_what_is_missing_is_made_again(first: RunReport, campaign: Path) -> None:
     (first.folder / EXPORTS["c"]).unlink()
     again = run_campaign(campaign, first.folder)
@@ -98,6 +186,6 @@ def test_a_killed_run_leaves_whole_files_and_is_finished_by_the_next(
         run.send_signal(signal.SIGKILL)
     for path in tmp_path.rglob("*.json"):
         json.loads(path.read_text())
-    finished = run_campaign(campaign, tmp_path)
+    finished = run_campaign(campaign, tmp_path, diagnose=False)
     assert finished.report.read_text().rstrip().endswith("</html>")
     assert not list(tmp_path.rglob(".sysid-*"))

@@ -9,6 +9,7 @@ import json
 import math
 import re
 from collections.abc import Iterator
+from html import unescape
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -38,6 +39,71 @@ CHROMIUM_ARGUMENTS = [
 LARGEST_BYTES = 6_000_000
 HOSTILE_NAME = "<script>alert(1)</script>"
 HOSTILE_FILE = 'a "quoted" file\'s </script><img src=x onerror=alert(2)>.csv'
+
+
+def look(added: str | None, *suspects: tuple[str, float, float | None, str]) -> dict[str, Any]:
+    """One look of a diagnosis at the residual: id, gain, refitted gain and fate of each suspect."""
+    return {
+        "added": added,
+        "suspects": [
+            {"id": id, "gain": gain, "refitted": refitted, "twins": [0.0, 3.0, 9.0],
+             "p_value": 1e-9, "fate": fate}
+            for id, gain, refitted, fate in suspects
+        ],
+    }  # fmt: skip
+
+
+def curve(**more: Any) -> dict[str, Any]:
+    means = {"share": 0.4, "means": [-0.2, 0.1, 0.3], "errors": [0.01, 0.02, 0.01]}
+    return {"regressor": "velocity", "centres": [-1.0, 0.1, 2.0]} | means | more
+
+
+# Two effects, the second of which makes the position worse, and a rest in a chamber.
+DIAGNOSIS: dict[str, Any] = {
+    "verdict": "unexplained",
+    "effects": [
+        {
+            "id": "stribeck-friction",
+            "parameters": {
+                "stribeck_torque_nm": {
+                    "value": 0.1162, "std": 0.0023, "unit": "Nm", "interval": [0.1117, 0.1207],
+                },
+            },
+            "p_value": 1e-300, "share": 0.8, "ambiguous_with": [], "advice": "",
+            "holdout_rmse": {"theta_rad": {"before": 0.02, "after": 0.004}},
+        },
+        {
+            "id": "pressure-gain",
+            "parameters": {
+                "pressure_gain": {"value": None, "identified": False, "reason": "no span"},
+                "side": "a",
+            },
+            "p_value": 3e-5, "share": 0.5, "ambiguous_with": ["pressure-offset"],
+            "advice": "two known pressures",
+            "holdout_rmse": {"theta_rad": {"before": 0.004, "after": 0.0051}},
+        },
+    ],
+    "residual": {"theta_rad": {"before": 0.02, "after": 0.0051, "noise_floor": 0.003}},
+    "unexplained": [{"channel": "pressure_a_pa", "regressor": "velocity", "share": 0.4}],
+    "notices": ["a notice of the diagnosis"],
+    "figures": {
+        "looks": [
+            look("stribeck-friction", ("stribeck-friction", 5e4, 5.5e4, "added"),
+                 ("quadratic-drag", 3e3, 2e3, "refitted, takes less")),
+            look("pressure-gain", ("pressure-gain", 900.0, 1e3, "added")),
+            look(None, ("backlash", 12.0, None, "gains no more than chance may")),
+        ],
+        "excess": {"effort": {"before": 6e4, "after": -12.0}},
+        "curves": [
+            {"channel": channel, "regressor": "velocity", "fine": fine,
+             "centres": [-1.0, 0.1, 2.0], "before": curve(), "after": curve()}
+            for channel, fine in (("effort", 0.05), ("effort", None), ("rate_a", 0.05))
+        ],
+        "leftover": [{"channel": "pressure_a_pa", "residual": "rate_a", **curve()}],
+        "titles": {"stribeck-friction": "Stribeck friction"},
+        "meanings": {"stribeck-friction": {"stribeck_torque_nm": "beyond Coulomb friction"}},
+    },
+}  # fmt: skip
 
 
 @dataclasses.dataclass(frozen=True)
@@ -85,7 +151,14 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
     validation = validate(campaign, bundle)
     checks = [check_log(log, campaign.rig) for log in logs.values()]
     path = tmp_path_factory.mktemp("report") / "report.html"
-    write_report(path, campaign=campaign, bundle=bundle, validation=validation, checks=checks)
+    write_report(
+        path,
+        campaign=campaign,
+        bundle=bundle,
+        validation=validation,
+        checks=checks,
+        diagnosis=DIAGNOSIS,
+    )
     return Made(campaign, bundle, validation, checks, path)
 
 
@@ -122,8 +195,13 @@ def hostile(made: Made, tmp_path_factory: pytest.TempPathFactory) -> Path:
     bundle = json.loads(json.dumps({k: v for k, v in made.bundle.items() if k != "valves"}))
     bundle["provenance"]["options"] = {HOSTILE_NAME: HOSTILE_FILE}
     bundle["friction"]["trials"][0].update(used=False, test=HOSTILE_NAME, reason=HOSTILE_FILE)
+    text = json.dumps(DIAGNOSIS).replace("backlash", HOSTILE_NAME)
+    diagnosis = json.loads(text.replace("pressure-gain", HOSTILE_NAME))
+    diagnosis["notices"] = [HOSTILE_FILE]
+    diagnosis["effects"][0]["advice"] = HOSTILE_FILE
+    diagnosis["effects"][0]["ambiguous_with"] = [HOSTILE_NAME]
     path = tmp_path_factory.mktemp("hostile") / "report.html"
-    write_report(path, campaign=campaign, bundle=bundle, validation=validation)
+    write_report(path, campaign=campaign, bundle=bundle, validation=validation, diagnosis=diagnosis)
     return path
 
 
@@ -168,7 +246,7 @@ def test_every_section_is_there_and_nothing_left_out(made: Made) -> None:
     sections = [a["id"] for a in page.of("section")]
     assert sections == [
         "verdict", "data", "friction", "valves", "surfaces", "validation", "residuals",
-        "provenance",
+        "diagnosis", "provenance",
     ]  # fmt: skip
     assert "Left out" not in made.html
 
@@ -227,6 +305,7 @@ def test_sections_without_their_part_are_left_out_and_said_so(made: Made) -> Non
     assert sections == ["verdict", "data", "valves", "provenance"]
     assert "Friction: no friction was fitted" in html
     assert "the model was not validated" in html
+    assert "Diagnosis: what the model lacks was not looked for" in html
     assert len(html) < 1_000_000  # no plotting library where there is nothing to plot
 
 
@@ -280,6 +359,69 @@ def test_unidentified_parameters_are_named(made: Made) -> None:
     bundle["friction"]["static_nm"] = {"value": None, "identified": False, "reason": reason}
     notes = verdict(bundle, made.validation).notes
     assert any("friction.static_nm" in n and reason in n for n in notes)
+
+
+def plain(html: str) -> str:
+    """The page's text, its tags taken out."""
+    return unescape(re.sub(r"\s+", " ", re.sub(r"<[^>]*>", " ", html)))
+
+
+def section_of(html: str, id: str) -> str:
+    return html[html.index(f'<section id="{id}"') :].split("</section>")[0]
+
+
+def test_diagnosis_is_told_on_top_and_in_its_section(made: Made) -> None:
+    top = plain(section_of(made.html, "verdict"))
+    assert "Unexplained: structure remains in chamber A's balance" in top
+    assert "position from 20.0 to 5.10 mrad (noise floor 3.00)" in top
+    text = plain(section_of(made.html, "diagnosis"))
+    assert "0.1117 to 0.1207 N·m" in text  # an interval with its unit
+    assert "< 1 × 10⁻²⁰" in text and "3 × 10⁻⁵" in text
+    assert "not identified" in text and "no span" in text
+    assert "pressure-gain may as well be pressure-offset" in text
+    assert "A test that would tell: two known pressures" in text
+    assert "gains no more than chance may" in text
+    assert "--effects FILE" in text
+    assert "a notice of the diagnosis" in text
+
+
+def test_waterfall_says_what_falls_and_what_rises(made: Made) -> None:
+    figure = next(
+        f for f in re.findall(r"<svg.*?</svg>", made.html, re.DOTALL) if "error-theta_rad" in f
+    )
+    for step in (
+        "bundle given: 20.0", "stribeck-friction: −16.0", "pressure-gain: +1.10",
+        "extended model: 5.10", "noise floor: 3.00",
+    ):  # fmt: skip
+        assert step in figure
+    assert "after stribeck-friction 4.00; after pressure-gain 5.10" in figure
+
+
+def test_diagnosis_of_a_linear_rig_is_in_its_units() -> None:
+    from sysid.report.diagnosis import diagnosis_section
+
+    content = json.loads(json.dumps(DIAGNOSIS).replace("theta_rad", "position_m"))
+    content["unexplained"][0]["channel"] = "position_m"
+    with svg.styled():
+        section = diagnosis_section(content, is_linear=True)
+    assert "the force balance" in section.intro[0] and " mm " in section.intro[0]
+    groups = [b for b in section.blocks if b.kind == "figures"]
+    curves = [f for g in groups for f in g.figures if f.title.startswith("Force balance")]
+    assert curves and all(" N." in f.description for f in curves)
+    assert "(mm/s)" in curves[0].svg and "mrad" not in "".join(f.svg for f in curves)
+
+
+def test_an_adequate_model_without_held_out_tests_is_said_so() -> None:
+    from sysid.report.diagnosis import diagnosis_section
+
+    empty = {"looks": [look(None)], "excess": {}, "curves": [], "leftover": [],
+             "titles": {}, "meanings": {}}  # fmt: skip
+    content = {"verdict": "adequate", "effects": [], "residual": {}, "unexplained": [],
+               "notices": [], "figures": empty}  # fmt: skip
+    with svg.styled():
+        section = diagnosis_section(content, is_linear=False)
+    assert section.intro[0].startswith("Adequate: no structure above the noise")
+    assert "Errors before and after are not known" in str(section.blocks)
 
 
 def test_friction_band_agrees_with_the_fit_s_errors(made: Made) -> None:

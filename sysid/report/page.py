@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 Progress = Callable[[str], None]
 
+_NOT_DIAGNOSED = "what the model lacks was not looked for (sysid diagnose does)"
+
 
 def write_report(
     path: Path,
@@ -31,17 +33,24 @@ def write_report(
     bundle: Mapping[str, Any],
     validation: ValidationResult | None = None,
     checks: Sequence[LogCheck] = (),
+    diagnosis: Mapping[str, Any] | None = None,
     progress: Progress | None = None,
 ) -> None:
     """Write the report of a campaign as one self-contained HTML file, whole or not at all.
 
     Curves are computed anew from the campaign's fit logs and the bundle, so that a later
     process can rebuild the report; `validation` and `checks` are what `sysid.validation` and
-    `sysid.check` found. Sections whose part is missing are left out, and the page says so.
+    `sysid.check` found, `diagnosis` what `sysid.report.findings.content` made of one.
+    Sections whose part is missing are left out, and the page says so.
     Raises InputError where a log cannot be read or the file not be written.
     """
     html = render_report(
-        campaign=campaign, bundle=bundle, validation=validation, checks=checks, progress=progress
+        campaign=campaign,
+        bundle=bundle,
+        validation=validation,
+        checks=checks,
+        diagnosis=diagnosis,
+        progress=progress,
     )
     write_atomic(path, html)
 
@@ -52,6 +61,7 @@ def render_report(
     bundle: Mapping[str, Any],
     validation: ValidationResult | None = None,
     checks: Sequence[LogCheck] = (),
+    diagnosis: Mapping[str, Any] | None = None,
     progress: Progress | None = None,
 ) -> str:
     """The page of `write_report` as text."""
@@ -59,16 +69,21 @@ def render_report(
     from sysid.report import svg
 
     with svg.styled():
-        sections, left_out = _sections(campaign, bundle, validation, checks, tell)
+        parts = _parts(campaign, bundle, validation, diagnosis)
+        sections, left_out = _sections(campaign, bundle, checks, parts, tell)
     tell("assembling the page")
-    return _fill(campaign, bundle, verdict(bundle, validation), sections, left_out)
+    judged = verdict(bundle, validation, diagnosis)
+    return _fill(campaign, bundle, judged, sections, left_out)
+
+
+_Part = tuple[str, str, Callable[[], Section | None]]
 
 
 def _sections(
     campaign: Campaign,
     bundle: Mapping[str, Any],
-    validation: ValidationResult | None,
     checks: Sequence[LogCheck],
+    parts: Sequence[_Part],
     tell: Progress,
 ) -> tuple[list[Section], list[str]]:
     """The sections that there is something for, and a line for each that is left out."""
@@ -77,7 +92,7 @@ def _sections(
 
     sections = [quality_section(campaign, checks)]
     left_out: list[str] = []
-    for title, lacks, build in _parts(campaign, bundle, validation):
+    for title, lacks, build in parts:
         tell(f"drawing: {title}")
         section = build()
         if section is None:
@@ -89,8 +104,11 @@ def _sections(
 
 
 def _parts(
-    campaign: Campaign, bundle: Mapping[str, Any], validation: ValidationResult | None
-) -> list[tuple[str, str, Callable[[], Section | None]]]:
+    campaign: Campaign,
+    bundle: Mapping[str, Any],
+    validation: ValidationResult | None,
+    diagnosis: Mapping[str, Any] | None,
+) -> list[_Part]:
     """Title, what to say if it is missing, and what makes it, of each section in turn."""
     valves = bundle.get("valves", {})
 
@@ -110,6 +128,13 @@ def _parts(
 
         return surfaces_section(valves, _logs(campaign, "valve-pwm"), campaign.rig)
 
+    def diagnosed() -> Section | None:
+        from sysid.report.diagnosis import diagnosis_section
+
+        if diagnosis is None or "verdict" not in diagnosis:
+            return None
+        return diagnosis_section(diagnosis, campaign.rig.is_linear)
+
     def motion() -> Section | None:
         from sysid.report.motion import validation_section
 
@@ -127,6 +152,7 @@ def _parts(
         ("PWM surfaces", "no surface was fitted (tests: valve-pwm)", surfaces),
         ("Open-loop validation", not_validated, motion),
         ("Residuals", not_validated, residuals),
+        ("Diagnosis", (diagnosis or {}).get("skipped", _NOT_DIAGNOSED), diagnosed),
     ]
 
 

@@ -102,11 +102,16 @@ def panel(title: str, size: tuple[float, float] = PANEL) -> tuple[MatplotlibFigu
 
 
 def panels(
-    title: str, heights: Sequence[float], size: tuple[float, float] = PANEL, right: float = 0.0
+    title: str,
+    heights: Sequence[float],
+    size: tuple[float, float] = PANEL,
+    right: float = 0.0,
+    left: float = _MARGIN["left"],
 ) -> tuple[MatplotlibFigure, list[Axes]]:
     """A figure with axes below one another, of relative `heights`, that share the x axis.
 
-    `right` inches more are kept free on the right (for a colour bar).
+    `right` inches more are kept free on the right (for a colour bar), `left` inches in all on
+    the left (for the y axis' labels).
     """
     from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure as MatplotlibFigure
@@ -115,8 +120,8 @@ def panels(
     width, height = size
     figure = MatplotlibFigure(figsize=size)
     FigureCanvasSVG(figure)
-    left, bottom = _MARGIN["left"] / width, _MARGIN["bottom"] / height
-    wide = 1.0 - left - (_MARGIN["right"] + right) / width
+    start, bottom = left / width, _MARGIN["bottom"] / height
+    wide = 1.0 - start - (_MARGIN["right"] + right) / width
     gap = 0.12 / height
     free = 1.0 - bottom - _MARGIN["top"] / height - gap * (len(heights) - 1)
     top = 1.0 - _MARGIN["top"] / height
@@ -124,7 +129,7 @@ def panels(
     for share in heights:
         part = free * share / sum(heights)
         axes.append(
-            figure.add_axes((left, top - part, wide, part), sharex=axes[0] if axes else None)
+            figure.add_axes((start, top - part, wide, part), sharex=axes[0] if axes else None)
         )
         top -= part + gap
     for ax in axes[:-1]:

@@ -43,6 +43,11 @@ _CHANNELS = (
 )
 
 
+def channel_of(key: str) -> Channel:
+    """How a channel of the log format is shown. Raises KeyError for one that is not."""
+    return {channel.key: channel for channel in _CHANNELS}[key]
+
+
 @dataclass(frozen=True)
 class ShownTest:
     """One test; `results` by valve model, the primary one first."""

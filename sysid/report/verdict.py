@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from sysid.report.blocks import Table, table
+from sysid.report.diagnosis_text import sentence
 from sysid.report.numbers import number, percent
 from sysid.report.traces import MODEL_NAMES, Channel, shown_channels
 
@@ -20,12 +21,16 @@ _WELL, _ROUGHLY = 90.0, 70.0
 
 @dataclass(frozen=True)
 class Verdict:
-    """`level` ("good", "fair", "poor" or "none") goes with `sentence`; `notes` say what to mind."""
+    """`level` ("good", "fair", "poor" or "none") goes with `sentence`; `notes` say what to mind.
+
+    `diagnosis` is its verdict in one sentence, empty where there is none.
+    """
 
     level: str
     sentence: str
     table: Table | None
     notes: tuple[str, ...] = ()
+    diagnosis: str = ""
 
 
 @dataclass(frozen=True)
@@ -44,16 +49,27 @@ class _Pooled:
         return self.rmse / self.noise if self.noise > 0.0 else math.inf
 
 
-def verdict(bundle: Mapping[str, Any], validation: ValidationResult | None) -> Verdict:
+def verdict(
+    bundle: Mapping[str, Any],
+    validation: ValidationResult | None,
+    diagnosis: Mapping[str, Any] | None = None,
+) -> Verdict:
     """Judged on the held-out logs; on those that were fitted, and said so, where none is."""
+    judged = _validated(bundle, validation)
+    if diagnosis is None or "verdict" not in diagnosis:
+        return judged
+    return replace(judged, diagnosis=sentence(diagnosis))
+
+
+def _validated(bundle: Mapping[str, Any], validation: ValidationResult | None) -> Verdict:
     notes = tuple(_unidentified(bundle))
     if validation is None:
         parts = [n for k, n in (("friction", "friction"), ("valves", "the valves")) if k in bundle]
-        sentence = (
+        said = (
             f"Parameters of {' and '.join(parts) or 'nothing'} were identified; whether the model "
             "follows the rig's motion has not been tried (sysid validate does)."
         )
-        return Verdict("none", sentence, None, notes)
+        return Verdict("none", said, None, notes)
     held = validation.select("holdout")
     logs = _primary(held or validation.logs)
     present = {name for log in logs for name in log.channels}
@@ -65,10 +81,10 @@ def verdict(bundle: Mapping[str, Any], validation: ValidationResult | None) -> V
     basis = f"{tests} test{'s' * (tests != 1)} " + (
         "that nothing was fitted on" if held else "(all of them fitted on: none is held out)"
     )
-    sentence = f"{_opening(level)} on {basis}, simulated open loop, {_figures(pooled)}."
+    said = f"{_opening(level)} on {basis}, simulated open loop, {_figures(pooled)}."
     models = sorted({MODEL_NAMES[log.model] for log in logs})
     others = _other_models(held or validation.logs, logs)
-    return Verdict(level, sentence, _table(pooled, models), (*others, *notes))
+    return Verdict(level, said, _table(pooled, models), (*others, *notes))
 
 
 def _primary(logs: Sequence[LogResult]) -> list[LogResult]:

@@ -1,0 +1,223 @@
+"""The diagnosis: what the model lacked, what adding it gained, what was tried, what remains."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from sysid.report import diagnosis_panels as panels
+from sysid.report.blocks import (
+    Block,
+    Figure,
+    FigureGroup,
+    Fold,
+    Heading,
+    Lines,
+    Section,
+    Table,
+    table,
+)
+from sysid.report.diagnosis_text import (
+    SMALLEST_P,
+    advice,
+    errors_by_step,
+    joined,
+    parameter_rows,
+    sentence,
+)
+from sysid.report.numbers import MISSING, estimate_cells, number
+from sysid.report.traces import channel_of
+
+Content = Mapping[str, Any]
+
+
+def diagnosis_section(content: Content, is_linear: bool) -> Section:
+    """The section of what `sysid.report.findings.content` made of a diagnosis.
+
+    To be called within `sysid.report.svg.styled()`. Texts are escaped by the template.
+    """
+    blocks: list[Block] = []
+    if content["effects"]:
+        blocks += [_effects_table(content), _parameters_table(content)]
+    if content["residual"]:
+        blocks += [_errors_table(content), _waterfall(content)]
+    blocks += _residuals(content, is_linear)
+    blocks += _tried(content)
+    blocks += _remaining(content, is_linear)
+    lines = advice(content)
+    if lines:
+        blocks += [Heading("diagnosis-advice", "What to do next"), Lines(lines)]
+    if content["notices"]:
+        blocks.append(Lines(tuple(content["notices"]), "Notices of the diagnosis"))
+    intro = (
+        sentence(content),
+        "What the fitted equations leave of the measured torque and pressure rates was compared "
+        "with twins: the same tests simulated with the model as fitted and passed through the "
+        "same filters and fits. An effect was added where it explains more than any twin shows, "
+        "and a fair share of what is left; it was fitted on the tests to fit on, and the errors "
+        "below are of tests that nothing was fitted on.",
+    )
+    return Section("diagnosis", "Diagnosis", intro, tuple(blocks))
+
+
+def _effects_table(content: Content) -> Table:
+    titles = content["figures"]["titles"]
+    rows = [
+        (
+            effect["id"],
+            titles.get(effect["id"], ""),
+            _p(effect["p_value"]),
+            number(100.0 * effect["share"]),
+            joined(effect["ambiguous_with"], "or") or MISSING,
+        )
+        for effect in content["effects"]
+    ]
+    columns = ("Effect", "Title", "p", "Share of the excess, %", "May as well be")
+    return table("Effects that were added, in this order", columns, rows, text=(1, 4))
+
+
+def _p(value: float) -> str:
+    return f"< {number(SMALLEST_P, 1)}" if value < SMALLEST_P else number(value, 1)
+
+
+def _parameters_table(content: Content) -> Table:
+    rows = []
+    for effect in content["effects"]:
+        meanings = content["figures"]["meanings"].get(effect["id"], {})
+        for name, estimate in parameter_rows(effect):
+            cells = (
+                (estimate, MISSING, MISSING, "")
+                if isinstance(estimate, str)
+                else estimate_cells(estimate)
+            )
+            rows.append((effect["id"], name, meanings.get(name, ""), *cells))
+    columns = ("Effect", "Parameter", "Meaning", "Value", "Standard error", "95 % interval", "Unit")
+    caption = "Their parameters; errors from leaving out one test at a time"
+    return table(caption, columns, rows, text=(1, 2, 6))
+
+
+def _errors_table(content: Content) -> Table:
+    rows = []
+    for name, errors in errors_by_step(content).items():
+        channel = channel_of(name)
+        floor = content["residual"][name]["noise_floor"]
+        cells = [number(channel.residual(e)) for e in (*errors, floor)]
+        rows.append((f"{channel.title} ({channel.residual_unit})", *cells))
+    added = [f"+ {effect['id']}" for effect in content["effects"]]
+    columns = ("Channel", "Bundle given", *added, "Noise floor")
+    return table("Open-loop RMSE on the held-out tests, whole tests", columns, rows)
+
+
+def _waterfall(content: Content) -> FigureGroup:
+    added = [effect["id"] for effect in content["effects"]]
+    figures = [
+        panels.waterfall(
+            channel_of(name), errors, added, float(content["residual"][name]["noise_floor"])
+        )
+        for name, errors in errors_by_step(content).items()
+    ]
+    caption = (
+        "From the bundle that was given to the extended model: error in open-loop simulation of "
+        "the held-out tests, and what each effect takes off it, the base parameters refitted "
+        "beside it. The noise floor (thin line) is what a right model would show: sensor noise, "
+        "quantisation and the rig's own scatter from test to test."
+    )
+    return FigureGroup(caption, tuple(figures))
+
+
+def _residuals(content: Content, is_linear: bool) -> list[Block]:
+    """Each balance over the regressor that it follows most; further ones fold away."""
+    drawn = content["figures"]["curves"]
+    if not drawn:
+        return []
+    extended = bool(content["effects"])
+    first: list[Figure] = []
+    further: list[Figure] = []
+    seen: set[str] = set()
+    for place, entry in enumerate(drawn):
+        figure = panels.curve(f"fig-diagnosis-curve-{place}", entry, is_linear, extended)
+        (further if entry["channel"] in seen else first).append(figure)
+        seen.add(entry["channel"])
+    which = "the bundle given (before) and the extended model (after)" if extended else "the bundle"
+    along = "along which the effects change it most" if extended else "that it follows most"
+    caption = (
+        f"What {which} leave{'' if extended else 's'} of the balances on the tests to fit on: "
+        f"means in bins with their 95 % band, over the regressor {along}. About 0 the axis and the "
+        "bins are stretched. Measured less modelled."
+    )
+    blocks: list[Block] = [
+        Heading("diagnosis-residuals", "Residuals of the balances"),
+        FigureGroup(caption, tuple(first)),
+    ]
+    if further:
+        group = FigureGroup("The regressors that come next.", tuple(further))
+        blocks.append(Fold("Over further regressors", (group,)))
+    return [*blocks, _excess_table(content, is_linear)]
+
+
+def _excess_table(content: Content, is_linear: bool) -> Table:
+    def shown(value: float) -> str:
+        return number(value) if value > 0.0 else "none"
+
+    columns = ["Balance", "Bundle given"]
+    rows = [
+        [panels.residual_title(name, is_linear), shown(e["before"])]
+        for name, e in content["figures"]["excess"].items()
+    ]
+    if content["effects"]:
+        columns.append("Extended model")
+        for row, e in zip(rows, content["figures"]["excess"].values(), strict=True):
+            row.append(shown(e["after"]))
+    return table("Whitened squares beyond what the twins show", columns, rows)
+
+
+def _tried(content: Content) -> list[Block]:
+    """Gains beside the twins', and what became of every suspect."""
+    looks = content["figures"]["looks"]
+    shown = [(i, look) for i, look in enumerate(looks, start=1) if look["suspects"]]
+    if not shown:
+        return []
+    caption = (
+        "What the suspects of each look at the residual gain, on a logarithmic axis. Circles: on "
+        f"twins, where nothing is missing ({number(panels.LEAST_GAIN)} and less at the left "
+        "edge); diamonds: on the logs; crosses: refitted with the base parameters."
+    )
+    rows = [
+        (
+            suspect["id"],
+            str(place),
+            number(suspect["gain"]),
+            number(max(suspect["twins"])),
+            _p(suspect["p_value"]),
+            number(suspect["refitted"]),
+            suspect["fate"],
+        )
+        for place, look in shown
+        for suspect in look["suspects"]
+    ]
+    columns = ("Suspect", "Look", "Gain", "Most on a twin", "p", "Refitted", "What became of it")
+    details = table("Every suspect", columns, rows, text=(6,))
+    return [
+        Heading("diagnosis-tried", "What was tried"),
+        FigureGroup(caption, tuple(panels.suspects(place, look) for place, look in shown)),
+        Fold("Every suspect, and what became of it", (details,)),
+    ]
+
+
+def _remaining(content: Content, is_linear: bool) -> list[Block]:
+    """The curve of each channel that no effect explains."""
+    left = content["figures"]["leftover"]
+    if not left:
+        return []
+    figures = tuple(
+        panels.leftover(f"fig-diagnosis-left-{place}", entry, is_linear)
+        for place, entry in enumerate(left)
+    )
+    caption = (
+        "What remains and no effect of the catalogue explains: means with their 95 % band over "
+        "the regressor that the residual follows most."
+    )
+    return [Heading("diagnosis-left", "What remains unexplained"), FigureGroup(caption, figures)]
+
+
+__all__ = ["diagnosis_section"]

@@ -1,0 +1,255 @@
+"""`sysid diagnose` as a user meets it: JSON, summary, extended bundle, report, bad input."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import sysid.diagnose
+from datasets.generator.campaign import Size, drawn_effects, make_campaign
+from datasets.generator.files import write_campaign
+from datasets.generator.rigs import reference_rig
+from sysid.bundle import read_bundle
+from sysid.cli import main
+from sysid.diagnose import Diagnosed
+from sysid.report import findings, svg
+from sysid.report.diagnosis import diagnosis_section
+
+SEED = 5
+SIZE = Size(2, 0, 2, 0.04, (2, 1), (1, 1), (1, 1), slidings=8)
+KINDS = (
+    "friction-static", "friction-sliding", "valve-discrete", "motion-motor", "motion-discrete",
+)  # fmt: skip
+LARGEST_BYTES = 6_000_000
+
+
+@dataclass(frozen=True)
+class Ran:
+    """One call of the command on a rig with undeclared Stribeck friction, and what it left."""
+
+    folder: Path
+    code: int
+    output: str
+    diagnosed: Diagnosed
+    truth: dict[str, float]
+
+    @property
+    def printed(self) -> dict[str, Any]:
+        content: dict[str, Any] = json.loads(self.output)
+        return content
+
+    @property
+    def campaign(self) -> Path:
+        return self.folder / "campaign.toml"
+
+    @property
+    def bundle(self) -> Path:
+        return self.folder / "bundle.json"
+
+    @property
+    def extended(self) -> Path:
+        return self.folder / "extended.json"
+
+
+@pytest.fixture(scope="module")
+def ran(tmp_path_factory: pytest.TempPathFactory) -> Ran:
+    folder = tmp_path_factory.mktemp("rig")
+    effects = drawn_effects(SEED, [("stribeck-friction", "gaussian", 1.0)])
+    made = make_campaign(SEED, size=SIZE, rig=reference_rig(), kinds=KINDS, effects=effects)
+    write_campaign(folder, made, "made by a test")
+    arguments = [str(folder / "campaign.toml"), "--bundle", str(folder / "bundle.json")]
+    found: list[Diagnosed] = []
+    original = sysid.diagnose.diagnose_campaign
+
+    def kept(*args: Any, **options: Any) -> Diagnosed:
+        found.append(original(*args, **options))
+        return found[0]
+
+    outputs = ["-o", str(folder / "extended.json"), "--report", str(folder / "report.html")]
+    printed = io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(io.StringIO()):
+        patch.setattr(sysid.diagnose, "diagnose_campaign", kept)
+        assert main(["fit", arguments[0], "-o", arguments[2]]) == 0
+        with contextlib.redirect_stdout(printed):
+            code = main(["diagnose", *arguments, *outputs, "--json"])
+    assert found, "the command did not diagnose"
+    return Ran(folder, code, printed.getvalue(), found[0], dict(effects[0].values))
+
+
+# --- what it prints ------------------------------------------------------------------------
+
+
+def test_json_is_as_the_contract_says(ran: Ran) -> None:
+    assert ran.code == 0
+    printed = ran.printed
+    assert {"verdict", "effects", "residual", "unexplained"} <= set(printed)
+    assert printed["verdict"] == "effects-found"
+    effect = printed["effects"][0]
+    assert {"id", "parameters", "p_value", "holdout_rmse", "ambiguous_with"} <= set(effect)
+    assert {"value", "std"} <= set(effect["parameters"]["stribeck_torque_nm"])
+    channels = {"theta_rad", "pressure_a_pa", "pressure_b_pa"}
+    assert set(effect["holdout_rmse"]) == set(printed["residual"]) == channels
+    for errors in effect["holdout_rmse"].values():
+        assert set(errors) == {"before", "after"}
+    for errors in printed["residual"].values():
+        assert set(errors) == {"before", "after", "noise_floor"}
+    assert printed["unexplained"] == []
+    assert [Path(p).name for p in printed["written"]] == ["extended.json", "report.html"]
+
+
+def test_the_effect_is_the_one_that_was_put_in(ran: Ran) -> None:
+    (effect,) = ran.printed["effects"]
+    assert effect["id"] == "stribeck-friction"
+    found = effect["parameters"]["stribeck_torque_nm"]["value"]
+    assert found == pytest.approx(ran.truth["stribeck_torque_nm"], rel=0.2)
+    assert effect["p_value"] < 1e-6
+    position = ran.printed["residual"]["theta_rad"]
+    assert position["after"] < 0.7 * position["before"]
+
+
+def test_summary_says_verdict_effects_errors_and_what_was_tried(
+    ran: Ran, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from sysid.summary import show_diagnosis
+
+    show_diagnosis(ran.diagnosed, as_json=False)
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("Effects found: stribeck-friction")
+    text = "\n".join(lines)
+    value = ran.printed["effects"][0]["parameters"]["stribeck_torque_nm"]["value"]
+    assert f"{value:.4g}" in text
+    for error in ran.printed["residual"]["theta_rad"].values():
+        assert f"{error:.4g}" in text
+    rejected = ran.diagnosed.diagnosis.effects[0].suspects[1]
+    assert rejected.id in text.split("Tried, and not added")[1]
+    assert "written:" in text and str(ran.extended.name) in text
+
+
+# --- what it writes ------------------------------------------------------------------------
+
+
+def test_the_extended_bundle_is_a_bundle_that_simulates(ran: Ran, tmp_path: Path) -> None:
+    given, extended = read_bundle(ran.bundle), read_bundle(ran.extended)
+    assert [entry["id"] for entry in extended["effects"]] == ["stribeck-friction"]
+    assert given["effects"] == []
+    assert extended["friction"]["coulomb_nm"] != given["friction"]["coulomb_nm"]
+    inputs = ran.folder / "motion_discrete_2.csv"
+    outputs = []
+    for bundle in (ran.bundle, ran.extended):
+        output = tmp_path / f"{bundle.stem}.csv"
+        arguments = ["simulate", str(inputs), "--bundle", str(bundle), "-o", str(output)]
+        assert main([*arguments, "--json"]) == 0
+        outputs.append(output.read_text())
+    assert outputs[0] != outputs[1]
+
+
+def test_the_report_shows_the_diagnosis(ran: Ran) -> None:
+    path = ran.folder / "report.html"
+    html = path.read_text("utf-8")
+    assert path.stat().st_size < LARGEST_BYTES
+    assert '<section id="diagnosis"' in html
+    for figure in ("error-theta_rad", "curve-0", "suspects-1"):
+        assert f'aria-labelledby="fig-diagnosis-{figure}-title' in html
+    first = html[html.index('id="verdict"') : html.index('id="data"')]
+    assert "Effects found: stribeck-friction" in first
+
+
+def test_the_section_is_the_same_from_what_a_file_holds(ran: Ran) -> None:
+    content = findings.content(ran.diagnosed.diagnosis)
+    kept = json.loads(json.dumps(content, allow_nan=False))
+    with svg.styled():
+        assert diagnosis_section(kept, False) == diagnosis_section(content, False)
+
+
+def test_curves_show_where_the_effect_acts(ran: Ran) -> None:
+    """Stribeck friction is a torque at low speed, and it is gone from the extended model."""
+    curves = findings.figures(ran.diagnosed.diagnosis)["curves"]
+    first = next(c for c in curves if c["channel"] == "effort")
+    assert first["regressor"] == "velocity"
+    largest = max(range(len(first["centres"])), key=lambda i: abs(first["before"]["means"][i]))
+    assert abs(first["centres"][largest]) < 0.1
+    before, after = (max(abs(m) for m in first[k]["means"]) for k in ("before", "after"))
+    assert before > 0.3 * ran.truth["stribeck_torque_nm"]
+    assert after < 0.3 * before
+
+
+def test_looks_say_what_became_of_every_suspect(ran: Ran) -> None:
+    looks = findings.looks(ran.diagnosed.diagnosis)
+    assert [look["added"] for look in looks] == ["stribeck-friction", None]
+    for look in looks:
+        added = [s["id"] for s in look["suspects"] if s["fate"] == "added"]
+        assert added == ([look["added"]] if look["added"] else [])
+        assert all(s["fate"] and s["twins"] for s in look["suspects"])
+
+
+# --- bad input -----------------------------------------------------------------------------
+
+
+def refused(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> tuple[int, str]:
+    """Exit code and the one line of a call that fails before anything is computed."""
+    code = main(["diagnose", *arguments])
+    captured = capsys.readouterr()
+    assert captured.out == "" and "Traceback" not in captured.err
+    errors = [line for line in captured.err.splitlines() if line.startswith("sysid: error:")]
+    assert len(errors) == 1
+    return code, errors[0]
+
+
+def test_a_missing_bundle(ran: Ran, capsys: pytest.CaptureFixture[str]) -> None:
+    missing = ran.folder / "nowhere.json"
+    code, line = refused([str(ran.campaign), "--bundle", str(missing)], capsys)
+    assert code == 2 and "nowhere.json" in line
+
+
+def test_a_bundle_without_valves_cannot_be_diagnosed(
+    ran: Ran, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    content = json.loads(ran.bundle.read_text())
+    del content["valves"]
+    bundle = tmp_path / "friction.json"
+    bundle.write_text(json.dumps(content))
+    code, line = refused([str(ran.campaign), "--bundle", str(bundle)], capsys)
+    assert code == 3 and "valve-discrete" in line
+
+
+def test_a_log_that_changed_since_the_fit(
+    ran: Ran, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(ran.folder, tmp_path, dirs_exist_ok=True)
+    log = tmp_path / "friction_sliding.csv"
+    log.write_text("# changed\n" + log.read_text())
+    arguments = [str(tmp_path / "campaign.toml"), "--bundle", str(tmp_path / "bundle.json")]
+    code, line = refused(arguments, capsys)
+    assert code == 2 and "friction_sliding.csv" in line
+
+
+def test_a_held_out_log_that_was_fitted_on(
+    ran: Ran, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(ran.folder, tmp_path, dirs_exist_ok=True)
+    path = tmp_path / "campaign.toml"
+    head, *blocks = path.read_text().split("[[log]]")
+    blocks = [
+        b.replace('use = "fit"', 'use = "holdout"') if "friction_sliding" in b else b
+        for b in blocks
+    ]
+    path.write_text("[[log]]".join([head, *blocks]))
+    code, line = refused([str(path), "--bundle", str(tmp_path / "bundle.json")], capsys)
+    assert code == 2 and "fitted on it" in line
+
+
+def test_a_file_of_effects_that_does_not_run(
+    ran: Ran, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    effects = tmp_path / "own.py"
+    effects.write_text("raise ValueError('no effect')\n")
+    arguments = [str(ran.campaign), "--bundle", str(ran.bundle), "--effects", str(effects)]
+    code, line = refused(arguments, capsys)
+    assert code == 2 and "own.py" in line
