@@ -83,25 +83,24 @@ def leftover(found: Loop, rig: Rig) -> tuple[Unexplained, ...]:
 
 def regressors(traces: Traces, channel: str) -> dict[str, FloatArray]:
     """What a residual may depend on, (n,) each, by name."""
+    # Neither the acceleration for the effort nor a pressure's own rate for its rate: they
+    # hold the noise that the residual holds.
     t = traces
     found = {
         "velocity": t.velocity,
         "angle": t.position,
         "pressure_a": t.pressure_a,
         "pressure_b": t.pressure_b,
+        "pressure_difference": t.pressure_a - t.pressure_b,
         "time": t.time,
-        "acceleration": t.acceleration,
         "motor": t.motor,
     }
     if channel == EFFORT:
         found["pressure_sum times direction"] = (t.pressure_a + t.pressure_b) * t.direction
         found["angle times direction"] = (t.position - t.position.min() + 0.1) * t.direction
-        found["pressure_difference"] = t.pressure_a - t.pressure_b
     else:
-        side = channel[-1]
-        found["pressure_rate"] = t.rate_a if side == "a" else t.rate_b
-        found["valve_opening"] = t.open_a if side == "a" else t.open_b
-        found["pressure_difference"] = t.pressure_a - t.pressure_b
+        found["valve_opening"] = t.open_a if channel.endswith("a") else t.open_b
+        found["acceleration"] = t.acceleration
     return found
 
 

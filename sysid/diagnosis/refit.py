@@ -6,6 +6,7 @@ projection, Golub and Pereyra 1973).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -53,10 +54,14 @@ class Refit:
         """How clearly the last effect's strengths differ from 0: s' C^-1 s over their number.
 
         C is the jackknife's over the tests (rows,): what one test alone shows does not count.
+        A strength that is stuck at a bound other than 0 is clear of it.
         """
+        stuck = self.fit.diagnosis.at_bound
+        strong = [q for q in type(self.effect).quantities if q.is_strength]
+        if any(f"{self.id}/{q.name}" in stuck and getattr(self.effect, q.name) for q in strong):
+            return math.inf
         covariance = self.fit.jackknife_covariance(tests)
-        quantities = [q for q in type(self.effect).quantities if q.is_strength]
-        places = [self.fit.names.index(f"{self.id}/{q.name}") for q in quantities]
+        places = [self.fit.names.index(f"{self.id}/{q.name}") for q in strong]
         strengths = self.fit.values[places]
         inverse = np.linalg.pinv(covariance[np.ix_(places, places)], hermitian=True)
         return float(strengths @ inverse @ strengths) / len(places)

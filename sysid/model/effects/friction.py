@@ -30,7 +30,7 @@ class StribeckFriction(CatalogueEffect):
     title = "Stribeck friction"
     subsystem = "friction"
     quantities = (
-        Quantity("stribeck_torque_nm", "Nm", 0.12, -0.1, 2.0, "beyond Coulomb friction at rest"),
+        Quantity("stribeck_torque_nm", "Nm", 0.12, 0.0, 2.0, "beyond Coulomb friction at rest"),
         Quantity(
             "stribeck_velocity_rad_per_s",
             "rad/s",
@@ -229,7 +229,7 @@ class QuadraticDrag(CatalogueEffect):
     title = "Quadratic drag"
     subsystem = "friction"
     quantities = (
-        Quantity("drag_nm_s2_per_rad2", "Nm s2/rad2", 0.005, -0.005, 0.5, "per squared speed"),
+        Quantity("drag_nm_s2_per_rad2", "Nm s2/rad2", 0.005, 0.0, 0.5, "per squared speed"),
     )
     signature = "torque at high speed"
     rivals = ("stribeck-friction",)

@@ -45,8 +45,8 @@ class SubsonicFlowShape(CatalogueEffect):
     title = "Shape of the subsonic flow (ISO 6358)"
     subsystem = "valve"
     quantities = (
-        Quantity("filling_blend", "-", 1.0, 0.0, 1.0, "share of ISO's law in filling"),
-        Quantity("exhaust_blend", "-", 1.0, 0.0, 1.0, "share of ISO's law in exhaust"),
+        Quantity("filling_blend", "-", 1.0, 0.0, 1.5, "share of ISO's law in filling"),
+        Quantity("exhaust_blend", "-", 1.0, 0.0, 1.5, "share of ISO's law in exhaust"),
         Quantity(
             "critical_ratio",
             "-",
