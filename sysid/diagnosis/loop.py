@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.diagnosis.calibration import Null
+from sysid.diagnosis.correction import corrected
 from sysid.diagnosis.frame import Frame, build_frame, friction_scatter, noise_of
 from sysid.diagnosis.screening import projected
 from sysid.diagnosis.search import Search, search
@@ -23,6 +24,7 @@ from sysid.rig import Rig
 FloatArray = NDArray[np.float64]
 
 TWINS = 4
+CORRECTION_TWINS = 2
 _SCATTER_LIMIT = 0.1
 
 
@@ -73,6 +75,12 @@ def close_loop(
     ]
     null = Null(judged, forms)
     found = search(frame_of(traces), model, forms, null, progress)
+    if found.steps:
+        progress("correcting the numbers by twins of the extended model")
+        again = simulate_twins(
+            traces, found.model, noise, Scatter(), CORRECTION_TWINS, seed + 2, rig
+        )
+        found = corrected(found, [frame_of(twin) for twin in again if twin.is_finite()])
     after = build_frame(traces, found.model, colour, 0.0)
     left = min(friction_scatter(after, projected(after, found.model).rest), spread)
     return Loop(traces, noise, scatter, Scatter(left, left), null, found)

@@ -96,6 +96,11 @@ class Traces:
         """Chamber pressure, Pa."""
         return self.pressure_a if side == "a" else self.pressure_b
 
+    def is_finite(self) -> bool:
+        """Whether every channel is a number everywhere."""
+        channels = (self.acceleration, self.rate_a, self.rate_b)
+        return all(bool(np.isfinite(channel).all()) for channel in channels)
+
     def with_measured(
         self, position: FloatArray, pressure_a: FloatArray, pressure_b: FloatArray
     ) -> Traces:
