@@ -23,9 +23,9 @@ from scipy.stats import norm
 
 from sysid.bundle import read_bundle
 from sysid.campaign import KINDS, read_campaign
-from sysid.diagnosis.calibration import _MARGIN
+from sysid.diagnosis.calibration import MARGIN
 from sysid.diagnosis.loop import close_loop
-from sysid.diagnosis.search import _CLEAR_RATIO, SIGNIFICANCE
+from sysid.diagnosis.search import CLEAR_RATIO, SIGNIFICANCE
 from sysid.diagnosis.signatures import Signatures, candidates
 from sysid.model.effects import catalogue
 from sysid.model.from_bundle import model_from_bundle
@@ -58,7 +58,7 @@ def main() -> None:
     found = close_loop(tests, campaign.rig, model, effects.values())
     null, base = found.null, found.search.first
     null.calibrate(dict.fromkeys(effects, math.inf))
-    signatures = Signatures(base.frame, base.model, base.residual + base.bias)
+    signatures = Signatures(base.frame, base.model, base.residual)
     distance = float(norm.isf(SIGNIFICANCE / null.family))
     print("| effect | strength | usual size | smallest size seen | usual / smallest |")
     print("| --- | --- | --- | --- | --- |")
@@ -66,9 +66,9 @@ def main() -> None:
         gains = null.gains(name)
         spread = max(1.0, float(np.std(np.sqrt(gains), ddof=1)))
         passing = (
-            _MARGIN * float(np.mean(np.sqrt(np.maximum(gains, 1.0)))) + distance * spread
+            MARGIN * float(np.mean(np.sqrt(np.maximum(gains, 1.0)))) + distance * spread
         ) ** 2
-        passing = max(passing, _CLEAR_RATIO * max(float(gains.max()), 10.0))
+        passing = max(passing, CLEAR_RATIO * max(float(gains.max()), 10.0))
         best = math.inf, "", 0.0
         for form in candidates([effect]):
             length = np.linalg.norm(base.project(signatures(form)), axis=0)

@@ -20,7 +20,7 @@ _NOISIEST = 1.6
 # A gain beyond this many times the first twin's is worth asking the others.
 _ASK_AGAIN = 2.0
 # A rig's numerics may bias a gain's root by this factor against its twins'.
-_MARGIN = 1.3
+MARGIN = 1.3
 
 
 class Null:
@@ -78,7 +78,7 @@ class Null:
 
         roots = np.sqrt(np.maximum(self.gains(effect), float(strengths)))
         spread = max(1.0, float(np.std(roots, ddof=1)) if len(roots) > 1 else 1.0)
-        distance = (math.sqrt(gain) - _MARGIN * float(np.mean(roots))) / spread
+        distance = (math.sqrt(gain) - MARGIN * float(np.mean(roots))) / spread
         return min(1.0, max(self.family * float(norm.sf(distance)), _SMALLEST_P))
 
     def ratio(self, effect: str, gain: float) -> float:

@@ -80,7 +80,7 @@ def refit(base: Projected, starts: Sequence[CatalogueEffect]) -> Refit:
         for effect in with_values(starts, values):
             model = model + effect
         changed = base.frame.residual(model, channels)
-        return base.project(np.where(touched, changed - base.bias, base.residual))
+        return base.project(np.where(touched, changed, base.residual))
 
     parameters = [
         Parameter(
@@ -127,7 +127,7 @@ def with_base_refitted(base: Projected, model: Model) -> Model:
     residual = base.frame.residual(model)
     jacobian = base_jacobian(base.frame, model, residual, names)
     size = np.linalg.norm(jacobian, axis=0)
-    step = -np.linalg.lstsq(jacobian / size, residual - base.bias, rcond=1e-9)[0] / size
+    step = -np.linalg.lstsq(jacobian / size, residual, rcond=1e-9)[0] / size
     changes = {
         n: float(getattr(model.parameters, n) * (1.0 + s)) for n, s in zip(names, step, strict=True)
     }
@@ -140,9 +140,7 @@ def standard_errors(base: Projected, extra: FloatArray) -> dict[str, float]:
     From the whitened squares that are left, so that what no effect explains widens them.
     """
     names = base_parameters(base.model)
-    jacobian = np.hstack(
-        [base_jacobian(base.frame, base.model, base.residual + base.bias, names), extra]
-    )
+    jacobian = np.hstack([base_jacobian(base.frame, base.model, base.residual, names), extra])
     size = np.linalg.norm(jacobian, axis=0)
     spread = max(float(base.rest @ base.rest) / len(base.rest), 1.0)
     covariance = np.linalg.pinv((jacobian / size).T @ (jacobian / size), hermitian=True) * spread

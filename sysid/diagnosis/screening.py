@@ -28,14 +28,13 @@ _OWN_SHARE = 1e-3
 class Projected:
     """A residual with all that the model's own parameters can do taken out of it.
 
-    `residual` (rows,) is without the `bias` that it has even if the model is right, `rest`
-    (rows,) what is left of it, `basis` (rows, m) orthonormal.
+    `residual` (rows,) as it is, `rest` (rows,) what is left of it, `basis` (rows, m)
+    orthonormal.
     """
 
     frame: Frame
     model: Model
     residual: FloatArray
-    bias: FloatArray
     basis: FloatArray
     rest: FloatArray
 
@@ -44,22 +43,15 @@ class Projected:
         return values - self.basis @ (self.basis.T @ values)
 
 
-def projected(
-    frame: Frame, model: Model, bias: FloatArray | None = None, extra: FloatArray | None = None
-) -> Projected:
-    """The residual of a model, its base parameters (and `extra` columns) projected out.
-
-    `bias` (rows,) is what the residual holds even if the model is right.
-    """
+def projected(frame: Frame, model: Model, extra: FloatArray | None = None) -> Projected:
+    """The residual of a model, its base parameters (and `extra` columns) projected out."""
     residual = frame.residual(model)
     jacobian = base_jacobian(frame, model, residual, base_parameters(model))
     if extra is not None and extra.size:
         jacobian = np.hstack([jacobian, extra])
-    bias = np.zeros(len(residual)) if bias is None else bias
-    residual = residual - bias
     basis = _orthonormal(jacobian)
     rest = residual - basis @ (basis.T @ residual)
-    return Projected(frame, model, residual, bias, basis, rest)
+    return Projected(frame, model, residual, basis, rest)
 
 
 def _orthonormal(columns: FloatArray) -> FloatArray:
@@ -94,7 +86,7 @@ def screen(base: Projected, forms: Sequence[Candidate]) -> list[Explained]:
 
 def screen_group(base: Projected, forms: Sequence[Candidate]) -> list[Explained]:
     """`screen` in this process."""
-    signatures = Signatures(base.frame, base.model, base.residual + base.bias)
+    signatures = Signatures(base.frame, base.model, base.residual)
     return [explained(base, form, signatures(form)) for form in forms]
 
 

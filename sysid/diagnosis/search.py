@@ -24,12 +24,12 @@ FloatArray = NDArray[np.float64]
 
 SIGNIFICANCE = 1e-3
 MOST_EFFECTS = 3
-_SUSPECTS = 5
+MOST_SUSPECTS = 5
 # A suspect whose signature takes less than this share of the best one's is not refitted.
-_WORTH_REFITTING = 0.3
+WORTH_REFITTING = 0.3
 # The twins are screened for this many effects at most, those that gain most.
 _CALIBRATED = 14
-_CLEAR_RATIO = 2.5
+CLEAR_RATIO = 2.5
 # A strength that the tests agree on lies this many squared standard errors off 0.
 _CLEAR_WALD = 16.0
 # Of what is left beyond noise, an effect that is added has to take this share.
@@ -121,12 +121,14 @@ def search(
             best[s.id]
             for s in suspects
             if s.p_value < SIGNIFICANCE
-            and s.ratio > _CLEAR_RATIO
-            and s.gain > _WORTH_REFITTING * suspects[0].gain
+            and s.ratio > CLEAR_RATIO
+            and s.gain > WORTH_REFITTING * suspects[0].gain
         ]
         if not passing or len(steps) == MOST_EFFECTS:
             return _finished(first, base, steps, suspects)
-        refits = [r for r in _refit(base, passing[:_SUSPECTS]) if r.wald(frame.tests) > _CLEAR_WALD]
+        refits = [
+            r for r in _refit(base, passing[:MOST_SUSPECTS]) if r.wald(frame.tests) > _CLEAR_WALD
+        ]
         if not refits:
             return _finished(first, base, steps, suspects)
         winner = max(refits, key=lambda r: r.gain - _penalty(r, base))

@@ -95,7 +95,13 @@ def looks(diagnosis: Diagnosis) -> list[dict[str, Any]]:
 
 def _fate(suspect: Suspect, step: Step | None, suspects: Sequence[Suspect], search: Search) -> str:
     """Why a suspect was added or not: the rules of `sysid.diagnosis.search`, in words."""
-    from sysid.diagnosis.search import _CLEAR_RATIO, _SUSPECTS, MOST_EFFECTS, SIGNIFICANCE
+    from sysid.diagnosis.search import (
+        CLEAR_RATIO,
+        MOST_EFFECTS,
+        MOST_SUSPECTS,
+        SIGNIFICANCE,
+        WORTH_REFITTING,
+    )
 
     if step is not None and suspect.id == step.refit.id:
         return "added"
@@ -105,13 +111,15 @@ def _fate(suspect: Suspect, step: Step | None, suspects: Sequence[Suspect], sear
         return f"refitted, takes {share:.3g} % of what {step.refit.id} takes{equal}"
     if suspect.p_value >= SIGNIFICANCE:
         return "gains no more than chance may"
-    if suspect.ratio <= _CLEAR_RATIO:
+    if suspect.ratio <= CLEAR_RATIO:
         return "stands out too little from the twins"
     if step is None and len(search.steps) >= MOST_EFFECTS:
         return f"not tried: {MOST_EFFECTS} effects are the most that are added"
-    clear = [s for s in suspects if s.p_value < SIGNIFICANCE and s.ratio > _CLEAR_RATIO]
-    if suspect not in clear[:_SUSPECTS]:
-        return f"not refitted: {_SUSPECTS} others gain more"
+    if suspect.gain <= WORTH_REFITTING * suspects[0].gain:
+        return f"not refitted: takes far less than {suspects[0].id}"
+    clear = [s for s in suspects if s.p_value < SIGNIFICANCE and s.ratio > CLEAR_RATIO]
+    if suspect not in clear[:MOST_SUSPECTS]:
+        return f"not refitted: {MOST_SUSPECTS} others gain more"
     if step is None:
         return "takes too small a share of the rest, or differs from test to test"
     return "refitted: its strength differs from test to test"
