@@ -189,6 +189,14 @@ def _channels(trial: Trial, rig: Rig, inputs: Inputs) -> dict[str, FloatArray]:
         name: np.asarray(trial.channels.get(channel, np.full(len(trial), default)), dtype=float)
         for name, (channel, default) in zip(names, defaults.items(), strict=True)
     }
+    for name, (channel, _) in zip(names, defaults.items(), strict=True):
+        missing = ~np.isfinite(found[name])
+        if missing.any():
+            raise input_error(
+                trial.source,
+                f"{channel} is missing at {trial.time[int(np.argmax(missing))]:g} s",
+                "fill the gap, or take the test out of the campaign",
+            )
     # A command holds from its row to the next: around a row, half of each.
     motor = inputs.motor
     found["motor"] = 0.5 * (motor + np.concatenate((motor[:1], motor[:-1])))
