@@ -141,7 +141,7 @@ def wilson(hits: int, count: int) -> tuple[float, float]:
     share, shrink = hits / count, 1.0 + z * z / count
     middle = (share + z * z / (2 * count)) / shrink
     half = z / shrink * math.sqrt(share * (1 - share) / count + z * z / (4 * count * count))
-    return middle - half, middle + half
+    return max(middle - half, 0.0), min(middle + half, 1.0)
 
 
 def true_names(result: dict[str, Any]) -> list[str]:
