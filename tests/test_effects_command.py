@@ -161,7 +161,7 @@ def test_annotations_as_text_and_helpers_are_no_obstacle(example: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "part"),
     [
-        ("class HoseDrag(CatalogueEffect):", "class HoseDrag(CatalogueEffect)", "line 5: does not"),
+        ("class HoseDrag(CatalogueEffect):", "class HoseDrag(CatalogueEffect)", "line 6: does not"),
         ("from dataclasses", "from no_such_module", "line 1: does not run: ModuleNotFoundError"),
         ("@dataclass(frozen=True)\n", "", "is not a dataclass"),
         ("signature, source", "signature, sauce", "has no source"),
