@@ -278,3 +278,13 @@ def test_what_no_effect_explains_is_said() -> None:
     assert [entry.channel for entry in entries] == ["theta_rad"]
     assert 0.0 < entries[0].share <= 1.0
     assert len(entries[0].curve.centres) == len(entries[0].curve.means) > 3
+
+
+def test_effects_that_the_bundle_holds_stay_in_the_model() -> None:
+    tests, rig, model = made(("seal-friction", "sum", 1.0), ("torque-constant-error", "gain", 1.0))
+    given = SealFriction(2e-7)
+    effects = [catalogue()[name] for name in ("torque-constant-error", "torque-offset")]
+    found = close_loop(tests, rig, model + given, effects)
+    assert [step.refit.id for step in found.search.steps] == ["torque-constant-error"]
+    assert found.search.model.effects[0] == given
+    assert [e.id for e in found.search.model.effects] == ["seal-friction", "torque-constant-error"]

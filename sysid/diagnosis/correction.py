@@ -35,12 +35,13 @@ def corrected(search: Search, twins: Sequence[Frame]) -> Search:
     if search.joint is None or not twins:
         return search
     joint, parameters = search.joint, search.model.parameters
+    given = search.first.model.effects
     names = base_parameters(search.model)
     effects, bases = [], []
     for frame in twins:
-        base = projected(frame, Model(parameters))
+        base = projected(frame, Model(parameters, given))
         again = refit(base, joint.effects)
-        model = with_base_refitted(base, Model(parameters, again.effects))
+        model = with_base_refitted(base, Model(parameters, (*given, *again.effects)))
         effects.append(again.fit.values - joint.fit.values)
         bases.append(
             [float(getattr(model.parameters, n) / getattr(parameters, n)) - 1.0 for n in names]
@@ -54,7 +55,7 @@ def corrected(search: Search, twins: Sequence[Frame]) -> Search:
         n: float(getattr(parameters, n)) * (1.0 - r) for n, r in zip(names, relative, strict=True)
     }
     found = with_values(joint.effects, values)
-    model = Model(parameters.replace(**changes), found)
+    model = Model(parameters.replace(**changes), (*given, *found))
     steps = (*search.steps[:-1], replace(search.steps[-1], model=model))
     fit = replace(joint.fit, values=values)
     return replace(search, steps=steps, model=model, joint=replace(joint, effects=found, fit=fit))

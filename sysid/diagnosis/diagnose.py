@@ -103,8 +103,8 @@ def _found_effect(
     step: Step, found: Loop, names: Sequence[str], before: FloatArray, after: FloatArray
 ) -> FoundEffect:
     place = found.search.steps.index(step)
-    effect = found.search.model.effects[place]
-    assert isinstance(effect, CatalogueEffect)
+    assert found.search.joint is not None
+    effect = found.search.joint.effects[place]
     return FoundEffect(
         effect=effect,
         estimates=found.search.estimates(place),

@@ -47,7 +47,7 @@ _CLEAR_BIC = 10.0
 
 @dataclass(frozen=True)
 class Suspect:
-    """An effect that screening looked at: its gain, p-value and cosine with the winner."""
+    """An effect that screening looked at: its gain, over the twins' largest, and p-value."""
 
     id: str
     gain: float
@@ -163,7 +163,8 @@ def _finished(
         return Search((), first.model, first, last, None, {}, tuple(suspects))
     alone = steps[0].refit
     joint = refit(first, [s.refit.effect for s in steps]) if len(steps) > 1 else alone
-    model = with_base_refitted(first, Model(first.model.parameters, joint.effects))
+    extended = Model(first.model.parameters, (*first.model.effects, *joint.effects))
+    model = with_base_refitted(first, extended)
     own = _own_columns(first.frame, model)
     last = projected(first.frame, model, extra=own)
     base_std = standard_errors(last, own)
