@@ -155,6 +155,17 @@ def check_log_unchanged(bundle: Mapping[str, Any], log: Log, path: Path) -> None
             )
 
 
+def check_not_fitted(bundle: Mapping[str, Any], log: Log, path: Path) -> None:
+    """InputError where a log that the campaign holds out is one that the bundle was fitted on."""
+    for entry in bundle["provenance"]["logs"]:
+        if entry["use"] == "fit" and entry["sha256"] == log.sha256:
+            raise input_error(
+                log.path,
+                f"is held out in the campaign, but {path} was fitted on it ({entry['file']})",
+                'fit without it, or give it use = "fit"',
+            )
+
+
 class _NotFiniteError(ValueError):
     pass
 

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sysid.bundle import check_log_unchanged, read_bundle, write_bundle
+from sysid.bundle import check_log_unchanged, check_not_fitted, read_bundle, write_bundle
 from sysid.campaign import Campaign, CampaignLog, read_campaign
 from sysid.diagnosis import Diagnosis, diagnose
-from sysid.errors import input_error
 from sysid.logs import Log
 from sysid.model.effects.serialise import effect_to_dict
 from sysid.model.from_bundle import catalogue_with, model_from_bundle
@@ -113,13 +112,8 @@ def _read(
 ) -> Log:
     log = campaign.read(entry)
     check_log_unchanged(bundle, log, bundle_path)
-    fitted = {e["sha256"] for e in bundle["provenance"]["logs"] if e["use"] == "fit"}
-    if entry.use == "holdout" and log.sha256 in fitted:
-        raise input_error(
-            log.path,
-            f"is held out in the campaign, but {bundle_path} was fitted on it",
-            'fit without it, or give it use = "fit"',
-        )
+    if entry.use == "holdout":
+        check_not_fitted(bundle, log, bundle_path)
     return log
 
 

@@ -191,7 +191,7 @@ def simulate_log(
         rig,
         model,
         surfaces_for(bundle, rig, chosen, str(bundle_path)),
-        [_starts_on(trial, rig) for trial in log.trials],
+        [starts_on_supply(trial, rig) for trial in log.trials],
     )
     _write(log, rig, channels, output, [f"bundle: {bundle_path.name}", f"valve model: {chosen}"])
     return Simulated(
@@ -238,7 +238,8 @@ def _start_notices(trial: Trial, rig: Rig) -> list[str]:
     ]
 
 
-def _starts_on(trial: Trial, rig: Rig) -> tuple[bool, bool]:
+def starts_on_supply(trial: Trial, rig: Rig) -> tuple[bool, bool]:
+    """Whether valves A and B were on before the first row: under PWM, nearer to the supply."""
     air = rig.require("air", "which the valves' flow needs")
     middle = 0.5 * (air.atmospheric_pressure_pa + air.supply_pressure_pa)
     on = [
@@ -326,5 +327,6 @@ __all__ = [
     "simulate_bundle",
     "simulate_log",
     "simulate_trials",
+    "starts_on_supply",
     "surfaces_for",
 ]

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid import residual_tests
-from sysid.bundle import check_log_unchanged
+from sysid.bundle import check_log_unchanged, check_not_fitted
 from sysid.campaign import MOTION_KINDS, Campaign, CampaignLog
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.logs import Log
@@ -194,7 +194,7 @@ def _read(
     log = campaign.read(entry)
     check_log_unchanged(bundle, log, bundle_path)
     if entry.use == "holdout":
-        _reject_fitted(bundle, log, bundle_path)
+        check_not_fitted(bundle, log, bundle_path)
     notices += log.notices
     cases = []
     for trial in log.trials:
@@ -205,16 +205,6 @@ def _read(
             continue
         cases.append(_Case(entry, log, test))
     return cases
-
-
-def _reject_fitted(bundle: Mapping[str, Any], log: Log, path: Path) -> None:
-    for entry in bundle["provenance"]["logs"]:
-        if entry["use"] == "fit" and entry["sha256"] == log.sha256:
-            raise input_error(
-                log.path,
-                f"is held out in the campaign, but {path} was fitted on it ({entry['file']})",
-                'fit without it, or give it use = "fit"',
-            )
 
 
 # --- simulation ------------------------------------------------------------------------

@@ -85,12 +85,11 @@ class Null:
         """A gain over the largest that a twin shows (at least 10: noise alone)."""
         return gain / max(float(np.max(self.gains(effect))), 10.0)
 
-    def excess(self, base: Projected, rest: FloatArray | None = None) -> dict[str, float]:
+    def excess(self, base: Projected) -> dict[str, float]:
         """Each channel's sum of squares beyond any twin's; negative where below."""
-        values = base.rest if rest is None else rest
         found = {}
         for name in CHANNELS:
-            own = values[base.frame.rows(name)]
+            own = base.rest[base.frame.rows(name)]
             level = max(1.0, typical_square(base, name) / float(np.median(self.typical[name])))
             expected = float(np.max(self.sums[name])) * min(level, _NOISIEST)
             found[name] = float(own @ own) - len(own) * expected

@@ -19,7 +19,7 @@ from sysid import signals
 from sysid.errors import input_error
 from sysid.kinds import is_held
 from sysid.logs import Trial
-from sysid.model.ports import SIDES, Model
+from sysid.model.ports import Model
 from sysid.model.timing import OpenIntervals
 from sysid.rig import Rig
 
@@ -124,7 +124,7 @@ def prepare(tests: Sequence[tuple[str, str, Trial]], rig: Rig, model: Model) -> 
     A test that does not log a pressure has its chamber at the atmosphere. Tests too short
     for a window are left out.
     """
-    from sysid.simulate import inputs_from_trial
+    from sysid.simulate import inputs_from_trial, starts_on_supply
 
     runs: list[TestRun] = []
     parts: list[dict[str, FloatArray]] = []
@@ -133,7 +133,8 @@ def prepare(tests: Sequence[tuple[str, str, Trial]], rig: Rig, model: Model) -> 
         if len(trial) * trial.period < 3.0 * WINDOW_S:
             continue
         uniform = _uniform(trial, rig)
-        inputs = inputs_from_trial(uniform, rig, _starts_on(uniform, rig, kind))
+        on = starts_on_supply(uniform, rig) if kind == "valve-pwm" else (False, False)
+        inputs = inputs_from_trial(uniform, rig, on)
         stop = start + len(uniform)
         moves = not kind.startswith("valve") and not is_held(trial, rig)
         period = float(uniform.time[1] - uniform.time[0])
@@ -152,16 +153,6 @@ def prepare(tests: Sequence[tuple[str, str, Trial]], rig: Rig, model: Model) -> 
         supply=smooth(runs, joined["supply"], PRESSURE_CUTOFF_HZ),
         **_derived(tuple(runs), *(joined[n] for n in ("position", "pressure_a", "pressure_b"))),
     )
-
-
-def _starts_on(trial: Trial, rig: Rig, kind: str) -> tuple[bool, bool]:
-    if kind != "valve-pwm" or rig.air is None:
-        return (False, False)
-    middle = 0.5 * (rig.air.atmospheric_pressure_pa + rig.air.supply_pressure_pa)
-    a, b = (
-        f"pressure_{s}_pa" in trial and float(trial[f"pressure_{s}_pa"][0]) > middle for s in SIDES
-    )
-    return a, b
 
 
 def _uniform(trial: Trial, rig: Rig) -> Trial:
