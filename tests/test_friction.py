@@ -288,6 +288,19 @@ def test_unsteady_trials_are_fitted_within_themselves() -> None:
         fit_friction(trials, without, kind="sliding")
 
 
+def test_one_unsteady_trial_comes_first() -> None:
+    good = [
+        constant(way * level, 0.0, f"{way * level} {k}")
+        for way in (1.0, -1.0)
+        for level in (0.25, 0.30)
+        for k in range(3)
+    ]
+    result = fit_friction([slowing(0.24, 1.0), *good], RIG, kind="sliding")
+    assert [use.used for use in result.trials] == [True] * 13
+    assert result.sliding is not None and result.sliding.method != "within trials"
+    assert any("the speed is not steady" in n for n in result.notices)
+
+
 def test_a_law_that_is_not_straight_is_said() -> None:
     rng = np.random.default_rng(9)
     speed = np.tile(np.repeat([0.4, 0.9, 1.6], 3), 2)

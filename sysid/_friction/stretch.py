@@ -145,7 +145,9 @@ def sliding_points(
     used = [use.values for use in uses if use.used]
     if not used:
         return None, uses
-    table = {key: np.array([row[key] for row in used]) for key in used[0]}
+    # A trial's own law is there for the unsteady ones only.
+    shared = set(used[0]).intersection(*used)
+    table = {key: np.array([row[key] for row in used]) for key in shared}
     set_effort = table["motor"] - table["gravity"]
     applied = set_effort + table["cylinder"]
     if _spread(set_effort) < 0.3 * _spread(applied):
