@@ -12,6 +12,7 @@ from sysid.bundle import check_log_unchanged, check_not_fitted, read_bundle, wri
 from sysid.campaign import Campaign, CampaignLog, read_campaign
 from sysid.diagnosis import Diagnosis, diagnose
 from sysid.logs import Log
+from sysid.model.effects.linear import for_rig
 from sysid.model.effects.serialise import effect_to_dict
 from sysid.model.from_bundle import catalogue_with, model_from_bundle
 from sysid.rig import Rig
@@ -100,7 +101,7 @@ def diagnose_logs(
         logs,
         campaign.rig,
         model,
-        {name: effect for name, effect in catalogue.items() if name not in taken},
+        for_rig({k: v for k, v in catalogue.items() if k not in taken}, campaign.rig.is_linear),
         seed=seed,
         progress=progress,
     )

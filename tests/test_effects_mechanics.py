@@ -92,7 +92,7 @@ def forms(effect: type[CatalogueEffect]) -> list[CatalogueEffect]:
 
 def test_the_catalogue_is_whole() -> None:
     effects = catalogue()
-    assert len(effects) == 39 and set(IDS) < effects.keys()
+    assert len(effects) == 41 and set(IDS) < effects.keys()
     for members in AMBIGUOUS_CLASSES:
         assert members < effects.keys()
         assert all(class_of(member) == members for member in members)
@@ -221,6 +221,13 @@ BACK: dict[str, Any] = {"velocity": -0.07, "direction": -1.0}
         ),
         (friction.SealFriction(2e-7), "friction_effort", 0.03, -0.03),
         (friction.QuadraticDrag(0.005), "friction_effort", 0.005 * 0.0049, -0.005 * 0.0049),
+        (friction.AsymmetricViscousFriction(0.01), "friction_effort", 0.0007, 0.0007),
+        (
+            friction.PowerLawFriction(0.05, 0.5),
+            "friction_effort",
+            0.05 * math.sqrt(0.07),
+            -0.05 * math.sqrt(0.07),
+        ),
         (linkage.CableSpring(0.05), "external_effort", -0.05, -0.05),
         (
             linkage.MountingTilt(0.012, 0.02),

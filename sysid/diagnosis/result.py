@@ -52,8 +52,9 @@ class FoundEffect:
 
     def to_json(self) -> dict[str, Any]:
         """As `sysid diagnose --json` prints it (spec/cli.md)."""
+        labels = {q.name: q.label for q in type(self.effect).quantities}
         parameters: dict[str, Any] = {
-            name: estimate.to_json() for name, estimate in self.estimates.items()
+            labels[name]: estimate.to_json() for name, estimate in self.estimates.items()
         }
         if type(self.effect).has_side():
             parameters["side"] = getattr(self.effect, "side")  # noqa: B009

@@ -10,11 +10,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from string import Formatter
 
 from sysid.export.c_text import Names, comment_text, constant, has
 from sysid.export.flat import SIDES, Effect, Flat
+from sysid.model.effects.linear import linear_name
 
 
 @dataclass(frozen=True)
@@ -114,6 +115,18 @@ _SNIPPETS: dict[str, tuple[_Snippet, ...]] = {
     "quadratic-drag": (
         _Snippet("sliding_friction", "value + {drag_nm_s2_per_rad2} * velocity * fabs(velocity)"),
     ),
+    "asymmetric-viscous-friction": (
+        _Snippet(
+            "sliding_friction",
+            "value + {viscous_asymmetry_nm_s_per_rad} * velocity * direction",
+        ),
+    ),
+    "power-law-friction": (
+        _Snippet(
+            "sliding_friction",
+            "value + {power_law_nm} * direction * pow(fabs(velocity), {power_law_exponent})",
+        ),
+    ),
     "gear-mesh-ripple": (
         _Snippet(
             "external",
@@ -189,7 +202,7 @@ def _feature(port: _Port) -> str:
 
 
 def _is_contained(effect: Effect, flat: Flat) -> bool:
-    snippets = _SNIPPETS.get(effect.id, ())
+    snippets = _laws(effect.id, flat)
     known = {name for name, value in effect.values.items() if isinstance(value, float)}
     known |= _base_constants(flat).keys()
     sided = any(snippet.side for snippet in snippets)
@@ -215,12 +228,24 @@ def _names_in(law: str) -> set[str]:
     return {name for _, name, _, _ in Formatter().parse(law) if name}
 
 
+def _laws(effect_id: str, flat: Flat) -> tuple[_Snippet, ...]:
+    """The effect's laws, in the names of the rig's own units."""
+    snippets = _SNIPPETS.get(effect_id, ())
+    if not flat.rig.is_linear:
+        return snippets
+    return tuple(replace(s, law=_linear_law(s.law)) for s in snippets)
+
+
+def _linear_law(law: str) -> str:
+    return re.sub(r"\{(\w+)\}", lambda match: f"{{{linear_name(match.group(1))}}}", law)
+
+
 def _acting(port: _Port, flat: Flat) -> list[tuple[Effect, str]]:
     """The effects that act at a port and their laws, in the order in which they act there."""
     found = [
         (effect, snippet.law)
         for effect in contained(flat)
-        for snippet in _SNIPPETS[effect.id]
+        for snippet in _laws(effect.id, flat)
         if snippet.port == port.name
         and (snippet.side is None or effect.values["side"] in (snippet.side, "both"))
     ]

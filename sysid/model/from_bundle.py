@@ -18,6 +18,7 @@ from sysid.model.base import (
     array_namespace,
     parameters_from_rig,
 )
+from sysid.model.effects.linear import for_rig
 from sysid.model.effects.serialise import Catalogue, effect_from_dict
 from sysid.model.ports import SIDES, Effect, Model
 from sysid.rig import Rig
@@ -163,6 +164,7 @@ def effects_from_bundle(
         return ()
     if catalogue is None:
         catalogue = catalogue_with(None)
+    catalogue = for_rig(catalogue, _is_linear(bundle))
     effects: list[Effect] = []
     for entry in content:
         effect = effect_from_dict(entry, where, catalogue)
@@ -173,6 +175,10 @@ def effects_from_bundle(
             )
         effects.append(effect)
     return tuple(effects)
+
+
+def _is_linear(bundle: Mapping[str, Any]) -> bool:
+    return bool(bundle.get("rig", {}).get("rig", {}).get("motion") == "linear")
 
 
 def catalogue_with(path: Path | None) -> Catalogue:

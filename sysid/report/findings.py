@@ -58,7 +58,7 @@ def figures(diagnosis: Diagnosis) -> dict[str, Any]:
         ],
         "titles": {found.id: type(found.effect).title for found in diagnosis.effects},
         "meanings": {
-            found.id: {q.name: q.meaning for q in type(found.effect).quantities}
+            found.id: {q.label: q.meaning for q in type(found.effect).quantities}
             for found in diagnosis.effects
         },
     }

@@ -20,6 +20,7 @@ class Quantity:
     form it takes. `typical` is the usual size on a rig like the reference rig. `grid` holds
     the values that screening tries: of a shape parameter all plausible ones, of a strength
     only where the effect is not proportional to it (a threshold, a limit, a dead gap).
+    `key` is what files and reports call it, where that is not the field's own name.
     """
 
     name: str
@@ -30,6 +31,12 @@ class Quantity:
     meaning: str
     is_strength: bool = True
     grid: tuple[float, ...] = ()
+    key: str = ""
+
+    @property
+    def label(self) -> str:
+        """What files and reports call it."""
+        return self.key or self.name
 
 
 class CatalogueEffect(Effect):

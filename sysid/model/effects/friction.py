@@ -241,6 +241,69 @@ class QuadraticDrag(CatalogueEffect):
         return effort + self.drag_nm_s2_per_rad2 * point.velocity * xp.abs(point.velocity)
 
 
+@dataclass(frozen=True)
+class AsymmetricViscousFriction(CatalogueEffect):
+    """Viscous friction differs by direction: + d |w| while moving either way."""
+
+    viscous_asymmetry_nm_s_per_rad: Array = 0.0
+
+    id = "asymmetric-viscous-friction"
+    title = "Viscous friction that differs by direction"
+    subsystem = "friction"
+    quantities = (
+        Quantity(
+            "viscous_asymmetry_nm_s_per_rad",
+            "Nm s/rad",
+            0.01,
+            -1.0,
+            1.0,
+            "half the difference of the directions",
+        ),
+    )
+    signature = "torque against the speed's size, of one sign both ways"
+    rivals = ("asymmetric-coulomb-friction", "torque-offset")
+    tie_breaker = "constant torques at three speeds or more, in both directions"
+    source = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994"
+
+    def friction_effort(self, effort: Array, point: Point) -> Array:
+        return effort + self.viscous_asymmetry_nm_s_per_rad * (point.velocity * point.direction)
+
+
+@dataclass(frozen=True)
+class PowerLawFriction(CatalogueEffect):
+    """Viscous friction bends over with speed: + d |w|^n sign w, n below 1."""
+
+    power_law_nm: Array = 0.0
+    power_law_exponent: Array = 0.5
+
+    id = "power-law-friction"
+    title = "Viscous friction that bends over with speed"
+    subsystem = "friction"
+    quantities = (
+        Quantity("power_law_nm", "Nm", 0.05, 0.0, 10.0, "at a speed of one unit"),
+        Quantity(
+            "power_law_exponent",
+            "-",
+            0.5,
+            0.1,
+            0.95,
+            "of the speed; 1 would be viscous friction",
+            is_strength=False,
+            grid=(0.3, 0.5, 0.7),
+        ),
+    )
+    signature = "torque that rises steeply at low speed and flattens"
+    rivals = ("stribeck-friction", "quadratic-drag")
+    tie_breaker = "slow ramps through zero speed, and constant torques at three speeds or more"
+    source = "Olsson et al., European Journal of Control 4(3), 1998"
+
+    def friction_effort(self, effort: Array, point: Point) -> Array:
+        xp = array_namespace(point.velocity, self.power_law_nm)
+        # Never zero: a power of zero has no derivative.
+        speed = xp.abs(point.velocity) + 1e-12
+        return effort + self.power_law_nm * speed**self.power_law_exponent * point.direction
+
+
 EFFECTS = (
     StribeckFriction,
     AsymmetricCoulombFriction,
@@ -248,4 +311,6 @@ EFFECTS = (
     SealFriction,
     Presliding,
     QuadraticDrag,
+    AsymmetricViscousFriction,
+    PowerLawFriction,
 )

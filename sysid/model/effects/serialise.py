@@ -44,7 +44,7 @@ def effect_to_dict(
         }
         if name in intervals:
             entry["interval"] = [_finite_or_none(bound) for bound in intervals[name]]
-        parameters[name] = entry
+        parameters[quantity.label] = entry
     if effect.has_side():
         parameters[SIDE] = getattr(effect, SIDE)
     return {"id": effect.id, "parameters": parameters}
@@ -66,13 +66,13 @@ def effect_from_dict(content: Mapping[str, Any], where: str, catalogue: Catalogu
             "see `sysid effects`, and give a user's own effect with --effects FILE",
         )
     given = content.get("parameters", {})
-    quantities = {q.name: q for q in effect.quantities}
+    quantities = {q.label: q for q in effect.quantities}
     known = {*quantities, *([SIDE] if effect.has_side() else [])}
     for key in (*known.difference(given), *set(given).difference(known)):
         what = f"{key} is missing" if key in known else f"has no parameter {key}"
         raise input_error(place, what, f"its parameters are {', '.join(sorted(known))}")
     fields: dict[str, Any] = {
-        key: _value(given[key], quantity, place) for key, quantity in quantities.items()
+        quantity.name: _value(given[key], quantity, place) for key, quantity in quantities.items()
     }
     if effect.has_side():
         fields[SIDE] = _side(given[SIDE], place)
@@ -80,7 +80,7 @@ def effect_from_dict(content: Mapping[str, Any], where: str, catalogue: Catalogu
 
 
 def _value(estimate: Any, quantity: Quantity, place: str) -> float:
-    where = f"{place}, {quantity.name}"
+    where = f"{place}, {quantity.label}"
     if not isinstance(estimate, Mapping) or "value" not in estimate:
         raise input_error(where, 'is not an object with a "value"', _MEND)
     value, unit = estimate["value"], estimate.get("unit", quantity.unit)
