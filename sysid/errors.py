@@ -1,6 +1,6 @@
-"""The two ways in which a request can fail that are not a fault of the program.
+"""The ways in which a request can fail that are not a fault of the program.
 
-Both are turned into one line and an exit code by `sysid.cli`.
+All are turned into one line and an exit code by `sysid.cli`.
 """
 
 from __future__ import annotations
@@ -24,6 +24,10 @@ class NotIdentifiedError(SysidError):
     """The data were read, but cannot identify what was asked (exit 3)."""
 
     exit_code = 3
+
+
+class SimulationError(NotIdentifiedError):
+    """A model that cannot be simulated: its equations switch without end at one instant."""
 
 
 def input_error(where: str | Path, what: str, mend: str) -> InputError:

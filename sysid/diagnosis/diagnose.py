@@ -13,7 +13,7 @@ from sysid.diagnosis.leftover import leftover
 from sysid.diagnosis.loop import Loop, close_loop
 from sysid.diagnosis.result import BeforeAfter, Diagnosis, FoundEffect, Verdict
 from sysid.diagnosis.search import Step
-from sysid.errors import NotIdentifiedError
+from sysid.errors import NotIdentifiedError, SimulationError
 from sysid.logs import Log, Trial
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.from_bundle import has_discrete_law
@@ -56,7 +56,16 @@ def diagnose(
     notices = []
     if not outside.tests:
         notices.append("no held-out motion log: errors before and after are not known")
-    found = close_loop(tests, rig, model, catalogue.values(), seed=seed, progress=progress)
+    inside = held_out(rig, [(kind, log) for use, kind, log in logs if use == "fit"])
+    found = close_loop(
+        tests,
+        rig,
+        model,
+        catalogue.values(),
+        simulation_error=lambda trial: _log_error(inside, trial),
+        seed=seed,
+        progress=progress,
+    )
     progress("simulating the held-out logs, before and after")
     errors = _errors(outside, model, found)
     floor = (
@@ -92,11 +101,26 @@ def _verdict(found: Loop, structure_left: bool) -> Verdict:
     return "effects-found" if found.search.steps else "adequate"
 
 
+def _log_error(tests: HeldOut, model: Model) -> float:
+    """Mean logarithm of the channels' open-loop RMSE: units do not count, 0 without tests."""
+    errors = tests.rmse(model) if tests.tests else np.ones(3)
+    logged = errors[np.isfinite(errors)]
+    return float(np.mean(np.log(logged))) if len(logged) else 0.0
+
+
 def _errors(outside: HeldOut, model: Model, found: Loop) -> list[FloatArray]:
     """RMSE (3,) of the given model, and after each step."""
     if not outside.tests:
         return [np.full(3, math.nan)] * (len(found.search.steps) + 1)
-    return [outside.rmse(model), *(outside.rmse(step.model) for step in found.search.steps)]
+    return [outside.rmse(model), *(_rmse(outside, step.model) for step in found.search.steps)]
+
+
+def _rmse(outside: HeldOut, model: Model) -> FloatArray:
+    """RMSE (3,), NaN where the model's equations cannot be simulated."""
+    try:
+        return outside.rmse(model)
+    except SimulationError:
+        return np.full(3, math.nan)
 
 
 def _found_effect(

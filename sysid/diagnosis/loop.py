@@ -16,6 +16,7 @@ from sysid.diagnosis.search import Search, search
 from sysid.diagnosis.signatures import candidates
 from sysid.diagnosis.traces import Traces, prepare
 from sysid.diagnosis.twins import Scatter, SensorNoise, sensor_noise, simulate_twins
+from sysid.errors import SimulationError
 from sysid.logs import Trial
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import Model
@@ -50,10 +51,15 @@ def close_loop(
     model: Model,
     catalogue: Iterable[type[CatalogueEffect]],
     *,
+    simulation_error: Callable[[Model], float],
     seed: int = 0,
     progress: Callable[[str], None] = lambda line: None,
 ) -> Loop:
-    """Find what a fitted model lacks on tests given as (file, kind, trial), `fit` ones only."""
+    """Find what a fitted model lacks on tests given as (file, kind, trial), `fit` ones only.
+
+    `simulation_error` is a model's on the fitted motion logs, any scale: of the numbers with
+    and without the twins' correction, those that simulate better are kept.
+    """
     noise = sensor_noise(tests, rig)
     traces = prepare(tests, rig, model)
     forms = candidates(catalogue)
@@ -77,13 +83,28 @@ def close_loop(
     found = search(frame_of(traces), model, forms, null, progress)
     if found.steps:
         progress("correcting the numbers by twins of the extended model")
-        again = simulate_twins(
-            traces, found.model, noise, Scatter(), CORRECTION_TWINS, seed + 2, rig
-        )
-        found = corrected(found, [frame_of(twin) for twin in again if twin.is_finite()])
+        found = _corrected(found, traces, noise, rig, frame_of, simulation_error, seed + 2)
     after = build_frame(traces, found.model, colour, 0.0)
     left = min(friction_scatter(after, projected(after, found.model).rest), spread)
     return Loop(traces, noise, scatter, Scatter(left, left), null, found)
+
+
+def _corrected(
+    found: Search,
+    traces: Traces,
+    noise: SensorNoise,
+    rig: Rig,
+    frame_of: Callable[[Traces], Frame],
+    simulation_error: Callable[[Model], float],
+    seed: int,
+) -> Search:
+    """The search with its numbers corrected by twins, where that simulates better."""
+    try:
+        twins = simulate_twins(traces, found.model, noise, Scatter(), CORRECTION_TWINS, seed, rig)
+        other = corrected(found, [frame_of(twin) for twin in twins if twin.is_finite()])
+        return min(found, other, key=lambda s: simulation_error(s.model))
+    except SimulationError:
+        return found
 
 
 __all__ = ["Loop", "close_loop"]

@@ -16,6 +16,7 @@ from sysid.diagnosis.signatures import (
     base_jacobian,
     base_parameters,
 )
+from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import Model
 
 FloatArray = NDArray[np.float64]
@@ -66,12 +67,16 @@ def _orthonormal(columns: FloatArray) -> FloatArray:
 class Explained:
     """How much of a residual a candidate takes: a fall of the whitened sum of squares.
 
-    `coefficients` (k,) in probing sizes.
+    `coefficients` (k,) in probing sizes. `probed`, `probed_gain`: the same with every limit
+    and dead gap at the size that was probed; its effect is not proportional to it, so that
+    half of its signature is not that of half its size.
     """
 
     candidate: Candidate
     gain: float
     coefficients: FloatArray
+    probed: FloatArray
+    probed_gain: float
 
 
 def screen(base: Projected, forms: Sequence[Candidate]) -> list[Explained]:
@@ -112,9 +117,13 @@ def explained(base: Projected, candidate: Candidate, signature: FloatArray) -> E
             coefficients[keep] = limited
             break
         keep[np.flatnonzero(keep)[wrong]] = False
-    fit = columns @ coefficients
-    gain = float(base.rest @ base.rest - (base.rest + fit) @ (base.rest + fit))
-    return Explained(candidate, max(gain, 0.0), coefficients)
+    probed = np.where([bool(q.grid) for q in quantities], 1.0, coefficients)
+
+    def gain(strengths: FloatArray) -> float:
+        left = base.rest + columns @ strengths
+        return float(base.rest @ base.rest - left @ left)
+
+    return Explained(candidate, max(gain(coefficients), 0.0), coefficients, probed, gain(probed))
 
 
 def best_by_effect(results: Sequence[Explained]) -> dict[str, Explained]:
@@ -127,4 +136,14 @@ def best_by_effect(results: Sequence[Explained]) -> dict[str, Explained]:
     return dict(sorted(best.items(), key=lambda item: -item[1].gain))
 
 
-__all__ = ["Explained", "Projected", "best_by_effect", "projected", "screen"]
+def starting_points(results: Sequence[Explained]) -> dict[str, CatalogueEffect]:
+    """Where a refit of each effect begins: its form that gains most as probed."""
+    best: dict[str, Explained] = {}
+    for result in results:
+        known = best.get(result.candidate.id)
+        if known is None or result.probed_gain > known.probed_gain:
+            best[result.candidate.id] = result
+    return {k: r.candidate.with_strengths(list(r.probed)) for k, r in best.items()}
+
+
+__all__ = ["Explained", "Projected", "best_by_effect", "projected", "screen", "starting_points"]

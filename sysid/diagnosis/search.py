@@ -13,7 +13,14 @@ from scipy.stats import chi2
 from sysid.diagnosis.calibration import Null
 from sysid.diagnosis.frame import Frame
 from sysid.diagnosis.refit import Refit, refit, standard_errors, with_base_refitted
-from sysid.diagnosis.screening import Explained, Projected, best_by_effect, projected, screen
+from sysid.diagnosis.screening import (
+    Explained,
+    Projected,
+    best_by_effect,
+    projected,
+    screen,
+    starting_points,
+)
 from sysid.diagnosis.signatures import Candidate
 from sysid.estimation import Estimate
 from sysid.model.effects.catalogue import class_of
@@ -26,17 +33,22 @@ SIGNIFICANCE = 1e-3
 MOST_EFFECTS = 3
 MOST_SUSPECTS = 5
 # A suspect whose signature takes less than this share of the best one's is not refitted.
-WORTH_REFITTING = 0.3
+WORTH_REFITTING = 0.15
 # The twins are screened for this many effects at most, those that gain most.
 _CALIBRATED = 14
 CLEAR_RATIO = 2.5
 # A strength that the tests agree on lies this many squared standard errors off 0.
 _CLEAR_WALD = 16.0
+# One that takes nearly all of the rest may show in few tests: a drift in the longest ones.
+_MAIN_SHARE = 0.75
+_MAIN_WALD = 4.0
 # Of what is left beyond noise, an effect that is added has to take this share.
 _LEAST_SHARE = 0.35
-# What is small beside the effects so far is their form's misfit, unless it is all of the rest.
+# What is small beside the effects so far is their form's misfit, unless it is all of the rest
+# and not smaller still.
 _LEAST_PART = 0.05
 _WHOLE_SHARE = 0.8
+_LEAST_WHOLE = 0.004
 # An effect that changes by this factor beside the next one was not what it seemed.
 _MOST_CHANGE = 2.5
 # A rival that takes almost as much as the winner cannot be told from it: nature's own form
@@ -115,10 +127,11 @@ def search(
     while True:
         taken = {step.refit.id for step in steps}
         open_ones = [c for c in candidates if c.id not in taken and _composes(base.model, c)]
-        best = best_by_effect(screen(base, open_ones))
+        screened = screen(base, open_ones)
+        best, starts = best_by_effect(screened), starting_points(screened)
         suspects = _suspects(best, null)
         passing = [
-            best[s.id]
+            starts[s.id]
             for s in suspects
             if s.p_value < SIGNIFICANCE
             and s.ratio > CLEAR_RATIO
@@ -126,17 +139,20 @@ def search(
         ]
         if not passing or len(steps) == MOST_EFFECTS:
             return _finished(first, base, steps, suspects)
+        excess = sum(max(v, 0.0) for v in null.excess(base).values())
         refits = [
-            r for r in _refit(base, passing[:MOST_SUSPECTS]) if r.wald(frame.tests) > _CLEAR_WALD
+            r
+            for r in _refit(base, passing[:MOST_SUSPECTS])
+            if r.wald(frame.tests) > (_CLEAR_WALD if steps else _least_wald(r, excess))
         ]
         if not refits:
             return _finished(first, base, steps, suspects)
         winner = max(refits, key=lambda r: r.gain - _penalty(r, base))
         progress(f"{winner.id}: tried {', '.join(r.id for r in refits)}")
-        excess = sum(max(v, 0.0) for v in null.excess(base).values())
         share = winner.gain / max(excess, winner.gain)
         taken_so_far = sum(step.refit.gain for step in steps)
-        small = winner.gain < _LEAST_PART * taken_so_far and share < _WHOLE_SHARE
+        least = _LEAST_PART if share < _WHOLE_SHARE else _LEAST_WHOLE
+        small = winner.gain < least * taken_so_far
         if share < _LEAST_SHARE or small or not _leaves_alone(first, steps, winner):
             return _finished(first, base, steps, suspects)
         extended = with_base_refitted(base, base.model + winner.effect)
@@ -215,10 +231,14 @@ def _suspects(best: dict[str, Explained], null: Null) -> list[Suspect]:
     return sorted(found, key=lambda s: -s.gain)
 
 
-def _refit(base: Projected, passing: Sequence[Explained]) -> list[Refit]:
+def _least_wald(found: Refit, excess: float) -> float:
+    """How far off 0 the tests have to agree that an effect's strengths are."""
+    return _MAIN_WALD if found.gain > _MAIN_SHARE * excess else _CLEAR_WALD
+
+
+def _refit(base: Projected, starts: Sequence[CatalogueEffect]) -> list[Refit]:
     from joblib import Parallel, delayed
 
-    starts = [p.candidate.with_strengths(list(p.coefficients)) for p in passing]
     return list(Parallel(n_jobs=-1)(delayed(refit)(base, [start]) for start in starts))
 
 

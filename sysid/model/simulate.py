@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.errors import NotIdentifiedError
+from sysid.errors import NotIdentifiedError, SimulationError
 from sysid.model import plant, timing
 from sysid.model._jax import jax, jnp
 from sysid.model.ports import SIDES, Model, Point, Structure, join, split, stack_models
@@ -217,7 +217,10 @@ def _advance_block(
         calls = 0
         while (np.asarray(lanes.index) < count).any():
             if calls == _MOST_CALLS:
-                raise RuntimeError("a simulation met events without end")
+                raise SimulationError(
+                    "simulation: the model switches without end at one instant; its effects "
+                    "or flows do not fit together"
+                )
             calls += 1
             lanes, states, reached = _advance_chunk(
                 lanes, table, numbers, structure=structure, effects=len(model.effects)
