@@ -93,7 +93,10 @@ def fit() -> None:
 )
 @click.option("--inertia", "estimate_inertia", is_flag=True, help="Estimate the inertia too.")
 @click.option(
-    "--cutoff", "cutoff_hz", default=50.0, show_default=True, help="Zero-phase low-pass, Hz."
+    "--cutoff",
+    "cutoff_hz",
+    type=float,
+    help="Zero-phase low-pass, Hz; by default 50, or as low as sampling and noise ask for.",
 )
 @_fit_options
 def fit_friction(logs: Sequence[Path], as_json: bool, **options: Any) -> None:

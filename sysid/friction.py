@@ -22,7 +22,13 @@ from sysid._friction.effort import (
     even_trial,
     units_of,
 )
-from sysid._friction.motion import RULE, MotionFriction, effort_rmse, fit_motion
+from sysid._friction.motion import (
+    RULE,
+    MotionFriction,
+    default_cutoff,
+    effort_rmse,
+    fit_motion,
+)
 from sysid._friction.sliding import ANOTHER_LEVEL, SlidingFriction, SlidingPoints, fit_sliding
 from sysid._friction.static import (
     CRITERION,
@@ -195,13 +201,14 @@ def fit_friction(
     *,
     kind: str | Sequence[str | None] | None = None,
     estimate_inertia: bool = False,
-    cutoff_hz: float = DEFAULT_CUTOFF_HZ,
+    cutoff_hz: float | None = None,
 ) -> FrictionResult:
     """Static, Coulomb and viscous friction (and offset and inertia) from a rig's friction tests.
 
     `kind` (`static`, `sliding`, `motion`, or with `friction-` in front) overrules what
     each trial's content says; one for all, or one a trial. The inertia is estimated from
-    motion where the rig file gives none, or on demand. Raises InputError where a channel is
+    motion where the rig file gives none, or on demand. `cutoff_hz` None: 50 Hz, or as low as
+    the sampling and the noise of the motion ask for. Raises InputError where a channel is
     missing, NotIdentifiedError where the tests identify none of the parameters.
     """
     fit = _prepared(trials, rig, kind, cutoff_hz)
@@ -223,9 +230,9 @@ def _prepared(
     trials: Sequence[Trial],
     rig: Rig,
     kind: str | Sequence[str | None] | None,
-    cutoff_hz: float,
+    cutoff_hz: float | None,
 ) -> _Fit:
-    fit = _Fit(rig, units_of(rig), cutoff_hz, {name: [] for name in KINDS})
+    fit = _Fit(rig, units_of(rig), cutoff_hz or DEFAULT_CUTOFF_HZ, {name: [] for name in KINDS})
     declared = [kind] * len(trials) if kind is None or isinstance(kind, str) else list(kind)
     for trial, name in zip(trials, declared, strict=True):
         if len(trial) < 2:
@@ -233,6 +240,14 @@ def _prepared(
             continue
         even = even_trial(trial, rig, fit.notices)
         fit.by_kind[_kind(name) if name else classify(even)].append(even)
+    if cutoff_hz is None:
+        lowest = [default_cutoff(e, DEFAULT_CUTOFF_HZ) for e in fit.by_kind[MOTION] if len(e) > 1]
+        fit.cutoff_hz = min(lowest, default=DEFAULT_CUTOFF_HZ)
+        if fit.cutoff_hz < DEFAULT_CUTOFF_HZ:
+            fit.notices.append(
+                f"friction from motion: the filter's cut-off is {fit.cutoff_hz:.3g} Hz; faster "
+                "motion is lost in the noise or the sampling of the position"
+            )
     return fit
 
 

@@ -35,6 +35,14 @@ from sysid.estimation import (
 REST_NOISE_TIMES = 5.0
 REST_S = 0.005
 MIN_TRIALS_APART = 3
+_HALVINGS = 6
+# Share of the samples of one direction beyond those of the other.
+_MOST_ONE_WAY = 0.98
+_REST_SHARE = 0.5
+# A direction's upper quartile of speed over its lower one that tells a law over speed.
+_LEAST_SPAN = 1.5
+# Correlation of speed and load beyond which one cannot be told from the other.
+_TIED = 0.6
 COULOMB, VISCOUS, OFFSET, INERTIA = range(4)
 NAMES = ("Coulomb friction", "viscous friction", "offset", "inertia")
 
@@ -51,12 +59,18 @@ class MotionSamples:
     """One trial, filtered: regressors (n, 4) for Coulomb, viscous, offset and inertia, and
     the effort (n,) that they balance; only samples that count, thinned to what the filter
     leaves independent. `noise` (4,) is the variance of the regressors' noise, `rest_speed`
-    the rule's limit."""
+    the rule's limit, `load` (n,) the cylinder's effort."""
 
     regressors: FloatArray
     effort: FloatArray
     noise: FloatArray
     rest_speed: float
+    load: FloatArray
+
+    @property
+    def speed(self) -> FloatArray:
+        """(n,), in the rig's unit."""
+        return self.regressors[:, VISCOUS]
 
 
 @dataclass(frozen=True)
@@ -83,17 +97,65 @@ def motion_samples(trial: EvenTrial, cutoff_hz: float) -> MotionSamples:
     speed_noise, acceleration_noise = (
         trial.position_noise.total * gain for gain in _noise_gains(dt, cutoff_hz)
     )
-    rest_speed = REST_NOISE_TIMES * speed_noise
-    rests = _long_runs(np.abs(speed) <= rest_speed, max(1, round(REST_S / dt)))
-    left_out = _widened(rests | ~trial.inside, length)
-    left_out[:length] = left_out[-length:] = True
     sign = signals.lowpass(np.sign(speed), dt, cutoff_hz)
     regressors = np.column_stack([sign, speed, np.ones(len(speed)), acceleration])
     held = 0.5 * (trial.motor + np.concatenate([trial.motor[:1], trial.motor[:-1]]))
     effort = signals.lowpass(held + trial.cylinder - trial.gravity, dt, cutoff_hz)
-    rows = np.flatnonzero(~left_out)[:: max(1, length // 4)]
+    rows = np.flatnonzero(~left_out(trial, cutoff_hz))[:: max(1, length // 4)]
     noise = np.array([0.0, speed_noise**2, 0.0, acceleration_noise**2])
-    return MotionSamples(regressors[rows], effort[rows], noise, rest_speed)
+    return MotionSamples(
+        regressors[rows], effort[rows], noise, REST_NOISE_TIMES * speed_noise, trial.cylinder[rows]
+    )
+
+
+def left_out(trial: EvenTrial, cutoff_hz: float) -> NDArray[np.bool_]:
+    """Samples (n,) that do not count, by `RULE`."""
+    dt = trial.period
+    length = signals.filter_length(dt, cutoff_hz)
+    speed = signals.first_derivative(signals.lowpass(trial.position, dt, cutoff_hz), dt)
+    rest_speed = REST_NOISE_TIMES * trial.position_noise.total * _noise_gains(dt, cutoff_hz)[0]
+    rests = _long_runs(np.abs(speed) <= rest_speed, max(1, round(REST_S / dt)))
+    found = _widened(rests | ~trial.inside, length)
+    found[:length] = found[-length:] = True
+    return found
+
+
+def default_cutoff(trial: EvenTrial, highest_hz: float) -> float:
+    """The highest cut-off up to `highest_hz`, Hz, at which the motion stands out of the noise.
+
+    It stays away from the Nyquist frequency, and is halved until the limit of rest is well
+    below the speeds of the motion.
+    """
+    dt = trial.period
+    cutoff = min(highest_hz, 0.2 / dt)
+    for _ in range(_HALVINGS):
+        speed = signals.first_derivative(signals.lowpass(trial.position, dt, cutoff), dt)
+        fast = float(np.quantile(np.abs(speed), 0.5))
+        noise = trial.position_noise.total * _noise_gains(dt, cutoff)[0]
+        if REST_NOISE_TIMES * noise < _REST_SHARE * fast:
+            break
+        cutoff *= 0.5
+    return cutoff
+
+
+def tells_speeds(speed: FloatArray, load: FloatArray) -> bool:
+    """Whether speeds (n,) differ enough within a direction to tell friction over speed.
+
+    Where a screw drives the axis at one speed each way, Coulomb friction, viscous friction
+    and an offset are two numbers, and what is left of the speed's variation goes with the
+    `load` (n,), the cylinder's effort.
+    """
+    for way in (1.0, -1.0):
+        own = way * speed[way * speed > 0.0]
+        pushed = load[way * speed > 0.0]
+        if len(own) < MIN_SAMPLES:
+            continue
+        spans = np.quantile(own, 0.75) > _LEAST_SPAN * np.quantile(own, 0.25)
+        steady = np.ptp(pushed) == 0.0 or np.ptp(own) == 0.0
+        tied = not steady and abs(float(np.corrcoef(own, pushed)[0, 1])) > _TIED
+        if spans and not tied:
+            return True
+    return False
 
 
 @lru_cache(maxsize=32)
@@ -167,10 +229,13 @@ def fit_motion(
 def _fit_samples(
     samples: Sequence[MotionSamples], inertia: float | None, units: Units
 ) -> MotionFriction:
-    fits = _fit_apart(samples, inertia)
-    pooled = _regression(_weighted(samples, inertia), inertia)
     names = (units.effort, units.viscous_unit, units.effort, units.inertia_unit)
     notices: list[str] = []
+    speed, load = (np.concatenate([getattr(s, n) for s in samples]) for n in ("speed", "load"))
+    if inertia is not None and not tells_speeds(speed, load):
+        return _coulomb_alone(samples, inertia, units)
+    fits = _fit_apart(samples, inertia)
+    pooled = _regression(_weighted(samples, inertia), inertia)
     if fits is not None:
         table = np.array([fit.coefficients for fit in fits])
         values, n = table.mean(axis=0), len(fits)
@@ -198,6 +263,38 @@ def _fit_samples(
         count,
         fits is not None,
         tuple(notices),
+    )
+
+
+def _coulomb_alone(
+    samples: Sequence[MotionSamples], inertia: float, units: Units
+) -> MotionFriction:
+    """One speed each way: friction is one number, whatever part of it is viscous."""
+    signs = np.sign(np.concatenate([s.regressors[:, COULOMB] for s in samples]))
+    if abs(float(np.mean(signs))) > _MOST_ONE_WAY:
+        raise NotIdentifiedError(
+            "Coulomb friction: the motion runs in one direction, where it cannot be told from an "
+            "offset; give a motion that reverses"
+        )
+    x = np.concatenate([s.regressors[:, COULOMB] for s in samples])[:, None]
+    y = np.concatenate([s.effort - inertia * s.regressors[:, INERTIA] for s in samples])
+    fit = linear_fit(x, y, names=NAMES[:1])
+    covariance, dof = long_run_covariance(fit)
+    coulomb = Estimate.symmetric(
+        float(fit.coefficients[0]), math.sqrt(float(covariance[0, 0])), units.effort, dof
+    )
+    reason = "the axis slides at one speed each way: give motion at two speeds or more"
+    values = np.array([coulomb.value, 0.0, 0.0])
+    rmse, count = _rmse(samples, values, inertia)
+    return MotionFriction(
+        coulomb,
+        Estimate.unidentified(units.viscous_unit, reason),
+        Estimate.unidentified(units.effort, reason),
+        None,
+        rmse,
+        count,
+        False,
+        (f"friction from motion: {reason}; the Coulomb friction holds at that speed",),
     )
 
 
