@@ -22,9 +22,14 @@ KINDS = (
     "motion-motor",
     "motion-pwm",
     "motion-discrete",
+    "tank",
+    "valve-flow",
+    "valve-time",
+    "friction-points",
 )
 FRICTION_KINDS = KINDS[:3]
-MOTION_KINDS = KINDS[5:]
+MOTION_KINDS = KINDS[5:8]
+BENCH_KINDS = KINDS[8:]
 USES = ("fit", "holdout")
 _CAMPAIGN_KEYS = ("rig", "log", "map", "name")
 _LOG_KEYS = ("kind", "file", "valve", "use", "map")
@@ -128,6 +133,7 @@ def _reject_used_twice(path: Path, logs: Sequence[CampaignLog]) -> None:
 
 
 __all__ = [
+    "BENCH_KINDS",
     "FRICTION_KINDS",
     "KINDS",
     "MOTION_KINDS",

@@ -17,7 +17,7 @@ import numpy as np
 
 from sysid.errors import InputError, input_error
 from sysid.foreign import ForeignTable, read_foreign
-from sysid.foreign.recipe import Recipe, extended, read_recipe
+from sysid.foreign.recipe import Recipe, extended, kept_rows, read_recipe
 from sysid.tables import read_bytes, write_table
 from sysid.units import (
     CANONICAL_UNITS,
@@ -226,12 +226,34 @@ def _convert_table(table: ForeignTable, recipe: Recipe, label: str | None) -> pd
     if "time_s" not in columns:
         columns["time_s"] = _time(table, recipe, list(lengths), rows)
     columns.update({key: np.full(rows, value) for key, value in recipe.constants.items()})
+    rows = _keep_rows(columns, table, recipe, rows)
     if label is not None and TEST_COLUMN in columns:
         inner = columns[TEST_COLUMN]
         columns[TEST_COLUMN] = [f"{label}/{test}" for test in inner]
     elif label is not None:
         columns[TEST_COLUMN] = [label] * rows
     return pd.DataFrame({name: columns[name] for name in CANONICAL_UNITS if name in columns})
+
+
+def _keep_rows(columns: dict[str, Any], table: ForeignTable, recipe: Recipe, rows: int) -> int:
+    """Leave the rows that the recipe asks for; a declared period counts in their direction.
+
+    Returns how many are left.
+    """
+    if not recipe.rows:
+        return rows
+    kept = kept_rows(recipe.rows, rows)
+    if not kept:
+        raise input_error(
+            table.path,
+            f"rows = {recipe.rows_text!r} keeps none of its {rows} rows",
+            "mend [options] rows",
+        )
+    if recipe.period_s is not None and kept[0] > kept[-1]:
+        columns["time_s"] = columns["time_s"][::-1]
+    for name, values in columns.items():
+        columns[name] = np.asarray(values)[kept]
+    return len(kept)
 
 
 def _time(table: ForeignTable, recipe: Recipe, names: Sequence[str], rows: int) -> Any:
@@ -287,4 +309,6 @@ def _write(frame: pd.DataFrame, output: Path, sources: Sequence[Source], recipe:
         lines.append(f"map: atmosphere {recipe.atmosphere_pa:g} Pa")
     if recipe.period_s is not None:
         lines.append(f"map: sampling period {recipe.period_s:g} s")
+    if recipe.rows:
+        lines.append(f"map: rows {recipe.rows_text}")
     write_table(frame, output, lines)

@@ -10,6 +10,8 @@ from typing import Any
 
 from sysid.bundle import check_log_unchanged, check_not_fitted, read_bundle, write_bundle
 from sysid.campaign import Campaign, CampaignLog, read_campaign
+from sysid.components.build import part_tested
+from sysid.components.verdict import ComponentDiagnosis, diagnose_component
 from sysid.diagnosis import Diagnosis, diagnose
 from sysid.logs import Log
 from sysid.model.effects.linear import for_rig
@@ -31,7 +33,7 @@ _LAWS = {
 class Diagnosed:
     """A diagnosis, the bundle extended by it, what to say, and the files that were written."""
 
-    diagnosis: Diagnosis
+    diagnosis: Diagnosis | ComponentDiagnosis
     bundle: Mapping[str, Any]
     notices: tuple[str, ...]
     written: tuple[Path, ...]
@@ -83,13 +85,12 @@ def diagnose_logs(
     effects: Path | None = None,
     seed: int = 0,
     progress: Progress = lambda line: None,
-) -> tuple[Diagnosis, tuple[str, ...]]:
+) -> tuple[Diagnosis | ComponentDiagnosis, tuple[str, ...]]:
     """The diagnosis of a campaign's logs, and what their readers want said.
 
     An effect that the bundle holds already is part of the model that is looked at.
     """
     catalogue = catalogue_with(effects)
-    model = model_from_bundle(bundle, campaign.rig, str(bundle_path), catalogue)
     taken = {entry["id"] for entry in bundle["effects"]}
     logs: list[tuple[str, str, Log]] = []
     notices: list[str] = []
@@ -97,6 +98,23 @@ def diagnose_logs(
         log = _read(campaign, entry, bundle, bundle_path)
         logs.append((entry.use, entry.kind, log))
         notices += log.notices
+    kind = part_tested([entry.kind for entry in campaign.logs], _has_both_valves(bundle))
+    if kind is not None:
+        trials = {
+            wanted: [t for use, of, log in logs if (use, of) == (wanted, kind) for t in log.trials]
+            for wanted in ("fit", "holdout")
+        }
+        found = diagnose_component(
+            kind,
+            trials["fit"],
+            trials["holdout"],
+            campaign.rig,
+            bundle,
+            for_rig({k: v for k, v in catalogue.items() if k not in taken}, campaign.rig.is_linear),
+            progress,
+        )
+        return found, tuple(notices)
+    model = model_from_bundle(bundle, campaign.rig, str(bundle_path), catalogue)
     diagnosis = diagnose(
         logs,
         campaign.rig,
@@ -106,6 +124,10 @@ def diagnose_logs(
         progress=progress,
     )
     return diagnosis, tuple(notices)
+
+
+def _has_both_valves(bundle: Mapping[str, Any]) -> bool:
+    return all("discrete" in bundle.get("valves", {}).get(side, {}) for side in ("a", "b"))
 
 
 def _read(
@@ -118,7 +140,9 @@ def _read(
     return log
 
 
-def extended_bundle(bundle: Mapping[str, Any], diagnosis: Diagnosis, rig: Rig) -> dict[str, Any]:
+def extended_bundle(
+    bundle: Mapping[str, Any], diagnosis: Diagnosis | ComponentDiagnosis, rig: Rig
+) -> dict[str, Any]:
     """The bundle with the effects that were found and the base parameters refitted beside them.
 
     PWM surfaces stay as they were fitted. Nothing changes where no effect was found.
@@ -137,6 +161,27 @@ def extended_bundle(bundle: Mapping[str, Any], diagnosis: Diagnosis, rig: Rig) -
             "ambiguous_with": list(effect.ambiguous_with),
         }
         found["effects"].append(entry)
+    if isinstance(diagnosis, ComponentDiagnosis):
+        _renew_part(found, diagnosis.part)
+    else:
+        _renew_model(found, diagnosis, rig)
+    found["provenance"]["options"] = {
+        **found["provenance"].get("options", {}),
+        "diagnosis": {"seed": diagnosis.seed, "verdict": diagnosis.verdict},
+    }
+    return found
+
+
+def _renew_part(content: dict[str, Any], part: Mapping[str, Any]) -> None:
+    """A part's own numbers in place of those of the same name, level by level."""
+    for key, value in part.items():
+        if isinstance(value, dict) and "value" not in value and isinstance(content.get(key), dict):
+            _renew_part(content[key], value)
+        else:
+            content[key] = value
+
+
+def _renew_model(found: dict[str, Any], diagnosis: Diagnosis, rig: Rig) -> None:
     unit = ("n", "n_s_per_m") if rig.is_linear else ("nm", "nm_s_per_rad")
     p, std = diagnosis.model.parameters, diagnosis.base_std
     friction = {"coulomb_effort": f"coulomb_{unit[0]}", "viscous": f"viscous_{unit[1]}"}
@@ -146,11 +191,6 @@ def extended_bundle(bundle: Mapping[str, Any], diagnosis: Diagnosis, rig: Rig) -
         law = found.get("valves", {}).get(side, {}).get("discrete", {})
         for name, key in _LAWS.items():
             _renew(law, key, float(getattr(p, f"{name}_{side}")), std.get(f"{name}_{side}"))
-    found["provenance"]["options"] = {
-        **found["provenance"].get("options", {}),
-        "diagnosis": {"seed": diagnosis.seed, "verdict": diagnosis.verdict},
-    }
-    return found
 
 
 def _renew(part: dict[str, Any], key: str, value: float, std: float | None) -> None:
@@ -170,7 +210,7 @@ def _write_report(
     campaign: Campaign,
     bundle: Mapping[str, Any],
     bundle_path: Path,
-    diagnosis: Diagnosis,
+    diagnosis: Diagnosis | ComponentDiagnosis,
     effects: Path | None,
     progress: Progress,
 ) -> None:
@@ -180,7 +220,8 @@ def _write_report(
     from sysid.validation import VALIDATED_KINDS, validate
 
     validation = None
-    if campaign.select(VALIDATED_KINDS, None):
+    is_part = isinstance(diagnosis, ComponentDiagnosis)
+    if not is_part and campaign.select(VALIDATED_KINDS, None):
         validation = validate(
             campaign,
             bundle,

@@ -8,16 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
 from sysid.bundle import Source, merge, merge_valves, new_bundle, read_bundle, write_bundle
-from sysid.campaign import FRICTION_KINDS, Campaign, CampaignLog, read_campaign
+from sysid.campaign import BENCH_KINDS, FRICTION_KINDS, Campaign, CampaignLog, read_campaign
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.friction import fit_friction
 from sysid.logs import Log, Trial, read_log
 from sysid.rig import Rig, find_rig_file, read_rig
-from sysid.signals import DEFAULT_CUTOFF_HZ
 from sysid.units import parse_map
 from sysid.valve_discrete import fit_valve_discrete
 from sysid.valve_pwm import fit_valve_pwm
@@ -65,7 +65,7 @@ def fit_friction_logs(
     maps: Sequence[str] = (),
     kind: str | None = None,
     estimate_inertia: bool = False,
-    cutoff_hz: float = DEFAULT_CUTOFF_HZ,
+    cutoff_hz: float | None = None,
     output: Path | None = None,
     into: Path | None = None,
 ) -> Fitted:
@@ -230,6 +230,7 @@ def fit_campaign(
     assembly.notices += [*campaign.notices, *campaign.rig.notices]
     _add_friction(assembly)
     _add_valves(assembly, surface, seed)
+    _add_bench(assembly)
     if not assembly.parts:
         raise NotIdentifiedError(
             f'{path}: no fit log identifies anything; add friction or valve tests with use = "fit"'
@@ -260,6 +261,38 @@ def _add_friction(assembly: _Assembly) -> None:
     part = assembly.add("friction", lambda: fit_friction(trials, rig, kind=kinds))
     if part:
         assembly.parts["friction"] = part
+
+
+@dataclass(frozen=True)
+class _BenchFit:
+    """The law of a part on a bench, as a pipeline returns it."""
+
+    part: dict[str, Any]
+    remarks: tuple[str, ...] = ()
+    notices: tuple[str, ...] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        return self.part
+
+
+def _add_bench(assembly: _Assembly) -> None:
+    """The law of a tank or a valve that was tested alone."""
+    for kind in BENCH_KINDS:
+        entries = assembly.campaign.select([kind])
+        if entries:
+            fit = partial(_bench_fit, kind, assembly.read(entries), assembly.campaign.rig)
+            for key, part in assembly.add(kind, fit).items():
+                known = assembly.parts.get(key, {})
+                assembly.parts[key] = merge_valves(known, part) if key == "valves" else part
+
+
+def _bench_fit(kind: str, trials: list[Trial], rig: Rig) -> _BenchFit:
+    from sysid.components.build import component_of
+    from sysid.components.fitting import fit_law
+
+    component = component_of(kind, trials, rig)
+    fitted = fit_law(component, (), range(len(component.tests)))
+    return _BenchFit(component.part(fitted.base_estimates()))
 
 
 @dataclass(frozen=True)

@@ -86,6 +86,13 @@ class Valves:
 
 
 @dataclass(frozen=True)
+class Tank:
+    """`[tank]`: a vessel without a piston; where its volume is a guess, flows scale with it."""
+
+    volume_m3: float
+
+
+@dataclass(frozen=True)
 class Sampling:
     """`[sampling]`: the declared sampling period."""
 
@@ -109,6 +116,7 @@ SECTIONS: dict[str, type] = {
     "motor": Motor,
     "pwm": Pwm,
     "valves": Valves,
+    "tank": Tank,
     "sampling": Sampling,
     "sensors": Sensors,
 }
@@ -139,6 +147,7 @@ _PLAUSIBLE: dict[str, tuple[float, float, str]] = {
     "max_torque_nm": (1e-6, 1e6, "Nm, positive"),
     "force_per_volt_n": (1e-9, 1e7, "N/V, positive"),
     "max_force_n": (1e-6, 1e7, "N, positive"),
+    "volume_m3": (1e-9, 1e3, "m3: 1 litre is 0.001"),
     "on_delay_s": (0.0, 0.5, "s: 1.7 ms is 0.0017"),
     "off_delay_s": (0.0, 0.5, "s: 2 ms is 0.002"),
     "encoder_counts_per_rev": (1.0, 1e9, "counts a revolution"),
@@ -171,6 +180,7 @@ class Rig:
     motor: Motor | None = None
     pwm: Pwm | None = None
     valves: Valves | None = None
+    tank: Tank | None = None
     sampling: Sampling | None = None
     sensors: Sensors = Sensors()
     source: str = "rig"
@@ -470,6 +480,7 @@ __all__ = [
     "Rig",
     "Sampling",
     "Sensors",
+    "Tank",
     "Valves",
     "find_rig_file",
     "read_rig",

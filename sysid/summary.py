@@ -211,6 +211,7 @@ def show_validation(validated: Validated, as_json: bool) -> None:
 
 def show_diagnosis(diagnosed: Diagnosed, as_json: bool) -> None:
     """`sysid diagnose`: the verdict, the effects, the errors, what was tried, what to do next."""
+    from sysid.components.verdict import ComponentDiagnosis
     from sysid.report import diagnosis_text
     from sysid.report.findings import looks
 
@@ -222,7 +223,12 @@ def show_diagnosis(diagnosed: Diagnosed, as_json: bool) -> None:
     out = console()
     out.print(Text(diagnosis_text.sentence(content), style="bold"), soft_wrap=True)
     tables = [*_effect_tables(content), *_before_after_tables(content)]
-    tables += [*_unexplained_tables(content), *_tried_tables(looks(diagnosed.diagnosis))]
+    tables += _unexplained_tables(content)
+    found = diagnosed.diagnosis
+    if isinstance(found, ComponentDiagnosis):
+        tables += _tried_on_part(found.looks())
+    else:
+        tables += _tried_tables(looks(found))
     for table in tables:
         out.print("", table)
     out.print()
@@ -256,7 +262,8 @@ def _before_after_tables(content: dict[str, Any]) -> Iterable[Table]:
     if not content["residual"]:
         return
     added = [f"+ {effect['id']}" for effect in content["effects"]]
-    title = "RMSE on held-out logs, simulated open loop"
+    how = "" if "component" in content else ", simulated open loop"
+    title = f"RMSE on held-out logs{how}"
     table = new_table(title, "channel", "bundle given", *added, "noise floor")
     for name, errors in errors_by_step(content).items():
         floor = content["residual"][name]["noise_floor"]
@@ -289,6 +296,23 @@ def _tried_tables(looks: Sequence[dict[str, Any]]) -> Iterable[Table]:
             table.add_row(str(place), *(Text(c) for c in cells))
         if len(others) > _MOST_SUSPECTS:
             table.add_row(str(place), f"{len(others) - _MOST_SUSPECTS} more that gain less")
+    if table.row_count:
+        yield table
+
+
+def _tried_on_part(looks: Sequence[dict[str, Any]]) -> Iterable[Table]:
+    """What each look at a part tried besides the effect that it added."""
+    from sysid.report.diagnosis_text import p_text
+
+    columns = ("look", "suspect", "takes of the error of prediction, %", "p")
+    table = new_table("Tried, and not added", *columns)
+    for place, look in enumerate(looks, start=1):
+        others = [a for a in look["attempts"] if a["id"] != look["added"]]
+        for attempt in others[:_MOST_SUSPECTS]:
+            gain = f"{100.0 * attempt['gain']:.3g}"
+            table.add_row(str(place), Text(attempt["id"]), gain, p_text(attempt["p_value"]))
+        if len(others) > _MOST_SUSPECTS:
+            table.add_row(str(place), f"{len(others) - _MOST_SUSPECTS} more that take less")
     if table.row_count:
         yield table
 

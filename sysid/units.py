@@ -36,6 +36,7 @@ CANONICAL_UNITS: dict[str, str | None] = {
     "pressure_b_pa": "Pa",
     "supply_pressure_pa": "Pa",
     "theta_rad": "rad",
+    "velocity_rad_per_s": "rad/s",
     "position_m": "m",
     "encoder_counts": "count",
     "valve_a": "dimensionless",
@@ -45,6 +46,10 @@ CANONICAL_UNITS: dict[str, str | None] = {
     "motor_torque_nm": "N*m",
     "motor_force_n": "N",
     "motor_volts": "V",
+    "pump_volts": "V",
+    "flow_a_kg_s": "kg/s",
+    "time_to_pressure_s": "s",
+    "pwm_period_s": "s",
     "temperature_k": "K",
 }
 
@@ -53,12 +58,14 @@ _KINDS = {
     "s": ("a time", "s, ms, us, min"),
     "Pa": ("a pressure", "Pa, kPa, MPa, bar, mbar, psi, with (g) for gauge"),
     "rad": ("an angle", "rad, mrad, deg, turn"),
+    "rad/s": ("an angular velocity", "rad/s, deg/s, rpm"),
     "m": ("a length", "m, cm, mm, um, inch"),
     "count": ("a number of encoder counts", "count"),
     "dimensionless": ("a ratio", "percent, or a bare factor such as 0.01"),
     "N*m": ("a torque", "Nm, mNm, Ncm, lbf*ft"),
     "N": ("a force", "N, kN, mN, kgf, lbf"),
     "V": ("a voltage", "V, mV"),
+    "kg/s": ("a mass flow", "kg/s, g/s, or what a reading is worth, such as 2.0e-5 kg/s"),
     "K": ("a temperature", "K, degC, degF"),
 }
 # Spellings in use that pint lacks, or reads as something else ("Nm" as number-metre).

@@ -16,6 +16,8 @@ What the command line says can stand in a TOML file too (`--spec`):
     header = false                       # the first row is data: columns #1, #2 ...
     skip_rows = 22                       # lines above the table
     sheet = "Run 3"
+    rows = "0::3, 2::3"                  # rows of the table to keep, as Python's slices count
+                                         # them; with steps below 0 the table is turned round
     sampling_period_s = 0.001            # where no column holds the time
     atmosphere_pa = 101325.0             # added to gauge pressures
 """
@@ -23,6 +25,7 @@ What the command line says can stand in a TOML file too (`--spec`):
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -33,6 +36,7 @@ from sysid.foreign.table import ReadOptions
 from sysid.rig import read_toml, reject_misspelt
 from sysid.units import CANONICAL_UNITS, TEST_COLUMN, ColumnMap, parse_map, parse_map_table
 
+_SLICE = re.compile(r"(-?\d{1,9})?:(-?\d{1,9})?(?::(-?\d{1,9})?)?")
 _SECTIONS = ("map", "constants", "options")
 _OPTIONS: dict[str, tuple[type, ...]] = {
     "delimiter": (str,),
@@ -41,6 +45,7 @@ _OPTIONS: dict[str, tuple[type, ...]] = {
     "header": (bool,),
     "skip_rows": (int,),
     "sheet": (str,),
+    "rows": (str,),
     "sampling_period_s": (int, float),
     "atmosphere_pa": (int, float),
 }
@@ -48,7 +53,10 @@ _OPTIONS: dict[str, tuple[type, ...]] = {
 
 @dataclass(frozen=True)
 class Recipe:
-    """How foreign columns become a log: maps by target, constants, and how to read."""
+    """How foreign columns become a log: maps by target, constants, and how to read.
+
+    `rows` are the slices of rows to keep, `rows_text` as written; none: all.
+    """
 
     maps: Mapping[str, ColumnMap] = field(default_factory=dict)
     constants: Mapping[str, str | float] = field(default_factory=dict)
@@ -56,6 +64,8 @@ class Recipe:
     period_s: float | None = None
     atmosphere_pa: float | None = None
     notices: tuple[str, ...] = ()
+    rows: tuple[slice, ...] = ()
+    rows_text: str = ""
 
 
 def read_recipe(path: Path) -> Recipe:
@@ -88,7 +98,34 @@ def read_recipe(path: Path) -> Recipe:
         options.get("sampling_period_s"),
         options.get("atmosphere_pa"),
         tuple(notices),
+        _slices(options.get("rows", ""), f"{path} [options]"),
+        options.get("rows", ""),
     )
+
+
+def _slices(text: str, where: str) -> tuple[slice, ...]:
+    """The slices of `0::3, 10:20`, all in one direction; none where nothing is written."""
+    found = []
+    for part in text.split(",") if text.strip() else ():
+        match = _SLICE.fullmatch(part.strip())
+        if match is None or match.group(3) in ("0", "-0"):
+            raise input_error(
+                where,
+                f"rows = {text!r}: {part.strip()!r} is not a slice of rows",
+                'write start:stop:step, such as "0::3" for every third row',
+            )
+        found.append(slice(*(int(g) if g else None for g in match.groups())))
+    if len({(s.step or 1) > 0 for s in found}) > 1:
+        raise input_error(
+            where, f"rows = {text!r} runs in both directions", "give all steps one sign"
+        )
+    return tuple(found)
+
+
+def kept_rows(rows: tuple[slice, ...], count: int) -> list[int]:
+    """Which of `count` rows slices keep, each once: in order, or backward by their steps."""
+    kept = {index for part in rows for index in range(*part.indices(count))}
+    return sorted(kept, reverse=bool(rows) and (rows[0].step or 1) < 0)
 
 
 def _said(types: tuple[type, ...]) -> str:

@@ -38,9 +38,9 @@ def diagnosis_section(content: Content, is_linear: bool) -> Section:
     """
     blocks: list[Block] = []
     if content["effects"]:
-        blocks += [_effects_table(content), _parameters_table(content)]
+        blocks += [effects_table(content), parameters_table(content)]
     if content["residual"]:
-        blocks += [_errors_table(content), _waterfall(content)]
+        blocks += [errors_table(content), waterfall(content)]
     blocks += _residuals(content, is_linear)
     blocks += _tried(content)
     blocks += _remaining(content, is_linear)
@@ -60,27 +60,33 @@ def diagnosis_section(content: Content, is_linear: bool) -> Section:
     return Section("diagnosis", "Diagnosis", intro, tuple(blocks))
 
 
-def _effects_table(content: Content) -> Table:
+def effects_table(content: Content, share: str = "Share of the excess, %") -> Table:
+    """Every effect that was added; `share` heads the column of what each took."""
     titles = content["figures"]["titles"]
     rows = [
         (
             effect["id"],
             titles.get(effect["id"], ""),
-            _p(effect["p_value"]),
+            short_p(effect["p_value"]),
             number(100.0 * effect["share"]),
             joined(effect["ambiguous_with"], "or") or MISSING,
         )
         for effect in content["effects"]
     ]
-    columns = ("Effect", "Title", "p", "Share of the excess, %", "May as well be")
+    columns = ("Effect", "Title", "p", share, "May as well be")
     return table("Effects that were added, in this order", columns, rows, text=(1, 4))
 
 
-def _p(value: float) -> str:
+def short_p(value: float) -> str:
+    """A p-value for a table; very small ones by their bound."""
     return f"< {number(SMALLEST_P, 1)}" if value < SMALLEST_P else number(value, 1)
 
 
-def _parameters_table(content: Content) -> Table:
+def parameters_table(
+    content: Content,
+    caption: str = "Their parameters; errors from leaving out one test at a time",
+) -> Table:
+    """The parameters of every effect, with their intervals."""
     rows = []
     for effect in content["effects"]:
         meanings = content["figures"]["meanings"].get(effect["id"], {})
@@ -92,11 +98,13 @@ def _parameters_table(content: Content) -> Table:
             )
             rows.append((effect["id"], name, meanings.get(name, ""), *cells))
     columns = ("Effect", "Parameter", "Meaning", "Value", "Standard error", "95 % interval", "Unit")
-    caption = "Their parameters; errors from leaving out one test at a time"
     return table(caption, columns, rows, text=(1, 2, 6))
 
 
-def _errors_table(content: Content) -> Table:
+def errors_table(
+    content: Content, caption: str = "Open-loop RMSE on the held-out tests, whole tests"
+) -> Table:
+    """Held-out errors by channel, effect by effect."""
     rows = []
     for name, errors in errors_by_step(content).items():
         channel = channel_of(name)
@@ -105,10 +113,11 @@ def _errors_table(content: Content) -> Table:
         rows.append((f"{channel.title} ({channel.residual_unit})", *cells))
     added = [f"+ {effect['id']}" for effect in content["effects"]]
     columns = ("Channel", "Bundle given", *added, "Noise floor")
-    return table("Open-loop RMSE on the held-out tests, whole tests", columns, rows)
+    return table(caption, columns, rows)
 
 
-def _waterfall(content: Content) -> FigureGroup:
+def waterfall(content: Content, caption: str = "") -> FigureGroup:
+    """Held-out error of every channel, effect by effect, down to the noise floor."""
     added = [effect["id"] for effect in content["effects"]]
     figures = [
         panels.waterfall(
@@ -116,7 +125,7 @@ def _waterfall(content: Content) -> FigureGroup:
         )
         for name, errors in errors_by_step(content).items()
     ]
-    caption = (
+    caption = caption or (
         "From the bundle that was given to the extended model: error in open-loop simulation of "
         "the held-out tests, and what each effect takes off it, the base parameters refitted "
         "beside it. The noise floor (thin line) is what a right model would show: sensor noise, "
@@ -188,7 +197,7 @@ def _tried(content: Content) -> list[Block]:
             str(place),
             number(suspect["gain"]),
             number(max(suspect["twins"])),
-            _p(suspect["p_value"]),
+            short_p(suspect["p_value"]),
             number(suspect["refitted"]),
             suspect["fate"],
         )
@@ -220,4 +229,11 @@ def _remaining(content: Content, is_linear: bool) -> list[Block]:
     return [Heading("diagnosis-left", "What remains unexplained"), FigureGroup(caption, figures)]
 
 
-__all__ = ["diagnosis_section"]
+__all__ = [
+    "diagnosis_section",
+    "effects_table",
+    "errors_table",
+    "parameters_table",
+    "short_p",
+    "waterfall",
+]

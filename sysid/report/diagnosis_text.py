@@ -62,9 +62,11 @@ def _gained(content: Content) -> str:
         before, after, floor = (
             number(channel.residual(errors[name][k])) for k in ("before", "after", "noise_floor")
         )
-        title = f"pressure {channel.title[-1]}" if name.startswith("pressure") else "position"
+        title = f"pressure {channel.title[-1]}" if name.startswith("pressure") else channel.title
         change = f"from {before} to {after}" if content["effects"] else before
-        said.append(f"{title} {change} {channel.residual_unit} (noise floor {floor})")
+        said.append(
+            f"{title[:1].lower()}{title[1:]} {change} {channel.residual_unit} (noise floor {floor})"
+        )
     return f"errors on held-out tests: {joined(said)}"
 
 
@@ -113,9 +115,13 @@ def p_text(value: float) -> str:
 
 def balance_of(channel: str) -> str:
     """The balance whose residual a channel of the log format shows."""
+    if channel in ("flow_a_kg_s", "log_time_to_pressure"):
+        return "the valve's law"
     if channel.startswith("pressure"):
         return f"chamber {channel[len('pressure_')].upper()}'s balance"
-    return "the force balance" if channel == "position_m" else "the torque balance"
+    return (
+        "the force balance" if channel in ("position_m", "motor_force_n") else "the torque balance"
+    )
 
 
 def regressor_name(name: str) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
+    from sysid.components.verdict import ComponentDiagnosis
     from sysid.diagnosis import Diagnosis
     from sysid.diagnosis.leftover import Curve
     from sysid.diagnosis.search import Search, Step, Suspect
@@ -32,9 +33,25 @@ _OWN_DERIVATIVE = {
 _FINE = 0.04
 
 
-def content(diagnosis: Diagnosis) -> dict[str, Any]:
+def content(diagnosis: Diagnosis | ComponentDiagnosis) -> dict[str, Any]:
     """What `sysid diagnose --json` says (spec/cli.md), and under `figures` what is drawn."""
+    from sysid.components.verdict import ComponentDiagnosis
+
+    if isinstance(diagnosis, ComponentDiagnosis):
+        drawn = {"looks": diagnosis.looks(), **_words(diagnosis), "unit": diagnosis.unit}
+        return {**diagnosis.to_json(), "figures": drawn}
     return {**diagnosis.to_json(), "figures": figures(diagnosis)}
+
+
+def _words(diagnosis: Diagnosis | ComponentDiagnosis) -> dict[str, Any]:
+    """What the effects that were found and their parameters mean."""
+    return {
+        "titles": {found.id: type(found.effect).title for found in diagnosis.effects},
+        "meanings": {
+            found.id: {q.label: q.meaning for q in type(found.effect).quantities}
+            for found in diagnosis.effects
+        },
+    }
 
 
 def figures(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -56,11 +73,7 @@ def figures(diagnosis: Diagnosis) -> dict[str, Any]:
         "leftover": [
             {"channel": entry.channel, **_curve(entry.curve)} for entry in diagnosis.unexplained
         ],
-        "titles": {found.id: type(found.effect).title for found in diagnosis.effects},
-        "meanings": {
-            found.id: {q.label: q.meaning for q in type(found.effect).quantities}
-            for found in diagnosis.effects
-        },
+        **_words(diagnosis),
     }
 
 

@@ -133,6 +133,10 @@ def _parts(
 
         if diagnosis is None or "verdict" not in diagnosis:
             return None
+        if "component" in diagnosis:
+            from sysid.report.component import component_section
+
+            return component_section(diagnosis)
         return diagnosis_section(diagnosis, campaign.rig.is_linear)
 
     def motion() -> Section | None:

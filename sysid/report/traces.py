@@ -43,9 +43,23 @@ _CHANNELS = (
 )
 
 
+# What a part on a bench is predicted in.
+_BENCH_CHANNELS = (
+    Channel("motor_torque_nm", "Torque", "N·m", 1.0, "mN·m", 1e3),
+    Channel("velocity_rad_per_s", "Speed", "rad/s", 1.0, "mrad/s", 1e3),
+    Channel("motor_force_n", "Force", "N", 1.0, "N", 1.0),
+    Channel("flow_a_kg_s", "Flow", "g/s", 1e3, "mg/s", 1e6),
+    Channel("flow_up_kg_s", "Flow, duty rising", "g/s", 1e3, "mg/s", 1e6),
+    Channel("flow_down_kg_s", "Flow, duty falling", "g/s", 1e3, "mg/s", 1e6),
+    Channel("log_time_to_pressure", "Logarithm of the time", "-", 1.0, "-", 1.0),
+    Channel("log_time_filling", "Logarithm of the time, filling", "-", 1.0, "-", 1.0),
+    Channel("log_time_emptying", "Logarithm of the time, emptying", "-", 1.0, "-", 1.0),
+)
+
+
 def channel_of(key: str) -> Channel:
-    """How a channel of the log format is shown. Raises KeyError for one that is not."""
-    return {channel.key: channel for channel in _CHANNELS}[key]
+    """How a channel is shown. Raises KeyError for one that is not."""
+    return {channel.key: channel for channel in (*_CHANNELS, *_BENCH_CHANNELS)}[key]
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from pathlib import Path
 from types import ModuleType
 
 from sysid.errors import input_error
-from sysid.model.effects import chamber, friction, linkage, motor, sensor, supply, valve
+from sysid.model.effects import bench, chamber, friction, linkage, motor, sensor, supply, valve
 from sysid.model.effects.entry import CatalogueEffect, Quantity
 
 AMBIGUOUS_CLASSES: tuple[frozenset[str], ...] = (
@@ -39,7 +39,7 @@ AMBIGUOUS_CLASSES: tuple[frozenset[str], ...] = (
 )
 """Effects that ordinary data cannot tell apart (spec/effects.md)."""
 
-_MODULES = (friction, linkage, motor, chamber, valve, supply, sensor)
+_MODULES = (friction, linkage, motor, chamber, valve, bench, supply, sensor)
 _ATTRIBUTES = ("id", "title", "subsystem", "quantities", "signature", "source")
 
 

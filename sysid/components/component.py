@@ -1,0 +1,108 @@
+"""What the search for a missing effect needs to know of a part that was tested alone."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.estimation import Estimate
+from sysid.least_squares import Parameter
+from sysid.model.effects.entry import CatalogueEffect
+
+FloatArray = NDArray[np.float64]
+Effects = tuple[CatalogueEffect, ...]
+
+
+@dataclass(frozen=True)
+class Law:
+    """A part's law: its own parameters by name, and the effects added to it."""
+
+    values: Mapping[str, float]
+    effects: Effects = ()
+
+
+class Component(ABC):
+    """One part, the tests of it, and its law with or without effects.
+
+    A test is what is left out as a whole: a trial, or a stretch of a long one. Residuals
+    are measured less modelled, in `unit`.
+    """
+
+    channel: str
+    """What is predicted, in the log format's terms."""
+    unit: str
+
+    @property
+    @abstractmethod
+    def tests(self) -> tuple[str, ...]:
+        """Names of the tests."""
+
+    @abstractmethod
+    def parameters(self) -> list[Parameter]:
+        """The law's own parameters, with where a fit starts and bounds."""
+
+    @abstractmethod
+    def effects(
+        self, catalogue: Mapping[str, type[CatalogueEffect]]
+    ) -> tuple[type[CatalogueEffect], ...]:
+        """Those effects of the catalogue that act on this part."""
+
+    @abstractmethod
+    def residuals(self, law: Law, tests: Sequence[int]) -> list[FloatArray]:
+        """Measured less modelled, (n,) for each of `tests` (indices), in `unit`."""
+
+    @abstractmethod
+    def regressors(self, tests: Sequence[int]) -> dict[str, FloatArray]:
+        """What a residual may depend on, by name, the tests end to end."""
+
+    @abstractmethod
+    def part(self, estimates: Mapping[str, Estimate]) -> dict[str, Any]:
+        """What a bundle holds of the law: top-level keys with `Estimate.to_json` objects.
+
+        `estimates` are those of `parameters`, by name.
+        """
+
+    @abstractmethod
+    def law_of(self, bundle: Mapping[str, Any]) -> Law:
+        """The law that a bundle holds, without effects. Raises NotIdentifiedError."""
+
+    @property
+    def most_folds(self) -> int:
+        """Into how many parts the tests are cut for those left out together."""
+        return 6
+
+    def side(self) -> str:
+        """The side that an effect of one chamber, valve or sensor acts on."""
+        return "a"
+
+    def noise_floor(self, law: Law) -> float:
+        """RMSE that a law would leave if it were right, in `unit`.
+
+        What changes from one sample to the next, unless a part knows better: no law in the
+        quantities that were logged explains it.
+        """
+        steps = [np.diff(part) for part in self.residuals(law, range(len(self.tests)))]
+        squares = np.concatenate([step**2 for step in steps]) if steps else np.zeros(0)
+        return math.sqrt(0.5 * float(np.mean(squares))) if len(squares) else math.nan
+
+    def further_errors(self, law: Law) -> dict[str, tuple[float, float]]:
+        """By channel, RMSE and noise floor of what else a law is judged by; by default none.
+
+        An axis' position, simulated open loop; one branch of a valve's loop.
+        """
+        return {}
+
+
+def rmse(parts: Sequence[FloatArray]) -> float:
+    """Root of the mean square of several residuals, pooled over their samples."""
+    values = np.concatenate(parts)
+    return math.sqrt(float(np.mean(values**2))) if len(values) else math.nan
+
+
+__all__ = ["Component", "Effects", "Law", "rmse"]

@@ -1,0 +1,295 @@
+"""An axis tested alone: what its law lacks, told by tests that were left out."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.typing import NDArray
+
+from sysid.bundle import read_bundle
+from sysid.cli import main
+from sysid.components.axis import Axis, axis
+from sysid.components.component import Law, rmse
+from sysid.components.fitting import fit_law
+from sysid.components.remains import curves
+from sysid.components.selection import select
+from sysid.errors import NotIdentifiedError
+from sysid.friction import fit_friction
+from sysid.logs import Trial
+from sysid.model.effects.catalogue import catalogue
+from sysid.model.effects.linear import for_rig
+from sysid.model.from_bundle import effects_from_bundle
+from sysid.rig import Cylinder, Rig
+
+FloatArray = NDArray[np.float64]
+Friction = Callable[[FloatArray], FloatArray]
+
+RIG = Rig("axis", "horizontal", "linear")
+CATALOGUE = for_rig(catalogue(), is_linear=True)
+FRICTION = [
+    CATALOGUE[name]
+    for name in (
+        "stribeck-friction", "asymmetric-viscous-friction", "power-law-friction", "cable-spring",
+        "quadratic-drag", "torque-constant-error",
+    )
+]  # fmt: skip
+SHORT = {kind.id: kind for kind in FRICTION}
+MASS, COULOMB, VISCOUS, OFFSET = 90.0, 20.0, 200.0, 3.0
+
+
+def plain(speed: FloatArray) -> FloatArray:
+    return COULOMB * np.sign(speed) + VISCOUS * speed
+
+
+def imposed(seed: int, friction: Friction, spring: float = 0.0, noise: float = 0.5) -> Trial:
+    """12 s at 500 Hz along a smooth motion of several speeds, and the force that it takes."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(0.0, 12.0, 0.002)
+    phases = rng.uniform(0.0, 2.0 * np.pi, 3)
+    waves = ((0.25, 0.045), (0.6, 0.012), (1.1, 0.006))
+    position, speed, acceleration = (
+        sum(
+            size * (2.0 * np.pi * f) ** k * np.sin(2.0 * np.pi * f * time + p + 0.5 * np.pi * k)
+            for (f, size), p in zip(waves, phases, strict=True)
+        )
+        for k in range(3)
+    )
+    force = MASS * acceleration + friction(np.asarray(speed)) + OFFSET + spring * position
+    force = force + noise * rng.normal(size=len(time))
+    channels = {"position_m": np.asarray(position), "motor_force_n": np.asarray(force)}
+    return Trial(f"trial {seed}", time, channels, f"trial {seed}")
+
+
+def built(friction: Friction, seeds: tuple[int, ...] = (1, 2, 3, 4), spring: float = 0.0) -> Axis:
+    return axis([imposed(seed, friction, spring) for seed in seeds], RIG)
+
+
+def test_the_law_is_found_where_nothing_is_missing() -> None:
+    part = built(plain)
+    fitted = fit_law(part, (), range(len(part.tests)))
+    found = fitted.base_estimates()
+    for name, truth in (
+        ("coulomb_n", COULOMB), ("viscous_n_s_per_m", VISCOUS), ("mass_kg", MASS),
+    ):  # fmt: skip
+        assert found[name].value == pytest.approx(truth, rel=0.01), name
+    assert found["offset_n"].value == pytest.approx(OFFSET, rel=0.05)
+    selection = select(part, CATALOGUE)
+    assert selection.additions == ()
+    assert selection.rejected and max(a.gain for a in selection.rejected) < 0.2
+
+
+@pytest.mark.parametrize(
+    ("name", "friction", "value"),
+    [
+        ("asymmetric-viscous-friction", lambda v: plain(v) - 40.0 * np.abs(v), -40.0),
+        (
+            "power-law-friction",
+            lambda v: 10.0 * np.sign(v) + 100.0 * np.sign(v) * np.abs(v) ** 0.5,
+            100.0,
+        ),
+    ],
+)
+def test_an_effect_is_found_and_predicts(name: str, friction: Friction, value: float) -> None:
+    part, outside = built(friction), built(friction, (11, 12))
+    selection = select(part, SHORT)
+    assert [a.kind.id for a in selection.additions] == [name]
+    effect = selection.additions[0].effect
+    strength = type(effect).strengths()[0].name
+    assert selection.final.estimates(effect)[strength].value == pytest.approx(value, rel=0.15)
+    before, after = (
+        rmse(outside.residuals(fit.law, range(2))) for fit in (selection.base, selection.final)
+    )
+    assert after < 0.7 * before
+    assert after < 1.2 * outside.noise_floor(selection.final.law)
+
+
+def test_no_motor_gain_explains_everything_away() -> None:
+    """Scaling force, friction and mass together changes nothing."""
+    part = built(lambda v: plain(v) - 40.0 * np.abs(v))
+    gain = CATALOGUE["torque-constant-error"]
+    assert select(part, {gain.id: gain}).additions == ()
+    law = fit_law(part, (), range(4)).law
+    halved = Law({k: 0.5 * v for k, v in law.values.items()}, (gain(-0.5),))
+    plain_error, scaled = (rmse(part.residuals(each, range(4))) for each in (law, halved))
+    assert scaled == pytest.approx(plain_error, rel=1e-6)
+
+
+def test_what_no_effect_explains_has_a_curve() -> None:
+    part = axis([imposed(seed, plain, noise=0.2) for seed in (1, 2, 3, 4)], RIG)
+    bumpy = [
+        Trial(
+            t.label,
+            t.time,
+            {**t.channels, "motor_force_n": t["motor_force_n"] + 6.0 * (t["position_m"] > 0.02)},
+            t.source,
+        )
+        for t in part.trials
+    ]
+    part = axis(bumpy, RIG)
+    law = fit_law(part, (), range(4)).law
+    best = curves(part, law, law)[0]
+    assert best.regressor == "position" and best.share > 0.5
+    assert best.after[-1] - best.after[len(best.after) // 2] > 2.0
+
+
+# --- a cylinder that a screw drives ------------------------------------------------------
+
+CYLINDER = Rig(
+    "cylinder",
+    "horizontal",
+    "linear",
+    air=None,
+    cylinder=Cylinder(5e-4, 5e-4, 0.1, 0.1, 0.12, 1.0),
+)
+
+
+def driven(gauge: float, seed: int, seal: float = 1e-5, area: float = 5e-4) -> Trial:
+    """In and out at one speed each way, slower against more pressure, at 100 Hz."""
+    from dataclasses import replace
+
+    rng = np.random.default_rng(seed)
+    time = np.arange(0.0, 40.0, 0.01)
+    forth, back = 0.010 - 4e-9 * gauge, 0.012
+    legs = 0.03 * np.array([0.0, 1.0 / forth, 1.0 / forth + 1.0 / back])
+    place = np.interp(time % legs[2], legs, [0.0, 0.03, 0.0]) + 1e-5 * rng.normal(size=len(time))
+    way = np.where(time % legs[2] < legs[1], 1.0, -1.0)
+    pressure = gauge + 500.0 * rng.normal(size=len(time))
+    force = area * pressure + way * (6.0 + seal * gauge) + 0.2 * rng.normal(size=len(time))
+    channels = {"position_m": place, "motor_force_n": force, "pressure_b_pa": 101325.0 + pressure}
+    trial = Trial(f"{gauge:g} Pa", time, channels, f"{gauge:g} Pa")
+    return replace(trial)
+
+
+def cylinder_rig() -> Rig:
+    from dataclasses import replace
+
+    from sysid.rig import Air
+
+    return replace(
+        CYLINDER,
+        air=Air(287.0, 1.4, 293.15, 101325.0, 8e5),
+        inertia=None,
+    )
+
+
+def screw(seal: float, area: float = 5e-4, only: str | None = None) -> Axis:
+    from dataclasses import replace
+
+    from sysid.rig import Inertia
+
+    rig = replace(cylinder_rig(), inertia=Inertia(mass_kg=0.2))
+    trials = [driven(g, k, seal, area) for k, g in enumerate((1e5, 3e5, 5e5, 7e5))]
+    return axis(trials, rig)
+
+
+def test_one_speed_each_way_tells_no_law_over_speed() -> None:
+    part = screw(1e-5)
+    assert [p.name for p in part.parameters()] == ["coulomb_n"]
+    ids = {kind.id for kind in part.effects(CATALOGUE)}
+    assert "seal-friction" in ids
+    assert not {"stribeck-friction", "quadratic-drag", "asymmetric-viscous-friction"} & ids
+    result = fit_friction(list(part.trials), part.rig)
+    assert not result["viscous_n_s_per_m"].identified
+    assert "one speed each way" in (result["viscous_n_s_per_m"].reason or "")
+    assert result["coulomb_n"].value == pytest.approx(6.0 + 1e-5 * 4e5, rel=0.1)
+
+
+def test_seal_friction_and_a_wrong_area_are_told_apart() -> None:
+    found = select(screw(1e-5), CATALOGUE)
+    assert found.additions[0].kind.id == "seal-friction"
+    assert getattr(found.final.law.effects[0], "seal_torque_nm_per_pa") == pytest.approx(  # noqa: B009
+        1e-5, rel=0.1
+    )
+    found = select(screw(0.0, area=5.1e-4), CATALOGUE)
+    assert [a.kind.id for a in found.additions] == ["area-error"]
+    assert getattr(found.final.law.effects[0], "area_change_m2") == pytest.approx(  # noqa: B009
+        1e-5, rel=0.1
+    )
+    assert "torque-constant-error" in found.additions[0].ambiguous
+
+
+def test_an_axis_at_rest_is_refused() -> None:
+    still = imposed(1, plain)
+    nothing = Trial(
+        "still", still.time, {**still.channels, "position_m": 0.0 * still["position_m"]}, "still"
+    )
+    with pytest.raises(NotIdentifiedError, match="hardly moves"):
+        axis([nothing], RIG)
+
+
+# --- the commands --------------------------------------------------------------------------
+
+
+@pytest.fixture
+def campaign(tmp_path: Path) -> Path:
+    """Logs of an axis whose viscous friction differs by direction; one of four held out."""
+    (tmp_path / "rig.toml").write_text(
+        '[rig]\nname = "axis"\nmotion = "linear"\norientation = "horizontal"\n'
+    )
+    text = 'rig = "rig.toml"\n'
+    for seed in (1, 2, 3, 4):
+        trial = imposed(seed, lambda v: plain(v) - 40.0 * np.abs(v))
+        table = pd.DataFrame({"time_s": trial.time, **trial.channels})
+        table.to_csv(tmp_path / f"{seed}.csv", index=False)
+        text += f'\n[[log]]\nkind = "friction-motion"\nfile = "{seed}.csv"\n'
+        text += 'use = "holdout"\n' if seed == 4 else ""
+    (tmp_path / "campaign.toml").write_text(text)
+    return tmp_path / "campaign.toml"
+
+
+def test_the_commands(campaign: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = campaign.parent
+    bundle, extended = str(folder / "b.json"), folder / "x.json"
+    assert main(["fit", str(campaign), "-o", bundle]) == 0
+    capsys.readouterr()
+    words = ["diagnose", str(campaign), "--bundle", bundle, "-o", str(extended)]
+    assert main([*words, "--report", str(folder / "r.html"), "--json"]) == 0
+    content = json.loads(capsys.readouterr().out)
+    assert content["verdict"] == "effects-found"
+    assert [e["id"] for e in content["effects"]] == ["asymmetric-viscous-friction"]
+    value = content["effects"][0]["parameters"]["viscous_asymmetry_n_s_per_m"]
+    assert value["value"] == pytest.approx(-40.0, rel=0.1) and value["unit"] == "N s/m"
+    error = content["residual"]["motor_force_n"]
+    assert error["after"] < 0.7 * error["before"]
+    assert set(content["residual"]) == {"motor_force_n", "position_m"}
+    assert content["unexplained"] == []
+    found = read_bundle(extended)
+    (effect,) = effects_from_bundle(found)
+    assert getattr(effect, "viscous_asymmetry_nm_s_per_rad") == value["value"]  # noqa: B009
+    assert found["friction"]["mass_kg"]["value"] == pytest.approx(MASS, rel=0.01)
+    page = (folder / "r.html").read_text()
+    assert "asymmetric-viscous-friction" in page and "tested alone" in page
+    assert main(words) == 0
+    assert "Effects found: asymmetric-viscous-friction" in capsys.readouterr().out
+
+
+def test_without_a_held_out_log_tests_are_left_out_in_turn(
+    campaign: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    campaign.write_text(campaign.read_text().replace('use = "holdout"\n', ""))
+    bundle = str(campaign.parent / "b.json")
+    assert main(["fit", str(campaign), "-o", bundle]) == 0
+    capsys.readouterr()
+    assert main(["diagnose", str(campaign), "--bundle", bundle, "--json"]) == 0
+    content = json.loads(capsys.readouterr().out)
+    assert any("left out of the fit in turn" in line for line in content["notices"])
+    error = content["residual"]["motor_force_n"]
+    assert error["after"] < 0.7 * error["before"]
+
+
+def test_kinds_of_two_parts_do_not_mix(campaign: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bundle = str(campaign.parent / "b.json")
+    assert main(["fit", str(campaign), "-o", bundle]) == 0
+    text = campaign.read_text()
+    for kind in ("tank", "valve-time"):
+        text += f'\n[[log]]\nkind = "{kind}"\nfile = "{len(kind)}x.csv"\n'
+        (campaign.parent / f"{len(kind)}x.csv").write_text("time_s,duty_a\n0,0\n1,1\n")
+    campaign.write_text(text)
+    capsys.readouterr()
+    assert main(["diagnose", str(campaign), "--bundle", bundle]) == 2
+    assert "give each a campaign" in capsys.readouterr().err

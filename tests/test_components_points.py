@@ -1,0 +1,273 @@
+"""Friction from readings: made ones with an effect and without, and the thesis' tables."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from datasets.measured.sets import PROJECT, SETS_FOLDER, read_set
+from datasets.thesis.recompute import sliding_friction, static_friction
+from sysid import bundle as bundles
+from sysid.campaign import BENCH_KINDS, read_campaign
+from sysid.components.build import component_of
+from sysid.components.component import Law
+from sysid.components.fitting import fit_law
+from sysid.components.points import KIND, SPEED, TORQUE, FrictionPoints, friction_points
+from sysid.components.selection import Selection, folds_of, select
+from sysid.components.verdict import diagnose_component
+from sysid.convert import convert
+from sysid.errors import InputError, NotIdentifiedError
+from sysid.estimation import Estimate
+from sysid.logs import Trial
+from sysid.model.effects import catalogue
+from sysid.rig import Rig
+
+FloatArray = NDArray[np.float64]
+
+AXIS = Rig("axis", "horizontal", "rotary")
+STATIC, COULOMB, VISCOUS = 0.33, 0.2, 0.05  # Nm, Nm, Nm s/rad
+ANGLES = np.repeat(np.linspace(-1.5, 1.5, 7), 4)  # rad
+WAYS = np.where(np.arange(len(ANGLES)) % 2, -1.0, 1.0)
+NOISE_NM, NOISE_RAD_PER_S = 0.01, 0.05
+TORQUES = np.repeat([0.25, 0.3, 0.35, 0.4, 0.5], 6)  # Nm
+
+
+def readings(speed: Any, torque: Any, angle: Any = None, label: str = "t") -> Trial:
+    channels = {SPEED: np.asarray(speed, dtype=float), TORQUE: np.asarray(torque, dtype=float)}
+    if angle is not None:
+        channels["theta_rad"] = np.asarray(angle, dtype=float)
+    return Trial(label, np.arange(len(channels[SPEED]), dtype=np.float64), channels, "made.csv")
+
+
+def noise(count: int, seed: int = 0) -> FloatArray:
+    return np.asarray(np.random.default_rng(seed).normal(size=count))
+
+
+def breakaways(sine: float = 0.0, asymmetry: float = 0.0, seed: int = 0) -> FrictionPoints:
+    """Breakaway at seven angles, twice each way; in closed form, not through the ports."""
+    torque = STATIC * WAYS * (1.0 + sine * np.sin(1.2 * ANGLES)) + asymmetry
+    torque = torque + NOISE_NM * noise(len(WAYS), seed)
+    return friction_points([readings(0.0 * WAYS, torque, ANGLES)], AXIS)
+
+
+def steady(drag: float, seed: int = 0, torques: FloatArray = TORQUES) -> FrictionPoints:
+    """Speeds at torques set: coulomb + viscous v + drag v^2 = torque, solved for v."""
+    excess = torques - COULOMB
+    speed = 2.0 * excess / (VISCOUS + np.sqrt(VISCOUS**2 + 4.0 * drag * excess))
+    return friction_points(
+        [readings(speed + NOISE_RAD_PER_S * noise(len(speed), seed), torques)], AXIS
+    )
+
+
+def ids(component: FrictionPoints) -> set[str]:
+    return {kind.id for kind in component.effects(catalogue())}
+
+
+def found(selection: Selection) -> list[str]:
+    return [addition.kind.id for addition in selection.additions]
+
+
+# --- made readings ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("component", "effect"),
+    [
+        (breakaways(), None),
+        (breakaways(sine=0.3), "position-dependent-friction"),
+        (breakaways(asymmetry=0.04), "asymmetric-coulomb-friction"),
+        (steady(0.0), None),
+        (steady(0.02), "quadratic-drag"),
+    ],
+    ids=["breakaway", "position", "direction", "sliding", "drag"],
+)
+def test_what_is_missing_is_found_and_nothing_else(
+    component: FrictionPoints, effect: str | None
+) -> None:
+    selection = select(component, catalogue())
+    assert found(selection) == ([] if effect is None else [effect])
+    for name, true in (("static_nm", STATIC), ("coulomb_nm", COULOMB)):
+        if name in selection.base.law.values and effect is None:
+            estimate = selection.base.base_estimates()[name]
+            assert abs(estimate.value - true) < 4.0 * estimate.std
+    folds = selection.additions[-1].attempt.folds if effect else selection.folds
+    assert math.sqrt(float(np.mean(folds))) == pytest.approx(
+        component.noise_floor(selection.final.law), rel=0.3
+    )
+
+
+def test_strengths_are_those_of_the_made_readings() -> None:
+    for component, true in (
+        (breakaways(sine=0.3), {"friction_sine": 0.3, "friction_wave_per_rad": 1.2}),
+        (breakaways(asymmetry=0.04), {"asymmetry_nm": 0.04}),
+        (steady(0.02), {"drag_nm_s2_per_rad2": 0.02}),
+    ):
+        addition = select(component, catalogue()).additions[0]
+        estimates = addition.fitted.estimates(addition.effect)
+        for name, value in true.items():
+            assert abs(estimates[name].value - value) < 4.0 * estimates[name].std, name
+
+
+def test_the_slope_is_not_flattened_by_the_scatter_of_the_speeds() -> None:
+    torques = np.repeat([0.25, 0.27], 200)
+    component = steady(0.0, torques=torques)
+    speed = component.velocity
+    flattened = np.polyfit(speed, torques, 1)[0]
+    fitted = fit_law(component, (), range(len(torques))).base_estimates()["viscous_nm_s_per_rad"]
+    assert abs(fitted.value - VISCOUS) < 3.0 * fitted.std < VISCOUS - flattened
+
+
+def test_effects_are_tried_only_where_the_conditions_tell_them_from_the_law() -> None:
+    # Sets at two torques: any curve over the speed passes as a line.
+    assert ids(steady(0.0, torques=np.repeat([0.25, 0.27], 6))) == set()
+    curved = {"quadratic-drag", "stribeck-friction", "power-law-friction"}
+    assert ids(steady(0.0)) == curved
+    acting = ids(breakaways())
+    assert {"position-dependent-friction", "asymmetric-coulomb-friction"} <= acting
+    assert not acting & {*curved, "seal-friction", "backlash", "presliding", "torque-offset"}
+    one_way = friction_points([readings(np.zeros(9), STATIC + 0.01 * noise(9))], AXIS)
+    assert ids(one_way) == set()
+
+
+def test_each_reading_is_left_out_by_itself() -> None:
+    component = breakaways()
+    assert len(component.tests) == len(ANGLES) == component.most_folds
+    assert folds_of(component) == [[i] for i in range(len(ANGLES))]
+
+
+def test_the_noise_floor_is_the_spread_of_repeats_or_of_neighbours() -> None:
+    torque = [0.3, 0.34, 0.4, 0.42]
+    pairs = friction_points([readings(np.zeros(4), torque, [0.0, 0.0, 1.0, 1.0])], AXIS)
+    law = Law({"static_nm": STATIC})
+    assert pairs.noise_floor(law) == pytest.approx(math.sqrt((2 * 0.02**2 + 2 * 0.01**2) / 2))
+    alone = friction_points([readings(np.zeros(4), torque, [0.0, 1.0, 2.0, 3.0])], AXIS)
+    assert alone.noise_floor(law) == pytest.approx(math.sqrt(0.5 * np.mean(np.diff(torque) ** 2)))
+
+
+# --- the bundle and bad input ------------------------------------------------------------
+
+
+@pytest.mark.parametrize("component", [breakaways(), steady(0.0)], ids=["breakaway", "sliding"])
+def test_the_part_is_in_the_schema_and_gives_the_law_back(component: FrictionPoints) -> None:
+    import jsonschema
+
+    values = {p.name: p.value for p in component.parameters()}
+    part = component.part({n: Estimate(v, 0.1, "Nm", (0.0, 1.0)) for n, v in values.items()})
+    whole = json.loads(Path(bundles.__file__).with_name("bundle.schema.json").read_text())
+    schema = {"$defs": whole["$defs"], **whole["properties"]["friction"]}
+    jsonschema.validate(part["friction"], schema)
+    assert component.law_of(part).values == values
+    absent = {"static_nm", "coulomb_nm", "viscous_nm_s_per_rad"} - values.keys()
+    for name in absent:
+        assert "no reading is of it" in part["friction"][name]["reason"]
+    with pytest.raises(NotIdentifiedError, match="fit friction-points"):
+        component.law_of({})
+
+
+@pytest.mark.parametrize(
+    ("speed", "torque", "said"),
+    [
+        ([0.0, 1.0], [0.3, 0.3], "stand beside sliding"),
+        ([0.0, 0.0], [0.3, 0.0], "reading 2: motor_torque_nm = 0 is zero"),
+        ([1.0, -1.0], [0.3, 0.3], "reading 2.*against the motion at -1"),
+    ],
+)
+def test_readings_that_cannot_be_used(speed: Any, torque: Any, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        friction_points([readings(speed, torque)], AXIS)
+
+
+def test_what_is_not_there_is_said() -> None:
+    with pytest.raises(NotIdentifiedError, match="breakaway readings would be one"):
+        friction_points([], AXIS)
+    bare = readings([0.0], [0.3])
+    for name in (SPEED, TORQUE):
+        channels = {n: v for n, v in bare.channels.items() if n != name}
+        with pytest.raises(InputError, match=f"column {name} is missing"):
+            friction_points([Trial("t", bare.time, channels, "made.csv")], AXIS)
+    with pytest.raises(InputError, match="rig is linear"):
+        friction_points([bare], Rig("axis", "horizontal", "linear"))
+    level = friction_points([readings([1.0, 1.1, -1.0], [0.3, 0.3, -0.3])], AXIS)
+    with pytest.raises(NotIdentifiedError, match="at another torque"):
+        fit_law(level, (), range(3))
+    with pytest.raises(NotIdentifiedError, match=r"static_nm is not identified.*of breakaway"):
+        breakaways().residuals(Law({"coulomb_nm": 0.2, "viscous_nm_s_per_rad": 0.05}), [0])
+
+
+# --- the thesis' tables ------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def tables(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The set's logs, converted by its recipes, beside its campaigns."""
+    folder = tmp_path_factory.mktemp("thesis_friction")
+    measured = read_set(SETS_FOLDER / "thesis_friction")
+    assert measured.data == "project" and KIND in BENCH_KINDS
+    for entry in measured.conversions:
+        sources = [PROJECT / entry.folder / source for source in entry.sources]
+        convert(sources, folder / entry.log, spec_file=measured.path / entry.recipe)
+    for path in measured.path.glob("*.toml"):
+        (folder / path.name).write_text(path.read_text())
+    return folder
+
+
+def trials_of(path: Path) -> list[Trial]:
+    campaign = read_campaign(path)
+    return [t for entry in campaign.logs for t in campaign.read(entry).trials]
+
+
+def component_at(path: Path) -> FrictionPoints:
+    component = component_of(KIND, trials_of(path), read_campaign(path).rig)
+    assert isinstance(component, FrictionPoints)
+    return component
+
+
+def test_the_fits_are_those_of_the_friction_pipeline(tables: Path) -> None:
+    static = component_at(tables / "static.toml")
+    assert len(static.tests) == 18 and set(static.angle) == {-1.0, 0.0, 1.0}
+    fitted = fit_law(static, (), range(18)).law.values
+    assert fitted["static_nm"] == pytest.approx(static_friction().estimate.value, rel=1e-5)
+    sliding = component_at(tables / "sliding.toml")
+    fitted = fit_law(sliding, (), range(12)).law.values
+    known = sliding_friction()
+    assert fitted["coulomb_nm"] == pytest.approx(known.coulomb.value, rel=1e-4)
+    assert fitted["viscous_nm_s_per_rad"] == pytest.approx(known.viscous.value, rel=1e-4)
+
+
+def test_three_parts_share_no_reading(tables: Path) -> None:
+    parts = [component_at(tables / f"repeat_{k}.toml") for k in (1, 2, 3)]
+    whole = component_at(tables / "static.toml")
+    for place in (-1.0, 0.0, 1.0):
+        dealt = [torque for part in parts for torque in part.torque[part.angle == place]]
+        assert dealt == list(whole.torque[whole.angle == place])
+
+
+def diagnosed(path: Path) -> Any:
+    component = component_at(path)
+    fitted = fit_law(component, (), range(len(component.tests)))
+    bundle = component.part(fitted.base_estimates())
+    rig = read_campaign(path).rig
+    return diagnose_component(KIND, trials_of(path), [], rig, bundle, catalogue())
+
+
+def test_static_friction_depends_on_the_place(tables: Path) -> None:
+    """As the F test of `datasets.thesis.recompute` says; left out one by one."""
+    assert static_friction().tests["position"].p_value < 1e-4
+    result = diagnosed(tables / "static.toml")
+    assert [e.effect.id for e in result.effects] == ["position-dependent-friction"]
+    error = result.residual[TORQUE]
+    assert error.after < 0.7 * error.before
+    # The pooled spread at one place, which a mean for each place leaves.
+    assert error.noise_floor == pytest.approx(static_friction().repeatability)
+
+
+def test_one_line_describes_the_two_torques(tables: Path) -> None:
+    result = diagnosed(tables / "sliding.toml")
+    assert result.verdict == "adequate" and not result.effects
+    assert result.residual[SPEED].before == result.residual[SPEED].after
