@@ -5,7 +5,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test browser reports clean
+.PHONY: demo test browser reports measured clean
 
 demo: $(STAMP)
 	$(BIN)/sysid demo -o out/demo
@@ -25,6 +25,10 @@ browser:
 # The example report, made again from the bundled campaign.
 reports: $(STAMP)
 	$(BIN)/python reports/make.py
+
+# Every measured set beside the project: its report, and the table in README.md.
+measured: $(STAMP)
+	$(BIN)/python -m datasets.measured --readme README.md
 
 $(STAMP): pyproject.toml constraints.txt
 	test -d $(VENV) || $(PYTHON) -m venv $(VENV)

@@ -1,0 +1,321 @@
+"""What the runs of measured sets say together: one line a campaign, and whether it repeats.
+
+Everything is computed from the result of `datasets.measured.run.run_sets`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from sysid.errors import input_error
+from sysid.files import write_atomic
+from sysid.report.diagnosis_text import joined
+from sysid.report.numbers import MISSING, number, percent
+
+Content = Mapping[str, Any]
+
+BEGIN, END = "<!-- measured -->", "<!-- /measured -->"
+COLUMNS = (
+    "Set",
+    "Base model",
+    "Found",
+    "Held-out RMSE of",
+    "Before",
+    "After",
+    "Noise floor",
+    "Down by",
+    "Remains",
+)
+# Names of parameters that a line names before it counts the rest.
+_MOST_NAMES = 4
+
+
+@dataclass(frozen=True)
+class Errors:
+    """RMSE of one channel on the held-out recordings, in the channel's SI unit.
+
+    None where the diagnosis gives none.
+    """
+
+    channel: str
+    before: float | None
+    after: float | None
+    noise_floor: float | None
+
+    @property
+    def percent_down(self) -> float | None:
+        """How much of `before` is gone, %; negative where the error grew."""
+        if not self.before or self.after is None:
+            return None
+        return 100.0 * (1.0 - self.after / self.before)
+
+
+@dataclass(frozen=True)
+class Naming:
+    """How many of `repeats` name an effect: `same` by its id, `ambiguous` by one like it.
+
+    `id` None asks for repeats that name no effect at all.
+    """
+
+    id: str | None
+    repeats: int
+    same: int
+    ambiguous: int
+
+    @property
+    def agree(self) -> int:
+        """Repeats that name it, or an effect that the data cannot tell from it."""
+        return self.same + self.ambiguous
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Of one campaign: `agree` of `repeats` name all its effects; `namings` one by one.
+
+    `others` counts the repeats that name an effect besides, by its id; `failed` those that
+    came to no verdict (they are among `repeats`, and agree with nothing).
+    """
+
+    of: str
+    repeats: int
+    agree: int
+    namings: tuple[Naming, ...]
+    others: Mapping[str, int]
+    failed: int
+
+    @property
+    def sentence(self) -> str:
+        """The answer to whether the verdict repeats."""
+        of = f"{self.agree} of {self.repeats} repeats"
+        first = self.namings[0]
+        if first.id is None:
+            text = f"No effect is named either by {of}"
+        elif len(self.namings) == 1:
+            text = f"The same effect, {first.id}, is named by {of}{_by_likes(first)}"
+        else:
+            each = joined([f"{n.id} by {n.agree}{_by_likes(n)}" for n in self.namings])
+            text = f"The same effects are all named by {of}: {each}"
+        if self.others:
+            named = joined([f"{id} ({count})" for id, count in self.others.items()])
+            text += f"; besides, repeats name {named}"
+        if self.failed:
+            text += f"; {self.failed} came to no verdict"
+        return f"{text}."
+
+    def to_json(self) -> dict[str, Any]:
+        """As JSON types."""
+        namings = [{**vars(n), "agree": n.agree} for n in self.namings]
+        return {**vars(self), "namings": namings, "sentence": self.sentence}
+
+
+def _by_likes(naming: Naming) -> str:
+    """How many of those that agree name a like effect."""
+    if not naming.ambiguous:
+        return ""
+    return f" ({naming.ambiguous} by one that the recordings cannot tell from it)"
+
+
+def errors_of(campaign: Content) -> list[Errors]:
+    """The held-out errors of a campaign, the channel of the part itself first."""
+    residual = (campaign["diagnosis"] or {}).get("residual", {})
+    return [
+        Errors(name, e.get("before"), e.get("after"), e.get("noise_floor"))
+        for name, e in residual.items()
+    ]
+
+
+def mains(measured: Content) -> list[Content]:
+    """The campaigns of a set that repeat no other."""
+    return [campaign for campaign in measured["campaigns"] if not campaign["repeat"]]
+
+
+def repeats_of(measured: Content, main: Content) -> list[Content]:
+    """The campaigns that ask whether the verdict of `main` returns."""
+    return [c for c in measured["campaigns"] if c["repeat"] and c["of"] == main["file"]]
+
+
+def agreement(measured: Content, main: Content) -> Agreement | None:
+    """Whether the verdict of `main` repeats; None without repeats, or without a verdict."""
+    repeats = repeats_of(measured, main)
+    if not repeats or main["diagnosis"] is None:
+        return None
+    effects = main["diagnosis"]["effects"]
+    found = [r["diagnosis"]["effects"] for r in repeats if r["diagnosis"] is not None]
+    failed = len(repeats) - len(found)
+    if not effects:
+        none = sum(not named for named in found)
+        naming = Naming(None, len(repeats), none, 0)
+        others = _others((), found)
+        return Agreement(main["file"], len(repeats), none, (naming,), others, failed)
+    namings = []
+    for effect in effects:
+        same = sum(_names(named, effect) == "same" for named in found)
+        like = sum(_names(named, effect) == "ambiguous" for named in found)
+        namings.append(Naming(effect["id"], len(repeats), same, like))
+    agree = sum(all(_names(named, effect) for effect in effects) for named in found)
+    others = _others(effects, found)
+    return Agreement(main["file"], len(repeats), agree, tuple(namings), others, failed)
+
+
+def _names(named: Sequence[Content], effect: Content) -> str:
+    """`same` where an effect is among those named, `ambiguous` where one like it is, or ''."""
+    if any(other["id"] == effect["id"] for other in named):
+        return "same"
+    return "ambiguous" if any(_alike(other, effect) for other in named) else ""
+
+
+def _alike(one: Content, other: Content) -> bool:
+    """Whether either's recordings cannot tell the two effects apart."""
+    return (
+        one["id"] == other["id"]
+        or one["id"] in other["ambiguous_with"]
+        or other["id"] in one["ambiguous_with"]
+    )
+
+
+def _others(effects: Sequence[Content], found: Sequence[Sequence[Content]]) -> dict[str, int]:
+    counts: dict[str, int] = {}
+    for named in found:
+        for other in named:
+            if not any(_alike(other, effect) for effect in effects):
+                counts[other["id"]] = counts.get(other["id"], 0) + 1
+    return counts
+
+
+def with_agreement(results: Content) -> dict[str, Any]:
+    """The results with each set's answers under `agreement`, and the errors' percentages."""
+    found = []
+    for measured in results["sets"]:
+        campaigns = [
+            {**c, "percent_down": {e.channel: e.percent_down for e in errors_of(c)}}
+            for c in measured["campaigns"]
+        ]
+        answers = [agreement(measured, main) for main in mains(measured)]
+        said = [answer.to_json() for answer in answers if answer is not None]
+        found.append({**measured, "campaigns": campaigns, "agreement": said})
+    return {**results, "sets": found}
+
+
+# --- in words ---------------------------------------------------------------------------
+
+
+def base_text(law: Mapping[str, Content], most: int | None = None) -> str:
+    """The base law by the names of its parameters, part by part."""
+    parts: dict[str, list[str]] = {}
+    for name, estimate in law.items():
+        if estimate.get("value") is not None:
+            part, _, parameter = name.rpartition(".")
+            parts.setdefault(part, []).append(parameter)
+    said = []
+    for part, names in parts.items():
+        shown = names if most is None or len(names) <= most else [*names[:most], "..."]
+        said.append(f"{part}: {', '.join(shown)}" if part else ", ".join(shown))
+    return "; ".join(said) or MISSING
+
+
+def found_text(diagnosis: Content) -> str:
+    """The effects that were added, each with what the data cannot tell from it."""
+    said = []
+    for effect in diagnosis["effects"]:
+        rivals = effect["ambiguous_with"]
+        said.append(effect["id"] + (f" (or {joined(rivals, 'or')})" if rivals else ""))
+    return "; ".join(said) or "no effect"
+
+
+def remains_text(diagnosis: Content) -> str:
+    """What no effect explains, with its share of the residual's variance."""
+    said = [
+        f"{e['channel']} follows {e['regressor']} ({number(100.0 * e['share'], 2)} %)"
+        for e in diagnosis["unexplained"]
+    ]
+    return "; ".join(said) or "no structure found"
+
+
+def overview(results: Content) -> list[tuple[str, ...]]:
+    """A row of `COLUMNS` for each campaign that repeats no other; failures say why."""
+    return [row for measured in results["sets"] for row in _rows(measured)]
+
+
+def _rows(measured: Content) -> Iterator[tuple[str, ...]]:
+    blank = (MISSING,) * (len(COLUMNS) - 3)
+    if measured["problem"] is not None:
+        yield (measured["name"], MISSING, f"failed: {measured['problem']}", *blank)
+        return
+    several = len(mains(measured)) > 1
+    for main in mains(measured):
+        title = f"{measured['name']}, {main['name']}" if several else str(measured["name"])
+        law = base_text(main["law"], _MOST_NAMES)
+        if main["diagnosis"] is None:
+            yield (title, law, f"failed: {main['problem']}", *blank)
+            continue
+        errors = errors_of(main)
+        cells = error_cells(errors[0]) if errors else ("nothing held out", *(MISSING,) * 4)
+        found, remains = found_text(main["diagnosis"]), remains_text(main["diagnosis"])
+        yield (title, law, found, *cells, remains)
+
+
+def error_cells(errors: Errors) -> tuple[str, str, str, str, str]:
+    """Channel, before, after, noise floor and the percentage down."""
+    before, after, floor = errors.before, errors.after, errors.noise_floor
+    down = percent(errors.percent_down, 2)
+    return errors.channel, number(before), number(after), number(floor), down
+
+
+# --- the README's table -----------------------------------------------------------------
+
+
+def markdown_table(results: Content) -> str:
+    """The overview as a table in Markdown."""
+    rows = [COLUMNS, ("---",) * len(COLUMNS), *overview(results)]
+    return "\n".join("| " + " | ".join(_markdown_cell(c) for c in row) + " |" for row in rows)
+
+
+def _markdown_cell(text: str) -> str:
+    """A cell that stays one: no line ends, no bars, no markup."""
+    line = " ".join(text.split())
+    for sign in "\\|<>*`":
+        line = line.replace(sign, f"\\{sign}")
+    return line
+
+
+def write_readme_table(path: Path, table: str) -> None:
+    """Put `table` between the two markers of a Markdown file, whole or not at all.
+
+    Raises InputError where the markers do not stand there once each, in order.
+    """
+    try:
+        text = path.read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise input_error(path, f"cannot be read: {error}", "name a Markdown file") from None
+    head, begin, rest = text.partition(BEGIN)
+    _, end, tail = rest.partition(END)
+    if not begin or not end or BEGIN in rest or END in tail or END in head:
+        raise input_error(
+            path, f"{BEGIN} and {END} do not stand there once each", "write both, a line each"
+        )
+    write_atomic(path, f"{head}{BEGIN}\n\n{table}\n\n{END}{tail}")
+
+
+__all__ = [
+    "BEGIN",
+    "COLUMNS",
+    "END",
+    "Agreement",
+    "Errors",
+    "Naming",
+    "agreement",
+    "base_text",
+    "error_cells",
+    "errors_of",
+    "found_text",
+    "mains",
+    "markdown_table",
+    "overview",
+    "remains_text",
+    "repeats_of",
+    "with_agreement",
+    "write_readme_table",
+]

@@ -1,0 +1,306 @@
+"""The page of the measured sets: what each lacked, the errors before and after, what remains.
+
+It has the style, the tables and the figures of a campaign's own report (`sysid.report`).
+"""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Mapping, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from datasets.measured import figures
+from datasets.measured.findings import (
+    COLUMNS,
+    Errors,
+    agreement,
+    error_cells,
+    errors_of,
+    found_text,
+    mains,
+    overview,
+    remains_text,
+    repeats_of,
+)
+from sysid import __version__
+from sysid.files import write_atomic
+from sysid.report import svg
+from sysid.report.blocks import Block, FigureGroup, Heading, Lines, Section, table
+from sysid.report.diagnosis_text import joined, p_text, parameter_rows
+from sysid.report.numbers import MISSING, estimate_cells, number
+
+Content = Mapping[str, Any]
+
+_TEMPLATE = Path(__file__).with_name("page.html")
+# The report's macros stand above its page.
+_REPORT, _MACROS_END = "report.html", "<!doctype html>"
+# Curves of one campaign that are drawn.
+_MOST_CURVES = 6
+
+
+def write_page(path: Path, results: Content) -> None:
+    """Write the page of what `run_sets` gave: one self-contained file, whole or not at all.
+
+    Raises InputError where the file cannot be written.
+    """
+    write_atomic(path, render_page(results))
+
+
+def render_page(results: Content) -> str:
+    """The page of `write_page` as text."""
+    with svg.styled():
+        sections = [_section(measured) for measured in results["sets"]]
+    summary = table(
+        "The campaigns fitted and diagnosed, with the errors on recordings that nothing was "
+        "fitted on (SI units)",
+        COLUMNS,
+        overview(results),
+        text=(1, 2, 3, 8),
+    )
+    return _fill(summary, sections, _sentence(results), _level(results))
+
+
+def _sentence(results: Content) -> str:
+    """How many sets and campaigns ran, and what came of them."""
+    campaigns = [c for measured in results["sets"] for c in measured["campaigns"]]
+    verdicts: dict[str, int] = {}
+    for campaign in campaigns:
+        verdict = "failed" if campaign["diagnosis"] is None else campaign["diagnosis"]["verdict"]
+        verdicts[verdict] = verdicts.get(verdict, 0) + 1
+    broken = [m["name"] for m in results["sets"] if m["problem"] is not None]
+    counts = joined([f"{count} {verdict}" for verdict, count in sorted(verdicts.items())])
+    text = f"{_count(len(results['sets']), 'set')}, {_count(len(campaigns), 'campaign')}"
+    text += f": {counts}." if counts else "."
+    return text + (f" Not run: {joined(broken)}." if broken else "")
+
+
+def _count(number_of: int, word: str) -> str:
+    return f"{number_of} {word}{'' if number_of == 1 else 's'}"
+
+
+def _level(results: Content) -> str:
+    parts = [e for m in results["sets"] for e in (m, *m["campaigns"])]
+    return "poor" if any(e["problem"] is not None for e in parts) else "good"
+
+
+# --- a set ------------------------------------------------------------------------------
+
+
+def _section(measured: Content) -> Section:
+    name = str(measured["name"])
+    if "question" not in measured:  # its set.toml could not be read
+        return Section(_id(name), name, (f"Failed: {measured['problem']}",))
+    intro = [
+        str(measured["question"]),
+        f"Recorded by: {measured['source']}. Licence: {measured['licence']}.",
+    ]
+    if measured["problem"] is not None:
+        intro.append(f"Failed: {measured['problem']}")
+    blocks: list[Block] = list(_bars(measured))
+    for main in mains(measured):
+        blocks += _campaign_blocks(measured, main)
+    if measured["notices"]:
+        blocks.append(Lines(tuple(measured["notices"]), "Notices"))
+    return Section(_id(name), str(measured["title"]), tuple(intro), tuple(blocks))
+
+
+def _id(name: str) -> str:
+    """An id that is the set's own: letters, digits and dashes."""
+    return "set-" + "".join(c if c.isascii() and c.isalnum() else "-" for c in name)
+
+
+def _place(measured: Content, campaign: Content) -> int:
+    """A campaign's number in its set, from 1."""
+    return 1 + [c["file"] for c in measured["campaigns"]].index(campaign["file"])
+
+
+def _named(measured: Content, campaign: Content) -> str:
+    return f"{_place(measured, campaign)}: {campaign['name']}"
+
+
+def _campaign_blocks(measured: Content, main: Content) -> list[Block]:
+    id = f"{_id(measured['name'])}-{_place(measured, main)}"
+    blocks: list[Block] = [Heading(id, f"Campaign {_named(measured, main)}")]
+    diagnosis = main["diagnosis"]
+    if diagnosis is None:
+        blocks.append(Lines((f"Failed: {main['problem']}",)))
+    else:
+        blocks.append(Lines((_verdict_line(diagnosis),)))
+    if main["law"]:
+        blocks.append(_law_table(main["law"]))
+    if diagnosis is not None:
+        blocks += _diagnosis_blocks(main, diagnosis)
+        blocks += _curves(main, id)
+    blocks += _repeat_blocks(measured, main)
+    if diagnosis is not None and diagnosis.get("notices"):
+        blocks.append(Lines(tuple(diagnosis["notices"]), "Notices of the diagnosis"))
+    return blocks
+
+
+def _verdict_line(diagnosis: Content) -> str:
+    return (
+        f"Verdict: {diagnosis['verdict']}. Found: {found_text(diagnosis)}. "
+        f"Remains: {remains_text(diagnosis)}."
+    )
+
+
+def _law_table(law: Mapping[str, Content]) -> Block:
+    rows = [(name, *estimate_cells(estimate)) for name, estimate in law.items()]
+    columns = ("Parameter", "Value", "Standard error", "95 % interval", "Unit")
+    return table("Base law, as fitted before any effect was added", columns, rows, text=(4,))
+
+
+def _diagnosis_blocks(main: Content, diagnosis: Content) -> list[Block]:
+    blocks: list[Block] = []
+    if diagnosis["effects"]:
+        blocks.append(_effects_table(diagnosis))
+    errors = errors_of(main)
+    if errors:
+        caption = "RMSE on the held-out recordings, in each channel's SI unit"
+        heads = ("Channel", "Before", "After", "Noise floor", "Down by")
+        blocks.append(table(caption, heads, [error_cells(e) for e in errors]))
+    if diagnosis["unexplained"]:
+        rows = [
+            (e["channel"], e["regressor"], f"{number(100.0 * e['share'], 2)} %")
+            for e in diagnosis["unexplained"]
+        ]
+        columns = ("Channel", "Follows most", "Share of the residual's variance")
+        blocks.append(table("What remains unexplained", columns, rows, text=(1,)))
+    return blocks
+
+
+def _effects_table(diagnosis: Content) -> Block:
+    rows = []
+    for effect in diagnosis["effects"]:
+        p = effect.get("p_value")
+        whole = (
+            MISSING if p is None else p_text(p),
+            joined(effect["ambiguous_with"], "or") or MISSING,
+        )
+        head = effect["id"]
+        for name, estimate in parameter_rows(effect):
+            cells = (
+                (estimate, MISSING, MISSING, "")
+                if isinstance(estimate, str)
+                else estimate_cells(estimate)
+            )
+            rows.append((head, name, *cells, *whole))
+            head, whole = "", ("", "")
+    columns = (
+        "Effect",
+        "Parameter",
+        "Value",
+        "Standard error",
+        "95 % interval",
+        "Unit",
+        "p",
+        "May as well be",
+    )
+    return table("Effects that were added, in this order", columns, rows, text=(1, 5, 7))
+
+
+# --- pictures ---------------------------------------------------------------------------
+
+
+def _bars(measured: Content) -> list[Block]:
+    """The errors of all campaigns of a set, a picture a channel."""
+    errors: dict[str, dict[int, Errors]] = {}
+    for campaign in measured["campaigns"]:
+        for error in errors_of(campaign):
+            errors.setdefault(error.channel, {})[_place(measured, campaign)] = error
+    if not errors:
+        return []
+    drawn = tuple(
+        figures.bars(f"{_id(measured['name'])}-bars-{i}", places)
+        for i, places in enumerate(errors.values(), start=1)
+    )
+    names = "; ".join(_named(measured, campaign) for campaign in measured["campaigns"])
+    return [FigureGroup(f"RMSE on the held-out recordings. Campaign {names}.", drawn)]
+
+
+def _curves(main: Content, id: str) -> list[Block]:
+    """The mean residual over what it may depend on, where the diagnosis gives it."""
+    curves = main["diagnosis"].get("curves") or []
+    if not curves:
+        return []
+    panels = tuple(
+        figures.curve(f"{id}-curve-{place}", content)
+        for place, content in enumerate(curves[:_MOST_CURVES], start=1)
+    )
+    caption = "Mean residual over what it may depend on, before and after."
+    return [FigureGroup(caption, panels)]
+
+
+# --- repeats ----------------------------------------------------------------------------
+
+
+def _repeat_blocks(measured: Content, main: Content) -> list[Block]:
+    repeats = repeats_of(measured, main)
+    if not repeats:
+        return []
+    rows = [(_named(measured, c), *_repeat_row(c)) for c in (main, *repeats)]
+    columns = (
+        "Campaign",
+        "Verdict",
+        "Found",
+        "RMSE of",
+        "Before",
+        "After",
+        "Noise floor",
+        "Down by",
+    )
+    caption = "Does the verdict repeat? The campaign and its repeats"
+    blocks: list[Block] = [table(caption, columns, rows, text=(1, 2, 3))]
+    answer = agreement(measured, main)
+    if answer is not None:
+        counted = (
+            " An effect that a repeat's recordings, or the campaign's, cannot tell from it "
+            "counts as the same."
+        )
+        blocks.append(Lines((answer.sentence + counted,)))
+    return blocks
+
+
+def _repeat_row(campaign: Content) -> Sequence[str]:
+    diagnosis, blank = campaign["diagnosis"], (MISSING,) * 5
+    if diagnosis is None:
+        return ("failed", str(campaign["problem"]), *blank)
+    errors = errors_of(campaign)
+    cells = error_cells(errors[0]) if errors else blank
+    return (diagnosis["verdict"], found_text(diagnosis), *cells)
+
+
+# --- the template -----------------------------------------------------------------------
+
+
+def _fill(summary: Block, sections: Sequence[Section], sentence: str, level: str) -> str:
+    import jinja2
+    from markupsafe import Markup
+
+    templates = resources.files("sysid.report") / "templates"
+    macros, found, _ = (templates / _REPORT).read_text("utf-8").partition(_MACROS_END)
+    if not found:
+        raise ValueError(f"{_REPORT} holds no page")
+    sources = {"macros.html": macros, "page.html": _TEMPLATE.read_text("utf-8")}
+    environment = jinja2.Environment(
+        loader=jinja2.DictLoader(sources),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    moment = datetime.datetime.now(datetime.UTC)
+    return environment.get_template("page.html").render(
+        written=moment.strftime("%Y-%m-%d %H:%M UTC"),
+        version=__version__,
+        summary=summary,
+        sections=sections,
+        sentence=sentence,
+        level=level,
+        style=Markup((templates / "style.css").read_text("utf-8")),
+    )
+
+
+__all__ = ["render_page", "write_page"]

@@ -1,0 +1,266 @@
+"""Runs measured sets with the ordinary command line, each command in a process of its own.
+
+    sysid convert SOURCE --spec recipe.toml -o WORK/set/log.csv
+    sysid fit CAMPAIGN -o bundle.json --json
+    sysid diagnose CAMPAIGN --bundle bundle.json -o extended.json --report report.html --json
+
+Nothing here knows of any set. What the commands print is kept, without paths of this machine.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from datasets.measured.sets import (
+    PROJECT,
+    SET_FILE,
+    Conversion,
+    MeasuredSet,
+    SetCampaign,
+    read_set,
+    set_folders,
+)
+from sysid import __version__
+from sysid.errors import InputError, SysidError, input_error
+
+Progress = Callable[[str], None]
+
+# Conversions at a time.
+_PROCESSES = 2
+# What a bundle holds besides laws.
+_NO_LAW = (
+    "schema",
+    "created",
+    "sysid_version",
+    "rig",
+    "effects",
+    "validation",
+    "provenance",
+    "remarks",
+    "notices",
+    "written",
+)
+
+
+class CommandFailedError(SysidError):
+    """A `sysid` command did not end well: its own line, and its exit status."""
+
+    def __init__(self, line: str, status: int) -> None:
+        super().__init__(line)
+        self.status = status
+
+
+def chosen(root: Path, only: Sequence[str], data: Path) -> list[Path]:
+    """The sets' folders under `root` that are to run: all, or those named.
+
+    Raises InputError for a name that is no set, and where the data folder is absent though a
+    set needs it.
+    """
+    folders = set_folders(root)
+    names = [folder.name for folder in folders]
+    for name in only:
+        if name not in names:
+            known = ", ".join(names) or "none"
+            raise input_error(f"--only {name}", "is no measured set", f"there are: {known}")
+    picked = [folder for folder in folders if not only or folder.name in only]
+    if not picked:
+        raise input_error(root, f"no folder with a {SET_FILE}", "add a set (see README.md)")
+    if not data.is_dir() and any(_needs_shared(folder) for folder in picked):
+        raise input_error(
+            data,
+            "the folder of the measured data is absent",
+            "name it with --data (the data are not part of the project)",
+        )
+    return picked
+
+
+def _needs_shared(folder: Path) -> bool:
+    try:
+        return read_set(folder).data == "shared"
+    except InputError:
+        return False  # says so itself when it is run
+
+
+def run_sets(
+    folders: Sequence[Path], data: Path, work: Path, progress: Progress = lambda line: None
+) -> dict[str, Any]:
+    """Run sets one after another: `version` and, under `sets`, what `run_set` gives of each."""
+    root = work.resolve()
+    if root.is_relative_to(PROJECT / "datasets"):
+        raise input_error(work, "lies among the project's own files", "name a folder outside")
+    found = []
+    for folder in folders:
+        start = time.monotonic()
+        found.append(run_set(folder, data.resolve(), root / folder.name, progress))
+        progress(f"{folder.name}: done in {time.monotonic() - start:.0f} s")
+    return {"sysid_version": __version__, "sets": found}
+
+
+def run_set(folder: Path, data: Path, work: Path, progress: Progress) -> dict[str, Any]:
+    """One set in the folder `work`: what it is, `problem` or None, and its campaigns.
+
+    What fails is said under `problem` (of the set, or of one campaign); the rest goes on.
+    """
+    try:
+        measured = read_set(folder)
+    except InputError as error:
+        problem = _without_paths(str(error), (folder, PROJECT))
+        progress(f"{folder.name}: failed: {problem}")
+        return {"name": folder.name, "title": folder.name, "problem": problem, "campaigns": []}
+    said = {
+        key: getattr(measured, key)
+        for key in ("name", "title", "question", "source", "licence", "folder", "data", "notices")
+    }
+    said |= {"notices": list(measured.notices), "problem": None, "campaigns": []}
+    base = data if measured.data == "shared" else PROJECT
+    hidden = (work, base, folder, PROJECT)
+    try:
+        work.mkdir(parents=True, exist_ok=True)
+        for file in sorted(folder.glob("*.toml")):
+            shutil.copyfile(file, work / file.name)
+        _convert_all(measured, base, work, progress)
+    except (SysidError, OSError) as error:
+        said["problem"] = _without_paths(str(error), hidden)
+        progress(f"{measured.name}: failed: {said['problem']}")
+        return said
+    for campaign in measured.campaigns:
+        said["campaigns"].append(_run_campaign(measured, campaign, work, hidden, progress))
+    return said
+
+
+def _convert_all(measured: MeasuredSet, base: Path, work: Path, progress: Progress) -> None:
+    """Every log of a set, some at a time: most of a conversion is the start of its process."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    def convert(conversion: Conversion) -> None:
+        progress(f"{measured.name}: converting {', '.join(conversion.sources)}")
+        _convert(conversion, base, work)
+
+    with ThreadPoolExecutor(_PROCESSES) as pool:
+        waiting = [pool.submit(convert, conversion) for conversion in measured.conversions]
+        try:
+            for conversion in waiting:
+                conversion.result()
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+
+
+def _convert(conversion: Conversion, base: Path, work: Path) -> None:
+    sources = [base / conversion.folder / source for source in conversion.sources]
+    constant = () if conversion.test is None else ("--set", f"test={conversion.test}")
+    files = [str(source) for source in sources]
+    _sysid(["convert", *files, "--spec", conversion.recipe, *constant, "-o", conversion.log], work)
+
+
+def _run_campaign(
+    measured: MeasuredSet,
+    campaign: SetCampaign,
+    work: Path,
+    hidden: Sequence[Path],
+    progress: Progress,
+) -> dict[str, Any]:
+    """`fit` and `diagnose` of one campaign: the law, the diagnosis, or what went wrong."""
+    said: dict[str, Any] = {
+        "file": campaign.file,
+        "name": campaign.name,
+        "repeat": campaign.repeat,
+        "of": campaign.of,
+        "problem": None,
+        "status": 0,
+        "law": {},
+        "diagnosis": None,
+    }
+    results = Path("results") / Path(campaign.file).stem
+    (work / results).mkdir(parents=True, exist_ok=True)
+    bundle, extended = str(results / "bundle.json"), str(results / "extended.json")
+    try:
+        progress(f"{measured.name}: fitting {campaign.file} ({campaign.name})")
+        said["law"] = law_of(_sysid(["fit", campaign.file, "-o", bundle, "--json"], work))
+        progress(f"{measured.name}: diagnosing {campaign.file}")
+        report = str(results / "report.html")
+        options = ["--bundle", bundle, "-o", extended, "--report", report, "--json"]
+        found = _sysid(["diagnose", campaign.file, *options], work)
+        found.pop("written", None)
+        said["diagnosis"] = found
+    except CommandFailedError as error:
+        said["problem"] = _without_paths(str(error), hidden)
+        said["status"] = error.status
+        progress(f"{measured.name}: {campaign.file}: failed: {said['problem']}")
+    return said
+
+
+def _sysid(arguments: Sequence[str], folder: Path) -> dict[str, Any]:
+    """The JSON that a `sysid` command prints, run in `folder`; {} where it prints none.
+
+    Raises CommandFailedError with the command's own line.
+    """
+    path = os.pathsep.join(filter(None, (str(PROJECT), os.environ.get("PYTHONPATH", ""))))
+    done = subprocess.run(
+        [sys.executable, "-m", "sysid", *arguments],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    command = f"sysid {arguments[0]}"
+    if done.returncode:
+        lines = [line for line in done.stderr.splitlines() if line.strip()]
+        said = [line for line in lines if line.startswith(("sysid: error:", "sysid: fault:"))]
+        line = (said or lines or ["no word on standard error"])[-1]
+        line = line.removeprefix("sysid: ").strip()
+        raise CommandFailedError(f"{command}: {line}", done.returncode)
+    if "--json" not in arguments:
+        return {}
+    try:
+        content = json.loads(done.stdout)
+    except json.JSONDecodeError as error:
+        raise CommandFailedError(f"{command} printed no JSON: {error}", 1) from None
+    if not isinstance(content, dict):
+        raise CommandFailedError(f"{command} printed no JSON object", 1)
+    return content
+
+
+def law_of(bundle: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """The estimates of a bundle's laws by their dotted names, as `Estimate.to_json` has them."""
+    found: dict[str, dict[str, Any]] = {}
+
+    def walk(part: Any, name: str) -> None:
+        if not isinstance(part, Mapping):
+            return
+        if "value" in part and ("unit" in part or "reason" in part):
+            found[name] = dict(part)
+            return
+        for key, inner in part.items():
+            walk(inner, f"{name}.{key}" if name else str(key))
+
+    walk({key: part for key, part in bundle.items() if key not in _NO_LAW}, "")
+    return found
+
+
+def _without_paths(line: str, folders: Sequence[Path]) -> str:
+    """A line in which files are named from a set's or the data's folder."""
+    for folder in folders:
+        line = line.replace(f"{folder}{os.sep}", "").replace(str(folder), folder.name)
+    return " ".join(line.split())
+
+
+def failed(results: Mapping[str, Any]) -> bool:
+    """Whether a set, or a campaign of one, has failed."""
+    return any(
+        entry["problem"] is not None
+        for measured in results["sets"]
+        for entry in (measured, *measured["campaigns"])
+    )
+
+
+__all__ = ["CommandFailedError", "chosen", "failed", "law_of", "run_set", "run_sets"]
