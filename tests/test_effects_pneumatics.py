@@ -579,3 +579,21 @@ def test_offset_and_gain_and_ambient_pressure() -> None:
     np.testing.assert_allclose(found["pressure_a_pa"], [1.005e5, 2.01e5, 3.015e5])
     np.testing.assert_array_equal(channels["pressure_a_pa"], [1e5, 2e5, 3e5])
     assert sensor.AmbientPressureError(1e3).parameters(HELD, 0.0).atmosphere == 1.01e5
+
+
+@pytest.mark.parametrize(
+    "effect", [supply.SupplyDroop(4e6), supply.ExhaustBackPressure(4e6, 1.0)], ids=["droop", "back"]
+)
+def test_a_flow_that_moves_its_own_pressure_stays_finite(effect: CatalogueEffect) -> None:
+    """Both valves cross the choked boundary again and again."""
+    time = np.arange(0.0, 2.0, 1e-3)
+    valves = [
+        ValveCommand((np.sin(2.0 * np.pi * f * time) > 0.0).astype(float), is_duty=False)
+        for f in (2.0, 3.1)
+    ]
+    parameters = REFERENCE.replace(static_effort=50.0)
+    inputs = Inputs(time, np.zeros(len(time)), *valves)
+    (plain,) = simulate([inputs], [Model(parameters)])
+    (changed,) = simulate([inputs], [Model(parameters) + effect])
+    gap = changed.pressure_a - plain.pressure_a
+    assert np.isfinite(gap).all() and 500.0 < np.max(np.abs(gap)) < 5e4

@@ -132,8 +132,8 @@ def _chamber(side: str, setting: Setting) -> Chamber:
         return Chamber(is_open, one, 0.0 * one, flow, rate, volume, per_flow)
     boundary = jnp.where(
         is_open,
-        base.filling_boundary(plant.supply_pressure(side, point, model)),
-        base.exhaust_boundary(plant.exhaust_pressure(side, point, model)),
+        base.filling_boundary(point.parameters.supply),
+        base.exhaust_boundary(point.parameters.atmosphere),
     )
     excess = point.pressure(side) - boundary
     flow_above = _flow(side, ~is_open, point, setting)
