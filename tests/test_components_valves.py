@@ -139,7 +139,7 @@ def test_closed_forms() -> None:
     full = float(REFERENCE.choked_fill_a)
     found = passed(line, 0.5 * full, half, "filling_flow") / full
     assert found == pytest.approx((1.0 / np.sqrt(1.0 + 1.0)) / whole)
-    loop = bench.FlowHysteresis(0.1)
+    loop = bench.ValveHysteresis(0.1)
     rising, falling = (point_at(0.5, duty_direction_a=way) for way in (1.0, -1.0))
     assert passed(loop, 0.5 * full, rising, "filling_flow") == pytest.approx(0.475 * full)
     assert passed(loop, 0.5 * full, falling, "filling_flow") == pytest.approx(0.525 * full)
@@ -217,7 +217,7 @@ def test_partial_opening_is_found_and_predicts_a_period_not_fitted() -> None:
 def test_effects_that_act_on_a_pulsed_valve() -> None:
     acting = {kind.id for kind in timed((), PERIODS).effects(catalogue())}
     assert {"valve-delay", "duty-dead-zone", "partial-opening", "series-restriction"} <= acting
-    assert not acting & {"coil-heating", "flow-hysteresis", "backlash", "supply-droop"}
+    assert not acting & {"coil-heating", "valve-hysteresis", "backlash", "supply-droop"}
 
 
 # --- the proportional valve ------------------------------------------------------------
@@ -240,7 +240,7 @@ def swept(effects: Sequence[Any], noise: float = 1e-5, rows: int = 101) -> Valve
 
 @pytest.mark.parametrize(
     "effects",
-    [(), (bench.ValveDeadBand(0.3, 0.3),), (DEAD_BAND, LINE), (bench.FlowHysteresis(0.1),)],
+    [(), (bench.ValveDeadBand(0.3, 0.3),), (DEAD_BAND, LINE), (bench.ValveHysteresis(0.1),)],
     ids=["nothing", "dead band", "dead band and line", "hysteresis"],
 )
 def test_what_is_missing_is_found_and_nothing_else(effects: tuple[Any, ...]) -> None:
@@ -254,7 +254,7 @@ def test_what_is_missing_is_found_and_nothing_else(effects: tuple[Any, ...]) -> 
     assert held_out(swept(effects, rows=40), selection.final.law) < 1.5e-5
 
 
-@pytest.mark.parametrize("effects", [(), (DEAD_BAND, LINE), (bench.FlowHysteresis(0.1),)])
+@pytest.mark.parametrize("effects", [(), (DEAD_BAND, LINE), (bench.ValveHysteresis(0.1),)])
 @pytest.mark.parametrize("direction", [-1.0, 0.0, 1.0])
 def test_the_inverse_gives_the_duty_back(effects: tuple[Any, ...], direction: float) -> None:
     component, law = swept(effects), Law({PARAMETER: 2.7e-3}, effects)
@@ -274,7 +274,7 @@ def test_a_stretch_is_left_out_of_both_sweeps_and_knows_its_direction() -> None:
         assert (up.direction == 1.0).all() and (down.direction == -1.0).all()
         assert up.sweep == "up" and down.sweep == "down"
     acting = {kind.id for kind in component.effects(catalogue())}
-    assert acting == {"valve-dead-band", "series-restriction", "flow-hysteresis"}
+    assert acting == {"valve-dead-band", "series-restriction", "valve-hysteresis"}
 
 
 # --- bundle and bad input --------------------------------------------------------------

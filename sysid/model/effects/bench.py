@@ -203,7 +203,7 @@ class SeriesRestriction(CatalogueEffect):
 
 
 @dataclass(frozen=True)
-class FlowHysteresis(CatalogueEffect):
+class ValveHysteresis(CatalogueEffect):
     """Flow depends on where the duty came from: a loop that closes at both ends of the duty.
 
     With x the flow over that of the fully open valve, it falls by h (1 - x) of itself where
@@ -213,7 +213,7 @@ class FlowHysteresis(CatalogueEffect):
 
     loop_share: Array = 0.0
 
-    id = "flow-hysteresis"
+    id = "valve-hysteresis"
     title = "Flow that depends on where the duty came from"
     subsystem = "valve"
     quantities = (
@@ -232,5 +232,5 @@ EFFECTS: tuple[type[CatalogueEffect], ...] = (
     PartialOpening,
     ValveDeadBand,
     SeriesRestriction,
-    FlowHysteresis,
+    ValveHysteresis,
 )
