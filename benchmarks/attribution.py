@@ -176,6 +176,53 @@ def is_confidently_wrong(result: dict[str, Any]) -> bool:
     return bool(wrong and found["verdict"] == "effects-found")
 
 
+# Of forms that are the catalogue's own law with one strength: what the truth calls it, and
+# the catalogue's parameter.
+STRENGTHS = {
+    "stribeck-friction:gaussian": ("stribeck_torque_nm", "stribeck_torque_nm"),
+    "asymmetric-coulomb-friction:constant": ("asymmetry_nm", "asymmetry_nm"),
+    "seal-friction:sum": ("seal_sum_nm_per_pa", "seal_torque_nm_per_pa"),
+    "quadratic-drag:quadratic": ("drag", "drag_nm_s2_per_rad2"),
+    "cable-spring:linear": ("cable_nm_per_rad", "stiffness_nm_per_rad"),
+    "inertia-mismatch:balanced": ("added_inertia_kg_m2", "inertia_change_kg_m2"),
+    "torque-constant-error:gain": ("torque_gain", "torque_gain_error"),
+    "amplifier-lag:first-order": ("motor_lag_s", "amplifier_lag_s"),
+    "torque-offset:constant": ("torque_offset_nm", "offset_nm"),
+    "polytropic-exponent:exponent": ("exponent", "exponent_change"),
+    "wall-heat-transfer:mass-state": ("conductance_w_per_k", "wall_conductance_w_per_k"),
+    "dead-volume-error:offset": ("offset_m", "dead_length_m"),
+    "tube-lag:first-order": ("tube_lag_s", "tube_lag_s"),
+    "supply-droop:coupled": ("droop_pa_s_per_kg", "droop_pa_s_per_kg"),
+    "temperature-drift:linear": ("temperature_k_per_s", "temperature_drift_k_per_s"),
+    "ambient-pressure-error:ambient": ("ambient_pa", "ambient_pressure_pa"),
+    "area-error:area": ("area_m2", "area_change_m2"),
+    "pressure-offset:constant": ("pressure_offset_pa", "pressure_offset_pa"),
+    "pressure-gain:absolute": ("pressure_gain", "pressure_gain_error"),
+    "pressure-lag:first-order": ("pressure_lag_s", "pressure_lag_s"),
+    "time-skew:delay": ("skew_s", "time_skew_s"),
+}
+
+
+def intervals_hold(result: dict[str, Any]) -> list[bool]:
+    """Whether the interval of each strength that was found by its own law holds the truth."""
+    found = {e["id"]: e["parameters"] for e in result["diagnosis"]["effects"]}
+    held = []
+    for drawn, truth in zip(result["effects"], result["truth"], strict=True):
+        key, parameter = STRENGTHS.get(drawn, ("", ""))
+        estimate = found.get(truth["id"], {}).get(parameter)
+        if estimate is not None and estimate["value"] is not None:
+            low, high = estimate["interval"]
+            true = truth["values"][key]
+            held.append((low is None or low <= true) and (high is None or true <= high))
+    return held
+
+
+def errors_after(result: dict[str, Any]) -> float | None:
+    """Held-out error of the position after, over the noise floor."""
+    errors = result["diagnosis"]["residual"].get("theta_rad")
+    return None if errors is None else float(errors["after"] / errors["noise_floor"])
+
+
 def table(options: argparse.Namespace) -> None:
     """Print the figures as Markdown."""
     everything = read(options.results)
@@ -206,6 +253,11 @@ def table(options: argparse.Namespace) -> None:
             [set(true_names(r)) <= set(found_names(r)[:3]) for r in by["two"]],
             "70 %",
         ),
+        (
+            "intervals that hold the strength, form the catalogue's",
+            [held for r in results for held in intervals_hold(r)],
+            "90 to 98 %",
+        ),
     ]
     print(f"{len(everything)} campaigns, {len(everything) - len(results)} failed\n")
     print("| figure | measured | 95 % interval | asked |\n| --- | --- | --- | --- |")
@@ -213,6 +265,15 @@ def table(options: argparse.Namespace) -> None:
         low, high = wilson(sum(hits), len(hits))
         share = f"{100 * sum(hits) / max(len(hits), 1):.0f} % ({sum(hits)} of {len(hits)})"
         print(f"| {name} | {share} | {100 * low:.0f} to {100 * high:.0f} % | {asked} |")
+    named = [r for r in by["one"] if names_class(r)]
+    ratios = sorted(ratio for r in named if (ratio := errors_after(r)) is not None)
+    if ratios:
+        low, high = ratios[len(ratios) // 4], ratios[3 * len(ratios) // 4]
+        middle = ratios[len(ratios) // 2]
+        print(
+            f"| position's held-out error after over the noise floor, class right, median "
+            f"| {middle:.2f} | quartiles {low:.2f} to {high:.2f} | 1.2 of the true parameters' |"
+        )
     times = sorted(r["diagnose_s"] for r in results)
     if times:
         print(f"| `sysid diagnose`, median | {times[len(times) // 2]:.0f} s | | 120 s |")
