@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -87,6 +88,19 @@ def emps() -> None:
         )
     print(f"   force RMSE, fitted {friction_rmse(result, [fitted], rig):.2f} N")
     print(f"   force RMSE, held out (pulses) {friction_rmse(result, [held_out], rig):.2f} N")
+    for factor in (1.0, -1.0):
+        added = with_pulses(held_out, factor)
+        error = friction_rmse(result, [added], rig)
+        print(f"   force RMSE, held out, {factor:+g} times the pulses added {error:.2f} N")
+
+
+def with_pulses(trial: Trial, factor: float) -> Trial:
+    """The validation file with its force pulses added to what the drive was commanded."""
+    from scipy.io import loadmat
+
+    pulses = np.asarray(loadmat(EMPS / f"{trial.label}.mat")["pulses_N"], dtype=float).ravel()
+    force = trial["motor_force_n"] + factor * pulses
+    return replace(trial, channels={**trial.channels, "motor_force_n": force})
 
 
 def generated_fit(seed: int) -> tuple[FrictionResult, dict[str, float]]:

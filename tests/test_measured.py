@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 import subprocess
 import sys
 from html.parser import HTMLParser
@@ -509,27 +510,28 @@ def test_every_set_file_is_whole(folder: Path) -> None:
     assert all(path.suffix in (".toml", ".md") for path in folder.iterdir())
 
 
-# Of a set, what its channel's held-out RMSE has to come down to: a share of `before`, or as
-# it is where `absolute`.
+# Of a set's first campaign, what its channel's held-out RMSE has to come down to: a share of
+# `before`, or as it is where `absolute`. The tank takes minutes: test_components_tank.py has it.
 ASKED: dict[str, tuple[str, float, bool]] = {
     "emps": ("motor_force_n", 0.7, False),
     "cylinder": ("motor_force_n", 0.5, False),
-    "pump_tank": ("pressure_a_pa", 0.5, False),
     "valve_pwm": ("log_time_to_pressure", 0.5, True),
+    "valve_surface": ("flow_a_kg_s", 0.5, False),
 }
-HOLDS: tuple[str, ...] = ()  # the sets of ASKED whose figures are reached
 
 
-@pytest.mark.parametrize("name", [folder.name for folder in set_folders()])
+@pytest.mark.parametrize("name", ASKED)
 def test_a_measured_set(name: str, shared_data: Path, tmp_path: Path) -> None:
-    """Every real set runs through, and reaches what is asked of it."""
-    results = run_sets([SETS_FOLDER / name], shared_data, tmp_path)
+    """The first campaign of a real set runs through, and reaches what is asked of it."""
+    folder = tmp_path / "sets" / name
+    shutil.copytree(SETS_FOLDER / name, folder)
+    head, first, *_ = (folder / "set.toml").read_text().split("[[campaign]]")
+    (folder / "set.toml").write_text(f"{head}[[campaign]]{first}")
+    results = run_sets([folder], shared_data, tmp_path / "work")
     measured = results["sets"][0]
     assert measured["problem"] is None
-    assert [c["problem"] for c in measured["campaigns"]] == [None] * len(measured["campaigns"])
-    if name not in HOLDS:
-        return
+    (found,) = measured["campaigns"]
+    assert found["problem"] is None
     channel, limit, absolute = ASKED[name]
-    for found in mains(measured):
-        error = found["diagnosis"]["residual"][channel]
-        assert error["after"] <= (limit if absolute else limit * error["before"])
+    error = found["diagnosis"]["residual"][channel]
+    assert error["after"] <= (limit if absolute else limit * error["before"])
