@@ -98,7 +98,7 @@ def diagnose_logs(
         log = _read(campaign, entry, bundle, bundle_path)
         logs.append((entry.use, entry.kind, log))
         notices += log.notices
-    kind = part_tested([entry.kind for entry in campaign.logs], _has_both_valves(bundle))
+    kind = part_tested([entry.kind for entry in campaign.logs], bundle)
     if kind is not None:
         trials = {
             wanted: [t for use, of, log in logs if (use, of) == (wanted, kind) for t in log.trials]
@@ -124,10 +124,6 @@ def diagnose_logs(
         progress=progress,
     )
     return diagnosis, tuple(notices)
-
-
-def _has_both_valves(bundle: Mapping[str, Any]) -> bool:
-    return all("discrete" in bundle.get("valves", {}).get(side, {}) for side in ("a", "b"))
 
 
 def _read(

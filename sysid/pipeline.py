@@ -19,6 +19,7 @@ from sysid import __version__
 from sysid.bundle import Source, read_bundle, write_bundle
 from sysid.campaign import Campaign, read_campaign
 from sysid.check import LogCheck, check_log
+from sysid.components.build import part_tested
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.files import remove_leftovers, write_atomic
 from sysid.fit import fit_campaign
@@ -285,14 +286,15 @@ def _diagnose(run: _Run) -> None:
 
 
 def _validated(run: _Run) -> ValidationResult | None:
-    """The validation of the bundle that stands; None in a campaign without motion logs."""
-    entries = run.campaign.select(VALIDATED_KINDS, None)
-    if not entries:
+    """The validation of the bundle that stands; None without motion logs of an actuator."""
+    bundle = read_bundle(run.path(run.model_file))
+    kinds = [entry.kind for entry in run.campaign.logs]
+    if not set(kinds) & set(VALIDATED_KINDS) or part_tested(kinds, bundle):
         return None
     if run.validation is None:
         run.validation = validate(
             run.campaign,
-            read_bundle(run.path(run.model_file)),
+            bundle,
             # The name alone: what is said of it goes into a report that is sent to others.
             bundle_path=Path(run.model_file),
             catalogue=run.catalogue,
@@ -305,7 +307,9 @@ def _validate(run: _Run) -> None:
     bundle = read_bundle(run.path(run.model_file))
     result = _validated(run)
     if result is None:
-        run.notices.append(f"{run.campaign.path}: no motion log: the bundle is not validated")
+        run.notices.append(
+            f"{run.campaign.path}: no motion log of an actuator: the bundle is not validated"
+        )
     else:
         run.notices += result.notices
         bundle["validation"] = result.to_json()

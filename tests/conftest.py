@@ -51,6 +51,16 @@ encoder_counts_per_rev = 80000
 """
 
 
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """How many tests were skipped for want of the data beside the project."""
+    for folder in ("data", "samples"):
+        wanted = f"../shared/{folder} is absent"
+        count = sum(
+            wanted in str(report.longrepr) for report in terminalreporter.stats.get("skipped", [])
+        )
+        terminalreporter.write_line(f"skipped for want of ../shared/{folder}: {count}")
+
+
 @pytest.fixture
 def rig_text() -> str:
     """A whole rig file (the thesis' reference rig)."""

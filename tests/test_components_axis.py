@@ -268,6 +268,15 @@ def test_the_commands(campaign: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert "Effects found: asymmetric-viscous-friction" in capsys.readouterr().out
 
 
+def test_the_whole_run(campaign: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = campaign.parent / "out"
+    assert main(["run", str(campaign), "-o", str(out), "--json"]) == 0
+    content = json.loads(capsys.readouterr().out)
+    assert content["diagnosis"]["effects"][0]["id"] == "asymmetric-viscous-friction"
+    assert "tested alone" in (out / "report.html").read_text()
+    assert "viscous_asymmetry_n_s_per_m" in (out / "export" / "model.json").read_text()
+
+
 def test_without_a_held_out_log_tests_are_left_out_in_turn(
     campaign: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
-from sysid.campaign import BENCH_KINDS
+from sysid.campaign import BENCH_KINDS, MOTION_KINDS
 from sysid.components.axis import axis
 from sysid.components.component import Component
 from sysid.components.points import KIND as FRICTION_POINTS
@@ -29,11 +30,12 @@ _BUILDERS: dict[str, Callable[[Sequence[Trial], Rig], Component]] = {
 }
 
 
-def part_tested(kinds: Sequence[str], has_both_valves: bool) -> str | None:
+def part_tested(kinds: Sequence[str], bundle: Mapping[str, Any]) -> str | None:
     """The kind of test by which a campaign is a part's; None: it is a whole actuator's.
 
-    `kinds` of its logs; `has_both_valves`: whether the flow laws of both valves are known,
-    so that a whole actuator can be simulated.
+    `kinds` of its logs. An axis is a part where the bundle lacks the flow law of a valve, so
+    that there is no actuator to simulate, and no log moves one. Raises InputError where
+    the logs are of several parts.
     """
     bench = sorted(set(kinds) & set(BENCH_KINDS))
     if len(bench) > 1:
@@ -42,7 +44,9 @@ def part_tested(kinds: Sequence[str], has_both_valves: bool) -> str | None:
         )
     if bench:
         return bench[0]
-    return AXIS if AXIS in kinds and not has_both_valves else None
+    laws = [bundle.get("valves", {}).get(side, {}) for side in ("a", "b")]
+    whole = all("discrete" in law for law in laws) or set(kinds) & set(MOTION_KINDS)
+    return AXIS if AXIS in kinds and not whole else None
 
 
 def component_of(kind: str, trials: Sequence[Trial], rig: Rig) -> Component:
