@@ -92,6 +92,10 @@ def diagnose_logs(
     """
     catalogue = catalogue_with(effects)
     taken = {entry["id"] for entry in bundle["effects"]}
+    open_ones = for_rig(
+        {name: effect for name, effect in catalogue.items() if name not in taken},
+        campaign.rig.is_linear,
+    )
     logs: list[tuple[str, str, Log]] = []
     notices: list[str] = []
     for entry in campaign.logs:
@@ -110,7 +114,7 @@ def diagnose_logs(
             trials["holdout"],
             campaign.rig,
             bundle,
-            for_rig({k: v for k, v in catalogue.items() if k not in taken}, campaign.rig.is_linear),
+            open_ones,
             progress,
         )
         return found, tuple(notices)
@@ -119,7 +123,7 @@ def diagnose_logs(
         logs,
         campaign.rig,
         model,
-        for_rig({k: v for k, v in catalogue.items() if k not in taken}, campaign.rig.is_linear),
+        open_ones,
         seed=seed,
         progress=progress,
     )

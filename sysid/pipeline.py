@@ -287,11 +287,11 @@ def _diagnose(run: _Run) -> None:
 
 def _validated(run: _Run) -> ValidationResult | None:
     """The validation of the bundle that stands; None without motion logs of an actuator."""
-    bundle = read_bundle(run.path(run.model_file))
     kinds = [entry.kind for entry in run.campaign.logs]
-    if not set(kinds) & set(VALIDATED_KINDS) or part_tested(kinds, bundle):
-        return None
-    if run.validation is None:
+    if run.validation is None and set(kinds) & set(VALIDATED_KINDS):
+        bundle = read_bundle(run.path(run.model_file))
+        if part_tested(kinds, bundle):
+            return None
         run.validation = validate(
             run.campaign,
             bundle,

@@ -22,15 +22,15 @@ from numpy.typing import NDArray
 from sysid import signals
 from sysid._friction.effort import EvenTrial, even_trial, units_of
 from sysid._friction.motion import default_cutoff, left_out, tells_speeds
-from sysid.components.component import Component, Law, rmse
+from sysid.components.component import Component, Law, bends, rmse, smallest_probe
 from sysid.errors import NotIdentifiedError
 from sysid.estimation import Estimate
 from sysid.least_squares import Parameter
 from sysid.logs import Trial
 from sysid.model import plant
-from sysid.model.base import Parameters
+from sysid.model.base import bare_parameters
 from sysid.model.effects.entry import CatalogueEffect
-from sysid.model.ports import Effect, Model, Point
+from sysid.model.ports import Model, Point, overrides
 from sysid.rig import Rig
 
 FloatArray = NDArray[np.float64]
@@ -43,7 +43,6 @@ _WIDER = 3.0
 _FEWEST_TESTS = 3
 _STRETCHES = 6
 _SAMPLES_A_TEST = 4000
-_PROBE = 0.3
 _LEAST_CHANGE = 1e-9
 _LEAST_SCALE = 1e-3
 # A linear axis has no pinion, and weighs the same everywhere: an offset.
@@ -106,13 +105,12 @@ class Axis(Component):
         return tuple(kind for kind in catalogue.values() if not kind.states and self._feels(kind))
 
     def _feels(self, kind: type[CatalogueEffect]) -> bool:
-        if all(getattr(kind, p) is getattr(Effect, p) for p in _PORTS):
+        if not overrides(kind, *_PORTS):
             return False
         if self.rig.is_linear and kind.id in _ROTARY_ONLY:
             return False
         values = {p.name: p.value for p in self.parameters()}
-        sizes = {q.name: (q.grid or (_PROBE * q.typical,))[0] for q in kind.strengths()}
-        effect = kind.neutral(**sizes, **({"side": self.side()} if kind.has_side() else {}))
+        effect = smallest_probe(kind, self.side())
         plain, changed = (
             np.concatenate(self.residuals(Law(values, effects), range(len(self.cases))))
             for effects in ((), (effect,))
@@ -183,16 +181,14 @@ class Axis(Component):
 
         Samples that lie nearer together share the filter's noise.
         """
-        bends = []
+        found = []
         for case, left in zip(self.cases, self.residuals(law, range(len(self.cases))), strict=True):
             step = max(1, int(np.median(np.diff(case.rows)))) if len(case.rows) > 1 else 1
             lag = max(1, math.ceil(signals.filter_length(case.period, case.cutoff_hz) / step))
             if len(left) > 2 * lag:
                 near = np.ptp(np.stack([case.rows[2 * lag :], case.rows[: -2 * lag]]), axis=0)
-                bend = (left[2 * lag :] - 2.0 * left[lag:-lag] + left[: -2 * lag]) / math.sqrt(6.0)
-                bends.append(bend[near <= 3 * lag * step])
-        values = np.concatenate(bends) if bends else np.zeros(0)
-        return math.sqrt(float(np.mean(values**2))) if len(values) else math.nan
+                found.append(bends(left, lag)[near <= 3 * lag * step])
+        return rmse(found)
 
     def part(self, estimates: Mapping[str, Estimate]) -> dict[str, Any]:
         return {"friction": {name: e.to_json() for name, e in estimates.items()}}
@@ -249,17 +245,16 @@ def _depends_on_speed(effect: CatalogueEffect, point: Point) -> bool:
     return bool(np.any(slow != fast))
 
 
-def axis(trials: Sequence[Trial], rig: Rig, notices: list[str] | None = None) -> Axis:
+def axis(trials: Sequence[Trial], rig: Rig) -> Axis:
     """An axis from friction-motion trials. Raises InputError, NotIdentifiedError.
 
     Three trials or more are left out one by one; fewer are cut into stretches.
     """
-    said = notices if notices is not None else []
     cases: list[_Test] = []
     pieces = 1 if len(trials) >= _FEWEST_TESTS else math.ceil(_STRETCHES / max(len(trials), 1))
-    evens = [even_trial(trial, rig, said) for trial in trials]
-    for trial, even in zip(trials, evens, strict=True):
-        cases += _cases(trial, even, rig, pieces)
+    for trial in trials:
+        # What there is to say of its channels the fit of the friction has said.
+        cases += _cases(trial, even_trial(trial, rig, []), rig, pieces)
     if not cases:
         raise NotIdentifiedError(
             "friction: the axis hardly moves in these tests; give motion that crosses the stroke "
@@ -287,7 +282,7 @@ def _cases(trial: Trial, even: EvenTrial, rig: Rig, pieces: int) -> list[_Test]:
         velocity=velocity,
         pressure_a=_channel(trial, "pressure_a_pa", grid, atmosphere),
         pressure_b=_channel(trial, "pressure_b_pa", grid, atmosphere),
-        motor=0.5 * (even.motor + np.concatenate((even.motor[:1], even.motor[:-1]))),
+        motor=even.held_motor,
         open_a=np.zeros(len(even)),
         open_b=np.zeros(len(even)),
         direction=np.sign(velocity),
@@ -310,44 +305,4 @@ def _channel(trial: Trial, name: str, grid: FloatArray, default: Any) -> FloatAr
     return np.asarray(signals.resample(trial.time, trial[name], grid))
 
 
-def bare_parameters(rig: Rig) -> Parameters:
-    """The rig's constants where no flow matters; without a cylinder its pistons have no area.
-
-    What the rig file does not say is neutral: the atmosphere is 1e5 Pa, the travel endless.
-    """
-    a, c, gravity = rig.air, rig.cylinder, rig.gravity_moment()
-    atmosphere = a.atmospheric_pressure_pa if a else 1e5
-    return Parameters(
-        static_effort=0.0,
-        coulomb_effort=0.0,
-        viscous=0.0,
-        inertia=1.0,
-        gravity_moment=0.0 if rig.is_linear else gravity,
-        weight=gravity if rig.is_linear else 0.0,
-        offset=0.0,
-        max_effort=np.inf if rig.max_effort is None else rig.max_effort,
-        # A chamber's volume is divided by; its force is nothing.
-        area_a=c.area_a_m2 if c else 1e-15,
-        area_b=c.area_b_m2 if c else 1e-15,
-        offset_a=c.offset_a_m if c else 1e9,
-        offset_b=c.offset_b_m if c else 1e9,
-        stroke=c.stroke_m if c else 1e9,
-        pitch_radius=c.pitch_radius_m if c else 1.0,
-        gas_constant=a.gas_constant_j_per_kg_k if a else 287.0,
-        heat_capacity_ratio=a.heat_capacity_ratio if a else 1.4,
-        temperature=a.temperature_k if a else 293.15,
-        atmosphere=atmosphere,
-        supply=a.supply_pressure_pa if a else atmosphere,
-        supply_reference=a.supply_pressure_pa if a else atmosphere,
-        **dict.fromkeys(_FLOWS, 0.0),
-        pwm_period=1.0,
-    )
-
-
-_FLOWS = tuple(
-    f"{name}_{side}"
-    for side in ("a", "b")
-    for name in ("choked_fill", "choked_dis", "c_fill", "c_dis", "on_delay", "off_delay")
-)
-
-__all__ = ["FASTEST_CUTOFF_HZ", "Axis", "axis", "bare_parameters"]
+__all__ = ["FASTEST_CUTOFF_HZ", "Axis", "axis"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
@@ -99,10 +100,58 @@ class Component(ABC):
         return {}
 
 
+PROBE = 0.3
+"""Share of a strength's usual size at which an effect is probed, where no grid says another."""
+
+
+def probes(
+    kind: type[CatalogueEffect], side: str, forms: Sequence[Mapping[str, float]] = ({},)
+) -> list[CatalogueEffect]:
+    """The effect with one strength at a time, at its probing size, in each form (shapes).
+
+    One at a time: two delays of one size do nothing together.
+    """
+    fields = {"side": side} if kind.has_side() else {}
+    return [
+        kind.neutral(**fields, **form, **{q.name: q.grid[-1] if q.grid else PROBE * q.typical})
+        for form in forms
+        for q in kind.strengths()
+    ]
+
+
+def smallest_probe(kind: type[CatalogueEffect], side: str) -> CatalogueEffect:
+    """The effect with all strengths at once, each at its smallest probing size."""
+    fields = {"side": side} if kind.has_side() else {}
+    sizes = {q.name: q.grid[0] if q.grid else PROBE * q.typical for q in kind.strengths()}
+    return kind.neutral(**fields, **sizes)
+
+
+def shapes(kind: type[CatalogueEffect]) -> list[dict[str, float]]:
+    """Every form of an effect: its shapes' values by field, over their grids."""
+    names = [q.name for q in kind.shapes()]
+    grids = [q.grid or (q.typical,) for q in kind.shapes()]
+    return [dict(zip(names, row, strict=True)) for row in itertools.product(*grids)]
+
+
+def bends(values: FloatArray, lag: int = 1) -> FloatArray:
+    """Second differences (n - 2 lag,), scaled to the spread of white noise: lines vanish."""
+    return (values[2 * lag :] - 2.0 * values[lag:-lag] + values[: -2 * lag]) / math.sqrt(6.0)
+
+
 def rmse(parts: Sequence[FloatArray]) -> float:
     """Root of the mean square of several residuals, pooled over their samples."""
-    values = np.concatenate(parts)
+    values = np.concatenate([np.zeros(0), *parts])
     return math.sqrt(float(np.mean(values**2))) if len(values) else math.nan
 
 
-__all__ = ["Component", "Effects", "Law", "rmse"]
+__all__ = [
+    "PROBE",
+    "Component",
+    "Effects",
+    "Law",
+    "bends",
+    "probes",
+    "rmse",
+    "shapes",
+    "smallest_probe",
+]

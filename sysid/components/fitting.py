@@ -7,20 +7,20 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sysid._autocovariance import runs_of, tapered_autocovariance
-from sysid.components.component import Component, Law
+from sysid.components.component import PROBE, Component, Law, shapes
 from sysid.estimation import Estimate
 from sysid.least_squares import LeastSquaresFit, Parameter, minimise
 from sysid.model.effects.entry import CatalogueEffect, Quantity
 
 FloatArray = NDArray[np.float64]
 
-_PROBE = 0.3
 _EVALUATIONS = 30
 _SIZED = {"N", "Nm", "kg", "W"}
 _TOLERANCE = 1e-7
@@ -41,16 +41,15 @@ class Fitted:
 
     def estimates(self, effect: CatalogueEffect) -> dict[str, Estimate]:
         """An effect's numbers by field, intervals for residuals that follow one another."""
-        covariance = self.fit.correlated_covariance(self._groups)
         return {
-            q.name: self.fit.estimate(_key(type(effect), q), covariance)
+            q.name: self.fit.estimate(_key(type(effect), q), self._covariance)
             for q in type(effect).quantities
         }
 
     def base_estimates(self) -> dict[str, Estimate]:
         """The law's own parameters by name, likewise."""
-        covariance = self.fit.correlated_covariance(self._groups)
-        return {p.name: self.fit.estimate(p.name, covariance) for p in self.component.parameters()}
+        own = self.component.parameters()
+        return {p.name: self.fit.estimate(p.name, self._covariance) for p in own}
 
     def p_value(self, without: Fitted) -> float:
         """Whether what this fit has beyond `without` is nothing: F test of nested models.
@@ -76,7 +75,11 @@ class Fitted:
         spread = float(gamma[0] + 2.0 * np.sum(gamma[1:]))
         return len(self.fit.residuals) * min(float(gamma[0]) / max(spread, 1e-300), 1.0)
 
-    @property
+    @cached_property
+    def _covariance(self) -> FloatArray:
+        return self.fit.correlated_covariance(self._groups)
+
+    @cached_property
     def _groups(self) -> NDArray[np.intp]:
         """Which test each residual belongs to, (n,)."""
         parts = self.component.residuals(self.law, self.tests)
@@ -113,8 +116,16 @@ def fit_law(
         starts = list(
             _effects_at((*starts, kind.neutral(**_side(kind, component))), fit.values[len(own) :])
         )
-    law = Law(dict(zip([p.name for p in own], map(float, fit.values), strict=False)), tuple(starts))
-    return Fitted(component, tuple(tests), law, fit)
+    return Fitted(component, tuple(tests), _law(own, starts, fit.values), fit)
+
+
+def _law(own: Sequence[Parameter], effects: Sequence[CatalogueEffect], values: FloatArray) -> Law:
+    """The law at `values` (p,): its own parameters first, then the effects' in their order."""
+    names = [p.name for p in own]
+    return Law(
+        dict(zip(names, map(float, values), strict=False)),
+        _effects_at(effects, values[len(own) :]),
+    )
 
 
 def _key(kind: type[CatalogueEffect], quantity: Quantity) -> str:
@@ -175,14 +186,9 @@ def _minimise(
     effects: Sequence[CatalogueEffect],
     tests: Sequence[int],
 ) -> LeastSquaresFit:
-    names = [p.name for p in own]
 
     def residuals(values: FloatArray) -> FloatArray:
-        law = Law(
-            dict(zip(names, map(float, values), strict=False)),
-            _effects_at(effects, values[len(own) :]),
-        )
-        return np.concatenate(component.residuals(law, tests))
+        return np.concatenate(component.residuals(_law(own, effects, values), tests))
 
     everything = [*own, *_effect_parameters(effects)]
     start = np.array([p.value for p in everything])
@@ -227,11 +233,7 @@ def _first_guesses(
     air) is tried from its usual size too.
     """
     first = _start(component, fit, before, kind, tests)
-    own = component.parameters()
-    law = Law(
-        dict(zip([p.name for p in own], map(float, fit.values), strict=False)),
-        _effects_at(before, fit.values[len(own) :]),
-    )
+    law = _law(component.parameters(), before, fit.values)
 
     def at(scale: float) -> CatalogueEffect:
         return replace(first, **{q.name: scale * q.typical for q in kind.strengths()})  # type: ignore[type-var]
@@ -242,7 +244,7 @@ def _first_guesses(
 
     if any(q.grid for q in kind.strengths()):
         return [first]
-    small, large = change(_PROBE), change(4.0 * _PROBE)
+    small, large = change(PROBE), change(4.0 * PROBE)
     bends = np.linalg.norm(large - 4.0 * small) > _BENT * np.linalg.norm(large)
     return [first, at(1.0), at(4.0)] if bends else [first]
 
@@ -255,15 +257,11 @@ def _start(
     tests: Sequence[int],
 ) -> CatalogueEffect:
     """The form of `kind` whose signature takes most of what a fit left, at its size."""
-    own = component.parameters()
-    law = Law(
-        dict(zip([p.name for p in own], map(float, fit.values), strict=False)),
-        _effects_at(before, fit.values[len(own) :]),
-    )
+    law = _law(component.parameters(), before, fit.values)
     rest = fit.residuals
     basis = np.linalg.qr(fit.jacobian / np.maximum(np.linalg.norm(fit.jacobian, axis=0), 1e-300))[0]
     best, most = kind.neutral(**_side(kind, component)), -1.0
-    for shape in _shapes(kind):
+    for shape in shapes(kind):
         for probes in itertools.product(*(_probes(q) for q in kind.strengths())):
             columns = []
             for q, size in zip(kind.strengths(), probes, strict=True):
@@ -281,14 +279,8 @@ def _start(
     return best
 
 
-def _shapes(kind: type[CatalogueEffect]) -> list[dict[str, float]]:
-    names = [q.name for q in kind.shapes()]
-    grids = [q.grid or (q.typical,) for q in kind.shapes()]
-    return [dict(zip(names, row, strict=True)) for row in itertools.product(*grids)]
-
-
 def _probes(quantity: Quantity) -> tuple[float, ...]:
-    return quantity.grid or (_PROBE * quantity.typical,)
+    return quantity.grid or (PROBE * quantity.typical,)
 
 
 def _side(kind: type[CatalogueEffect], component: Component) -> dict[str, str]:

@@ -12,7 +12,6 @@ speeds that scatter (Table 3.4.2).
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -22,14 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid._friction.effort import Units, units_of
-from sysid.components.axis import bare_parameters
-from sysid.components.component import Component, Law
+from sysid.components.component import Component, Law, probes, shapes
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.estimation import Estimate
 from sysid.least_squares import Parameter
 from sysid.logs import Trial
 from sysid.model import plant
-from sysid.model.base import Parameters
+from sysid.model.base import Parameters, bare_parameters
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import Model, Point
 from sysid.rig import Rig
@@ -40,7 +38,6 @@ IntArray = NDArray[np.intp]
 KIND = "friction-points"
 SPEED = "velocity_rad_per_s"
 TORQUE = "motor_torque_nm"
-_PROBE = 0.3
 # What an effect adds beside the law's own columns, over the effort, to act at all.
 _ACTS = 1e-6
 # A modelled speed is looked for up to so many times the fastest that was read.
@@ -145,7 +142,8 @@ class FrictionPoints(Component):
         return tuple(
             kind
             for kind in catalogue.values()
-            if not kind.states and any(acts(probe) for probe in _probes(kind, self.side()))
+            if not kind.states
+            and any(acts(probe) for probe in probes(kind, self.side(), shapes(kind)))
         )
 
     def side(self) -> str:
@@ -268,22 +266,6 @@ class FrictionPoints(Component):
                 )
             values[parameter.name] = float(held["value"])
         return Law(values)
-
-
-def _probes(kind: type[CatalogueEffect], side: str) -> list[CatalogueEffect]:
-    """The effect in each form that its grid holds, one strength at a time, at probing size."""
-    fields = {"side": side} if kind.has_side() else {}
-    names = [q.name for q in kind.shapes()]
-    forms = itertools.product(*(q.grid or (q.typical,) for q in kind.shapes()))
-    return [
-        kind.neutral(
-            **fields,
-            **dict(zip(names, form, strict=True)),
-            **{q.name: q.grid[-1] if q.grid else _PROBE * q.typical},
-        )
-        for form in forms
-        for q in kind.strengths()
-    ]
 
 
 def friction_points(trials: Sequence[Trial], rig: Rig) -> FrictionPoints:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.components.component import Component, Law
+from sysid.components.component import Component, Law, smallest_probe
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.estimation import Estimate
 from sysid.least_squares import Parameter
@@ -46,7 +46,6 @@ _FEWEST_BINS = 20
 _LEAST_FALL_PA = 1e3
 # Of the largest fall: what an effect has to change at its probing size to act at all.
 _ACTS = 1e-7
-_PROBE = 0.3
 
 
 @dataclass(frozen=True)
@@ -114,11 +113,7 @@ class Tank(Component):
         least = _ACTS * max(float(np.ptp(d.pressure)) for d in self.discharges)
         found = []
         for kind in catalogue.values():
-            sizes = {
-                q.name: (q.grid[0] if q.grid else _PROBE * q.typical) for q in kind.strengths()
-            }
-            side = {"side": self.side()} if kind.has_side() else {}
-            probe = Law(law.values, (kind.neutral(**side, **sizes),))
+            probe = Law(law.values, (smallest_probe(kind, self.side()),))
             with np.errstate(all="ignore"):
                 change = np.concatenate(self.residuals(probe, tests)) - without
             if np.isfinite(change).all() and np.abs(change).max() > least:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sysid.components.component import Component, Law
+from sysid.components.component import Component, Law, bends, probes, rmse
 from sysid.errors import NotIdentifiedError
 from sysid.estimation import Estimate
 from sysid.least_squares import Parameter
@@ -42,7 +42,6 @@ _STRETCHES = 12
 _FEWEST_ROWS = 24
 # What an effect changes beside the gain, over the flow, at its probing size, to act at all.
 _ACTS = 1e-6
-_PROBE = 0.3
 # A proportional valve has no pulses that could be too short.
 _PULSED = ("partial-opening",)
 _NOMINAL_PA = (1e5, 6e5)
@@ -99,7 +98,7 @@ class ValveFlow(Component):
             if kind.id not in _PULSED
             and any(
                 self._acts(self.flow(Law(law.values, (probe,)), duty, direction), without)
-                for probe in _probes(kind)
+                for probe in probes(kind, _SIDE)
             )
         )
 
@@ -171,7 +170,7 @@ class ValveFlow(Component):
     def noise_floor(self, law: Law) -> float:
         """From second differences along the duty: the law's own slope is not noise."""
         residuals = self.residuals(law, range(len(self.stretches)))
-        bends = []
+        found = []
         for sweep in dict.fromkeys(s.sweep for s in self.stretches):
             parts = [
                 (s.duty, r)
@@ -180,8 +179,8 @@ class ValveFlow(Component):
             ]
             duty, left = (np.concatenate(column) for column in zip(*parts, strict=True))
             left = left[np.argsort(duty, kind="stable")]
-            bends.append((left[2:] - 2.0 * left[1:-1] + left[:-2]) / math.sqrt(6.0))
-        return math.sqrt(float(np.mean(np.concatenate(bends) ** 2)))
+            found.append(bends(left))
+        return rmse(found)
 
     def further_errors(self, law: Law) -> dict[str, tuple[float, float]]:
         """On the way up and on the way down by themselves, kg/s."""
@@ -189,7 +188,7 @@ class ValveFlow(Component):
         residual = np.concatenate(self.residuals(law, range(len(self.stretches))))
         way = self._pooled("direction")
         return {
-            name: (math.sqrt(float(np.mean(residual[way == sign] ** 2))), floor)
+            name: (rmse([residual[way == sign]]), floor)
             for name, sign in (("flow_up_kg_s", 1.0), ("flow_down_kg_s", -1.0))
             if (way == sign).any()
         }
@@ -206,15 +205,6 @@ class ValveFlow(Component):
                 "into the bundle"
             )
         return Law({PARAMETER: float(held["value"])})
-
-
-def _probes(kind: type[CatalogueEffect]) -> list[CatalogueEffect]:
-    """The effect with one strength at a time, at its probing size."""
-    side = {"side": _SIDE} if kind.has_side() else {}
-    return [
-        kind.neutral(**side, **{q.name: q.grid[-1] if q.grid else _PROBE * q.typical})
-        for q in kind.strengths()
-    ]
 
 
 def valve_flow(trials: Sequence[Trial], rig: Rig) -> ValveFlow:

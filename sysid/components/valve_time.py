@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.components.component import Component, Law
+from sysid.components.component import Component, Law, bends, probes, rmse
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.estimation import Estimate
 from sysid.least_squares import Parameter
@@ -24,7 +24,7 @@ from sysid.logs import Trial
 from sysid.model import base
 from sysid.model.base import Parameters
 from sysid.model.effects.entry import CatalogueEffect
-from sysid.model.ports import Effect, Model, Point
+from sysid.model.ports import Effect, Model, Point, overrides
 from sysid.model.timing import TIME_TOLERANCE, delayed
 from sysid.rig import Rig
 
@@ -41,7 +41,6 @@ _TRAIN, _FIRST, _LAST = 12, 6, 9
 _LEAST_SHARE = 1e-3
 # What an effect changes of the logarithm at its probing size, to act at all.
 _ACTS = 1e-6
-_PROBE = 0.3
 # Not of this part: one needs the time since the valve was switched on, which no reading
 # holds, the other a spool that takes a place between shut and open.
 _NOT_HERE = ("coil-heating", "valve-dead-band")
@@ -96,7 +95,7 @@ class ValveTime(Component):
             kind
             for kind in catalogue.values()
             if kind.id not in _NOT_HERE
-            and any(self._acts(law, probe, without) for probe in _probes(kind))
+            and any(self._acts(law, probe, without) for probe in probes(kind, _SIDE))
         )
 
     def _acts(self, law: Law, probe: CatalogueEffect, without: Sequence[FloatArray]) -> bool:
@@ -151,12 +150,7 @@ class ValveTime(Component):
 
     def noise_floor(self, law: Law) -> float:
         """From second differences along the duty: a smooth law is not noise."""
-        bends = [
-            (r[2:] - 2.0 * r[1:-1] + r[:-2]) / math.sqrt(6.0)
-            for r in self.residuals(law, range(len(self.sweeps)))
-        ]
-        squares = np.concatenate([b**2 for b in bends]) if bends else np.zeros(0)
-        return math.sqrt(float(np.mean(squares))) if len(squares) else math.nan
+        return rmse([bends(r) for r in self.residuals(law, range(len(self.sweeps)))])
 
     def further_errors(self, law: Law) -> dict[str, tuple[float, float]]:
         """Of the logarithm, for filling and for emptying by themselves."""
@@ -165,8 +159,7 @@ class ValveTime(Component):
         for name, fills in (("log_time_filling", True), ("log_time_emptying", False)):
             tests = [t for t, s in enumerate(self.sweeps) if s.fills == fills]
             if tests:
-                values = np.concatenate(self.residuals(law, tests))
-                found[name] = math.sqrt(float(np.mean(values**2))), floor
+                found[name] = rmse(self.residuals(law, tests)), floor
         return found
 
     def part(self, estimates: Mapping[str, Estimate]) -> dict[str, Any]:
@@ -199,7 +192,7 @@ def open_share(duty: FloatArray, model: Model) -> FloatArray:
     """
     p = model.parameters
     delays = float(p.on_delay_a), float(p.off_delay_a)
-    ports = {name for e in model.effects for name in ("pulses", "delays") if _overrides(e, name)}
+    ports = {name for e in model.effects for name in ("pulses", "delays") if overrides(e, name)}
     if not ports and delays == (0.0, 0.0):
         return duty
     period = float(p.pwm_period)
@@ -224,19 +217,6 @@ def open_share(duty: FloatArray, model: Model) -> FloatArray:
     shift = float(np.concatenate(every).min()) if len(on) else 0.0
     begin, end = reading + shift + _FIRST * period, reading + shift + _LAST * period
     return intervals.open_fraction(begin, end)
-
-
-def _probes(kind: type[CatalogueEffect]) -> list[CatalogueEffect]:
-    """The effect with one strength at a time: two delays of one size do nothing together."""
-    side = {"side": _SIDE} if kind.has_side() else {}
-    return [
-        kind.neutral(**side, **{q.name: q.grid[-1] if q.grid else _PROBE * q.typical})
-        for q in kind.strengths()
-    ]
-
-
-def _overrides(effect: Effect, port: str) -> bool:
-    return getattr(type(effect), port) is not getattr(Effect, port)
 
 
 def valve_time(trials: Sequence[Trial], rig: Rig) -> ValveTime:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from sysid.diagnosis.traces import Traces, opening, smooth
 from sysid.model import base, plant
-from sysid.model.ports import SIDES, Effect, Model, Point
+from sysid.model.ports import SIDES, Effect, Model, Point, overrides
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
@@ -74,11 +74,6 @@ def channels_of(effect: Effect) -> tuple[str, ...]:
     effort = (EFFORT,) if overrides(effect, *_EFFORT_PORTS) else ()
     rates = (RATE_A, RATE_B) if overrides(effect, *_RATE_PORTS) else ()
     return effort + rates
-
-
-def overrides(effect: Effect, *ports: str) -> bool:
-    """Whether an effect acts through any of these ports."""
-    return any(getattr(type(effect), p) is not getattr(Effect, p) for p in ports)
 
 
 def equation_error(

@@ -132,34 +132,17 @@ def parameters_from_rig(
     Raises InputError where the rig file lacks what the model needs ([air], [cylinder], an
     inertia). Without `[pwm]` or `[valves]` the period is 1 s and the delays 0.
     """
-    air = rig.require("air", "which the chamber equations need")
-    cylinder = rig.require("cylinder", "which the chamber equations need")
-    gravity = rig.gravity_moment()
+    rig.require("air", "which the chamber equations need")
+    rig.require("cylinder", "which the chamber equations need")
     delays = (rig.valves.on_delay_s, rig.valves.off_delay_s) if rig.valves else (0.0, 0.0)
-    period = rig.pwm.period_s if rig.pwm else 1.0
     if not static_effort >= 0.0 or not coulomb_effort >= 0.0:
         raise input_error(rig.source, "friction is negative", "give static and Coulomb friction")
-    return Parameters(
+    return bare_parameters(rig).replace(
         static_effort=static_effort,
         coulomb_effort=coulomb_effort,
         viscous=viscous,
         inertia=require_inertia(rig),
-        gravity_moment=0.0 if rig.is_linear else gravity,
-        weight=gravity if rig.is_linear else 0.0,
         offset=offset,
-        max_effort=np.inf if rig.max_effort is None else rig.max_effort,
-        area_a=cylinder.area_a_m2,
-        area_b=cylinder.area_b_m2,
-        offset_a=cylinder.offset_a_m,
-        offset_b=cylinder.offset_b_m,
-        stroke=cylinder.stroke_m,
-        pitch_radius=cylinder.pitch_radius_m,
-        gas_constant=air.gas_constant_j_per_kg_k,
-        heat_capacity_ratio=air.heat_capacity_ratio,
-        temperature=air.temperature_k,
-        atmosphere=air.atmospheric_pressure_pa,
-        supply=air.supply_pressure_pa,
-        supply_reference=air.supply_pressure_pa,
         choked_fill_a=valve_a.choked_fill,
         choked_dis_a=valve_a.choked_dis,
         c_fill_a=valve_a.c_fill,
@@ -172,7 +155,48 @@ def parameters_from_rig(
         c_dis_b=valve_b.c_dis,
         on_delay_b=delays[0],
         off_delay_b=delays[1],
-        pwm_period=period,
+        pwm_period=rig.pwm.period_s if rig.pwm else 1.0,
+    )
+
+
+_FLOWS = tuple(
+    f"{name}_{side}"
+    for side in ("a", "b")
+    for name in ("choked_fill", "choked_dis", "c_fill", "c_dis", "on_delay", "off_delay")
+)
+
+
+def bare_parameters(rig: Rig) -> Parameters:
+    """The rig's constants where no flow matters; without a cylinder its pistons have no area.
+
+    What the rig file does not say is neutral: the atmosphere is 1e5 Pa, the travel endless.
+    """
+    a, c, gravity = rig.air, rig.cylinder, rig.gravity_moment()
+    atmosphere = a.atmospheric_pressure_pa if a else 1e5
+    return Parameters(
+        static_effort=0.0,
+        coulomb_effort=0.0,
+        viscous=0.0,
+        inertia=1.0,
+        gravity_moment=0.0 if rig.is_linear else gravity,
+        weight=gravity if rig.is_linear else 0.0,
+        offset=0.0,
+        max_effort=np.inf if rig.max_effort is None else rig.max_effort,
+        # A chamber's volume is divided by; its force is nothing.
+        area_a=c.area_a_m2 if c else 1e-15,
+        area_b=c.area_b_m2 if c else 1e-15,
+        offset_a=c.offset_a_m if c else 1e9,
+        offset_b=c.offset_b_m if c else 1e9,
+        stroke=c.stroke_m if c else 1e9,
+        pitch_radius=c.pitch_radius_m if c else 1.0,
+        gas_constant=a.gas_constant_j_per_kg_k if a else 287.0,
+        heat_capacity_ratio=a.heat_capacity_ratio if a else 1.4,
+        temperature=a.temperature_k if a else 293.15,
+        atmosphere=atmosphere,
+        supply=a.supply_pressure_pa if a else atmosphere,
+        supply_reference=a.supply_pressure_pa if a else atmosphere,
+        **dict.fromkeys(_FLOWS, 0.0),
+        pwm_period=1.0,
     )
 
 

@@ -132,6 +132,12 @@ class Effect:
         return dict(channels)
 
 
+def overrides(effect: Effect | type[Effect], *ports: str) -> bool:
+    """Whether an effect acts through any of these ports."""
+    kind = effect if isinstance(effect, type) else type(effect)
+    return any(getattr(kind, p) is not getattr(Effect, p) for p in ports)
+
+
 @dataclass(frozen=True)
 class Model:
     """The base model with its parameters and effects: `Model(p) + Stribeck(0.1, 0.05)`."""
