@@ -42,13 +42,14 @@ class Null:
             name: np.array([typical_square(twin, name) for twin in twins]) for name in CHANNELS
         }
 
-    def calibrate(self, gains: Mapping[str, float]) -> None:
+    def calibrate(self, gains: Mapping[str, float], least: float) -> None:
         """Screen the twins for these effects, given with what they gain on the logs.
 
-        Where the first twin shows as much, the others need not be asked.
+        Where the first twin shows as much, or the gain is below `least`, the others need not
+        be asked.
         """
         self._screen(gains, self._twins[:1])
-        clear = [e for e, gain in gains.items() if gain > _ASK_AGAIN * self._gains[e][0]]
+        clear = [e for e, g in gains.items() if g > max(_ASK_AGAIN * self._gains[e][0], least)]
         self._screen(clear, self._twins[1:])
 
     def _screen(self, effects: Iterable[str], twins: Sequence[Projected]) -> None:

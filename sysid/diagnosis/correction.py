@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.diagnosis.frame import Frame
-from sysid.diagnosis.refit import refit, with_base_refitted, with_values
-from sysid.diagnosis.screening import projected
-from sysid.diagnosis.search import Search
-from sysid.diagnosis.signatures import base_parameters
+from sysid.diagnosis.refit import with_values
+from sysid.diagnosis.search import Search, own_columns
+from sysid.diagnosis.signatures import base_jacobian, base_parameters
 from sysid.model.ports import Model
 
 FloatArray = NDArray[np.float64]
@@ -37,28 +36,35 @@ def corrected(search: Search, twins: Sequence[Frame]) -> Search:
     joint, parameters = search.joint, search.model.parameters
     given = search.first.model.effects
     names = base_parameters(search.model)
-    effects, bases = [], []
-    for frame in twins:
-        base = projected(frame, Model(parameters, given))
-        again = refit(base, joint.effects)
-        model = with_base_refitted(base, Model(parameters, (*given, *again.effects)))
-        effects.append(again.fit.values - joint.fit.values)
-        bases.append(
-            [float(getattr(model.parameters, n) / getattr(parameters, n)) - 1.0 for n in names]
-        )
-    moved = _trusted(np.mean(effects, axis=0), np.abs(joint.fit.values))
-    lower = np.array([p.lower for p in joint.fit.parameters])
-    upper = np.array([p.upper for p in joint.fit.parameters])
-    values = np.clip(joint.fit.values - moved, lower, upper)
-    relative = _trusted(np.mean(bases, axis=0), np.ones(len(names)))
+    count = sum(len(type(e).quantities) for e in joint.effects)
+    fitted = joint.fit.values[:count]
+    moves = np.mean([_move(frame, search.model, names, count) for frame in twins], axis=0)
+    moved = _trusted(moves[:count], np.abs(fitted))
+    lower = np.array([p.lower for p in joint.fit.parameters])[:count]
+    upper = np.array([p.upper for p in joint.fit.parameters])[:count]
+    values = np.clip(fitted - moved, lower, upper)
+    relative = _trusted(moves[count:], np.ones(len(names)))
     changes = {
         n: float(getattr(parameters, n)) * (1.0 - r) for n, r in zip(names, relative, strict=True)
     }
     found = with_values(joint.effects, values)
     model = Model(parameters.replace(**changes), (*given, *found))
     steps = (*search.steps[:-1], replace(search.steps[-1], model=model))
-    fit = replace(joint.fit, values=values)
+    fit = replace(joint.fit, values=np.concatenate((values, joint.fit.values[count:])))
     return replace(search, steps=steps, model=model, joint=replace(joint, effects=found, fit=fit))
+
+
+def _move(frame: Frame, model: Model, names: Sequence[str], count: int) -> FloatArray:
+    """How far a fit to a twin of the model would move: effects' numbers, base parameters' shares.
+
+    One linear step: the twin is the model's own.
+    """
+    residual = frame.residual(model)
+    own = own_columns(frame, model)[:, -count:]
+    columns = np.hstack([own, base_jacobian(frame, model, residual, names)])
+    size = np.linalg.norm(columns, axis=0)
+    size[size == 0.0] = np.inf
+    return np.asarray(-np.linalg.lstsq(columns / size, residual, rcond=1e-6)[0] / size)
 
 
 def _trusted(moves: FloatArray, sizes: FloatArray) -> FloatArray:

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.diagnosis.traces import Traces, opening, smooth
+from sysid.diagnosis.traces import Rows, Traces, opening, smooth
 from sysid.model import base, plant
 from sysid.model.ports import SIDES, Effect, Model, Point, overrides
 
@@ -34,13 +35,20 @@ _SENSOR_ROUNDS = 2
 _SENSOR_CUTOFF_HZ = 80.0
 _TIMING_PORTS = ("pulses", "delays")
 
+FRICTION_PARAMETERS = ("coulomb_effort", "viscous")
+FLOW_PARAMETERS = tuple(
+    f"{law}_{side}" for side in SIDES for law in ("choked_fill", "choked_dis", "c_fill", "c_dis")
+)
+_FITTED = FRICTION_PARAMETERS + FLOW_PARAMETERS
+
 
 @dataclass(frozen=True)
 class EquationError:
-    """Residuals sample by sample, (n,), measured less modelled: effort in Nm or N, rates in Pa/s.
+    """Residuals sample by sample, measured less modelled: effort in Nm or N, rates in Pa/s.
 
-    `effort` is what acts beyond the model, in the direction of positive motion; `rate_a`
-    and `rate_b` are what the pressures rise beyond it.
+    (n,) each, or as many as the rows that were asked for. `effort` is what acts beyond the
+    model, in the direction of positive motion; `rate_a` and `rate_b` are what the pressures
+    rise beyond it.
     """
 
     effort: FloatArray
@@ -68,40 +76,55 @@ _BOTH_PORTS = ("parameters", "pitch_radius", "displacement", "measure")
 
 
 def channels_of(effect: Effect) -> tuple[str, ...]:
-    """The channels whose residual an effect can change."""
-    if overrides(effect, *_BOTH_PORTS):
-        return CHANNELS
-    effort = (EFFORT,) if overrides(effect, *_EFFORT_PORTS) else ()
-    rates = (RATE_A, RATE_B) if overrides(effect, *_RATE_PORTS) else ()
-    return effort + rates
+    """The channels whose residual an effect can change; one of a side leaves the other's rate."""
+    effort = overrides(effect, *_EFFORT_PORTS, *_BOTH_PORTS)
+    rates = overrides(effect, *_RATE_PORTS, *_BOTH_PORTS)
+    chosen = getattr(effect, "side", "both")
+    sides = [side for side in SIDES if rates and chosen in (side, "both")]
+    return (EFFORT,) * effort + tuple(f"rate_{side}" for side in sides)
 
 
 def equation_error(
-    traces: Traces, model: Model, channels: tuple[str, ...] = CHANNELS
+    traces: Traces,
+    model: Model,
+    channels: tuple[str, ...] = CHANNELS,
+    rows: Mapping[str, Rows] | None = None,
 ) -> EquationError:
-    """Residuals of a model at every sample of the traces; zero where not asked for.
+    """Residuals of a model at every sample of the traces, or at a channel's own `rows`.
 
-    At rest friction is whatever holds the shaft: the effort residual means nothing there,
-    and `Traces.direction` is 0.
+    Zeros where not asked for. At rest friction is whatever holds the shaft: the effort
+    residual means nothing there, and `Traces.direction` is 0.
     """
-    shown = traces
-    traces = _with_timing(_without_sensors(shown, model), model)
-    point = point_of(traces, model)
-    if model.state_names:
-        point = replace(point, extra=integrate_states(traces, model))
-    nothing = np.zeros(len(traces))
-    rates = {
-        side: plant.pressure_rate(side, chamber_flow(side, point, model), point, model)
-        if f"rate_{side}" in channels
-        else None
-        for side in SIDES
-    }
-    rates = _rates_as_shown(traces, rates, model)
-    return EquationError(
-        _effort_error(traces, point, model) if EFFORT in channels else nothing,
-        nothing if rates["a"] is None else np.asarray(shown.rate_a - rates["a"]),
-        nothing if rates["b"] is None else np.asarray(shown.rate_b - rates["b"]),
-    )
+    sensors = tuple(e for e in model.effects if overrides(e, "measure"))
+    timing = tuple(e for e in model.effects if overrides(e, *_TIMING_PORTS))
+    seen = _without_sensors(traces, sensors)
+    if timing:
+        # What a fit moves has no part in the timing: with it no opening would be known again.
+        fixed = model.parameters.replace(**dict.fromkeys(_FITTED, 0.0))
+        seen = _with_timing(seen, traces, Model(fixed, timing))
+    states = integrate_states(seen, model) if model.state_names else {}
+    found = {name: np.zeros(len(rows[name].index) if rows else len(traces)) for name in CHANNELS}
+    for name in channels:
+        # A sensor with a memory needs what it is shown without a gap.
+        some = rows[name] if rows and not (sensors and name != EFFORT) else None
+        here, extra = seen, states
+        if some is not None:
+            here, extra = seen.at(some), {n: v[some.index] for n, v in states.items()}
+        point = replace(point_of(here, model), extra=extra)
+        if name == EFFORT:
+            found[name] = _effort_error(here, point, model)
+            continue
+        side = name[-1]
+        rate = plant.pressure_rate(side, chamber_flow(side, point, model), point, model)
+        if sensors:
+            rate = _as_shown(here, side, np.asarray(rate), sensors)
+        shown = getattr(traces, name)
+        if some is None and rows:
+            rate, shown = rate[rows[name].index], shown[rows[name].index]
+        elif some is not None:
+            shown = getattr(traces.at(some), name)
+        found[name] = np.asarray(shown - rate)
+    return EquationError(**found)
 
 
 def point_of(traces: Traces, model: Model) -> Point:
@@ -147,46 +170,44 @@ def _effort_error(traces: Traces, point: Point, model: Model) -> FloatArray:
     return np.asarray(point.parameters.inertia * traces.acceleration - (applied - friction))
 
 
-def _rates_as_shown(
-    traces: Traces, rates: dict[str, FloatArray | None], model: Model
-) -> dict[str, FloatArray | None]:
-    """The model's pressure rates as the pressure sensors would show them.
+def _as_shown(
+    traces: Traces, side: str, rate: FloatArray, sensors: tuple[Effect, ...]
+) -> FloatArray:
+    """The model's pressure rate (n,) as the pressure sensor would show it.
 
     The sensors are applied to the model's side: undone on the measured rate, a lag would
     raise its noise.
     """
-    sensors = [e for e in model.effects if overrides(e, "measure")]
-    if not sensors or all(rate is None for rate in rates.values()):
-        return rates
-    names = {"a": "pressure_a_pa", "b": "pressure_b_pa"}
-    nothing = np.zeros(len(traces))
-    found = {side: nothing if rate is None else rate.copy() for side, rate in rates.items()}
+    nothing, name = np.zeros(len(traces)), f"pressure_{side}_pa"
+    found = np.empty(len(traces))
     for run in traces.runs:
         rows = run.rows
         time = traces.time[rows]
-        zero: Mapping[str, FloatArray] = {"theta_rad": traces.position[rows]}
-        zero = {**zero, **dict.fromkeys(names.values(), nothing[rows])}
-        moved: Mapping[str, FloatArray] = {**zero, **{names[s]: found[s][rows] for s in names}}
+        zero: Mapping[str, FloatArray] = {
+            "theta_rad": traces.position[rows],
+            "pressure_a_pa": nothing[rows],
+            "pressure_b_pa": nothing[rows],
+        }
+        moved: Mapping[str, FloatArray] = {**zero, name: rate[rows]}
         for effect in sensors:
             zero, moved = effect.measure(zero, time), effect.measure(moved, time)
-        for side, name in names.items():
-            found[side][rows] = moved[name] - zero[name]
-    return {side: None if rates[side] is None else found[side] for side in rates}
+        found[rows] = moved[name] - zero[name]
+    return found
 
 
-def _with_timing(traces: Traces, model: Model) -> Traces:
-    if not any(overrides(e, *_TIMING_PORTS) for e in model.effects):
-        return traces
-    return traces.with_opening(*(opening(traces.runs, model, side) for side in SIDES))
+@lru_cache(maxsize=2)
+def _with_timing(seen: Traces, traces: Traces, model: Model) -> Traces:
+    return seen.with_opening(*(opening(traces.runs, model, side) for side in SIDES))
 
 
-def _without_sensors(traces: Traces, model: Model) -> Traces:
+@lru_cache(maxsize=2)
+def _without_sensors(traces: Traces, sensors: tuple[Effect, ...]) -> Traces:
     """The traces as they were before the sensors: the `measure` ports undone by iteration.
 
     What a sensor takes away is given back up to a cut-off, above which undoing it would
     raise the noise without bound.
     """
-    if not any(overrides(e, "measure") for e in model.effects):
+    if not sensors:
         return traces
     names = ("theta_rad", "pressure_a_pa", "pressure_b_pa")
     shown = (traces.position, traces.pressure_a, traces.pressure_b)
@@ -197,7 +218,7 @@ def _without_sensors(traces: Traces, model: Model) -> Traces:
             rows = run.rows
             before = {name: channel[rows] for name, channel in zip(names, true, strict=True)}
             after: Mapping[str, FloatArray] = before
-            for effect in model.effects:
+            for effect in sensors:
                 after = effect.measure(after, traces.time[rows])
             for channel, name in zip(lost, names, strict=True):
                 channel[rows] = before[name] - after[name]

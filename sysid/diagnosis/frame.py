@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.diagnosis.equation_error import CHANNELS, EFFORT, EquationError, equation_error
-from sysid.diagnosis.traces import Traces, Windows, windows
+from sysid.diagnosis.traces import Rows, Traces, Windows, windows
 from sysid.model import base
 from sysid.model.ports import SIDES, Model
 
@@ -29,6 +29,7 @@ ORDER = 6
 _RIDGE = 0.02
 _END_SHARE = 0.01
 _NEAR_SUPPLY = 0.01
+_NEAR_ATMOSPHERE = 0.01
 _RUNAWAY = 1e4
 _NEAR_BOUNDARY = 0.006
 # Tests that tell their own friction to 3 %, and how many of them a spread needs.
@@ -47,18 +48,21 @@ class Noise:
 class Frame:
     """Traces with their windows, and the whitening of each channel's residuals.
 
-    `friction` (rows of the effort channel,): each test's sliding friction as the fitted
+    `rows_used` are the samples that a channel's windows hold, `averaging` its windows over
+    these. `friction` (rows of the effort channel,): each test's sliding friction as the fitted
     model has it, whitened; `scatter` its relative spread from test to test.
     """
 
     traces: Traces
     windows: dict[str, Windows]
     whitening: dict[str, Any]
+    rows_used: dict[str, Rows]
+    averaging: dict[str, Any]
     friction: FloatArray
     scatter: float
 
     def vector(self, error: EquationError, channels: tuple[str, ...] = CHANNELS) -> FloatArray:
-        """The whitened residual of all channels, (rows,); zero for channels not named."""
+        """The whitened residual, (rows,), of errors at the rows used; 0 for channels not named."""
         return np.concatenate(
             [
                 self.channel(name, error) if name in channels else np.zeros(len(self.windows[name]))
@@ -72,12 +76,13 @@ class Frame:
         A trial model whose states run away has a large one, not an undefined one.
         """
         with np.errstate(over="ignore", invalid="ignore"):
-            found = self.vector(equation_error(self.traces, model, channels), channels)
+            error = equation_error(self.traces, model, channels, self.rows_used)
+            found = self.vector(error, channels)
         return np.asarray(np.nan_to_num(found, nan=_RUNAWAY, posinf=_RUNAWAY, neginf=-_RUNAWAY))
 
     def channel(self, name: str, error: EquationError) -> FloatArray:
         """The whitened residual of one channel."""
-        white = self.whitening[name] @ self.windows[name].average(error[name])
+        white = self.whitening[name] @ (self.averaging[name] @ error[name])
         return self._without_scatter(white) if name == EFFORT else white
 
     def _without_scatter(self, values: FloatArray) -> FloatArray:
@@ -99,6 +104,10 @@ class Frame:
     def tests(self) -> IntArray:
         """The test that each row of the vector belongs to, (rows,)."""
         return np.concatenate([self.windows[name].run for name in CHANNELS])
+
+    def count(self, name: str) -> int:
+        """Rows of a channel."""
+        return len(self.windows[name])
 
     def rows(self, name: str) -> slice:
         """Where a channel lies in the vector."""
@@ -128,22 +137,26 @@ def build_windows(traces: Traces, model: Model) -> dict[str, Windows]:
 def _in_doubt(traces: Traces, model: Model, side: str) -> BoolArray:
     """Samples at which noise decides what the valve's law gives, (n,).
 
-    Filling near the supply pressure goes with the root of a difference that is mostly
-    noise; at the choked boundaries the law jumps.
+    Flow near the supply pressure or the atmosphere may go with the root of a difference that
+    is mostly noise; at the choked boundaries the law jumps.
     """
     pressure = traces.pressure(side)
     share = traces.open_a if side == "a" else traces.open_b
     filling, exhausting = share > 0.0, share < 1.0
     to_supply = np.abs(traces.supply - pressure) < _NEAR_SUPPLY * traces.supply
+    atmosphere = float(model.parameters.atmosphere)
+    to_atmosphere = np.abs(pressure - atmosphere) < _NEAR_ATMOSPHERE * atmosphere
     fill, exhaust = (
         base.filling_boundary(traces.supply),
-        base.exhaust_boundary(model.parameters.atmosphere),
+        base.exhaust_boundary(atmosphere),
     )
     # A boundary that is crossed between two samples is in doubt at both.
     travel = np.abs(np.gradient(pressure))
     at_fill = np.abs(pressure - fill) < _NEAR_BOUNDARY * fill + travel
     at_exhaust = np.abs(pressure - exhaust) < _NEAR_BOUNDARY * exhaust + travel
-    return np.asarray((filling & (to_supply | at_fill)) | (exhausting & at_exhaust))
+    return np.asarray(
+        (filling & (to_supply | at_fill)) | (exhausting & (to_atmosphere | at_exhaust))
+    )
 
 
 def noise_of(traces: Traces, model: Model) -> Noise:
@@ -166,7 +179,9 @@ def build_frame(traces: Traces, model: Model, noise: Noise, scatter: float) -> F
     p = model.parameters
     friction = p.coulomb_effort * traces.direction + p.viscous * traces.velocity
     white = np.asarray(whitening[EFFORT] @ views[EFFORT].average(np.asarray(friction)))
-    return Frame(traces, views, whitening, white, scatter)
+    used = {name: view.used() for name, view in views.items()}
+    averaging = {name: view.matrix[:, used[name].index] for name, view in views.items()}
+    return Frame(traces, views, whitening, used, averaging, white, scatter)
 
 
 def _autocovariance(values: FloatArray, view: Windows) -> FloatArray:

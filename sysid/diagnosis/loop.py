@@ -62,7 +62,7 @@ def close_loop(
     """
     noise = sensor_noise(tests, rig)
     traces = prepare(tests, rig, model)
-    forms = candidates(catalogue)
+    forms = candidates(effect for effect in catalogue if not effect.averaged_only)
     # The noise's colour in the residuals comes from a twin; scatter does not matter to it.
     pilot = next(iter(simulate_twins(traces, model, noise, Scatter(), 1, seed + 1, rig)))
     colour = noise_of(pilot, model)

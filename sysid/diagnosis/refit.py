@@ -1,7 +1,6 @@
 """Effects' own numbers: nonlinear least squares of the whitened equation error.
 
-The base parameters go along and enter linearly, so they are projected out (variable
-projection, Golub and Pereyra 1973).
+The base parameters go along, each in the balance that it belongs to.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 
 from sysid.diagnosis.equation_error import CHANNELS, channels_of
 from sysid.diagnosis.screening import Projected
-from sysid.diagnosis.signatures import base_jacobian, base_parameters
+from sysid.diagnosis.signatures import base_jacobian, base_parameters, channel_of
 from sysid.least_squares import LeastSquaresFit, Parameter, minimise
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import Model
@@ -24,8 +23,13 @@ from sysid.model.ports import Model
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 
-_EVALUATIONS = 8
+_EVALUATIONS = 20
 _TOLERANCE = 1e-4
+# One-sided differences: half the evaluations, and a fit to 1e-4 needs no more.
+_STEP = 1e-5
+_MOST_FACTOR = 5.0
+# A base parameter that an effect leaves without influence would step anywhere.
+_MOST_STEP = 0.5
 
 
 @dataclass(frozen=True)
@@ -33,7 +37,8 @@ class Refit:
     """Effects with their numbers fitted, and what they take of a residual.
 
     `gain`: the fall of the whitened sum of squares; `rest` (rows,) what is left of the
-    residual; `fit` holds the parameters by "id/name".
+    residual; `fit` holds the effects' parameters by "id/name", in the effects' order, then
+    the base parameters' factors.
     """
 
     effects: tuple[CatalogueEffect, ...]
@@ -68,21 +73,58 @@ class Refit:
 
 
 def refit(base: Projected, starts: Sequence[CatalogueEffect]) -> Refit:
-    """Fit the effects' strengths and shapes from a start, beside the model's own effects."""
+    """Fit the effects' strengths and shapes from a start, beside the model's own effects.
+
+    The base parameters of the balances that the effects reach are fitted along: an effect
+    that replaces a law changes what they do.
+    """
     channels = tuple(c for c in CHANNELS if any(c in channels_of(e) for e in starts))
     touched = np.zeros(len(base.rest), dtype=bool)
     for name in channels:
         touched[base.frame.rows(name)] = True
-    owned = [(e, q) for e in starts for q in type(e).quantities]
+    names = [n for n in base_parameters(base.model) if channel_of(n) in channels]
+    parameters = [*_own_parameters(starts), *(_relative(n) for n in names)]
+    count = len(parameters) - len(names)
+
+    def model_of(values: FloatArray) -> Model:
+        given = base.model
+        factors = zip(names, values[count:], strict=True)
+        changes = {n: getattr(given.parameters, n) * f for n, f in factors}
+        effects = (*given.effects, *with_values(starts, values[:count]))
+        return Model(given.parameters.replace(**changes), effects)
+
+    def whitened(values: FloatArray, some: tuple[str, ...] = channels) -> FloatArray:
+        return base.frame.residual(model_of(values), some)
 
     def residuals(values: FloatArray) -> FloatArray:
-        model = base.model
-        for effect in with_values(starts, values):
-            model = model + effect
-        changed = base.frame.residual(model, channels)
-        return base.project(np.where(touched, changed, base.residual))
+        return base.beside_extra(np.where(touched, whitened(values), base.rest))
 
-    parameters = [
+    def jacobian(values: FloatArray) -> FloatArray:
+        here, columns = whitened(values), []
+        for i, parameter in enumerate(parameters):
+            step = _STEP * max(abs(values[i]), 1e-2 * parameter.size)
+            moved = np.array(values)
+            moved[i] += step if values[i] + step <= parameter.upper else -step
+            some = channels if i < count else (channel_of(names[i - count]),)
+            reached = np.concatenate([np.full(base.frame.count(c), c in some) for c in CHANNELS])
+            change = np.where(reached, whitened(moved, some) - here, 0.0)
+            columns.append(change / (moved[i] - values[i]))
+        return base.beside_extra(np.column_stack(columns))
+
+    fit = minimise(
+        residuals,
+        parameters,
+        jacobian=jacobian,
+        tolerance=_TOLERANCE,
+        max_evaluations=_EVALUATIONS,
+        polish=False,
+    )
+    gain = float(base.rest @ base.rest) - fit.sum_of_squares
+    return Refit(with_values(starts, fit.values[:count]), gain, fit.residuals, fit)
+
+
+def _own_parameters(effects: Sequence[CatalogueEffect]) -> list[Parameter]:
+    return [
         Parameter(
             f"{e.id}/{q.name}",
             float(np.clip(getattr(e, q.name), q.lower, q.upper)),
@@ -91,17 +133,14 @@ def refit(base: Projected, starts: Sequence[CatalogueEffect]) -> Refit:
             q.upper,
             abs(q.typical),
         )
-        for e, q in owned
+        for e in effects
+        for q in type(e).quantities
     ]
-    fit = minimise(
-        residuals,
-        parameters,
-        tolerance=_TOLERANCE,
-        max_evaluations=_EVALUATIONS,
-        polish=False,
-    )
-    gain = float(base.rest @ base.rest) - fit.sum_of_squares
-    return Refit(with_values(starts, fit.values), gain, fit.residuals, fit)
+
+
+def _relative(name: str) -> Parameter:
+    """A base parameter over what the bundle says."""
+    return Parameter(name, 1.0, "-", 1.0 / _MOST_FACTOR, _MOST_FACTOR, 1.0)
 
 
 def with_values(
@@ -127,7 +166,9 @@ def with_base_refitted(base: Projected, model: Model) -> Model:
     residual = base.frame.residual(model)
     jacobian = base_jacobian(base.frame, model, residual, names)
     size = np.linalg.norm(jacobian, axis=0)
-    step = -np.linalg.lstsq(jacobian / size, residual, rcond=1e-9)[0] / size
+    size[size == 0.0] = 1.0
+    step = -np.linalg.lstsq(jacobian / size, residual, rcond=1e-6)[0] / size
+    step = np.clip(step, -_MOST_STEP, _MOST_STEP)
     changes = {
         n: float(getattr(model.parameters, n) * (1.0 + s)) for n, s in zip(names, step, strict=True)
     }
@@ -142,6 +183,7 @@ def standard_errors(base: Projected, extra: FloatArray) -> dict[str, float]:
     names = base_parameters(base.model)
     jacobian = np.hstack([base_jacobian(base.frame, base.model, base.residual, names), extra])
     size = np.linalg.norm(jacobian, axis=0)
+    size[size == 0.0] = 1.0
     spread = max(float(base.rest @ base.rest) / len(base.rest), 1.0)
     covariance = np.linalg.pinv((jacobian / size).T @ (jacobian / size), hermitian=True) * spread
     relative = np.sqrt(np.diag(covariance)) / size

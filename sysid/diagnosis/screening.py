@@ -30,7 +30,8 @@ class Projected:
     """A residual with all that the model's own parameters can do taken out of it.
 
     `residual` (rows,) as it is, `rest` (rows,) what is left of it, `basis` (rows, m)
-    orthonormal.
+    orthonormal; `extra` (rows, k), orthonormal too, are those of it that are not the base
+    parameters'.
     """
 
     frame: Frame
@@ -38,6 +39,11 @@ class Projected:
     residual: FloatArray
     basis: FloatArray
     rest: FloatArray
+    extra: FloatArray
+
+    def beside_extra(self, values: FloatArray) -> FloatArray:
+        """`values` (rows,) or (rows, k) without what `extra` holds."""
+        return values - self.extra @ (self.extra.T @ values)
 
     def project(self, values: FloatArray) -> FloatArray:
         """`values` (rows,) or (rows, k) without what the basis holds."""
@@ -48,11 +54,13 @@ def projected(frame: Frame, model: Model, extra: FloatArray | None = None) -> Pr
     """The residual of a model, its base parameters (and `extra` columns) projected out."""
     residual = frame.residual(model)
     jacobian = base_jacobian(frame, model, residual, base_parameters(model))
+    own = np.zeros((len(residual), 0))
     if extra is not None and extra.size:
+        own = _orthonormal(extra)
         jacobian = np.hstack([jacobian, extra])
     basis = _orthonormal(jacobian)
     rest = residual - basis @ (basis.T @ residual)
-    return Projected(frame, model, residual, basis, rest)
+    return Projected(frame, model, residual, basis, rest, own)
 
 
 def _orthonormal(columns: FloatArray) -> FloatArray:

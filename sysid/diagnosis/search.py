@@ -168,7 +168,7 @@ def search(
             ),
         )
         steps.append(step)
-        base = projected(frame, extended, extra=_own_columns(frame, extended))
+        base = projected(frame, extended, extra=own_columns(frame, extended))
 
 
 def _finished(
@@ -181,7 +181,7 @@ def _finished(
     joint = refit(first, [s.refit.effect for s in steps]) if len(steps) > 1 else alone
     extended = Model(first.model.parameters, (*first.model.effects, *joint.effects))
     model = with_base_refitted(first, extended)
-    own = _own_columns(first.frame, model)
+    own = own_columns(first.frame, model)
     last = projected(first.frame, model, extra=own)
     base_std = standard_errors(last, own)
     steps = [*steps[:-1], replace(steps[-1], model=model)]
@@ -218,7 +218,8 @@ def _suspects(best: dict[str, Explained], null: Null) -> list[Suspect]:
         for name, result in best.items()
         if null.family * chi2.sf(result.gain, len(result.coefficients)) < SIGNIFICANCE
     ][:_CALIBRATED]
-    null.calibrate({name: best[name].gain for name in remarkable})
+    gains = {name: best[name].gain for name in remarkable}
+    null.calibrate(gains, WORTH_REFITTING * max(gains.values(), default=0.0))
     found = [
         Suspect(
             name,
@@ -246,7 +247,8 @@ def _penalty(found: Refit, base: Projected) -> float:
     """BIC's price of an effect's parameters, in whitened squares."""
     rows = len(base.rest)
     scale = max(float(found.rest @ found.rest) / rows, 1.0)
-    return scale * len(found.fit.values) * math.log(rows)
+    count = sum(len(type(effect).quantities) for effect in found.effects)
+    return scale * count * math.log(rows)
 
 
 def _ambiguous(winner: Refit, refits: Sequence[Refit], base: Projected) -> tuple[str, ...]:
@@ -262,8 +264,8 @@ def _ambiguous(winner: Refit, refits: Sequence[Refit], base: Projected) -> tuple
     return tuple(sorted(near))
 
 
-def _own_columns(frame: Frame, model: Model) -> FloatArray:
-    """Change of the residual with every parameter of the model's effects, (rows, k)."""
+def own_columns(frame: Frame, model: Model) -> FloatArray:
+    """Change of the residual with every parameter of the model's effects, (rows, k), in order."""
     residual = frame.residual(model)
     columns = []
     for place, effect in enumerate(model.effects):
@@ -276,5 +278,4 @@ def _own_columns(frame: Frame, model: Model) -> FloatArray:
             changed[place] = replace(effect, **{q.name: value + move})  # type: ignore[type-var]
             other = frame.residual(Model(model.parameters, tuple(changed)))
             columns.append((other - residual) / move)
-    table = np.column_stack(columns)
-    return np.asarray(table[:, np.linalg.norm(table, axis=0) > 0.0])
+    return np.column_stack(columns)

@@ -10,17 +10,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.diagnosis.equation_error import EFFORT, channels_of
+from sysid.diagnosis.equation_error import (
+    EFFORT,
+    FLOW_PARAMETERS,
+    FRICTION_PARAMETERS,
+    channels_of,
+)
 from sysid.diagnosis.frame import Frame
 from sysid.model.effects.entry import SIDE_CHOICES, CatalogueEffect
 from sysid.model.ports import SIDES, Model
 
 FloatArray = NDArray[np.float64]
 
-FRICTION_PARAMETERS = ("coulomb_effort", "viscous")
-FLOW_PARAMETERS = tuple(
-    f"{law}_{side}" for side in SIDES for law in ("choked_fill", "choked_dis", "c_fill", "c_dis")
-)
 _BASE_STEP = 0.01
 # A strength whose effect is proportional to it is tried at this share of its usual size.
 _PROBE = 0.3
@@ -125,22 +126,32 @@ def base_parameters(model: Model) -> tuple[str, ...]:
     return tuple(n for n in names if float(getattr(model.parameters, n)) > 0.0)
 
 
+def channel_of(name: str) -> str:
+    """The balance that a base parameter belongs to."""
+    return EFFORT if name in FRICTION_PARAMETERS else f"rate_{name[-1]}"
+
+
 def base_jacobian(frame: Frame, model: Model, base: FloatArray, names: Sequence[str]) -> FloatArray:
     """Change of the whitened residual per relative change of each base parameter."""
     columns = []
     for name in names:
-        channels = (EFFORT,) if name in FRICTION_PARAMETERS else (f"rate_{name[-1]}",)
+        channel = channel_of(name)
         value = getattr(model.parameters, name)
         changed = Model(
             model.parameters.replace(**{name: value * (1.0 + _BASE_STEP)}), model.effects
         )
         column = np.zeros(len(base))
-        moved = frame.residual(changed, channels)
-        for channel in channels:
-            rows = frame.rows(channel)
-            column[rows] = (moved[rows] - base[rows]) / _BASE_STEP
+        moved, rows = frame.residual(changed, (channel,)), frame.rows(channel)
+        column[rows] = (moved[rows] - base[rows]) / _BASE_STEP
         columns.append(column)
     return np.column_stack(columns)
 
 
-__all__ = ["Candidate", "Signatures", "base_jacobian", "base_parameters", "candidates"]
+__all__ = [
+    "Candidate",
+    "Signatures",
+    "base_jacobian",
+    "base_parameters",
+    "candidates",
+    "channel_of",
+]

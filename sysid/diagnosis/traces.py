@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -47,6 +48,13 @@ _REVERSAL_S = 0.012
 _SEAM_S = 0.015
 
 
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Samples to be looked at: `index` (m,) into the arrays of traces; equal only to itself."""
+
+    index: IntArray
+
+
 @dataclass(frozen=True)
 class TestRun:
     """One test of the campaign: its log's kind, its rows in the arrays, and its commands.
@@ -63,7 +71,8 @@ class TestRun:
     moves: bool
 
 
-@dataclass(frozen=True)
+# Equal only to itself: what is derived from traces is kept by them.
+@dataclass(frozen=True, eq=False)
 class Traces:
     """Samples of all tests end to end, arrays (n,), SI; what the ports are evaluated at.
 
@@ -100,6 +109,12 @@ class Traces:
         """Whether every channel is a number everywhere."""
         channels = (self.acceleration, self.rate_a, self.rate_b)
         return all(bool(np.isfinite(channel).all()) for channel in channels)
+
+    @lru_cache(maxsize=8)  # noqa: B019 - a few traces live, for as long as a diagnosis
+    def at(self, rows: Rows) -> Traces:
+        """These rows alone, of no test in particular."""
+        names = [f.name for f in fields(self) if f.name != "runs"]
+        return replace(self, runs=(), **{n: getattr(self, n)[rows.index] for n in names})
 
     def with_measured(
         self, position: FloatArray, pressure_a: FloatArray, pressure_b: FloatArray
@@ -308,6 +323,10 @@ class Windows:
     def average(self, values: FloatArray) -> FloatArray:
         """Mean of each window, (windows,) or (windows, m) from (n,) or (n, m)."""
         return np.asarray(self.matrix @ values)
+
+    def used(self) -> Rows:
+        """The samples that any window holds."""
+        return Rows(np.flatnonzero(np.diff(self.matrix.tocsc().indptr)).astype(np.intp))
 
     def __len__(self) -> int:
         return len(self.run)

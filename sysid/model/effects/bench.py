@@ -76,6 +76,7 @@ class PartialOpening(CatalogueEffect):
     id = "partial-opening"
     title = "Pulses too short to open a valve fully, before a line that limits the flow"
     subsystem = "valve"
+    averaged_only = True
     quantities = (
         Quantity("filling_steepness", "-", 4.0, 0.0, 40.0, "n while the chamber fills"),
         Quantity("exhaust_steepness", "-", 4.0, 0.0, 40.0, "n while it empties"),
@@ -131,6 +132,7 @@ class ValveDeadBand(CatalogueEffect):
     id = "valve-dead-band"
     title = "Dead band and curved opening of a valve"
     subsystem = "valve"
+    averaged_only = True
     quantities = (
         Quantity(
             "dead_duty",
@@ -182,6 +184,7 @@ class SeriesRestriction(CatalogueEffect):
     id = "series-restriction"
     title = "A line in series with a valve limits its flow"
     subsystem = "valve"
+    averaged_only = True
     quantities = (_LOG_RATIO,)
     signature = "flow that levels off as the duty grows"
     rivals = ("valve-dead-band", "partial-opening")
@@ -216,6 +219,7 @@ class ValveHysteresis(CatalogueEffect):
     id = "valve-hysteresis"
     title = "Flow that depends on where the duty came from"
     subsystem = "valve"
+    averaged_only = True
     quantities = (
         Quantity("loop_share", "-", 0.05, -1.0, 1.0, "h: half of the loop over the small flow"),
     )

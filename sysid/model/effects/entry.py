@@ -57,6 +57,8 @@ class CatalogueEffect(Effect):
     tie_breaker: ClassVar[str] = ""
     """The test that tells it from its rivals."""
     source: ClassVar[str]
+    averaged_only: ClassVar[bool] = False
+    """Acts on flows averaged over a PWM period only, not on a valve followed pulse by pulse."""
 
     @classmethod
     def strengths(cls) -> tuple[Quantity, ...]:
