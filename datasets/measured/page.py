@@ -1,13 +1,12 @@
 """The page of the measured sets: what each lacked, the errors before and after, what remains.
 
-It has the style, the tables and the figures of a campaign's own report (`sysid.report`).
+It has the frame, the style, the tables and the figures of a campaign's own report
+(`sysid.report`).
 """
 
 from __future__ import annotations
 
-import datetime
 from collections.abc import Mapping, Sequence
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -24,18 +23,16 @@ from datasets.measured.findings import (
     remains_text,
     repeats_of,
 )
-from sysid import __version__
 from sysid.files import write_atomic
 from sysid.report import svg
 from sysid.report.blocks import Block, FigureGroup, Heading, Lines, Section, table
 from sysid.report.diagnosis_text import joined, p_text, parameter_rows
+from sysid.report.frame import fill
 from sysid.report.numbers import MISSING, estimate_cells, number
 
 Content = Mapping[str, Any]
 
 _TEMPLATE = Path(__file__).with_name("page.html")
-# The report's macros stand above its page.
-_REPORT, _MACROS_END = "report.html", "<!doctype html>"
 # Curves of one campaign that are drawn.
 _MOST_CURVES = 6
 
@@ -59,7 +56,14 @@ def render_page(results: Content) -> str:
         overview(results),
         text=(1, 2, 3, 8),
     )
-    return _fill(summary, sections, _sentence(results), _level(results))
+    return fill(
+        _TEMPLATE.name,
+        folder=_TEMPLATE.parent,
+        summary=summary,
+        sections=sections,
+        sentence=_sentence(results),
+        level=_level(results),
+    )
 
 
 def _sentence(results: Content) -> str:
@@ -270,37 +274,6 @@ def _repeat_row(campaign: Content) -> Sequence[str]:
     errors = errors_of(campaign)
     cells = error_cells(errors[0]) if errors else blank
     return (diagnosis["verdict"], found_text(diagnosis), *cells)
-
-
-# --- the template -----------------------------------------------------------------------
-
-
-def _fill(summary: Block, sections: Sequence[Section], sentence: str, level: str) -> str:
-    import jinja2
-    from markupsafe import Markup
-
-    templates = resources.files("sysid.report") / "templates"
-    macros, found, _ = (templates / _REPORT).read_text("utf-8").partition(_MACROS_END)
-    if not found:
-        raise ValueError(f"{_REPORT} holds no page")
-    sources = {"macros.html": macros, "page.html": _TEMPLATE.read_text("utf-8")}
-    environment = jinja2.Environment(
-        loader=jinja2.DictLoader(sources),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
-    moment = datetime.datetime.now(datetime.UTC)
-    return environment.get_template("page.html").render(
-        written=moment.strftime("%Y-%m-%d %H:%M UTC"),
-        version=__version__,
-        summary=summary,
-        sections=sections,
-        sentence=sentence,
-        level=level,
-        style=Markup((templates / "style.css").read_text("utf-8")),
-    )
 
 
 __all__ = ["render_page", "write_page"]

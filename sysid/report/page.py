@@ -5,11 +5,9 @@ from __future__ import annotations
 import datetime
 import json
 from collections.abc import Callable, Mapping, Sequence
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sysid import __version__
 from sysid.campaign import FRICTION_KINDS, MOTION_KINDS
 from sysid.files import write_atomic
 from sysid.report.blocks import Block, Fold, Plot, Section
@@ -175,48 +173,39 @@ def _fill(
     sections: Sequence[Section],
     left_out: Sequence[str],
 ) -> str:
-    import jinja2
     from markupsafe import Markup
 
+    from sysid.report.frame import fill, template_text
     from sysid.report.interactive import bokeh_script
 
-    templates = resources.files("sysid.report") / "templates"
-    environment = jinja2.Environment(
-        loader=jinja2.FunctionLoader(lambda name: (templates / name).read_text("utf-8")),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
     plots = [block for section in sections for block in _plots(section.blocks)]
     documents, data = _plot_data(plots)
     rig = campaign.rig
-    return environment.get_template("report.html").render(
+    return fill(
+        "report.html",
         rig=rig,
         campaign=campaign.path.name,
         orientation=f"{rig.orientation}, {rig.motion}",
-        written=_moment(datetime.datetime.now(datetime.UTC).isoformat()),
         fitted=_moment(str(bundle.get("created", ""))),
-        version=__version__,
         verdict=judged,
         sections=sections,
         left_out=left_out,
         documents=documents,
         plot_section=next((s.id for s in sections if _plots(s.blocks)), ""),
         data=[(id, Markup(_json(content))) for id, content in data],
-        style=Markup((templates / "style.css").read_text("utf-8")),
-        script=Markup((templates / "report.js").read_text("utf-8")),
+        script=Markup(template_text("report.js")),
         bokeh=Markup(bokeh_script()) if plots else "",
     )
 
 
 def _moment(text: str) -> str:
     """An ISO time to the minute, UTC; anything else as it is."""
+    from sysid.report.frame import moment
+
     try:
-        moment = datetime.datetime.fromisoformat(text)
+        return moment(datetime.datetime.fromisoformat(text))
     except ValueError:
         return text
-    return moment.astimezone(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
 
 
 def _plots(blocks: Sequence[Block]) -> list[Plot]:

@@ -1,0 +1,55 @@
+"""The frame that pages share: how a template that extends `templates/frame.html` is filled in."""
+
+from __future__ import annotations
+
+import datetime
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from sysid import __version__
+
+_TEMPLATES = resources.files("sysid.report") / "templates"
+
+
+def fill(template: str, *, folder: Path | None = None, **content: Any) -> str:
+    """The page of a template that extends `frame.html`, the report's own or one in `folder`.
+
+    `content` is what the template speaks of; texts in it are escaped.
+    """
+    import jinja2
+    from markupsafe import Markup
+
+    loaders: list[jinja2.BaseLoader] = [jinja2.FunctionLoader(_source)]
+    if folder is not None:
+        loaders.append(jinja2.FileSystemLoader(folder))
+    environment = jinja2.Environment(
+        loader=jinja2.ChoiceLoader(loaders),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    return environment.get_template(template).render(
+        **content,
+        version=__version__,
+        written=moment(datetime.datetime.now(datetime.UTC)),
+        style=Markup(template_text("style.css")),
+    )
+
+
+def moment(time: datetime.datetime) -> str:
+    """A time to the minute, UTC."""
+    return time.astimezone(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
+
+
+def template_text(name: str) -> str:
+    """A file of the report's templates as it stands."""
+    return (_TEMPLATES / name).read_text("utf-8")
+
+
+def _source(name: str) -> str | None:
+    return template_text(name) if (_TEMPLATES / name).is_file() else None
+
+
+__all__ = ["fill", "moment", "template_text"]
