@@ -188,6 +188,11 @@ def check(logs: Sequence[Path], rig: Path | None, maps: Sequence[str], as_json: 
 @click.option("--decimal", help="Decimal sign of a text file: `.` or `,`.")
 @click.option("--thousands", help="Thousands separator of a text file.")
 @click.option("--skip-rows", type=int, help="Lines to leave out on top of a text file.")
+@click.option(
+    "--rows",
+    metavar="FIRST:LAST",
+    help='Rows of the table to keep, counted from 0, LAST not among them; also "::3, 2::3".',
+)
 @click.option("--no-header", is_flag=True, help="The first row is data; columns are #1, #2, ...")
 @click.option("--sheet", help="Sheet of an Excel workbook.")
 @click.option("--period", "period_s", type=float, help="Sampling period, s: no time column.")

@@ -79,6 +79,7 @@ def convert(
     thousands: str | None = None,
     no_header: bool = False,
     skip_rows: int | None = None,
+    rows: str | None = None,
     sheet: str | None = None,
     period_s: float | None = None,
     atmosphere_pa: float | None = None,
@@ -86,7 +87,8 @@ def convert(
     """Read foreign file(s), map their columns to SI and write a log (CSV or Parquet).
 
     `maps` are entries `target=column[:unit]` (`sysid.units`), `constants` entries
-    `target=value`. Several files become the tests of one log, called by their file names.
+    `target=value`, `rows` the slices of each file's rows that are kept ("0:500, 900:").
+    Several files become the tests of one log, called by their file names.
     Without maps, columns that have the log format's names already are taken. Raises
     InputError, one line with the place and the mend; the output is whole or not there.
     """
@@ -105,6 +107,7 @@ def convert(
         },
         period_s,
         atmosphere_pa,
+        rows,
     )
     if len(paths) > 1 and (TEST_COLUMN in recipe.maps or TEST_COLUMN in recipe.constants):
         raise input_error(
@@ -247,7 +250,7 @@ def _keep_rows(columns: dict[str, Any], table: ForeignTable, recipe: Recipe, row
         raise input_error(
             table.path,
             f"rows = {recipe.rows_text!r} keeps none of its {rows} rows",
-            "mend [options] rows",
+            "mend --rows, or rows in the recipe's [options]",
         )
     if recipe.period_s is not None and kept[0] > kept[-1]:
         columns["time_s"] = columns["time_s"][::-1]

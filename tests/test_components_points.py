@@ -211,7 +211,9 @@ def tables(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert measured.data == "project" and KIND in BENCH_KINDS
     for entry in measured.conversions:
         sources = [PROJECT / entry.folder / source for source in entry.sources]
-        convert(sources, folder / entry.log, spec_file=measured.path / entry.recipe)
+        convert(
+            sources, folder / entry.log, spec_file=measured.path / entry.recipe, rows=entry.rows
+        )
     for path in measured.path.glob("*.toml"):
         (folder / path.name).write_text(path.read_text())
     return folder

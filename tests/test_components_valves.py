@@ -404,7 +404,9 @@ def measured(
     for entry in tomllib.loads((folder / campaign).read_text())["log"]:
         log = by_log[entry["file"]]
         source = data / content["folder"] / log["source"]
-        convert(source, work / entry["file"], spec_file=folder / log["recipe"])
+        convert(
+            source, work / entry["file"], spec_file=folder / log["recipe"], rows=log.get("rows")
+        )
         parts[entry["use"]] += read_log(work / entry["file"], rig).trials
     return make(parts["fit"], rig), make(parts["holdout"], rig)
 

@@ -24,6 +24,7 @@ from foreign_files import (
 )
 from scipy.io import savemat
 
+from sysid.cli import main
 from sysid.convert import ConversionReport, convert
 from sysid.errors import InputError
 from sysid.tables import read_table
@@ -110,6 +111,17 @@ def test_recipe_and_what_the_command_line_lays_over_it(tmp_path: Path) -> None:
     np.testing.assert_allclose(frame["theta_rad"], np.deg2rad(ANGLE_DEG), rtol=1e-13, atol=1e-15)
 
 
+def test_rows_by_command_line_win_over_the_recipe(tmp_path: Path) -> None:
+    foreign, spec = plain(tmp_path, t=TIME, q=ANGLE_DEG), tmp_path / "lab.toml"
+    out = tmp_path / "log.csv"
+    spec.write_text('[map]\ntime_s = "t"\ntheta_rad = "q"\n[options]\nrows = "0:3"\n')
+    arguments = ["convert", str(foreign), "--spec", str(spec), "-o", str(out)]
+    for extra, kept, said in ([], [0, 1, 2], "0:3"), (["--rows", "-2:, 5:9:3"], [5, 8, 48, 49], ""):
+        assert main([*arguments, *extra]) == 0
+        np.testing.assert_allclose(log_of(out)["theta_rad"], ANGLE_DEG[kept], rtol=1e-13)
+        assert f"# map: rows {said or extra[-1]}\n" in out.read_text()
+
+
 @pytest.mark.parametrize(
     ("text", "what"),
     [
@@ -160,6 +172,11 @@ BAD_REQUESTS: dict[str, tuple[dict[str, Any], str]] = {
     "period of nothing": ({"maps": ["theta_rad=q"], "period_s": 0.0}, "no sampling period"),
     "atmosphere in kPa": ({"maps": ["theta_rad=q"], "atmosphere_pa": 101.3}, "is no atmosphere"),
     "negative skip": ({"maps": ["theta_rad=q"], "skip_rows": -1}, "skip_rows: is negative"),
+    "no slice of rows": ({"maps": ["theta_rad=q"], "rows": "3"}, "--rows: .*'3' is not a slice"),
+    "no rows kept": (
+        {"maps": ["time_s=t", "theta_rad=q"], "rows": "60:"},
+        "'60:' keeps none of its 50 rows; mend --rows",
+    ),
     "all skipped": ({"maps": ["theta_rad=q"], "skip_rows": 999}, "holds no rows"),
     "text column": (
         {"maps": ["time_s=t", "theta_rad=word"]},

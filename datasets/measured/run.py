@@ -1,6 +1,6 @@
 """Runs measured sets with the ordinary command line, each command in a process of its own.
 
-    sysid convert SOURCE --spec recipe.toml -o WORK/set/log.csv
+    sysid convert SOURCE --spec recipe.toml -o WORK/set/log.csv [--rows FIRST:LAST]
     sysid fit CAMPAIGN -o bundle.json --json
     sysid diagnose CAMPAIGN --bundle bundle.json -o extended.json --report report.html --json
 
@@ -156,9 +156,12 @@ def _convert_all(measured: MeasuredSet, base: Path, work: Path, progress: Progre
 
 def _convert(conversion: Conversion, base: Path, work: Path) -> None:
     sources = [base / conversion.folder / source for source in conversion.sources]
-    constant = () if conversion.test is None else ("--set", f"test={conversion.test}")
-    files = [str(source) for source in sources]
-    _sysid(["convert", *files, "--spec", conversion.recipe, *constant, "-o", conversion.log], work)
+    options = ["--spec", conversion.recipe, "-o", conversion.log]
+    if conversion.test is not None:
+        options += ["--set", f"test={conversion.test}"]
+    if conversion.rows is not None:
+        options += ["--rows", conversion.rows]
+    _sysid(["convert", *map(str, sources), *options], work)
 
 
 def _run_campaign(

@@ -15,7 +15,7 @@ PROJECT = SETS_FOLDER.parent.parent
 SET_FILE = "set.toml"
 _SET_KEYS = ("title", "source", "licence", "folder", "question", "data", "convert", "campaign")
 _TEXTS = ("title", "source", "licence", "folder", "question")
-_CONVERT_KEYS = ("source", "recipe", "log", "folder", "test")
+_CONVERT_KEYS = ("source", "recipe", "log", "folder", "test", "rows")
 _CAMPAIGN_KEYS = ("file", "name", "repeat", "of")
 # Where `folder` is looked for: beside the project, or in it (tables that are its own).
 _PLACES = ("shared", "project")
@@ -23,13 +23,18 @@ _PLACES = ("shared", "project")
 
 @dataclass(frozen=True)
 class Conversion:
-    """One `[[convert]]`: foreign files under `folder` that become `log` by `recipe`."""
+    """One `[[convert]]`: foreign files under `folder` that become `log` by `recipe`.
+
+    `rows`: those of the files that are taken, as `sysid convert --rows` has them; None: all
+    that the recipe takes.
+    """
 
     sources: tuple[str, ...]
     recipe: str
     log: str
     folder: str
     test: str | None = None
+    rows: str | None = None
 
 
 @dataclass(frozen=True)
@@ -118,10 +123,11 @@ def _conversion(
         raise input_error(where, f"source = {source!r}", 'write source = "file" (or a list)')
     test = None if "test" not in table else str(table["test"])
     own = _text(table, "folder", where) if "folder" in table else folder
+    rows = _text(table, "rows", where) if "rows" in table else None
     recipe, log = _text(table, "recipe", where), _text(table, "log", where)
     if Path(log).name != log:
         raise input_error(where, f"log = {log!r}", "name a file without a folder")
-    return Conversion(tuple(sources), recipe, log, own, test)
+    return Conversion(tuple(sources), recipe, log, own, test, rows)
 
 
 def _campaign(

@@ -1,8 +1,8 @@
 """How a foreign file becomes a log: the maps, constants and options, as given or by TOML.
 
-What the command line says can stand in a TOML file too (`--spec`):
+What the command line says can stand in a TOML file too (`--spec`); what it says besides wins:
 
-    [map]                                # as --map; the command line's entries win
+    [map]                                # as --map
     time_s = "#1:ms"
     pressure_a_pa = "#6:bar(g)"
 
@@ -139,11 +139,13 @@ def extended(
     reading: Mapping[str, Any],
     period_s: float | None,
     atmosphere_pa: float | None,
+    rows: str | None = None,
 ) -> Recipe:
     """`base` with the command line's entries laid over it, checked as a whole.
 
     `reading` holds `ReadOptions` by name, None where nothing was said; `period_s` in s,
-    `atmosphere_pa` in Pa. Raises InputError for what is implausible or said twice.
+    `atmosphere_pa` in Pa; `rows` as a recipe writes them. Raises InputError for what is
+    implausible or said twice.
     """
     extra = {}
     for text in constants:
@@ -158,6 +160,8 @@ def extended(
         read=replace(base.read, **{k: v for k, v in reading.items() if v is not None}),
         period_s=base.period_s if period_s is None else period_s,
         atmosphere_pa=base.atmosphere_pa if atmosphere_pa is None else atmosphere_pa,
+        rows=base.rows if rows is None else _slices(rows, "--rows"),
+        rows_text=base.rows_text if rows is None else rows,
     )
     for target in recipe.constants:
         if target in recipe.maps:
