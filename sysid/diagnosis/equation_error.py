@@ -157,8 +157,8 @@ def chamber_flow(side: str, point: Point, model: Model) -> FloatArray:
     full: dict[str, Any] = {f"open_{side}": ones}
     none: dict[str, Any] = {f"open_{side}": 0.0 * ones}
     opened, closed = replace(point, **full), replace(point, **none)
-    fill_choked = base.is_filling_choked(pressure, opened.parameters.supply)
-    dis_choked = base.is_exhaust_choked(pressure, closed.parameters.atmosphere)
+    fill_choked = pressure <= plant.filling_boundary(side, opened, model)
+    dis_choked = pressure >= plant.exhaust_boundary(side, closed, model)
     fill = plant.discrete_flow(side, fill_choked, opened, model)
     exhaust = plant.discrete_flow(side, dis_choked, closed, model)
     return np.asarray(share * fill + (1.0 - share) * exhaust)

@@ -17,6 +17,10 @@ from sysid.model.base import Array, array_namespace
 from sysid.model.ports import SIDES, Model, Point
 
 
+# A chamber that exhausts choked whatever the back pressure.
+_FULL_PA = 1e9
+
+
 @dataclass(frozen=True)
 class Regime:
     """On which side of each discontinuity the plant is; arrays over runs.
@@ -52,6 +56,24 @@ def supply_pressure(side: str, point: Point, model: Model) -> Array:
 def exhaust_pressure(side: str, point: Point, model: Model) -> Array:
     """Pressure that a valve exhausts to, Pa."""
     return model.through("exhaust_pressure", point.parameters.atmosphere, side, point)
+
+
+def filling_boundary(side: str, point: Point, model: Model) -> Array:
+    """Chamber pressure up to which filling is choked, Pa (3.5.1).
+
+    By the supply pressure that choked flow leaves, as into an empty chamber.
+    """
+    empty: dict[str, Any] = {f"pressure_{side}": 0.0 * point.pressure(side)}
+    return base.filling_boundary(supply_pressure(side, dataclasses.replace(point, **empty), model))
+
+
+def exhaust_boundary(side: str, point: Point, model: Model) -> Array:
+    """Chamber pressure from which on the exhaust is choked, Pa (3.5.1).
+
+    By the exhaust pressure that choked flow leaves, as out of a chamber at any pressure.
+    """
+    full: dict[str, Any] = {f"pressure_{side}": 0.0 * point.pressure(side) + _FULL_PA}
+    return base.exhaust_boundary(exhaust_pressure(side, dataclasses.replace(point, **full), model))
 
 
 def motor_effort(point: Point, model: Model) -> Array:

@@ -24,7 +24,7 @@ from sysid.model import base, plant
 from sysid.model._jax import jax, jnp
 from sysid.model.base import Array
 from sysid.model.events import Cubic, apart, first_event, kutta_cubic
-from sysid.model.ports import SIDES, Model, Point
+from sysid.model.ports import SIDES, Model, Point, overrides
 from sysid.model.supply_approach import gap_change
 
 Rates = tuple[Array, ...]
@@ -32,6 +32,8 @@ _Result = TypeVar("_Result")
 
 # A pressure this close to a boundary, as a share of it, is on it: an event left it there.
 _ON_BOUNDARY = 1e-10
+# One that moves with the other chamber's flow leaves a pressure behind within a step.
+_ON_MOVING_BOUNDARY = 1e-4
 # A cut step advances by at least this share, so that events cannot stop the clock.
 _LEAST_SHARE = 1e-4
 # Implicit where sqrt(D) is below this many h K: the explicit method is exact enough above.
@@ -132,8 +134,8 @@ def _chamber(side: str, setting: Setting) -> Chamber:
         return Chamber(is_open, one, 0.0 * one, flow, rate, volume, per_flow)
     boundary = jnp.where(
         is_open,
-        base.filling_boundary(point.parameters.supply),
-        base.exhaust_boundary(point.parameters.atmosphere),
+        plant.filling_boundary(side, point, model),
+        plant.exhaust_boundary(side, point, model),
     )
     excess = point.pressure(side) - boundary
     flow_above = _flow(side, ~is_open, point, setting)
@@ -146,7 +148,9 @@ def _chamber(side: str, setting: Setting) -> Chamber:
     rate_above = jnp.where(higher, rate, rate + jump)
     rate_below = jnp.where(higher, rate - jump, rate)
     driven = jnp.where(rate_above > 0, 1.0, jnp.where(rate_below < 0, -1.0, 0.0))
-    on_boundary = jnp.abs(excess) <= _ON_BOUNDARY * boundary
+    moves = any(overrides(e, "supply_pressure", "exhaust_pressure") for e in model.effects)
+    near = _ON_MOVING_BOUNDARY if moves else _ON_BOUNDARY
+    on_boundary = jnp.abs(excess) <= near * boundary
     above = jnp.where(on_boundary, driven, jnp.where(higher, 1.0, -1.0))
     below = above < 0
     rate = jnp.where(below, rate_below, rate_above)

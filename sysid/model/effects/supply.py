@@ -1,8 +1,9 @@
 """Effects of the air supply and of the exhaust line.
 
 Both close a loop: the flow lowers the pressure difference that drives it. The loop of a
-chamber with its own flow is solved in closed form, by the base law of the regime that the
-undisturbed pressure gives. Flows are kg/s.
+chamber with its own flow is solved in closed form, by the base law. A flow is choked where
+it would be at the pressure that choked flow leaves: so it is one or the other, never both or
+neither. Flows are kg/s.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ def drooped_filling_flow(
     gap = xp.maximum(supply - pressure, 0.0)
     unchoked = 0.5 * valve.c_fill * (xp.sqrt(loss * loss + 4.0 * gap) - loss)
     choked = valve.choked_fill * supply / (supply_reference + droop * valve.choked_fill)
-    flow = xp.where(base.is_filling_choked(pressure, supply), choked, unchoked)
+    flow = xp.where(base.is_filling_choked(pressure, supply - droop * choked), choked, unchoked)
     return xp.where(flow > 0.0, flow, 0.0)
 
 
@@ -49,7 +50,8 @@ def backed_exhaust_flow(
     """
     xp = array_namespace(pressure, atmosphere, valve.choked_dis, resistance)
     unchoked = valve.c_dis * (pressure - atmosphere) / (1.0 + resistance * valve.c_dis)
-    flow = xp.where(base.is_exhaust_choked(pressure, atmosphere), valve.choked_dis, unchoked)
+    back = atmosphere + resistance * valve.choked_dis
+    flow = xp.where(base.is_exhaust_choked(pressure, back), valve.choked_dis, unchoked)
     return xp.where(flow > 0.0, flow, 0.0)
 
 
