@@ -9,7 +9,8 @@ no catalogue holds, two effects), in the size of a lab's, writes it to files, an
 the results; seeds that are there already are passed over, so that runs add up and can be
 spread over machines. `table` prints the figures with Wilson's 95 % intervals and the
 confusion of names. Seeds 1000 to 1999 are for development, 5000 on for the report: nothing
-is tuned on the latter. The program under test sees the campaign's files only.
+is tuned on the latter. The program under test sees the campaign's files only; the model with
+the true parameters is simulated afterwards (`true_model.py`).
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ import numpy as np
 REPOSITORY = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(REPOSITORY))
 
+from benchmarks.true_model import SAME_LAW, true_value  # noqa: E402
 from datasets.generator.effects import FORMS, OUT_OF_CATALOGUE  # noqa: E402
 from sysid.model.effects import class_of  # noqa: E402
 
@@ -97,7 +99,11 @@ def one(seed: int) -> dict[str, Any]:
         if found.returncode != 0:
             return drawn | {"failed": f"diagnose: {found.stderr.strip()[-200:]}"}
         seconds = {"fit_s": middle - start, "diagnose_s": time.perf_counter() - middle}
-        return drawn | {"diagnosis": json.loads(found.stdout)} | seconds
+        if not set(drawn["effects"]) <= SAME_LAW.keys():
+            return drawn | {"diagnosis": json.loads(found.stdout)} | seconds
+        true = call("benchmarks.true_model", campaign, bundle, str(place / "truth.json"))
+        errors = json.loads(true.stdout) if true.returncode == 0 else None
+        return drawn | {"diagnosis": json.loads(found.stdout), "true_errors": errors} | seconds
 
 
 def run(options: argparse.Namespace) -> None:
@@ -176,51 +182,39 @@ def is_confidently_wrong(result: dict[str, Any]) -> bool:
     return bool(wrong and found["verdict"] == "effects-found")
 
 
-# Of forms that are the catalogue's own law with one strength: what the truth calls it, and
-# the catalogue's parameter.
-STRENGTHS = {
-    "stribeck-friction:gaussian": ("stribeck_torque_nm", "stribeck_torque_nm"),
-    "asymmetric-coulomb-friction:constant": ("asymmetry_nm", "asymmetry_nm"),
-    "seal-friction:sum": ("seal_sum_nm_per_pa", "seal_torque_nm_per_pa"),
-    "quadratic-drag:quadratic": ("drag", "drag_nm_s2_per_rad2"),
-    "cable-spring:linear": ("cable_nm_per_rad", "stiffness_nm_per_rad"),
-    "inertia-mismatch:balanced": ("added_inertia_kg_m2", "inertia_change_kg_m2"),
-    "torque-constant-error:gain": ("torque_gain", "torque_gain_error"),
-    "amplifier-lag:first-order": ("motor_lag_s", "amplifier_lag_s"),
-    "torque-offset:constant": ("torque_offset_nm", "offset_nm"),
-    "polytropic-exponent:exponent": ("exponent", "exponent_change"),
-    "wall-heat-transfer:mass-state": ("conductance_w_per_k", "wall_conductance_w_per_k"),
-    "dead-volume-error:offset": ("offset_m", "dead_length_m"),
-    "tube-lag:first-order": ("tube_lag_s", "tube_lag_s"),
-    "supply-droop:coupled": ("droop_pa_s_per_kg", "droop_pa_s_per_kg"),
-    "temperature-drift:linear": ("temperature_k_per_s", "temperature_drift_k_per_s"),
-    "ambient-pressure-error:ambient": ("ambient_pa", "ambient_pressure_pa"),
-    "area-error:area": ("area_m2", "area_change_m2"),
-    "pressure-offset:constant": ("pressure_offset_pa", "pressure_offset_pa"),
-    "pressure-gain:absolute": ("pressure_gain", "pressure_gain_error"),
-    "pressure-lag:first-order": ("pressure_lag_s", "pressure_lag_s"),
-    "time-skew:delay": ("skew_s", "time_skew_s"),
-}
-
-
 def intervals_hold(result: dict[str, Any]) -> list[bool]:
     """Whether the interval of each strength that was found by its own law holds the truth."""
     found = {e["id"]: e["parameters"] for e in result["diagnosis"]["effects"]}
     held = []
     for drawn, truth in zip(result["effects"], result["truth"], strict=True):
-        key, parameter = STRENGTHS.get(drawn, ("", ""))
+        parameter = next(iter(SAME_LAW.get(drawn, {})), "")
         estimate = found.get(truth["id"], {}).get(parameter)
         if estimate is not None and estimate["value"] is not None:
             low, high = estimate["interval"]
-            true = truth["values"][key]
+            true = true_value(drawn, parameter, truth["values"])
             held.append((low is None or low <= true) and (high is None or true <= high))
     return held
 
 
-def errors_after(result: dict[str, Any]) -> float | None:
+def over_truth(result: dict[str, Any], channel: str = "theta_rad") -> float | None:
+    """Held-out error after, over that of the same model with the true parameters."""
+    errors, true = result["diagnosis"]["residual"].get(channel), result.get("true_errors")
+    return None if errors is None or not true else float(errors["after"] / true[channel])
+
+
+def over_floor(result: dict[str, Any]) -> float | None:
     """Held-out error of the position after, over the noise floor."""
     errors = result["diagnosis"]["residual"].get("theta_rad")
     return None if errors is None else float(errors["after"] / errors["noise_floor"])
+
+
+def quartiles(values: list[float | None]) -> str:
+    """Median and quartiles in a row's two cells."""
+    known = sorted(v for v in values if v is not None)
+    if not known:
+        return "- | -"
+    low, middle, high = np.quantile(known, (0.25, 0.5, 0.75))
+    return f"median {middle:.2f} of {len(known)} | quartiles {low:.2f} to {high:.2f}"
 
 
 def table(options: argparse.Namespace) -> None:
@@ -265,15 +259,15 @@ def table(options: argparse.Namespace) -> None:
         low, high = wilson(sum(hits), len(hits))
         share = f"{100 * sum(hits) / max(len(hits), 1):.0f} % ({sum(hits)} of {len(hits)})"
         print(f"| {name} | {share} | {100 * low:.0f} to {100 * high:.0f} % | {asked} |")
-    named = [r for r in by["one"] if names_class(r)]
-    ratios = sorted(ratio for r in named if (ratio := errors_after(r)) is not None)
-    if ratios:
-        low, high = ratios[len(ratios) // 4], ratios[3 * len(ratios) // 4]
-        middle = ratios[len(ratios) // 2]
-        print(
-            f"| position's held-out error after over the noise floor, class right, median "
-            f"| {middle:.2f} | quartiles {low:.2f} to {high:.2f} | 1.2 of the true parameters' |"
-        )
+    named = [r for r in by["one"] if names_class(r) and true_names(r) == found_names(r)]
+    print(
+        "| position's held-out error after, over the true parameters', effect named "
+        f"| {quartiles([over_truth(r) for r in named])} | at most 1.2 |"
+    )
+    for side in "ab":
+        ratios = [over_truth(r, f"pressure_{side}_pa") for r in named]
+        print(f"| the same, pressure {side} | {quartiles(ratios)} | - |")
+    print(f"| position's, over the noise floor | {quartiles([over_floor(r) for r in named])} | - |")
     times = sorted(r["diagnose_s"] for r in results)
     if times:
         print(f"| `sysid diagnose`, median | {times[len(times) // 2]:.0f} s | | 120 s |")

@@ -1,0 +1,137 @@
+"""Held-out errors of the model with the true parameters, beside what a diagnosis reaches.
+
+    python benchmarks/true_model.py CAMPAIGN BUNDLE TRUTH
+
+CAMPAIGN and TRUTH are what `python -m datasets.generator --truth` wrote, BUNDLE what
+`sysid fit` made of the campaign. Where every injected effect is a law of the catalogue, the
+bundle's numbers are replaced by the true ones, its held-out motion tests are simulated as
+`sysid diagnose` does it, and each channel's RMSE is printed as JSON; else `null`.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+REPOSITORY = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(REPOSITORY))
+
+# Forms that are the catalogue's own law: its parameters, by the truth's key or as a number.
+# The first of each is its strength.
+SAME_LAW: dict[str, dict[str, str | float]] = {
+    "stribeck-friction:gaussian": {
+        "stribeck_torque_nm": "stribeck_torque_nm",
+        "stribeck_velocity_rad_per_s": "stribeck_speed_rad_s",
+        "stribeck_exponent": 2.0,
+    },
+    "asymmetric-coulomb-friction:constant": {"asymmetry_nm": "asymmetry_nm"},
+    "seal-friction:sum": {"seal_torque_nm_per_pa": "seal_sum_nm_per_pa", "difference_share": 0.0},
+    "quadratic-drag:quadratic": {"drag_nm_s2_per_rad2": "drag"},
+    "cable-spring:linear": {"stiffness_nm_per_rad": "cable_nm_per_rad"},
+    "inertia-mismatch:balanced": {"inertia_change_kg_m2": "added_inertia_kg_m2"},
+    "torque-constant-error:gain": {"torque_gain_error": "torque_gain"},
+    "amplifier-lag:first-order": {"amplifier_lag_s": "motor_lag_s"},
+    "torque-offset:constant": {"offset_nm": "torque_offset_nm"},
+    "polytropic-exponent:exponent": {"exponent_change": "exponent"},
+    "wall-heat-transfer:mass-state": {"wall_conductance_w_per_k": "conductance_w_per_k"},
+    "dead-volume-error:offset": {"dead_length_m": "offset_m"},
+    "tube-lag:first-order": {"tube_lag_s": "tube_lag_s"},
+    "subsonic-flow-shape:iso6358": {
+        "filling_blend": "iso_fill",
+        "exhaust_blend": 0.0,
+        "critical_ratio": "iso_critical_ratio",
+        "subsonic_exponent": "use_iso_exponent",
+    },
+    "subsonic-flow-shape:exponent": {
+        "filling_blend": "iso_fill",
+        "exhaust_blend": 0.0,
+        "critical_ratio": "iso_critical_ratio",
+        "subsonic_exponent": "use_iso_exponent",
+    },
+    "subsonic-flow-shape:exhaust-too": {
+        "filling_blend": "iso_fill",
+        "exhaust_blend": "iso_dis",
+        "critical_ratio": "iso_critical_ratio",
+        "subsonic_exponent": "use_iso_exponent",
+    },
+    "supply-droop:coupled": {"droop_pa_s_per_kg": "droop_pa_s_per_kg"},
+    "temperature-drift:linear": {"temperature_drift_k_per_s": "temperature_k_per_s"},
+    "ambient-pressure-error:ambient": {"ambient_pressure_pa": "ambient_pa"},
+    "area-error:area": {"area_change_m2": "area_m2"},
+    "valve-delay:both": {"on_delay_s": "on_delay_s", "off_delay_s": "off_delay_s"},
+    "valve-delay:on": {"on_delay_s": "on_delay_s", "off_delay_s": 0.0},
+    "valve-delay:off": {"off_delay_s": "off_delay_s", "on_delay_s": 0.0},
+    "pressure-offset:constant": {"pressure_offset_pa": "pressure_offset_pa"},
+    "pressure-gain:absolute": {"pressure_gain_error": "pressure_gain"},
+    "pressure-lag:first-order": {"pressure_lag_s": "pressure_lag_s"},
+    "time-skew:delay": {"time_skew_s": "skew_s"},
+}
+
+
+def true_value(form: str, parameter: str, values: dict[str, float]) -> float:
+    """A parameter of the catalogue's law from the truth's values of a form that is the same."""
+    key = SAME_LAW[form][parameter]
+    return values[key] if isinstance(key, str) else key
+
+
+def true_model(truth: dict[str, Any], fitted: Any) -> Any:
+    """The model with the true base parameters and effects; None where a form is not known."""
+    from sysid.model.effects import catalogue
+    from sysid.model.ports import Model
+
+    effects = []
+    for injected in truth["effects"]:
+        form = f"{injected['id']}:{injected['form']}"
+        if form not in SAME_LAW:
+            return None
+        fields: dict[str, Any] = {
+            name: true_value(form, name, injected["values"]) for name in SAME_LAW[form]
+        }
+        if injected["side"]:
+            fields["side"] = injected["side"]
+        effects.append(catalogue()[injected["id"]](**fields))
+    friction = truth["friction"]
+    changes = {
+        "static_effort": friction["static_nm"],
+        "coulomb_effort": friction["coulomb_nm"],
+        "viscous": friction["viscous_nm_s_per_rad"],
+        "inertia": truth["inertia"],
+    }
+    laws = {
+        "c_fill": "c_fill",
+        "c_dis": "c_dis",
+        "choked_fill": "choked_flow_fill_kg_s",
+        "choked_dis": "choked_flow_dis_kg_s",
+    }
+    for side, valve in truth["valves"].items():
+        changes |= {f"{name}_{side}": valve[key] for name, key in laws.items()}
+        changes |= {f"on_delay_{side}": truth["delays"]["on_delay_s"]}
+        changes |= {f"off_delay_{side}": truth["delays"]["off_delay_s"]}
+    return Model(fitted.parameters.replace(**changes), tuple(effects))
+
+
+def main(campaign_path: Path, bundle_path: Path, truth_path: Path) -> None:
+    """Print the errors."""
+    import numpy as np
+
+    from sysid.bundle import read_bundle
+    from sysid.campaign import read_campaign
+    from sysid.diagnosis.holdout import held_out
+    from sysid.model.from_bundle import model_from_bundle
+
+    campaign = read_campaign(campaign_path)
+    fitted = model_from_bundle(read_bundle(bundle_path), campaign.rig, str(bundle_path))
+    model = true_model(json.loads(truth_path.read_text()), fitted)
+    if model is None:
+        print("null")
+        return
+    logs = [(e.kind, campaign.read(e)) for e in campaign.logs if e.use == "holdout"]
+    errors = held_out(campaign.rig, logs).rmse(model)
+    names = (campaign.rig.position_channel, "pressure_a_pa", "pressure_b_pa")
+    print(json.dumps({n: e for n, e in zip(names, errors.tolist(), strict=True) if np.isfinite(e)}))
+
+
+if __name__ == "__main__":
+    main(*map(Path, sys.argv[1:4]))
