@@ -16,7 +16,6 @@ from sysid.model import base
 from sysid.model.base import Array, array_namespace
 from sysid.model.ports import SIDES, Model, Point
 
-
 # A chamber that exhausts choked whatever the back pressure.
 _FULL_PA = 1e9
 
