@@ -23,7 +23,7 @@ BINS = 12
 _GROUP = 4
 _LEAST_IN_BIN = 8
 # A channel's excess counts beyond this many of the twins' spreads, and beyond this share of
-# what the effects took.
+# what the effects took there.
 _SPREADS = 8.0
 _TOLERATED = 0.2
 
@@ -67,10 +67,10 @@ def leftover(found: Loop, rig: Rig) -> tuple[Unexplained, ...]:
     """
     search, null = found.search, found.null
     before, after = null.excess(search.first), null.excess(search.last)
-    taken = sum(max(before[c] - after[c], 0.0) for c in before)
     entries = []
     for channel, excess in after.items():
         spread = null.spread(search.last, channel)
+        taken = before[channel] - excess
         if excess < max(_SPREADS * spread, _TOLERATED * taken):
             continue
         error = equation_error(search.last.frame.traces, search.last.model)

@@ -17,7 +17,7 @@ from sysid.diagnosis.equation_error import CHANNELS, channels_of
 from sysid.diagnosis.screening import Projected
 from sysid.diagnosis.signatures import base_jacobian, base_parameters, channel_of
 from sysid.least_squares import LeastSquaresFit, Parameter, minimise
-from sysid.model.effects.entry import CatalogueEffect
+from sysid.model.effects.entry import CatalogueEffect, Quantity
 from sysid.model.ports import Model
 
 FloatArray = NDArray[np.float64]
@@ -27,7 +27,11 @@ _EVALUATIONS = 20
 _TOLERANCE = 1e-4
 # One-sided differences: half the evaluations, and a fit to 1e-4 needs no more.
 _STEP = 1e-5
+# What a threshold does goes in steps, pulse by pulse: its slope is that of a chord.
+_THRESHOLD_STEP = 0.05
 _MOST_FACTOR = 5.0
+# Whitened squares: what noise alone hardly gives one test.
+_CLEAR_GAIN = 20.0
 # A base parameter that an effect leaves without influence would step anywhere.
 _MOST_STEP = 0.5
 
@@ -36,15 +40,20 @@ _MOST_STEP = 0.5
 class Refit:
     """Effects with their numbers fitted, and what they take of a residual.
 
-    `gain`: the fall of the whitened sum of squares; `rest` (rows,) what is left of the
-    residual; `fit` holds the effects' parameters by "id/name", in the effects' order, then
-    the base parameters' factors.
+    `before` (rows,) is the residual without them, `rest` (rows,) what is left of it; `fit`
+    holds the effects' parameters by "id/name", in the effects' order, then the base
+    parameters' factors.
     """
 
     effects: tuple[CatalogueEffect, ...]
-    gain: float
+    before: FloatArray
     rest: FloatArray
     fit: LeastSquaresFit
+
+    @property
+    def gain(self) -> float:
+        """The fall of the whitened sum of squares."""
+        return float(self.before @ self.before - self.rest @ self.rest)
 
     @property
     def effect(self) -> CatalogueEffect:
@@ -59,12 +68,17 @@ class Refit:
         """How clearly the last effect's strengths differ from 0: s' C^-1 s over their number.
 
         C is the jackknife's over the tests (rows,): what one test alone shows does not count.
-        A strength that is stuck at a bound other than 0 is clear of it.
+        A strength that is stuck at a bound other than 0 is clear of it. A threshold has no
+        slope that C could come from: there it is how many tests gain clearly, less those that lose.
         """
         stuck = self.fit.diagnosis.at_bound
         strong = [q for q in type(self.effect).quantities if q.is_strength]
         if any(f"{self.id}/{q.name}" in stuck and getattr(self.effect, q.name) for q in strong):
             return math.inf
+        if any(_is_threshold(q) for q in strong):
+            gains = np.bincount(tests, weights=self.before**2 - self.rest**2)
+            clear = np.count_nonzero(gains > _CLEAR_GAIN)
+            return float(clear - np.count_nonzero(gains < -_CLEAR_GAIN))
         covariance = self.fit.jackknife_covariance(tests)
         places = [self.fit.names.index(f"{self.id}/{q.name}") for q in strong]
         strengths = self.fit.values[places]
@@ -85,6 +99,9 @@ def refit(base: Projected, starts: Sequence[CatalogueEffect]) -> Refit:
     names = [n for n in base_parameters(base.model) if channel_of(n) in channels]
     parameters = [*_own_parameters(starts), *(_relative(n) for n in names)]
     count = len(parameters) - len(names)
+    quantities = [q for e in starts for q in type(e).quantities]
+    shares = [_THRESHOLD_STEP if _is_threshold(q) else _STEP for q in quantities]
+    shares += [_STEP] * len(names)
 
     def model_of(values: FloatArray) -> Model:
         given = base.model
@@ -102,7 +119,7 @@ def refit(base: Projected, starts: Sequence[CatalogueEffect]) -> Refit:
     def jacobian(values: FloatArray) -> FloatArray:
         here, columns = whitened(values), []
         for i, parameter in enumerate(parameters):
-            step = _STEP * max(abs(values[i]), 1e-2 * parameter.size)
+            step = shares[i] * max(abs(values[i]), 1e-2 * parameter.size)
             moved = np.array(values)
             moved[i] += step if values[i] + step <= parameter.upper else -step
             some = channels if i < count else (channel_of(names[i - count]),)
@@ -119,8 +136,12 @@ def refit(base: Projected, starts: Sequence[CatalogueEffect]) -> Refit:
         max_evaluations=_EVALUATIONS,
         polish=False,
     )
-    gain = float(base.rest @ base.rest) - fit.sum_of_squares
-    return Refit(with_values(starts, fit.values[:count]), gain, fit.residuals, fit)
+    return Refit(with_values(starts, fit.values[:count]), base.rest, fit.residuals, fit)
+
+
+def _is_threshold(quantity: Quantity) -> bool:
+    """Whether an effect is not proportional to it: screening tries it at sizes of its own."""
+    return quantity.is_strength and bool(quantity.grid)
 
 
 def _own_parameters(effects: Sequence[CatalogueEffect]) -> list[Parameter]:

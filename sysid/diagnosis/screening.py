@@ -144,14 +144,24 @@ def best_by_effect(results: Sequence[Explained]) -> dict[str, Explained]:
     return dict(sorted(best.items(), key=lambda item: -item[1].gain))
 
 
-def starting_points(results: Sequence[Explained]) -> dict[str, CatalogueEffect]:
-    """Where a refit of each effect begins: its form that gains most as probed."""
-    best: dict[str, Explained] = {}
-    for result in results:
-        known = best.get(result.candidate.id)
-        if known is None or result.probed_gain > known.probed_gain:
-            best[result.candidate.id] = result
-    return {k: r.candidate.with_strengths(list(r.probed)) for k, r in best.items()}
+def starting_points(results: Sequence[Explained]) -> dict[str, list[CatalogueEffect]]:
+    """Where refits of each effect begin: its form that gains most as probed.
+
+    Where that is of one side, the best on both sides too: what is proportional on one side
+    need not be on the other.
+    """
+    ranked = sorted(results, key=lambda r: -r.probed_gain)
+    found: dict[str, list[CatalogueEffect]] = {}
+    for result in ranked:
+        chosen = dict(result.candidate.shape).get("side")
+        known = found.setdefault(result.candidate.id, [])
+        if not known or (chosen == "both" and all(_side(e) != "both" for e in known)):
+            known.append(result.candidate.with_strengths(list(result.probed)))
+    return found
+
+
+def _side(effect: CatalogueEffect) -> str:
+    return str(getattr(effect, "side", "both"))
 
 
 __all__ = ["Explained", "Projected", "best_by_effect", "projected", "screen", "starting_points"]

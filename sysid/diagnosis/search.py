@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from sysid.diagnosis.calibration import Null
+from sysid.diagnosis.equation_error import channels_of
 from sysid.diagnosis.frame import Frame
 from sysid.diagnosis.refit import Refit, refit, standard_errors, with_base_refitted
 from sysid.diagnosis.screening import (
@@ -73,7 +74,8 @@ class Step:
     """One effect that was added: its numbers, what it took, and what else was tried.
 
     `model` holds it, all before it, and the base parameters refitted beside them. `share`:
-    of the excess over noise that it found, how much it took. `ambiguous`: ids that take as
+    of the excess over noise that it found in the balances that it reaches, how much it took.
+    `ambiguous`: ids that take as
     much. `suspects` in descending order.
     """
 
@@ -139,7 +141,7 @@ def search(
         ]
         if not passing or len(steps) == MOST_EFFECTS:
             return _finished(first, base, steps, suspects)
-        excess = sum(max(v, 0.0) for v in null.excess(base).values())
+        excess = null.excess(base)
         refits = [
             r
             for r in _refit(base, passing[:MOST_SUSPECTS])
@@ -149,10 +151,12 @@ def search(
             return _finished(first, base, steps, suspects)
         winner = max(refits, key=lambda r: r.gain - _penalty(r, base))
         progress(f"{winner.id}: tried {', '.join(r.id for r in refits)}")
-        share = winner.gain / max(excess, winner.gain)
-        taken_so_far = sum(step.refit.gain for step in steps)
+        share = _share(winner, excess)
         least = _LEAST_PART if share < _WHOLE_SHARE else _LEAST_WHOLE
-        small = winner.gain < least * taken_so_far
+        # Where the effects so far do not reach, nothing is their form's misfit.
+        before = null.excess(first)
+        gone = sum(max(before[c] - excess[c], 0.0) for c in channels_of(winner.effect))
+        small = winner.gain < least * gone
         if share < _LEAST_SHARE or small or not _leaves_alone(first, steps, winner):
             return _finished(first, base, steps, suspects)
         extended = with_base_refitted(base, base.model + winner.effect)
@@ -232,15 +236,28 @@ def _suspects(best: dict[str, Explained], null: Null) -> list[Suspect]:
     return sorted(found, key=lambda s: -s.gain)
 
 
-def _least_wald(found: Refit, excess: float) -> float:
+def _share(found: Refit, excess: Mapping[str, float]) -> float:
+    """How much an effect takes of the excess over noise in the balances that it reaches."""
+    own = sum(max(excess[channel], 0.0) for channel in channels_of(found.effect))
+    return found.gain / max(own, found.gain)
+
+
+def _least_wald(found: Refit, excess: Mapping[str, float]) -> float:
     """How far off 0 the tests have to agree that an effect's strengths are."""
-    return _MAIN_WALD if found.gain > _MAIN_SHARE * excess else _CLEAR_WALD
+    return _MAIN_WALD if _share(found, excess) > _MAIN_SHARE else _CLEAR_WALD
 
 
-def _refit(base: Projected, starts: Sequence[CatalogueEffect]) -> list[Refit]:
+def _refit(base: Projected, starts: Sequence[Sequence[CatalogueEffect]]) -> list[Refit]:
+    """Each effect from its starting points; the best of each."""
     from joblib import Parallel, delayed
 
-    return list(Parallel(n_jobs=-1)(delayed(refit)(base, [start]) for start in starts))
+    flat = [start for points in starts for start in points]
+    found = list(Parallel(n_jobs=-1)(delayed(refit)(base, [start]) for start in flat))
+    best: dict[str, Refit] = {}
+    for one in found:
+        if one.id not in best or one.gain > best[one.id].gain:
+            best[one.id] = one
+    return list(best.values())
 
 
 def _penalty(found: Refit, base: Projected) -> float:

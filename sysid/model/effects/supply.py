@@ -59,12 +59,14 @@ def backed_exhaust_flow(
 class SupplyDroop(CatalogueEffect):
     """The supply gives way to the flow of both chambers: Ps - d (flow A + flow B).
 
-    Each chamber's flow is solved with its own droop and with the other's flow, in turn,
-    twice; the other counts for the share of the time that its valve is open. An averaged
-    valve model has no supply pressure, and so no droop.
+    At a common share of 1; at 0 each valve has a line of its own. Each chamber's flow is
+    solved with its own droop and with the other's flow, in turn, twice; the other counts for
+    the share of the time that its valve is open. An averaged valve model has no supply
+    pressure, and so no droop.
     """
 
     droop_pa_s_per_kg: Array = 0.0
+    common_share: Array = 1.0
 
     id = "supply-droop"
     title = "Supply pressure that droops with flow"
@@ -78,6 +80,16 @@ class SupplyDroop(CatalogueEffect):
             2e8,
             "loss of supply pressure per flow into both chambers",
         ),
+        Quantity(
+            "common_share",
+            "-",
+            1.0,
+            0.0,
+            1.0,
+            "of the other chamber's flow: 0 a line each, 1 one for both",
+            is_strength=False,
+            grid=(0.0, 0.5, 1.0),
+        ),
     )
     signature = "onset of filling; flow into A while B fills"
     rivals = ("subsonic-flow-shape", "atmosphere-leakage", "choked-exhaust-scaling")
@@ -86,7 +98,7 @@ class SupplyDroop(CatalogueEffect):
 
     def supply_pressure(self, pressure: Array, side: str, point: Point) -> Array:
         other = SIDES[1 - SIDES.index(side)]
-        share = point.is_open(other)
+        share = self.common_share * point.is_open(other)
         own: Array = 0.0
         beside: Array = 0.0
         for _ in range(_SWEEPS):
