@@ -102,7 +102,7 @@ def equation_error(
         # What a fit moves has no part in the timing: with it no opening would be known again.
         fixed = model.parameters.replace(**dict.fromkeys(_FITTED, 0.0))
         seen = _with_timing(seen, traces, Model(fixed, timing))
-    states = integrate_states(seen, model) if model.state_names else {}
+    states = _states(seen, _moving_states(model)) if model.state_names else {}
     found = {name: np.zeros(len(rows[name].index) if rows else len(traces)) for name in CHANNELS}
     for name in channels:
         # A sensor with a memory needs what it is shown without a gap.
@@ -193,6 +193,19 @@ def _as_shown(
             zero, moved = effect.measure(zero, time), effect.measure(moved, time)
         found[rows] = moved[name] - zero[name]
     return found
+
+
+def _moving_states(model: Model) -> Model:
+    """The model with those of its effects that have a part in the extra states."""
+    ports = ("parameters", "pitch_radius", "displacement")
+    return Model(
+        model.parameters, tuple(e for e in model.effects if e.states or overrides(e, *ports))
+    )
+
+
+@lru_cache(maxsize=4)
+def _states(traces: Traces, model: Model) -> dict[str, FloatArray]:
+    return integrate_states(traces, model)
 
 
 @lru_cache(maxsize=2)
