@@ -6,6 +6,7 @@ import json
 import tomllib
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -134,6 +135,46 @@ def test_the_walls_conductance_is_the_true_one(seed: int) -> None:
     assert abs(found.value / CONDUCTANCE - 1.0) < 0.03
     assert abs(fitted.law.values["c_dis"] / C_DIS - 1.0) < 5e-3
     assert rmse(part.residuals(fitted.law, range(4))) < 2.0 * 8.0 / np.sqrt(2.0)
+
+
+def test_laws_together_are_what_each_is_alone() -> None:
+    """To the last bit: with a state, with a sensor's lag, and with another start for each."""
+    part = made(1)
+    kinds = catalogue()
+    laws = [
+        Law(
+            {"c_dis": scale * C_DIS},
+            (
+                kinds["wall-heat-transfer"].neutral(side="a", wall_conductance_w_per_k=scale),
+                kinds["pressure-offset"].neutral(pressure_offset_pa=100.0 * scale, side="a"),
+            ),
+        )
+        for scale in (0.5, 1.0, 1.7)
+    ]
+    together = part.residuals_of(laws, [0, 2])
+    for law, found in zip(laws, together, strict=True):
+        for alone, one in zip(part.residuals(law, [0, 2]), found, strict=True):
+            assert np.array_equal(alone, one)
+    assert np.max(np.abs(together[0][0] - together[1][0])) > 100.0
+
+
+def test_a_fit_simulates_its_derivatives_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two simulations a step of the search at most, however many numbers are fitted."""
+    from sysid.components import tank as module
+
+    part, kind = made(1, conductance=CONDUCTANCE), catalogue()["subsonic-flow-shape"]
+    simulated, runs = module._simulated, []
+
+    def counted(starts: NDArray[np.float64], *rest: Any) -> Any:
+        runs.append(len(starts))
+        return simulated(starts, *rest)
+
+    monkeypatch.setattr(module, "_simulated", counted)
+    near = Law({"c_dis": C_DIS}, (kind.neutral(exhaust_blend=0.5),))
+    fitted = fit_law(part, [kind], range(4), near)
+    assert len(fitted.fit.values) >= 4
+    assert len(runs) <= 2 * fitted.fit.evaluations + 4
+    assert max(runs) >= 2 * 4 * 3
 
 
 def test_a_root_of_the_pressure_is_a_subsonic_flow_shape() -> None:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from sysid import signals
 from sysid._friction.effort import EvenTrial, even_trial, units_of
 from sysid._friction.motion import default_cutoff, left_out, tells_speeds
-from sysid.components.component import Component, Law, bends, rmse, smallest_probe
+from sysid.components.component import Component, Law, bends, law_held, rmse, smallest_probe
 from sysid.errors import NotIdentifiedError
 from sysid.estimation import Estimate
 from sysid.least_squares import Parameter
@@ -195,20 +195,10 @@ class Axis(Component):
 
     def law_of(self, bundle: Mapping[str, Any]) -> Law:
         u = units_of(self.rig)
-        friction = bundle.get("friction", {})
-        values = {}
-        for parameter in self.parameters():
-            content = friction.get(parameter.name)
-            if content is None or content["value"] is None:
-                if parameter.name == u.offset:
-                    values[u.offset] = 0.0
-                    continue
-                raise NotIdentifiedError(
-                    f"diagnosis: the bundle holds no {parameter.name}; fit friction-motion or "
-                    "friction-sliding tests into it"
-                )
-            values[parameter.name] = float(content["value"])
-        return Law(values)
+        tests = "friction-motion or friction-sliding tests"
+        names = [p.name for p in self.parameters()]
+        offset = {u.offset: 0.0} if u.offset in names else {}
+        return law_held("friction", bundle.get("friction", {}), names, tests, **offset)
 
     def further_errors(self, law: Law) -> dict[str, tuple[float, float]]:
         """Of the position, simulated open loop over each whole trial from its first row.

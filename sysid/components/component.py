@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.errors import NotIdentifiedError
 from sysid.estimation import Estimate
 from sysid.least_squares import Parameter
 from sysid.model.effects.entry import CatalogueEffect
@@ -58,6 +59,13 @@ class Component(ABC):
     def residuals(self, law: Law, tests: Sequence[int]) -> list[FloatArray]:
         """Measured less modelled, (n,) for each of `tests` (indices), in `unit`."""
 
+    def residuals_of(self, laws: Sequence[Law], tests: Sequence[int]) -> list[list[FloatArray]]:
+        """`residuals` of several laws, which differ in nothing but their numbers.
+
+        A part that simulates overrides this, where many at once cost little more than one.
+        """
+        return [self.residuals(law, tests) for law in laws]
+
     @abstractmethod
     def regressors(self, tests: Sequence[int]) -> dict[str, FloatArray]:
         """What a residual may depend on, by name, the tests end to end."""
@@ -98,6 +106,27 @@ class Component(ABC):
         An axis' position, simulated open loop; one branch of a valve's loop.
         """
         return {}
+
+
+def law_held(
+    section: str, held: Mapping[str, Any], names: Sequence[str], tests: str, **absent: float
+) -> Law:
+    """The law of these names out of `held`, a bundle's `section` of `Estimate.to_json` objects.
+
+    `absent` holds what a name stands at where it is not there. Raises NotIdentifiedError that
+    says which `tests` to fit.
+    """
+    values = dict(absent)
+    for name in names:
+        content = held.get(name) or {}
+        if content.get("value") is not None:
+            values[name] = float(content["value"])
+        elif name not in absent:
+            reason = content.get("reason", "the bundle does not hold it")
+            raise NotIdentifiedError(
+                f"{section}: {name} is not identified ({reason}); fit {tests} into the bundle"
+            )
+    return Law({name: values[name] for name in names})
 
 
 PROBE = 0.3
@@ -150,6 +179,7 @@ __all__ = [
     "Effects",
     "Law",
     "bends",
+    "law_held",
     "probes",
     "rmse",
     "shapes",

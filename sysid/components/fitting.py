@@ -2,32 +2,31 @@
 
 from __future__ import annotations
 
-import itertools
-import math
-import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sysid._autocovariance import runs_of, tapered_autocovariance
-from sysid.components.component import PROBE, Component, Law, shapes
+from sysid.components.component import Component, Law
+from sysid.components.starts import (
+    bounds_of,
+    effects_at,
+    first_guesses,
+    law_at,
+    residuals_of,
+    side_of,
+)
 from sysid.estimation import Estimate
-from sysid.least_squares import LeastSquaresFit, Parameter, minimise
+from sysid.least_squares import LeastSquaresFit, Parameter, central_jacobian, minimise
 from sysid.model.effects.entry import CatalogueEffect, Quantity
 
 FloatArray = NDArray[np.float64]
 
 _EVALUATIONS = 30
-_SIZED = {"N", "Nm", "kg", "W"}
 _TOLERANCE = 1e-7
-# Share by which four times a strength may miss four times its effect.
-_BENT = 0.5
-# Below this share of its length a signature is what the law's own parameters can do as well.
-_OWN_SHARE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -38,6 +37,18 @@ class Fitted:
     tests: tuple[int, ...]
     law: Law
     fit: LeastSquaresFit
+
+    @staticmethod
+    def of(
+        component: Component,
+        kinds: Sequence[type[CatalogueEffect]],
+        tests: Sequence[int],
+        fit: LeastSquaresFit,
+    ) -> Fitted:
+        """What a fit of effects of these kinds says, its numbers put back into the law."""
+        effects = [kind.neutral(**side_of(kind, component)) for kind in kinds]
+        law = law_at(component.parameters(), effects, fit.values)
+        return Fitted(component, tuple(tests), law, fit)
 
     def estimates(self, effect: CatalogueEffect) -> dict[str, Estimate]:
         """An effect's numbers by field, intervals for residuals that follow one another."""
@@ -105,27 +116,18 @@ def fit_law(
         ]
         starts = list(near.effects)
     fit = _minimise(component, own, tuple(starts), tests)
-    starts = list(_effects_at(starts, fit.values[len(own) :]))
+    starts = list(effects_at(starts, fit.values[len(own) :]))
     for kind in kinds[len(starts) :]:
         trials = [
             _minimise(component, _moved(own, fit), (*starts, first), tests)
-            for first in _first_guesses(component, fit, tuple(starts), kind, tests)
+            for first in first_guesses(component, fit, tuple(starts), kind, tests)
         ]
         best = min(range(len(trials)), key=lambda i: trials[i].sum_of_squares)
         fit = trials[best]
         starts = list(
-            _effects_at((*starts, kind.neutral(**_side(kind, component))), fit.values[len(own) :])
+            effects_at((*starts, kind.neutral(**side_of(kind, component))), fit.values[len(own) :])
         )
-    return Fitted(component, tuple(tests), _law(own, starts, fit.values), fit)
-
-
-def _law(own: Sequence[Parameter], effects: Sequence[CatalogueEffect], values: FloatArray) -> Law:
-    """The law at `values` (p,): its own parameters first, then the effects' in their order."""
-    names = [p.name for p in own]
-    return Law(
-        dict(zip(names, map(float, values), strict=False)),
-        _effects_at(effects, values[len(own) :]),
-    )
+    return Fitted.of(component, kinds, tests, fit)
 
 
 def _key(kind: type[CatalogueEffect], quantity: Quantity) -> str:
@@ -144,40 +146,14 @@ def _effect_parameters(effects: Sequence[CatalogueEffect]) -> list[Parameter]:
     return [
         Parameter(
             _key(type(e), q),
-            float(np.clip(getattr(e, q.name), *_bounds(q))),
+            float(np.clip(getattr(e, q.name), *bounds_of(q))),
             q.unit,
-            *_bounds(q),
+            *bounds_of(q),
             abs(getattr(e, q.name)) or abs(q.typical),
         )
         for e in effects
         for q in type(e).quantities
     ]
-
-
-def _bounds(quantity: Quantity) -> tuple[float, float]:
-    """Its own bounds; of a strength in efforts, flows or heats its sign alone.
-
-    Parts come in all sizes, but a sensor's delay or an exponent is what it is on any rig.
-    """
-    units = set(re.findall(r"[A-Za-z]+", quantity.unit))
-    if not quantity.is_strength or not units & _SIZED:
-        return quantity.lower, quantity.upper
-    return (-math.inf if quantity.lower < 0.0 else 0.0), math.inf
-
-
-def _effects_at(
-    effects: Sequence[CatalogueEffect], values: FloatArray
-) -> tuple[CatalogueEffect, ...]:
-    found, place = [], 0
-    for effect in effects:
-        fields: dict[str, Any] = {}
-        for q in type(effect).quantities:
-            fields[q.name] = float(values[place])
-            place += 1
-        if type(effect).has_side():
-            fields["side"] = getattr(effect, "side")  # noqa: B009
-        found.append(type(effect)(**fields))
-    return tuple(found)
 
 
 def _minimise(
@@ -186,31 +162,34 @@ def _minimise(
     effects: Sequence[CatalogueEffect],
     tests: Sequence[int],
 ) -> LeastSquaresFit:
-
-    def residuals(values: FloatArray) -> FloatArray:
-        return np.concatenate(component.residuals(_law(own, effects, values), tests))
-
     everything = [*own, *_effect_parameters(effects)]
     start = np.array([p.value for p in everything])
-    here = residuals(start)
 
-    def acts(i: int) -> bool:
-        moved = start.copy()
+    def residuals(points: Sequence[FloatArray]) -> list[FloatArray]:
+        return residuals_of(component, [law_at(own, effects, point) for point in points], tests)
+
+    def moved(i: int) -> FloatArray:
         step = 1e-3 * everything[i].size
-        moved[i] += step if start[i] + step <= everything[i].upper else -step
-        return bool(np.any(residuals(moved) != here))
+        upwards = start[i] + step <= everything[i].upper
+        point = start.copy()
+        point[i] += step if upwards else -step
+        return point
 
+    mine, added = range(len(own)), range(len(own), len(start))
+    here, *there = residuals([start, *map(moved, added)])
     # What has no influence stays put: it would run away and take the trust region along.
-    free = [i for i in range(len(everything)) if i < len(own) or acts(i)]
+    acting = [i for i, values in zip(added, there, strict=True) if np.any(values != here)]
+    free = [*mine, *acting]
 
-    def of_free(values: FloatArray) -> FloatArray:
-        full = start.copy()
-        full[free] = values
-        return residuals(full)
+    def of_free(points: Sequence[FloatArray]) -> list[FloatArray]:
+        full = np.tile(start, (len(points), 1))
+        full[:, free] = points
+        return residuals(list(full))
 
     fit = minimise(
-        of_free,
+        lambda values: of_free([values])[0],
         [everything[i] for i in free],
+        jacobian=_jacobian_of(of_free, [everything[i] for i in free]),
         tolerance=_TOLERANCE,
         max_evaluations=_EVALUATIONS,
         polish=False,
@@ -220,94 +199,26 @@ def _minimise(
     return replace(fit, parameters=tuple(everything), values=values, jacobian=jacobian)
 
 
-def _first_guesses(
-    component: Component,
-    fit: LeastSquaresFit,
-    before: tuple[CatalogueEffect, ...],
-    kind: type[CatalogueEffect],
-    tests: Sequence[int],
-) -> list[CatalogueEffect]:
-    """Where a fit with one effect more begins; several where it may have several minima.
+def _jacobian_of(
+    function: Callable[[Sequence[FloatArray]], list[FloatArray]], parameters: Sequence[Parameter]
+) -> Callable[[FloatArray], FloatArray]:
+    """Central differences (n, p) of a function that takes all their points at once."""
+    sizes, lower, upper = (
+        np.array([getattr(p, name) for p in parameters]) for name in ("size", "lower", "upper")
+    )
 
-    An effect that is not proportional to its strength (a heat flow that ends in isothermal
-    air) is tried from its usual size too.
-    """
-    first = _start(component, fit, before, kind, tests)
-    law = _law(component.parameters(), before, fit.values)
+    def jacobian(values: FloatArray) -> FloatArray:
+        points: list[FloatArray] = []
 
-    def at(scale: float) -> CatalogueEffect:
-        return replace(first, **{q.name: scale * q.typical for q in kind.strengths()})  # type: ignore[type-var]
+        def noted(point: FloatArray) -> FloatArray:
+            points.append(point)
+            return np.zeros(1)
 
-    def change(scale: float) -> FloatArray:
-        changed = component.residuals(Law(law.values, (*law.effects, at(scale))), tests)
-        return np.concatenate(changed) - fit.residuals
+        central_jacobian(noted, values, sizes, lower, upper)
+        answers = iter(function(points))
+        return central_jacobian(lambda _: next(answers), values, sizes, lower, upper)
 
-    if any(q.grid for q in kind.strengths()):
-        return [first]
-    small, large = change(PROBE), change(4.0 * PROBE)
-    bends = np.linalg.norm(large - 4.0 * small) > _BENT * np.linalg.norm(large)
-    return [first, at(1.0), at(4.0)] if bends else [first]
-
-
-def _start(
-    component: Component,
-    fit: LeastSquaresFit,
-    before: tuple[CatalogueEffect, ...],
-    kind: type[CatalogueEffect],
-    tests: Sequence[int],
-) -> CatalogueEffect:
-    """The form of `kind` whose signature takes most of what a fit left, at its size."""
-    law = _law(component.parameters(), before, fit.values)
-    rest = fit.residuals
-    basis = np.linalg.qr(fit.jacobian / np.maximum(np.linalg.norm(fit.jacobian, axis=0), 1e-300))[0]
-    best, most = kind.neutral(**_side(kind, component)), -1.0
-    for shape in shapes(kind):
-        for probes in itertools.product(*(_probes(q) for q in kind.strengths())):
-            columns = []
-            for q, size in zip(kind.strengths(), probes, strict=True):
-                effect = kind.neutral(**{**shape, **_side(kind, component), q.name: size})
-                changed = component.residuals(Law(law.values, (*law.effects, effect)), tests)
-                columns.append(np.concatenate(changed) - rest)
-            gain, coefficients = _take(np.column_stack(columns), rest, basis, kind, probes)
-            if gain > most:
-                fields = {
-                    q.name: c * size
-                    for q, c, size in zip(kind.strengths(), coefficients, probes, strict=True)
-                }
-                best = kind.neutral(**{**shape, **_side(kind, component), **fields})
-                most = gain
-    return best
-
-
-def _probes(quantity: Quantity) -> tuple[float, ...]:
-    return quantity.grid or (PROBE * quantity.typical,)
-
-
-def _side(kind: type[CatalogueEffect], component: Component) -> dict[str, str]:
-    return {"side": component.side()} if kind.has_side() else {}
-
-
-def _take(
-    columns: FloatArray,
-    rest: FloatArray,
-    basis: FloatArray,
-    kind: type[CatalogueEffect],
-    probes: Sequence[float],
-) -> tuple[float, FloatArray]:
-    """What columns (n, k) take of `rest` (n,) beside a basis, and their coefficients (k,)."""
-    own = columns - basis @ (basis.T @ columns)
-    sizes = np.linalg.norm(columns, axis=0)
-    keep = np.linalg.norm(own, axis=0) > _OWN_SHARE * np.maximum(sizes, 1e-300)
-    coefficients = np.zeros(columns.shape[1])
-    if keep.any():
-        coefficients[keep] = -np.linalg.lstsq(own[:, keep], rest, rcond=1e-10)[0]
-    thresholds = np.array([bool(q.grid) for q in kind.strengths()])
-    coefficients = np.where(thresholds & keep, 1.0, coefficients)
-    for i, (q, size) in enumerate(zip(kind.strengths(), probes, strict=True)):
-        low, high = _bounds(q)
-        coefficients[i] = np.clip(coefficients[i] * size, low, high) / size
-    left = rest + own @ coefficients
-    return float(rest @ rest - left @ left), coefficients
+    return jacobian
 
 
 def cross_validated(

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid._friction.effort import Units, units_of
-from sysid.components.component import Component, Law, probes, shapes
+from sysid.components.component import Component, Law, law_held, probes, shapes
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.estimation import Estimate
 from sysid.least_squares import Parameter
@@ -255,17 +255,8 @@ class FrictionPoints(Component):
         return {"friction": {name: estimate.to_json() for name, estimate in found.items()}}
 
     def law_of(self, bundle: Mapping[str, Any]) -> Law:
-        friction, values = bundle.get("friction", {}), {}
-        for parameter in self.parameters():
-            held = friction.get(parameter.name) or {}
-            if held.get("value") is None:
-                reason = held.get("reason", "the bundle does not hold it")
-                raise NotIdentifiedError(
-                    f"friction: {parameter.name} is not identified ({reason}); fit {KIND} "
-                    "readings into the bundle"
-                )
-            values[parameter.name] = float(held["value"])
-        return Law(values)
+        names = [p.name for p in self.parameters()]
+        return law_held("friction", bundle.get("friction", {}), names, f"{KIND} readings")
 
 
 def friction_points(trials: Sequence[Trial], rig: Rig) -> FrictionPoints:

@@ -3,7 +3,8 @@
 Each effect of the catalogue that acts on the part is fitted beside the law and what was
 added before, and predicts tests that it was not fitted on. The one that predicts best is
 added if its strength is off 0 beyond doubt, over all that were tried (Bonferroni), and it
-takes a real share of the error of prediction.
+takes a real share of the error of prediction. What parts of the tests would have added in its
+place makes it ambiguous (`sysid.components.repeats`).
 """
 
 from __future__ import annotations
@@ -16,19 +17,18 @@ from numpy.typing import NDArray
 
 from sysid.components.component import Component
 from sysid.components.fitting import Fitted, cross_validated, fit_law
+from sysid.components.repeats import Repeats, repeats
+from sysid.components.rule import DIGITS, LEAST_GAIN, RIVAL_SHARE, SIGNIFICANCE
+from sysid.least_squares import LeastSquaresFit
 from sysid.model.effects.catalogue import class_of
 from sysid.model.effects.entry import CatalogueEffect
 
 FloatArray = NDArray[np.float64]
 Kind = type[CatalogueEffect]
 
-SIGNIFICANCE = 1e-3
 MOST_EFFECTS = 3
-# Of the mean square error of prediction: what an effect has to take of it to be added, and
-# how much of what the winner takes makes a rival that these tests cannot tell from it.
-LEAST_GAIN = 0.2
-RIVAL_SHARE = 0.9
-_DIGITS = 4
+# Rivals of a winner that are put to the parts of the tests beside it.
+_MOST_RIVALS = 3
 
 
 @dataclass(frozen=True)
@@ -47,13 +47,22 @@ class Attempt:
 
 @dataclass(frozen=True)
 class Addition:
-    """An effect that was added: the fit with it and all before it, and what else was tried."""
+    """An effect that was added: the fit with it and all before it, and what else was tried.
+
+    `ambiguous`: ids that these tests, or parts of them (`repeats`), put in its place.
+    """
 
     kind: Kind
     fitted: Fitted
     attempt: Attempt
     ambiguous: tuple[str, ...]
+    repeats: Repeats
     attempts: tuple[Attempt, ...]
+
+    @property
+    def is_ambiguous(self) -> bool:
+        """Whether other effects fit as well, or parts of the tests do not name this one."""
+        return bool(self.ambiguous or self.repeats.sentence)
 
     @property
     def effect(self) -> CatalogueEffect:
@@ -98,23 +107,19 @@ def select(
     while True:
         open_ones = [k for k in kinds if k not in chosen]
         so_far = additions[-1].fitted if additions else base
-        attempts = _attempts(component, chosen, open_ones, so_far, folds, error)
-        passing = [a for a in attempts if _passes(a, len(open_ones), error)]
+        fits = _attempts(component, chosen, open_ones, so_far, folds, error)
+        attempts = [attempt for attempt, _ in fits]
+        passing = [(a, f) for a, f in fits if _passes(a, len(open_ones), error)]
         if not passing or len(chosen) == MOST_EFFECTS:
             return Selection(base, first, tuple(additions), tuple(attempts))
-        winner = passing[0]
-        kind = next(k for k in open_ones if k.id == winner.id)
-        chosen.append(kind)
+        winner, fitted = passing[0]
+        chosen.append(next(k for k in open_ones if k.id == winner.id))
         progress(f"{winner.id}: takes {100 * winner.gain:.0f} % of the error of prediction")
-        additions.append(
-            Addition(
-                kind,
-                fit_law(component, chosen, everything, so_far.law),
-                winner,
-                _ambiguous(winner, passing, {k.id for k in kinds}),
-                tuple(attempts),
-            )
-        )
+        rivals = [f for a, f in fits if a.gain > 0.0 and a is not winner]
+        again = repeats(component, so_far, [fitted, *rivals[:_MOST_RIVALS]])
+        near = _ambiguous(winner, [a for a, _ in passing], {k.id for k in kinds})
+        ambiguous = tuple(sorted({*near, *again.others}))
+        additions.append(Addition(chosen[-1], fitted, winner, ambiguous, again, tuple(attempts)))
         error = winner.folds
 
 
@@ -132,15 +137,21 @@ def _attempts(
     without: Fitted,
     folds: Sequence[Sequence[int]],
     error: FloatArray,
-) -> list[Attempt]:
-    """Every open effect, the best prediction first; spread over the machine's cores."""
+) -> list[tuple[Attempt, Fitted]]:
+    """Every open effect with its fit, the best prediction first; spread over the cores."""
     from joblib import Parallel, delayed
 
-    found = Parallel(n_jobs=-1)(
+    everything = range(len(component.tests))
+    tried = Parallel(n_jobs=-1)(
         delayed(_attempt)(component, [*chosen, kind], without, folds, error) for kind in kinds
     )
+    found = [
+        (done[0], Fitted.of(component, [*chosen, kind], everything, done[1]))
+        for kind, done in zip(kinds, tried, strict=True)
+        if done is not None
+    ]
     # Of two that are one and the same on these tests the catalogue's first counts.
-    return sorted((a for a in found if a is not None), key=lambda a: -round(a.gain, _DIGITS))
+    return sorted(found, key=lambda pair: -round(pair[0].gain, DIGITS))
 
 
 def _attempt(
@@ -149,7 +160,7 @@ def _attempt(
     without: Fitted,
     folds: Sequence[Sequence[int]],
     error: FloatArray,
-) -> Attempt | None:
+) -> tuple[Attempt, LeastSquaresFit] | None:
     """One effect beside those before it; None where these tests do not identify it."""
     fitted = fit_law(component, kinds, range(len(component.tests)), without.law)
     if not np.isfinite(fitted.fit.sum_of_squares):
@@ -157,10 +168,10 @@ def _attempt(
     p_value = fitted.p_value(without)
     if p_value >= SIGNIFICANCE:
         # What is not there needs no prediction.
-        return Attempt(kinds[-1].id, p_value, 0.0, error)
+        return Attempt(kinds[-1].id, p_value, 0.0, error), fitted.fit
     squares = cross_validated(component, kinds, folds, fitted.law)
     gain = 1.0 - float(squares.mean() / error.mean())
-    return Attempt(kinds[-1].id, p_value, gain, squares)
+    return Attempt(kinds[-1].id, p_value, gain, squares), fitted.fit
 
 
 def _passes(attempt: Attempt, tried: int, error: FloatArray) -> bool:

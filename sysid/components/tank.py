@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.components.component import Component, Law, smallest_probe
+from sysid.components.component import Component, Law, law_held, smallest_probe
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.estimation import Estimate
 from sysid.least_squares import Parameter
@@ -23,7 +23,7 @@ from sysid.logs import Trial
 from sysid.model import base, plant
 from sysid.model.base import Array, Parameters
 from sysid.model.effects.entry import CatalogueEffect
-from sysid.model.ports import Model, Point
+from sysid.model.ports import Model, Point, stack_models
 from sysid.rig import Rig
 
 FloatArray = NDArray[np.float64]
@@ -121,13 +121,27 @@ class Tank(Component):
         return tuple(found)
 
     def residuals(self, law: Law, tests: Sequence[int]) -> list[FloatArray]:
+        return self.residuals_of([law], tests)[0]
+
+    def residuals_of(self, laws: Sequence[Law], tests: Sequence[int]) -> list[list[FloatArray]]:
+        """All laws on all tests in one simulation, whose steps cost the same for one or many."""
         chosen = [self.discharges[t] for t in tests]
-        model = Model(self._with_law(law), law.effects)
-        starts = np.array([_true_start(d.start, model) for d in chosen])
-        times, pressures, rates = _simulated(starts, max(d.time[-1] for d in chosen), model)
+        models = [Model(self._with_law(law), law.effects) for law in laws]
+        starts = np.array([_true_start(d.start, model) for model in models for d in chosen])
+        together = stack_models([m for m in models for _ in chosen]) if models[1:] else models[0]
+        times, *found = _simulated(starts, max(d.time[-1] for d in chosen), together)
+        runs = zip(*(np.split(values, len(models), axis=1) for values in found), strict=True)
+        return [
+            self._left(chosen, model, times, *run) for model, run in zip(models, runs, strict=True)
+        ]
+
+    def _left(
+        self, chosen: Sequence[Discharge], model: Model, times: FloatArray, *run: FloatArray
+    ) -> list[FloatArray]:
+        """What was measured less what the sensor would show of pressures and their rates."""
         found = []
         for i, d in enumerate(chosen):
-            true = _between(d.time, times, pressures[:, i], rates[:, i])
+            true = _between(d.time, times, *(values[:, i] for values in run))
             channels: dict[str, Array] = {self.channel: true}
             for effect in model.effects:
                 channels = effect.measure(channels, d.time)
@@ -166,18 +180,9 @@ class Tank(Component):
         return {"valves": {"a": {"discrete": {k: e.to_json() for k, e in law.items()}}}}
 
     def law_of(self, bundle: Mapping[str, Any]) -> Law:
+        names = [p.name for p in self.parameters()]
         discrete = bundle.get("valves", {}).get("a", {}).get("discrete", {})
-        values = {}
-        for parameter in self.parameters():
-            held = discrete.get(parameter.name) or {}
-            if held.get("value") is None:
-                reason = held.get("reason", "the bundle does not hold it")
-                raise NotIdentifiedError(
-                    f"valves.a.discrete: {parameter.name} is not identified ({reason}); fit "
-                    f"{KIND} tests into the bundle"
-                )
-            values[parameter.name] = float(held["value"])
-        return Law(values)
+        return law_held("valves.a.discrete", discrete, names, f"{KIND} tests")
 
 
 def tank(trials: Sequence[Trial], rig: Rig) -> Tank:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sysid.components.component import Component, Law, bends, probes, rmse
+from sysid.components.component import Component, Law, bends, law_held, probes, rmse
 from sysid.errors import NotIdentifiedError
 from sysid.estimation import Estimate
 from sysid.least_squares import Parameter
@@ -197,14 +197,8 @@ class ValveFlow(Component):
         return {"valves": {"a": {"steady": {PARAMETER: estimates[PARAMETER].to_json()}}}}
 
     def law_of(self, bundle: Mapping[str, Any]) -> Law:
-        held = bundle.get("valves", {}).get("a", {}).get("steady", {}).get(PARAMETER) or {}
-        if held.get("value") is None:
-            reason = held.get("reason", "the bundle does not hold it")
-            raise NotIdentifiedError(
-                f"valves.a.steady: {PARAMETER} is not identified ({reason}); fit {KIND} tests "
-                "into the bundle"
-            )
-        return Law({PARAMETER: float(held["value"])})
+        steady = bundle.get("valves", {}).get("a", {}).get("steady", {})
+        return law_held("valves.a.steady", steady, [PARAMETER], f"{KIND} tests")
 
 
 def valve_flow(trials: Sequence[Trial], rig: Rig) -> ValveFlow:

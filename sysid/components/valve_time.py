@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.components.component import Component, Law, bends, probes, rmse
+from sysid.components.component import Component, Law, bends, law_held, probes, rmse
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.estimation import Estimate
 from sysid.least_squares import Parameter
@@ -171,17 +171,8 @@ class ValveTime(Component):
 
     def law_of(self, bundle: Mapping[str, Any]) -> Law:
         timing = bundle.get("valves", {}).get("a", {}).get("timing", {})
-        values = {}
-        for parameter in self.parameters():
-            held = timing.get(parameter.name) or {}
-            if held.get("value") is None:
-                reason = held.get("reason", "the bundle does not hold it")
-                raise NotIdentifiedError(
-                    f"valves.a.timing: {parameter.name} is not identified ({reason}); fit "
-                    f"{KIND} tests in that direction into the bundle"
-                )
-            values[parameter.name] = float(held["value"])
-        return Law(values)
+        names = [p.name for p in self.parameters()]
+        return law_held("valves.a.timing", timing, names, f"{KIND} tests in that direction")
 
 
 def open_share(duty: FloatArray, model: Model) -> FloatArray:

@@ -53,7 +53,10 @@ class ComponentDiagnosis:
         return {
             "verdict": self.verdict,
             "component": self.kind,
-            "effects": [effect.to_json() for effect in self.effects],
+            "effects": [
+                {**effect.to_json(), "repeats": addition.repeats.to_json()}
+                for effect, addition in zip(self.effects, self.selection.additions, strict=True)
+            ],
             "residual": {name: errors.to_json() for name, errors in self.residual.items()},
             "unexplained": [
                 {"channel": c.channel, "regressor": c.regressor, "share": c.share}
@@ -98,7 +101,8 @@ def diagnose_component(
     given = component.law_of(bundle)
     selection = select(component, catalogue, progress)
     outside = component_of(kind, held_out, rig) if held_out else None
-    notices = () if outside else (_LEFT_OUT,)
+    unsteady = [a.repeats.sentence for a in selection.additions if a.repeats.sentence]
+    notices = (*(() if outside else (_LEFT_OUT,)), *unsteady)
     laws = [given, *(a.fitted.law for a in selection.additions)]
     progress("predicting the held-out tests, before and after")
     floor = (outside or component).noise_floor(laws[-1])
@@ -167,7 +171,7 @@ def _found(
         share=addition.attempt.gain,
         holdout={name: BeforeAfter(before[name], after[name]) for name in before},
         ambiguous_with=addition.ambiguous,
-        advice=addition.kind.tie_breaker if addition.ambiguous else "",
+        advice=addition.kind.tie_breaker if addition.is_ambiguous else "",
         suspects=(),
     )
 
