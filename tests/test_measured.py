@@ -201,6 +201,33 @@ def test_repeats_are_counted() -> None:
     assert len(mains(measured)) == 2
 
 
+def test_a_verdict_that_does_not_repeat_says_so_or_not() -> None:
+    """By parts of its own fitted tests, not by an effect that is like it."""
+
+    def found(agree: int) -> dict[str, Any]:
+        named = {"parts": 3, "agree": agree, "named": []}
+        return {**effect("drag", ("dahl",)), "repeats": named}
+
+    repeats = [
+        campaign("r1.toml", diagnosis(effect("spring")), "campaign.toml"),
+        campaign("r2.toml", diagnosis(effect("spring"), effect("drag")), "campaign.toml"),
+    ]
+
+    def answer(agree: int) -> tuple[list[str], str]:
+        main = campaign("campaign.toml", diagnosis(effect("spring"), found(agree)))
+        got = agreement(canned(main, *repeats)["sets"][0], main)
+        assert got is not None
+        assert [n["status"] for n in got.to_json()["namings"]] == [n.status for n in got.namings]
+        return [n.status for n in got.namings], got.sentence
+
+    statuses, sentence = answer(2)
+    assert statuses == ["repeated", "ambiguous"]
+    assert sentence.endswith("The verdict itself says ambiguous of drag.")
+    statuses, sentence = answer(3)
+    assert statuses == ["repeated", "neither"]
+    assert sentence.endswith("The verdict neither repeats nor says ambiguous of drag.")
+
+
 def test_repeats_of_an_adequate_model_are_counted() -> None:
     main = campaign("campaign.toml", diagnosis())
     found = [diagnosis(), diagnosis(effect("dahl"))]

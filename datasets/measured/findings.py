@@ -57,18 +57,27 @@ class Errors:
 class Naming:
     """How many of `repeats` name an effect: `same` by its id, `ambiguous` by one like it.
 
-    `id` None asks for repeats that name no effect at all.
+    `id` None asks for repeats that name no effect at all. `unsteady`: the campaign's own
+    verdict says `ambiguous`, for parts of its fitted tests do not name the effect.
     """
 
     id: str | None
     repeats: int
     same: int
     ambiguous: int
+    unsteady: bool = False
 
     @property
     def agree(self) -> int:
         """Repeats that name it, or an effect that the data cannot tell from it."""
         return self.same + self.ambiguous
+
+    @property
+    def status(self) -> str:
+        """`repeated` by all repeats, else `ambiguous` by its own verdict, else `neither`."""
+        if self.agree == self.repeats:
+            return "repeated"
+        return "ambiguous" if self.unsteady else "neither"
 
 
 @dataclass(frozen=True)
@@ -103,11 +112,20 @@ class Agreement:
             text += f"; besides, repeats name {named}"
         if self.failed:
             text += f"; {self.failed} came to no verdict"
-        return f"{text}."
+        return f"{text}.{self._missed('ambiguous')}{self._missed('neither')}"
+
+    def _missed(self, status: str) -> str:
+        """A sentence on the effects that not all repeats name; empty without such."""
+        named = joined([n.id for n in self.namings if n.status == status and n.id is not None])
+        if not named:
+            return ""
+        if status == "ambiguous":
+            return f" The verdict itself says ambiguous of {named}."
+        return f" The verdict neither repeats nor says ambiguous of {named}."
 
     def to_json(self) -> dict[str, Any]:
         """As JSON types."""
-        namings = [{**vars(n), "agree": n.agree} for n in self.namings]
+        namings = [{**vars(n), "agree": n.agree, "status": n.status} for n in self.namings]
         return {**vars(self), "namings": namings, "sentence": self.sentence}
 
 
@@ -154,10 +172,16 @@ def agreement(measured: Content, main: Content) -> Agreement | None:
     for effect in effects:
         same = sum(_names(named, effect) == "same" for named in found)
         like = sum(_names(named, effect) == "ambiguous" for named in found)
-        namings.append(Naming(effect["id"], len(repeats), same, like))
+        namings.append(Naming(effect["id"], len(repeats), same, like, _is_unsteady(effect)))
     agree = sum(all(_names(named, effect) for effect in effects) for named in found)
     others = _others(effects, found)
     return Agreement(main["file"], len(repeats), agree, tuple(namings), others, failed)
+
+
+def _is_unsteady(effect: Content) -> bool:
+    """Whether parts of the fitted tests do not name an effect that all of them name."""
+    parts = effect.get("repeats", {})
+    return bool(parts) and parts["agree"] < parts["parts"]
 
 
 def _names(named: Sequence[Content], effect: Content) -> str:
