@@ -11,7 +11,7 @@ import pytest
 from scipy.signal import lfilter
 
 from datasets.generator.campaign import LAB, GeneratedCampaign, drawn_effects, make_campaign
-from sysid.diagnosis.equation_error import CHANNELS, EFFORT
+from sysid.diagnosis.equation_error import CHANNELS, EFFORT, channels_of, equation_error
 from sysid.diagnosis.frame import (
     Frame,
     Noise,
@@ -30,9 +30,12 @@ from sysid.diagnosis.twins import Scatter, SensorNoise, sensor_noise, simulate_t
 from sysid.logs import Trial
 from sysid.model.base import ValveParameters, parameters_from_rig
 from sysid.model.effects import catalogue, class_of
+from sysid.model.effects.chamber import AtmosphereLeakage
 from sysid.model.effects.friction import SealFriction
 from sysid.model.effects.motor import AmplifierLag, TorqueConstantError
 from sysid.model.effects.sensor import PressureLag, PressureOffset
+from sysid.model.effects.supply import ExhaustBackPressure, SupplyDroop
+from sysid.model.effects.valve import DutyDeadZone, SubsonicFlowShape, ValveDelay
 from sysid.model.ports import Model
 from sysid.rig import Rig, rig_from_content
 
@@ -117,6 +120,10 @@ def test_the_true_model_leaves_noise_only(frame: Frame, healthy: Any) -> None:
         AmplifierLag(0.003),
         PressureLag(0.002),
         PressureOffset(1500.0, side="a"),
+        # These replace a law, or move where it chokes.
+        SubsonicFlowShape(1.0, 1.0, 0.3, 0.5),
+        SupplyDroop(1e7),
+        ExhaustBackPressure(1.4e7, 0.0),
     ],
     ids=lambda e: e.id,
 )
@@ -211,6 +218,76 @@ def test_a_refit_finds_the_number(traces: Traces, healthy: tuple[Tests, Rig, Mod
     found = refit(base, [AmplifierLag(0.001)])
     assert found.fit["amplifier-lag/amplifier_lag_s"] == pytest.approx(0.003, rel=0.05)
     assert found.gain > 100.0
+
+
+def twin_of(model: Model, traces: Traces, rig: Rig) -> Traces:
+    """A twin with the usual noise."""
+    noise = SensorNoise((np.array([1e-5]), np.array([150.0]), np.array([150.0])), np.zeros(3))
+    return next(simulate_twins(traces, model, noise, Scatter(), 1, 3, rig))
+
+
+def test_a_law_is_found_beside_base_parameters_that_were_fitted_without_it(
+    traces: Traces, healthy: tuple[Tests, Rig, Model]
+) -> None:
+    _, rig, model = healthy
+    twin = twin_of(model + SubsonicFlowShape(1.0, 1.0, 0.3, 0.5), traces, rig)
+    p = model.parameters
+    off = {f"c_fill_{side}": 1.5 * getattr(p, f"c_fill_{side}") for side in "ab"}
+    off |= {f"choked_fill_{side}": 0.93 * getattr(p, f"choked_fill_{side}") for side in "ab"}
+    wrong = Model(p.replace(**off))
+    base = projected(build_frame(twin, wrong, noise_of(twin, wrong), 0.0), wrong)
+    found = refit(base, [SubsonicFlowShape(1.0, 1.0, 0.4, 0.6)])
+    shape = found.effect
+    assert isinstance(shape, SubsonicFlowShape)
+    assert shape.critical_ratio == pytest.approx(0.3, abs=0.04)
+    assert shape.exhaust_blend == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_threshold_is_clear_where_many_tests_gain(
+    traces: Traces, healthy: tuple[Tests, Rig, Model]
+) -> None:
+    _, rig, model = healthy
+    twin = twin_of(model + DutyDeadZone(8e-4), traces, rig)
+    base = projected(build_frame(twin, model, noise_of(twin, model), 0.0), model)
+    found = refit(base, [DutyDeadZone(7e-4)])
+    gains = np.bincount(base.frame.tests, weights=found.before**2 - found.rest**2)
+    assert found.fit["duty-dead-zone/dead_time_s"] == pytest.approx(8e-4, rel=0.1)
+    # The tests under PWM alone tell.
+    assert 1 <= found.wald(base.frame.tests) <= np.count_nonzero(gains > 0.0)
+
+
+def test_an_effect_of_one_side_leaves_the_other_rate_alone() -> None:
+    assert channels_of(AtmosphereLeakage(1e-17, side="a")) == ("rate_a",)
+    assert channels_of(AtmosphereLeakage(1e-17)) == ("rate_a", "rate_b")
+    assert channels_of(PressureOffset(1e3, side="b")) == ("effort", "rate_b")
+    assert channels_of(SealFriction(2e-7)) == ("effort",)
+
+
+def test_no_window_holds_a_chamber_that_rests_on_the_atmosphere(
+    traces: Traces, healthy: Any
+) -> None:
+    # A law with a root in it, such as ISO 6358's, makes flow of the noise there.
+    atmosphere = healthy[2].parameters.atmosphere
+    for side in "ab":
+        used = build_windows(traces, healthy[2])[f"rate_{side}"].used().index
+        near = np.abs(traces.pressure(side)[used] - atmosphere) < 0.009 * atmosphere
+        exhausts = getattr(traces, f"open_{side}")[used] < 1.0
+        assert len(used) > 1000 and not np.any(near & exhausts)
+
+
+def test_rows_that_windows_use_give_what_all_rows_give(frame: Frame, healthy: Any) -> None:
+    for effect in (PressureLag(0.002), AmplifierLag(0.003), ValveDelay(5e-4, 2e-4)):
+        model = healthy[2] + effect
+        whole = equation_error(frame.traces, model)
+        some = equation_error(frame.traces, model, CHANNELS, frame.rows_used)
+        for name in CHANNELS:
+            np.testing.assert_array_equal(some[name], whole[name][frame.rows_used[name].index])
+
+
+def test_effects_of_averaged_flows_are_not_tried(healthy: tuple[Tests, Rig, Model]) -> None:
+    effects = [catalogue()["valve-dead-band"], catalogue()["torque-offset"]]
+    found = close_loop(*healthy, effects, simulation_error=lambda trial: 0.0)
+    assert found.null.family == 1
 
 
 def test_strengths_stay_within_their_bounds(frame: Frame, healthy: Any) -> None:
