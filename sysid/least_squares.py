@@ -10,8 +10,8 @@ identify. Standard errors are those of Bates, Watts (1988), Nonlinear Regression
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -87,6 +87,16 @@ class LeastSquaresFit:
     @property
     def names(self) -> tuple[str, ...]:
         return tuple(p.name for p in self.parameters)
+
+    def holding(self, names: Collection[str]) -> LeastSquaresFit:
+        """The same fit with some parameters given, so that they add no uncertainty."""
+        keep = [i for i, name in enumerate(self.names) if name not in names]
+        return replace(
+            self,
+            parameters=tuple(self.parameters[i] for i in keep),
+            values=self.values[keep],
+            jacobian=self.jacobian[:, keep],
+        )
 
     def __getitem__(self, name: str) -> float:
         return float(self.values[self.names.index(name)])

@@ -68,8 +68,10 @@ class Refit:
         """How clearly the last effect's strengths differ from 0: s' C^-1 s over their number.
 
         C is the jackknife's over the tests (rows,): what one test alone shows does not count.
-        A strength that is stuck at a bound other than 0 is clear of it. A threshold has no
-        slope that C could come from: there it is how many tests gain clearly, less those that lose.
+        The shape stays as fitted: where there is no effect it is nothing, and short tests of a
+        drift tell no more than its slope. A strength that is stuck at a bound other than 0 is
+        clear of it. A threshold has no slope that C could come from: there it is how many
+        tests gain clearly, less those that lose.
         """
         stuck = self.fit.diagnosis.at_bound
         strong = [q for q in type(self.effect).quantities if q.is_strength]
@@ -79,9 +81,11 @@ class Refit:
             gains = np.bincount(tests, weights=self.before**2 - self.rest**2)
             clear = np.count_nonzero(gains > _CLEAR_GAIN)
             return float(clear - np.count_nonzero(gains < -_CLEAR_GAIN))
-        covariance = self.fit.jackknife_covariance(tests)
-        places = [self.fit.names.index(f"{self.id}/{q.name}") for q in strong]
-        strengths = self.fit.values[places]
+        shapes = {f"{self.id}/{q.name}" for q in type(self.effect).shapes()}
+        fit = self.fit.holding(shapes)
+        covariance = fit.jackknife_covariance(tests)
+        places = [fit.names.index(f"{self.id}/{q.name}") for q in strong]
+        strengths = fit.values[places]
         inverse = np.linalg.pinv(covariance[np.ix_(places, places)], hermitian=True)
         return float(strengths @ inverse @ strengths) / len(places)
 
