@@ -32,8 +32,9 @@ _THRESHOLD_STEP = 0.05
 _MOST_FACTOR = 5.0
 # Whitened squares: what noise alone hardly gives one test.
 _CLEAR_GAIN = 20.0
-# A base parameter that an effect leaves without influence would step anywhere.
+_BASE_STEPS = 6
 _MOST_STEP = 0.5
+_SMALL_STEP = 0.02
 
 
 @dataclass(frozen=True)
@@ -186,18 +187,27 @@ def with_values(
 
 
 def with_base_refitted(base: Projected, model: Model) -> Model:
-    """A model whose base parameters take what is left of the residual, by one linear step."""
+    """A model whose base parameters take what is left of the residual: Gauss-Newton steps.
+
+    One that an effect leaves without influence would step anywhere: no step changes a
+    parameter by more than half.
+    """
     names = base_parameters(model)
-    residual = base.frame.residual(model)
-    jacobian = base_jacobian(base.frame, model, residual, names)
-    size = np.linalg.norm(jacobian, axis=0)
-    size[size == 0.0] = 1.0
-    step = -np.linalg.lstsq(jacobian / size, residual, rcond=1e-6)[0] / size
-    step = np.clip(step, -_MOST_STEP, _MOST_STEP)
-    changes = {
-        n: float(getattr(model.parameters, n) * (1.0 + s)) for n, s in zip(names, step, strict=True)
-    }
-    return Model(model.parameters.replace(**changes), model.effects)
+    for _ in range(_BASE_STEPS):
+        residual = base.frame.residual(model)
+        jacobian = base_jacobian(base.frame, model, residual, names)
+        size = np.linalg.norm(jacobian, axis=0)
+        size[size == 0.0] = 1.0
+        step = -np.linalg.lstsq(jacobian / size, residual, rcond=1e-6)[0] / size
+        step = np.clip(step, -_MOST_STEP, _MOST_STEP)
+        changes = {
+            n: float(getattr(model.parameters, n) * (1.0 + s))
+            for n, s in zip(names, step, strict=True)
+        }
+        model = Model(model.parameters.replace(**changes), model.effects)
+        if float(np.max(np.abs(step))) < _SMALL_STEP:
+            break
+    return model
 
 
 def standard_errors(base: Projected, extra: FloatArray) -> dict[str, float]:
