@@ -31,7 +31,7 @@ _END_SHARE = 0.01
 _NEAR_SUPPLY = 0.01
 _NEAR_ATMOSPHERE = 0.01
 _RUNAWAY = 1e4
-_NEAR_BOUNDARY = 0.006
+_NEAR_BOUNDARY = 0.02
 # Tests that tell their own friction to 3 %, and how many of them a spread needs.
 _LEAST_POWER = 1e3
 _LEAST_TESTS = 4

@@ -57,8 +57,8 @@ def close_loop(
 ) -> Loop:
     """Find what a fitted model lacks on tests given as (file, kind, trial), `fit` ones only.
 
-    `simulation_error` is a model's on the fitted motion logs, any scale: of the numbers with
-    and without the twins' correction, those that simulate better are kept.
+    `simulation_error` is the logarithm of a model's error on the fitted motion logs: of the
+    numbers with and without the twins' correction, those that simulate better are kept.
     """
     noise = sensor_noise(tests, rig)
     traces = prepare(tests, rig, model)
@@ -80,7 +80,7 @@ def close_loop(
         for twin in simulate_twins(traces, model, noise, scatter, TWINS, seed, rig)
     ]
     null = Null(judged, forms)
-    found = search(frame_of(traces), model, forms, null, progress)
+    found = search(frame_of(traces), model, forms, null, progress, simulation_error)
     if found.steps:
         progress("correcting the numbers by twins of the extended model")
         found = _corrected(found, traces, noise, rig, frame_of, simulation_error, seed + 2)

@@ -28,7 +28,7 @@ _TOLERANCE = 1e-4
 # One-sided differences: half the evaluations, and a fit to 1e-4 needs no more.
 _STEP = 1e-5
 # What a threshold does goes in steps, pulse by pulse: its slope is that of a chord.
-_THRESHOLD_STEP = 0.05
+THRESHOLD_STEP = 0.05
 _MOST_FACTOR = 5.0
 # Whitened squares: what noise alone hardly gives one test.
 _CLEAR_GAIN = 20.0
@@ -78,7 +78,7 @@ class Refit:
         strong = [q for q in type(self.effect).quantities if q.is_strength]
         if any(f"{self.id}/{q.name}" in stuck and getattr(self.effect, q.name) for q in strong):
             return math.inf
-        if any(_is_threshold(q) for q in strong):
+        if any(is_threshold(q) for q in strong):
             gains = np.bincount(tests, weights=self.before**2 - self.rest**2)
             clear = np.count_nonzero(gains > _CLEAR_GAIN)
             return float(clear - np.count_nonzero(gains < -_CLEAR_GAIN))
@@ -105,7 +105,7 @@ def refit(base: Projected, starts: Sequence[CatalogueEffect]) -> Refit:
     parameters = [*_own_parameters(starts), *(_relative(n) for n in names)]
     count = len(parameters) - len(names)
     quantities = [q for e in starts for q in type(e).quantities]
-    shares = [_THRESHOLD_STEP if _is_threshold(q) else _STEP for q in quantities]
+    shares = [THRESHOLD_STEP if is_threshold(q) else _STEP for q in quantities]
     shares += [_STEP] * len(names)
 
     def model_of(values: FloatArray) -> Model:
@@ -144,7 +144,7 @@ def refit(base: Projected, starts: Sequence[CatalogueEffect]) -> Refit:
     return Refit(with_values(starts, fit.values[:count]), base.rest, fit.residuals, fit)
 
 
-def _is_threshold(quantity: Quantity) -> bool:
+def is_threshold(quantity: Quantity) -> bool:
     """Whether an effect is not proportional to it: screening tries it at sizes of its own."""
     return quantity.is_strength and bool(quantity.grid)
 

@@ -67,6 +67,8 @@ def _orthonormal(columns: FloatArray) -> FloatArray:
     """An orthonormal basis of the columns' span, (rows, rank)."""
     size = np.linalg.norm(columns, axis=0)
     scaled = columns[:, size > 0.0] / size[size > 0.0]
+    if not scaled.size:
+        return np.asarray(scaled)
     u, s, _ = np.linalg.svd(scaled, full_matrices=False)
     return np.asarray(u[:, s > 1e-9 * s[0]])
 

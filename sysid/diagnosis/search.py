@@ -13,7 +13,14 @@ from scipy.stats import chi2
 from sysid.diagnosis.calibration import Null
 from sysid.diagnosis.equation_error import channels_of
 from sysid.diagnosis.frame import Frame
-from sysid.diagnosis.refit import Refit, refit, standard_errors, with_base_refitted
+from sysid.diagnosis.refit import (
+    THRESHOLD_STEP,
+    Refit,
+    is_threshold,
+    refit,
+    standard_errors,
+    with_base_refitted,
+)
 from sysid.diagnosis.screening import (
     Explained,
     Projected,
@@ -23,6 +30,7 @@ from sysid.diagnosis.screening import (
     starting_points,
 )
 from sysid.diagnosis.signatures import Candidate
+from sysid.errors import SimulationError
 from sysid.estimation import Estimate
 from sysid.model.effects.catalogue import class_of
 from sysid.model.effects.entry import CatalogueEffect
@@ -52,6 +60,8 @@ _WHOLE_SHARE = 0.8
 _LEAST_WHOLE = 0.004
 # An effect that changes by this factor beside the next one was not what it seemed.
 _MOST_CHANGE = 2.5
+# By how much the logarithm of the simulation error may rise with an effect beside another.
+_TOLERATED_RISE = 0.01
 # A rival that takes almost as much as the winner cannot be told from it: nature's own form
 # of an effect seldom is the catalogue's, and costs the right one as much.
 _RIVAL_SHARE = 0.9
@@ -122,8 +132,13 @@ def search(
     candidates: Sequence[Candidate],
     null: Null,
     progress: Callable[[str], None],
+    simulation_error: Callable[[Model], float],
 ) -> Search:
-    """Add effects while one passes the twins' test and takes a fair share of the excess."""
+    """Add effects while one passes the twins' test and takes a fair share of the excess.
+
+    One beside another must not raise `simulation_error`, the logarithm of a model's error
+    on the fitted motion logs: what only fills up the misfit of the first may.
+    """
     first = base = projected(frame, model)
     steps: list[Step] = []
     while True:
@@ -160,6 +175,8 @@ def search(
         if share < _LEAST_SHARE or small or not _leaves_alone(first, steps, winner):
             return _finished(first, base, steps, suspects)
         extended = with_base_refitted(base, base.model + winner.effect)
+        if steps and not _simulates(simulation_error, base.model, extended):
+            return _finished(first, base, steps, suspects)
         step = Step(
             refit=winner,
             model=extended,
@@ -209,6 +226,14 @@ def _leaves_alone(first: Projected, steps: Sequence[Step], winner: Refit) -> boo
         if not 1.0 / _MOST_CHANGE < kept < _MOST_CHANGE:
             return False
     return True
+
+
+def _simulates(simulation_error: Callable[[Model], float], before: Model, after: Model) -> bool:
+    """Whether a model simulates the fitted motion logs no worse than without its last effect."""
+    try:
+        return simulation_error(after) <= simulation_error(before) + _TOLERATED_RISE
+    except SimulationError:
+        return False
 
 
 def _composes(model: Model, candidate: Candidate) -> bool:
@@ -289,7 +314,8 @@ def own_columns(frame: Frame, model: Model) -> FloatArray:
         assert isinstance(effect, CatalogueEffect)
         for q in type(effect).quantities:
             value = float(getattr(effect, q.name))
-            move = 0.01 * (abs(value) or abs(q.typical) or 1.0)
+            share = THRESHOLD_STEP if is_threshold(q) else 0.01
+            move = share * (abs(value) or abs(q.typical) or 1.0)
             move = -move if value + move > q.upper else move
             changed = list(model.effects)
             changed[place] = replace(effect, **{q.name: value + move})  # type: ignore[type-var]
