@@ -160,7 +160,8 @@ def search(
         refits = [
             r
             for r in _refit(base, passing[:MOST_SUSPECTS])
-            if r.wald(frame.tests) > (_CLEAR_WALD if steps else _least_wald(r, excess))
+            if r.gain > 0.0
+            and r.wald(frame.tests) > (_CLEAR_WALD if steps else _least_wald(r, excess))
         ]
         if not refits:
             return _finished(first, base, steps, suspects)
@@ -222,7 +223,8 @@ def _leaves_alone(first: Projected, steps: Sequence[Step], winner: Refit) -> boo
         names = [q.name for q in type(old).quantities if q.is_strength]
         was = np.array([getattr(old, n) for n in names])
         now = np.array([getattr(new, n) for n in names])
-        kept = float(was @ now) / float(was @ was)
+        size = float(was @ was)
+        kept = float(was @ now) / size if size > 0.0 else 0.0
         if not 1.0 / _MOST_CHANGE < kept < _MOST_CHANGE:
             return False
     return True

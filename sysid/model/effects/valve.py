@@ -223,7 +223,7 @@ class CoilHeating(CatalogueEffect):
             "heating_time_s",
             "s",
             20.0,
-            1.0,
+            5.0,
             300.0,
             "time constant of the warming",
             is_strength=False,
