@@ -348,6 +348,16 @@ def test_an_effect_is_found_and_named(
     assert leftover(found, rig) == ()
 
 
+@pytest.mark.parametrize(("rises", "count"), [(0.0, 2), (1.0, 1)])
+def test_a_second_effect_must_not_simulate_worse(rises: float, count: int) -> None:
+    tests, rig, model = made(("seal-friction", "sum", 1.0), ("piston-leakage", "quadratic", 1.0))
+    effects = [catalogue()[name] for name in ("seal-friction", "torque-offset", "piston-leakage")]
+    found = close_loop(
+        tests, rig, model, effects, simulation_error=lambda trial: rises * len(trial.effects)
+    )
+    assert len(found.search.steps) == count
+
+
 def test_what_no_effect_explains_is_said() -> None:
     tests, rig, model = made(("friction-warm-up", "decay", 1.0))
     found = loop(tests, rig, model)

@@ -280,6 +280,23 @@ def test_parameters_that_only_act_together_are_named() -> None:
     assert "cannot tell offset from second_offset" in str(fit.estimate("offset").reason)
 
 
+def test_a_parameter_that_is_held_adds_no_uncertainty() -> None:
+    # A rise and its time are one number where only the beginning of the rise is seen.
+    time = np.linspace(0.0, 1.0, 200)
+    noise = 0.002 * np.random.default_rng(4).standard_normal(200)
+    groups = np.arange(200) // 10
+
+    def residuals(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        rise, constant = values
+        return rise * (1.0 - np.exp(-time / constant)) - 0.4 * (1.0 - np.exp(-time / 20.0)) + noise
+
+    fit = minimise(residuals, [Parameter("rise", 0.3), Parameter("constant", 15.0)])
+    held = fit.holding({"constant"})
+    assert held.names == ("rise",) and held["rise"] == fit["rise"]
+    clear = held["rise"] ** 2 / held.jackknife_covariance(groups)[0, 0]
+    assert clear > 100.0 > fit["rise"] ** 2 / fit.jackknife_covariance(groups)[0, 0]
+
+
 def test_report_lists_every_parameter_with_unit_and_interval() -> None:
     rng = np.random.default_rng(7)
     report = fit_response(response(TRUTH) + 0.01 * rng.standard_normal(len(TIME))).report()
