@@ -102,7 +102,9 @@ def one(seed: int) -> dict[str, Any]:
         if not set(drawn["effects"]) <= SAME_LAW.keys():
             return drawn | {"diagnosis": json.loads(found.stdout)} | seconds
         true = call("benchmarks.true_model", campaign, bundle, str(place / "truth.json"))
-        errors = json.loads(true.stdout) if true.returncode == 0 else None
+        if true.returncode != 0:
+            return drawn | {"failed": f"true model: {true.stderr.strip()[-200:]}"}
+        errors = json.loads(true.stdout)
         return drawn | {"diagnosis": json.loads(found.stdout), "true_errors": errors} | seconds
 
 

@@ -163,7 +163,8 @@ def test_annotations_as_text_and_helpers_are_no_obstacle(example: Path) -> None:
     [
         ("class HoseDrag(CatalogueEffect):", "class HoseDrag(CatalogueEffect)", "line 6: does not"),
         ("from dataclasses", "from no_such_module", "line 1: does not run: ModuleNotFoundError"),
-        ("@dataclass(frozen=True)\n", "", "is not a dataclass"),
+        ("@dataclass(frozen=True)\n", "", "is not a frozen dataclass"),
+        ("@dataclass(frozen=True)\n", "@dataclass\n", "is not a frozen dataclass"),
         ("signature, source", "signature, sauce", "has no source"),
         ('"hose-drag"', '"backlash"', "takes the id backlash of the catalogue"),
         ("float = 0.0 ", "float = 0.1 ", "drag_nm_per_rad is 0.1 by default"),

@@ -2,8 +2,8 @@
 
 The tests are cut into three parts. Where each holds two tests or more, the effect that was
 chosen and its best rivals are fitted to one part and predict the others; else they are
-fitted to two and predict the third. A part names the contender that predicts best, if it
-would be added there by the rule of the whole.
+fitted to two and predict the third. A part names the contender that predicts best, if it is
+off 0 beyond doubt over the contenders and takes as much of the error as the whole asks.
 """
 
 from __future__ import annotations

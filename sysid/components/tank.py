@@ -293,7 +293,7 @@ def _rates(
         outside,
         valve.choked_dis,
         valve.c_dis,
-        base.is_exhaust_choked(pressure, point.parameters.atmosphere),
+        pressure >= plant.exhaust_boundary("a", point, model),
     )
     flow = model.through("exhaust_flow", flow, "a", point)
     flow = model.through("chamber_flow", flow, "a", point)

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.diagnosis.equation_error import forget
 from sysid.diagnosis.holdout import HeldOut, held_out
 from sysid.diagnosis.leftover import leftover
 from sysid.diagnosis.loop import Loop, close_loop
@@ -74,6 +75,7 @@ def diagnose(
         else np.full(3, math.nan)
     )
     unexplained = leftover(found, rig)
+    forget()
     names = (rig.position_channel, *PRESSURES)
     return Diagnosis(
         verdict=_verdict(found, bool(unexplained)),
@@ -104,7 +106,7 @@ def _verdict(found: Loop, structure_left: bool) -> Verdict:
 def _log_error(tests: HeldOut, model: Model) -> float:
     """Mean logarithm of the channels' open-loop RMSE: units do not count, 0 without tests."""
     errors = tests.rmse(model) if tests.tests else np.ones(3)
-    logged = errors[np.isfinite(errors)]
+    logged = errors[~np.isnan(errors)]
     return float(np.mean(np.log(logged))) if len(logged) else 0.0
 
 

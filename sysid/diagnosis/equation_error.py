@@ -75,11 +75,19 @@ _RATE_PORTS = (
 _BOTH_PORTS = ("parameters", "pitch_radius", "displacement", "measure")
 
 
-def channels_of(effect: Effect) -> tuple[str, ...]:
-    """The channels whose residual an effect can change; one of a side leaves the other's rate."""
+# Through these an effect without a side passes what one side does on to the other.
+_COUPLING_PORTS = ("supply_pressure", "exhaust_pressure", "chamber_flow")
+
+
+def channels_of(effect: Effect, beside: Sequence[Effect] = ()) -> tuple[str, ...]:
+    """The channels whose residual an effect can change, `beside` other effects.
+
+    One of a side leaves the other's rate, unless another effect couples the sides.
+    """
     effort = overrides(effect, *_EFFORT_PORTS, *_BOTH_PORTS)
     rates = overrides(effect, *_RATE_PORTS, *_BOTH_PORTS)
-    chosen = getattr(effect, "side", "both")
+    coupled = any(overrides(e, *_COUPLING_PORTS) and not hasattr(e, "side") for e in beside)
+    chosen = "both" if coupled else getattr(effect, "side", "both")
     sides = [side for side in SIDES if rates and chosen in (side, "both")]
     return (EFFORT,) * effort + tuple(f"rate_{side}" for side in sides)
 
@@ -195,6 +203,12 @@ def _as_shown(
     return found
 
 
+def forget() -> None:
+    """Let go of what is kept for the traces of a diagnosis."""
+    for kept in (_without_sensors, _with_timing, _states, Traces.at):
+        kept.cache_clear()
+
+
 def _moving_states(model: Model) -> Model:
     """The model with those of its effects that have a part in the extra states."""
     ports = ("parameters", "pitch_radius", "displacement")
@@ -255,7 +269,7 @@ def integrate_states(traces: Traces, model: Model) -> dict[str, FloatArray]:
     """
     found = {name: np.zeros(len(traces)) for name in model.state_names}
     owners = [e for e in model.effects if e.states]
-    needs_flow = any(RATE_A in channels_of(e) for e in owners)
+    needs_flow = any(channel != EFFORT for e in owners for channel in channels_of(e))
     run_up = _RUN_UP_S if needs_flow else _MECHANICAL_RUN_UP_S
     point = point_of(traces, model)
     flows = {side: measured_flow(side, traces, point, model) for side in SIDES}

@@ -44,8 +44,10 @@ class HeldOut:
         for test, run in zip(self.tests, self.simulated(model), strict=True):
             n = test.counted(test.whole)
             gap = (test.measured - run)[:, :n]
-            logged = np.isfinite(gap).all(axis=1)
-            squares[logged] += np.sum(gap[logged] ** 2, axis=1)
+            logged = np.isfinite(test.measured[:, :n]).all(axis=1)
+            # A simulation that runs away has an error without bound, not an unknown one.
+            off = np.nan_to_num(gap[logged], nan=np.inf)
+            squares[logged] += np.sum(off**2, axis=1)
             count[logged] += n
         with np.errstate(invalid="ignore"):
             return np.asarray(np.sqrt(squares / count))

@@ -34,7 +34,7 @@ _MOST_FACTOR = 5.0
 _CLEAR_GAIN = 20.0
 _BASE_STEPS = 6
 _MOST_STEP = 0.5
-_SMALL_STEP = 0.02
+_SMALL_STEP = 1e-4
 
 
 @dataclass(frozen=True)
@@ -71,8 +71,8 @@ class Refit:
         C is the jackknife's over the tests (rows,): what one test alone shows does not count.
         The shape stays as fitted: where there is no effect it is nothing, and short tests of a
         drift tell no more than its slope. A strength that is stuck at a bound other than 0 is
-        clear of it. A threshold has no slope that C could come from: there it is how many
-        tests gain clearly, less those that lose.
+        clear of it. A threshold has no slope that C could come from: there it is the squared z
+        of a sign test, of the tests that gain or lose clearly.
         """
         stuck = self.fit.diagnosis.at_bound
         strong = [q for q in type(self.effect).quantities if q.is_strength]
@@ -80,8 +80,9 @@ class Refit:
             return math.inf
         if any(is_threshold(q) for q in strong):
             gains = np.bincount(tests, weights=self.before**2 - self.rest**2)
-            clear = np.count_nonzero(gains > _CLEAR_GAIN)
-            return float(clear - np.count_nonzero(gains < -_CLEAR_GAIN))
+            won = int(np.count_nonzero(gains > _CLEAR_GAIN))
+            lost = int(np.count_nonzero(gains < -_CLEAR_GAIN))
+            return (won - lost) * abs(won - lost) / max(won + lost, 1)
         shapes = {f"{self.id}/{q.name}" for q in type(self.effect).shapes()}
         fit = self.fit.holding(shapes)
         covariance = fit.jackknife_covariance(tests)
@@ -97,7 +98,8 @@ def refit(base: Projected, starts: Sequence[CatalogueEffect]) -> Refit:
     The base parameters of the balances that the effects reach are fitted along: an effect
     that replaces a law changes what they do.
     """
-    channels = tuple(c for c in CHANNELS if any(c in channels_of(e) for e in starts))
+    others = (*base.model.effects, *starts)
+    channels = tuple(c for c in CHANNELS if any(c in channels_of(e, others) for e in starts))
     touched = np.zeros(len(base.rest), dtype=bool)
     for name in channels:
         touched[base.frame.rows(name)] = True
@@ -189,25 +191,30 @@ def with_values(
 def with_base_refitted(base: Projected, model: Model) -> Model:
     """A model whose base parameters take what is left of the residual: Gauss-Newton steps.
 
-    One that an effect leaves without influence would step anywhere: no step changes a
-    parameter by more than half.
+    For as long as they lower it, and to within a factor of 5 of what they were: one that an
+    effect leaves without influence would step anywhere.
     """
     names = base_parameters(model)
+    given = np.array([float(getattr(model.parameters, n)) for n in names])
+    factors, best, least = np.ones(len(names)), model, math.inf
     for _ in range(_BASE_STEPS):
         residual = base.frame.residual(model)
+        power = float(residual @ residual)
+        if not power < least:
+            break
+        best, least = model, power
         jacobian = base_jacobian(base.frame, model, residual, names)
         size = np.linalg.norm(jacobian, axis=0)
         size[size == 0.0] = 1.0
         step = -np.linalg.lstsq(jacobian / size, residual, rcond=1e-6)[0] / size
-        step = np.clip(step, -_MOST_STEP, _MOST_STEP)
-        changes = {
-            n: float(getattr(model.parameters, n) * (1.0 + s))
-            for n, s in zip(names, step, strict=True)
-        }
-        model = Model(model.parameters.replace(**changes), model.effects)
-        if float(np.max(np.abs(step))) < _SMALL_STEP:
+        moved = factors * (1.0 + np.clip(step, -_MOST_STEP, _MOST_STEP))
+        moved = np.clip(moved, 1.0 / _MOST_FACTOR, _MOST_FACTOR)
+        if float(np.max(np.abs(moved / factors - 1.0))) < _SMALL_STEP:
             break
-    return model
+        factors = moved
+        changes = dict(zip(names, (given * factors).tolist(), strict=True))
+        model = Model(model.parameters.replace(**changes), model.effects)
+    return best
 
 
 def standard_errors(base: Projected, extra: FloatArray) -> dict[str, float]:

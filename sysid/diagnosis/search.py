@@ -46,7 +46,8 @@ WORTH_REFITTING = 0.15
 # The twins are screened for this many effects at most, those that gain most.
 _CALIBRATED = 14
 CLEAR_RATIO = 2.5
-# A strength that the tests agree on lies this many squared standard errors off 0.
+# A strength that the tests agree on lies this many squared standard errors off 0
+# (`Refit.wald`; of a threshold so many more tests gain than lose).
 _CLEAR_WALD = 16.0
 # One that takes nearly all of the rest may show in few tests: a drift in the longest ones.
 _MAIN_SHARE = 0.75
@@ -85,8 +86,7 @@ class Step:
 
     `model` holds it, all before it, and the base parameters refitted beside them. `share`:
     of the excess over noise that it found in the balances that it reaches, how much it took.
-    `ambiguous`: ids that take as
-    much. `suspects` in descending order.
+    `ambiguous`: ids that take as much. `suspects` in descending order.
     """
 
     refit: Refit

@@ -107,7 +107,7 @@ def signature(frame: Frame, model: Model, base: FloatArray, candidate: Candidate
 
     Per probing size; `base` (rows,) is the residual of the model without the effect.
     """
-    channels = channels_of(candidate.neutral())
+    channels = channels_of(candidate.neutral(), model.effects)
     columns = []
     for i in range(len(candidate.steps)):
         unit = [float(i == j) for j in range(len(candidate.steps))]

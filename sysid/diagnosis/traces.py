@@ -110,7 +110,7 @@ class Traces:
         channels = (self.acceleration, self.rate_a, self.rate_b)
         return all(bool(np.isfinite(channel).all()) for channel in channels)
 
-    @lru_cache(maxsize=8)  # noqa: B019 - a few traces live, for as long as a diagnosis
+    @lru_cache(maxsize=8)  # noqa: B019 - `equation_error.forget` ends it
     def at(self, rows: Rows) -> Traces:
         """These rows alone, of no test in particular."""
         names = [f.name for f in fields(self) if f.name != "runs"]

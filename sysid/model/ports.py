@@ -88,11 +88,17 @@ class Effect:
         return displacement
 
     def supply_pressure(self, pressure: Array, side: str, point: Point) -> Array:
-        """Supply pressure at the valve of a side, Pa."""
+        """Supply pressure at the valve of a side, Pa.
+
+        Asked too for a chamber at 0 Pa: where choked flow leaves the supply.
+        """
         return pressure
 
     def exhaust_pressure(self, pressure: Array, side: str, point: Point) -> Array:
-        """Pressure that the valve of a side exhausts to, Pa."""
+        """Pressure that the valve of a side exhausts to, Pa.
+
+        Asked too for a chamber at 1e9 Pa: where choked flow leaves the exhaust.
+        """
         return pressure
 
     def filling_flow(self, flow: Array, side: str, point: Point) -> Array:

@@ -24,7 +24,7 @@ from sysid.model import base, plant
 from sysid.model._jax import jax, jnp
 from sysid.model.base import Array
 from sysid.model.events import Cubic, apart, first_event, kutta_cubic
-from sysid.model.ports import SIDES, Model, Point, overrides
+from sysid.model.ports import SIDES, Model, Point
 from sysid.model.supply_approach import gap_change
 
 Rates = tuple[Array, ...]
@@ -137,6 +137,7 @@ def _chamber(side: str, setting: Setting) -> Chamber:
         plant.filling_boundary(side, point, model),
         plant.exhaust_boundary(side, point, model),
     )
+    fixed = jnp.where(is_open, base.filling_boundary(p.supply), base.exhaust_boundary(p.atmosphere))
     excess = point.pressure(side) - boundary
     flow_above = _flow(side, ~is_open, point, setting)
     flow_below = _flow(side, is_open, point, setting)
@@ -148,8 +149,7 @@ def _chamber(side: str, setting: Setting) -> Chamber:
     rate_above = jnp.where(higher, rate, rate + jump)
     rate_below = jnp.where(higher, rate - jump, rate)
     driven = jnp.where(rate_above > 0, 1.0, jnp.where(rate_below < 0, -1.0, 0.0))
-    moves = any(overrides(e, "supply_pressure", "exhaust_pressure") for e in model.effects)
-    near = _ON_MOVING_BOUNDARY if moves else _ON_BOUNDARY
+    near = jnp.where(boundary == fixed, _ON_BOUNDARY, _ON_MOVING_BOUNDARY)
     on_boundary = jnp.abs(excess) <= near * boundary
     above = jnp.where(on_boundary, driven, jnp.where(higher, 1.0, -1.0))
     below = above < 0

@@ -118,8 +118,11 @@ def _check_entry(where: str, effect: type[CatalogueEffect]) -> None:
     missing = [name for name in _ATTRIBUTES if not hasattr(effect, name)]
     if missing:
         raise input_error(where, f"has no {', '.join(missing)}", "add it, as the README shows")
-    if "__dataclass_fields__" not in vars(effect):
-        raise input_error(where, "is not a dataclass", "put @dataclass(frozen=True) above it")
+    made = vars(effect).get("__dataclass_params__")
+    if made is None or not made.frozen:
+        raise input_error(
+            where, "is not a frozen dataclass", "put @dataclass(frozen=True) above it"
+        )
     if not isinstance(effect.quantities, tuple) or not all(
         isinstance(q, Quantity) for q in effect.quantities
     ):

@@ -37,7 +37,7 @@ def drooped_filling_flow(
     unchoked = 0.5 * valve.c_fill * (xp.sqrt(loss * loss + 4.0 * gap) - loss)
     choked = valve.choked_fill * supply / (supply_reference + droop * valve.choked_fill)
     flow = xp.where(base.is_filling_choked(pressure, supply - droop * choked), choked, unchoked)
-    return xp.where(flow > 0.0, flow, 0.0)
+    return xp.where((flow > 0.0) & (choked == choked), flow, 0.0)
 
 
 def backed_exhaust_flow(
@@ -52,7 +52,7 @@ def backed_exhaust_flow(
     unchoked = valve.c_dis * (pressure - atmosphere) / (1.0 + resistance * valve.c_dis)
     back = atmosphere + resistance * valve.choked_dis
     flow = xp.where(base.is_exhaust_choked(pressure, back), valve.choked_dis, unchoked)
-    return xp.where(flow > 0.0, flow, 0.0)
+    return xp.where((flow > 0.0) & (back == back), flow, 0.0)
 
 
 @dataclass(frozen=True)

@@ -223,7 +223,7 @@ class CoilHeating(CatalogueEffect):
             "heating_time_s",
             "s",
             20.0,
-            5.0,
+            5.0,  # a coil's copper and iron take longer
             300.0,
             "time constant of the warming",
             is_strength=False,
