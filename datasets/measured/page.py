@@ -52,9 +52,9 @@ def render_page(results: Content) -> str:
     summary = table(
         "The campaigns fitted and diagnosed, with the errors on recordings that nothing was "
         "fitted on (SI units)",
-        COLUMNS,
-        overview(results),
-        text=(1, 2, 3, 8),
+        _without_base(COLUMNS),
+        [_without_base(row) for row in overview(results)],
+        text=(1, 2, 7),
     )
     return fill(
         _TEMPLATE.name,
@@ -64,6 +64,12 @@ def render_page(results: Content) -> str:
         sentence=_sentence(results),
         level=_level(results),
     )
+
+
+def _without_base(row: Sequence[str]) -> tuple[str, ...]:
+    """A row of the overview without the base model, which each section gives."""
+    place = COLUMNS.index("Base model")
+    return (*row[:place], *row[place + 1 :])
 
 
 def _sentence(results: Content) -> str:
@@ -209,9 +215,9 @@ def _effects_table(diagnosis: Content) -> Block:
 
 
 def _bars(measured: Content) -> list[Block]:
-    """The errors of all campaigns of a set, a picture a channel."""
+    """The errors of a set's campaigns but the repeats, a picture a channel."""
     errors: dict[str, dict[int, Errors]] = {}
-    for campaign in measured["campaigns"]:
+    for campaign in mains(measured):
         for error in errors_of(campaign):
             errors.setdefault(error.channel, {})[_place(measured, campaign)] = error
     if not errors:
@@ -220,7 +226,7 @@ def _bars(measured: Content) -> list[Block]:
         figures.bars(f"{_id(measured['name'])}-bars-{i}", places)
         for i, places in enumerate(errors.values(), start=1)
     )
-    names = "; ".join(_named(measured, campaign) for campaign in measured["campaigns"])
+    names = "; ".join(_named(measured, campaign) for campaign in mains(measured))
     return [FigureGroup(f"RMSE on the held-out recordings. Campaign {names}.", drawn)]
 
 
