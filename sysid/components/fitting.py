@@ -13,7 +13,6 @@ from sysid._autocovariance import runs_of, tapered_autocovariance
 from sysid.components.component import Component, Law
 from sysid.components.starts import (
     bounds_of,
-    effects_at,
     first_guesses,
     law_at,
     residuals_of,
@@ -21,7 +20,7 @@ from sysid.components.starts import (
 )
 from sysid.estimation import Estimate
 from sysid.least_squares import LeastSquaresFit, Parameter, central_jacobian, minimise
-from sysid.model.effects.entry import CatalogueEffect, Quantity
+from sysid.model.effects.entry import CatalogueEffect, Quantity, with_values
 
 FloatArray = NDArray[np.float64]
 
@@ -116,7 +115,7 @@ def fit_law(
         ]
         starts = list(near.effects)
     fit = _minimise(component, own, tuple(starts), tests)
-    starts = list(effects_at(starts, fit.values[len(own) :]))
+    starts = list(with_values(starts, fit.values[len(own) :]))
     for kind in kinds[len(starts) :]:
         trials = [
             _minimise(component, _moved(own, fit), (*starts, first), tests)
@@ -125,7 +124,7 @@ def fit_law(
         best = min(range(len(trials)), key=lambda i: trials[i].sum_of_squares)
         fit = trials[best]
         starts = list(
-            effects_at((*starts, kind.neutral(**side_of(kind, component))), fit.values[len(own) :])
+            with_values((*starts, kind.neutral(**side_of(kind, component))), fit.values[len(own) :])
         )
     return Fitted.of(component, kinds, tests, fit)
 

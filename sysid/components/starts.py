@@ -7,14 +7,13 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sysid.components.component import PROBE, Component, Law, shapes
 from sysid.least_squares import LeastSquaresFit, Parameter
-from sysid.model.effects.entry import CatalogueEffect, Quantity
+from sysid.model.effects.entry import CatalogueEffect, Quantity, with_values
 
 FloatArray = NDArray[np.float64]
 
@@ -30,23 +29,8 @@ def law_at(own: Sequence[Parameter], effects: Sequence[CatalogueEffect], values:
     names = [p.name for p in own]
     return Law(
         dict(zip(names, map(float, values), strict=False)),
-        effects_at(effects, values[len(own) :]),
+        with_values(effects, values[len(own) :]),
     )
-
-
-def effects_at(
-    effects: Sequence[CatalogueEffect], values: FloatArray
-) -> tuple[CatalogueEffect, ...]:
-    found, place = [], 0
-    for effect in effects:
-        fields: dict[str, Any] = {}
-        for q in type(effect).quantities:
-            fields[q.name] = float(values[place])
-            place += 1
-        if type(effect).has_side():
-            fields["side"] = getattr(effect, "side")  # noqa: B009
-        found.append(type(effect)(**fields))
-    return tuple(found)
 
 
 def bounds_of(quantity: Quantity) -> tuple[float, float]:
@@ -61,6 +45,7 @@ def bounds_of(quantity: Quantity) -> tuple[float, float]:
 
 
 def side_of(kind: type[CatalogueEffect], component: Component) -> dict[str, str]:
+    """The side that an effect of this kind acts on here; nothing for one without a side."""
     return {"side": component.side()} if kind.has_side() else {}
 
 
@@ -158,4 +143,4 @@ def _take(
     return float(rest @ rest - left @ left), coefficients
 
 
-__all__ = ["bounds_of", "effects_at", "first_guesses", "law_at", "residuals_of", "side_of"]
+__all__ = ["bounds_of", "first_guesses", "law_at", "residuals_of", "side_of"]

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.diagnosis.frame import Frame
-from sysid.diagnosis.refit import with_values
 from sysid.diagnosis.search import Search, own_columns
 from sysid.diagnosis.signatures import base_jacobian, base_parameters
+from sysid.model.effects.entry import with_values
 from sysid.model.ports import Model
 
 FloatArray = NDArray[np.float64]

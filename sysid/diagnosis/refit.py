@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +16,7 @@ from sysid.diagnosis.equation_error import CHANNELS, channels_of
 from sysid.diagnosis.screening import Projected
 from sysid.diagnosis.signatures import base_jacobian, base_parameters, channel_of
 from sysid.least_squares import LeastSquaresFit, Parameter, minimise
-from sysid.model.effects.entry import CatalogueEffect, Quantity
+from sysid.model.effects.entry import CatalogueEffect, Quantity, with_values
 from sysid.model.ports import Model
 
 FloatArray = NDArray[np.float64]
@@ -169,23 +168,6 @@ def _own_parameters(effects: Sequence[CatalogueEffect]) -> list[Parameter]:
 def _relative(name: str) -> Parameter:
     """A base parameter over what the bundle says."""
     return Parameter(name, 1.0, "-", 1.0 / _MOST_FACTOR, _MOST_FACTOR, 1.0)
-
-
-def with_values(
-    effects: Sequence[CatalogueEffect], values: FloatArray
-) -> tuple[CatalogueEffect, ...]:
-    """The effects with other numbers, given in the order of their quantities."""
-    found, place = [], 0
-    for effect in effects:
-        quantities = type(effect).quantities
-        fields: dict[str, Any] = {"side": getattr(effect, "side", None)}
-        if not type(effect).has_side():
-            fields = {}
-        for q in quantities:
-            fields[q.name] = float(values[place])
-            place += 1
-        found.append(type(effect)(**fields))
-    return tuple(found)
 
 
 def with_base_refitted(base: Projected, model: Model) -> Model:

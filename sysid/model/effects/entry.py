@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, Self
 
@@ -85,6 +86,17 @@ class CatalogueEffect(Effect):
     def typical(cls, **fields: Any) -> Self:
         """The effect at its usual size, or as given."""
         return cls(**{q.name: q.typical for q in cls.quantities} | fields)
+
+
+def with_values(
+    effects: Sequence[CatalogueEffect], values: Iterable[float]
+) -> tuple[CatalogueEffect, ...]:
+    """The effects with other numbers, given in the order of their quantities; sides stay."""
+    found, rest = [], iter(values)
+    for effect in effects:
+        numbers: dict[str, Any] = {q.name: float(next(rest)) for q in type(effect).quantities}
+        found.append(dataclasses.replace(effect, **numbers))  # type: ignore[type-var]
+    return tuple(found)
 
 
 def of_side(side: str, chosen: str) -> bool:
