@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.diagnosis.frame import Frame
+from sysid.diagnosis.refit import LEAST_REACH
 from sysid.diagnosis.search import Search, own_columns
 from sysid.diagnosis.signatures import base_jacobian, base_parameters
 from sysid.model.effects.entry import with_values
@@ -38,7 +39,8 @@ def corrected(search: Search, twins: Sequence[Frame]) -> Search:
     names = base_parameters(search.model)
     count = sum(len(type(e).quantities) for e in joint.effects)
     fitted = joint.fit.values[:count]
-    moves = np.mean([_move(frame, search.model, names, count) for frame in twins], axis=0)
+    reach = LEAST_REACH * search.first.reach
+    moves = np.mean([_move(frame, search.model, names, count, reach) for frame in twins], axis=0)
     moved = _trusted(moves[:count], np.abs(fitted))
     lower = np.array([p.lower for p in joint.fit.parameters])[:count]
     upper = np.array([p.upper for p in joint.fit.parameters])[:count]
@@ -54,14 +56,19 @@ def corrected(search: Search, twins: Sequence[Frame]) -> Search:
     return replace(search, steps=steps, model=model, joint=replace(joint, effects=found, fit=fit))
 
 
-def _move(frame: Frame, model: Model, names: Sequence[str], count: int) -> FloatArray:
+def _move(
+    frame: Frame, model: Model, names: Sequence[str], count: int, reach: FloatArray
+) -> FloatArray:
     """How far a fit to a twin of the model would move: effects' numbers, base parameters' shares.
 
-    One linear step: the twin is the model's own.
+    One linear step: the twin is the model's own. Base parameters whose column is shorter than
+    `reach` (p,) stay, as in the fit.
     """
     residual = frame.residual(model)
     own = own_columns(frame, model)[:, -count:]
-    columns = np.hstack([own, base_jacobian(frame, model, residual, names)])
+    base = base_jacobian(frame, model, residual, names)
+    base[:, np.linalg.norm(base, axis=0) <= reach] = 0.0
+    columns = np.hstack([own, base])
     size = np.linalg.norm(columns, axis=0)
     size[size == 0.0] = np.inf
     return np.asarray(-np.linalg.lstsq(columns / size, residual, rcond=1e-6)[0] / size)

@@ -34,6 +34,8 @@ _CLEAR_GAIN = 20.0
 _BASE_STEPS = 6
 _MOST_STEP = 0.5
 _SMALL_STEP = 1e-4
+# Of the length of its column without effects: what a base parameter has to keep to be refitted.
+LEAST_REACH = 0.02
 
 
 @dataclass(frozen=True)
@@ -173,8 +175,9 @@ def _relative(name: str) -> Parameter:
 def with_base_refitted(base: Projected, model: Model) -> Model:
     """A model whose base parameters take what is left of the residual: Gauss-Newton steps.
 
-    For as long as they lower it, and to within a factor of 5 of what they were: one that an
-    effect leaves without influence would step anywhere.
+    For as long as they lower it, and to within a factor of 5 of what they were. One that an
+    effect leaves hardly any influence stays: it would step anywhere, and where the effect does
+    not act (a flow that runs backwards) it still counts.
     """
     names = base_parameters(model)
     given = np.array([float(getattr(model.parameters, n)) for n in names])
@@ -187,8 +190,10 @@ def with_base_refitted(base: Projected, model: Model) -> Model:
         best, least = model, power
         jacobian = base_jacobian(base.frame, model, residual, names)
         size = np.linalg.norm(jacobian, axis=0)
-        size[size == 0.0] = 1.0
-        step = -np.linalg.lstsq(jacobian / size, residual, rcond=1e-6)[0] / size
+        free = size > LEAST_REACH * base.reach
+        step = np.zeros(len(names))
+        columns = jacobian[:, free] / size[free]
+        step[free] = -np.linalg.lstsq(columns, residual, rcond=1e-6)[0] / size[free]
         moved = factors * (1.0 + np.clip(step, -_MOST_STEP, _MOST_STEP))
         moved = np.clip(moved, 1.0 / _MOST_FACTOR, _MOST_FACTOR)
         if float(np.max(np.abs(moved / factors - 1.0))) < _SMALL_STEP:

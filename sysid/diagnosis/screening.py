@@ -31,7 +31,7 @@ class Projected:
 
     `residual` (rows,) as it is, `rest` (rows,) what is left of it, `basis` (rows, m)
     orthonormal; `extra` (rows, k), orthonormal too, are those of it that are not the base
-    parameters'.
+    parameters'. `reach` (p,): length of each base parameter's column, before any effect.
     """
 
     frame: Frame
@@ -40,6 +40,7 @@ class Projected:
     basis: FloatArray
     rest: FloatArray
     extra: FloatArray
+    reach: FloatArray
 
     def beside_extra(self, values: FloatArray) -> FloatArray:
         """`values` (rows,) or (rows, k) without what `extra` holds."""
@@ -54,13 +55,14 @@ def projected(frame: Frame, model: Model, extra: FloatArray | None = None) -> Pr
     """The residual of a model, its base parameters (and `extra` columns) projected out."""
     residual = frame.residual(model)
     jacobian = base_jacobian(frame, model, residual, base_parameters(model))
+    reach = np.linalg.norm(jacobian, axis=0)
     own = np.zeros((len(residual), 0))
     if extra is not None and extra.size:
         own = _orthonormal(extra)
         jacobian = np.hstack([jacobian, extra])
     basis = _orthonormal(jacobian)
     rest = residual - basis @ (basis.T @ residual)
-    return Projected(frame, model, residual, basis, rest, own)
+    return Projected(frame, model, residual, basis, rest, own, reach)
 
 
 def _orthonormal(columns: FloatArray) -> FloatArray:

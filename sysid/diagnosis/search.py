@@ -191,6 +191,7 @@ def search(
         )
         steps.append(step)
         base = projected(frame, extended, extra=own_columns(frame, extended))
+        base = replace(base, reach=first.reach)
 
 
 def _finished(
