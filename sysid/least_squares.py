@@ -10,7 +10,7 @@ identify. Standard errors are those of Bates, Watts (1988), Nonlinear Regression
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -333,13 +333,31 @@ def central_jacobian(
 
     `sizes` (p,) are the parameters' typical magnitudes, for values that are zero.
     """
-    columns = []
+    return central_jacobian_of_all(
+        lambda points: map(function, points), values, sizes, lower, upper
+    )
+
+
+def central_jacobian_of_all(
+    function: Callable[[Sequence[FloatArray]], Iterable[FloatArray]],
+    values: FloatArray,
+    sizes: FloatArray,
+    lower: FloatArray | None = None,
+    upper: FloatArray | None = None,
+) -> FloatArray:
+    """`central_jacobian` of a function that takes all its points, (p,) each, at once."""
+    points: list[FloatArray] = []
     for i, value in enumerate(values):
         step = _CENTRAL_STEP * max(abs(value), 1e-3 * sizes[i])
         ahead, behind = np.array(values), np.array(values)
         ahead[i] = min(value + step, np.inf if upper is None else upper[i])
         behind[i] = max(value - step, -np.inf if lower is None else lower[i])
-        columns.append((function(ahead) - function(behind)) / (ahead[i] - behind[i]))
+        points += [ahead, behind]
+    answers = iter(function(points))
+    columns = [
+        (next(answers) - next(answers)) / (points[2 * i][i] - points[2 * i + 1][i])
+        for i in range(len(values))
+    ]
     return np.stack(columns, axis=1)
 
 

@@ -112,6 +112,11 @@ def resample(
     return np.asarray(CubicSpline(time, values)(grid), dtype=float)
 
 
+def held_about_rows(command: FloatArray) -> FloatArray:
+    """A command (n,) about each row: it holds from its row to the next, so half of each."""
+    return np.asarray(0.5 * (command + np.concatenate([command[:1], command[:-1]])))
+
+
 def quantum(values: FloatArray) -> float:
     """Resolution of a channel, in its own unit; 0 where its values lie on no grid.
 

@@ -106,11 +106,6 @@ class EvenTrial:
         """What friction and inertia balance: motor + cylinder - gravity (3.4.2)."""
         return self.motor + self.cylinder - self.gravity
 
-    @property
-    def held_motor(self) -> FloatArray:
-        """Motor effort about each row: a command holds from its row to the next, so half each."""
-        return np.asarray(0.5 * (self.motor + np.concatenate([self.motor[:1], self.motor[:-1]])))
-
     @cached_property
     def position_noise(self) -> signals.NoiseFloor:
         return signals.noise_floor(self.position)

@@ -99,7 +99,9 @@ def motion_samples(trial: EvenTrial, cutoff_hz: float) -> MotionSamples:
     )
     sign = signals.lowpass(np.sign(speed), dt, cutoff_hz)
     regressors = np.column_stack([sign, speed, np.ones(len(speed)), acceleration])
-    effort = signals.lowpass(trial.held_motor + trial.cylinder - trial.gravity, dt, cutoff_hz)
+    effort = signals.lowpass(
+        signals.held_about_rows(trial.motor) + trial.cylinder - trial.gravity, dt, cutoff_hz
+    )
     rows = np.flatnonzero(~left_out(trial, cutoff_hz))[:: max(1, length // 4)]
     noise = np.array([0.0, speed_noise**2, 0.0, acceleration_noise**2])
     return MotionSamples(

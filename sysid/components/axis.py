@@ -272,7 +272,7 @@ def _cases(trial: Trial, even: EvenTrial, rig: Rig, pieces: int) -> list[_Test]:
         velocity=velocity,
         pressure_a=_channel(trial, "pressure_a_pa", grid, atmosphere),
         pressure_b=_channel(trial, "pressure_b_pa", grid, atmosphere),
-        motor=even.held_motor,
+        motor=signals.held_about_rows(even.motor),
         open_a=np.zeros(len(even)),
         open_b=np.zeros(len(even)),
         direction=np.sign(velocity),

@@ -19,7 +19,7 @@ from sysid.components.starts import (
     side_of,
 )
 from sysid.estimation import Estimate
-from sysid.least_squares import LeastSquaresFit, Parameter, central_jacobian, minimise
+from sysid.least_squares import LeastSquaresFit, Parameter, central_jacobian_of_all, minimise
 from sysid.model.effects.entry import CatalogueEffect, Quantity, with_values
 
 FloatArray = NDArray[np.float64]
@@ -206,18 +206,7 @@ def _jacobian_of(
         np.array([getattr(p, name) for p in parameters]) for name in ("size", "lower", "upper")
     )
 
-    def jacobian(values: FloatArray) -> FloatArray:
-        points: list[FloatArray] = []
-
-        def noted(point: FloatArray) -> FloatArray:
-            points.append(point)
-            return np.zeros(1)
-
-        central_jacobian(noted, values, sizes, lower, upper)
-        answers = iter(function(points))
-        return central_jacobian(lambda _: next(answers), values, sizes, lower, upper)
-
-    return jacobian
+    return lambda values: central_jacobian_of_all(function, values, sizes, lower, upper)
 
 
 def cross_validated(

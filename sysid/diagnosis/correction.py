@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.diagnosis.frame import Frame
-from sysid.diagnosis.refit import LEAST_REACH
+from sysid.diagnosis.refit import linear_step, reaching_columns
 from sysid.diagnosis.search import Search, own_columns
-from sysid.diagnosis.signatures import base_jacobian, base_parameters
+from sysid.diagnosis.signatures import base_parameters
 from sysid.model.effects.entry import with_values
 from sysid.model.ports import Model
 
@@ -39,11 +39,10 @@ def corrected(search: Search, twins: Sequence[Frame]) -> Search:
     names = base_parameters(search.model)
     count = sum(len(type(e).quantities) for e in joint.effects)
     fitted = joint.fit.values[:count]
-    reach = LEAST_REACH * search.first.reach
-    moves = np.mean([_move(frame, search.model, names, count, reach) for frame in twins], axis=0)
+    moves = np.mean([_move(search, frame, count) for frame in twins], axis=0)
     moved = _trusted(moves[:count], np.abs(fitted))
-    lower = np.array([p.lower for p in joint.fit.parameters])[:count]
-    upper = np.array([p.upper for p in joint.fit.parameters])[:count]
+    own = joint.fit.parameters[:count]
+    lower, upper = np.array([p.lower for p in own]), np.array([p.upper for p in own])
     values = np.clip(fitted - moved, lower, upper)
     relative = _trusted(moves[count:], np.ones(len(names)))
     changes = {
@@ -56,22 +55,15 @@ def corrected(search: Search, twins: Sequence[Frame]) -> Search:
     return replace(search, steps=steps, model=model, joint=replace(joint, effects=found, fit=fit))
 
 
-def _move(
-    frame: Frame, model: Model, names: Sequence[str], count: int, reach: FloatArray
-) -> FloatArray:
+def _move(search: Search, frame: Frame, count: int) -> FloatArray:
     """How far a fit to a twin of the model would move: effects' numbers, base parameters' shares.
 
-    One linear step: the twin is the model's own. Base parameters whose column is shorter than
-    `reach` (p,) stay, as in the fit.
+    One linear step: the twin is the model's own. `count`: the effects' numbers.
     """
-    residual = frame.residual(model)
-    own = own_columns(frame, model)[:, -count:]
-    base = base_jacobian(frame, model, residual, names)
-    base[:, np.linalg.norm(base, axis=0) <= reach] = 0.0
-    columns = np.hstack([own, base])
-    size = np.linalg.norm(columns, axis=0)
-    size[size == 0.0] = np.inf
-    return np.asarray(-np.linalg.lstsq(columns / size, residual, rcond=1e-6)[0] / size)
+    residual = frame.residual(search.model)
+    own = own_columns(frame, search.model)[:, -count:]
+    base = reaching_columns(search.first, frame, search.model, residual)
+    return linear_step(np.hstack([own, base]), residual)
 
 
 def _trusted(moves: FloatArray, sizes: FloatArray) -> FloatArray:

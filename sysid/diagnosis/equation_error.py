@@ -110,14 +110,15 @@ def equation_error(
         # What a fit moves has no part in the timing: with it no opening would be known again.
         fixed = model.parameters.replace(**dict.fromkeys(_FITTED, 0.0))
         seen = _with_timing(seen, traces, Model(fixed, timing))
-    states = _states(seen, _moving_states(model)) if model.state_names else {}
+    states = _states(seen, _with_part_in_states(model)) if model.state_names else {}
     found = {name: np.zeros(len(rows[name].index) if rows else len(traces)) for name in CHANNELS}
     for name in channels:
+        own = rows[name] if rows else None
         # A sensor with a memory needs what it is shown without a gap.
-        some = rows[name] if rows and not (sensors and name != EFFORT) else None
+        gaps = None if sensors and name != EFFORT else own
         here, extra = seen, states
-        if some is not None:
-            here, extra = seen.at(some), {n: v[some.index] for n, v in states.items()}
+        if gaps is not None:
+            here, extra = seen.at(gaps), {n: v[gaps.index] for n, v in states.items()}
         point = replace(point_of(here, model), extra=extra)
         if name == EFFORT:
             found[name] = _effort_error(here, point, model)
@@ -127,10 +128,9 @@ def equation_error(
         if sensors:
             rate = _as_shown(here, side, np.asarray(rate), sensors)
         shown = getattr(traces, name)
-        if some is None and rows:
-            rate, shown = rate[rows[name].index], shown[rows[name].index]
-        elif some is not None:
-            shown = getattr(traces.at(some), name)
+        if own is not None:
+            shown = shown[own.index]
+            rate = rate if gaps is own else rate[own.index]
         found[name] = np.asarray(shown - rate)
     return EquationError(**found)
 
@@ -209,7 +209,7 @@ def forget() -> None:
         kept.cache_clear()
 
 
-def _moving_states(model: Model) -> Model:
+def _with_part_in_states(model: Model) -> Model:
     """The model with those of its effects that have a part in the extra states."""
     ports = ("parameters", "pitch_radius", "displacement")
     return Model(

@@ -105,9 +105,9 @@ class Frame:
         """The test that each row of the vector belongs to, (rows,)."""
         return np.concatenate([self.windows[name].run for name in CHANNELS])
 
-    def count(self, name: str) -> int:
-        """Rows of a channel."""
-        return len(self.windows[name])
+    def belongs(self, channels: tuple[str, ...]) -> BoolArray:
+        """Which rows of the vector are of these channels, (rows,)."""
+        return np.concatenate([np.full(len(self.windows[c]), c in channels) for c in CHANNELS])
 
     def rows(self, name: str) -> slice:
         """Where a channel lies in the vector."""

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.diagnosis.equation_error import CHANNELS, channels_of
+from sysid.diagnosis.frame import Frame
 from sysid.diagnosis.screening import Projected
 from sysid.diagnosis.signatures import base_jacobian, base_parameters, channel_of
 from sysid.least_squares import LeastSquaresFit, Parameter, minimise
@@ -35,7 +36,7 @@ _BASE_STEPS = 6
 _MOST_STEP = 0.5
 _SMALL_STEP = 1e-4
 # Of the length of its column without effects: what a base parameter has to keep to be refitted.
-LEAST_REACH = 0.02
+_LEAST_REACH = 0.02
 
 
 @dataclass(frozen=True)
@@ -101,9 +102,7 @@ def refit(base: Projected, starts: Sequence[CatalogueEffect]) -> Refit:
     """
     others = (*base.model.effects, *starts)
     channels = tuple(c for c in CHANNELS if any(c in channels_of(e, others) for e in starts))
-    touched = np.zeros(len(base.rest), dtype=bool)
-    for name in channels:
-        touched[base.frame.rows(name)] = True
+    touched = base.frame.belongs(channels)
     names = [n for n in base_parameters(base.model) if channel_of(n) in channels]
     parameters = [*_own_parameters(starts), *(_relative(n) for n in names)]
     count = len(parameters) - len(names)
@@ -131,8 +130,7 @@ def refit(base: Projected, starts: Sequence[CatalogueEffect]) -> Refit:
             moved = np.array(values)
             moved[i] += step if values[i] + step <= parameter.upper else -step
             some = channels if i < count else (channel_of(names[i - count]),)
-            reached = np.concatenate([np.full(base.frame.count(c), c in some) for c in CHANNELS])
-            change = np.where(reached, whitened(moved, some) - here, 0.0)
+            change = np.where(base.frame.belongs(some), whitened(moved, some) - here, 0.0)
             columns.append(change / (moved[i] - values[i]))
         return base.beside_extra(np.column_stack(columns))
 
@@ -175,9 +173,10 @@ def _relative(name: str) -> Parameter:
 def with_base_refitted(base: Projected, model: Model) -> Model:
     """A model whose base parameters take what is left of the residual: Gauss-Newton steps.
 
-    For as long as they lower it, and to within a factor of 5 of what they were. One that an
-    effect leaves hardly any influence stays: it would step anywhere, and where the effect does
-    not act (a flow that runs backwards) it still counts.
+    `base` is the model's without its effects. For as long as they lower it, and to within a
+    factor of 5 of what they were. One that an effect leaves hardly any influence stays: it
+    would step anywhere, and where the effect does not act (a flow that runs backwards) it
+    still counts.
     """
     names = base_parameters(model)
     given = np.array([float(getattr(model.parameters, n)) for n in names])
@@ -188,12 +187,7 @@ def with_base_refitted(base: Projected, model: Model) -> Model:
         if not power < least:
             break
         best, least = model, power
-        jacobian = base_jacobian(base.frame, model, residual, names)
-        size = np.linalg.norm(jacobian, axis=0)
-        free = size > LEAST_REACH * base.reach
-        step = np.zeros(len(names))
-        columns = jacobian[:, free] / size[free]
-        step[free] = -np.linalg.lstsq(columns, residual, rcond=1e-6)[0] / size[free]
+        step = linear_step(reaching_columns(base, base.frame, model, residual), residual)
         moved = factors * (1.0 + np.clip(step, -_MOST_STEP, _MOST_STEP))
         moved = np.clip(moved, 1.0 / _MOST_FACTOR, _MOST_FACTOR)
         if float(np.max(np.abs(moved / factors - 1.0))) < _SMALL_STEP:
@@ -202,6 +196,28 @@ def with_base_refitted(base: Projected, model: Model) -> Model:
         changes = dict(zip(names, (given * factors).tolist(), strict=True))
         model = Model(model.parameters.replace(**changes), model.effects)
     return best
+
+
+def reaching_columns(
+    base: Projected, frame: Frame, model: Model, residual: FloatArray
+) -> FloatArray:
+    """`base_jacobian` (rows, p) of a model with effects, 0 where they leave hardly anything.
+
+    `base` is the model's without them, on any frame.
+    """
+    columns = base_jacobian(frame, model, residual, base_parameters(model))
+    columns[:, np.linalg.norm(columns, axis=0) <= _LEAST_REACH * base.reach] = 0.0
+    return columns
+
+
+def linear_step(columns: FloatArray, residual: FloatArray) -> FloatArray:
+    """The step (k,) along columns (rows, k) that takes most of a residual (rows,).
+
+    0 along a column of zeros.
+    """
+    size = np.linalg.norm(columns, axis=0)
+    size[size == 0.0] = np.inf
+    return np.asarray(-np.linalg.lstsq(columns / size, residual, rcond=1e-6)[0] / size)
 
 
 def standard_errors(base: Projected, extra: FloatArray) -> dict[str, float]:

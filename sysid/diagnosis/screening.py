@@ -31,7 +31,7 @@ class Projected:
 
     `residual` (rows,) as it is, `rest` (rows,) what is left of it, `basis` (rows, m)
     orthonormal; `extra` (rows, k), orthonormal too, are those of it that are not the base
-    parameters'. `reach` (p,): length of each base parameter's column, before any effect.
+    parameters'. `reach` (p,): length of each base parameter's column.
     """
 
     frame: Frame

@@ -140,6 +140,7 @@ def search(
     on the fitted motion logs: what only fills up the misfit of the first may.
     """
     first = base = projected(frame, model)
+    before = null.excess(first)
     steps: list[Step] = []
     while True:
         taken = {step.refit.id for step in steps}
@@ -170,12 +171,11 @@ def search(
         share = _share(winner, excess)
         least = _LEAST_PART if share < _WHOLE_SHARE else _LEAST_WHOLE
         # Where the effects so far do not reach, nothing is their form's misfit.
-        before = null.excess(first)
         gone = sum(max(before[c] - excess[c], 0.0) for c in channels_of(winner.effect))
         small = winner.gain < least * gone
         if share < _LEAST_SHARE or small or not _leaves_alone(first, steps, winner):
             return _finished(first, base, steps, suspects)
-        extended = with_base_refitted(base, base.model + winner.effect)
+        extended = with_base_refitted(first, base.model + winner.effect)
         if steps and not _simulates(simulation_error, base.model, extended):
             return _finished(first, base, steps, suspects)
         step = Step(
@@ -191,7 +191,6 @@ def search(
         )
         steps.append(step)
         base = projected(frame, extended, extra=own_columns(frame, extended))
-        base = replace(base, reach=first.reach)
 
 
 def _finished(

@@ -203,9 +203,7 @@ def _channels(trial: Trial, rig: Rig, inputs: Inputs) -> dict[str, FloatArray]:
                 f"{channel} is missing at {trial.time[int(np.argmax(missing))]:g} s",
                 "fill the gap, or take the test out of the campaign",
             )
-    # A command holds from its row to the next: around a row, half of each.
-    motor = inputs.motor
-    found["motor"] = 0.5 * (motor + np.concatenate((motor[:1], motor[:-1])))
+    found["motor"] = signals.held_about_rows(inputs.motor)
     found["time"] = trial.time - trial.time[0]
     return found
 

@@ -8,6 +8,7 @@ neither. Flows are kg/s.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from sysid.model import base
@@ -55,6 +56,20 @@ def backed_exhaust_flow(
     return xp.where((flow > 0.0) & (back == back), flow, 0.0)
 
 
+def _adapted(flow: Callable[[str, Array], Array], side: str, share: Array) -> Array:
+    """A side's own flow and its share of the other's, each solved beside the other, in turn.
+
+    `flow` gives a side's flow beside another.
+    """
+    other = SIDES[1 - SIDES.index(side)]
+    own: Array = 0.0
+    beside: Array = 0.0
+    for _ in range(_SWEEPS):
+        beside = share * flow(other, own)
+        own = flow(side, beside)
+    return own + beside
+
+
 @dataclass(frozen=True)
 class SupplyDroop(CatalogueEffect):
     """The supply gives way to the flow of both chambers: Ps - d (flow A + flow B).
@@ -99,12 +114,8 @@ class SupplyDroop(CatalogueEffect):
     def supply_pressure(self, pressure: Array, side: str, point: Point) -> Array:
         other = SIDES[1 - SIDES.index(side)]
         share = self.common_share * point.is_open(other)
-        own: Array = 0.0
-        beside: Array = 0.0
-        for _ in range(_SWEEPS):
-            beside = share * self._flow(other, pressure, own, point)
-            own = self._flow(side, pressure, beside, point)
-        return pressure - self.droop_pa_s_per_kg * (own + beside)
+        flow = _adapted(lambda s, beside: self._flow(s, pressure, beside, point), side, share)
+        return pressure - self.droop_pa_s_per_kg * flow
 
     def _flow(self, side: str, supply: Array, beside: Array, point: Point) -> Array:
         p, droop = point.parameters, self.droop_pa_s_per_kg
@@ -158,12 +169,8 @@ class ExhaustBackPressure(CatalogueEffect):
     def exhaust_pressure(self, pressure: Array, side: str, point: Point) -> Array:
         other = SIDES[1 - SIDES.index(side)]
         share = self.common_share * (1.0 - point.is_open(other))
-        own: Array = 0.0
-        beside: Array = 0.0
-        for _ in range(_SWEEPS):
-            beside = share * self._flow(other, pressure, own, point)
-            own = self._flow(side, pressure, beside, point)
-        return pressure + self.back_pressure_pa_s_per_kg * (own + beside)
+        flow = _adapted(lambda s, beside: self._flow(s, pressure, beside, point), side, share)
+        return pressure + self.back_pressure_pa_s_per_kg * flow
 
     def _flow(self, side: str, atmosphere: Array, beside: Array, point: Point) -> Array:
         resistance = self.back_pressure_pa_s_per_kg
