@@ -139,6 +139,18 @@ def test_a_part_too_weak_to_tell_names_no_effect() -> None:
     assert "3 name no effect" in found.sentence and found.others == ()
 
 
+def test_what_fits_but_does_not_predict_is_ambiguous_where_parts_name_it() -> None:
+    """Two tests of three hold the parabola, the third a little of its reverse."""
+    found = select(line((1.0, 0.0), (1.0, 0.0), (-0.2, 0.0)), KINDS)
+    assert found.additions == ()
+    assert found.undecided == (Repeats("curved", ("curved", "curved", None)),)
+    assert "2 of 3 parts of them name it" in found.undecided[0].undecided
+
+
+def test_what_does_not_fit_is_not_ambiguous() -> None:
+    assert select(line(*[(0.0, 0.0)] * 3), KINDS).undecided == ()
+
+
 @pytest.mark.parametrize(
     ("count", "expected"),
     [

@@ -226,6 +226,11 @@ def test_a_verdict_that_does_not_repeat_says_so_or_not() -> None:
     statuses, sentence = answer(3)
     assert statuses == ["repeated", "neither"]
     assert sentence.endswith("The verdict neither repeats nor says ambiguous of drag.")
+    left_open = {**diagnosis(effect("spring")), "undecided": [{"id": "drag"}]}
+    repeats[0] = campaign("r1.toml", left_open, "campaign.toml")
+    statuses, sentence = answer(3)
+    assert statuses == ["repeated", "ambiguous"]
+    assert sentence.endswith("The repeats that do not name it say ambiguous of drag.")
 
 
 def test_repeats_of_an_adequate_model_are_counted() -> None:

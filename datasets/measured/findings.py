@@ -57,14 +57,16 @@ class Errors:
 class Naming:
     """How many of `repeats` name an effect: `same` by its id, `ambiguous` by one like it.
 
-    `id` None asks for repeats that name no effect at all. `unsteady`: the campaign's own
-    verdict says `ambiguous`, for parts of its fitted tests do not name the effect.
+    `id` None asks for repeats that name no effect at all. `undecided`: repeats that do not
+    name it, but say that it is ambiguous. `unsteady`: the campaign's own verdict says
+    `ambiguous`, for parts of its fitted tests do not name the effect.
     """
 
     id: str | None
     repeats: int
     same: int
     ambiguous: int
+    undecided: int = 0
     unsteady: bool = False
 
     @property
@@ -74,10 +76,15 @@ class Naming:
 
     @property
     def status(self) -> str:
-        """`repeated` by all repeats, else `ambiguous` by its own verdict, else `neither`."""
+        """`repeated` by all repeats; `ambiguous` where its own verdict or all others say so."""
         if self.agree == self.repeats:
             return "repeated"
-        return "ambiguous" if self.unsteady else "neither"
+        return "ambiguous" if self.unsteady or self.is_left_open else "neither"
+
+    @property
+    def is_left_open(self) -> bool:
+        """Whether every repeat that does not name it says that it is ambiguous."""
+        return self.agree + self.undecided == self.repeats
 
 
 @dataclass(frozen=True)
@@ -112,16 +119,18 @@ class Agreement:
             text += f"; besides, repeats name {named}"
         if self.failed:
             text += f"; {self.failed} came to no verdict"
-        return f"{text}.{self._missed('ambiguous')}{self._missed('neither')}"
-
-    def _missed(self, status: str) -> str:
-        """A sentence on the effects that not all repeats name; empty without such."""
-        named = joined([n.id for n in self.namings if n.status == status and n.id is not None])
-        if not named:
-            return ""
-        if status == "ambiguous":
-            return f" The verdict itself says ambiguous of {named}."
-        return f" The verdict neither repeats nor says ambiguous of {named}."
+        missed = [n for n in self.namings if n.id is not None and n.agree < n.repeats]
+        said = {
+            "The verdict itself says ambiguous of": [n for n in missed if n.unsteady],
+            "The repeats that do not name it say ambiguous of": [
+                n for n in missed if n.is_left_open and not n.unsteady
+            ],
+            "The verdict neither repeats nor says ambiguous of": [
+                n for n in missed if n.status == "neither"
+            ],
+        }
+        sentences = [f" {w} {joined([str(n.id) for n in m])}." for w, m in said.items() if m]
+        return f"{text}.{''.join(sentences)}"
 
     def to_json(self) -> dict[str, Any]:
         """As JSON types."""
@@ -161,7 +170,8 @@ def agreement(measured: Content, main: Content) -> Agreement | None:
     if not repeats or main["diagnosis"] is None:
         return None
     effects = main["diagnosis"]["effects"]
-    found = [r["diagnosis"]["effects"] for r in repeats if r["diagnosis"] is not None]
+    diagnoses = [r["diagnosis"] for r in repeats if r["diagnosis"] is not None]
+    found = [diagnosis["effects"] for diagnosis in diagnoses]
     failed = len(repeats) - len(found)
     if not effects:
         none = sum(not named for named in found)
@@ -172,7 +182,9 @@ def agreement(measured: Content, main: Content) -> Agreement | None:
     for effect in effects:
         same = sum(_names(named, effect) == "same" for named in found)
         like = sum(_names(named, effect) == "ambiguous" for named in found)
-        namings.append(Naming(effect["id"], len(repeats), same, like, _is_unsteady(effect)))
+        undecided = sum(_leaves_open(diagnosis, effect) for diagnosis in diagnoses)
+        unsteady = _is_unsteady(effect)
+        namings.append(Naming(effect["id"], len(repeats), same, like, undecided, unsteady))
     agree = sum(all(_names(named, effect) for effect in effects) for named in found)
     others = _others(effects, found)
     return Agreement(main["file"], len(repeats), agree, tuple(namings), others, failed)
@@ -182,6 +194,12 @@ def _is_unsteady(effect: Content) -> bool:
     """Whether parts of the fitted tests do not name an effect that all of them name."""
     parts = effect.get("repeats", {})
     return bool(parts) and parts["agree"] < parts["parts"]
+
+
+def _leaves_open(diagnosis: Content, effect: Content) -> bool:
+    """Whether a diagnosis does not name an effect, but says that it is ambiguous."""
+    open_ones = {other["id"] for other in diagnosis.get("undecided", ())}
+    return effect["id"] in open_ones and not _names(diagnosis["effects"], effect)
 
 
 def _names(named: Sequence[Content], effect: Content) -> str:

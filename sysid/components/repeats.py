@@ -52,6 +52,15 @@ class Repeats:
         said = ", ".join(f"{count} name{'s' * (count == 1)} {n}" for n, count in counts.items())
         return f"{self.id}: ambiguous: of {len(self.named)} parts of the fitted tests {said}"
 
+    @property
+    def undecided(self) -> str:
+        """The sentence for an effect that parts name and all of the tests together do not."""
+        return (
+            f"{self.id}: ambiguous: it fits the tests and {self.agree} of {len(self.named)} parts "
+            "of them name it, but tests left out in turn are not predicted better with it: "
+            "not added"
+        )
+
     def to_json(self) -> dict[str, Any]:
         """As JSON types: `parts`, `agree`, and what each of them names."""
         return {"parts": len(self.named), "agree": self.agree, "named": list(self.named)}

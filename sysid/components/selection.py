@@ -4,7 +4,8 @@ Each effect of the catalogue that acts on the part is fitted beside the law and 
 added before, and predicts tests that it was not fitted on. The one that predicts best is
 added if its strength is off 0 beyond doubt, over all that were tried (Bonferroni), and it
 takes a real share of the error of prediction. What parts of the tests would have added in its
-place makes it ambiguous (`sysid.components.repeats`).
+place makes it ambiguous (`sysid.components.repeats`), and so is an effect that fits but does not
+predict where parts of the tests name it.
 """
 
 from __future__ import annotations
@@ -75,12 +76,14 @@ class Selection:
     """The law without effects, the additions in order, and the last, fruitless look.
 
     `folds` (k,): mean square error of each fold, predicted by the law without effects.
+    `undecided`: effects that were not added though parts of the tests name them.
     """
 
     base: Fitted
     folds: FloatArray
     additions: tuple[Addition, ...]
     rejected: tuple[Attempt, ...]
+    undecided: tuple[Repeats, ...]
 
     @property
     def final(self) -> Fitted:
@@ -109,9 +112,12 @@ def select(
         so_far = additions[-1].fitted if additions else base
         fits = _attempts(component, chosen, open_ones, so_far, folds, error)
         attempts = [attempt for attempt, _ in fits]
-        passing = [(a, f) for a, f in fits if _passes(a, len(open_ones), error)]
+        fitting = [(a, f) for a, f in fits if a.p_value * len(open_ones) < SIGNIFICANCE]
+        passing = [(a, f) for a, f in fitting if _predicts(a, error)]
         if not passing or len(chosen) == MOST_EFFECTS:
-            return Selection(base, first, tuple(additions), tuple(attempts))
+            most = [f for _, f in fitting[: 1 + _MOST_RIVALS]]
+            undecided = () if passing else _undecided(component, so_far, most)
+            return Selection(base, first, tuple(additions), tuple(attempts), undecided)
         winner, fitted = passing[0]
         chosen.append(next(k for k in open_ones if k.id == winner.id))
         progress(f"{winner.id}: takes {100 * winner.gain:.0f} % of the error of prediction")
@@ -174,13 +180,19 @@ def _attempt(
     return Attempt(kinds[-1].id, p_value, gain, squares), fitted.fit
 
 
-def _passes(attempt: Attempt, tried: int, error: FloatArray) -> bool:
+def _predicts(attempt: Attempt, error: FloatArray) -> bool:
     better = int(np.count_nonzero(attempt.folds < error))
-    return (
-        attempt.p_value * tried < SIGNIFICANCE
-        and attempt.gain > LEAST_GAIN
-        and 2 * better > len(error)
-    )
+    return attempt.gain > LEAST_GAIN and 2 * better > len(error)
+
+
+def _undecided(
+    component: Component, without: Fitted, fits: Sequence[Fitted]
+) -> tuple[Repeats, ...]:
+    """Which of the effects that fit, but do not predict, parts of the tests name all the same."""
+    if not fits:
+        return ()
+    named = repeats(component, without, fits).named
+    return tuple(Repeats(name, named) for name in sorted({n for n in named if n is not None}))
 
 
 def _ambiguous(winner: Attempt, passing: Sequence[Attempt], known: set[str]) -> tuple[str, ...]:

@@ -63,6 +63,7 @@ class ComponentDiagnosis:
                 for c in self.unexplained
             ],
             "rejected": [_attempt(a) for a in self.selection.rejected],
+            "undecided": [{"id": u.id, **u.to_json()} for u in self.selection.undecided],
             "curves": [curve.to_json() for curve in self.curves],
             "seed": self.seed,
             "notices": list(self.notices),
@@ -102,6 +103,7 @@ def diagnose_component(
     selection = select(component, catalogue, progress)
     outside = component_of(kind, held_out, rig) if held_out else None
     unsteady = [a.repeats.sentence for a in selection.additions if a.repeats.sentence]
+    unsteady += [effect.undecided for effect in selection.undecided]
     notices = (*(() if outside else (_LEFT_OUT,)), *unsteady)
     laws = [given, *(a.fitted.law for a in selection.additions)]
     progress("predicting the held-out tests, before and after")
