@@ -35,9 +35,9 @@ from sysid.bundle import Source, new_bundle  # noqa: E402
 from sysid.campaign import FRICTION_KINDS, Campaign, read_campaign  # noqa: E402
 from sysid.friction import fit_friction  # noqa: E402
 from sysid.logs import Trial  # noqa: E402
-from sysid.residual_tests import cross_correlation_test, whiteness_test  # noqa: E402
 from sysid.validation import validate  # noqa: E402
-from sysid.validation_results import ValidationResult  # noqa: E402
+from sysid.validation.residual_tests import cross_correlation_test, whiteness_test  # noqa: E402
+from sysid.validation.results import ValidationResult  # noqa: E402
 from sysid.valve_discrete import fit_valve_discrete  # noqa: E402
 
 FloatArray = NDArray[np.float64]

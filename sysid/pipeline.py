@@ -28,7 +28,7 @@ from sysid.validation import VALIDATED_KINDS, validate
 
 if TYPE_CHECKING:
     from sysid.model.effects.serialise import Catalogue
-    from sysid.validation_results import ValidationResult
+    from sysid.validation.results import ValidationResult
 
 STATE_FILE = "run.json"
 REPORT_FILE = "report.html"

@@ -33,10 +33,10 @@ from sysid.model.from_bundle import (
 from sysid.model.ports import Model
 from sysid.model.sensors import before_sensors, through_sensors
 from sysid.model.simulate import Inputs, ValveCommand, open_intervals, simulate
-from sysid.motion_runs import MotionTest, Noise, Segment
 from sysid.rig import Rig, rig_from_content
 from sysid.simulate import simulate_bundle, simulate_trials
 from sysid.validation import simulate_segments, validate
+from sysid.validation.motion_tests import MotionTest, Noise, Segment
 from tests.export_bundles import RISING, whole_bundle
 from tests.test_validation import true_bundle, written
 
@@ -311,7 +311,7 @@ def _segments(test: MotionTest) -> list[tuple[MotionTest, Segment]]:
 
 def _motion_test(theta: float, pressure_a: float, pressure_b: float) -> MotionTest:
     """A test whose every row, and so the state that is estimated there, shows these values."""
-    from sysid._start_states import InitialState
+    from sysid.validation.start_states import InitialState
 
     time, valve = _commands()
     n = len(time)

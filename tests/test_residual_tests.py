@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.special import bdtr, bdtrc
 
-from sysid.residual_tests import (
+from sysid.validation.residual_tests import (
     autocovariance,
     autoregressive_filter,
     cross_correlation_test,

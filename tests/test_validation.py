@@ -28,12 +28,12 @@ from sysid.model.from_bundle import (
     parameters_from_bundle,
     surfaces_from_bundle,
 )
-from sysid.motion_runs import MotionTest, channel_noise, prepare
-from sysid.residual_tests import fit_percentage
 from sysid.rig import Rig, rig_from_content
 from sysid.surfaces import Bipolynomial
 from sysid.validation import simulate_segments, validate
-from sysid.validation_results import Errors, LogResult, ValidationResult
+from sysid.validation.motion_tests import MotionTest, channel_noise, prepare
+from sysid.validation.residual_tests import fit_percentage
+from sysid.validation.results import Errors, LogResult, ValidationResult
 
 FloatArray = NDArray[np.float64]
 Bundle = dict[str, Any]

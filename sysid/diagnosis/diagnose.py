@@ -19,8 +19,8 @@ from sysid.logs import Log, Trial
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.from_bundle import has_discrete_law
 from sysid.model.ports import Model
-from sysid.motion_runs import PRESSURES
 from sysid.rig import Rig
+from sysid.validation.motion_tests import PRESSURES
 
 FloatArray = NDArray[np.float64]
 

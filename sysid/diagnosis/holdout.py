@@ -12,9 +12,9 @@ from sysid.campaign import MOTION_KINDS
 from sysid.diagnosis.twins import Scatter, SensorNoise, scattered
 from sysid.logs import Log
 from sysid.model.ports import Model
-from sysid.motion_runs import MotionTest, prepare
 from sysid.rig import Rig
 from sysid.validation import simulate_segments
+from sysid.validation.motion_tests import MotionTest, prepare
 
 FloatArray = NDArray[np.float64]
 

@@ -14,7 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid import signals
-from sysid._motion_checks import (
+from sysid.errors import input_error
+from sysid.kinds import rows_per_ripple
+from sysid.logs import Trial
+from sysid.model import timing
+from sysid.rig import Rig
+from sysid.validation.motion_checks import (
     MIN_ROWS,
     PRESSURES,
     check_at_rest,
@@ -22,7 +27,7 @@ from sysid._motion_checks import (
     check_sampling,
     near_end_stop,
 )
-from sysid._start_states import (
+from sysid.validation.start_states import (
     InitialState,
     Noise,
     ValveEdges,
@@ -31,11 +36,6 @@ from sysid._start_states import (
     state_within,
     valve_edges,
 )
-from sysid.errors import input_error
-from sysid.kinds import rows_per_ripple
-from sysid.logs import Trial
-from sysid.model import timing
-from sysid.rig import Rig
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid import residual_tests
-from sysid.residual_tests import CorrelationTest
+from sysid.validation import residual_tests
+from sysid.validation.residual_tests import CorrelationTest
 
 FloatArray = NDArray[np.float64]
 

@@ -9,16 +9,11 @@ with the horizon, as an open-loop position drifts.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from sysid import residual_tests
 from sysid.bundle import check_log_unchanged, check_not_fitted
 from sysid.campaign import MOTION_KINDS, Campaign, CampaignLog
 from sysid.errors import NotIdentifiedError, input_error
@@ -31,31 +26,22 @@ from sysid.model.from_bundle import (
     surfaces_from_bundle,
 )
 from sysid.model.ports import Model
-from sysid.model.sensors import measured_channels, true_start
-from sysid.motion_runs import PRESSURES, SIDES, MotionTest, Segment, prepare
 from sysid.rig import Rig
-from sysid.validation_results import (
+from sysid.validation.judging import judged
+from sysid.validation.motion_tests import MotionTest, prepare
+from sysid.validation.results import (
     HORIZONS_S,
-    ChannelResult,
-    Errors,
-    HorizonError,
     LogResult,
     TestResult,
     ValidationResult,
     pooled_channels,
 )
-
-if TYPE_CHECKING:
-    from sysid.model.simulate import Inputs
-
-FloatArray = NDArray[np.float64]
+from sysid.validation.simulation import simulate_segments
 
 VALIDATED_KINDS = (*MOTION_KINDS, "friction-motion")
 DISCRETE = "discrete"
-OFFSET_EFFECT = "torque-offset"
+_OFFSET_EFFECT = "torque-offset"
 VALVE_MODELS = (DISCRETE, *SURFACE_KINDS)
-# Runs in one call of the simulator: one compiled shape serves every call.
-_LANES = 32
 _NO_VALVES = "fit valve-discrete tests of both valves, or valve-pwm tests, into the bundle"
 
 Progress = Callable[[str], None]
@@ -141,7 +127,7 @@ def _other_rig(bundle: Mapping[str, Any], rig: Rig, path: Path) -> list[str]:
 
 def _offset(bundle: Mapping[str, Any], rig: Rig, path: Path) -> list[str]:
     """A real offset that the friction fit found is an effect, and not in the base model."""
-    if any(effect["id"] == OFFSET_EFFECT for effect in bundle["effects"]):
+    if any(effect["id"] == _OFFSET_EFFECT for effect in bundle["effects"]):
         return []
     unit = "N" if rig.is_linear else "Nm"
     offset = bundle.get("friction", {}).get(f"offset_{unit.lower()}", {})
@@ -207,9 +193,6 @@ def _read(
     return cases
 
 
-# --- simulation ------------------------------------------------------------------------
-
-
 def _simulated(
     cases: Sequence[_Case], rig: Rig, model: Model, valves: _ValveModel
 ) -> list[tuple[_Case, TestResult]]:
@@ -221,154 +204,8 @@ def _simulated(
         count = 1 + len(case.test.segments)
         own = runs[next_run : next_run + count]
         next_run += count
-        results.append((case, _judged(case, rig, valves.name, own[0], own[1:])))
+        results.append((case, judged(case.test, case.entry, rig, valves.name, own[0], own[1:])))
     return results
-
-
-def simulate_segments(
-    segments: Sequence[tuple[MotionTest, Segment]],
-    model: Model | Sequence[Model],
-    surfaces: tuple[Any, ...] = (),
-    position: str = "theta_rad",
-) -> list[FloatArray]:
-    """Position and pressures (3, rows) of each segment, simulated from its own start state.
-
-    `model` is every segment's, or one each (of the same effects). The results are as the
-    sensors show them, and so is the start state, which was measured: both go through the
-    `measure` ports of the model's effects, which know the position by the name `position`.
-    Effects count time from the test's start.
-    Raises RuntimeError where a simulation does not stay finite: never a number in silence.
-    """
-    from sysid.model.simulate import simulate
-
-    models = [model] * len(segments) if isinstance(model, Model) else list(model)
-    inputs = [
-        true_start(_inputs(test, s), position, own)
-        for (test, s), own in zip(segments, models, strict=True)
-    ]
-    # Runs of like length share a call: a short one would wait for the longest.
-    order = sorted(range(len(inputs)), key=lambda i: len(inputs[i].time))
-    found: dict[int, FloatArray] = {}
-    for first in range(0, len(order), _LANES):
-        group = order[first : first + _LANES]
-        padded = [*group, *[group[0]] * (_LANES - len(group))]
-        runs = simulate([inputs[i] for i in padded], [models[i] for i in padded], surfaces)
-        for i, run in zip(group, runs, strict=False):
-            shown = measured_channels(run, position, models[i], inputs[i].elapsed)
-            found[i] = np.array([shown[name] for name in (position, *PRESSURES)])
-            if not np.isfinite(found[i]).all():
-                raise RuntimeError(f"{segments[i][0].source}: the simulation does not stay finite")
-    return [found[i] for i in range(len(inputs))]
-
-
-def _inputs(test: MotionTest, segment: Segment) -> Inputs:
-    from sysid.model.simulate import Inputs, ValveCommand
-
-    rows = slice(segment.start, segment.stop)
-    valves = [
-        None if command is None else ValveCommand(command[rows], test.pulsed, starts_on)
-        for command, starts_on in zip(test.commands, segment.starts_on, strict=True)
-    ]
-    position, velocity, *pressures = segment.state.values
-    known = [None if math.isnan(p) else float(p) for p in pressures]
-    return Inputs(
-        time=test.time[rows],
-        motor=test.motor[rows],
-        valve_a=valves[0],
-        valve_b=valves[1],
-        position=float(position),
-        velocity=float(velocity),
-        pressure_a=known[0],
-        pressure_b=known[1],
-        elapsed=float(test.time[segment.start] - test.time[0]),
-    )
-
-
-# --- judging ---------------------------------------------------------------------------
-
-
-def _judged(
-    case: _Case, rig: Rig, model: str, whole: FloatArray, parts: Sequence[FloatArray]
-) -> TestResult:
-    test = case.test
-    names = (rig.position_channel, *PRESSURES)
-    counted = test.counted(test.whole)
-    inputs = _named_inputs(test, rig)
-    channels, growth, logged = {}, {}, []
-    for i, name in enumerate(names):
-        measured = test.measured[i]
-        if np.isnan(measured).any():
-            continue
-        logged.append(i)
-        residual = (measured - whole[i])[:counted]
-        errors = _segment_errors(test, parts, i)
-        growth[name] = _growth(errors, test)
-        channels[name] = ChannelResult(
-            errors=Errors.of(measured[:counted], residual),
-            noise_floor=float(test.noise.total[i]),
-            horizons=tuple(_horizon(errors, h, test.period) for h in HORIZONS_S),
-            whiteness=residual_tests.whiteness_test(residual),
-            inputs=residual_tests.cross_correlation_test(
-                residual, {k: u[:counted] for k, u in inputs.items()}
-            ),
-        )
-    return TestResult(
-        file=case.entry.path.name,
-        kind=case.entry.kind,
-        use=case.entry.use,
-        test=test.label,
-        model=model,
-        time=test.time - test.time[0],
-        measured={names[i]: test.measured[i] for i in logged},
-        simulated={names[i]: whole[i] for i in logged},
-        counted=counted,
-        channels=channels,
-        growth=growth,
-        initial=_finite_state(test, rig),
-        initial_std=test.whole.state.std,
-    )
-
-
-def _finite_state(test: MotionTest, rig: Rig) -> FloatArray:
-    """The start state; a chamber that is not logged starts at the atmosphere."""
-    atmosphere = rig.air.atmospheric_pressure_pa if rig.air else math.nan
-    return np.nan_to_num(test.whole.state.values, nan=atmosphere)
-
-
-def _named_inputs(test: MotionTest, rig: Rig) -> dict[str, FloatArray]:
-    prefix = "duty" if test.pulsed else "valve"
-    inputs = {rig.effort_channel: test.motor}
-    for side, command in zip(SIDES, test.commands, strict=True):
-        if command is not None:
-            inputs[f"{prefix}_{side}"] = command
-    return inputs
-
-
-def _segment_errors(
-    test: MotionTest, parts: Sequence[FloatArray], channel: int
-) -> list[FloatArray]:
-    """Residual of each segment over its counted rows; none for one that starts at a stop."""
-    errors = []
-    for segment, simulated in zip(test.segments, parts, strict=True):
-        rows = test.counted(segment)
-        measured = test.measured[channel, segment.start : segment.start + rows]
-        errors.append(measured - simulated[channel, :rows])
-    return errors
-
-
-def _horizon(errors: Sequence[FloatArray], horizon: float, period: float) -> HorizonError:
-    """Over segments that reach the horizon (those cut by an end stop do not)."""
-    rows = round(horizon / period)
-    squares = [float(np.mean(e[:rows] ** 2)) for e in errors if len(e) >= rows > 0]
-    if not squares:
-        return HorizonError(horizon, None, 0)
-    return HorizonError(horizon, math.sqrt(float(np.mean(squares))), len(squares))
-
-
-def _growth(errors: Sequence[FloatArray], test: MotionTest) -> FloatArray:
-    rows = round(max(HORIZONS_S) / test.period)
-    whole = [e for e in errors if len(e) >= rows]
-    return np.sqrt(np.mean(np.square(whole), axis=0)) if whole else np.zeros(0)
 
 
 def _logs(results: Sequence[tuple[_Case, TestResult]]) -> list[LogResult]:
@@ -394,16 +231,4 @@ def _logs(results: Sequence[tuple[_Case, TestResult]]) -> list[LogResult]:
     return logs
 
 
-__all__ = [
-    "HORIZONS_S",
-    "VALIDATED_KINDS",
-    "VALVE_MODELS",
-    "ChannelResult",
-    "Errors",
-    "HorizonError",
-    "LogResult",
-    "TestResult",
-    "ValidationResult",
-    "simulate_segments",
-    "validate",
-]
+__all__ = ["VALIDATED_KINDS", "VALVE_MODELS", "validate"]

@@ -1,0 +1,32 @@
+"""Validation: a bundle's model simulated open loop against the motion logs.
+
+`open_loop` goes through a campaign, `motion_tests` makes its logs into runs (`motion_checks`,
+`start_states`), `simulation` simulates them, `judging` compares (`residual_tests`) and `results`
+is what comes out.
+"""
+
+from sysid.validation.open_loop import VALIDATED_KINDS, VALVE_MODELS, validate
+from sysid.validation.results import (
+    HORIZONS_S,
+    ChannelResult,
+    Errors,
+    HorizonError,
+    LogResult,
+    TestResult,
+    ValidationResult,
+)
+from sysid.validation.simulation import simulate_segments
+
+__all__ = [
+    "HORIZONS_S",
+    "VALIDATED_KINDS",
+    "VALVE_MODELS",
+    "ChannelResult",
+    "Errors",
+    "HorizonError",
+    "LogResult",
+    "TestResult",
+    "ValidationResult",
+    "simulate_segments",
+    "validate",
+]

@@ -1,0 +1,119 @@
+"""A simulated test against what was measured: errors, structure, growth with the horizon."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.campaign import CampaignLog
+from sysid.rig import Rig
+from sysid.validation import residual_tests
+from sysid.validation.motion_tests import PRESSURES, SIDES, MotionTest
+from sysid.validation.results import (
+    HORIZONS_S,
+    ChannelResult,
+    Errors,
+    HorizonError,
+    TestResult,
+)
+
+FloatArray = NDArray[np.float64]
+
+
+def judged(
+    test: MotionTest,
+    entry: CampaignLog,
+    rig: Rig,
+    model: str,
+    whole: FloatArray,
+    parts: Sequence[FloatArray],
+) -> TestResult:
+    """The result of a test that was simulated with a valve model.
+
+    `whole` (3, rows) is the simulation of all of it: position and pressures; `parts` those
+    of its segments.
+    """
+    names = (rig.position_channel, *PRESSURES)
+    counted = test.counted(test.whole)
+    inputs = _named_inputs(test, rig)
+    channels, growth, logged = {}, {}, []
+    for i, name in enumerate(names):
+        measured = test.measured[i]
+        if np.isnan(measured).any():
+            continue
+        logged.append(i)
+        residual = (measured - whole[i])[:counted]
+        errors = _segment_errors(test, parts, i)
+        growth[name] = _growth(errors, test)
+        channels[name] = ChannelResult(
+            errors=Errors.of(measured[:counted], residual),
+            noise_floor=float(test.noise.total[i]),
+            horizons=tuple(_horizon(errors, h, test.period) for h in HORIZONS_S),
+            whiteness=residual_tests.whiteness_test(residual),
+            inputs=residual_tests.cross_correlation_test(
+                residual, {k: u[:counted] for k, u in inputs.items()}
+            ),
+        )
+    return TestResult(
+        file=entry.path.name,
+        kind=entry.kind,
+        use=entry.use,
+        test=test.label,
+        model=model,
+        time=test.time - test.time[0],
+        measured={names[i]: test.measured[i] for i in logged},
+        simulated={names[i]: whole[i] for i in logged},
+        counted=counted,
+        channels=channels,
+        growth=growth,
+        initial=_finite_state(test, rig),
+        initial_std=test.whole.state.std,
+    )
+
+
+def _finite_state(test: MotionTest, rig: Rig) -> FloatArray:
+    """The start state; a chamber that is not logged starts at the atmosphere."""
+    atmosphere = rig.air.atmospheric_pressure_pa if rig.air else math.nan
+    return np.nan_to_num(test.whole.state.values, nan=atmosphere)
+
+
+def _named_inputs(test: MotionTest, rig: Rig) -> dict[str, FloatArray]:
+    prefix = "duty" if test.pulsed else "valve"
+    inputs = {rig.effort_channel: test.motor}
+    for side, command in zip(SIDES, test.commands, strict=True):
+        if command is not None:
+            inputs[f"{prefix}_{side}"] = command
+    return inputs
+
+
+def _segment_errors(
+    test: MotionTest, parts: Sequence[FloatArray], channel: int
+) -> list[FloatArray]:
+    """Residual of each segment over its counted rows; none for one that starts at a stop."""
+    errors = []
+    for segment, simulated in zip(test.segments, parts, strict=True):
+        rows = test.counted(segment)
+        measured = test.measured[channel, segment.start : segment.start + rows]
+        errors.append(measured - simulated[channel, :rows])
+    return errors
+
+
+def _horizon(errors: Sequence[FloatArray], horizon: float, period: float) -> HorizonError:
+    """Over segments that reach the horizon (those cut by an end stop do not)."""
+    rows = round(horizon / period)
+    squares = [float(np.mean(e[:rows] ** 2)) for e in errors if len(e) >= rows > 0]
+    if not squares:
+        return HorizonError(horizon, None, 0)
+    return HorizonError(horizon, math.sqrt(float(np.mean(squares))), len(squares))
+
+
+def _growth(errors: Sequence[FloatArray], test: MotionTest) -> FloatArray:
+    rows = round(max(HORIZONS_S) / test.period)
+    whole = [e for e in errors if len(e) >= rows]
+    return np.sqrt(np.mean(np.square(whole), axis=0)) if whole else np.zeros(0)
+
+
+__all__ = ["judged"]
