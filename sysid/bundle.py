@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import datetime
 import json
+import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -22,24 +23,30 @@ from sysid.rig import Rig, rig_from_content
 from sysid.tables import read_bytes
 
 SCHEMA = "sysid-bundle/1"
+# Of a number that a message quotes.
+_LONGEST = 40
 
 
 @dataclass(frozen=True)
 class Source:
-    """A log that a part of a bundle was fitted or judged on."""
+    """A log that a bundle was fitted on, or that its campaign holds for something else.
 
-    log: Log
+    `file` is its name alone, so that a bundle can be shared.
+    """
+
+    file: str
+    sha256: str
     use: str
     kind: str
 
+    @classmethod
+    def of(cls, log: Log, use: str, kind: str) -> Source:
+        """A log as it was read."""
+        return cls(log.path.name, log.sha256, use, kind)
+
     def to_json(self) -> dict[str, str]:
-        """The log's entry in `provenance.logs`: its name alone, so that a bundle can be shared."""
-        return {
-            "file": self.log.path.name,
-            "sha256": self.log.sha256,
-            "use": self.use,
-            "kind": self.kind,
-        }
+        """The log's entry in `provenance.logs`."""
+        return asdict(self)
 
 
 def new_bundle(
@@ -82,7 +89,9 @@ def read_bundle(path: Path) -> dict[str, Any]:
     """Read and check a bundle. Raises InputError naming the key that is wrong."""
     raw = read_bytes(path, "a bundle")
     try:
-        bundle = json.loads(raw.decode("utf-8-sig"), parse_constant=_no_constant)
+        bundle = json.loads(
+            raw.decode("utf-8-sig"), parse_constant=_finite, parse_float=_finite, parse_int=_whole
+        )
     except UnicodeDecodeError:
         raise input_error(path, "is not UTF-8 text", "a bundle is JSON in UTF-8") from None
     except json.JSONDecodeError as error:
@@ -91,6 +100,8 @@ def read_bundle(path: Path) -> dict[str, Any]:
         ) from None
     except _NotFiniteError as error:
         raise input_error(path, f"holds {error}", "a bundle holds finite numbers only") from None
+    except RecursionError:
+        raise input_error(path, "is nested without end", "write the bundle again") from None
     _validate(bundle, path)
     rig_from_content(bundle["rig"], f"{path}, rig")
     return dict(bundle)
@@ -104,7 +115,8 @@ def bundle_rig(bundle: Mapping[str, Any], path: Path) -> Rig:
 def merge(base: Mapping[str, Any], part: Mapping[str, Any], path: Path) -> dict[str, Any]:
     """`base` (read from `path`) with the parts of `part` added; a part that both hold is replaced.
 
-    Raises InputError where the two were fitted for different rigs.
+    The validation of what there was goes with it. Raises InputError where the two were fitted
+    for different rigs.
     """
     for section in sorted(set(base["rig"]) | set(part["rig"])):
         if base["rig"].get(section) != part["rig"].get(section):
@@ -117,7 +129,8 @@ def merge(base: Mapping[str, Any], part: Mapping[str, Any], path: Path) -> dict[
     if "valves" in base and "valves" in part:
         merged["valves"] = merge_valves(base["valves"], part["valves"])
     merged["effects"] = part["effects"] or base["effects"]
-    merged["provenance"] = _merge_provenance(base["provenance"], part["provenance"])
+    merged.pop("validation", None)
+    merged["provenance"] = _merge_provenance(base["provenance"], part)
     return merged
 
 
@@ -134,31 +147,60 @@ def merge_valves(base: Mapping[str, Any], part: Mapping[str, Any]) -> dict[str, 
 
 
 def _merge_provenance(base: Mapping[str, Any], part: Mapping[str, Any]) -> dict[str, Any]:
-    logs = {(e["sha256"], e.get("kind")): e for e in (*base["logs"], *part["logs"])}
+    """Friction is replaced whole, and its logs with it; valves may come one by one."""
+    own = part["provenance"]
+    kept = [e for e in base["logs"] if "friction" not in part or not _is_friction(e)]
     return {
-        "logs": list(logs.values()),
-        "seeds": {**base.get("seeds", {}), **part.get("seeds", {})},
-        "options": {**base.get("options", {}), **part.get("options", {})},
+        "logs": _without_doubles([*kept, *own["logs"]]),
+        "seeds": {**base.get("seeds", {}), **own.get("seeds", {})},
+        "options": {**base.get("options", {}), **own.get("options", {})},
     }
 
 
+def _is_friction(entry: Mapping[str, str]) -> bool:
+    return str(entry.get("kind", "")).startswith("friction")
+
+
+def _without_doubles(logs: Iterable[Mapping[str, str]]) -> list[Mapping[str, str]]:
+    return list({(e["sha256"], e.get("kind"), e["use"]): e for e in logs}.values())
+
+
+def add_sources(bundle: dict[str, Any], sources: Iterable[Source]) -> None:
+    """Put logs into a bundle's provenance that it does not list yet."""
+    provenance = bundle["provenance"]
+    known = _without_doubles([*provenance["logs"], *(s.to_json() for s in sources)])
+    bundle["provenance"] = {**provenance, "logs": known}
+
+
+def _fitted_on(bundle: Mapping[str, Any], *, with_motion: bool) -> list[Mapping[str, str]]:
+    """The logs that a bundle's numbers come from; motion logs only serve a diagnosis."""
+    return [
+        entry
+        for entry in bundle["provenance"]["logs"]
+        if entry["use"] == "fit"
+        and (with_motion or not str(entry.get("kind", "")).startswith("motion-"))
+    ]
+
+
 def check_log_unchanged(bundle: Mapping[str, Any], log: Log, path: Path) -> None:
-    """InputError where a log has changed since the bundle was fitted on it."""
-    for entry in bundle["provenance"]["logs"]:
-        if entry["file"] == log.path.name and entry["use"] == "fit":
-            if entry["sha256"] == log.sha256:
-                return
-            raise input_error(
-                path,
-                f"{entry['file']} has changed since this bundle was fitted on it (SHA-256)",
-                "fit again, or bring the old log back",
-            )
+    """InputError where a log has changed since the bundle was fitted on it.
+
+    Logs of several folders may share a name: one of them has to be what was fitted on.
+    """
+    same_name = [e for e in _fitted_on(bundle, with_motion=False) if e["file"] == log.path.name]
+    if same_name and all(entry["sha256"] != log.sha256 for entry in same_name):
+        raise input_error(
+            path,
+            f"{log.path.name} has changed since this bundle was fitted on it (SHA-256)",
+            "fit again, or bring the old log back",
+        )
 
 
 def check_not_fitted(bundle: Mapping[str, Any], log: Log, path: Path) -> None:
     """InputError where a log that the campaign holds out is one that the bundle was fitted on."""
-    for entry in bundle["provenance"]["logs"]:
-        if entry["use"] == "fit" and entry["sha256"] == log.sha256:
+    diagnosed = "diagnosis" in bundle["provenance"].get("options", {})
+    for entry in _fitted_on(bundle, with_motion=diagnosed):
+        if entry["sha256"] == log.sha256:
             raise input_error(
                 log.path,
                 f"is held out in the campaign, but {path} was fitted on it ({entry['file']})",
@@ -170,8 +212,16 @@ class _NotFiniteError(ValueError):
     pass
 
 
-def _no_constant(name: str) -> float:
-    raise _NotFiniteError(name)
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise _NotFiniteError(text if len(text) < _LONGEST else f"{text[:_LONGEST]}...")
+    return value
+
+
+def _whole(text: str) -> int:
+    _finite(text)
+    return int(text)
 
 
 def _validate(bundle: Any, path: Path) -> None:

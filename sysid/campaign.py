@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from sysid.bundle import Source
 from sysid.errors import input_error
 from sysid.logs import Log, read_log
 from sysid.rig import Rig, read_rig, read_toml, reject_misspelt
+from sysid.tables import read_bytes
 from sysid.units import ColumnMap, parse_map_table
 
 KINDS = (
@@ -37,7 +40,10 @@ _LOG_KEYS = ("kind", "file", "valve", "use", "map")
 
 @dataclass(frozen=True)
 class CampaignLog:
-    """One `[[log]]` entry. `file` is as written, `path` where it lies."""
+    """One `[[log]]` entry. `file` is as written, `path` where it lies.
+
+    `mapping` is its own `map`, `shared` the campaign's, of columns that not every log has.
+    """
 
     kind: str
     file: str
@@ -45,6 +51,7 @@ class CampaignLog:
     use: str
     valve: str | None
     mapping: Mapping[str, ColumnMap]
+    shared: Mapping[str, ColumnMap] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -60,9 +67,13 @@ class Campaign:
         """The entries of these kinds and this use (None: either), in the file's order."""
         return tuple(e for e in self.logs if e.kind in kinds and use in (None, e.use))
 
+    def sources(self) -> list[Source]:
+        """What a bundle's provenance says of every log. Raises InputError."""
+        return [Source(e.path.name, _digest(e.path), e.use, e.kind) for e in self.logs]
+
     def read(self, entry: CampaignLog) -> Log:
         """Read one entry's log. Raises InputError."""
-        return read_log(entry.path, self.rig, entry.mapping)
+        return read_log(entry.path, self.rig, entry.mapping, entry.shared)
 
 
 def read_campaign(path: Path) -> Campaign:
@@ -90,6 +101,11 @@ def read_campaign(path: Path) -> Campaign:
     return Campaign(path, read_rig(rig_path), logs, tuple(notices))
 
 
+def _digest(path: Path) -> str:
+    """SHA-256 of a log, read or not."""
+    return hashlib.sha256(read_bytes(path, "a log")).hexdigest()
+
+
 def _entry(path: Path, number: int, table: Any, shared: Any, notices: list[str]) -> CampaignLog:
     where = f"[[log]] entry {number}"
     if not isinstance(table, dict):
@@ -110,8 +126,8 @@ def _entry(path: Path, number: int, table: Any, shared: Any, notices: list[str])
     maps = table.get("map", {})
     if not isinstance(maps, dict) or not isinstance(shared, dict):
         raise input_error(path, f"{where}: map is not a table", 'write map = { time_s = "t:s" }')
-    mapping = parse_map_table({**shared, **maps}, str(path))
-    return CampaignLog(kind, file, log_path, use, valve, mapping)
+    own, common = parse_map_table(maps, str(path)), parse_map_table(shared, str(path))
+    return CampaignLog(kind, file, log_path, use, valve, own, common)
 
 
 def _one_of(path: Path, where: str, key: str, value: Any, allowed: Sequence[str]) -> str:

@@ -8,7 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sysid.bundle import check_log_unchanged, check_not_fitted, read_bundle, write_bundle
+from sysid.bundle import (
+    add_sources,
+    check_log_unchanged,
+    check_not_fitted,
+    read_bundle,
+    write_bundle,
+)
 from sysid.campaign import Campaign, CampaignLog, read_campaign
 from sysid.components.build import part_tested
 from sysid.components.verdict import ComponentDiagnosis, diagnose_component
@@ -65,7 +71,7 @@ def diagnose_campaign(
     diagnosis, notices = diagnose_logs(
         campaign, bundle, bundle_path, effects=effects, seed=seed, progress=progress
     )
-    extended = extended_bundle(bundle, diagnosis, campaign.rig)
+    extended = extended_bundle(bundle, diagnosis, campaign)
     written = []
     if output is not None:
         write_bundle(extended, output)
@@ -134,20 +140,23 @@ def _read(
     campaign: Campaign, entry: CampaignLog, bundle: Mapping[str, Any], bundle_path: Path
 ) -> Log:
     log = campaign.read(entry)
-    check_log_unchanged(bundle, log, bundle_path)
     if entry.use == "holdout":
         check_not_fitted(bundle, log, bundle_path)
+    else:
+        check_log_unchanged(bundle, log, bundle_path)
     return log
 
 
 def extended_bundle(
-    bundle: Mapping[str, Any], diagnosis: Diagnosis | ComponentDiagnosis, rig: Rig
+    bundle: Mapping[str, Any], diagnosis: Diagnosis | ComponentDiagnosis, campaign: Campaign
 ) -> dict[str, Any]:
     """The bundle with the effects that were found and the base parameters refitted beside them.
 
-    PWM surfaces stay as they were fitted. Nothing changes where no effect was found.
+    PWM surfaces stay as they were fitted. Where no effect was found only the campaign's logs
+    are added to the provenance.
     """
     found = copy.deepcopy(dict(bundle))
+    add_sources(found, campaign.sources())
     if not diagnosis.effects:
         return found
     found.pop("validation", None)
@@ -164,7 +173,7 @@ def extended_bundle(
     if isinstance(diagnosis, ComponentDiagnosis):
         _renew_part(found, diagnosis.part)
     else:
-        _renew_model(found, diagnosis, rig)
+        _renew_model(found, diagnosis, campaign.rig)
     found["provenance"]["options"] = {
         **found["provenance"].get("options", {}),
         "diagnosis": {"seed": diagnosis.seed, "verdict": diagnosis.verdict},

@@ -164,7 +164,7 @@ def _fit_part(
     bundle = new_bundle(
         rig,
         {key: result.to_json()},
-        [Source(log, "fit", kind) for log in logs],
+        [Source.of(log, "fit", kind) for log in logs],
         seeds=seeds,
         options={kind: options or {}},
     )
@@ -184,16 +184,14 @@ class _Assembly:
     campaign: Campaign
     progress: Callable[[str], None]
     parts: dict[str, Any] = field(default_factory=dict)
-    sources: list[Source] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
     notices: list[str] = field(default_factory=list)
 
     def read(self, entries: Sequence[CampaignLog]) -> list[Trial]:
-        """All trials of these entries; their logs go into the provenance."""
+        """All trials of these entries."""
         trials: list[Trial] = []
         for entry in entries:
             log = self.campaign.read(entry)
-            self.sources.append(Source(log, entry.use, entry.kind))
             self.notices += log.notices
             trials += log.trials
         return trials
@@ -238,7 +236,7 @@ def fit_campaign(
     bundle = new_bundle(
         campaign.rig,
         assembly.parts,
-        assembly.sources,
+        campaign.sources(),
         seeds={"valve-pwm": seed},
         options={"valve-pwm": {"surface": surface}},
     )

@@ -15,7 +15,7 @@ from sysid import plausibility
 from sysid.errors import InputError, input_error
 from sysid.rig import Rig
 from sysid.tables import Table, read_table
-from sysid.units import CANONICAL_UNITS, ColumnMap, find_column, to_si
+from sysid.units import CANONICAL_UNITS, ColumnMap, find_column, has_column, to_si
 
 FloatArray = NDArray[np.float64]
 
@@ -23,6 +23,14 @@ PRESSURES = ("pressure_a_pa", "pressure_b_pa", "supply_pressure_pa")
 _COMMANDS = ("valve_a", "valve_b", "duty_a", "duty_b")
 _MOTOR = ("motor_torque_nm", "motor_force_n", "motor_volts")
 _POSITIONS = ("theta_rad", "position_m", "encoder_counts")
+# Of kinds of test that the log format leaves open: elsewhere anyone's own columns.
+_SELDOM_NEEDED = (
+    "velocity_rad_per_s",
+    "flow_a_kg_s",
+    "time_to_pressure_s",
+    "pwm_period_s",
+    "pump_volts",
+)
 # Rows of a second sampling period that stand together before the test is called mixed.
 _MIXED_RUN = 10
 _MIXED_DEVIATION = 0.25
@@ -36,12 +44,14 @@ class Trial:
     their names in the log format; position is always `theta_rad` (linear: `position_m`),
     and the motor command always `motor_torque_nm` (linear: `motor_force_n`) at the output
     shaft, whatever column the file gave. `source` names file and test for messages.
+    `unusable` says what is wrong with columns that few kinds of test need, where they have it.
     """
 
     label: str
     time: FloatArray
     channels: Mapping[str, FloatArray]
     source: str
+    unusable: Mapping[str, str] = field(default_factory=dict)
 
     def __contains__(self, name: str) -> bool:
         return name in self.channels
@@ -60,6 +70,8 @@ class Trial:
     def require(self, names: Sequence[str], why: str) -> None:
         """InputError that names the first channel of `names` which the log does not hold."""
         for name in names:
+            if name in self.unusable:
+                raise InputError(self.unusable[name])
             if name not in self.channels:
                 raise input_error(
                     self.source,
@@ -87,26 +99,36 @@ class _Reading:
     columns: dict[str, FloatArray] = field(default_factory=dict)
     origin: dict[str, str] = field(default_factory=dict)
     notices: list[str] = field(default_factory=list)
+    unusable: dict[str, str] = field(default_factory=dict)
 
     @property
     def where(self) -> str:
         return str(self.table.path)
 
 
-def read_log(path: Path, rig: Rig, mapping: Mapping[str, ColumnMap] | None = None) -> Log:
+def read_log(
+    path: Path,
+    rig: Rig,
+    mapping: Mapping[str, ColumnMap] | None = None,
+    shared: Mapping[str, ColumnMap] | None = None,
+) -> Log:
     """Read, check and convert one log file to SI.
 
-    `mapping` brings in foreign names and units (`sysid.units.parse_map`). Raises InputError,
-    one line that names the file, the row or column, and the mend.
+    `mapping` brings in foreign names and units (`sysid.units.parse_map`); `shared` does where
+    the file has the column, and `mapping` does not say otherwise. Raises InputError, one line
+    that names the file, the row or column, and the mend.
     """
-    maps = dict(mapping or {})
+    maps = {**(shared or {}), **(mapping or {})}
     wanted = set(CANONICAL_UNITS) | {m.column for m in maps.values()}
     text = {"test"} | ({maps["test"].column} if "test" in maps else set())
     table = read_table(path, wanted, text)
+    for target in set(shared or {}) - set(mapping or {}):
+        if not has_column(table.header, maps[target]):
+            del maps[target]
     reading = _Reading(table, rig)
-    _take_columns(reading, maps)
-    if "time_s" not in reading.columns:
+    if "time_s" not in maps and "time_s" not in table.header:
         raise _missing_time(table)
+    _take_columns(reading, maps)
     groups = _groups(reading, maps)
     _convert_position(reading)
     _convert_motor(reading)
@@ -131,8 +153,7 @@ def _take_columns(reading: _Reading, maps: Mapping[str, ColumnMap]) -> None:
             )
     for name in table.header:
         if name in known and name not in maps and name not in used and name != "test":
-            reading.columns[name] = table.numbers(name)
-            reading.origin[name] = name
+            _take(reading, name)
     ambient = reading.rig.air.atmospheric_pressure_pa if reading.rig.air else None
     for target, entry in maps.items():
         if target != "test":
@@ -143,6 +164,19 @@ def _take_columns(reading: _Reading, maps: Mapping[str, ColumnMap]) -> None:
         reading.notices.append(f"{reading.where}: ignored, not known: {', '.join(unknown)}")
     if len(table.frame) < 2:
         raise input_error(reading.where, "holds one row only", "a test needs two samples or more")
+
+
+def _take(reading: _Reading, name: str) -> None:
+    """A column by its own name; one that few kinds of test need may be unusable."""
+    try:
+        reading.columns[name] = reading.table.numbers(name)
+    except InputError as error:
+        if name not in _SELDOM_NEEDED:
+            raise
+        reading.unusable[name] = str(error)
+        reading.notices.append(f"{name} is left out: {error}")
+    else:
+        reading.origin[name] = name
 
 
 def _missing_time(table: Table) -> InputError:
@@ -342,7 +376,7 @@ def _check_mixed(
 def _trial(reading: _Reading, label: str, rows: NDArray[np.int64] | slice) -> Trial:
     channels = {n: v[rows] for n, v in reading.columns.items() if n != "time_s"}
     source = f"{reading.where}, test {label}" if label else reading.where
-    return Trial(label, reading.columns["time_s"][rows], channels, source)
+    return Trial(label, reading.columns["time_s"][rows], channels, source, reading.unusable)
 
 
 def with_channels(trial: Trial, **channels: FloatArray) -> Trial:

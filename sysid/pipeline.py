@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sysid import __version__
-from sysid.bundle import Source, read_bundle, write_bundle
+from sysid.bundle import read_bundle, write_bundle
 from sysid.campaign import Campaign, read_campaign
 from sysid.check import LogCheck, check_log
 from sysid.components.build import part_tested
@@ -279,7 +279,7 @@ def _diagnose(run: _Run) -> None:
     else:
         run.notices += [*notices, *diagnosis.notices]
         found = content(diagnosis)
-        bundle = extended_bundle(bundle, diagnosis, run.campaign.rig)
+        bundle = extended_bundle(bundle, diagnosis, run.campaign)
     text = json.dumps(found, indent=2, allow_nan=False, ensure_ascii=False)
     write_atomic(run.path(_DIAGNOSIS_FILE), text + "\n")
     write_bundle(bundle, run.path(_EXTENDED_FILE))
@@ -313,11 +313,6 @@ def _validate(run: _Run) -> None:
     else:
         run.notices += result.notices
         bundle["validation"] = result.to_json()
-        known = {e["sha256"] for e in bundle["provenance"]["logs"]}
-        for entry in run.campaign.select(VALIDATED_KINDS, None):
-            source = Source(run.campaign.read(entry), entry.use, entry.kind).to_json()
-            if source["sha256"] not in known:
-                bundle["provenance"]["logs"].append(source)
     write_bundle(bundle, run.path(BUNDLE_FILE))
 
 

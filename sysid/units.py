@@ -326,7 +326,7 @@ def to_si(
             raise input_error(
                 f"{column_map.source} {column_map}",
                 "a gauge pressure needs the atmosphere's",
-                "give --atmosphere PA, or [air] atmospheric_pressure_pa in the rig file",
+                "give --atmosphere PA, or [air] atmospheric_pressure_pa in a rig.toml beside it",
             )
         offset += atmosphere_pa
     # 273 ms is 0.273 s to the last digit if divided by 1000, not if multiplied by 0.001.
@@ -336,6 +336,13 @@ def to_si(
     elif factor != 1.0:
         readings = readings * factor
     return readings + offset if offset else readings.copy()
+
+
+def has_column(columns: Sequence[str], column_map: ColumnMap) -> bool:
+    """Whether `find_column` would find the mapped column."""
+    number = re.fullmatch(r"#(\d{1,6})", column_map.column)
+    by_number = number is not None and 1 <= int(number.group(1)) <= len(columns)
+    return by_number or column_map.column in columns
 
 
 def find_column(columns: Sequence[str], column_map: ColumnMap, where: str) -> int:

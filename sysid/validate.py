@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sysid.bundle import read_bundle, write_bundle
+from sysid.bundle import add_sources, read_bundle, write_bundle
 from sysid.campaign import read_campaign
 from sysid.check import check_log
 from sysid.model.from_bundle import catalogue_with
@@ -55,6 +55,7 @@ def validate_campaign(
         progress=progress,
     )
     bundle["validation"] = result.to_json()
+    add_sources(bundle, campaign.sources())
     written = []
     if output is not None:
         write_bundle(bundle, output)

@@ -164,7 +164,7 @@ def whole_bundle(
     shapes = [RISING, VERTEX, FALLING, LINEAR] if shapes is None else shapes
     parts = {"friction": friction, "valves": valves(shapes, seed)}
     log = Log(Path("somewhere/run.csv"), "ab" * 32, ())
-    bundle = new_bundle(rig, parts, [Source(log, "fit", "friction")])
+    bundle = new_bundle(rig, parts, [Source.of(log, "fit", "friction")])
     return {**bundle, "created": "2026-01-02T03:04:05+00:00"}
 
 

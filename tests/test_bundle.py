@@ -9,7 +9,16 @@ from typing import Any
 
 import pytest
 
-from sysid.bundle import Source, check_log_unchanged, merge, new_bundle, read_bundle, write_bundle
+from sysid.bundle import (
+    Source,
+    add_sources,
+    check_log_unchanged,
+    check_not_fitted,
+    merge,
+    new_bundle,
+    read_bundle,
+    write_bundle,
+)
 from sysid.errors import InputError
 from sysid.logs import Log
 from sysid.rig import Rig, read_rig
@@ -36,7 +45,7 @@ def rig(tmp_path: Path, rig_text: str) -> Rig:
 @pytest.fixture
 def bundle(rig: Rig) -> dict[str, Any]:
     log = Log(Path("somewhere/run.csv"), "ab" * 32, ())
-    return new_bundle(rig, {"friction": FRICTION}, [Source(log, "fit", "friction")])
+    return new_bundle(rig, {"friction": FRICTION}, [Source.of(log, "fit", "friction")])
 
 
 def test_round_trip(bundle: dict[str, Any], tmp_path: Path) -> None:
@@ -95,7 +104,9 @@ def test_merge_adds_a_part_and_keeps_the_rest(bundle: dict[str, Any], rig: Rig) 
         for name in ("c_fill", "c_dis", "choked_flow_fill_kg_s", "choked_flow_dis_kg_s")
     }
     log = Log(Path("valve.csv"), "cd" * 32, ())
-    valve_a = new_bundle(rig, {"valves": {"a": {"discrete": discrete}}}, [Source(log, "fit", "v")])
+    valve_a = new_bundle(
+        rig, {"valves": {"a": {"discrete": discrete}}}, [Source.of(log, "fit", "v")]
+    )
     valve_b = new_bundle(rig, {"valves": {"b": {"discrete": discrete}}}, [])
     merged = merge(merge(bundle, valve_a, Path("b.json")), valve_b, Path("b.json"))
     assert merged["friction"] == FRICTION
@@ -108,6 +119,34 @@ def test_parts_of_different_rigs_do_not_mix(bundle: dict[str, Any]) -> None:
     other["rig"]["air"]["supply_pressure_pa"] = 4e5
     with pytest.raises(InputError, match=r"\[air\] differs"):
         merge(bundle, other, Path("b.json"))
+
+
+def test_a_part_that_is_replaced_takes_its_logs_and_the_validation_along(
+    bundle: dict[str, Any], rig: Rig
+) -> None:
+    log = Log(Path("run.csv"), "cd" * 32, ())
+    again = new_bundle(rig, {"friction": FRICTION}, [Source.of(log, "fit", "friction")])
+    merged = merge({**bundle, "validation": {"logs": []}}, again, Path("b.json"))
+    assert [e["sha256"] for e in merged["provenance"]["logs"]] == ["cd" * 32]
+    assert "validation" not in merged
+
+
+def test_logs_of_two_folders_may_share_a_name(bundle: dict[str, Any]) -> None:
+    other = Log(Path("day2/run.csv"), "cd" * 32, ())
+    add_sources(bundle, [Source.of(other, "fit", "friction-sliding")])
+    for digest in ("ab" * 32, "cd" * 32):
+        check_log_unchanged(bundle, Log(Path("run.csv"), digest, ()), Path("b.json"))
+    with pytest.raises(InputError, match="changed since"):
+        check_log_unchanged(bundle, Log(Path("run.csv"), "ef" * 32, ()), Path("b.json"))
+
+
+def test_motion_logs_are_fitted_on_by_a_diagnosis_only(bundle: dict[str, Any]) -> None:
+    log = Log(Path("motion.csv"), "cd" * 32, ())
+    add_sources(bundle, [Source.of(log, "fit", "motion-pwm")])
+    check_not_fitted(bundle, log, Path("b.json"))
+    bundle["provenance"]["options"]["diagnosis"] = {"seed": 0}
+    with pytest.raises(InputError, match="is held out"):
+        check_not_fitted(bundle, log, Path("b.json"))
 
 
 def test_a_changed_log_is_noticed(bundle: dict[str, Any]) -> None:

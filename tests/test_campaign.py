@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 
 import pytest
@@ -42,10 +43,35 @@ def test_defaults_paths_and_maps(campaign_file: Path) -> None:
     first, second = campaign.logs
     assert (first.use, second.use) == ("fit", "holdout")
     assert first.path == campaign_file.parent / "a.csv"
-    assert set(first.mapping) == {"time_s"}
-    assert set(second.mapping) == {"time_s", "theta_rad"}
+    assert (set(first.shared), set(first.mapping)) == ({"time_s"}, set())
+    assert (set(second.shared), set(second.mapping)) == ({"time_s"}, {"theta_rad"})
     assert campaign.select(MOTION_KINDS, "fit") == ()
     assert campaign.select(MOTION_KINDS, None) == (second,)
+
+
+def test_a_shared_map_serves_the_logs_that_have_its_columns(campaign_file: Path) -> None:
+    """A log's own map names columns that it must have."""
+    folder = campaign_file.parent
+    (folder / "a.csv").write_text("t,M\n0,0.1\n1,0.2\n2,0.3\n")
+    (folder / "b.csv").write_text("t,angle\n0,1\n1,2\n2,3\n")
+    shared = '[map]\ntime_s = "t:ms"\nmotor_torque_nm = "M:Nm"\n'
+    campaign_file.write_text(TEXT.replace('[map]\ntime_s = "t:ms"\n', shared))
+    campaign = read_campaign(campaign_file)
+    first, second = (campaign.read(entry).trials[0] for entry in campaign.logs)
+    assert set(first.channels) == {"motor_torque_nm"} and set(second.channels) == {"theta_rad"}
+    (folder / "b.csv").write_text("t,M\n0,1\n1,2\n2,3\n")
+    with pytest.raises(InputError, match="has no column 'angle'"):
+        campaign.read(campaign.logs[1])
+
+
+def test_every_log_is_a_source_with_its_use(campaign_file: Path) -> None:
+    sources = read_campaign(campaign_file).sources()
+    assert [(s.file, s.use, s.kind) for s in sources] == [
+        ("a.csv", "fit", "friction-static"),
+        ("b.csv", "holdout", "motion-motor"),
+    ]
+    content = (campaign_file.parent / "a.csv").read_bytes()
+    assert sources[0].sha256 == hashlib.sha256(content).hexdigest()
 
 
 def test_the_same_file_under_another_name_is_not_both(campaign_file: Path) -> None:

@@ -60,6 +60,29 @@ def test_csv_and_parquet_agree(frame: pd.DataFrame, rig: Rig, tmp_path: Path) ->
     assert_same(read(frame, rig, tmp_path, name="run.parquet"), frame)
 
 
+def test_parquet_of_an_index_and_of_durations(
+    frame: pd.DataFrame, rig: Rig, tmp_path: Path
+) -> None:
+    """A data frame with time as its index, and times as pandas keeps them."""
+    assert_same(read(frame.set_index("time_s"), rig, tmp_path, name="i.parquet"), frame)
+    spans = pd.to_timedelta(frame["time_s"], unit="s")
+    stamps = pd.Timestamp("2026-11-21") + spans
+    for times in (spans, stamps):
+        (trial,) = read(frame.assign(time_s=times), rig, tmp_path, name="t.parquet").trials
+        np.testing.assert_allclose(trial.time, frame["time_s"], atol=1e-9)
+
+
+def test_columns_of_other_kinds_of_test_may_be_anything(
+    frame: pd.DataFrame, rig: Rig, tmp_path: Path
+) -> None:
+    """A velocity by `diff()` begins with a hole; what needs it is told."""
+    log = read(frame.assign(velocity_rad_per_s=frame["theta_rad"].diff()), rig, tmp_path)
+    assert_same(log, frame)
+    assert any("velocity_rad_per_s is left out" in notice for notice in log.notices)
+    with pytest.raises(InputError, match="line 2: velocity_rad_per_s is empty"):
+        log.trials[0].require(("velocity_rad_per_s",), "for this")
+
+
 def test_counts_and_volts(frame: pd.DataFrame, rig: Rig, tmp_path: Path) -> None:
     other = frame.assign(
         encoder_counts=np.round(frame.theta_rad * COUNTS / (2 * math.pi)).astype(int),
