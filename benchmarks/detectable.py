@@ -1,82 +1,125 @@
-"""The smallest size at which each effect of the catalogue would be seen.
+"""The smallest size at which each effect of the catalogue would be seen, and three times it.
 
-    python benchmarks/detectable.py [--seed 4000]
+    python benchmarks/detectable.py table [--seed 4000]
+    python benchmarks/detectable.py check RESULTS.jsonl [--seeds 4000 4001] [--times 3] [--jobs 2]
 
-On a generated campaign of a lab's size with nothing missing: the size at which an effect's
-gain passes the twins' test, from the length of its signature with the base parameters
-projected out and from what the twins gain (gains go with the square of the size). Beside it
-the usual size on such a rig. Effects whose strengths come with a grid (thresholds) are
-given at the form that shows most.
+`table`, on a generated campaign of a lab's size with nothing missing: the size at which an
+effect's gain passes the twins' test, from the length of its signature with the base
+parameters projected out and from what the twins gain (gains go with the square of the size).
+Beside it the usual size on such a rig. Effects whose strengths come with a grid (thresholds)
+are given at the form that shows most.
+
+`check` makes the campaign of each seed again with each effect whose injected form is the
+catalogue's own law, so many `--times` as large as that law would just be seen on it, runs
+`sysid fit` and `sysid diagnose`, and prints which of them were detected. One line of JSON a
+campaign is appended to the results; what is there already is passed over.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import math
-import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.stats import norm
 
-from sysid.bundle import read_bundle
-from sysid.campaign import KINDS, read_campaign
-from sysid.diagnosis.calibration import MARGIN
-from sysid.diagnosis.loop import close_loop
-from sysid.diagnosis.search import CLEAR_RATIO, SIGNIFICANCE
-from sysid.diagnosis.signatures import Signatures, candidates
-from sysid.model.effects import catalogue
-from sysid.model.from_bundle import model_from_bundle
-
 REPOSITORY = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(REPOSITORY))
+
+from benchmarks.attribution import call, found_names, is_detected, read, wilson  # noqa: E402
+from benchmarks.true_model import SAME_LAW, true_effects  # noqa: E402
+from datasets.generator.campaign import drawn_effects  # noqa: E402
+from sysid.bundle import read_bundle  # noqa: E402
+from sysid.campaign import KINDS, read_campaign  # noqa: E402
+from sysid.diagnosis.calibration import MARGIN, Null  # noqa: E402
+from sysid.diagnosis.loop import close_loop  # noqa: E402
+from sysid.diagnosis.screening import Projected  # noqa: E402
+from sysid.diagnosis.search import CLEAR_RATIO, SIGNIFICANCE  # noqa: E402
+from sysid.diagnosis.signatures import Signatures, candidates  # noqa: E402
+from sysid.model.effects import catalogue  # noqa: E402
+from sysid.model.from_bundle import model_from_bundle  # noqa: E402
+
+EFFECTS = {name: effect for name, effect in catalogue().items() if not effect.averaged_only}
+# Of its usual size: where an injected law's signature is taken.
+PROBE = 0.1
 
 
-def main() -> None:
-    """Print the table as Markdown."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seed", type=int, default=4000)
-    seed = parser.parse_args().seed
+@dataclass(frozen=True)
+class Standard:
+    """A campaign with nothing missing as `sysid diagnose` looks at it: residual and twins."""
+
+    base: Projected
+    null: Null
+
+    def length_to_pass(self, name: str) -> float:
+        """Length of a projected signature at which an effect's gain passes the twins' test."""
+        gains = self.null.gains(name)
+        spread = max(1.0, float(np.std(np.sqrt(gains), ddof=1)))
+        distance = float(norm.isf(SIGNIFICANCE / self.null.family))
+        root = MARGIN * float(np.mean(np.sqrt(np.maximum(gains, 1.0)))) + distance * spread
+        return max(root, math.sqrt(CLEAR_RATIO * max(float(gains.max()), 10.0)))
+
+
+def command(*words: str) -> str:
+    """What a command prints; stops the benchmark where it fails."""
+    done = call(*words)
+    if done.returncode != 0:
+        raise SystemExit(f"{' '.join(words)}: {done.stderr.strip()[-300:]}")
+    return done.stdout
+
+
+def standard(seed: int) -> Standard:
+    """The campaign of a seed, generated, fitted and looked at."""
     with tempfile.TemporaryDirectory() as folder:
-        made = ["-m", "datasets.generator", "-o", folder, "--seed", str(seed), "--size", "lab"]
-        fitted = Path(folder) / "bundle.json"
-        campaign_path = Path(folder) / "campaign.toml"
-        fit = ["-m", "sysid", "fit", str(campaign_path), "-o", str(fitted)]
-        for command in ([*made, "--parquet"], fit):
-            subprocess.run(
-                [sys.executable, *command], cwd=REPOSITORY, check=True, capture_output=True
-            )
-        campaign = read_campaign(campaign_path)
-        model = model_from_bundle(read_bundle(fitted), campaign.rig)
+        path, bundle = Path(folder) / "campaign.toml", Path(folder) / "bundle.json"
+        generate(seed, Path(folder))
+        command("sysid", "fit", str(path), "-o", str(bundle))
+        campaign = read_campaign(path)
+        model = model_from_bundle(read_bundle(bundle), campaign.rig)
         tests = [
             (entry.file, entry.kind, trial)
             for entry in campaign.select(KINDS)
             for trial in campaign.read(entry).trials
         ]
-    effects = {name: e for name, e in catalogue().items() if not e.averaged_only}
     found = close_loop(
-        tests, campaign.rig, model, effects.values(), simulation_error=lambda model: 0.0
+        tests, campaign.rig, model, EFFECTS.values(), simulation_error=lambda model: 0.0
     )
-    null, base = found.null, found.search.first
-    null.calibrate(dict.fromkeys(effects, math.inf), 0.0)
+    found.null.calibrate(dict.fromkeys(EFFECTS, math.inf), 0.0)
+    return Standard(found.search.first, found.null)
+
+
+def generate(seed: int, folder: Path, *options: str) -> None:
+    """The campaign of a seed in a folder."""
+    words = ["-o", str(folder), "--seed", str(seed), "--size", "lab", "--parquet"]
+    command("datasets.generator", *words, *options)
+
+
+# --- the table --------------------------------------------------------------------------
+
+
+def table(options: argparse.Namespace) -> None:
+    """Print the smallest sizes as Markdown."""
+    seen = standard(options.seed)
+    base = seen.base
     signatures = Signatures(base.frame, base.model, base.residual)
-    distance = float(norm.isf(SIGNIFICANCE / null.family))
     print("| effect | strength | usual size | smallest size seen | usual / smallest |")
     print("| --- | --- | --- | --- | --- |")
-    for name, effect in effects.items():
-        gains = null.gains(name)
-        spread = max(1.0, float(np.std(np.sqrt(gains), ddof=1)))
-        passing = (
-            MARGIN * float(np.mean(np.sqrt(np.maximum(gains, 1.0)))) + distance * spread
-        ) ** 2
-        passing = max(passing, CLEAR_RATIO * max(float(gains.max()), 10.0))
+    for name, effect in EFFECTS.items():
+        enough = seen.length_to_pass(name)
         best = math.inf, "", 0.0
         for form in candidates([effect]):
             length = np.linalg.norm(base.project(signatures(form)), axis=0)
             for (strength, step), size in zip(form.steps, length, strict=True):
                 usual = next(q.typical for q in effect.quantities if q.name == strength)
-                smallest = abs(step) * math.sqrt(passing) / max(float(size), 1e-12)
+                smallest = abs(step) * enough / max(float(size), 1e-12)
                 best = min(best, (smallest / abs(usual), strength, abs(usual)))
         ratio, strength, usual = best
         unit = next(q.unit for q in effect.quantities if q.name == strength)
@@ -84,6 +127,80 @@ def main() -> None:
             f"| `{name}` | {strength} | {usual:.3g} {unit} | {ratio * usual:.2g} {unit} "
             f"| {1.0 / ratio:.2g} |"
         )
+
+
+# --- so many times the smallest size ----------------------------------------------------
+
+
+def smallest_scale(seen: Standard, seed: int, form: str) -> float:
+    """Of its usual size: the scale at which an injected law would just be seen."""
+    name, _, law = form.partition(":")
+    injected = [e.content() for e in drawn_effects(seed, [(name, law, PROBE)])]
+    base = seen.base
+    changed = base.frame.residual(base.model + true_effects(injected)[0]) - base.residual
+    length = float(np.linalg.norm(base.project(changed[:, None])))
+    return PROBE * seen.length_to_pass(name) / max(length, 1e-12)
+
+
+def check(options: argparse.Namespace) -> None:
+    """Append a line for every seed and law that the results do not hold yet, then the table."""
+    path: Path = options.results
+    known = {(r["seed"], r["form"]) for r in read(path)} if path.exists() else set()
+    with ThreadPoolExecutor(options.jobs) as pool, path.open("a") as file:
+        for result in pool.map(lambda job: diagnosed(*job), jobs(options, known)):
+            file.write(json.dumps(result) + "\n")
+            file.flush()
+    results = read(path)
+    hits = sum(map(is_detected, results))
+    low, high = wilson(hits, len(results))
+    print("| seed | effect | smallest, of its usual size | verdict | found |")
+    print("| --- | --- | --- | --- | --- |")
+    for r in results:
+        print(
+            f"| {r['seed']} | {r['form']} | {r['smallest']:.2g} | {r['diagnosis']['verdict']} "
+            f"| {' + '.join(found_names(r)) or '-'} |"
+        )
+    print(f"\n{hits} of {len(results)} detected, {100 * low:.0f} to {100 * high:.0f} %")
+
+
+def jobs(
+    options: argparse.Namespace, known: set[tuple[int, str]]
+) -> Iterator[tuple[int, str, float, float]]:
+    """Seed, form, its smallest scale and by how many times it is injected."""
+    for seed in options.seeds:
+        forms = [form for form in SAME_LAW if (seed, form) not in known]
+        seen = standard(seed) if forms else None
+        for form in forms:
+            assert seen is not None
+            yield seed, form, smallest_scale(seen, seed, form), options.times
+
+
+def diagnosed(seed: int, form: str, smallest: float, times: float) -> dict[str, Any]:
+    """Generate, fit and diagnose, as a user would."""
+    with tempfile.TemporaryDirectory() as folder:
+        campaign, bundle = str(Path(folder) / "campaign.toml"), str(Path(folder) / "bundle.json")
+        generate(seed, Path(folder), "--effect", f"{form}*{times * smallest:.6g}")
+        command("sysid", "fit", campaign, "-o", bundle)
+        found = command("sysid", "diagnose", campaign, "--bundle", bundle, "--json")
+    drawn = {"seed": seed, "form": form, "smallest": smallest, "times": times}
+    return {**drawn, "diagnosis": json.loads(found)}
+
+
+def main() -> None:
+    """Print the table, or check it."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    commands = parser.add_subparsers(required=True)
+    printer = commands.add_parser("table")
+    printer.add_argument("--seed", type=int, default=4000)
+    printer.set_defaults(action=table)
+    checker = commands.add_parser("check")
+    checker.add_argument("results", type=Path)
+    checker.add_argument("--seeds", type=int, nargs="+", default=[4000])
+    checker.add_argument("--times", type=float, default=3.0)
+    checker.add_argument("--jobs", type=int, default=1)
+    checker.set_defaults(action=check)
+    options = parser.parse_args()
+    options.action(options)
 
 
 if __name__ == "__main__":

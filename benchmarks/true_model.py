@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -76,22 +77,29 @@ def true_value(form: str, parameter: str, values: dict[str, float]) -> float:
     return values[key] if isinstance(key, str) else key
 
 
-def true_model(truth: dict[str, Any], fitted: Any) -> Any:
-    """The model with the true base parameters and effects; None where a form is not known."""
+def true_effects(truth: Sequence[dict[str, Any]]) -> tuple[Any, ...]:
+    """The injected effects by the catalogue's laws. KeyError for a form that is no such law."""
     from sysid.model.effects import catalogue
-    from sysid.model.ports import Model
 
     effects = []
-    for injected in truth["effects"]:
+    for injected in truth:
         form = f"{injected['id']}:{injected['form']}"
-        if form not in SAME_LAW:
-            return None
         fields: dict[str, Any] = {
             name: true_value(form, name, injected["values"]) for name in SAME_LAW[form]
         }
-        if injected["side"]:
+        kind = catalogue()[injected["id"]]
+        if kind.has_side():
             fields["side"] = injected["side"]
-        effects.append(catalogue()[injected["id"]](**fields))
+        effects.append(kind(**fields))
+    return tuple(effects)
+
+
+def true_model(truth: dict[str, Any], fitted: Any) -> Any:
+    """The model with the true base parameters and effects; None where a form is not known."""
+    from sysid.model.ports import Model
+
+    if any(f"{e['id']}:{e['form']}" not in SAME_LAW for e in truth["effects"]):
+        return None
     friction = truth["friction"]
     changes = {
         "static_effort": friction["static_nm"],
@@ -109,7 +117,7 @@ def true_model(truth: dict[str, Any], fitted: Any) -> Any:
         changes |= {f"{name}_{side}": valve[key] for name, key in laws.items()}
         changes |= {f"on_delay_{side}": truth["delays"]["on_delay_s"]}
         changes |= {f"off_delay_{side}": truth["delays"]["off_delay_s"]}
-    return Model(fitted.parameters.replace(**changes), tuple(effects))
+    return Model(fitted.parameters.replace(**changes), true_effects(truth["effects"]))
 
 
 def main(campaign_path: Path, bundle_path: Path, truth_path: Path) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from benchmarks.true_model import SAME_LAW, true_effects
 from datasets.generator.__main__ import main
 from datasets.generator.campaign import LAB, drawn_effects, make_campaign, size_of
 from datasets.generator.effects import FORMS, OUT_OF_CATALOGUE, Injected, parsed, typical
@@ -347,6 +348,18 @@ def test_lab_size_has_the_usual_counts() -> None:
     }  # fmt: skip
     directions = [t.truth["direction"] for t in made.log("friction_sliding").tests]
     assert directions.count(1) == directions.count(-1) == 7
+
+
+@pytest.mark.parametrize("form", SAME_LAW)
+def test_a_form_that_is_the_catalogues_law_has_its_numbers(form: str) -> None:
+    """On whatever side it was drawn; the strength that intervals are judged by is not 0."""
+    name, _, law = form.partition(":")
+    for seed in range(6):
+        (injected,) = drawn_effects(seed, [(name, law, 0.5)])
+        (effect,) = true_effects([injected.content()])
+        assert effect.id == name
+        assert getattr(effect, next(iter(SAME_LAW[form]))) != 0.0
+        assert getattr(effect, "side", injected.side) == injected.side
 
 
 def test_command_line_takes_effects(tmp_path: Path) -> None:
