@@ -25,10 +25,33 @@ _UNUSABLE = 2
 _INTERRUPTED = 130
 
 PathArgument = click.Path(path_type=Path)
+_SEED = click.IntRange(min=0)
+
+
+class _ReaderGoneError(Exception):
+    """The reader of a pipe (head, less) went away; click would end with status 1."""
+
+
+class _App(click.Group):
+    """All commands, with what they print written before they end."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            found = super().invoke(ctx)
+            sys.stdout.flush()
+        except BrokenPipeError:
+            raise _ReaderGoneError from None
+        return found
 
 
 class _FitGroup(click.Group):
     """`sysid fit friction LOG...` beside `sysid fit CAMPAIGN.toml`: a path is a campaign."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        options_first = bool(args) and args[0] not in ctx.help_option_names
+        if options_first and args[0].startswith("-") and not set(args) & set(self.commands):
+            args = ["campaign", *args]
+        return super().parse_args(ctx, args)
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -73,7 +96,7 @@ _fit_options = _options(
 )
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=_App, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="sysid")
 def app() -> None:
     """Turn logged tests of a pneumatic actuator into a model that controllers can trust."""
@@ -136,7 +159,9 @@ def fit_valve_discrete(logs: Sequence[Path], as_json: bool, **options: Any) -> N
     show_default=True,
     help="Which surface to fit; both are compared on held-out tests.",
 )
-@click.option("--seed", default=0, show_default=True, help="Of the folds and the restarts.")
+@click.option(
+    "--seed", type=_SEED, default=0, show_default=True, help="Of the folds and the restarts."
+)
 @click.option("--sweep", is_flag=True, help="Also find the smallest network that does (slow).")
 @_fit_options
 def fit_valve_pwm(logs: Sequence[Path], as_json: bool, **options: Any) -> None:
@@ -228,7 +253,7 @@ def validate(campaign: Path, bundle: Path, as_json: bool, **options: Any) -> Non
 @click.option("-o", "output", type=PathArgument, help="Write the extended bundle.")
 @click.option("--report", type=PathArgument, help="Write the HTML report here.")
 @_effects_option
-@click.option("--seed", default=0, show_default=True, help="Of the simulated twins.")
+@click.option("--seed", type=_SEED, default=0, show_default=True, help="Of the simulated twins.")
 @_json_option
 def diagnose(campaign: Path, bundle: Path, as_json: bool, **options: Any) -> None:
     """What the model lacks: the residual's cause, and the errors with it and without."""
@@ -267,7 +292,9 @@ _run_options = _options(
         show_default=True,
         help="Which PWM surfaces to fit.",
     ),
-    click.option("--seed", default=0, show_default=True, help="Of folds, restarts and twins."),
+    click.option(
+        "--seed", type=_SEED, default=0, show_default=True, help="Of folds, restarts and twins."
+    ),
     click.option(
         "--diagnose/--no-diagnose", default=True, help="Whether to look for what the model lacks."
     ),
@@ -357,8 +384,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
     except (click.Abort, KeyboardInterrupt):
         return _report("error", "interrupted; nothing was written by halves", _INTERRUPTED)
-    except BrokenPipeError:
-        # The reader of a pipe (head, less) went away; what is left to print has no use.
+    except _ReaderGoneError:
+        # What is left to print has no use.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except Exception as error:

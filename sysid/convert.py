@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +18,7 @@ import numpy as np
 from sysid.errors import InputError, input_error
 from sysid.foreign import ForeignTable, read_foreign
 from sysid.foreign.recipe import Recipe, extended, kept_rows, read_recipe
+from sysid.rig import find_rig_file, read_rig
 from sysid.tables import read_bytes, write_table
 from sysid.units import (
     CANONICAL_UNITS,
@@ -113,6 +114,7 @@ def convert(
         raise input_error(
             "convert", "several files are several tests, but `test` is given too", "leave it out"
         )
+    recipe = _with_atmosphere(recipe, paths[0])
     frames, sources, unmapped, notices = [], [], [], list(recipe.notices)
     for path, label in zip(paths, _labels(paths), strict=True):
         if path.exists() and output.exists() and path.samefile(output):
@@ -138,6 +140,22 @@ def convert(
         unmapped=tuple(unmapped),
         notices=tuple(notices),
     )
+
+
+def _with_atmosphere(recipe: Recipe, path: Path) -> Recipe:
+    """A recipe with gauge pressures takes the atmosphere of the rig file that is nearest."""
+    if recipe.atmosphere_pa is not None or not any(m.gauge for m in recipe.maps.values()):
+        return recipe
+    try:
+        found = find_rig_file(path)
+    except InputError:
+        return recipe
+    rig = read_rig(found)
+    if rig.air is None:
+        return recipe
+    atmosphere = rig.air.atmospheric_pressure_pa
+    notice = f"{found}: its atmosphere, {atmosphere:g} Pa, is added to gauge pressures"
+    return replace(recipe, atmosphere_pa=atmosphere, notices=(*recipe.notices, notice))
 
 
 def _labels(paths: Sequence[Path]) -> list[str | None]:

@@ -232,7 +232,14 @@ def _prepared(
     kind: str | Sequence[str | None] | None,
     cutoff_hz: float | None,
 ) -> _Fit:
-    fit = _Fit(rig, units_of(rig), cutoff_hz or DEFAULT_CUTOFF_HZ, {name: [] for name in KINDS})
+    if cutoff_hz is not None and not 0.0 < cutoff_hz < math.inf:
+        raise input_error(
+            "--cutoff",
+            f"{cutoff_hz:g} Hz is no cut-off",
+            "give a frequency above 0, or leave it out",
+        )
+    highest = DEFAULT_CUTOFF_HZ if cutoff_hz is None else cutoff_hz
+    fit = _Fit(rig, units_of(rig), highest, {name: [] for name in KINDS})
     declared = [kind] * len(trials) if kind is None or isinstance(kind, str) else list(kind)
     for trial, name in zip(trials, declared, strict=True):
         if len(trial) < 2:

@@ -438,6 +438,13 @@ def _check_together(rig: Rig) -> None:
             f"atmospheric_pressure_pa = {air.atmospheric_pressure_pa:g}",
             "give both as absolute pressures (add the atmosphere to a gauge reading)",
         )
+    carries = rig.inertia is not None and rig.inertia.payload_mass_kg > 0.0
+    if carries and not rig.is_linear and "payload_length_m" not in rig.content["inertia"]:
+        raise input_error(
+            rig.source,
+            "[inertia] payload_length_m is missing, and there is a payload",
+            "add its distance from the shaft",
+        )
     if cylinder is None:
         return
     if not rig.is_linear and "pitch_radius_m" not in rig.content["cylinder"]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from sysid.bundle import bundle_rig, read_bundle
 from sysid.errors import NotIdentifiedError, input_error
+from sysid.kinds import is_held
 from sysid.logs import PRESSURES, Log, Trial, read_log
 from sysid.model.base import Parameters
 from sysid.model.effects.serialise import Catalogue
@@ -171,10 +172,11 @@ def simulate_log(
     """Simulate every test of a log of commands and write the result in the log format.
 
     The rig is the bundle's. A test starts at rest, at its first row's position and pressures;
-    a test under PWM that starts nearer to the supply than to the atmosphere had its valve on
-    (log format). `valve_model` None: the discrete law where the bundle has it, else a surface.
-    `effects` is a file of a user's own effects, which is run. Raises InputError for unusable
-    files, NotIdentifiedError where the bundle lacks what the model needs.
+    one under PWM with the piston held that starts nearer to the supply than to the atmosphere
+    had its valve on (log format). `valve_model` None: the discrete law where the bundle has
+    it, else a surface. `effects` is a file of a user's own effects, which is run. Raises
+    InputError for unusable files, NotIdentifiedError where the bundle lacks what the model
+    needs.
     """
     bundle = read_bundle(bundle_path)
     rig = bundle_rig(bundle, bundle_path)
@@ -239,7 +241,12 @@ def _start_notices(trial: Trial, rig: Rig) -> list[str]:
 
 
 def starts_on_supply(trial: Trial, rig: Rig) -> tuple[bool, bool]:
-    """Whether valves A and B were on before the first row: under PWM, nearer to the supply."""
+    """Whether valves A and B were on before the first row (log format).
+
+    Under PWM with the piston held, nearer to the supply; a motion starts with its valves off.
+    """
+    if not is_held(trial, rig):
+        return False, False
     air = rig.require("air", "which the valves' flow needs")
     middle = 0.5 * (air.atmospheric_pressure_pa + air.supply_pressure_pa)
     on = [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -191,7 +192,7 @@ def validation_table(validation: dict[str, Any]) -> Table:
                 log["valve_model"],
                 name,
                 f"{channel['rmse']:.4g}",
-                f"{channel['fit_percent']:.1f}",
+                "-" if channel["fit_percent"] is None else f"{channel['fit_percent']:.1f}",
                 f"{channel['noise_floor']:.3g}",
             )
     return table
@@ -267,7 +268,8 @@ def _before_after_tables(content: dict[str, Any]) -> Iterable[Table]:
     table = new_table(title, "channel", "bundle given", *added, "noise floor")
     for name, errors in errors_by_step(content).items():
         floor = content["residual"][name]["noise_floor"]
-        table.add_row(name, *(f"{e:.4g}" for e in errors), f"{floor:.4g}")
+        cells = ("-" if math.isnan(e) else f"{e:.4g}" for e in errors)
+        table.add_row(name, *cells, f"{floor:.4g}")
     yield table
 
 

@@ -47,10 +47,16 @@ class Table:
         return f"line {_data_lines(self.body)[row][0]}"
 
     def numbers(self, column: str) -> NDArray[np.float64]:
-        """A column as (n,) floats; InputError at the first cell that is not a finite number."""
+        """A column as (n,) floats; InputError at the first cell that is not a finite number.
+
+        Time stamps count in seconds from the first, durations in seconds.
+        """
         import pandas as pd
 
         values = self.frame[column]
+        if values.dtype.kind in "mM":
+            stamps = values if values.dtype.kind == "m" else values - values.iloc[0]
+            values = stamps.dt.total_seconds()
         if values.dtype.kind not in "fiub":
             converted = pd.to_numeric(values, errors="coerce")
             bad = np.flatnonzero(converted.isna().to_numpy() & values.notna().to_numpy())
@@ -138,7 +144,14 @@ def read_table(path: Path, wanted: Collection[str], text: Collection[str] = ()) 
     digest = hashlib.sha256(raw).hexdigest()
     if path.suffix.lower() in PARQUET_SUFFIXES:
         return _read_parquet(path, raw, digest, wanted)
-    return _read_csv(path, raw, digest, wanted, text)
+    try:
+        return _read_csv(path, raw, digest, wanted, text)
+    except csv.Error as error:
+        raise input_error(
+            path,
+            f"cannot be read as CSV ({error})",
+            "save it again with a line feed after each row",
+        ) from None
 
 
 def write_table(frame: pd.DataFrame, path: Path, comments: Sequence[str]) -> None:
@@ -174,8 +187,9 @@ def _read_parquet(path: Path, raw: bytes, digest: str, wanted: Collection[str]) 
     try:
         file = parquet.ParquetFile(io.BytesIO(raw))
         header = tuple(file.schema_arrow.names)
-        _reject_doubled(path, header, "the schema")
-        frame = file.read(columns=_chosen(header, wanted)).to_pandas()
+        _reject_doubled(path, header, "the schema", wanted)
+        # What pandas made its index is a column like any other.
+        frame = file.read(columns=_chosen(header, wanted)).to_pandas(ignore_metadata=True)
     except (pyarrow.ArrowException, OSError) as error:
         first = str(error).splitlines()[0][:120]
         raise input_error(
@@ -191,6 +205,8 @@ def _read_csv(
 
     body = _decoded(path, raw)
     header_line, header = _header(path, body)
+    _reject_doubled(f"{path}, line {header_line}", header, "the header", wanted)
+    header = _told_apart(header)
     used = _chosen(header, wanted)
     text = _chosen(header, text)
     _check_first_row(path, body, header)
@@ -250,7 +266,6 @@ def _header(path: Path, body: bytes) -> tuple[int, tuple[str, ...]]:
                 "numbers where the column names should be",
                 "add a header row, or bring the file in with `sysid convert --no-header`",
             )
-        _reject_doubled(where, names, "the header")
         return number, names
     raise input_error(path, "holds comments only", "add a header row and samples")
 
@@ -265,8 +280,17 @@ def _reject_wrong_delimiter(where: str, text: str, names: tuple[str, ...]) -> No
             )
 
 
-def _reject_doubled(where: str | Path, names: tuple[str, ...], what: str) -> None:
-    doubled = sorted({n for n in names if names.count(n) > 1 and n})
+def _told_apart(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Columns that nobody asks for may share a name, or have none."""
+    return tuple(
+        f"{name} ({i})" if names.count(name) > 1 else name for i, name in enumerate(names, start=1)
+    )
+
+
+def _reject_doubled(
+    where: str | Path, names: tuple[str, ...], what: str, wanted: Collection[str]
+) -> None:
+    doubled = sorted({n for n in names if names.count(n) > 1 and n in wanted})
     if doubled:
         raise input_error(
             where, f"{what} names {doubled[0]} twice", "rename or delete one of the two columns"
@@ -274,7 +298,7 @@ def _reject_doubled(where: str | Path, names: tuple[str, ...], what: str) -> Non
 
 
 def _check_first_row(path: Path, body: bytes, header: tuple[str, ...]) -> None:
-    rows = _data_lines(body[:200_000])
+    rows = _data_lines(body[:200_000]) or _data_lines(body)
     if not rows:
         raise input_error(path, "has a header but no samples", "record the log again")
     number, line = rows[0]

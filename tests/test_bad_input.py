@@ -448,6 +448,54 @@ CASES = [
         "bundle.json",
         "finite",
     ),
+    Case(
+        "bundle beyond the range of numbers",
+        _bundle('{"schema": "sysid-bundle/1", "created": 1e999}'),
+        "bundle.json: holds 1e999",
+        "finite",
+    ),
+    Case(
+        "bundle with an endless whole number",
+        _bundle('{"schema": "sysid-bundle/1", "created": %s}' % ("9" * 5000)),
+        "bundle.json: holds 99999",
+        "finite",
+    ),
+    Case("bundle nested without end", _bundle("[" * 200_000), "bundle.json", "again"),
+    Case(
+        "seed below zero",
+        lambda w: w.arguments.__setitem__(
+            slice(None), ["fit", "valve-pwm", str(w.log), "--seed", "-1"]
+        ),
+        "--seed",
+        "--help",
+    ),
+    Case(
+        "cut-off zero", lambda w: w.arguments.extend(["--cutoff", "0"]), "--cutoff", "leave it out"
+    ),
+    Case(
+        "cut-off no number",
+        lambda w: w.arguments.extend(["--cutoff", "nan"]),
+        "--cutoff",
+        "leave it out",
+    ),
+    Case(
+        "payload without its length",
+        _rig("equivalent_kg_m2 = 0.02368", "equivalent_kg_m2 = 0.02368\npayload_mass_kg = 0.5"),
+        "rig.toml: [inertia] payload_length_m",
+        "from the shaft",
+    ),
+    Case(
+        "carriage returns alone",
+        lambda w: w.log.write_text(as_text(good_rows(), end="\r"), newline=""),
+        "run.csv",
+        "save it again",
+    ),
+    Case(
+        "no column that is known",
+        _raw(b"t,P1,P2\n0,1,2\n1,1,2\n2,1,2\n"),
+        "run.csv: column time_s is missing (it has t, P1, P2)",
+        '--map "time_s=',
+    ),
     Case("unknown option", lambda w: w.arguments.append("--colour"), "--colour", "--help"),
     Case(
         "unknown command",
@@ -500,8 +548,14 @@ def test_there_are_at_least_forty_distinct_kinds() -> None:
         as_text(good_rows()) + "\n\n",
         as_text(good_rows())[:-1],
         as_text([[*r, "7"] for r in good_rows()], HEADER + ",cabinet_temperature"),
+        as_text([[*r, "7", "8"] for r in good_rows()], HEADER + ",spare,spare"),
+        as_text([[*r, "off"] for r in good_rows()], HEADER + ",flow_a_kg_s"),
+        "# a long story\n" * 20_000 + as_text(good_rows()),
     ],
-    ids=["BOM", "CRLF", "comments", "blank lines at the end", "no last line end", "unknown column"],
+    ids=[
+        *("BOM", "CRLF", "comments", "blank lines at the end", "no last line end"),
+        *("unknown column", "two of a name", "a column of another kind of test", "long comments"),
+    ],
 )
 def test_harmless_dialects_are_read(
     text: str, tmp_path: Path, rig_text: str, capsys: pytest.CaptureFixture[str]

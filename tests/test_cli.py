@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -71,7 +73,30 @@ def test_a_campaign_leaves_held_out_logs_alone(folder: Path, tmp_path: Path) -> 
     assert main(["fit", str(folder / "campaign.toml"), "-o", str(path)]) == 0
     bundle = read_bundle(path)
     used = {(e["file"], e["use"]) for e in bundle["provenance"]["logs"]}
-    assert used == {("friction-static.csv", "fit"), ("friction-sliding.csv", "fit")}
+    fitted = {("friction-static.csv", "fit"), ("friction-sliding.csv", "fit")}
+    assert used == fitted | {("friction-motion.csv", "holdout")}
+
+
+def test_options_may_stand_before_the_campaign(folder: Path, tmp_path: Path) -> None:
+    path = tmp_path / "bundle.json"
+    assert main(["fit", "-o", str(path), str(folder / "campaign.toml")]) == 0
+    assert "friction" in read_bundle(path)
+
+
+def test_a_reader_that_goes_away_is_no_fault(folder: Path) -> None:
+    command = [
+        sys.executable,
+        "-m",
+        "sysid",
+        "check",
+        str(folder / "friction-static.csv"),
+        "--json",
+    ]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None and process.stderr is not None
+        process.stdout.close()
+        said = process.stderr.read()
+    assert (process.returncode, said) == (0, b"")
 
 
 def test_into_replaces_one_part_only(folder: Path, tmp_path: Path) -> None:

@@ -58,6 +58,19 @@ def test_canonical_columns_pass_without_a_map(tmp_path: Path) -> None:
     assert report.unmapped == ("odd",)
 
 
+def test_gauge_pressures_take_the_atmosphere_of_the_nearest_rig(
+    tmp_path: Path, rig_text: str
+) -> None:
+    (tmp_path / "rig.toml").write_text(rig_text)
+    (tmp_path / "lab.csv").write_text("t,P1\n0,200\n1,201\n")
+    maps = ["time_s=t:ms", "pressure_a_pa=P1:kPa(g)"]
+    report, frame = converted(tmp_path / "lab.csv", tmp_path / "log.csv", maps=maps)
+    np.testing.assert_allclose(frame["pressure_a_pa"], [3e5, 3.01e5])
+    assert any("100000 Pa, is added to gauge" in notice for notice in report.notices)
+    _, frame = converted(tmp_path / "lab.csv", tmp_path / "log.csv", maps=maps, atmosphere_pa=9e4)
+    np.testing.assert_allclose(frame["pressure_a_pa"], [2.9e5, 2.91e5])
+
+
 def test_period_in_place_of_a_time_column(tmp_path: Path) -> None:
     foreign, out = plain(tmp_path, q=ANGLE_DEG), tmp_path / "log.csv"
     convert(foreign, out, maps=["theta_rad=q:deg"], period_s=0.001)

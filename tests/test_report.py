@@ -145,7 +145,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
     bundle = new_bundle(
         campaign.rig,
         {"friction": friction, "valves": valves},
-        [Source(logs[e.file], e.use, e.kind) for e in campaign.logs],
+        [Source.of(logs[e.file], e.use, e.kind) for e in campaign.logs],
         seeds={"surfaces": 0},
     )
     validation = validate(campaign, bundle)
@@ -395,6 +395,27 @@ def test_waterfall_says_what_falls_and_what_rises(made: Made) -> None:
     ):  # fmt: skip
         assert step in figure
     assert "after stribeck-friction 4.00; after pressure-gain 5.10" in figure
+
+
+def test_an_effect_that_cannot_be_simulated_without_the_next_leaves_a_gap() -> None:
+    from sysid.report.diagnosis import diagnosis_section
+
+    content = json.loads(json.dumps(DIAGNOSIS))
+    del content["effects"][0]["holdout_rmse"]["theta_rad"]
+    with svg.styled():
+        section = diagnosis_section(content, is_linear=False)
+    groups = [b for b in section.blocks if b.kind == "figures"]
+    errors = next(f for g in groups for f in g.figures if "error-theta_rad" in f.svg)
+    assert "after stribeck-friction —; after pressure-gain 5.10" in errors.description
+
+
+def test_a_channel_that_never_varies_has_no_fit_percentage() -> None:
+    from sysid.summary import validation_table
+
+    channel = {"rmse": 1.0, "fit_percent": None, "noise_floor": 0.5}
+    log = {"file": "still.csv", "use": "holdout", "valve_model": "discrete"}
+    table = validation_table({"logs": [{**log, "channels": {"theta_rad": channel}}]})
+    assert [list(column.cells) for column in table.columns][5] == ["-"]
 
 
 def test_diagnosis_of_a_linear_rig_is_in_its_units() -> None:

@@ -15,12 +15,12 @@ import pytest
 from benchmarks.reference_plant import integrate
 from benchmarks.rigs import REFERENCE, random_runs
 from sysid.errors import InputError, NotIdentifiedError
-from sysid.logs import Trial
+from sysid.logs import Trial, with_channels
 from sysid.model.base import Parameters
 from sysid.model.ports import Effect, Model
 from sysid.model.simulate import Inputs, Trajectory, ValveCommand, simulate
 from sysid.rig import rig_from_content
-from sysid.simulate import inputs_from_trial, simulate_trials, surfaces_for
+from sysid.simulate import inputs_from_trial, simulate_trials, starts_on_supply, surfaces_for
 from tests.test_model import Everywhere
 
 POSITION_RAD = 2e-4
@@ -443,6 +443,14 @@ def test_valve_models_by_name(rig_text: str) -> None:
         surfaces_for({}, rig, "cubic")
     with pytest.raises(NotIdentifiedError, match="ann"):
         surfaces_for({}, rig, "ann")
+
+
+def test_only_a_held_test_under_pwm_may_start_on_the_supply(rig_text: str) -> None:
+    rig = _rig(rig_text)
+    held = _trial(duty_a=0.4, duty_b=0.1, pressure_a_pa=2.9e5, pressure_b_pa=1.1e5, theta_rad=0.1)
+    assert starts_on_supply(held, rig) == (True, False)
+    moved = with_channels(held, theta_rad=np.linspace(0.0, 0.5, len(held)))
+    assert starts_on_supply(moved, rig) == (False, False)
 
 
 def test_effects_change_the_measured_channels(rig_text: str) -> None:

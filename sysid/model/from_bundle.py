@@ -213,16 +213,19 @@ def surfaces_from_bundle(
             return None
         for direction, part in zip(DIRECTIONS, parts, strict=True):
             _check_period(part, rig, f"{where}, valves.{side}.pwm.{direction}")
-        found.append(_tabulated(*(part[kind] for part in parts)))
+        fill, discharge = (part[kind] for part in parts)
+        found.append(_tabulated(fill, discharge, f"{where}, valves.{side}"))
     return found[0], found[1]
 
 
-def _tabulated(fill: Mapping[str, Any], discharge: Mapping[str, Any]) -> TabulatedSurfaces:
+def _tabulated(
+    fill: Mapping[str, Any], discharge: Mapping[str, Any], where: str
+) -> TabulatedSurfaces:
     from sysid.surfaces import surface_from_dict
 
     fields: dict[str, Any] = {}
     for name, content in (("filling", fill), ("discharging", discharge)):
-        surface = surface_from_dict(dict(content))
+        surface = surface_from_dict(dict(content), f"{where}, {name}")
         duties = np.linspace(*surface.domain_.duty_range, _NODES)
         pressures = np.linspace(*surface.domain_.pressure_range, _NODES)
         fields[name] = surface.flow(duties[:, None], pressures[None, :])[0]

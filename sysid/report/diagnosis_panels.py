@@ -95,7 +95,7 @@ def waterfall(
         _name_row(ax, place, f"{name}: {text}")
         # The noise floor, not across the names.
         ax.plot([low, low], [-place - 0.37, -place + 0.09], color=COLOUR["ink"], linewidth=0.8)
-    ax.set_xlim(0.0, 1.04 * max(*shown, low, 1e-12))
+    ax.set_xlim(0.0, 1.04 * float(np.nanmax([*shown, low, 1e-12])))
     ax.set_xlabel(f"RMSE on held-out tests ({unit})")
     steps = "; ".join(f"after {n} {number(e)}" for n, e in zip(added, shown[1:], strict=True))
     description = (

@@ -5,6 +5,7 @@ Everything is read from the dict that `sysid.report.findings.content` makes.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -136,10 +137,14 @@ def parameter_rows(effect: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str
 
 
 def errors_by_step(content: Content) -> dict[str, list[float]]:
-    """Held-out RMSE by channel: of the bundle that was given, then after each effect."""
+    """Held-out RMSE by channel: of the bundle that was given, then after each effect.
+
+    NaN after an effect that could not be simulated without the next.
+    """
     found = {}
     for name, error in content["residual"].items():
-        steps = [effect["holdout_rmse"][name]["after"] for effect in content["effects"]]
+        after = [effect["holdout_rmse"].get(name, {}) for effect in content["effects"]]
+        steps = [step.get("after", math.nan) for step in after]
         found[name] = [error["before"], *steps]
     return found
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from sysid.errors import input_error
+from sysid.errors import InputError, input_error
 
 if TYPE_CHECKING:
     from sysid.surfaces.ann import DutyNetwork, SizeSweep, sweep_hidden_size
@@ -71,18 +71,25 @@ def __getattr__(name: str) -> Any:
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
-def surface_from_dict(content: dict[str, Any]) -> Bipolynomial | DutyNetwork:
+def surface_from_dict(
+    content: dict[str, Any], where: str = "PWM surface"
+) -> Bipolynomial | DutyNetwork:
     """The surface that `to_dict` of either estimator wrote; needs numpy only.
 
-    Raises InputError where `content["kind"]` is neither of the two.
+    Raises InputError, which begins with `where`, for content that neither of the two wrote.
     """
     kind = content.get("kind")
-    if kind == "bipolynomial":
-        from sysid.surfaces.bipolynomial import Bipolynomial
+    if kind not in ("bipolynomial", "ann"):
+        raise input_error(where, f"kind = {kind!r} is unknown", "use bipolynomial or ann")
+    try:
+        if kind == "bipolynomial":
+            from sysid.surfaces.bipolynomial import Bipolynomial
 
-        return Bipolynomial.from_dict(content)
-    if kind == "ann":
+            return Bipolynomial.from_dict(content)
         from sysid.surfaces.ann import DutyNetwork
 
         return DutyNetwork.from_dict(content)
-    raise input_error("PWM surface", f"kind = {kind!r} is unknown", "use bipolynomial or ann")
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
+    except (TypeError, ValueError, IndexError) as error:
+        raise input_error(where, f"is no surface ({error})", "fit valve-pwm tests again") from None
