@@ -4,8 +4,9 @@
     python benchmarks/detectable.py check RESULTS.jsonl [--seeds 4000 4001] [--times 3] [--jobs 2]
 
 `table`, on a generated campaign of a lab's size with nothing missing: the size at which an
-effect's gain passes the twins' test, from the length of its signature with the base
-parameters projected out and from what the twins gain (gains go with the square of the size).
+effect would be added, for its gain passes the twins' test and is a fair share of the excess
+over noise. From the length of its signature with the base parameters projected out, from
+what the twins gain and from the excess (gains go with the square of the size).
 Beside it the usual size on such a rig. Effects whose strengths come with a grid (thresholds)
 are given at the form that shows most.
 
@@ -40,9 +41,10 @@ from datasets.generator.campaign import drawn_effects  # noqa: E402
 from sysid.bundle import read_bundle  # noqa: E402
 from sysid.campaign import KINDS, read_campaign  # noqa: E402
 from sysid.diagnosis.calibration import MARGIN, Null  # noqa: E402
+from sysid.diagnosis.equation_error import channels_of  # noqa: E402
 from sysid.diagnosis.loop import close_loop  # noqa: E402
 from sysid.diagnosis.screening import Projected  # noqa: E402
-from sysid.diagnosis.search import CLEAR_RATIO, SIGNIFICANCE  # noqa: E402
+from sysid.diagnosis.search import CLEAR_RATIO, LEAST_SHARE, SIGNIFICANCE  # noqa: E402
 from sysid.diagnosis.signatures import Signatures, candidates  # noqa: E402
 from sysid.model.effects import catalogue  # noqa: E402
 from sysid.model.from_bundle import model_from_bundle  # noqa: E402
@@ -60,12 +62,19 @@ class Standard:
     null: Null
 
     def length_to_pass(self, name: str) -> float:
-        """Length of a projected signature at which an effect's gain passes the twins' test."""
+        """Length of a projected signature at which an effect would be added.
+
+        Its gain has to pass the twins' test, and to be a fair share of what is left beyond
+        noise, of which a rig's own numerics have some with nothing missing.
+        """
+        excess = self.null.excess(self.base)
+        own = sum(max(excess[c], 0.0) for c in channels_of(EFFECTS[name].neutral()))
+        shared = math.sqrt(LEAST_SHARE / (1.0 - LEAST_SHARE) * own)
         gains = self.null.gains(name)
         spread = max(1.0, float(np.std(np.sqrt(gains), ddof=1)))
         distance = float(norm.isf(SIGNIFICANCE / self.null.family))
         root = MARGIN * float(np.mean(np.sqrt(np.maximum(gains, 1.0)))) + distance * spread
-        return max(root, math.sqrt(CLEAR_RATIO * max(float(gains.max()), 10.0)))
+        return max(shared, root, math.sqrt(CLEAR_RATIO * max(float(gains.max()), 10.0)))
 
 
 def command(*words: str) -> str:

@@ -88,7 +88,7 @@ def true_effects(truth: Sequence[dict[str, Any]]) -> tuple[Any, ...]:
             name: true_value(form, name, injected["values"]) for name in SAME_LAW[form]
         }
         kind = catalogue()[injected["id"]]
-        if kind.has_side():
+        if injected["side"] and kind.has_side():
             fields["side"] = injected["side"]
         effects.append(kind(**fields))
     return tuple(effects)

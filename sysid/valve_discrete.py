@@ -43,6 +43,8 @@ __all__ = ["DiscreteFit", "PressureCurve", "ValveDiscreteResult", "fit_valve_dis
 
 # A standard error above this share of a flow: the data do not give it.
 _LARGEST_ERROR = 0.3
+# Tests whose scatter may stand for a supply that no test shows at rest.
+_FEWEST_RISES = 3
 
 
 @dataclass(frozen=True)
@@ -174,6 +176,9 @@ def _fit_valve(
             "identified; a valve-discrete test of it (off, on for 3 s, off, piston held) would"
         )
     screened = [screen(t, valve, rig) for t in used]
+    if len(used) >= _FEWEST_RISES and all(s.unsteady for s in screened):
+        # A supply that never holds still is the rig's own: its tests' scatter says how much.
+        screened = [screen(t, valve, rig, keep_rise=True) for t in used]
     notices += [n for s in screened for n in s.notices]
     pieces = [p for s in screened for p in s.pieces]
     read = [read_stretches(p) for p in pieces]

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 
@@ -444,6 +445,27 @@ def test_supply_that_recovers_while_the_valve_is_on(rig: Rig) -> None:
     result = fit_quickly([trial], rig)
     only_notice(result, "Pa and then rose to")
     assert not result.valves["a"]["c_fill"].identified
+
+
+def test_a_supply_that_never_holds_still_is_in_the_tests_scatter(rig: Rig) -> None:
+    """Pulsation in each of four tests: the rise is fitted, and the interval says how well."""
+    trials = [
+        fed(lambda t, phase=phase: SUPPLY + 12e3 * math.sin(4.0 * math.pi * t + phase))[0]
+        for phase in (0.3, 1.9, 3.5, 5.0)
+    ]
+    trials = [
+        dataclasses.replace(t, label=str(i), source=f"made, test {i}") for i, t in enumerate(trials)
+    ]
+    result = fit_quickly(trials, rig)
+    only_notice(result, "its filling is fitted to its rise, at the declared supply")
+    fit = result.valves["a"]
+    for name in ("choked_flow_fill_kg_s", "c_fill"):
+        low, high = fit[name].interval
+        truth = getattr(VALVE_A, name)
+        assert low < truth < high and high - low > 0.01 * truth
+        assert fit[name].value == pytest.approx(truth, rel=0.1)
+    few = fit_quickly(trials[:2], rig).valves["a"]
+    assert not few["c_fill"].identified
 
 
 def test_a_sag_that_is_logged_is_allowed_for(rig: Rig) -> None:

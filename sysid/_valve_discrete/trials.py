@@ -32,6 +32,8 @@ _FLAT_S = 0.2
 _SETTLED_SHARE = 0.2
 _SUPPLY_BLOCK_S = 0.01
 _SUPPLY_STEP_PA = 100.0
+# Of the way to the lowest that an unsteady supply went: a filling up to there says little of it.
+_RISE_SHARE = 0.9
 # After a command's edge the valve's state is known once the slowest valve has switched.
 _EDGE_GUARD_S = 0.05
 _CLIPPED_RUN = 30
@@ -70,15 +72,22 @@ class Piece:
 
 @dataclass(frozen=True)
 class Screened:
-    """A test's pieces, what to say about it, and why a parameter is not to be had from it."""
+    """A test's pieces, what to say about it, and why a parameter is not to be had from it.
+
+    `unsteady`: the supply did not hold still while the valve was on.
+    """
 
     pieces: tuple[Piece, ...]
     notices: tuple[str, ...] = ()
     reasons: tuple[tuple[str, str], ...] = ()
+    unsteady: bool = False
 
 
-def screen(trial: Trial, valve: str, rig: Rig) -> Screened:
-    """Pieces of one test of valve "a" or "b". Raises InputError where a channel is missing."""
+def screen(trial: Trial, valve: str, rig: Rig, *, keep_rise: bool = False) -> Screened:
+    """Pieces of one test of valve "a" or "b". Raises InputError where a channel is missing.
+
+    `keep_rise`: a filling from an unsteady supply is cut only from near the supply on.
+    """
     command, channel = f"valve_{valve}", f"pressure_{valve}_pa"
     trial.require([command], f"which tells when valve {valve.upper()} switches")
     trial.require([channel], f"which valve {valve.upper()}'s flow is taken from")
@@ -94,7 +103,7 @@ def screen(trial: Trial, valve: str, rig: Rig) -> Screened:
     pressure = trial[channel]
     noise = max(signals.noise_floor(pressure).total, _LEAST_NOISE_PA)
     whole = _whole(trial, pressure, noise, valve, air, air_gain(air, trial, volume))
-    return _cut(trial, whole, valve, air)
+    return _cut(trial, whole, valve, air, keep_rise)
 
 
 def _all_reasons(why: str) -> tuple[tuple[str, str], ...]:
@@ -169,7 +178,7 @@ def _blocks(time: FloatArray, values: FloatArray, span: float) -> tuple[FloatArr
     return time[starts], np.add.reduceat(values, starts) / counts
 
 
-def _cut(trial: Trial, whole: Piece, valve: str, air: Air) -> Screened:
+def _cut(trial: Trial, whole: Piece, valve: str, air: Air, keep_rise: bool) -> Screened:
     notices: list[str] = []
     reasons: list[tuple[str, str]] = []
     time = whole.chamber.time
@@ -184,17 +193,30 @@ def _cut(trial: Trial, whole: Piece, valve: str, air: Air) -> Screened:
             "it is switched on"
         )
     plateaus = []
+    wandered = False
     for opened, closed in zip(whole.chamber.opens, whole.chamber.closes, strict=True):
         unsteady = None if whole.supply_logged else _unsteady(whole, bad, opened, closed)
         if unsteady is not None:
-            bad |= (time >= opened) & (time < closed - _EDGE_GUARD_S)
+            wandered = True
+            risen = _risen(whole, bad, opened, closed) if keep_rise else opened
+            bad |= (time >= risen) & (time < closed - _EDGE_GUARD_S)
             why = f"{unsteady} while valve {valve.upper()} was on: the supply did not hold still"
             mend = "steady the supply, or log supply_pressure_pa"
-            notices.append(f"{trial.source}: {why}; its filling is left out; {mend}")
-            reasons += [(name, f"{why}; {mend}") for name in FILLING]
+            used = "fitted to its rise, at the declared supply" if keep_rise else "left out"
+            notices.append(f"{trial.source}: {why}; its filling is {used}; {mend}")
+            reasons += [(name, f"{why}; {mend}") for name in FILLING if not keep_rise]
         plateaus.append(_settled(whole, bad, opened, closed))
     pieces = [_piece(whole, rows, plateaus, air) for rows in _segments(whole, bad)]
-    return Screened(tuple(pieces), tuple(notices), tuple(reasons))
+    return Screened(tuple(pieces), tuple(notices), tuple(reasons), wandered)
+
+
+def _risen(piece: Piece, bad: BoolArray, opened: float, closed: float) -> float:
+    """When a chamber has filled most of the way to the lowest that its supply went, s."""
+    rows = _on_rows(piece, bad, opened, closed)
+    pressure = piece.pressure[rows]
+    start, top = float(pressure[0]), int(np.argmax(pressure))
+    level = start + _RISE_SHARE * (float(np.min(pressure[top:])) - start)
+    return float(piece.chamber.time[rows[int(np.argmax(pressure >= level))]])
 
 
 def _clipped(piece: Piece) -> tuple[BoolArray, list[str]]:

@@ -53,7 +53,7 @@ _CLEAR_WALD = 16.0
 _MAIN_SHARE = 0.75
 _MAIN_WALD = 4.0
 # Of what is left beyond noise, an effect that is added has to take this share.
-_LEAST_SHARE = 0.35
+LEAST_SHARE = 0.35
 # What is small beside the effects so far is their form's misfit, unless it is all of the rest
 # and not smaller still.
 _LEAST_PART = 0.05
@@ -173,7 +173,7 @@ def search(
         # Where the effects so far do not reach, nothing is their form's misfit.
         gone = sum(max(before[c] - excess[c], 0.0) for c in channels_of(winner.effect))
         small = winner.gain < least * gone
-        if share < _LEAST_SHARE or small or not _leaves_alone(first, steps, winner):
+        if share < LEAST_SHARE or small or not _leaves_alone(first, steps, winner):
             return _finished(first, base, steps, suspects)
         extended = with_base_refitted(first, base.model + winner.effect)
         if steps and not _simulates(simulation_error, base.model, extended):
