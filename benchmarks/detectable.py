@@ -77,11 +77,15 @@ class Standard:
         return max(shared, root, math.sqrt(CLEAR_RATIO * max(float(gains.max()), 10.0)))
 
 
+class CommandFailedError(Exception):
+    """A command did not end well: its last line."""
+
+
 def command(*words: str) -> str:
-    """What a command prints; stops the benchmark where it fails."""
+    """What a command prints."""
     done = call(*words)
     if done.returncode != 0:
-        raise SystemExit(f"{' '.join(words)}: {done.stderr.strip()[-300:]}")
+        raise CommandFailedError(done.stderr.strip().splitlines()[-1])
     return done.stdout
 
 
@@ -159,7 +163,8 @@ def check(options: argparse.Namespace) -> None:
         for result in pool.map(lambda job: diagnosed(*job), jobs(options, known)):
             file.write(json.dumps(result) + "\n")
             file.flush()
-    results = read(path)
+    everything = read(path)
+    results = [r for r in everything if "diagnosis" in r]
     hits = sum(map(is_detected, results))
     low, high = wilson(hits, len(results))
     print("| seed | effect | smallest, of its usual size | verdict | found |")
@@ -169,6 +174,9 @@ def check(options: argparse.Namespace) -> None:
             f"| {r['seed']} | {r['form']} | {r['smallest']:.2g} | {r['diagnosis']['verdict']} "
             f"| {' + '.join(found_names(r)) or '-'} |"
         )
+    for r in everything:
+        if "failed" in r:
+            print(f"\nseed {r['seed']}, {r['form']}: {r['failed']}")
     print(f"\n{hits} of {len(results)} detected, {100 * low:.0f} to {100 * high:.0f} %")
 
 
@@ -185,13 +193,16 @@ def jobs(
 
 
 def diagnosed(seed: int, form: str, smallest: float, times: float) -> dict[str, Any]:
-    """Generate, fit and diagnose, as a user would."""
+    """Generate, fit and diagnose, as a user would; what went wrong is a result too."""
+    drawn = {"seed": seed, "form": form, "smallest": smallest, "times": times}
     with tempfile.TemporaryDirectory() as folder:
         campaign, bundle = str(Path(folder) / "campaign.toml"), str(Path(folder) / "bundle.json")
-        generate(seed, Path(folder), "--effect", f"{form}*{times * smallest:.6g}")
-        command("sysid", "fit", campaign, "-o", bundle)
-        found = command("sysid", "diagnose", campaign, "--bundle", bundle, "--json")
-    drawn = {"seed": seed, "form": form, "smallest": smallest, "times": times}
+        try:
+            generate(seed, Path(folder), "--effect", f"{form}*{times * smallest:.6g}")
+            command("sysid", "fit", campaign, "-o", bundle)
+            found = command("sysid", "diagnose", campaign, "--bundle", bundle, "--json")
+        except CommandFailedError as error:
+            return {**drawn, "failed": str(error)}
     return {**drawn, "diagnosis": json.loads(found)}
 
 

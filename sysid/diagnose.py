@@ -22,7 +22,7 @@ from sysid.diagnosis import Diagnosis, diagnose
 from sysid.logs import Log
 from sysid.model.effects.linear import for_rig
 from sysid.model.effects.serialise import effect_to_dict
-from sysid.model.from_bundle import catalogue_with, model_from_bundle
+from sysid.model.from_bundle import catalogue_with, model_from_bundle, negative_friction
 from sysid.rig import Rig
 
 Progress = Callable[[str], None]
@@ -125,6 +125,7 @@ def diagnose_logs(
         )
         return found, tuple(notices)
     model = model_from_bundle(bundle, campaign.rig, str(bundle_path), catalogue)
+    notices += negative_friction(bundle, str(bundle_path))
     diagnosis = diagnose(
         logs,
         campaign.rig,

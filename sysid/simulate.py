@@ -21,6 +21,7 @@ from sysid.model.from_bundle import (
     catalogue_with,
     has_discrete_law,
     model_from_bundle,
+    negative_friction,
     surfaces_from_bundle,
 )
 from sysid.model.ports import SIDES, Model
@@ -184,7 +185,7 @@ def simulate_log(
     catalogue = catalogue_with(effects) if effects else None
     model = model_from_bundle(bundle, rig, str(bundle_path), catalogue)
     chosen = valve_model or _first_valve_model(bundle, rig, model.parameters, str(bundle_path))
-    notices = [*rig.notices, *log.notices]
+    notices = [*rig.notices, *log.notices, *negative_friction(bundle, str(bundle_path))]
     for trial in log.trials:
         _check_commands(trial, rig, chosen)
         notices += _start_notices(trial, rig)

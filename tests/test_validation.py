@@ -271,6 +271,15 @@ def test_an_offset_of_the_friction_fit_is_said(campaign: Campaign, bundle: Bundl
         assert any("offset of 0.01 Nm" in notice for notice in found.notices) == said
 
 
+def test_negative_friction_is_said_and_taken_for_none(campaign: Campaign, bundle: Bundle) -> None:
+    """What a lacking effect made of it is no reason to refuse to look for the effect."""
+    friction = {**bundle["friction"], "coulomb_nm": {**estimate(-0.02), "unit": "Nm"}}
+    spoilt = {**bundle, "friction": friction}
+    assert parameters_from_bundle(spoilt, campaign.rig).coulomb_effort == 0.0
+    found = validate(campaign, spoilt, kinds=("motion-motor",))
+    assert any("coulomb_nm is -0.02, which no friction is" in n for n in found.notices)
+
+
 def test_an_incomplete_bundle_is_refused(bundle: Bundle, campaign: Campaign) -> None:
     with pytest.raises(NotIdentifiedError, match="holds no valve model"):
         validate(campaign, {**bundle, "valves": {}})

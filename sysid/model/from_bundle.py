@@ -108,21 +108,18 @@ def parameters_from_bundle(
     that it cannot be used by mistake; see `has_discrete_law`. The offset that a friction fit
     estimates beside friction is left out: the base model has none, and an offset that is
     only noise would push an open-loop position away (the effect `torque-offset` is for a
-    real one). Raises InputError where the rig file lacks a section, NotIdentifiedError where
-    the bundle has no friction.
+    real one). Negative friction is taken for 0 (`negative_friction` says so). Raises InputError
+    where the rig file lacks a section, NotIdentifiedError where the bundle has no friction.
     """
-    unit = (
-        ("n", "n_s_per_m", "mass_kg") if rig.is_linear else ("nm", "nm_s_per_rad", "inertia_kg_m2")
-    )
+    inertia_key = "mass_kg" if rig.is_linear else "inertia_kg_m2"
     friction = bundle.get("friction")
     if friction is None:
         raise NotIdentifiedError(
             f"{where}: holds no friction; fit friction-static and friction-sliding tests into it"
         )
-    keys = {"static": unit[0], "coulomb": unit[0], "viscous": unit[1]}
     values = {
-        name: _identified(friction, f"{name}_{suffix}", f"{where}, friction", _TESTS[name])
-        for name, suffix in keys.items()
+        name: max(_identified(friction, key, f"{where}, friction", _TESTS[name]), 0.0)
+        for name, key in _friction_keys(rig.is_linear).items()
     }
     parameters = parameters_from_rig(
         rig,
@@ -132,8 +129,33 @@ def parameters_from_bundle(
         valve_a=_discrete_law(bundle, "a", where),
         valve_b=_discrete_law(bundle, "b", where),
     )
-    inertia = _value_or(friction.get(unit[2]), math.nan)
+    inertia = _value_or(friction.get(inertia_key), math.nan)
     return parameters if math.isnan(inertia) else parameters.replace(inertia=inertia)
+
+
+def _friction_keys(is_linear: bool) -> dict[str, str]:
+    """The bundle's key of each friction parameter."""
+    effort, viscous = ("n", "n_s_per_m") if is_linear else ("nm", "nm_s_per_rad")
+    return {
+        "static": f"static_{effort}",
+        "coulomb": f"coulomb_{effort}",
+        "viscous": f"viscous_{viscous}",
+    }
+
+
+def negative_friction(bundle: Mapping[str, Any], where: str = "bundle") -> list[str]:
+    """Notices of friction that tests gave a negative value, and that models take for 0."""
+    friction = bundle.get("friction", {})
+    values = {
+        key: _value_or(friction.get(key), 0.0)
+        for key in _friction_keys(_is_linear(bundle)).values()
+    }
+    return [
+        f"{where}: {key} is {value:.3g}, which no friction is: the model takes 0; the friction "
+        "tests hold an effect that it lacks"
+        for key, value in values.items()
+        if value < 0.0
+    ]
 
 
 def model_from_bundle(
@@ -281,6 +303,7 @@ __all__ = [
     "effects_from_bundle",
     "has_discrete_law",
     "model_from_bundle",
+    "negative_friction",
     "parameters_from_bundle",
     "surfaces_from_bundle",
 ]

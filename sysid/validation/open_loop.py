@@ -23,6 +23,7 @@ from sysid.model.from_bundle import (
     SURFACE_KINDS,
     has_discrete_law,
     model_from_bundle,
+    negative_friction,
     surfaces_from_bundle,
 )
 from sysid.model.ports import Model
@@ -88,6 +89,7 @@ def validate(
     tell = progress or (lambda line: None)
     rig = campaign.rig
     notices = [*_other_rig(bundle, rig, bundle_path), *_offset(bundle, rig, bundle_path)]
+    notices += negative_friction(bundle, str(bundle_path))
     entries = campaign.select(tuple(kinds), use=None)
     if not entries:
         raise input_error(
