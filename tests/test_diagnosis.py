@@ -11,6 +11,7 @@ import pytest
 from scipy.signal import lfilter
 
 from datasets.generator.campaign import LAB, GeneratedCampaign, drawn_effects, make_campaign
+from sysid.diagnosis.diagnose import is_far_off
 from sysid.diagnosis.equation_error import CHANNELS, EFFORT, channels_of, equation_error
 from sysid.diagnosis.frame import (
     Frame,
@@ -20,7 +21,7 @@ from sysid.diagnosis.frame import (
     friction_scatter,
     noise_of,
 )
-from sysid.diagnosis.leftover import leftover
+from sysid.diagnosis.leftover import curves, faintest, leftover
 from sysid.diagnosis.loop import Loop, close_loop
 from sysid.diagnosis.refit import refit
 from sysid.diagnosis.screening import explained, projected
@@ -338,6 +339,20 @@ def test_nothing_is_found_where_nothing_is_missing(healthy: tuple[Tests, Rig, Mo
     found = loop(*healthy)
     assert found.search.steps == ()
     assert leftover(found, healthy[1]) == ()
+    (entry,) = faintest(found, healthy[1])
+    last = found.search.last
+    error = equation_error(last.frame.traces, last.model)
+    shares = [c.share for name in CHANNELS for c in curves(last.frame, error, name)]
+    assert entry.share == max(shares)
+
+
+def test_a_model_whose_every_channel_is_far_off_is_not_adequate() -> None:
+    """What happens at rest and at reversals shows in no balance, but in the simulation."""
+    floor = np.array([5e-3, 250.0, 250.0])
+    assert is_far_off(np.array([0.09, 1480.0, 1120.0]), floor)
+    assert is_far_off(np.array([0.09, np.nan, np.nan]), floor)
+    assert not is_far_off(np.array([0.09, 1480.0, 300.0]), floor)
+    assert not is_far_off(np.full(3, np.nan), floor)
 
 
 @pytest.mark.parametrize(

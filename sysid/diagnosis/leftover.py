@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.diagnosis.equation_error import EFFORT, EquationError, equation_error
+from sysid.diagnosis.equation_error import CHANNELS, EFFORT, EquationError, equation_error
 from sysid.diagnosis.frame import Frame
 from sysid.diagnosis.traces import Traces
 from sysid.rig import Rig
@@ -67,14 +68,29 @@ def leftover(found: Loop, rig: Rig) -> tuple[Unexplained, ...]:
     """
     search, null = found.search, found.null
     before, after = null.excess(search.first), null.excess(search.last)
-    entries = []
+    left = []
     for channel, excess in after.items():
         spread = null.spread(search.last, channel)
-        taken = before[channel] - excess
-        if excess < max(_SPREADS * spread, _TOLERATED * taken):
-            continue
-        error = equation_error(search.last.frame.traces, search.last.model)
-        best = next(iter(curves(search.last.frame, error, channel)), None)
+        if excess >= max(_SPREADS * spread, _TOLERATED * (before[channel] - excess)):
+            left.append(channel)
+    return _strongest(found, rig, left)
+
+
+def faintest(found: Loop, rig: Rig) -> tuple[Unexplained, ...]:
+    """The dependence that shows most in any channel, where none of them has enough to count."""
+    entries = _strongest(found, rig, CHANNELS)
+    return tuple(sorted(entries, key=lambda e: -e.share)[:1])
+
+
+def _strongest(found: Loop, rig: Rig, channels: Sequence[str]) -> tuple[Unexplained, ...]:
+    """Each channel's dependence on the regressor that it follows most."""
+    if not channels:
+        return ()
+    last = found.search.last
+    error = equation_error(last.frame.traces, last.model)
+    entries = []
+    for channel in channels:
+        best = next(iter(curves(last.frame, error, channel)), None)
         if best is not None:
             name = rig.position_channel if channel == EFFORT else f"pressure_{channel[-1]}_pa"
             entries.append(Unexplained(name, best.regressor, best.share, best))
