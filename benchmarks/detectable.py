@@ -158,12 +158,16 @@ def smallest_scale(seen: Standard, seed: int, form: str) -> float:
 def check(options: argparse.Namespace) -> None:
     """Append a line for every seed and law that the results do not hold yet, then the table."""
     path: Path = options.results
-    known = {(r["seed"], r["form"]) for r in read(path)} if path.exists() else set()
+    known = {(r["seed"], r["form"], r["times"]) for r in read(path)} if path.exists() else set()
     with ThreadPoolExecutor(options.jobs) as pool, path.open("a") as file:
-        for result in pool.map(lambda job: diagnosed(*job), jobs(options, known)):
-            file.write(json.dumps(result) + "\n")
-            file.flush()
-    everything = read(path)
+        for seed in options.seeds:
+            jobs = list(jobs_of(seed, options.times, known))
+            for result in pool.map(lambda job: diagnosed(*job), jobs):
+                file.write(json.dumps(result) + "\n")
+                file.flush()
+    everything = [
+        r for r in read(path) if r["times"] == options.times and r["seed"] in options.seeds
+    ]
     results = [r for r in everything if "diagnosis" in r]
     hits = sum(map(is_detected, results))
     low, high = wilson(hits, len(results))
@@ -180,16 +184,15 @@ def check(options: argparse.Namespace) -> None:
     print(f"\n{hits} of {len(results)} detected, {100 * low:.0f} to {100 * high:.0f} %")
 
 
-def jobs(
-    options: argparse.Namespace, known: set[tuple[int, str]]
+def jobs_of(
+    seed: int, times: float, known: set[tuple[int, str, float]]
 ) -> Iterator[tuple[int, str, float, float]]:
     """Seed, form, its smallest scale and by how many times it is injected."""
-    for seed in options.seeds:
-        forms = [form for form in SAME_LAW if (seed, form) not in known]
-        seen = standard(seed) if forms else None
+    forms = [form for form in SAME_LAW if (seed, form, times) not in known]
+    if forms:
+        seen = standard(seed)
         for form in forms:
-            assert seen is not None
-            yield seed, form, smallest_scale(seen, seed, form), options.times
+            yield seed, form, smallest_scale(seen, seed, form), times
 
 
 def diagnosed(seed: int, form: str, smallest: float, times: float) -> dict[str, Any]:

@@ -74,7 +74,7 @@ def fitted_bundle(campaign: Campaign) -> dict[str, Any]:
         for entry in campaign.select(kinds):
             if valve in (None, entry.valve):
                 log = campaign.read(entry)
-                sources.append(Source(log, entry.use, entry.kind))
+                sources.append(Source.of(log, entry.use, entry.kind))
                 found += [(entry.kind, t) for t in log.trials]
         return found
 

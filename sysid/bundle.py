@@ -149,16 +149,13 @@ def merge_valves(base: Mapping[str, Any], part: Mapping[str, Any]) -> dict[str, 
 def _merge_provenance(base: Mapping[str, Any], part: Mapping[str, Any]) -> dict[str, Any]:
     """Friction is replaced whole, and its logs with it; valves may come one by one."""
     own = part["provenance"]
-    kept = [e for e in base["logs"] if "friction" not in part or not _is_friction(e)]
+    replaced = "friction" in part
+    kept = [e for e in base["logs"] if not replaced or _family(e.get("kind", "")) != "friction"]
     return {
         "logs": _without_doubles([*kept, *own["logs"]]),
         "seeds": {**base.get("seeds", {}), **own.get("seeds", {})},
         "options": {**base.get("options", {}), **own.get("options", {})},
     }
-
-
-def _is_friction(entry: Mapping[str, str]) -> bool:
-    return str(entry.get("kind", "")).startswith("friction")
 
 
 def _without_doubles(logs: Iterable[Mapping[str, str]]) -> list[Mapping[str, str]]:
@@ -172,23 +169,31 @@ def add_sources(bundle: dict[str, Any], sources: Iterable[Source]) -> None:
     bundle["provenance"] = {**provenance, "logs": known}
 
 
-def _fitted_on(bundle: Mapping[str, Any], *, with_motion: bool) -> list[Mapping[str, str]]:
-    """The logs that a bundle's numbers come from; motion logs only serve a diagnosis."""
-    return [
-        entry
+def _is_motion(kind: str) -> bool:
+    return kind.startswith("motion-")
+
+
+def _family(kind: str) -> str:
+    """What a kind of log is fitted to: a partial fit of friction calls all its kinds so."""
+    return "friction" if kind.startswith("friction") else kind
+
+
+def check_log_unchanged(bundle: Mapping[str, Any], log: Log, kind: str, path: Path) -> None:
+    """InputError where a log of `kind` has changed since the bundle was fitted on it.
+
+    Logs of several folders may share a name: one of them has to be what was fitted on. Motion
+    logs are not asked: another campaign's, by the same names, may be validated on.
+    """
+    if _is_motion(kind):
+        return
+    same = [
+        entry["sha256"]
         for entry in bundle["provenance"]["logs"]
         if entry["use"] == "fit"
-        and (with_motion or not str(entry.get("kind", "")).startswith("motion-"))
+        and entry["file"] == log.path.name
+        and _family(str(entry.get("kind", ""))) == _family(kind)
     ]
-
-
-def check_log_unchanged(bundle: Mapping[str, Any], log: Log, path: Path) -> None:
-    """InputError where a log has changed since the bundle was fitted on it.
-
-    Logs of several folders may share a name: one of them has to be what was fitted on.
-    """
-    same_name = [e for e in _fitted_on(bundle, with_motion=False) if e["file"] == log.path.name]
-    if same_name and all(entry["sha256"] != log.sha256 for entry in same_name):
+    if same and log.sha256 not in same:
         raise input_error(
             path,
             f"{log.path.name} has changed since this bundle was fitted on it (SHA-256)",
@@ -197,10 +202,14 @@ def check_log_unchanged(bundle: Mapping[str, Any], log: Log, path: Path) -> None
 
 
 def check_not_fitted(bundle: Mapping[str, Any], log: Log, path: Path) -> None:
-    """InputError where a log that the campaign holds out is one that the bundle was fitted on."""
+    """InputError where a log that the campaign holds out is one that the bundle was fitted on.
+
+    On motion logs only a diagnosis fits.
+    """
     diagnosed = "diagnosis" in bundle["provenance"].get("options", {})
-    for entry in _fitted_on(bundle, with_motion=diagnosed):
-        if entry["sha256"] == log.sha256:
+    for entry in bundle["provenance"]["logs"]:
+        fitted = diagnosed or not _is_motion(str(entry.get("kind", "")))
+        if fitted and entry["use"] == "fit" and entry["sha256"] == log.sha256:
             raise input_error(
                 log.path,
                 f"is held out in the campaign, but {path} was fitted on it ({entry['file']})",

@@ -67,9 +67,13 @@ class Campaign:
         """The entries of these kinds and this use (None: either), in the file's order."""
         return tuple(e for e in self.logs if e.kind in kinds and use in (None, e.use))
 
-    def sources(self) -> list[Source]:
-        """What a bundle's provenance says of every log. Raises InputError."""
-        return [Source(e.path.name, _digest(e.path), e.use, e.kind) for e in self.logs]
+    def sources(self, use: str | None = None) -> list[Source]:
+        """What a bundle's provenance says of the logs of this use (None: all).
+
+        Raises InputError for one that cannot be opened.
+        """
+        chosen = (e for e in self.logs if use in (None, e.use))
+        return [Source(e.path.name, _digest(e.path), e.use, e.kind) for e in chosen]
 
     def read(self, entry: CampaignLog) -> Log:
         """Read one entry's log. Raises InputError."""

@@ -35,6 +35,12 @@ class _ReaderGoneError(Exception):
 class _App(click.Group):
     """All commands, with what they print written before they end."""
 
+    def make_context(self, *words: Any, **options: Any) -> click.Context:
+        try:
+            return super().make_context(*words, **options)  # prints --help
+        except BrokenPipeError:
+            raise _ReaderGoneError from None
+
     def invoke(self, ctx: click.Context) -> Any:
         try:
             found = super().invoke(ctx)

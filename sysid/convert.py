@@ -18,7 +18,7 @@ import numpy as np
 from sysid.errors import InputError, input_error
 from sysid.foreign import ForeignTable, read_foreign
 from sysid.foreign.recipe import Recipe, extended, kept_rows, read_recipe
-from sysid.rig import find_rig_file, read_rig
+from sysid.rig import nearest_rig_file, read_rig
 from sysid.tables import read_bytes, write_table
 from sysid.units import (
     CANONICAL_UNITS,
@@ -90,7 +90,8 @@ def convert(
     `maps` are entries `target=column[:unit]` (`sysid.units`), `constants` entries
     `target=value`, `rows` the slices of each file's rows that are kept ("0:500, 900:").
     Several files become the tests of one log, called by their file names.
-    Without maps, columns that have the log format's names already are taken. Raises
+    Without maps, columns that have the log format's names already are taken; without
+    `atmosphere_pa` gauge pressures take that of the rig file nearest to the files. Raises
     InputError, one line with the place and the mend; the output is whole or not there.
     """
     paths = [foreign] if isinstance(foreign, Path) else list(foreign)
@@ -114,7 +115,7 @@ def convert(
         raise input_error(
             "convert", "several files are several tests, but `test` is given too", "leave it out"
         )
-    recipe = _with_atmosphere(recipe, paths[0])
+    recipe = _with_atmosphere(recipe, paths)
     frames, sources, unmapped, notices = [], [], [], list(recipe.notices)
     for path, label in zip(paths, _labels(paths), strict=True):
         if path.exists() and output.exists() and path.samefile(output):
@@ -142,19 +143,24 @@ def convert(
     )
 
 
-def _with_atmosphere(recipe: Recipe, path: Path) -> Recipe:
+def _with_atmosphere(recipe: Recipe, paths: Sequence[Path]) -> Recipe:
     """A recipe with gauge pressures takes the atmosphere of the rig file that is nearest."""
     if recipe.atmosphere_pa is not None or not any(m.gauge for m in recipe.maps.values()):
         return recipe
-    try:
-        found = find_rig_file(path)
-    except InputError:
+    found = {file for path in paths if (file := nearest_rig_file(path)) is not None}
+    rigs = [read_rig(file) for file in sorted(found)]
+    known = {rig.air.atmospheric_pressure_pa for rig in rigs if rig.air is not None}
+    if not known:
         return recipe
-    rig = read_rig(found)
-    if rig.air is None:
-        return recipe
-    atmosphere = rig.air.atmospheric_pressure_pa
-    notice = f"{found}: its atmosphere, {atmosphere:g} Pa, is added to gauge pressures"
+    if len(known) > 1:
+        raise input_error(
+            " and ".join(map(str, sorted(found))),
+            "the files' rigs have different atmospheres",
+            "convert them one by one, or give --atmosphere PA",
+        )
+    atmosphere = known.pop()
+    places = ", ".join(map(str, sorted(found)))
+    notice = f"{places}: its atmosphere, {atmosphere:g} Pa, is added to gauge pressures"
     return replace(recipe, atmosphere_pa=atmosphere, notices=(*recipe.notices, notice))
 
 

@@ -144,7 +144,7 @@ def _read(
     if entry.use == "holdout":
         check_not_fitted(bundle, log, bundle_path)
     else:
-        check_log_unchanged(bundle, log, bundle_path)
+        check_log_unchanged(bundle, log, entry.kind, bundle_path)
     return log
 
 
@@ -153,11 +153,11 @@ def extended_bundle(
 ) -> dict[str, Any]:
     """The bundle with the effects that were found and the base parameters refitted beside them.
 
-    PWM surfaces stay as they were fitted. Where no effect was found only the campaign's logs
-    are added to the provenance.
+    PWM surfaces stay as they were fitted. Where no effect was found only the campaign's
+    held-out logs are added to the provenance.
     """
     found = copy.deepcopy(dict(bundle))
-    add_sources(found, campaign.sources())
+    add_sources(found, campaign.sources(None if diagnosis.effects else "holdout"))
     if not diagnosis.effects:
         return found
     found.pop("validation", None)

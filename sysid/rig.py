@@ -293,15 +293,21 @@ def find_rig_file(log: Path) -> Path:
         raise input_error(name, what, "give the path of a log") from None
     if is_folder:
         raise input_error(log, "is a directory", "give the path of a log in it")
-    for candidate in (folder, *folder.parents):
-        path = candidate / RIG_FILE_NAME
-        if path.is_file():
-            return path
-    raise input_error(
-        log,
-        f"no {RIG_FILE_NAME} in its folder or any folder above",
-        "name one with --rig, or write one with `sysid init rig.toml`",
-    )
+    path = nearest_rig_file(folder / log.name)
+    if path is None:
+        raise input_error(
+            log,
+            f"no {RIG_FILE_NAME} in its folder or any folder above",
+            "name one with --rig, or write one with `sysid init rig.toml`",
+        )
+    return path
+
+
+def nearest_rig_file(log: Path) -> Path | None:
+    """`rig.toml` in the file's folder or the nearest folder above it; None without one."""
+    folder = log.resolve().parent
+    places = (candidate / RIG_FILE_NAME for candidate in (folder, *folder.parents))
+    return next((path for path in places if path.is_file()), None)
 
 
 def read_rig(path: Path) -> Rig:
@@ -490,6 +496,7 @@ __all__ = [
     "Tank",
     "Valves",
     "find_rig_file",
+    "nearest_rig_file",
     "read_rig",
     "read_toml",
     "reject_misspelt",

@@ -46,6 +46,10 @@ class Table:
             return f"row {row + 1}"
         return f"line {_data_lines(self.body)[row][0]}"
 
+    def is_stamped(self, column: str) -> bool:
+        """Whether a column holds time stamps or durations, as Parquet has them."""
+        return bool(self.frame[column].dtype.kind in "mM")
+
     def numbers(self, column: str) -> NDArray[np.float64]:
         """A column as (n,) floats; InputError at the first cell that is not a finite number.
 
@@ -54,9 +58,9 @@ class Table:
         import pandas as pd
 
         values = self.frame[column]
-        if values.dtype.kind in "mM":
-            stamps = values if values.dtype.kind == "m" else values - values.iloc[0]
-            values = stamps.dt.total_seconds()
+        if self.is_stamped(column):
+            spans = values if values.dtype.kind == "m" else values - values.iloc[0]
+            values = spans.dt.total_seconds()
         if values.dtype.kind not in "fiub":
             converted = pd.to_numeric(values, errors="coerce")
             bad = np.flatnonzero(converted.isna().to_numpy() & values.notna().to_numpy())

@@ -55,7 +55,7 @@ def validate_campaign(
         progress=progress,
     )
     bundle["validation"] = result.to_json()
-    add_sources(bundle, campaign.sources())
+    add_sources(bundle, campaign.sources("holdout"))
     written = []
     if output is not None:
         write_bundle(bundle, output)

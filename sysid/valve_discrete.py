@@ -176,7 +176,7 @@ def _fit_valve(
             "identified; a valve-discrete test of it (off, on for 3 s, off, piston held) would"
         )
     screened = [screen(t, valve, rig) for t in used]
-    if len(used) >= _FEWEST_RISES and all(s.unsteady for s in screened):
+    if len(used) >= _FEWEST_RISES and all(s.never_still for s in screened):
         # A supply that never holds still is the rig's own: its tests' scatter says how much.
         screened = [screen(t, valve, rig, keep_rise=True) for t in used]
     notices += [n for s in screened for n in s.notices]

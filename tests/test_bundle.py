@@ -135,9 +135,14 @@ def test_logs_of_two_folders_may_share_a_name(bundle: dict[str, Any]) -> None:
     other = Log(Path("day2/run.csv"), "cd" * 32, ())
     add_sources(bundle, [Source.of(other, "fit", "friction-sliding")])
     for digest in ("ab" * 32, "cd" * 32):
-        check_log_unchanged(bundle, Log(Path("run.csv"), digest, ()), Path("b.json"))
+        check_log_unchanged(
+            bundle, Log(Path("run.csv"), digest, ()), "friction-static", Path("b.json")
+        )
+    new = Log(Path("run.csv"), "ef" * 32, ())
+    for kind in ("motion-pwm", "valve-pwm"):
+        check_log_unchanged(bundle, new, kind, Path("b.json"))
     with pytest.raises(InputError, match="changed since"):
-        check_log_unchanged(bundle, Log(Path("run.csv"), "ef" * 32, ()), Path("b.json"))
+        check_log_unchanged(bundle, new, "friction-static", Path("b.json"))
 
 
 def test_motion_logs_are_fitted_on_by_a_diagnosis_only(bundle: dict[str, Any]) -> None:
@@ -150,6 +155,7 @@ def test_motion_logs_are_fitted_on_by_a_diagnosis_only(bundle: dict[str, Any]) -
 
 
 def test_a_changed_log_is_noticed(bundle: dict[str, Any]) -> None:
-    check_log_unchanged(bundle, Log(Path("run.csv"), "ab" * 32, ()), Path("b.json"))
+    kind, path = "friction-sliding", Path("b.json")
+    check_log_unchanged(bundle, Log(Path("run.csv"), "ab" * 32, ()), kind, path)
     with pytest.raises(InputError, match="changed since"):
-        check_log_unchanged(bundle, Log(Path("run.csv"), "cd" * 32, ()), Path("b.json"))
+        check_log_unchanged(bundle, Log(Path("run.csv"), "cd" * 32, ()), kind, path)

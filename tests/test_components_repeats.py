@@ -144,7 +144,7 @@ def test_what_fits_but_does_not_predict_is_ambiguous_where_parts_name_it() -> No
     found = select(line((1.0, 0.0), (1.0, 0.0), (-0.2, 0.0)), KINDS)
     assert found.additions == ()
     assert found.undecided == (Repeats("curved", ("curved", "curved", None)),)
-    assert "2 of 3 parts of them name it" in found.undecided[0].undecided
+    assert "2 of 3 parts of them name it" in found.undecided[0].undecided_sentence
 
 
 def test_what_does_not_fit_is_not_ambiguous() -> None:

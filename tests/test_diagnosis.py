@@ -351,6 +351,7 @@ def test_a_model_whose_every_channel_is_far_off_is_not_adequate() -> None:
     floor = np.array([5e-3, 250.0, 250.0])
     assert is_far_off(np.array([0.09, 1480.0, 1120.0]), floor)
     assert is_far_off(np.array([0.09, np.nan, np.nan]), floor)
+    assert is_far_off(np.array([np.inf, 1480.0, 1120.0]), floor)
     assert not is_far_off(np.array([0.09, 1480.0, 300.0]), floor)
     assert not is_far_off(np.full(3, np.nan), floor)
 

@@ -74,13 +74,13 @@ class Piece:
 class Screened:
     """A test's pieces, what to say about it, and why a parameter is not to be had from it.
 
-    `unsteady`: the supply did not hold still while the valve was on.
+    `never_still`: the supply did not hold still in any of its fillings.
     """
 
     pieces: tuple[Piece, ...]
     notices: tuple[str, ...] = ()
     reasons: tuple[tuple[str, str], ...] = ()
-    unsteady: bool = False
+    never_still: bool = False
 
 
 def screen(trial: Trial, valve: str, rig: Rig, *, keep_rise: bool = False) -> Screened:
@@ -193,11 +193,11 @@ def _cut(trial: Trial, whole: Piece, valve: str, air: Air, keep_rise: bool) -> S
             "it is switched on"
         )
     plateaus = []
-    wandered = False
+    wandering = 0
     for opened, closed in zip(whole.chamber.opens, whole.chamber.closes, strict=True):
         unsteady = None if whole.supply_logged else _unsteady(whole, bad, opened, closed)
         if unsteady is not None:
-            wandered = True
+            wandering += 1
             risen = _risen(whole, bad, opened, closed) if keep_rise else opened
             bad |= (time >= risen) & (time < closed - _EDGE_GUARD_S)
             why = f"{unsteady} while valve {valve.upper()} was on: the supply did not hold still"
@@ -205,9 +205,12 @@ def _cut(trial: Trial, whole: Piece, valve: str, air: Air, keep_rise: bool) -> S
             used = "fitted to its rise, at the declared supply" if keep_rise else "left out"
             notices.append(f"{trial.source}: {why}; its filling is {used}; {mend}")
             reasons += [(name, f"{why}; {mend}") for name in FILLING if not keep_rise]
-        plateaus.append(_settled(whole, bad, opened, closed))
+        # What is left of a filling that wandered shows no settled supply.
+        settled = None if unsteady is not None else _settled(whole, bad, opened, closed)
+        plateaus.append(settled)
     pieces = [_piece(whole, rows, plateaus, air) for rows in _segments(whole, bad)]
-    return Screened(tuple(pieces), tuple(notices), tuple(reasons), wandered)
+    never_still = 0 < wandering == len(whole.chamber.opens)
+    return Screened(tuple(pieces), tuple(notices), tuple(reasons), never_still)
 
 
 def _risen(piece: Piece, bad: BoolArray, opened: float, closed: float) -> float:

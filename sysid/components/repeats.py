@@ -53,7 +53,7 @@ class Repeats:
         return f"{self.id}: ambiguous: of {len(self.named)} parts of the fitted tests {said}"
 
     @property
-    def undecided(self) -> str:
+    def undecided_sentence(self) -> str:
         """The sentence for an effect that parts name and all of the tests together do not."""
         return (
             f"{self.id}: ambiguous: it fits the tests and {self.agree} of {len(self.named)} parts "

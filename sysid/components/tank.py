@@ -218,7 +218,8 @@ def tank(trials: Sequence[Trial], rig: Rig) -> Tank:
 
 
 def _discharge(trial: Trial, atmosphere: float) -> Discharge:
-    trial.require(("pressure_a_pa",), "which a tank test needs")
+    used = [name for name in _PUMPS if name in trial.unusable]
+    trial.require(("pressure_a_pa", *used), "which a tank test needs")
     command = next((name for name in _PUMPS if name in trial), None)
     if command is None:
         raise input_error(

@@ -102,9 +102,9 @@ def diagnose_component(
     given = component.law_of(bundle)
     selection = select(component, catalogue, progress)
     outside = component_of(kind, held_out, rig) if held_out else None
-    unsteady = [a.repeats.sentence for a in selection.additions if a.repeats.sentence]
-    unsteady += [effect.undecided for effect in selection.undecided]
-    notices = (*(() if outside else (_LEFT_OUT,)), *unsteady)
+    ambiguous = [a.repeats.sentence for a in selection.additions if a.repeats.sentence]
+    ambiguous += [effect.undecided_sentence for effect in selection.undecided]
+    notices = (*(() if outside else (_LEFT_OUT,)), *ambiguous)
     laws = [given, *(a.fitted.law for a in selection.additions)]
     progress("predicting the held-out tests, before and after")
     floor = (outside or component).noise_floor(laws[-1])

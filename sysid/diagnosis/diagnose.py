@@ -29,8 +29,9 @@ FloatArray = NDArray[np.float64]
 _FAR_OFF = 3.0
 _FAR_OFF_NOTICE = (
     "the held-out tests are simulated far worse than noise and scatter explain, though no "
-    "balance shows why: rest, reversals and pressures at the atmosphere are left out of them, so "
-    "look at what happens there (breakaway, friction at standstill)"
+    "balance holds structure enough to say why (what shows most is listed): rest, reversals and "
+    "pressures at the atmosphere are left out of them, so look at what happens there (breakaway, "
+    "friction at standstill)"
 )
 
 
@@ -112,7 +113,7 @@ def diagnose(
 
 def is_far_off(errors: FloatArray, floor: FloatArray) -> bool:
     """Whether every channel of the held-out tests, (3,), is simulated far worse than noise is."""
-    known = np.isfinite(errors) & np.isfinite(floor)
+    known = ~np.isnan(errors) & ~np.isnan(floor)
     return bool(known.any() and np.all(errors[known] > _FAR_OFF * floor[known]))
 
 

@@ -265,6 +265,10 @@ def _friction(
         f"offset_{suffix}": effort,
     }
     table = _estimates(part, units, "friction", missing, where)
+    for key in (f"static_{suffix}", f"coulomb_{suffix}", viscous[0]):
+        # As in the simulation, which takes negative friction for none.
+        value = table[key].value
+        table[key] = Quantity(None if value is None else max(value, 0.0), units[key])
     rows = () if part is None else part.get("static_by_position", ())
     place = f"{where}, friction.static_by_position"
     try:

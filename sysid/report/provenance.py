@@ -50,7 +50,13 @@ def _logs(source: Mapping[str, Any]) -> Table:
         for e in source.get("logs", [])
     ]  # fmt: skip
     columns = ("Log", "Kind", "Use", "SHA-256")
-    return table("Logs that the bundle rests on", columns, rows, text=(1, 2), code=(3,))
+    return table(
+        "Logs of the bundle's campaign (motion logs: for a diagnosis)",
+        columns,
+        rows,
+        text=(1, 2),
+        code=(3,),
+    )
 
 
 def _flat(content: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:

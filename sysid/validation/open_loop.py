@@ -183,7 +183,7 @@ def _read(
     if entry.use == "holdout":
         check_not_fitted(bundle, log, bundle_path)
     else:
-        check_log_unchanged(bundle, log, bundle_path)
+        check_log_unchanged(bundle, log, entry.kind, bundle_path)
     notices += log.notices
     cases = []
     for trial in log.trials:
