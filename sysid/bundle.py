@@ -169,10 +169,6 @@ def add_sources(bundle: dict[str, Any], sources: Iterable[Source]) -> None:
     bundle["provenance"] = {**provenance, "logs": known}
 
 
-def _is_motion(kind: str) -> bool:
-    return kind.startswith("motion-")
-
-
 def _family(kind: str) -> str:
     """What a kind of log is fitted to: a partial fit of friction calls all its kinds so."""
     return "friction" if kind.startswith("friction") else kind
@@ -181,19 +177,16 @@ def _family(kind: str) -> str:
 def check_log_unchanged(bundle: Mapping[str, Any], log: Log, kind: str, path: Path) -> None:
     """InputError where a log of `kind` has changed since the bundle was fitted on it.
 
-    Logs of several folders may share a name: one of them has to be what was fitted on. Motion
-    logs are not asked: another campaign's, by the same names, may be validated on.
+    Logs of several folders may share a name: the bundle has to know one that is like it.
     """
-    if _is_motion(kind):
-        return
-    same = [
-        entry["sha256"]
-        for entry in bundle["provenance"]["logs"]
-        if entry["use"] == "fit"
+    logs = bundle["provenance"]["logs"]
+    fitted = any(
+        entry["use"] == "fit"
         and entry["file"] == log.path.name
         and _family(str(entry.get("kind", ""))) == _family(kind)
-    ]
-    if same and log.sha256 not in same:
+        for entry in logs
+    )
+    if fitted and all(entry["sha256"] != log.sha256 for entry in logs):
         raise input_error(
             path,
             f"{log.path.name} has changed since this bundle was fitted on it (SHA-256)",
@@ -202,14 +195,9 @@ def check_log_unchanged(bundle: Mapping[str, Any], log: Log, kind: str, path: Pa
 
 
 def check_not_fitted(bundle: Mapping[str, Any], log: Log, path: Path) -> None:
-    """InputError where a log that the campaign holds out is one that the bundle was fitted on.
-
-    On motion logs only a diagnosis fits.
-    """
-    diagnosed = "diagnosis" in bundle["provenance"].get("options", {})
+    """InputError where a log that the campaign holds out is one that the bundle was fitted on."""
     for entry in bundle["provenance"]["logs"]:
-        fitted = diagnosed or not _is_motion(str(entry.get("kind", "")))
-        if fitted and entry["use"] == "fit" and entry["sha256"] == log.sha256:
+        if entry["use"] == "fit" and entry["sha256"] == log.sha256:
             raise input_error(
                 log.path,
                 f"is held out in the campaign, but {path} was fitted on it ({entry['file']})",

@@ -141,10 +141,9 @@ def _read(
     campaign: Campaign, entry: CampaignLog, bundle: Mapping[str, Any], bundle_path: Path
 ) -> Log:
     log = campaign.read(entry)
+    check_log_unchanged(bundle, log, entry.kind, bundle_path)
     if entry.use == "holdout":
         check_not_fitted(bundle, log, bundle_path)
-    else:
-        check_log_unchanged(bundle, log, entry.kind, bundle_path)
     return log
 
 

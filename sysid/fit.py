@@ -13,7 +13,14 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from sysid.bundle import Source, merge, merge_valves, new_bundle, read_bundle, write_bundle
-from sysid.campaign import BENCH_KINDS, FRICTION_KINDS, Campaign, CampaignLog, read_campaign
+from sysid.campaign import (
+    BENCH_KINDS,
+    FRICTION_KINDS,
+    MOTION_KINDS,
+    Campaign,
+    CampaignLog,
+    read_campaign,
+)
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.friction import fit_friction
 from sysid.logs import Log, Trial, read_log
@@ -236,7 +243,8 @@ def fit_campaign(
     bundle = new_bundle(
         campaign.rig,
         assembly.parts,
-        campaign.sources(),
+        # On motion logs only a diagnosis fits.
+        [s for s in campaign.sources() if s.use == "holdout" or s.kind not in MOTION_KINDS],
         seeds={"valve-pwm": seed},
         options={"valve-pwm": {"surface": surface}},
     )

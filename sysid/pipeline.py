@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sysid import __version__
-from sysid.bundle import read_bundle, write_bundle
+from sysid.bundle import add_sources, read_bundle, write_bundle
 from sysid.campaign import Campaign, read_campaign
 from sysid.check import LogCheck, check_log
 from sysid.components.build import part_tested
@@ -313,6 +313,7 @@ def _validate(run: _Run) -> None:
     else:
         run.notices += result.notices
         bundle["validation"] = result.to_json()
+        add_sources(bundle, run.campaign.sources())
     write_bundle(bundle, run.path(BUNDLE_FILE))
 
 

@@ -13,7 +13,6 @@ from sysid.bundle import (
     Source,
     add_sources,
     check_log_unchanged,
-    check_not_fitted,
     merge,
     new_bundle,
     read_bundle,
@@ -139,19 +138,9 @@ def test_logs_of_two_folders_may_share_a_name(bundle: dict[str, Any]) -> None:
             bundle, Log(Path("run.csv"), digest, ()), "friction-static", Path("b.json")
         )
     new = Log(Path("run.csv"), "ef" * 32, ())
-    for kind in ("motion-pwm", "valve-pwm"):
-        check_log_unchanged(bundle, new, kind, Path("b.json"))
+    check_log_unchanged(bundle, new, "motion-pwm", Path("b.json"))
     with pytest.raises(InputError, match="changed since"):
         check_log_unchanged(bundle, new, "friction-static", Path("b.json"))
-
-
-def test_motion_logs_are_fitted_on_by_a_diagnosis_only(bundle: dict[str, Any]) -> None:
-    log = Log(Path("motion.csv"), "cd" * 32, ())
-    add_sources(bundle, [Source.of(log, "fit", "motion-pwm")])
-    check_not_fitted(bundle, log, Path("b.json"))
-    bundle["provenance"]["options"]["diagnosis"] = {"seed": 0}
-    with pytest.raises(InputError, match="is held out"):
-        check_not_fitted(bundle, log, Path("b.json"))
 
 
 def test_a_changed_log_is_noticed(bundle: dict[str, Any]) -> None:

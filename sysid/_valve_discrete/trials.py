@@ -205,9 +205,9 @@ def _cut(trial: Trial, whole: Piece, valve: str, air: Air, keep_rise: bool) -> S
             used = "fitted to its rise, at the declared supply" if keep_rise else "left out"
             notices.append(f"{trial.source}: {why}; its filling is {used}; {mend}")
             reasons += [(name, f"{why}; {mend}") for name in FILLING if not keep_rise]
-        # What is left of a filling that wandered shows no settled supply.
-        settled = None if unsteady is not None else _settled(whole, bad, opened, closed)
-        plateaus.append(settled)
+        # The rise and the last rows of a filling that wandered show no settled supply.
+        broken = keep_rise and unsteady is not None
+        plateaus.append(None if broken else _settled(whole, bad, opened, closed))
     pieces = [_piece(whole, rows, plateaus, air) for rows in _segments(whole, bad)]
     never_still = 0 < wandering == len(whole.chamber.opens)
     return Screened(tuple(pieces), tuple(notices), tuple(reasons), never_still)

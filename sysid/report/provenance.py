@@ -51,7 +51,7 @@ def _logs(source: Mapping[str, Any]) -> Table:
     ]  # fmt: skip
     columns = ("Log", "Kind", "Use", "SHA-256")
     return table(
-        "Logs of the bundle's campaign (motion logs: for a diagnosis)",
+        "Logs of the bundle's campaign",
         columns,
         rows,
         text=(1, 2),

@@ -180,10 +180,9 @@ def _read(
     notices: list[str],
 ) -> list[_Case]:
     log = campaign.read(entry)
+    check_log_unchanged(bundle, log, entry.kind, bundle_path)
     if entry.use == "holdout":
         check_not_fitted(bundle, log, bundle_path)
-    else:
-        check_log_unchanged(bundle, log, entry.kind, bundle_path)
     notices += log.notices
     cases = []
     for trial in log.trials:
