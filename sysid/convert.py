@@ -240,13 +240,8 @@ def _convert_table(table: ForeignTable, recipe: Recipe, label: str | None) -> pd
             columns[target] = table.labels(name)
         else:
             readings = table.numbers(name, target)
-            if name in table.stamped and entry.factor != 1.0:
-                raise input_error(
-                    f"{entry.source} {entry}",
-                    f"column {name} holds time stamps, which need no unit",
-                    f'write "{target}={name}"',
-                )
-            columns[target] = to_si(readings, entry, recipe.atmosphere_pa)
+            stamped = name in table.stamped
+            columns[target] = to_si(readings, entry, recipe.atmosphere_pa, stamped=stamped)
     rows = next(iter(lengths.values()))
     if "time_s" in columns and recipe.period_s is not None:
         raise input_error(table.path, "has a time_s column of its own", "leave --period out")

@@ -160,24 +160,15 @@ def _take_columns(reading: _Reading, maps: Mapping[str, ColumnMap]) -> None:
     ambient = reading.rig.air.atmospheric_pressure_pa if reading.rig.air else None
     for target, entry in maps.items():
         if target != "test":
-            reading.columns[target] = _mapped(table, sources[target], entry, ambient)
+            column = sources[target]
+            stamped = table.is_stamped(column)
+            reading.columns[target] = to_si(table.numbers(column), entry, ambient, stamped=stamped)
             reading.origin[target] = sources[target]
     unknown = [n for n in table.header if n not in known and n not in used]
     if unknown:
         reading.notices.append(f"{reading.where}: ignored, not known: {', '.join(unknown)}")
     if len(table.frame) < 2:
         raise input_error(reading.where, "holds one row only", "a test needs two samples or more")
-
-
-def _mapped(table: Table, column: str, entry: ColumnMap, atmosphere: float | None) -> FloatArray:
-    """A foreign column in SI; time stamps have their unit already."""
-    if table.is_stamped(column) and entry.factor != 1.0:
-        raise input_error(
-            table.path,
-            f"column {column} holds time stamps, which need no unit",
-            f'map it as {entry.target} = "{column}"',
-        )
-    return to_si(table.numbers(column), entry, atmosphere)
 
 
 def _take(reading: _Reading, name: str) -> None:

@@ -95,6 +95,7 @@ _COMMON_UNITS = (
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 _REFERENCE = re.compile(r"\s*\(\s*([ga]|gauge|gage|abs|absolute)\s*\)\s*$", re.IGNORECASE)
+_COLUMN_NUMBER = re.compile(r"#(\d{1,6})")
 _MAX_UNIT_LENGTH = 80
 
 
@@ -313,12 +314,23 @@ def _is_same_kind(unit: str, si: str) -> bool:
 
 
 def to_si(
-    values: ArrayLike, column_map: ColumnMap, atmosphere_pa: float | None = None
+    values: ArrayLike,
+    column_map: ColumnMap,
+    atmosphere_pa: float | None = None,
+    *,
+    stamped: bool = False,
 ) -> NDArray[np.float64]:
     """Readings (any shape) in SI; a gauge pressure gets `atmosphere_pa` (Pa) added.
 
-    Raises InputError for a gauge pressure without an atmosphere.
+    `stamped`: they come from time stamps, in seconds already. Raises InputError for these
+    with a unit, and for a gauge pressure without an atmosphere.
     """
+    if stamped and column_map.factor != 1.0:
+        raise input_error(
+            f"{column_map.source} {column_map}",
+            f"column {column_map.column} holds time stamps, which need no unit",
+            f'write "{column_map.target}={column_map.column}"',
+        )
     readings = np.asarray(values, dtype=np.float64)
     factor, offset = column_map.factor, column_map.offset
     if column_map.gauge:
@@ -340,9 +352,16 @@ def to_si(
 
 def has_column(columns: Sequence[str], column_map: ColumnMap) -> bool:
     """Whether `find_column` would find the mapped column."""
-    number = re.fullmatch(r"#(\d{1,6})", column_map.column)
-    by_number = number is not None and 1 <= int(number.group(1)) <= len(columns)
-    return by_number or column_map.column in columns
+    return _index_of(columns, column_map.column) is not None
+
+
+def _index_of(columns: Sequence[str], name: str) -> int | None:
+    """Index of a column by its name, else by its number (`#3` is 2); None without it."""
+    if name in columns:
+        return list(columns).index(name)
+    number = _COLUMN_NUMBER.fullmatch(name)
+    index = int(number.group(1)) if number is not None else 0
+    return index - 1 if 1 <= index <= len(columns) else None
 
 
 def find_column(columns: Sequence[str], column_map: ColumnMap, where: str) -> int:
@@ -351,13 +370,10 @@ def find_column(columns: Sequence[str], column_map: ColumnMap, where: str) -> in
     Raises InputError, with the names nearest to it or all of them, where there is none.
     """
     name = column_map.column
-    if name in columns:
-        return list(columns).index(name)
-    number = re.fullmatch(r"#(\d{1,6})", name)
-    if number is not None:
-        index = int(number.group(1))
-        if 1 <= index <= len(columns):
-            return index - 1
+    index = _index_of(columns, name)
+    if index is not None:
+        return index
+    if _COLUMN_NUMBER.fullmatch(name) is not None:
         raise input_error(
             where,
             f"has no column {name} (mapped to {column_map.target})",

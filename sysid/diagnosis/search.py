@@ -46,8 +46,8 @@ WORTH_REFITTING = 0.15
 # The twins are screened for this many effects at most, those that gain most.
 _CALIBRATED = 14
 CLEAR_RATIO = 2.5
-# A strength that the tests agree on lies this many squared standard errors off 0
-# (`Refit.wald`; of a threshold so many more tests gain than lose).
+# A strength that the tests agree on lies this many squared standard errors off 0; of a
+# threshold that is the squared z of a sign test (`Refit.wald`).
 _CLEAR_WALD = 16.0
 # One that takes nearly all of the rest may show in few tests: a drift in the longest ones.
 _MAIN_SHARE = 0.75

@@ -14,6 +14,7 @@ from typing import Any
 from sysid.errors import InputError, input_error
 from sysid.export.surface_tables import Surface, read_surface
 from sysid.model.base import CRITICAL_RATIO
+from sysid.model.from_bundle import friction_keys
 from sysid.rig import Rig, rig_from_content
 
 SIDES = ("a", "b")
@@ -265,7 +266,7 @@ def _friction(
         f"offset_{suffix}": effort,
     }
     table = _estimates(part, units, "friction", missing, where)
-    for key in (f"static_{suffix}", f"coulomb_{suffix}", viscous[0]):
+    for key in friction_keys(rig.is_linear).values():
         # As in the simulation, which takes negative friction for none.
         value = table[key].value
         table[key] = Quantity(None if value is None else max(value, 0.0), units[key])

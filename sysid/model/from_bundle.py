@@ -119,7 +119,7 @@ def parameters_from_bundle(
         )
     values = {
         name: max(_identified(friction, key, f"{where}, friction", _TESTS[name]), 0.0)
-        for name, key in _friction_keys(rig.is_linear).items()
+        for name, key in friction_keys(rig.is_linear).items()
     }
     parameters = parameters_from_rig(
         rig,
@@ -133,8 +133,8 @@ def parameters_from_bundle(
     return parameters if math.isnan(inertia) else parameters.replace(inertia=inertia)
 
 
-def _friction_keys(is_linear: bool) -> dict[str, str]:
-    """The bundle's key of each friction parameter."""
+def friction_keys(is_linear: bool) -> dict[str, str]:
+    """The bundle's key of each friction parameter: static, Coulomb and viscous."""
     effort, viscous = ("n", "n_s_per_m") if is_linear else ("nm", "nm_s_per_rad")
     return {
         "static": f"static_{effort}",
@@ -147,8 +147,7 @@ def negative_friction(bundle: Mapping[str, Any], where: str = "bundle") -> list[
     """Notices of friction that tests gave a negative value, and that models take for 0."""
     friction = bundle.get("friction", {})
     values = {
-        key: _value_or(friction.get(key), 0.0)
-        for key in _friction_keys(_is_linear(bundle)).values()
+        key: _value_or(friction.get(key), 0.0) for key in friction_keys(_is_linear(bundle)).values()
     }
     return [
         f"{where}: {key} is {value:.3g}, which no friction is: the model takes 0; the friction "
@@ -301,6 +300,7 @@ __all__ = [
     "TabulatedSurfaces",
     "catalogue_with",
     "effects_from_bundle",
+    "friction_keys",
     "has_discrete_law",
     "model_from_bundle",
     "negative_friction",
