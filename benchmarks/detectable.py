@@ -38,16 +38,16 @@ sys.path.insert(0, str(REPOSITORY))
 from benchmarks.attribution import call, found_names, is_detected, read, wilson  # noqa: E402
 from benchmarks.true_model import SAME_LAW, true_effects  # noqa: E402
 from datasets.generator.campaign import drawn_effects  # noqa: E402
-from sysid.bundle import read_bundle  # noqa: E402
-from sysid.campaign import KINDS, read_campaign  # noqa: E402
-from sysid.diagnosis.calibration import MARGIN, Null  # noqa: E402
-from sysid.diagnosis.equation_error import channels_of  # noqa: E402
-from sysid.diagnosis.loop import close_loop  # noqa: E402
-from sysid.diagnosis.screening import Projected  # noqa: E402
-from sysid.diagnosis.search import CLEAR_RATIO, LEAST_SHARE, SIGNIFICANCE  # noqa: E402
-from sysid.diagnosis.signatures import Signatures, candidates  # noqa: E402
+from sysid.bundle.assembled_model import model_from_bundle  # noqa: E402
+from sysid.bundle.content import read_bundle  # noqa: E402
+from sysid.diagnosis.actuator.equation_error import channels_of  # noqa: E402
+from sysid.diagnosis.actuator.loop import close_loop  # noqa: E402
+from sysid.diagnosis.actuator.null_distribution import MARGIN, Null  # noqa: E402
+from sysid.diagnosis.actuator.screening import Projected  # noqa: E402
+from sysid.diagnosis.actuator.search import CLEAR_RATIO, LEAST_SHARE, SIGNIFICANCE  # noqa: E402
+from sysid.diagnosis.actuator.signatures import Signatures, candidates  # noqa: E402
+from sysid.io.campaign import KINDS, read_campaign  # noqa: E402
 from sysid.model.effects import catalogue  # noqa: E402
-from sysid.model.from_bundle import model_from_bundle  # noqa: E402
 
 EFFECTS = {name: effect for name, effect in catalogue().items() if not effect.averaged_only}
 # Of its usual size: where an injected law's signature is taken.

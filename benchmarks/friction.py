@@ -21,10 +21,10 @@ sys.path.insert(0, str(REPOSITORY))
 
 from datasets.generator.campaign import make_friction_tests  # noqa: E402
 from datasets.thesis.recompute import sliding_friction, static_friction  # noqa: E402
-from sysid.estimation import Estimate  # noqa: E402
+from sysid.estimation.linear import Estimate  # noqa: E402
 from sysid.friction import FrictionResult, fit_friction, friction_rmse  # noqa: E402
-from sysid.logs import Trial  # noqa: E402
-from sysid.rig import Rig, rig_from_content  # noqa: E402
+from sysid.io.logs import Trial  # noqa: E402
+from sysid.io.rig import Rig, rig_from_content  # noqa: E402
 
 EMPS = REPOSITORY.parent / "shared" / "data" / "emps"
 PUBLISHED = {

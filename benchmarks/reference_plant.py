@@ -12,15 +12,14 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from sysid.model import base
 from sysid.model.base import Parameters
 from sysid.model.ports import Model
-from sysid.model.simulate import Inputs, open_intervals
+from sysid.model.simulator import Inputs, open_intervals
+from sysid.types import FloatArray
 
-FloatArray = NDArray[np.float64]
 SIDES = ("a", "b")
 # Within this of the supply, Pa, a chamber's law is so steep that only Radau gets through;
 # within the second, its square root is a straight line.

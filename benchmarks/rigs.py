@@ -6,7 +6,7 @@ import numpy as np
 
 from sysid.model.base import Parameters
 from sysid.model.ports import Model
-from sysid.model.simulate import Inputs, ValveCommand
+from sysid.model.simulator import Inputs, ValveCommand
 
 REFERENCE = Parameters(
     static_effort=0.333,

@@ -32,7 +32,7 @@ sys.path.insert(0, str(REPOSITORY))
 
 from benchmarks.reference_plant import integrate  # noqa: E402
 from benchmarks.rigs import random_runs  # noqa: E402
-from sysid.model.simulate import MAX_STEP, Inputs, Trajectory, simulate  # noqa: E402
+from sysid.model.simulator import MAX_STEP, Inputs, Trajectory, simulate  # noqa: E402
 
 SEED = 1
 BATCH, SECONDS = 64, 10.0
@@ -144,7 +144,7 @@ import sys, time
 sys.path.insert(0, {root!r})
 started = time.perf_counter(), time.process_time()
 from benchmarks.rigs import random_runs
-from sysid.model.simulate import simulate
+from sysid.model.simulator import simulate
 inputs, models = random_runs(1, {count}, 1.0)
 imported = time.perf_counter(), time.process_time()
 simulate(inputs, models)

@@ -124,10 +124,10 @@ def main(campaign_path: Path, bundle_path: Path, truth_path: Path) -> None:
     """Print the errors."""
     import numpy as np
 
-    from sysid.bundle import read_bundle
-    from sysid.campaign import read_campaign
-    from sysid.diagnosis.holdout import held_out
-    from sysid.model.from_bundle import model_from_bundle
+    from sysid.bundle.assembled_model import model_from_bundle
+    from sysid.bundle.content import read_bundle
+    from sysid.diagnosis.actuator.holdout import held_out
+    from sysid.io.campaign import read_campaign
 
     campaign = read_campaign(campaign_path)
     fitted = model_from_bundle(read_bundle(bundle_path), campaign.rig, str(bundle_path))

@@ -22,8 +22,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
+
+from sysid.types import FloatArray
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(REPOSITORY))
@@ -31,16 +32,16 @@ sys.path.insert(0, str(REPOSITORY))
 from datasets.generator.campaign import GeneratedCampaign, Size, make_campaign, size_of  # noqa: E402
 from datasets.generator.files import Dialect, write_log  # noqa: E402
 from datasets.generator.rigs import rig_toml  # noqa: E402
-from sysid.bundle import Source, new_bundle  # noqa: E402
-from sysid.campaign import FRICTION_KINDS, Campaign, read_campaign  # noqa: E402
+from sysid.bundle.content import new_bundle  # noqa: E402
 from sysid.friction import fit_friction  # noqa: E402
-from sysid.logs import Trial  # noqa: E402
+from sysid.io.campaign import FRICTION_KINDS, Campaign, read_campaign  # noqa: E402
+from sysid.io.logs import Trial  # noqa: E402
+from sysid.io.source import Source  # noqa: E402
 from sysid.validation import validate  # noqa: E402
 from sysid.validation.residual_tests import cross_correlation_test, whiteness_test  # noqa: E402
 from sysid.validation.results import ValidationResult  # noqa: E402
 from sysid.valve_discrete import fit_valve_discrete  # noqa: E402
 
-FloatArray = NDArray[np.float64]
 Rng = np.random.Generator
 
 LIMIT = 1.3

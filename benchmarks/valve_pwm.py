@@ -32,8 +32,8 @@ import numpy as np
 from datasets.generator.campaign import LARGE, STANDARD, GeneratedLog, make_campaign
 from datasets.generator.files import write_log
 from datasets.generator.rigs import rig_toml
-from sysid.logs import Trial
-from sysid.rig import rig_from_content
+from sysid.io.logs import Trial
+from sysid.io.rig import rig_from_content
 from sysid.surfaces import Saturation
 from sysid.valve_pwm import DirectionFit, fit_valve_pwm
 

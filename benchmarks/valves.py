@@ -19,8 +19,8 @@ import numpy as np
 from datasets.generator.campaign import make_campaign
 from datasets.generator.rigs import GeneratedRig, reference_rig
 from datasets.generator.runs import GeneratedTest
-from sysid.logs import Trial
-from sysid.rig import rig_from_content
+from sysid.io.logs import Trial
+from sysid.io.rig import rig_from_content
 from sysid.valve_discrete import ValveDiscreteResult, fit_valve_discrete
 
 FLOWS = ("choked_flow_fill_kg_s", "choked_flow_dis_kg_s", "c_fill", "c_dis")

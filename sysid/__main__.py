@@ -2,6 +2,6 @@
 
 import sys
 
-from sysid.cli import main
+from sysid.commands.app import main
 
 sys.exit(main())

@@ -1,6 +1,6 @@
 """The ways in which a request can fail that are not a fault of the program.
 
-All are turned into one line and an exit code by `sysid.cli`.
+All are turned into one line and an exit code by `sysid.commands.app`.
 """
 
 from __future__ import annotations

@@ -7,8 +7,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
-from sysid._friction.clusters import Clusters, cluster_test
-from sysid._friction.effort import (
+from sysid.errors import NotIdentifiedError, input_error
+from sysid.estimation.linear import Estimate, FTest
+from sysid.identification.friction.clusters import Clusters, cluster_test
+from sysid.identification.friction.effort import (
     KINDS,
     MOTION,
     ROTARY,
@@ -22,26 +24,29 @@ from sysid._friction.effort import (
     even_trial,
     units_of,
 )
-from sysid._friction.motion import (
+from sysid.identification.friction.motion import (
     RULE,
     MotionFriction,
     default_cutoff,
     effort_rmse,
     fit_motion,
 )
-from sysid._friction.sliding import ANOTHER_LEVEL, SlidingFriction, SlidingPoints, fit_sliding
-from sysid._friction.static import (
+from sysid.identification.friction.sliding import (
+    ANOTHER_LEVEL,
+    SlidingFriction,
+    SlidingPoints,
+    fit_sliding,
+)
+from sysid.identification.friction.static import (
     CRITERION,
     PositionMean,
     StaticFriction,
     fit_static,
     static_summary,
 )
-from sysid._friction.stretch import sliding_points
-from sysid.errors import NotIdentifiedError, input_error
-from sysid.estimation import Estimate, FTest
-from sysid.logs import Trial
-from sysid.rig import Rig
+from sysid.identification.friction.steady_stretch import sliding_points
+from sysid.io.logs import Trial
+from sysid.io.rig import Rig
 from sysid.signals import DEFAULT_CUTOFF_HZ
 
 __all__ = [

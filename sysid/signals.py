@@ -12,11 +12,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sysid.errors import input_error
-
-FloatArray = NDArray[np.float64]
+from sysid.types import FloatArray
 
 DEFAULT_CUTOFF_HZ = 50.0
 FILTER_ORDER = 2

@@ -17,27 +17,25 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sysid._valve_discrete.curve import DELAYS, FLOWS, UNITS, CurveFit, fit_curves
-from sysid._valve_discrete.held_chamber import DiscreteValve
-from sysid._valve_discrete.notices import (
+from sysid.errors import InputError, NotIdentifiedError, input_error
+from sysid.estimation.linear import Estimate
+from sysid.identification.valve_discrete.curve import DELAYS, FLOWS, UNITS, CurveFit, fit_curves
+from sysid.identification.valve_discrete.held_chamber import DiscreteValve
+from sysid.identification.valve_discrete.notices import (
     JUMPS,
     delay_notices,
     misfit_notices,
     settled_notices,
     verdicts,
 )
-from sysid._valve_discrete.ratio import DISCHARGE, FILL, critical_ratio
-from sysid._valve_discrete.stretches import Stretches, read_stretches
-from sysid._valve_discrete.trials import Piece, Screened, screen
-from sysid.errors import InputError, NotIdentifiedError, input_error
-from sysid.estimation import Estimate
-from sysid.logs import Trial
+from sysid.identification.valve_discrete.ratio import DISCHARGE, FILL, critical_ratio
+from sysid.identification.valve_discrete.regimes import Stretches, read_stretches
+from sysid.identification.valve_discrete.trials import Piece, Screened, screen
+from sysid.io.logs import Trial
+from sysid.io.rig import Air, Rig
 from sysid.model.base import CRITICAL_RATIO, exhaust_jump, filling_jump
-from sysid.rig import Air, Rig
-
-FloatArray = NDArray[np.float64]
+from sysid.types import FloatArray
 
 __all__ = ["DiscreteFit", "PressureCurve", "ValveDiscreteResult", "fit_valve_discrete"]
 

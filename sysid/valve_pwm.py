@@ -14,13 +14,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid._valve_pwm.coverage import coverage, unseen_regimes
-from sysid._valve_pwm.samples import FlowSamples, PwmTest, sample_tests
-from sysid._valve_pwm.selection import Remarks, moved_valves, select_tests
 from sysid.errors import NotIdentifiedError, input_error
-from sysid.logs import Trial
-from sysid.rig import Rig
-from sysid.surfaces._holdout import group_folds
+from sysid.identification.valve_pwm.coverage import coverage, unseen_regimes
+from sysid.identification.valve_pwm.samples import FlowSamples, PwmTest, sample_tests
+from sysid.identification.valve_pwm.selection import Remarks, moved_valves, select_tests
+from sysid.io.logs import Trial
+from sysid.io.rig import Rig
 from sysid.surfaces.bipolynomial import N_TERMS, Bipolynomial
 from sysid.surfaces.comparison import (
     ResolutionStudy,
@@ -31,7 +30,8 @@ from sysid.surfaces.comparison import (
     resolution_study,
 )
 from sysid.surfaces.domain import Domain
-from sysid.surfaces.points import SurfacePoints, surface_points
+from sysid.surfaces.left_out import group_folds
+from sysid.surfaces.samples import SurfacePoints, surface_points
 
 if TYPE_CHECKING:
     from sysid.surfaces.ann import DutyNetwork, SizeSweep

@@ -8,13 +8,12 @@ from typing import Any
 
 import numpy as np
 from numpy.polynomial import Polynomial
-from numpy.typing import NDArray
 
-from sysid.bundle import Source, new_bundle
-from sysid.logs import Log
-from sysid.rig import rig_from_content
-
-FloatArray = NDArray[np.float64]
+from sysid.bundle.content import new_bundle
+from sysid.io.logs import Log
+from sysid.io.rig import rig_from_content
+from sysid.io.source import Source
+from sysid.types import FloatArray
 
 DUTY = (0.5, 0.45)
 PRESSURE = (2.05e5, 1.0e5)

@@ -13,8 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from sysid.export import export_bundle
-
-FloatArray = NDArray[np.float64]
+from sysid.types import FloatArray
 
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wshadow", "-Wconversion"]
 

@@ -11,9 +11,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sysid.convert import convert
 from sysid.errors import InputError
-from sysid.tables import read_table
+from sysid.io.conversion import convert
+from sysid.io.tables import read_table
 
 SAMPLES = 50
 TIME = np.arange(SAMPLES) / 1000.0

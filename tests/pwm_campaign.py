@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
-FloatArray = NDArray[np.float64]
+from sysid.types import FloatArray
 
 ATMOSPHERE = 1.0e5
 VOLUME = 6.27e-5  # chamber A at the end of the stroke, m3

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sysid.cli import main
+from sysid.commands.app import main
 
 HEADER = "time_s,motor_torque_nm,theta_rad,pressure_a_pa,pressure_b_pa"
 ROWS = 60
@@ -572,12 +572,12 @@ def test_a_fault_of_the_program_is_told_from_bad_input(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     work = Workplace(tmp_path, rig_text)
-    import sysid.logs
+    import sysid.io.logs
 
     def broken(*_: object) -> None:
         raise ZeroDivisionError("inside")
 
-    monkeypatch.setattr(sysid.logs, "read_table", broken)
+    monkeypatch.setattr(sysid.io.logs, "read_table", broken)
     monkeypatch.delenv("SYSID_DEBUG", raising=False)
     assert main(work.arguments) == 1
     assert "fault" in capsys.readouterr().err

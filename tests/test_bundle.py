@@ -9,8 +9,7 @@ from typing import Any
 
 import pytest
 
-from sysid.bundle import (
-    Source,
+from sysid.bundle.content import (
     add_sources,
     check_log_unchanged,
     merge,
@@ -19,8 +18,9 @@ from sysid.bundle import (
     write_bundle,
 )
 from sysid.errors import InputError
-from sysid.logs import Log
-from sysid.rig import Rig, read_rig
+from sysid.io.logs import Log
+from sysid.io.rig import Rig, read_rig
+from sysid.io.source import Source
 
 
 def estimate(value: float, unit: str = "Nm") -> dict[str, Any]:

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from sysid.campaign import MOTION_KINDS, read_campaign
 from sysid.errors import InputError
+from sysid.io.campaign import MOTION_KINDS, read_campaign
 
 TEXT = """\
 rig = "rig.toml"

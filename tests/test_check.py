@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sysid.check import LogCheck, check_logs
-from sysid.cli import main
+from sysid.checks.log_check import LogCheck, check_logs
+from sysid.commands.app import main
 
 PERIOD = 1e-3
 QUANTUM_PA = 26.0

@@ -13,8 +13,8 @@ import pytest
 from datasets.generator.campaign import GeneratedTests, make_friction_tests
 from datasets.generator.files import write_log
 from datasets.generator.rigs import rig_toml
-from sysid.bundle import read_bundle
-from sysid.cli import main
+from sysid.bundle.content import read_bundle
+from sysid.commands.app import main
 
 BUNDLED = Path(__file__).resolve().parent.parent / "datasets" / "bundled"
 SEED = 7

@@ -9,24 +9,23 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.typing import NDArray
 
-from sysid.bundle import read_bundle
-from sysid.cli import main
-from sysid.components.axis import Axis, axis
-from sysid.components.component import Law, rmse
-from sysid.components.fitting import fit_law
-from sysid.components.remains import curves
-from sysid.components.selection import select
+from sysid.bundle.assembled_model import effects_from_bundle
+from sysid.bundle.content import read_bundle
+from sysid.commands.app import main
+from sysid.diagnosis.bench.axis import Axis, axis
+from sysid.diagnosis.bench.component import Law, rmse
+from sysid.diagnosis.bench.fitting import fit_law
+from sysid.diagnosis.bench.selection import select
+from sysid.diagnosis.bench.unexplained import curves
 from sysid.errors import NotIdentifiedError
 from sysid.friction import fit_friction
-from sysid.logs import Trial
+from sysid.io.logs import Trial
+from sysid.io.rig import Cylinder, Rig
 from sysid.model.effects.catalogue import catalogue
 from sysid.model.effects.linear import for_rig
-from sysid.model.from_bundle import effects_from_bundle
-from sysid.rig import Cylinder, Rig
+from sysid.types import FloatArray
 
-FloatArray = NDArray[np.float64]
 Friction = Callable[[FloatArray], FloatArray]
 
 RIG = Rig("axis", "horizontal", "linear")
@@ -168,7 +167,7 @@ def driven(gauge: float, seed: int, seal: float = 1e-5, area: float = 5e-4) -> T
 def cylinder_rig() -> Rig:
     from dataclasses import replace
 
-    from sysid.rig import Air
+    from sysid.io.rig import Air
 
     return replace(
         CYLINDER,
@@ -180,7 +179,7 @@ def cylinder_rig() -> Rig:
 def screw(seal: float, area: float = 5e-4, only: str | None = None) -> Axis:
     from dataclasses import replace
 
-    from sysid.rig import Inertia
+    from sysid.io.rig import Inertia
 
     rig = replace(cylinder_rig(), inertia=Inertia(mass_kg=0.2))
     trials = [driven(g, k, seal, area) for k, g in enumerate((1e5, 3e5, 5e5, 7e5))]

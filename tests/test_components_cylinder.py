@@ -12,16 +12,16 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from sysid.components.axis import Axis, axis
-from sysid.components.component import rmse
-from sysid.components.fitting import fit_law
-from sysid.convert import convert
-from sysid.logs import Trial, read_log
+from sysid.diagnosis.bench.axis import Axis, axis
+from sysid.diagnosis.bench.component import rmse
+from sysid.diagnosis.bench.fitting import fit_law
+from sysid.io.conversion import convert
+from sysid.io.logs import Trial, read_log
+from sysid.io.rig import read_rig
 from sysid.model.base import Array, array_namespace
 from sysid.model.effects.catalogue import catalogue
 from sysid.model.effects.entry import CatalogueEffect, Quantity
 from sysid.model.ports import Point
-from sysid.rig import read_rig
 
 SET = Path(__file__).resolve().parent.parent / "datasets" / "measured" / "cylinder"
 BAR = (1, 3, 5)

@@ -9,26 +9,30 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from datasets.measured.sets import PROJECT, SETS_FOLDER, read_set
 from datasets.thesis.recompute import sliding_friction, static_friction
 from sysid import bundle as bundles
-from sysid.campaign import BENCH_KINDS, read_campaign
-from sysid.components.build import component_of
-from sysid.components.component import Law
-from sysid.components.fitting import fit_law
-from sysid.components.points import KIND, SPEED, TORQUE, FrictionPoints, friction_points
-from sysid.components.selection import Selection, folds_of, select
-from sysid.components.verdict import diagnose_component
-from sysid.convert import convert
+from sysid.diagnosis.bench.component import Law
+from sysid.diagnosis.bench.fitting import fit_law
+from sysid.diagnosis.bench.friction_readings import (
+    KIND,
+    SPEED,
+    TORQUE,
+    FrictionPoints,
+    friction_points,
+)
+from sysid.diagnosis.bench.registry import component_of
+from sysid.diagnosis.bench.selection import Selection, folds_of, select
+from sysid.diagnosis.bench.verdict import diagnose_component
 from sysid.errors import InputError, NotIdentifiedError
-from sysid.estimation import Estimate
-from sysid.logs import Trial
+from sysid.estimation.linear import Estimate
+from sysid.io.campaign import BENCH_KINDS, read_campaign
+from sysid.io.conversion import convert
+from sysid.io.logs import Trial
+from sysid.io.rig import Rig
 from sysid.model.effects import catalogue
-from sysid.rig import Rig
-
-FloatArray = NDArray[np.float64]
+from sysid.types import FloatArray
 
 AXIS = Rig("axis", "horizontal", "rotary")
 STATIC, COULOMB, VISCOUS = 0.33, 0.2, 0.05  # Nm, Nm, Nm s/rad

@@ -8,20 +8,19 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from sysid.components.component import Component, Law
-from sysid.components.fitting import fit_law
-from sysid.components.repeats import Repeats, parts, repeats
-from sysid.components.selection import select
+from sysid.diagnosis.bench.component import Component, Law
+from sysid.diagnosis.bench.fitting import fit_law
+from sysid.diagnosis.bench.selection import select
+from sysid.diagnosis.bench.stability import Repeats, parts, repeats
 from sysid.errors import NotIdentifiedError
-from sysid.estimation import Estimate
-from sysid.least_squares import Parameter
+from sysid.estimation.linear import Estimate
+from sysid.estimation.nonlinear import Parameter
 from sysid.model.base import Array
 from sysid.model.effects.entry import CatalogueEffect, Quantity
 from sysid.model.ports import Point
+from sysid.types import FloatArray
 
-FloatArray = NDArray[np.float64]
 ROWS = 60
 NOISE = 0.1
 

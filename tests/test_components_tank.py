@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sysid.components.component import Law, rmse
-from sysid.components.fitting import fit_law
-from sysid.components.selection import select
-from sysid.components.tank import Tank, tank
-from sysid.convert import convert
+from sysid.diagnosis.bench.component import Law, rmse
+from sysid.diagnosis.bench.fitting import fit_law
+from sysid.diagnosis.bench.selection import select
+from sysid.diagnosis.bench.tank import TankComponent, tank
 from sysid.errors import InputError, NotIdentifiedError
-from sysid.logs import Trial, read_log
+from sysid.io.conversion import convert
+from sysid.io.logs import Trial, read_log
+from sysid.io.rig import Rig, read_rig, rig_from_content
 from sysid.model.effects.catalogue import catalogue
-from sysid.rig import Rig, read_rig, rig_from_content
 
 MEASURED = Path(__file__).resolve().parent.parent / "datasets" / "measured" / "pump_tank"
 
@@ -87,7 +87,7 @@ def rig() -> Rig:
     return rig_from_content(RIG, "rig.toml")
 
 
-def made(seed: int, **how: float) -> Tank:
+def made(seed: int, **how: float) -> TankComponent:
     return tank(
         [discharge(level, 10 * seed + i, **how) for i, level in enumerate(LEVELS_PA)], rig()
     )
@@ -160,7 +160,7 @@ def test_laws_together_are_what_each_is_alone() -> None:
 
 def test_a_fit_simulates_its_derivatives_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two simulations a step of the search at most, however many numbers are fitted."""
-    from sysid.components import tank as module
+    from sysid.diagnosis.bench import tank as module
 
     part, kind = made(1, conductance=CONDUCTANCE), catalogue()["subsonic-flow-shape"]
     simulated, runs = module._simulated, []
@@ -217,7 +217,9 @@ def test_bundle_holds_the_law_and_gives_it_back() -> None:
     part = made(1)
     fitted = fit_law(part, (), range(4))
     content = part.part(fitted.base_estimates())
-    schema = json.loads(resources.files("sysid").joinpath("bundle.schema.json").read_text("utf-8"))
+    schema = json.loads(
+        resources.files("sysid.bundle").joinpath("bundle.schema.json").read_text("utf-8")
+    )
     valve = {**schema["$defs"]["valve"], "$defs": schema["$defs"]}
     jsonschema.validate(content["valves"]["a"], valve)
     assert part.law_of(content) == Law(fitted.law.values)

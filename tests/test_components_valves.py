@@ -12,26 +12,23 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from benchmarks.rigs import REFERENCE, random_runs
-from sysid.components.component import Component, Law, rmse
-from sysid.components.selection import Selection, select
-from sysid.components.valve_flow import PARAMETER, ValveFlow, valve_flow
-from sysid.components.valve_time import PARAMETERS, ValveTime, open_share, valve_time
-from sysid.convert import convert
+from sysid.diagnosis.bench.component import Component, Law, rmse
+from sysid.diagnosis.bench.selection import Selection, select
+from sysid.diagnosis.bench.valve_flow import PARAMETER, ValveFlow, valve_flow
+from sysid.diagnosis.bench.valve_time import PARAMETERS, ValveTime, open_share, valve_time
 from sysid.errors import InputError, NotIdentifiedError
-from sysid.estimation import Estimate
-from sysid.foreign.recipe import kept_rows
-from sysid.logs import Trial, read_log
+from sysid.estimation.linear import Estimate
+from sysid.io.conversion import convert
+from sysid.io.foreign.recipe import kept_rows
+from sysid.io.logs import Trial, read_log
+from sysid.io.rig import Rig, read_rig
 from sysid.model.effects import bench, catalogue
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.effects.valve import DutyDeadZone, ValveDelay
 from sysid.model.ports import Model, Point, join, split
-from sysid.model.simulate import simulate
-from sysid.rig import Rig, read_rig
-
-FloatArray = NDArray[np.float64]
+from sysid.model.simulator import simulate
 
 SETS = Path(__file__).resolve().parent.parent / "datasets" / "measured"
 BENCH = Rig("bench", "horizontal", "linear")

@@ -24,10 +24,10 @@ from foreign_files import (
 )
 from scipy.io import savemat
 
-from sysid.cli import main
-from sysid.convert import ConversionReport, convert
+from sysid.commands.app import main
 from sysid.errors import InputError
-from sysid.tables import read_table
+from sysid.io.conversion import ConversionReport, convert
+from sysid.io.tables import read_table
 
 # --- the whole command ----------------------------------------------------------------
 

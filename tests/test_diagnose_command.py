@@ -12,14 +12,15 @@ from typing import Any
 
 import pytest
 
-import sysid.diagnose
+import sysid.diagnosis.campaign
 from datasets.generator.campaign import Size, drawn_effects, make_campaign
 from datasets.generator.files import write_campaign
 from datasets.generator.rigs import reference_rig
-from sysid.bundle import read_bundle
-from sysid.cli import main
-from sysid.diagnose import Diagnosed
-from sysid.report import findings, svg
+from sysid.bundle.content import read_bundle
+from sysid.commands.app import main
+from sysid.commands.diagnose import Diagnosed
+from sysid.diagnosis import content as findings
+from sysid.report import svg
 from sysid.report.diagnosis import diagnosis_section
 
 SEED = 5
@@ -66,7 +67,7 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> Ran:
     write_campaign(folder, made, "made by a test")
     arguments = [str(folder / "campaign.toml"), "--bundle", str(folder / "bundle.json")]
     found: list[Diagnosed] = []
-    original = sysid.diagnose.diagnose_campaign
+    original = sysid.diagnosis.campaign.diagnose_campaign
 
     def kept(*args: Any, **options: Any) -> Diagnosed:
         found.append(original(*args, **options))
@@ -75,7 +76,7 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> Ran:
     outputs = ["-o", str(folder / "extended.json"), "--report", str(folder / "report.html")]
     printed = io.StringIO()
     with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(io.StringIO()):
-        patch.setattr(sysid.diagnose, "diagnose_campaign", kept)
+        patch.setattr(sysid.diagnosis.campaign, "diagnose_campaign", kept)
         assert main(["fit", arguments[0], "-o", arguments[2]]) == 0
         with contextlib.redirect_stdout(printed):
             code = main(["diagnose", *arguments, *outputs, "--json"])
@@ -117,7 +118,7 @@ def test_the_effect_is_the_one_that_was_put_in(ran: Ran) -> None:
 def test_summary_says_verdict_effects_errors_and_what_was_tried(
     ran: Ran, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from sysid.summary import show_diagnosis
+    from sysid.commands.printing import show_diagnosis
 
     show_diagnosis(ran.diagnosed, as_json=False)
     lines = capsys.readouterr().out.splitlines()

@@ -11,24 +11,25 @@ import pytest
 from scipy.signal import lfilter
 
 from datasets.generator.campaign import LAB, GeneratedCampaign, drawn_effects, make_campaign
-from sysid.diagnosis.diagnose import is_far_off
-from sysid.diagnosis.equation_error import CHANNELS, EFFORT, channels_of, equation_error
-from sysid.diagnosis.frame import (
+from sysid.diagnosis.actuator.diagnose import is_far_off
+from sysid.diagnosis.actuator.equation_error import CHANNELS, EFFORT, channels_of, equation_error
+from sysid.diagnosis.actuator.loop import Loop, close_loop
+from sysid.diagnosis.actuator.refit import refit
+from sysid.diagnosis.actuator.samples import Traces, prepare
+from sysid.diagnosis.actuator.screening import explained, projected
+from sysid.diagnosis.actuator.signatures import Candidate, Signatures, candidates
+from sysid.diagnosis.actuator.twins import Scatter, SensorNoise, sensor_noise, simulate_twins
+from sysid.diagnosis.actuator.unexplained import curves, faintest, leftover
+from sysid.diagnosis.actuator.whitening import (
     Frame,
-    Noise,
+    ResidualNoise,
     build_frame,
     build_windows,
     friction_scatter,
     noise_of,
 )
-from sysid.diagnosis.leftover import curves, faintest, leftover
-from sysid.diagnosis.loop import Loop, close_loop
-from sysid.diagnosis.refit import refit
-from sysid.diagnosis.screening import explained, projected
-from sysid.diagnosis.signatures import Candidate, Signatures, candidates
-from sysid.diagnosis.traces import Traces, prepare
-from sysid.diagnosis.twins import Scatter, SensorNoise, sensor_noise, simulate_twins
-from sysid.logs import Trial
+from sysid.io.logs import Trial
+from sysid.io.rig import Rig, rig_from_content
 from sysid.model.base import ValveParameters, parameters_from_rig
 from sysid.model.effects import catalogue, class_of
 from sysid.model.effects.chamber import AtmosphereLeakage, PistonLeakage, TubeLag, WallHeatTransfer
@@ -38,7 +39,6 @@ from sysid.model.effects.sensor import PressureLag, PressureOffset
 from sysid.model.effects.supply import ExhaustBackPressure, SupplyDroop
 from sysid.model.effects.valve import DutyDeadZone, SubsonicFlowShape, ValveDelay
 from sysid.model.ports import Model
-from sysid.rig import Rig, rig_from_content
 
 SEED = 900
 STEMS = (
@@ -162,8 +162,8 @@ def test_whitening_takes_the_colour_out(frame: Frame) -> None:
         coloured[rows] = lfilter([1.0], [1.0, -0.6], rng.standard_normal(rows.sum() + 200))[200:]
     lags = np.arange(7)
     covariance = np.asarray(0.6**lags / (1.0 - 0.36), dtype=np.float64)
-    noise = Noise(dict.fromkeys(CHANNELS, covariance))
-    from sysid.diagnosis.frame import _whitening
+    noise = ResidualNoise(dict.fromkeys(CHANNELS, covariance))
+    from sysid.diagnosis.actuator.whitening import _whitening
 
     white = _whitening(noise.covariance[EFFORT], view) @ coloured
     assert np.var(white) == pytest.approx(1.0, abs=0.06)

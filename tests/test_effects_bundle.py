@@ -16,27 +16,28 @@ import pytest
 
 from datasets.generator.campaign import SMALL, make_campaign
 from datasets.generator.effects import Injected
-from sysid.bundle import read_bundle, write_bundle
-from sysid.campaign import MOTION_KINDS
-from sysid.cli import main
-from sysid.errors import InputError
-from sysid.export import export_bundle
-from sysid.logs import Trial
-from sysid.model.effects.catalogue import catalogue
-from sysid.model.effects.entry import CatalogueEffect, Quantity
-from sysid.model.effects.serialise import effect_from_dict, effect_to_dict
-from sysid.model.from_bundle import (
+from sysid.bundle.assembled_model import (
     effects_from_bundle,
     model_from_bundle,
     parameters_from_bundle,
+    simulate_bundle,
 )
+from sysid.bundle.content import read_bundle, write_bundle
+from sysid.commands.app import main
+from sysid.errors import InputError
+from sysid.export import export_bundle
+from sysid.io.campaign import MOTION_KINDS
+from sysid.io.logs import Trial
+from sysid.io.rig import Rig, rig_from_content
+from sysid.model.effects.catalogue import catalogue
+from sysid.model.effects.entry import CatalogueEffect, Quantity
+from sysid.model.effects.serialise import effect_from_dict, effect_to_dict
 from sysid.model.ports import Model
 from sysid.model.sensors import before_sensors, through_sensors
-from sysid.model.simulate import Inputs, ValveCommand, open_intervals, simulate
-from sysid.rig import Rig, rig_from_content
-from sysid.simulate import simulate_bundle, simulate_trials
+from sysid.model.simulator import Inputs, ValveCommand, open_intervals, simulate
+from sysid.model.trials import simulate_trials
 from sysid.validation import simulate_segments, validate
-from sysid.validation.motion_tests import MotionTest, Noise, Segment
+from sysid.validation.motion_tests import ChannelNoise, MotionTest, Segment
 from tests.export_bundles import RISING, whole_bundle
 from tests.test_validation import true_bundle, written
 
@@ -325,7 +326,7 @@ def _motion_test(theta: float, pressure_a: float, pressure_b: float) -> MotionTe
         pulsed=False,
         measured=np.tile(state[[0, 2, 3]][:, None], n),
         near_stop=np.zeros(n, dtype=bool),
-        noise=Noise(np.zeros(3), 0.0),
+        noise=ChannelNoise(np.zeros(3), 0.0),
         whole=Segment(0, n, InitialState(state, np.zeros(4), np.ones(4, dtype=np.intp))),
     )
 

@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sysid.cli import main
-from sysid.effects import CHANNELS, demonstrate, text_plot
+from sysid.commands.app import main
+from sysid.commands.effects import CHANNELS, text_plot
 from sysid.model.effects import catalogue, load_user_effects, motor
+from sysid.model.effects.demonstration import demonstrate
 
 README = Path(__file__).resolve().parent.parent / "README.md"
 

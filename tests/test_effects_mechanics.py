@@ -17,7 +17,7 @@ from sysid.model.effects import catalogue, class_of, friction, linkage, motor
 from sysid.model.effects.catalogue import AMBIGUOUS_CLASSES
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import Model, Point, join, split
-from sysid.model.simulate import Inputs, Trajectory, ValveCommand, simulate
+from sysid.model.simulator import Inputs, Trajectory, ValveCommand, simulate
 
 EFFECTS = [effect for module in (friction, linkage, motor) for effect in module.EFFECTS]
 IDS = [effect.id for effect in EFFECTS]

@@ -15,7 +15,7 @@ from sysid.model import base
 from sysid.model.effects import chamber, sensor, supply, valve
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import Model, Point, join, split
-from sysid.model.simulate import Inputs, Trajectory, ValveCommand, open_intervals, simulate
+from sysid.model.simulator import Inputs, Trajectory, ValveCommand, open_intervals, simulate
 
 MODULES = (chamber, valve, supply, sensor)
 EFFECTS = [effect for module in MODULES for effect in module.EFFECTS]

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sysid import estimation
 from sysid.errors import NotIdentifiedError
-from sysid.estimation import Estimate
+from sysid.estimation import linear as estimation
+from sysid.estimation.linear import Estimate
 
 
 def test_estimate_as_the_bundle_holds_it() -> None:

@@ -15,11 +15,11 @@ from export_bundles import RISING, estimate, unidentified, upright, whole_bundle
 from export_compiler import compile_c, header, macros
 from scipy.io import loadmat
 
-from sysid.bundle import write_bundle
+from sysid.bundle.assembled_model import parameters_from_bundle
+from sysid.bundle.content import write_bundle
 from sysid.errors import InputError
 from sysid.export import export_bundle, export_file
-from sysid.model.from_bundle import parameters_from_bundle
-from sysid.rig import rig_from_content
+from sysid.io.rig import rig_from_content
 from sysid.surfaces import DutyNetwork, surface_from_dict
 
 

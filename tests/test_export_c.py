@@ -12,11 +12,11 @@ import pytest
 from export_bundles import FLAT, LINEAR_RIG, unidentified, upright, whole_bundle
 from export_compiler import Compiled, compile_c, compiler, header, macros
 
+from sysid.bundle.assembled_model import parameters_from_bundle
 from sysid.errors import InputError
 from sysid.export import export_bundle
+from sysid.io.rig import rig_from_content
 from sysid.model import base
-from sysid.model.from_bundle import parameters_from_bundle
-from sysid.rig import rig_from_content
 from sysid.surfaces import Bipolynomial, DutyNetwork, Saturation, surface_from_dict
 
 N = 4000

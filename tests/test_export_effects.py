@@ -11,6 +11,8 @@ import pytest
 from export_bundles import RISING, whole_bundle
 from export_compiler import Compiled, compile_c, header, macros
 
+from sysid.bundle.assembled_model import parameters_from_bundle
+from sysid.io.rig import rig_from_content
 from sysid.model.effects.chamber import AtmosphereLeakage, PistonLeakage, TubeLag
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.effects.friction import (
@@ -25,10 +27,8 @@ from sysid.model.effects.motor import TorqueConstantError, TorqueOffset
 from sysid.model.effects.sensor import PressureGain, PressureOffset
 from sysid.model.effects.serialise import effect_to_dict
 from sysid.model.effects.valve import ValveDelay
-from sysid.model.from_bundle import parameters_from_bundle
 from sysid.model.ports import Model, Point
 from sysid.model.sensors import through_sensors
-from sysid.rig import rig_from_content
 
 N = 500
 # In an order that counts: a gain between two offsets.

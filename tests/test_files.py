@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from sysid.errors import InputError
-from sysid.files import open_atomic, remove_leftovers, write_atomic
+from sysid.io.files import open_atomic, remove_leftovers, write_atomic
 
 
 def leftovers(folder: Path) -> list[str]:
@@ -42,7 +42,7 @@ def test_termination_leaves_nothing_behind(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text("old")
     code = (
-        "import sys, time; from pathlib import Path; from sysid.files import open_atomic\n"
+        "import sys, time; from pathlib import Path; from sysid.io.files import open_atomic\n"
         "with open_atomic(Path(sys.argv[1])) as file:\n"
         "    file.write(b'half'); file.flush(); print('ready', flush=True); time.sleep(60)\n"
     )
@@ -118,7 +118,7 @@ def test_no_permission(tmp_path: Path, which: str) -> None:
 def test_a_killed_process_leaves_no_half_written_file(tmp_path: Path) -> None:
     path = tmp_path / "out.csv"
     code = (
-        "import os, signal, sys; from pathlib import Path; from sysid.files import open_atomic\n"
+        "import os, signal, sys; from pathlib import Path; from sysid.io.files import open_atomic\n"
         "with open_atomic(Path(sys.argv[1])) as file:\n"
         "    file.write(b'half'); file.flush(); os.kill(os.getpid(), signal.SIGKILL)\n"
     )

@@ -31,8 +31,8 @@ from foreign_files import (
 )
 from scipy.io import savemat
 
-from sysid.convert import convert
 from sysid.errors import InputError
+from sysid.io.conversion import convert
 
 # --- MATLAB ---------------------------------------------------------------------------
 

@@ -9,13 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from benchmarks.friction import PUBLISHED, emps_trial, generated_fit
 from datasets.generator.campaign import make_friction_tests
 from datasets.thesis import recompute
-from sysid._friction.effort import ROTARY, even_trial
-from sysid._friction.static import find_onset
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.friction import (
     SlidingPoints,
@@ -26,10 +23,11 @@ from sysid.friction import (
     friction_rmse,
     static_summary,
 )
-from sysid.logs import Trial
-from sysid.rig import Cylinder, Inertia, Rig, rig_from_content
-
-FloatArray = NDArray[np.float64]
+from sysid.identification.friction.effort import ROTARY, even_trial
+from sysid.identification.friction.static import find_onset
+from sysid.io.logs import Trial
+from sysid.io.rig import Cylinder, Inertia, Rig, rig_from_content
+from sysid.types import FloatArray
 
 PERIOD = 1e-3
 COUNT = 2.0 * np.pi / 80000

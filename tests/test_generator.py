@@ -40,7 +40,7 @@ from datasets.generator.rigs import GeneratedRig, reference_rig
 from datasets.generator.runs import Commands, Start, at_atmosphere, simulated
 from datasets.generator.timing import merged, movements, pwm_commands, switched_commands
 from datasets.generator.valve_tests import held_start
-from sysid.rig import rig_from_content
+from sysid.io.rig import rig_from_content
 
 P0, PS = 1.0e5, 3.0e5
 ROW_S = 0.001

@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sysid.least_squares import (
+from sysid.estimation.nonlinear import (
     LeastSquaresFit,
     Parameter,
     central_jacobian,
     minimise,
 )
-from sysid.profile_likelihood import profile_interval
+from sysid.estimation.profile import profile_interval
+from sysid.types import FloatArray
 
-FloatArray = NDArray[np.float64]
 Model = Callable[[FloatArray, FloatArray], FloatArray]
 
 exp, sin, cos = np.exp, np.sin, np.cos

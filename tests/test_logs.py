@@ -10,9 +10,9 @@ import pandas as pd
 import pytest
 
 from sysid.errors import InputError
-from sysid.logs import Log, read_log
-from sysid.rig import Rig, read_rig, rig_from_content
-from sysid.units import parse_map
+from sysid.io.logs import Log, read_log
+from sysid.io.rig import Rig, read_rig, rig_from_content
+from sysid.io.units import parse_map
 
 COUNTS = 80000
 

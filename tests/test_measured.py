@@ -41,7 +41,7 @@ from datasets.measured.page import render_page
 from datasets.measured.run import failed, law_of, run_sets
 from datasets.measured.sets import SETS_FOLDER
 from sysid.errors import InputError
-from sysid.tables import read_table
+from sysid.io.tables import read_table
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 

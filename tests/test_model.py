@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 
 from benchmarks.rigs import REFERENCE
 from sysid.errors import InputError
+from sysid.io.rig import rig_from_content
 from sysid.model import base, flow_control, plant, timing
 from sysid.model.ports import Effect, Model, Point, join, split, stack_models
-from sysid.rig import rig_from_content
 
 # Table 3.6.1 with the supply pressures of figures 3.7 and 3.8.
 THESIS_VALVES = {

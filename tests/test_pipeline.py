@@ -13,10 +13,10 @@ from typing import Any
 
 import pytest
 
-from sysid.bundle import read_bundle, write_bundle
-from sysid.bundled import bundled_campaign
-from sysid.cli import main
-from sysid.pipeline import EXPORTS, RunReport, run_campaign
+from sysid.bundle.content import read_bundle, write_bundle
+from sysid.commands.app import main
+from sysid.commands.run import EXPORTS, RunReport, run_campaign
+from sysid.io.bundled import bundled_campaign
 
 STAGES = ("check", "fit", "diagnose", "validate", "report", "export")
 
@@ -89,7 +89,7 @@ def test_an_effect_in_the_extended_bundle_reaches_the_later_stages(
     first: RunReport, campaign: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The stage's own work is put in the place of the diagnosis: a bundle with drag in it."""
-    from sysid import pipeline
+    from sysid.commands import run as pipeline
 
     def with_drag(run: Any) -> None:
         bundle = read_bundle(run.path("fitted.json"))

@@ -17,10 +17,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sysid.bundle import Source, new_bundle
-from sysid.campaign import FRICTION_KINDS, Campaign, read_campaign
-from sysid.check import check_log
-from sysid.report import numbers, render_report, svg, write_report
+from sysid.bundle.content import new_bundle
+from sysid.checks.log_check import check_log
+from sysid.display import numbers
+from sysid.io.campaign import FRICTION_KINDS, Campaign, read_campaign
+from sysid.io.source import Source
+from sysid.report import render_report, svg, write_report
 from sysid.report.interactive import packed
 from sysid.report.page import _json
 from sysid.report.verdict import verdict
@@ -410,7 +412,7 @@ def test_an_effect_that_cannot_be_simulated_without_the_next_leaves_a_gap() -> N
 
 
 def test_a_channel_that_never_varies_has_no_fit_percentage() -> None:
-    from sysid.summary import validation_table
+    from sysid.commands.printing import validation_table
 
     channel = {"rmse": 1.0, "fit_percent": None, "noise_floor": 0.5}
     log = {"file": "still.csv", "use": "holdout", "valve_model": "discrete"}

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.special import bdtr, bdtrc
 
+from sysid.types import FloatArray
 from sysid.validation.residual_tests import (
     autocovariance,
     autoregressive_filter,
@@ -19,7 +19,6 @@ from sysid.validation.residual_tests import (
     whiteness_test,
 )
 
-FloatArray = NDArray[np.float64]
 # A right rate fails one such check in ten thousand.
 RARE = 1e-4
 

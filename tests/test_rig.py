@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from sysid.cli import main
+from sysid.commands.app import main
 from sysid.errors import InputError
-from sysid.rig import find_rig_file, read_rig, rig_from_content
+from sysid.io.rig import find_rig_file, read_rig, rig_from_content
 
 
 def content(**sections: dict[str, float]) -> dict[str, dict[str, object]]:

@@ -14,13 +14,14 @@ import pytest
 
 from benchmarks.reference_plant import integrate
 from benchmarks.rigs import REFERENCE, random_runs
+from sysid.bundle.assembled_model import surfaces_for
 from sysid.errors import InputError, NotIdentifiedError
-from sysid.logs import Trial, with_channels
+from sysid.io.logs import Trial, with_channels
+from sysid.io.rig import rig_from_content
 from sysid.model.base import Parameters
 from sysid.model.ports import Effect, Model
-from sysid.model.simulate import Inputs, Trajectory, ValveCommand, simulate
-from sysid.rig import rig_from_content
-from sysid.simulate import inputs_from_trial, simulate_trials, starts_on_supply, surfaces_for
+from sysid.model.simulator import Inputs, Trajectory, ValveCommand, simulate
+from sysid.model.trials import inputs_from_trial, simulate_trials, starts_on_supply
 from tests.test_model import Everywhere
 
 POSITION_RAD = 2e-4

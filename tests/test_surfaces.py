@@ -25,9 +25,9 @@ from sysid.surfaces import (
     sweep_hidden_size,
     thin_samples,
 )
-from sysid.surfaces._holdout import group_folds, hold_out_groups
 from sysid.surfaces.comparison import recommend
 from sysid.surfaces.inverse import invert_quadratic, invert_rising
+from sysid.surfaces.left_out import group_folds, hold_out_groups
 
 # a1 to i1: rises with duty everywhere on [0, 1] x [1e5, 3e5] Pa.
 TRUE = np.array([-1e-4, 5e-10, -3e-15, 9e-4, -1.5e-9, 2e-15, 1e-4, 2e-10, -1e-15])
@@ -389,24 +389,28 @@ class TestNetwork:
     def test_jacobian_and_gradient_agree_with_differences(self) -> None:
         import torch
 
-        from sysid.surfaces import _lm
+        from sysid.surfaces import network_training
 
         rng = np.random.default_rng(1)
         weights = torch.as_tensor(rng.normal(size=(3, 41)))
-        data = _lm.Samples(
+        data = network_training.Samples(
             torch.as_tensor(rng.uniform(-1, 1, (2, 30))),
             torch.as_tensor(rng.normal(size=30)),
             torch.as_tensor(rng.uniform(0.5, 2, 30)),
         )
-        _, jacobian = _lm.jacobian(weights, data.x)
-        _, gradient = _lm._loss_and_gradient(weights, data)
+        _, jacobian = network_training.jacobian(weights, data.x)
+        _, gradient = network_training._loss_and_gradient(weights, data)
         for k in range(41):
             step = torch.zeros(41, dtype=torch.float64)
             step[k] = 1e-6
             ahead, behind = weights + step, weights - step
-            slope = (_lm.outputs(ahead, data.x) - _lm.outputs(behind, data.x)) / 2e-6
+            slope = (
+                network_training.outputs(ahead, data.x) - network_training.outputs(behind, data.x)
+            ) / 2e-6
             torch.testing.assert_close(jacobian[:, k], slope, rtol=1e-6, atol=1e-8)
-            fall = (_lm._squares(ahead, data) - _lm._squares(behind, data)) / 4e-6
+            fall = (
+                network_training._squares(ahead, data) - network_training._squares(behind, data)
+            ) / 4e-6
             torch.testing.assert_close(gradient[:, k], fall, rtol=1e-6, atol=1e-7)
 
     def test_recovers_a_network_of_its_own_size(self) -> None:

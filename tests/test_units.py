@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sysid.errors import InputError
-from sysid.units import (
+from sysid.io.units import (
     CANONICAL_UNITS,
     ColumnMap,
     find_column,
@@ -190,7 +190,7 @@ def test_every_column_of_the_log_format_takes_its_own_unit() -> None:
 
 def test_pint_is_imported_only_where_a_unit_needs_it() -> None:
     code = (
-        "import sys; from sysid.units import parse_map;"
+        "import sys; from sysid.io.units import parse_map;"
         "parse_map(['time_s=t', 'pressure_a_pa=p:Pa', 'motor_force_n=v:35.15 N']);"
         "print('pint' in sys.modules); parse_map(['time_s=t:ms']); print('pint' in sys.modules)"
     )

@@ -12,30 +12,29 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from datasets.generator.campaign import SMALL, GeneratedCampaign, make_campaign
 from datasets.generator.files import write_log
 from datasets.generator.rigs import rig_toml
 from datasets.generator.runs import Commands, GeneratedTest, at_atmosphere, simulated
-from sysid.bundle import new_bundle, read_bundle, write_bundle
-from sysid.campaign import MOTION_KINDS, Campaign, read_campaign
-from sysid.errors import InputError, NotIdentifiedError
-from sysid.logs import Trial, with_channels
-from sysid.model.from_bundle import (
+from sysid.bundle.assembled_model import (
     TabulatedSurfaces,
     model_from_bundle,
     parameters_from_bundle,
     surfaces_from_bundle,
 )
-from sysid.rig import Rig, rig_from_content
+from sysid.bundle.content import new_bundle, read_bundle, write_bundle
+from sysid.errors import InputError, NotIdentifiedError
+from sysid.io.campaign import MOTION_KINDS, Campaign, read_campaign
+from sysid.io.logs import Trial, with_channels
+from sysid.io.rig import Rig, rig_from_content
 from sysid.surfaces import Bipolynomial
+from sysid.types import FloatArray
 from sysid.validation import simulate_segments, validate
 from sysid.validation.motion_tests import MotionTest, channel_noise, prepare
 from sysid.validation.residual_tests import fit_percentage
 from sysid.validation.results import Errors, LogResult, ValidationResult
 
-FloatArray = NDArray[np.float64]
 Bundle = dict[str, Any]
 
 SEED = 1

@@ -15,17 +15,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from sysid._valve_discrete.held_chamber import DiscreteValve, HeldChamber, pressure_curve
 from sysid.errors import InputError, NotIdentifiedError
-from sysid.logs import Trial, read_log
+from sysid.identification.valve_discrete.held_chamber import (
+    DiscreteValve,
+    HeldChamber,
+    pressure_curve,
+)
+from sysid.io.logs import Trial, read_log
+from sysid.io.rig import Rig, read_rig, rig_from_content
 from sysid.model.base import CRITICAL_RATIO
-from sysid.rig import Rig, read_rig, rig_from_content
+from sysid.types import FloatArray
 from sysid.valve_discrete import DiscreteFit, ValveDiscreteResult, fit_valve_discrete
-
-FloatArray = NDArray[np.float64]
 
 FLOWS = ("choked_flow_fill_kg_s", "c_fill", "choked_flow_dis_kg_s", "c_dis")
 DELAYS = ("on_delay_s", "off_delay_s")

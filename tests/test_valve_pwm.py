@@ -16,12 +16,17 @@ import numpy as np
 import pytest
 from conftest import RIG_TEXT
 
-from sysid._valve_pwm.coverage import duty_gaps, off_surface_tests
-from sysid._valve_pwm.samples import FlowSamples, open_share, pulse_block, sample_tests
-from sysid._valve_pwm.selection import Remarks, select_tests
 from sysid.errors import InputError, NotIdentifiedError
-from sysid.logs import Trial, with_channels
-from sysid.rig import Rig, rig_from_content
+from sysid.identification.valve_pwm.coverage import duty_gaps, off_surface_tests
+from sysid.identification.valve_pwm.samples import (
+    FlowSamples,
+    open_share,
+    pulse_block,
+    sample_tests,
+)
+from sysid.identification.valve_pwm.selection import Remarks, select_tests
+from sysid.io.logs import Trial, with_channels
+from sysid.io.rig import Rig, rig_from_content
 from sysid.surfaces import surface_from_dict
 from sysid.valve_pwm import ValvePwmFit, fit_valve_pwm
 

@@ -90,8 +90,8 @@ def size_of(text: str | float) -> Size:
 class GeneratedTests:
     """Tests of one rig in memory.
 
-    `rig` is the rig file's content (`sysid.rig.rig_from_content(tests.rig, "generated")` reads it),
-    `truth` what the fits should find, `kinds` the tests by the campaign file's kind.
+    `rig` is the rig file's content (`sysid.io.rig.rig_from_content(tests.rig, "generated")`
+    reads it), `truth` what the fits should find, `kinds` the tests by the campaign file's kind.
     """
 
     rig: Content

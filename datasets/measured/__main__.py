@@ -22,7 +22,7 @@ from datasets.measured.page import write_page
 from datasets.measured.run import chosen, failed, run_sets
 from datasets.measured.sets import PROJECT, SETS_FOLDER
 from sysid.errors import SysidError, input_error
-from sysid.files import write_atomic
+from sysid.io.files import write_atomic
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -79,7 +79,7 @@ def _show(results: Mapping[str, Any]) -> None:
     """The overview on standard output, and whether the verdicts repeat."""
     from rich.text import Text
 
-    from sysid.summary import console, new_table
+    from sysid.commands.printing import console, new_table
 
     out = console()
     table = new_table("Measured data, errors on held-out recordings", *COLUMNS)

@@ -10,17 +10,15 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datasets.measured.findings import Errors
+from sysid.diagnosis.wording import regressor_name
+from sysid.display.numbers import number
+from sysid.io.units import CANONICAL_UNITS
 from sysid.report import svg
 from sysid.report.blocks import Figure
-from sysid.report.diagnosis_text import regressor_name
-from sysid.report.numbers import number
 from sysid.report.svg import COLOUR
-from sysid.units import CANONICAL_UNITS
-
-FloatArray = NDArray[np.float64]
+from sysid.types import FloatArray
 
 _BAR = 0.26  # of a campaign's width
 _CAMPAIGN, _MARGINS = 0.4, 0.8  # inches

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from sysid.diagnosis.wording import joined
+from sysid.display.numbers import MISSING, number, percent
 from sysid.errors import input_error
-from sysid.files import write_atomic
-from sysid.report.diagnosis_text import joined
-from sysid.report.numbers import MISSING, number, percent
+from sysid.io.files import write_atomic
 
 Content = Mapping[str, Any]
 

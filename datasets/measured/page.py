@@ -23,12 +23,12 @@ from datasets.measured.findings import (
     remains_text,
     repeats_of,
 )
-from sysid.files import write_atomic
+from sysid.diagnosis.wording import joined, p_text, parameter_rows
+from sysid.display.numbers import MISSING, estimate_cells, number
+from sysid.io.files import write_atomic
 from sysid.report import svg
 from sysid.report.blocks import Block, FigureGroup, Heading, Lines, Section, table
-from sysid.report.diagnosis_text import joined, p_text, parameter_rows
-from sysid.report.frame import fill
-from sysid.report.numbers import MISSING, estimate_cells, number
+from sysid.report.html import fill
 
 Content = Mapping[str, Any]
 

@@ -15,7 +15,7 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,8 +30,7 @@ from datasets.measured.sets import (
 )
 from sysid import __version__
 from sysid.errors import InputError, SysidError, input_error
-
-Progress = Callable[[str], None]
+from sysid.types import Progress
 
 # Conversions at a time.
 _PROCESSES = 2

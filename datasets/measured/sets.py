@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from sysid.errors import input_error
-from sysid.rig import read_toml, reject_misspelt
+from sysid.io.rig import read_toml, reject_misspelt
 
 SETS_FOLDER = Path(__file__).resolve().parent
 PROJECT = SETS_FOLDER.parent.parent

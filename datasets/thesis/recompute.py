@@ -16,7 +16,6 @@ from pathlib import Path
 
 import numpy as np
 
-from sysid._friction.effort import ROTARY
 from sysid.friction import (
     SlidingFriction,
     SlidingPoints,
@@ -24,6 +23,7 @@ from sysid.friction import (
     fit_sliding,
     static_summary,
 )
+from sysid.identification.friction.effort import ROTARY
 from sysid.model.base import exhaust_jump, filling_jump
 
 FOLDER = Path(__file__).resolve().parent

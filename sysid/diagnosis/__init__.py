@@ -1,7 +1,7 @@
 """What a fitted model lacks: residuals, twins, screening, refit, verdict."""
 
-from sysid.diagnosis.diagnose import diagnose
-from sysid.diagnosis.leftover import Unexplained
-from sysid.diagnosis.result import BeforeAfter, Diagnosis, FoundEffect
+from sysid.diagnosis.actuator.diagnose import diagnose
+from sysid.diagnosis.actuator.result import BeforeAfter, Diagnosis, FoundEffect
+from sysid.diagnosis.actuator.unexplained import Unexplained
 
 __all__ = ["BeforeAfter", "Diagnosis", "FoundEffect", "Unexplained", "diagnose"]

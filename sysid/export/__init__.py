@@ -10,12 +10,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from sysid.bundle import bundle_text, read_bundle
+from sysid.bundle.assembled_model import effects_from_bundle
+from sysid.bundle.content import bundle_text, read_bundle
 from sysid.errors import input_error
 from sysid.export.flat import Flat, flatten
-from sysid.files import write_atomic
-from sysid.model.from_bundle import catalogue_with, effects_from_bundle
-from sysid.tables import read_bytes
+from sysid.io.files import write_atomic
+from sysid.io.tables import read_bytes
+from sysid.model.effects.catalogue import catalogue_with
 
 FORMATS = ("c", "mat", "json")
 DEFAULT_PREFIX = "sysid_"
@@ -55,7 +56,7 @@ def export_bundle(
 
     fmt: "c" (one C99 header whose names begin with `prefix`), "mat" (MAT 5, a struct
     `sysid`) or "json". `sha256` is the bundle file's, by default that of the file which
-    `sysid.bundle.write_bundle` makes of it; `where` names the bundle in messages. Notices
+    `sysid.bundle.content.write_bundle` makes of it; `where` names the bundle in messages. Notices
     name every parameter that is absent, and effects whose laws the C header does not hold.
     Raises InputError for an unknown format or prefix, for content that contradicts itself
     (units, PWM period), and where `path` cannot be written.
@@ -83,5 +84,5 @@ def export_bundle(
 
 
 def _digest(bundle: Mapping[str, Any]) -> str:
-    """SHA-256 of the file that `sysid.bundle.write_bundle` makes of a bundle."""
+    """SHA-256 of the file that `sysid.bundle.content.write_bundle` makes of a bundle."""
     return hashlib.sha256(bundle_text(bundle).encode("utf-8", "surrogatepass")).hexdigest()

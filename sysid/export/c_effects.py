@@ -14,7 +14,8 @@ from dataclasses import dataclass, replace
 from string import Formatter
 
 from sysid.export.c_text import Names, comment_text, constant, has
-from sysid.export.flat import SIDES, Effect, Flat
+from sysid.export.flat import ExportedEffect, Flat
+from sysid.io.channels import SIDES
 from sysid.model.effects.linear import linear_name
 
 
@@ -165,12 +166,12 @@ _SNIPPETS: dict[str, tuple[_Snippet, ...]] = {
 }
 
 
-def contained(flat: Flat) -> tuple[Effect, ...]:
+def contained(flat: Flat) -> tuple[ExportedEffect, ...]:
     """The effects whose laws the header holds, in the bundle's order."""
     return tuple(effect for effect in flat.effects if _is_contained(effect, flat))
 
 
-def not_contained(flat: Flat) -> tuple[Effect, ...]:
+def not_contained(flat: Flat) -> tuple[ExportedEffect, ...]:
     """The effects whose laws it does not hold."""
     return tuple(effect for effect in flat.effects if not _is_contained(effect, flat))
 
@@ -201,7 +202,7 @@ def _feature(port: _Port) -> str:
     return f"EFFECTS_ACT_ON_{port.name.upper()}"
 
 
-def _is_contained(effect: Effect, flat: Flat) -> bool:
+def _is_contained(effect: ExportedEffect, flat: Flat) -> bool:
     snippets = _laws(effect.id, flat)
     known = {name for name, value in effect.values.items() if isinstance(value, float)}
     known |= _base_constants(flat).keys()
@@ -240,7 +241,7 @@ def _linear_law(law: str) -> str:
     return re.sub(r"\{(\w+)\}", lambda match: f"{{{linear_name(match.group(1))}}}", law)
 
 
-def _acting(port: _Port, flat: Flat) -> list[tuple[Effect, str]]:
+def _acting(port: _Port, flat: Flat) -> list[tuple[ExportedEffect, str]]:
     """The effects that act at a port and their laws, in the order in which they act there."""
     found = [
         (effect, snippet.law)
@@ -252,7 +253,7 @@ def _acting(port: _Port, flat: Flat) -> list[tuple[Effect, str]]:
     return found[::-1] if port.backward else found
 
 
-def _constant_name(effect: Effect, name: str, flat: Flat, n: Names) -> str:
+def _constant_name(effect: ExportedEffect, name: str, flat: Flat, n: Names) -> str:
     """The effect's own parameter, numbered by its place in the bundle, or the rig's constant."""
     if name not in effect.values:
         return f"{n.lower}{_base_constants(flat)[name]}"
@@ -260,7 +261,7 @@ def _constant_name(effect: Effect, name: str, flat: Flat, n: Names) -> str:
     return f"{n.lower}effect_{place}_{name}"
 
 
-def _constants(effect: Effect, flat: Flat, n: Names) -> str:
+def _constants(effect: ExportedEffect, flat: Flat, n: Names) -> str:
     lines = [f"/* {comment_text(_words(effect))} */"]
     for name, value in effect.values.items():
         if isinstance(value, float):
@@ -268,12 +269,12 @@ def _constants(effect: Effect, flat: Flat, n: Names) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _words(effect: Effect) -> str:
+def _words(effect: ExportedEffect) -> str:
     side = effect.values.get("side")
     return effect.id if side is None else f"{effect.id}, side {side}"
 
 
-def _function(port: _Port, acting: list[tuple[Effect, str]], flat: Flat, n: Names) -> str:
+def _function(port: _Port, acting: list[tuple[ExportedEffect, str]], flat: Flat, n: Names) -> str:
     inputs = ", ".join(f"double {name}" for name in port.arguments)
     ids = ", ".join(dict.fromkeys(effect.id for effect, _ in acting))
     lines = [

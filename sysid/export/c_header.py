@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from sysid.export import c_effects
 from sysid.export.c_surfaces import macro, slots, surfaces
 from sysid.export.c_text import Names, comment_text, constant, has, names
-from sysid.export.flat import SIDES, Flat, Table, gravity_name, inertia_name, values
+from sysid.export.flat import Flat, NumberTable, gravity_name, inertia_name, values
+from sysid.io.channels import SIDES
 
 _MEANING = {
     "critical_ratio": "downstream over upstream pressure of choked flow (3.5.1)",
@@ -78,7 +79,7 @@ def absences(flat: Flat, prefix: str) -> list[str]:
     return notices
 
 
-def _constants(flat: Flat) -> Table:
+def _constants(flat: Flat) -> NumberTable:
     """All scalars by C name without prefix: the rig's, friction, and each valve's law."""
     table = dict(flat.constants)
     table |= {f"friction_{name}": quantity for name, quantity in flat.friction.items()}

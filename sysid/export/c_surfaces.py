@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sysid.export.c_text import Names, array, number
 from sysid.export.flat import DIRECTIONS, Flat
-from sysid.export.surface_tables import Surface, domain_arrays
+from sysid.export.surface_tables import ExportedSurface, domain_arrays
 from sysid.surfaces.ann import DutyNetwork
 from sysid.surfaces.bipolynomial import Bipolynomial
 from sysid.surfaces.domain import Domain
@@ -20,7 +20,7 @@ from sysid.surfaces.domain import Domain
 KINDS = {"bipolynomial": "bipolynomial", "ann": "network"}
 
 
-def slots(flat: Flat) -> Iterable[tuple[str, str, Surface | None]]:
+def slots(flat: Flat) -> Iterable[tuple[str, str, ExportedSurface | None]]:
     """Each surface that a bundle can hold: its C name (`pwm_a_fill`), kind, and itself."""
     for side, valve in flat.valves.items():
         for direction in DIRECTIONS:

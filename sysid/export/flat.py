@@ -11,13 +11,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from sysid.bundle.assembled_model import friction_keys
 from sysid.errors import InputError, input_error
-from sysid.export.surface_tables import Surface, read_surface
+from sysid.export.surface_tables import ExportedSurface, read_surface
+from sysid.io.channels import SIDES
+from sysid.io.rig import Rig, rig_from_content
 from sysid.model.base import CRITICAL_RATIO
-from sysid.model.from_bundle import friction_keys
-from sysid.rig import Rig, rig_from_content
 
-SIDES = ("a", "b")
 DIRECTIONS = ("fill", "discharge")
 KINDS = ("bipolynomial", "ann")
 FORMAT = "sysid-controller/1"
@@ -27,35 +27,35 @@ _NO_PART = "the bundle does not hold this part"
 
 
 @dataclass(frozen=True)
-class Quantity:
+class ExportedNumber:
     """One number, or None where it is not known, and its unit."""
 
     value: float | None
     unit: str
 
 
-Table = dict[str, Quantity]
+NumberTable = dict[str, ExportedNumber]
 
 
 @dataclass(frozen=True)
 class PwmMap:
     """Surfaces of one valve in one direction, at one PWM period and supply pressure."""
 
-    conditions: Table
-    bipolynomial: Surface | None
-    ann: Surface | None
+    conditions: NumberTable
+    bipolynomial: ExportedSurface | None
+    ann: ExportedSurface | None
 
 
 @dataclass(frozen=True)
 class Valve:
     """One valve: the on/off law with its delays, and PWM maps by direction."""
 
-    discrete: Table
+    discrete: NumberTable
     pwm: dict[str, PwmMap]
 
 
 @dataclass(frozen=True)
-class Effect:
+class ExportedEffect:
     """One effect of the model, as data: parameter values (numbers, text or None) and units."""
 
     id: str
@@ -73,11 +73,11 @@ class Flat:
     """
 
     rig: Rig
-    constants: Table
-    friction: Table
+    constants: NumberTable
+    friction: NumberTable
     static_by_position: tuple[tuple[float, float | None], ...]
     valves: dict[str, Valve]
-    effects: tuple[Effect, ...]
+    effects: tuple[ExportedEffect, ...]
     provenance: dict[str, str]
     missing: dict[str, str]
     notices: tuple[str, ...]
@@ -135,15 +135,15 @@ def effort_unit(rig: Rig) -> str:
 # --- rig -------------------------------------------------------------------------------
 
 
-def _constants(rig: Rig, missing: dict[str, str]) -> Table:
+def _constants(rig: Rig, missing: dict[str, str]) -> NumberTable:
     """Rig constants (thesis 3.3.3-3.3.10), with what is derived from them."""
-    table: Table = {"critical_ratio": Quantity(CRITICAL_RATIO, "1")}
+    table: NumberTable = {"critical_ratio": ExportedNumber(CRITICAL_RATIO, "1")}
     for section, keys in _rig_keys(rig).items():
         part = getattr(rig, section)
         absent = []
         for name, (key, unit) in keys.items():
             value = None if part is None else getattr(part, key)
-            table[name] = Quantity(value, unit)
+            table[name] = ExportedNumber(value, unit)
             if value is None:
                 absent.append(name)
         if part is None:
@@ -155,9 +155,9 @@ def _constants(rig: Rig, missing: dict[str, str]) -> Table:
     if rig.air is not None:
         air = rig.air
         krt = air.heat_capacity_ratio * air.gas_constant_j_per_kg_k * air.temperature_k
-        table["k_r_t_j_per_kg"] = Quantity(krt, "J/kg")
+        table["k_r_t_j_per_kg"] = ExportedNumber(krt, "J/kg")
     else:
-        table["k_r_t_j_per_kg"] = Quantity(None, "J/kg")
+        table["k_r_t_j_per_kg"] = ExportedNumber(None, "J/kg")
         missing["constants.k_r_t_j_per_kg"] = "the rig has no [air]"
     _add_load(table, rig, missing)
     return table
@@ -214,22 +214,22 @@ def gravity_name(rig: Rig) -> tuple[str, str]:
     return ("weight_n", "N") if rig.is_linear else ("gravity_moment_nm", "Nm")
 
 
-def _add_load(table: Table, rig: Rig, missing: dict[str, str]) -> None:
+def _add_load(table: NumberTable, rig: Rig, missing: dict[str, str]) -> None:
     """Inertia with payload (3.3.5) and gravity's amplitude (3.3.8-3.3.10)."""
     name, unit = inertia_name(rig)
-    table[name] = Quantity(rig.total_inertia(), unit)
+    table[name] = ExportedNumber(rig.total_inertia(), unit)
     if table[name].value is None:
         missing[f"constants.{name}"] = "the rig's [inertia] does not give it"
     name, unit = gravity_name(rig)
     try:
-        table[name] = Quantity(rig.gravity_moment(), unit)
+        table[name] = ExportedNumber(rig.gravity_moment(), unit)
     except InputError as error:
-        table[name] = Quantity(None, unit)
+        table[name] = ExportedNumber(None, unit)
         missing[f"constants.{name}"] = str(error)
 
 
 def _take_identified_inertia(
-    bundle: Mapping[str, Any], rig: Rig, constants: Table, notices: list[str], where: str
+    bundle: Mapping[str, Any], rig: Rig, constants: NumberTable, notices: list[str], where: str
 ) -> None:
     """An identified inertia replaces the declared one, as in the simulation."""
     name, unit = inertia_name(rig)
@@ -237,7 +237,7 @@ def _take_identified_inertia(
     if estimate is None or estimate["value"] is None:
         return
     declared = constants[name].value
-    constants[name] = Quantity(_number(estimate, unit, f"{where}, friction.{name}"), unit)
+    constants[name] = ExportedNumber(_number(estimate, unit, f"{where}, friction.{name}"), unit)
     said = "gives none" if declared is None else f"says {declared:.6g}"
     notices.append(f"{name} is the identified {constants[name].value:.6g}; the rig file {said}")
 
@@ -247,7 +247,7 @@ def _take_identified_inertia(
 
 def _friction(
     part: Mapping[str, Any] | None, rig: Rig, missing: dict[str, str], where: str
-) -> tuple[Table, tuple[tuple[float, float | None], ...]]:
+) -> tuple[NumberTable, tuple[tuple[float, float | None], ...]]:
     """Friction (3.4.1), and static friction by position."""
     suffix = effort_unit(rig)
     effort = "N" if rig.is_linear else "Nm"
@@ -269,7 +269,7 @@ def _friction(
     for key in friction_keys(rig.is_linear).values():
         # As in the simulation, which takes negative friction for none.
         value = table[key].value
-        table[key] = Quantity(None if value is None else max(value, 0.0), units[key])
+        table[key] = ExportedNumber(None if value is None else max(value, 0.0), units[key])
     rows = () if part is None else part.get("static_by_position", ())
     place = f"{where}, friction.static_by_position"
     try:
@@ -326,10 +326,10 @@ def _pwm_map(
             "fit valve-pwm tests at the rig's period",
         )
     conditions = {
-        key: Quantity(None if part.get(key) is None else _finite(part[key], place), unit)
+        key: ExportedNumber(None if part.get(key) is None else _finite(part[key], place), unit)
         for key, unit in (("pwm_period_s", "s"), ("supply_pressure_pa", "Pa"))
     }
-    surfaces: dict[str, Surface | None] = {}
+    surfaces: dict[str, ExportedSurface | None] = {}
     for kind in KINDS:
         content = part.get(kind)
         surfaces[kind] = None if content is None else read_surface(content, f"{place}.{kind}")
@@ -338,7 +338,7 @@ def _pwm_map(
     return PwmMap(conditions, surfaces["bipolynomial"], surfaces["ann"])
 
 
-def _effect(effect: Mapping[str, Any], where: str) -> Effect:
+def _effect(effect: Mapping[str, Any], where: str) -> ExportedEffect:
     name = clean_text(effect["id"])
     place = f"{where}, effect {name}"
     values: dict[str, float | str | None] = {}
@@ -354,7 +354,7 @@ def _effect(effect: Mapping[str, Any], where: str) -> Effect:
         else:
             values[key] = None if value is None else _finite(value, f"{place}, {key}")
         units[key] = unit
-    return Effect(name, values, units)
+    return ExportedEffect(name, values, units)
 
 
 def _estimates(
@@ -363,9 +363,9 @@ def _estimates(
     name: str,
     missing: dict[str, str],
     where: str,
-) -> Table:
+) -> NumberTable:
     """The parameters in `units` of one part, None where they are absent or not identified."""
-    table: Table = {key: Quantity(None, unit) for key, unit in units.items()}
+    table: NumberTable = {key: ExportedNumber(None, unit) for key, unit in units.items()}
     if part is None:
         missing[name] = _NO_PART
         return table
@@ -376,7 +376,7 @@ def _estimates(
         elif estimate["value"] is None:
             missing[f"{name}.{key}"] = f"not identified ({clean_text(estimate['reason'])})"
         else:
-            table[key] = Quantity(_number(estimate, unit, f"{where}, {name}.{key}"), unit)
+            table[key] = ExportedNumber(_number(estimate, unit, f"{where}, {name}.{key}"), unit)
     return table
 
 
@@ -393,11 +393,11 @@ def _finite(value: Any, where: str) -> float:
     return float(value)
 
 
-def values(table: Table) -> dict[str, float | None]:
+def values(table: NumberTable) -> dict[str, float | None]:
     """The numbers of a table by name."""
     return {name: quantity.value for name, quantity in table.items()}
 
 
-def units(table: Table) -> dict[str, str]:
+def units(table: NumberTable) -> dict[str, str]:
     """The units of a table by name."""
     return {name: quantity.unit for name, quantity in table.items()}

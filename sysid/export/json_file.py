@@ -8,7 +8,7 @@ from typing import Any
 from sysid.export.flat import DIRECTIONS, FORMAT, KINDS, Flat, clean_text, units, values
 from sysid.export.surface_tables import (
     DOMAIN_UNITS,
-    Surface,
+    ExportedSurface,
     coefficient_units,
     domain_arrays,
 )
@@ -84,7 +84,7 @@ def static_name(flat: Flat) -> str:
     return "static_n" if flat.rig.is_linear else "static_nm"
 
 
-def surface_content(surface: Surface | None) -> tuple[dict[str, Any] | None, Any]:
+def surface_content(surface: ExportedSurface | None) -> tuple[dict[str, Any] | None, Any]:
     """A surface's numbers and, of the same shape, their units."""
     if surface is None:
         return None, None

@@ -17,7 +17,7 @@ import numpy as np
 from sysid import __version__
 from sysid.export.flat import DIRECTIONS, KINDS, Flat
 from sysid.export.json_file import content
-from sysid.export.surface_tables import Surface
+from sysid.export.surface_tables import ExportedSurface
 from sysid.surfaces.bipolynomial import Bipolynomial
 
 _HEADER = 116  # bytes of descriptive text at the start of a MAT 5 file
@@ -52,7 +52,7 @@ def _struct(flat: Flat) -> dict[str, Any]:
     return struct
 
 
-def _surface(surface: Surface | None, numbers: dict[str, Any] | None) -> Any:
+def _surface(surface: ExportedSurface | None, numbers: dict[str, Any] | None) -> Any:
     """A surface's struct: matrices in place of the JSON's lists."""
     if surface is None or numbers is None:
         return np.empty((0, 0))
@@ -73,7 +73,7 @@ def _surface(surface: Surface | None, numbers: dict[str, Any] | None) -> Any:
     return {**matrices, **rest}
 
 
-def _surface_units(surface: Surface | None, table: dict[str, Any] | None) -> Any:
+def _surface_units(surface: ExportedSurface | None, table: dict[str, Any] | None) -> Any:
     if surface is None or table is None:
         return np.empty((0, 0))
     rest = {key: table[key] for key in ("scaling", "domain", "errors")}

@@ -7,15 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sysid.errors import input_error
 from sysid.surfaces import surface_from_dict
 from sysid.surfaces.ann import DutyNetwork
 from sysid.surfaces.bipolynomial import EXPONENTS, Bipolynomial
 from sysid.surfaces.domain import Domain
-
-FloatArray = NDArray[np.float64]
+from sysid.types import FloatArray
 
 DOMAIN_UNITS = {
     "pressure_pa": "Pa",
@@ -33,14 +31,14 @@ _ERRORS = {
 
 
 @dataclass(frozen=True)
-class Surface:
+class ExportedSurface:
     """A fitted surface and the errors that the bundle reports for it (name -> value, unit)."""
 
     model: Bipolynomial | DutyNetwork
     errors: dict[str, tuple[float, str]]
 
 
-def read_surface(content: Any, where: str) -> Surface:
+def read_surface(content: Any, where: str) -> ExportedSurface:
     """A surface from its bundle form. Raises InputError for one that cannot be evaluated."""
     if not isinstance(content, Mapping):
         raise input_error(where, "is not a surface", _AGAIN)
@@ -64,7 +62,7 @@ def read_surface(content: Any, where: str) -> Surface:
     }
     if not np.isfinite([value for value, _ in errors.values()]).all():
         raise input_error(where, "an error is not finite", _AGAIN)
-    return Surface(model, errors)
+    return ExportedSurface(model, errors)
 
 
 def _check_numbers(model: Bipolynomial | DutyNetwork, where: str) -> None:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from sysid.errors import input_error
-from sysid.rig import Rig, require_inertia
+from sysid.io.rig import Rig, require_inertia
 
 Array = Any
 """A float, or an array of any library that follows the array API standard."""

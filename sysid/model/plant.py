@@ -12,9 +12,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from sysid.io.channels import SIDES
 from sysid.model import base
 from sysid.model.base import Array, array_namespace
-from sysid.model.ports import SIDES, Model, Point
+from sysid.model.ports import Model, Point
 
 # A chamber that exhausts choked whatever the back pressure.
 _FULL_PA = 1e9

@@ -16,9 +16,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from sysid.io.channels import SIDES
 from sysid.model.base import Array, Parameters
-
-SIDES = ("a", "b")
 
 
 @dataclass(frozen=True)
@@ -222,3 +221,10 @@ def stack_models(models: list[Model]) -> Model:
     ]
     parameters, *effects = join(structure, stacked)
     return Model(parameters, tuple(effects))
+
+
+def has_discrete_law(parameters: Parameters) -> bool:
+    """Whether both valves have their four flow parameters."""
+    laws = [parameters.valve(side) for side in SIDES]
+    flows = (getattr(law, field.name) for law in laws for field in dataclasses.fields(law))
+    return not any(np.isnan(flow).any() for flow in flows)

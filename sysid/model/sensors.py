@@ -7,14 +7,13 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sysid.model.ports import Model
+from sysid.types import FloatArray
 
 if TYPE_CHECKING:
-    from sysid.model.simulate import Inputs, Trajectory
+    from sysid.model.simulator import Inputs, Trajectory
 
-FloatArray = NDArray[np.float64]
 
 VELOCITY_CHANNELS = {"theta_rad": "velocity_rad_per_s", "position_m": "velocity_m_per_s"}
 """Name of the simulated velocity beside a log's position channel."""

@@ -20,11 +20,12 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple, TypeVar
 
+from sysid.io.channels import SIDES
 from sysid.model import base, plant
 from sysid.model._jax import jax, jnp
 from sysid.model.base import Array
 from sysid.model.events import Cubic, apart, first_event, kutta_cubic
-from sysid.model.ports import SIDES, Model, Point
+from sysid.model.ports import Model, Point
 from sysid.model.supply_approach import gap_change
 
 Rates = tuple[Array, ...]
@@ -58,7 +59,7 @@ class Lanes(NamedTuple):
     elapsed: Array
 
 
-class Table(NamedTuple):
+class EventTable(NamedTuple):
     """Sub-steps of every run, arrays (runs, sub-steps); `count` (runs,) of them are real.
 
     `motor` in Nm or N, `open_a` and `open_b` 1 or 0 (averaged valve model: duty),
@@ -304,7 +305,7 @@ def _near_supply(start: Rates, step: Array, setting: Setting) -> dict[str, tuple
     }
 
 
-def advance(lanes: Lanes, table: Table, model: Model, surfaces: tuple[Any, ...]) -> Lanes:
+def advance(lanes: Lanes, table: EventTable, model: Model, surfaces: tuple[Any, ...]) -> Lanes:
     """One step of every run, to its sub-step's end or to the first event before it."""
     run = jnp.arange(lanes.time.shape[0])
     active = lanes.index < table.count
@@ -374,4 +375,4 @@ def _cut(
     )
 
 
-__all__ = ["Chamber", "Lanes", "Setting", "Table", "advance"]
+__all__ = ["Chamber", "EventTable", "Lanes", "Setting", "advance"]

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from sysid.types import BoolArray, FloatArray
+
 DelayPort = Callable[[FloatArray, FloatArray, bool], FloatArray]
 
 TIME_TOLERANCE = 1e-9

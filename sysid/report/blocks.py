@@ -15,7 +15,7 @@ _LONGEST_CELL = 36
 
 
 @dataclass(frozen=True)
-class Table:
+class HtmlTable:
     """A table: the first cell of each row is its header.
 
     `numeric` columns are set to the right, `code` in a fixed width; only `prose` may wrap.
@@ -93,7 +93,7 @@ class Fold:
     kind: Literal["fold"] = "fold"
 
 
-Block = Table | FigureGroup | Plot | Lines | Heading | Fold
+Block = HtmlTable | FigureGroup | Plot | Lines | Heading | Fold
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ def table(
     *,
     text: Sequence[int] = (),
     code: Sequence[int] = (),
-) -> Table:
+) -> HtmlTable:
     """A table whose columns are numbers but for the first and those in `text` and `code`."""
     words = {0, *text, *code}
     numeric = frozenset(i for i in range(len(columns)) if i not in words)
@@ -121,4 +121,4 @@ def table(
         i for i in words.difference(code) if any(len(row[i]) > _LONGEST_CELL for row in rows)
     )
     cells = tuple(tuple(row) for row in rows)
-    return Table(caption, tuple(columns), cells, numeric, frozenset(code), prose)
+    return HtmlTable(caption, tuple(columns), cells, numeric, frozenset(code), prose)

@@ -5,19 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from sysid.report import diagnosis_panels as panels
-from sysid.report.blocks import (
-    Block,
-    Figure,
-    FigureGroup,
-    Fold,
-    Heading,
-    Lines,
-    Section,
-    Table,
-    table,
-)
-from sysid.report.diagnosis_text import (
+from sysid.diagnosis.wording import (
     SMALLEST_P,
     advice,
     errors_by_step,
@@ -25,14 +13,26 @@ from sysid.report.diagnosis_text import (
     parameter_rows,
     sentence,
 )
-from sysid.report.numbers import MISSING, estimate_cells, number
-from sysid.report.traces import channel_of
+from sysid.display.channels import channel_of
+from sysid.display.numbers import MISSING, estimate_cells, number
+from sysid.report import diagnosis_panels as panels
+from sysid.report.blocks import (
+    Block,
+    Figure,
+    FigureGroup,
+    Fold,
+    Heading,
+    HtmlTable,
+    Lines,
+    Section,
+    table,
+)
 
 Content = Mapping[str, Any]
 
 
 def diagnosis_section(content: Content, is_linear: bool) -> Section:
-    """The section of what `sysid.report.findings.content` made of a diagnosis.
+    """The section of what `sysid.diagnosis.content.content` made of a diagnosis.
 
     To be called within `sysid.report.svg.styled()`. Texts are escaped by the template.
     """
@@ -60,7 +60,7 @@ def diagnosis_section(content: Content, is_linear: bool) -> Section:
     return Section("diagnosis", "Diagnosis", intro, tuple(blocks))
 
 
-def effects_table(content: Content, share: str = "Share of the excess, %") -> Table:
+def effects_table(content: Content, share: str = "Share of the excess, %") -> HtmlTable:
     """Every effect that was added; `share` heads the column of what each took."""
     titles = content["figures"]["titles"]
     rows = [
@@ -85,7 +85,7 @@ def short_p(value: float) -> str:
 def parameters_table(
     content: Content,
     caption: str = "Their parameters; errors from leaving out one test at a time",
-) -> Table:
+) -> HtmlTable:
     """The parameters of every effect, with their intervals."""
     rows = []
     for effect in content["effects"]:
@@ -103,7 +103,7 @@ def parameters_table(
 
 def errors_table(
     content: Content, caption: str = "Open-loop RMSE on the held-out tests, whole tests"
-) -> Table:
+) -> HtmlTable:
     """Held-out errors by channel, effect by effect."""
     rows = []
     for name, errors in errors_by_step(content).items():
@@ -164,7 +164,7 @@ def _residuals(content: Content, is_linear: bool) -> list[Block]:
     return [*blocks, _excess_table(content, is_linear)]
 
 
-def _excess_table(content: Content, is_linear: bool) -> Table:
+def _excess_table(content: Content, is_linear: bool) -> HtmlTable:
     def shown(value: float) -> str:
         return number(value) if value > 0.0 else "none"
 

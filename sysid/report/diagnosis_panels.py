@@ -1,6 +1,6 @@
 """The diagnosis' figures: errors step by step, residuals over regressors, gains beside twins'.
 
-Every panel draws numbers that `sysid.report.findings.figures` kept. Ids of a user's own
+Every panel draws numbers that `sysid.diagnosis.content.figures` kept. Ids of a user's own
 effects are drawn without the characters that no id needs.
 """
 
@@ -11,21 +11,20 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sysid.diagnosis.wording import regressor_name
+from sysid.display.channels import Channel
+from sysid.display.numbers import MINUS, number
 from sysid.report import svg
 from sysid.report.blocks import Figure
-from sysid.report.diagnosis_text import regressor_name
 from sysid.report.motion import NOISE_BAND
-from sysid.report.numbers import MINUS, number
 from sysid.report.svg import COLOUR
-from sysid.report.traces import Channel
+from sysid.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure as MatplotlibFigure
 
-FloatArray = NDArray[np.float64]
 
 MOST_SUSPECTS = 8
 """Suspects of one look that are drawn; the table holds all of them."""

@@ -8,19 +8,18 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sysid.display.numbers import MISSING, estimate_cells, fixed, number
 from sysid.errors import NotIdentifiedError
-from sysid.estimation import t_quantile
+from sysid.estimation.linear import t_quantile
 from sysid.report import svg
-from sysid.report.blocks import Block, Figure, FigureGroup, Lines, Section, Table, table
-from sysid.report.numbers import MISSING, estimate_cells, fixed, number
+from sysid.report.blocks import Block, Figure, FigureGroup, HtmlTable, Lines, Section, table
 from sysid.report.svg import COLOUR
+from sysid.types import FloatArray
 
 if TYPE_CHECKING:
     from sysid.friction import SlidingPoints
 
-FloatArray = NDArray[np.float64]
 
 _NAMES = {
     "static": "Static friction",
@@ -78,7 +77,7 @@ def friction_section(friction: Mapping[str, Any], linear: bool) -> Section:
 
 def parameters_table(
     caption: str, content: Mapping[str, Any], name_of: Any, prefix: str = ""
-) -> Table:
+) -> HtmlTable:
     """One row a parameter of a part of the bundle, with its interval and its key there."""
     rows = [
         (name_of(key), *estimate_cells(value), prefix + key)

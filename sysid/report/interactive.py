@@ -19,12 +19,12 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sysid.display.channels import Channel
 from sysid.report import svg
-from sysid.report.traces import MODEL_NAMES, Channel, ShownTest
+from sysid.report.shown_tests import MODEL_NAMES, ShownTest
+from sysid.types import FloatArray
 
-FloatArray = NDArray[np.float64]
 # Bokeh's annotations do not know the keyword arguments that its models take: its objects and
 # modules are left untyped here.
 BokehModel = Any

@@ -6,28 +6,30 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sysid.display.channels import Channel
+from sysid.display.numbers import MISSING, number, percent
 from sysid.report import svg
-from sysid.report.blocks import Block, Figure, FigureGroup, Fold, Lines, Plot, Section, Table, table
-from sysid.report.interactive import overlay_document, overlay_samples
-from sysid.report.numbers import MISSING, number, percent
-from sysid.report.svg import COLOUR, MODEL_STYLES
-from sysid.report.traces import (
-    MODEL_NAMES,
-    Channel,
-    ShownTest,
-    shown_channels,
-    tests_of,
-    tests_to_show,
+from sysid.report.blocks import (
+    Block,
+    Figure,
+    FigureGroup,
+    Fold,
+    HtmlTable,
+    Lines,
+    Plot,
+    Section,
+    table,
 )
+from sysid.report.interactive import overlay_document, overlay_samples
+from sysid.report.shown_tests import MODEL_NAMES, ShownTest, shown_channels, tests_of, tests_to_show
+from sysid.report.svg import COLOUR, MODEL_STYLES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from sysid.validation import HorizonError, LogResult, ValidationResult
 
-FloatArray = NDArray[np.float64]
 
 NOISE_BAND = 1.96
 """Half-width of the noise band in standard deviations: 95 % of pure noise lies inside."""
@@ -59,7 +61,7 @@ def validation_section(validation: ValidationResult) -> Section:
     return Section("validation", "Open-loop validation", tuple(intro), tuple(blocks))
 
 
-def _table(validation: ValidationResult, channel: Channel) -> Table:
+def _table(validation: ValidationResult, channel: Channel) -> HtmlTable:
     unit = channel.residual_unit
     rows = []
     for log in validation.logs:

@@ -8,18 +8,18 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sysid.campaign import FRICTION_KINDS, MOTION_KINDS
-from sysid.files import write_atomic
+from sysid.io.campaign import FRICTION_KINDS, MOTION_KINDS
+from sysid.io.files import write_atomic
 from sysid.report.blocks import Block, Fold, Plot, Section
-from sysid.report.verdict import Verdict, verdict
+from sysid.report.verdict import ReportVerdict, verdict
+from sysid.types import Progress
 
 if TYPE_CHECKING:
-    from sysid.campaign import Campaign
-    from sysid.check import LogCheck
-    from sysid.logs import Log
+    from sysid.checks.log_check import LogCheck
+    from sysid.io.campaign import Campaign
+    from sysid.io.logs import Log
     from sysid.validation import ValidationResult
 
-Progress = Callable[[str], None]
 
 _NOT_DIAGNOSED = "what the model lacks was not looked for (sysid diagnose does)"
 
@@ -38,7 +38,7 @@ def write_report(
 
     Curves are computed anew from the campaign's fit logs and the bundle, so that a later
     process can rebuild the report; `validation` and `checks` are what `sysid.validation` and
-    `sysid.check` found, `diagnosis` what `sysid.report.findings.content` made of one.
+    `sysid.checks.log_check` found, `diagnosis` what `sysid.diagnosis.content.content` made of one.
     Sections whose part is missing are left out, and the page says so.
     Raises InputError where a log cannot be read or the file not be written.
     """
@@ -132,7 +132,7 @@ def _parts(
         if diagnosis is None or "verdict" not in diagnosis:
             return None
         if "component" in diagnosis:
-            from sysid.report.component import component_section
+            from sysid.report.bench import component_section
 
             return component_section(diagnosis)
         return diagnosis_section(diagnosis, campaign.rig.is_linear)
@@ -169,13 +169,13 @@ def _logs(campaign: Campaign, kind: str) -> list[tuple[str | None, Log]]:
 def _fill(
     campaign: Campaign,
     bundle: Mapping[str, Any],
-    judged: Verdict,
+    judged: ReportVerdict,
     sections: Sequence[Section],
     left_out: Sequence[str],
 ) -> str:
     from markupsafe import Markup
 
-    from sysid.report.frame import fill, template_text
+    from sysid.report.html import fill, template_text
     from sysid.report.interactive import bokeh_script
 
     plots = [block for section in sections for block in _plots(section.blocks)]
@@ -200,7 +200,7 @@ def _fill(
 
 def _moment(text: str) -> str:
     """An ISO time to the minute, UTC; anything else as it is."""
-    from sysid.report.frame import moment
+    from sysid.report.html import moment
 
     try:
         return moment(datetime.datetime.fromisoformat(text))

@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from importlib import metadata
 from typing import Any
 
-from sysid.report.blocks import Block, Fold, Section, Table, table
-from sysid.report.numbers import MISSING
+from sysid.display.numbers import MISSING
+from sysid.report.blocks import Block, Fold, HtmlTable, Section, table
 
 _PACKAGES = ("numpy", "scipy", "jax", "torch", "matplotlib", "bokeh")
 
@@ -28,7 +28,7 @@ def provenance_section(bundle: Mapping[str, Any]) -> Section:
     return Section("provenance", "Provenance", (), tuple(blocks))
 
 
-def _made(bundle: Mapping[str, Any]) -> Table:
+def _made(bundle: Mapping[str, Any]) -> HtmlTable:
     rows = [
         ("Bundle fitted", str(bundle.get("created", MISSING))),
         ("By sysid", str(bundle.get("sysid_version", MISSING))),
@@ -43,7 +43,7 @@ def _made(bundle: Mapping[str, Any]) -> Table:
     return table("Versions", ("What", "Version"), rows, text=(1,))
 
 
-def _logs(source: Mapping[str, Any]) -> Table:
+def _logs(source: Mapping[str, Any]) -> HtmlTable:
     rows = [
         (e["file"], e.get("kind", MISSING), "held out" if e["use"] == "holdout" else "fit",
          e["sha256"])
@@ -71,5 +71,5 @@ def _flat(content: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]
     return rows
 
 
-def _rig(content: Mapping[str, Any]) -> Table:
+def _rig(content: Mapping[str, Any]) -> HtmlTable:
     return table("Rig file", ("Key", "Value"), _flat(content), text=(1,))

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sysid.report.blocks import Block, Fold, Lines, Section, Table, table
-from sysid.report.numbers import MISSING, duration, number
+from sysid.display.numbers import MISSING, duration, number
+from sysid.report.blocks import Block, Fold, HtmlTable, Lines, Section, table
 
 if TYPE_CHECKING:
-    from sysid.campaign import Campaign, CampaignLog
-    from sysid.check import LogCheck
+    from sysid.checks.log_check import LogCheck
+    from sysid.io.campaign import Campaign, CampaignLog
 
 _SHOWN_UNITS = {
     "theta_rad": ("angle", "mrad", 1e3),
@@ -47,7 +47,7 @@ def quality_section(campaign: Campaign, checks: Sequence[LogCheck]) -> Section:
     return Section("data", "Data and their quality", intro, tuple(blocks))
 
 
-def _logs_table(pairs: Sequence[tuple[CampaignLog, LogCheck | None]]) -> Table:
+def _logs_table(pairs: Sequence[tuple[CampaignLog, LogCheck | None]]) -> HtmlTable:
     rows = []
     for entry, check in pairs:
         head = (
@@ -90,7 +90,7 @@ def _remarks(check: LogCheck) -> str:
     return "; ".join(found) or "no gaps, nothing saturated"
 
 
-def _channels_table(pairs: Sequence[tuple[CampaignLog, LogCheck]]) -> Table:
+def _channels_table(pairs: Sequence[tuple[CampaignLog, LogCheck]]) -> HtmlTable:
     rows = []
     for entry, check in pairs:
         for channel in check.channels:
@@ -110,7 +110,7 @@ def _channels_table(pairs: Sequence[tuple[CampaignLog, LogCheck]]) -> Table:
     return table("Channels", columns, rows, text=(1, 6))
 
 
-def _identifies_table(pairs: Sequence[tuple[CampaignLog, LogCheck]]) -> Table:
+def _identifies_table(pairs: Sequence[tuple[CampaignLog, LogCheck]]) -> HtmlTable:
     """What a log identifies in one cell; what it does not is not said of each kind of test."""
     rows = []
     for entry, check in pairs:

@@ -7,26 +7,19 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sysid.display.channels import Channel
+from sysid.display.numbers import number
 from sysid.report import svg
 from sysid.report.blocks import Figure, FigureGroup, Section
 from sysid.report.motion import NOISE_BAND
-from sysid.report.numbers import number
+from sysid.report.shown_tests import MODEL_NAMES, ShownTest, shown_channels, speed, tests_of
 from sysid.report.svg import COLOUR
-from sysid.report.traces import (
-    MODEL_NAMES,
-    Channel,
-    ShownTest,
-    shown_channels,
-    speed,
-    tests_of,
-)
+from sysid.types import FloatArray
 
 if TYPE_CHECKING:
     from sysid.validation import ValidationResult
 
-FloatArray = NDArray[np.float64]
 
 _BINS = 28
 _FEWEST = 20

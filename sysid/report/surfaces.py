@@ -7,19 +7,18 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sysid.logs import Log
+from sysid.display.numbers import MISSING, estimate_cells, number
+from sysid.io.logs import Log
+from sysid.io.rig import Rig
 from sysid.report import svg
-from sysid.report.blocks import Block, Figure, FigureGroup, Fold, Heading, Section, Table, table
-from sysid.report.numbers import MISSING, estimate_cells, number
+from sysid.report.blocks import Block, Figure, FigureGroup, Fold, Heading, HtmlTable, Section, table
 from sysid.report.svg import COLOUR, MODEL_STYLES
-from sysid.rig import Rig
+from sysid.types import FloatArray
 
 if TYPE_CHECKING:
     from sysid.surfaces.domain import LevelFlows
 
-FloatArray = NDArray[np.float64]
 
 _NAMES = {"bipolynomial": "Bipolynomial", "ann": "Network"}
 _DIRECTIONS = {"fill": "filling", "discharge": "discharging"}
@@ -85,8 +84,8 @@ def _parts(
 
 def _levels(side: str, logs: Sequence[tuple[str | None, Log]], rig: Rig) -> dict[str, LevelFlows]:
     """Measured flow by direction, sampled from the fit tests as the fit does."""
-    from sysid._valve_pwm.samples import sample_tests
-    from sysid._valve_pwm.selection import Remarks, select_tests
+    from sysid.identification.valve_pwm.samples import sample_tests
+    from sysid.identification.valve_pwm.selection import Remarks, select_tests
     from sysid.surfaces.domain import level_flows
 
     trials = [t for named, log in logs if named in (None, side) for t in log.trials]
@@ -102,7 +101,7 @@ def _levels(side: str, logs: Sequence[tuple[str | None, Log]], rig: Rig) -> dict
 # --- tables ----------------------------------------------------------------------------
 
 
-def _comparison(parts: Sequence[_Measured]) -> Table:
+def _comparison(parts: Sequence[_Measured]) -> HtmlTable:
     """Tables 3.7.2 to 3.7.4 of the thesis for these data."""
     rows = []
     for part in parts:
@@ -166,7 +165,7 @@ def _part_blocks(part: _Measured) -> list[Block]:
     return blocks
 
 
-def _coefficients(part: _Measured) -> Table:
+def _coefficients(part: _Measured) -> HtmlTable:
     rows = []
     for term in part.content["bipolynomial"]["coefficients"]:
         value, std, interval, unit = estimate_cells(term)
@@ -182,7 +181,7 @@ def _powers(text: str) -> str:
     return text
 
 
-def _weights(part: _Measured) -> Table:
+def _weights(part: _Measured) -> HtmlTable:
     ann = part.content["ann"]
     hidden = ann["hidden_weights"]["value"]
     bias, output = ann["hidden_bias"]["value"], ann["output_weights"]["value"]
@@ -198,14 +197,14 @@ def _weights(part: _Measured) -> Table:
     return table(caption, ("Neuron", "From flow", "From pressure", "Bias", "To output"), rows)
 
 
-def _resolution(study: Mapping[str, Any]) -> Table:
+def _resolution(study: Mapping[str, Any]) -> HtmlTable:
     rows = [
         (number(step), number(flow), str(n), "coarsest that will do" if step == study["coarsest"]
          else "")
         for step, flow, n in zip(study["steps"], study["max_flow"], study["tests"], strict=True)
     ]  # fmt: skip
     columns = ("Step of duty", "Largest mean flow (kg/s)", "Tests", "Remark")
-    return table("Resolution of duty (thesis, Table 3.7.1)", columns, rows, text=(3,))
+    return table("Resolution of duty (thesis, HtmlTable 3.7.1)", columns, rows, text=(3,))
 
 
 # --- figures ---------------------------------------------------------------------------

@@ -19,12 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.report.blocks import Figure
+from sysid.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure as MatplotlibFigure
 
-FloatArray = NDArray[np.float64]
 
 # A placeholder a role; style.css gives each its colour in either scheme.
 _ROLES = ("ink", "muted", "grid", "measured", "model", "second", "third", "fourth", "band")

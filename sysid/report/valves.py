@@ -8,19 +8,17 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sysid._valve_discrete.held_chamber import DiscreteValve, pressure_curve
-from sysid._valve_discrete.trials import Piece, screen
-from sysid.logs import Log
+from sysid.display.numbers import number, percent
+from sysid.identification.valve_discrete.held_chamber import DiscreteValve, pressure_curve
+from sysid.identification.valve_discrete.trials import Piece, screen
+from sysid.io.logs import Log
+from sysid.io.rig import Rig
 from sysid.report import svg
-from sysid.report.blocks import Block, Figure, FigureGroup, Section, Table, table
+from sysid.report.blocks import Block, Figure, FigureGroup, HtmlTable, Section, table
 from sysid.report.friction import parameters_table
-from sysid.report.numbers import number, percent
 from sysid.report.svg import COLOUR
-from sysid.rig import Rig
-
-FloatArray = NDArray[np.float64]
+from sysid.types import FloatArray
 
 _NAMES = {
     "choked_flow_fill_kg_s": "Choked filling flow",
@@ -79,7 +77,7 @@ def discrete_section(
     return Section("valves", "On/off valves", intro, tuple(blocks))
 
 
-def _fit_table(fitted: Mapping[str, Any]) -> Table:
+def _fit_table(fitted: Mapping[str, Any]) -> HtmlTable:
     rows = [
         (
             f"Valve {side.upper()}",

@@ -7,10 +7,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from sysid.report.blocks import Table, table
-from sysid.report.diagnosis_text import sentence
-from sysid.report.numbers import number, percent
-from sysid.report.traces import MODEL_NAMES, Channel, shown_channels
+from sysid.diagnosis.wording import sentence
+from sysid.display.channels import Channel
+from sysid.display.numbers import number, percent
+from sysid.report.blocks import HtmlTable, table
+from sysid.report.shown_tests import MODEL_NAMES, shown_channels
 
 if TYPE_CHECKING:
     from sysid.validation import ChannelResult, LogResult, ValidationResult
@@ -20,7 +21,7 @@ _WELL, _ROUGHLY = 90.0, 70.0
 
 
 @dataclass(frozen=True)
-class Verdict:
+class ReportVerdict:
     """`level` ("good", "fair", "poor" or "none") goes with `sentence`; `notes` say what to mind.
 
     `diagnosis` is its verdict in one sentence, empty where there is none.
@@ -28,7 +29,7 @@ class Verdict:
 
     level: str
     sentence: str
-    table: Table | None
+    table: HtmlTable | None
     notes: tuple[str, ...] = ()
     diagnosis: str = ""
 
@@ -53,7 +54,7 @@ def verdict(
     bundle: Mapping[str, Any],
     validation: ValidationResult | None,
     diagnosis: Mapping[str, Any] | None = None,
-) -> Verdict:
+) -> ReportVerdict:
     """Judged on the held-out logs; on those that were fitted, and said so, where none is."""
     judged = _validated(bundle, validation)
     if diagnosis is None or "verdict" not in diagnosis:
@@ -61,7 +62,7 @@ def verdict(
     return replace(judged, diagnosis=sentence(diagnosis))
 
 
-def _validated(bundle: Mapping[str, Any], validation: ValidationResult | None) -> Verdict:
+def _validated(bundle: Mapping[str, Any], validation: ValidationResult | None) -> ReportVerdict:
     notes = tuple(_unidentified(bundle))
     if validation is None:
         parts = [n for k, n in (("friction", "friction"), ("valves", "the valves")) if k in bundle]
@@ -69,13 +70,13 @@ def _validated(bundle: Mapping[str, Any], validation: ValidationResult | None) -
             f"Parameters of {' and '.join(parts) or 'nothing'} were identified; whether the model "
             "follows the rig's motion has not been tried (sysid validate does)."
         )
-        return Verdict("none", said, None, notes)
+        return ReportVerdict("none", said, None, notes)
     held = validation.select("holdout")
     logs = _primary(held or validation.logs)
     present = {name for log in logs for name in log.channels}
     pooled = [_pool(logs, c) for c in shown_channels(validation) if c.key in present]
     if not pooled:
-        return Verdict("none", "No motion log could be simulated.", None, notes)
+        return ReportVerdict("none", "No motion log could be simulated.", None, notes)
     level = _level(pooled)
     tests = sum(len(log.tests) for log in logs)
     basis = f"{tests} test{'s' * (tests != 1)} " + (
@@ -84,7 +85,7 @@ def _validated(bundle: Mapping[str, Any], validation: ValidationResult | None) -
     said = f"{_opening(level)} on {basis}, simulated open loop, {_figures(pooled)}."
     models = sorted({MODEL_NAMES[log.model] for log in logs})
     others = _other_models(held or validation.logs, logs)
-    return Verdict(level, said, _table(pooled, models), (*others, *notes))
+    return ReportVerdict(level, said, _table(pooled, models), (*others, *notes))
 
 
 def _primary(logs: Sequence[LogResult]) -> list[LogResult]:
@@ -154,7 +155,7 @@ def _figures(pooled: Sequence[_Pooled]) -> str:
     return ", ".join(said[:-1]) + (" and " if len(said) > 1 else "") + said[-1]
 
 
-def _table(pooled: Sequence[_Pooled], models: Sequence[str]) -> Table:
+def _table(pooled: Sequence[_Pooled], models: Sequence[str]) -> HtmlTable:
     rows = [
         (
             f"{p.channel.title} ({p.channel.residual_unit})",
@@ -193,9 +194,9 @@ def _other_models(logs: Sequence[LogResult], primary: Sequence[LogResult]) -> It
 
 
 def _positions() -> list[Channel]:
-    from sysid.report.traces import _CHANNELS
+    from sysid.display.channels import ACTUATOR_CHANNELS
 
-    return [c for c in _CHANNELS if not c.key.startswith("pressure")]
+    return [c for c in ACTUATOR_CHANNELS if not c.key.startswith("pressure")]
 
 
 def _unidentified(content: Any, path: str = "") -> Iterator[str]:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
         resolution_study,
     )
     from sysid.surfaces.domain import Domain, Saturation
-    from sysid.surfaces.points import SurfacePoints, surface_points, thin_samples
+    from sysid.surfaces.samples import SurfacePoints, surface_points, thin_samples
 
 _MODULES = {
     "Bipolynomial": "bipolynomial",
@@ -36,13 +36,13 @@ _MODULES = {
     "SizeSweep": "ann",
     "SurfaceComparison": "comparison",
     "SurfaceError": "comparison",
-    "SurfacePoints": "points",
+    "SurfacePoints": "samples",
     "compare_surfaces": "comparison",
     "duty_errors": "comparison",
     "resolution_study": "comparison",
-    "surface_points": "points",
+    "surface_points": "samples",
     "sweep_hidden_size": "ann",
-    "thin_samples": "points",
+    "thin_samples": "samples",
 }
 
 __all__ = [

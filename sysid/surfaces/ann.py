@@ -10,17 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sysid.errors import NotIdentifiedError, input_error
-from sysid.surfaces._estimator import (
-    FloatArray,
-    Regressor,
-    checked_samples,
-    checked_weights,
-    columns,
-)
-from sysid.surfaces._holdout import group_folds, hold_out_groups
 from sysid.surfaces.domain import ROUNDING, Domain, Saturation, duty_levels
+from sysid.surfaces.estimator import Regressor, checked_samples, checked_weights, columns
 from sysid.surfaces.inverse import FlagArray, broadcast_inputs, finish, invert_rising
-from sysid.surfaces.points import thin_samples
+from sysid.surfaces.left_out import group_folds, hold_out_groups
+from sysid.surfaces.samples import thin_samples
+from sysid.types import FloatArray
 
 
 class DutyNetwork(Regressor):
@@ -123,13 +118,13 @@ class DutyNetwork(Regressor):
     ) -> None:
         import torch
 
-        from sysid.surfaces import _lm
+        from sysid.surfaces import network_training
 
         scaled = [
             (v - centre) / half
             for v, (centre, half) in zip((flow, pressure, duty), self.scaling_, strict=True)
         ]
-        whole = _lm.Samples(
+        whole = network_training.Samples(
             torch.as_tensor(np.stack(scaled[:2])),
             torch.as_tensor(scaled[2]),
             torch.as_tensor(root_weight / root_weight.mean()),
@@ -137,8 +132,8 @@ class DutyNetwork(Regressor):
         children = np.random.SeedSequence(self.seed).generate_state(self.restarts)
         self.restart_seeds_ = [int(s) for s in children]
         with torch.no_grad():
-            result = _lm.train(
-                _lm.initial_weights(self.restart_seeds_, self.hidden),
+            result = network_training.train(
+                network_training.initial_weights(self.restart_seeds_, self.hidden),
                 whole.part(torch.as_tensor(np.flatnonzero(~held))),
                 whole.part(torch.as_tensor(np.flatnonzero(held))),
                 self.max_iter,

@@ -8,15 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sysid.errors import NotIdentifiedError, input_error
-from sysid.surfaces._estimator import (
-    FloatArray,
-    Regressor,
-    checked_samples,
-    checked_weights,
-    columns,
-)
 from sysid.surfaces.domain import ROUNDING, Domain, Saturation
+from sysid.surfaces.estimator import Regressor, checked_samples, checked_weights, columns
 from sysid.surfaces.inverse import FlagArray, broadcast_inputs, finish, invert_quadratic
+from sysid.types import FloatArray
 
 N_TERMS = 9
 # Thesis 3.7.1: a1 to i1 multiply u^i P^j in this order.

@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sysid.errors import NotIdentifiedError
-from sysid.surfaces._estimator import FloatArray, checked_samples
-from sysid.surfaces._holdout import group_folds
 from sysid.surfaces.ann import DutyNetwork
 from sysid.surfaces.bipolynomial import N_TERMS, Bipolynomial
 from sysid.surfaces.domain import Domain, level_flows
-from sysid.surfaces.points import SurfacePoints, surface_points
+from sysid.surfaces.estimator import checked_samples
+from sysid.surfaces.left_out import group_folds
+from sysid.surfaces.samples import SurfacePoints, surface_points
+from sysid.types import FloatArray
 
 # The network has 4.6 times the parameters and no closed inverse; it must earn them.
 WORTHWHILE_RATIO = 0.75

@@ -25,9 +25,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sysid.errors import NotIdentifiedError, input_error
-from sysid.surfaces._estimator import FloatArray, checked_samples
-
-IntArray = NDArray[np.intp]
+from sysid.surfaces.estimator import checked_samples
+from sysid.types import FloatArray, IntArray
 
 PRESSURE_BINS = 64
 GRID_NODES = 25

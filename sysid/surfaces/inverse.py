@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.surfaces._estimator import FloatArray
 from sysid.surfaces.domain import Saturation
+from sysid.types import FloatArray
 
 FlagArray = NDArray[np.uint8]
 

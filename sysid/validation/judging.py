@@ -6,12 +6,13 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sysid.campaign import CampaignLog
-from sysid.rig import Rig
+from sysid.io.campaign import CampaignLog
+from sysid.io.channels import SIDES
+from sysid.io.rig import Rig
+from sysid.types import FloatArray
 from sysid.validation import residual_tests
-from sysid.validation.motion_tests import PRESSURES, SIDES, MotionTest
+from sysid.validation.motion_tests import CHAMBER_PRESSURES, MotionTest
 from sysid.validation.results import (
     HORIZONS_S,
     ChannelResult,
@@ -19,8 +20,6 @@ from sysid.validation.results import (
     HorizonError,
     TestResult,
 )
-
-FloatArray = NDArray[np.float64]
 
 
 def judged(
@@ -36,7 +35,7 @@ def judged(
     `whole` (3, rows) is the simulation of all of it: position and pressures; `parts` those
     of its segments.
     """
-    names = (rig.position_channel, *PRESSURES)
+    names = (rig.position_channel, *CHAMBER_PRESSURES)
     counted = test.counted(test.whole)
     inputs = _named_inputs(test, rig)
     channels, growth, logged = {}, {}, []

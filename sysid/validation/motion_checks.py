@@ -8,14 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.errors import input_error
-from sysid.kinds import rows_per_period
-from sysid.logs import Trial
+from sysid.io.channels import CHAMBER_PRESSURES
+from sysid.io.logs import Trial
+from sysid.io.rig import Rig, require_inertia
+from sysid.io.trial_kind import rows_per_period
 from sysid.model import base
-from sysid.rig import Rig, require_inertia
+from sysid.types import FloatArray
 
-FloatArray = NDArray[np.float64]
-
-PRESSURES = ("pressure_a_pa", "pressure_b_pa")
 MARGIN_OF_STROKE = 0.01
 """Samples nearer to an end stop than this share of the stroke are left out."""
 MIN_ROWS = 20
@@ -36,7 +35,7 @@ def check_channels(trial: Trial, kind: str, rig: Rig) -> None:
         needed.append(rig.effort_channel)
     else:
         prefix = "duty" if kind == "motion-pwm" else "valve"
-        needed += [f"{prefix}_a", f"{prefix}_b", *PRESSURES]
+        needed += [f"{prefix}_a", f"{prefix}_b", *CHAMBER_PRESSURES]
     trial.require(needed, f"which simulating a {kind} test needs")
     if len(trial) < MIN_ROWS:
         raise input_error(

@@ -15,21 +15,22 @@ from numpy.typing import NDArray
 
 from sysid import signals
 from sysid.errors import input_error
-from sysid.kinds import rows_per_ripple
-from sysid.logs import Trial
+from sysid.io.channels import CHAMBER_PRESSURES, SIDES
+from sysid.io.logs import Trial
+from sysid.io.rig import Rig
+from sysid.io.trial_kind import rows_per_ripple
 from sysid.model import timing
-from sysid.rig import Rig
+from sysid.types import FloatArray, IntArray
 from sysid.validation.motion_checks import (
     MIN_ROWS,
-    PRESSURES,
     check_at_rest,
     check_channels,
     check_sampling,
     near_end_stop,
 )
 from sysid.validation.start_states import (
+    ChannelNoise,
     InitialState,
-    Noise,
     ValveEdges,
     half_window,
     state_at_rest,
@@ -37,11 +38,8 @@ from sysid.validation.start_states import (
     valve_edges,
 )
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
 Commands = tuple[FloatArray | None, FloatArray | None]
 
-SIDES = ("a", "b")
 # A segment may start this share of its length after its place on the even grid.
 _SLACK = 0.25
 
@@ -79,7 +77,7 @@ class MotionTest:
     pulsed: bool
     measured: FloatArray
     near_stop: NDArray[np.bool_]
-    noise: Noise
+    noise: ChannelNoise
     whole: Segment
     segments: tuple[Segment, ...] = ()
     notices: tuple[str, ...] = ()
@@ -158,7 +156,7 @@ def _commands(trial: Trial, kind: str) -> Commands:
 
 def _measured(trial: Trial, rig: Rig, notices: list[str]) -> FloatArray:
     rows = [trial[rig.position_channel]]
-    for name in PRESSURES:
+    for name in CHAMBER_PRESSURES:
         if name in trial:
             rows.append(trial[name])
         else:
@@ -170,8 +168,10 @@ def _measured(trial: Trial, rig: Rig, notices: list[str]) -> FloatArray:
     return np.array(rows, dtype=float)
 
 
-def channel_noise(measured: FloatArray, stride: int = 1, declared_pa: float | None = None) -> Noise:
-    """Noise of one sample of position and pressures (3, n), from the samples themselves.
+def channel_noise(
+    measured: FloatArray, stride: int = 1, declared_pa: float | None = None
+) -> ChannelNoise:
+    """ChannelNoise of one sample of position and pressures (3, n), from the samples themselves.
 
     Where the rig file declares the pressure sensors' noise (`declared_pa`), that is taken.
     Under PWM the pressures ripple with the pulses, which is no noise: `stride` rows apart
@@ -191,7 +191,7 @@ def channel_noise(measured: FloatArray, stride: int = 1, declared_pa: float | No
         long_enough = [c for c in combs if len(c) >= MIN_ROWS] or [row]
         floors = [signals.noise_floor(c, step).total for c in long_enough]
         totals.append(math.sqrt(float(np.mean(np.square(floors)))))
-    return Noise(np.array(totals), signals.quantum(measured[0]))
+    return ChannelNoise(np.array(totals), signals.quantum(measured[0]))
 
 
 # --- where segments start --------------------------------------------------------------
@@ -253,4 +253,4 @@ def _best_start(
     return int(rows[0]) if rows.size else None
 
 
-__all__ = ["PRESSURES", "SIDES", "MotionTest", "Segment", "channel_noise", "prepare"]
+__all__ = ["CHAMBER_PRESSURES", "SIDES", "MotionTest", "Segment", "channel_noise", "prepare"]

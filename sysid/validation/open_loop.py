@@ -9,25 +9,25 @@ with the horizon, as an open-loop position drifts.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sysid.bundle import check_log_unchanged, check_not_fitted
-from sysid.campaign import MOTION_KINDS, Campaign, CampaignLog
-from sysid.errors import NotIdentifiedError, input_error
-from sysid.logs import Log
-from sysid.model.effects.serialise import Catalogue
-from sysid.model.from_bundle import (
+from sysid.bundle.assembled_model import (
     SURFACE_KINDS,
-    has_discrete_law,
     model_from_bundle,
     negative_friction,
     surfaces_from_bundle,
 )
-from sysid.model.ports import Model
-from sysid.rig import Rig
+from sysid.bundle.content import check_log_unchanged, check_not_fitted
+from sysid.errors import NotIdentifiedError, input_error
+from sysid.io.campaign import MOTION_KINDS, Campaign, CampaignLog
+from sysid.io.logs import Log
+from sysid.io.rig import Rig
+from sysid.model.effects.serialise import Catalogue
+from sysid.model.ports import Model, has_discrete_law
+from sysid.types import Progress
 from sysid.validation.judging import judged
 from sysid.validation.motion_tests import MotionTest, prepare
 from sysid.validation.results import (
@@ -44,8 +44,6 @@ DISCRETE = "discrete"
 _OFFSET_EFFECT = "torque-offset"
 VALVE_MODELS = (DISCRETE, *SURFACE_KINDS)
 _NO_VALVES = "fit valve-discrete tests of both valves, or valve-pwm tests, into the bundle"
-
-Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
+from sysid.types import FloatArray, IntArray
 
 ALARM_RATE = 0.05
 WHITENESS_LAGS = 25

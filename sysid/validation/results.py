@@ -8,12 +8,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sysid.types import FloatArray
 from sysid.validation import residual_tests
 from sysid.validation.residual_tests import CorrelationTest
-
-FloatArray = NDArray[np.float64]
 
 HORIZONS_S = (0.1, 1.0)
 """Horizons beside the whole log, s."""

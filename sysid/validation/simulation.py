@@ -7,16 +7,15 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sysid.model.ports import Model
 from sysid.model.sensors import measured_channels, true_start
-from sysid.validation.motion_tests import PRESSURES, MotionTest, Segment
+from sysid.types import FloatArray
+from sysid.validation.motion_tests import CHAMBER_PRESSURES, MotionTest, Segment
 
 if TYPE_CHECKING:
-    from sysid.model.simulate import Inputs
+    from sysid.model.simulator import Inputs
 
-FloatArray = NDArray[np.float64]
 
 # Runs in one call of the simulator: one compiled shape serves every call.
 _LANES = 32
@@ -36,7 +35,7 @@ def simulate_segments(
     Effects count time from the test's start.
     Raises RuntimeError where a simulation does not stay finite: never a number in silence.
     """
-    from sysid.model.simulate import simulate
+    from sysid.model.simulator import simulate
 
     models = [model] * len(segments) if isinstance(model, Model) else list(model)
     inputs = [
@@ -52,14 +51,14 @@ def simulate_segments(
         runs = simulate([inputs[i] for i in padded], [models[i] for i in padded], surfaces)
         for i, run in zip(group, runs, strict=False):
             shown = measured_channels(run, position, models[i], inputs[i].elapsed)
-            found[i] = np.array([shown[name] for name in (position, *PRESSURES)])
+            found[i] = np.array([shown[name] for name in (position, *CHAMBER_PRESSURES)])
             if not np.isfinite(found[i]).all():
                 raise RuntimeError(f"{segments[i][0].source}: the simulation does not stay finite")
     return [found[i] for i in range(len(inputs))]
 
 
 def _inputs(test: MotionTest, segment: Segment) -> Inputs:
-    from sysid.model.simulate import Inputs, ValveCommand
+    from sysid.model.simulator import Inputs, ValveCommand
 
     rows = slice(segment.start, segment.stop)
     valves = [

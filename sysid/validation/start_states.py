@@ -8,11 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.io.rig import Rig
 from sysid.model import timing
-from sysid.rig import Rig
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
+from sysid.types import FloatArray, IntArray
 
 # A test's rest is averaged over at most this time, s.
 _REST_S = 0.2
@@ -37,7 +35,7 @@ class InitialState:
 
 
 @dataclass(frozen=True)
-class Noise:
+class ChannelNoise:
     """Standard deviation of one sample of each channel, (3,): position, pressures A and B.
 
     `quantum` is the encoder's resolution, 0 where none shows.
@@ -94,7 +92,7 @@ def valve_edges(time: FloatArray, command: FloatArray | None, pulsed: bool, rig:
 def state_at_rest(
     time: FloatArray,
     measured: FloatArray,
-    noise: Noise,
+    noise: ChannelNoise,
     edges: tuple[ValveEdges, ValveEdges],
 ) -> InitialState:
     """State at a test's first row: the mean while no valve has opened and nothing has moved.
@@ -129,7 +127,7 @@ def state_within(
     at: float,
     time: FloatArray,
     measured: FloatArray,
-    noise: Noise,
+    noise: ChannelNoise,
     edges: tuple[ValveEdges, ValveEdges],
     stride: int | None,
 ) -> InitialState:
@@ -186,7 +184,7 @@ class _LocalFit:
 
 
 def _position(
-    since: FloatArray, position: FloatArray, noise: Noise, halves: list[float]
+    since: FloatArray, position: FloatArray, noise: ChannelNoise, halves: list[float]
 ) -> _LocalFit:
     """Position and velocity; a shaft that shows no motion at all is at rest."""
     near = np.abs(since) < halves[0]

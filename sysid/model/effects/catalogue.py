@@ -13,6 +13,7 @@ from types import ModuleType
 from sysid.errors import input_error
 from sysid.model.effects import bench, chamber, friction, linkage, motor, sensor, supply, valve
 from sysid.model.effects.entry import CatalogueEffect, Quantity
+from sysid.model.effects.serialise import Catalogue
 
 AMBIGUOUS_CLASSES: tuple[frozenset[str], ...] = (
     frozenset(
@@ -148,4 +149,12 @@ def _check_entry(where: str, effect: type[CatalogueEffect]) -> None:
         raise input_error(where, f"no quantity names {', '.join(unnamed)}", "add a Quantity")
 
 
-__all__ = ["AMBIGUOUS_CLASSES", "catalogue", "class_of", "load_user_effects"]
+def catalogue_with(path: Path | None) -> Catalogue:
+    """The catalogue of effects, with those of a user's file (None: no file) beside them.
+
+    Runs the file. Raises InputError where it cannot be used.
+    """
+    return catalogue() if path is None else {**catalogue(), **load_user_effects(path)}
+
+
+__all__ = ["AMBIGUOUS_CLASSES", "catalogue", "catalogue_with", "class_of", "load_user_effects"]

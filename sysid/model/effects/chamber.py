@@ -8,10 +8,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from sysid.io.channels import SIDES
 from sysid.model import base
 from sysid.model.base import Array, Parameters, array_namespace
 from sysid.model.effects.entry import CatalogueEffect, Quantity, of_side
-from sysid.model.ports import SIDES, Point
+from sysid.model.ports import Point
 
 # The shortest time constant that the simulator's explicit steps of 1 ms follow, s.
 _SHORTEST_LAG_S = 1e-3

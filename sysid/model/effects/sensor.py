@@ -11,13 +11,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sysid.io.channels import SIDES
 from sysid.model.base import Array, Parameters
 from sysid.model.effects.entry import CatalogueEffect, Quantity, of_side
-from sysid.model.ports import SIDES
-
-FloatArray = NDArray[np.float64]
+from sysid.types import FloatArray
 
 POSITION_CHANNELS = ("theta_rad", "position_m")
 

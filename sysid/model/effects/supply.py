@@ -11,10 +11,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from sysid.io.channels import SIDES
 from sysid.model import base
 from sysid.model.base import Array, array_namespace
 from sysid.model.effects.entry import CatalogueEffect, Quantity
-from sysid.model.ports import SIDES, Point
+from sysid.model.ports import Point
 
 # How often the flows of both chambers are adapted to each other.
 _SWEEPS = 2

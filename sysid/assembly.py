@@ -1,0 +1,214 @@
+"""A campaign's tests to one bundle: every pipeline on its own tests, the results assembled."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, Protocol
+
+from sysid.bundle.content import merge_valves, new_bundle
+from sysid.errors import NotIdentifiedError
+from sysid.friction import fit_friction
+from sysid.io.campaign import (
+    BENCH_KINDS,
+    FRICTION_KINDS,
+    MOTION_KINDS,
+    Campaign,
+    CampaignLog,
+)
+from sysid.io.logs import Trial
+from sysid.io.rig import Rig
+from sysid.types import Progress, no_progress
+from sysid.valve_discrete import fit_valve_discrete
+from sysid.valve_pwm import fit_valve_pwm
+
+
+class PartResult(Protocol):
+    """What every pipeline returns."""
+
+    @property
+    def remarks(self) -> tuple[str, ...]: ...
+
+    @property
+    def notices(self) -> tuple[str, ...]: ...
+
+    def to_json(self) -> dict[str, Any]: ...
+
+
+@dataclass
+class _Assembly:
+    """A campaign's bundle while its parts come in."""
+
+    campaign: Campaign
+    progress: Progress
+    parts: dict[str, Any] = field(default_factory=dict)
+    remarks: list[str] = field(default_factory=list)
+    notices: list[str] = field(default_factory=list)
+
+    def read(self, entries: Sequence[CampaignLog]) -> list[Trial]:
+        """All trials of these entries."""
+        trials: list[Trial] = []
+        for entry in entries:
+            log = self.campaign.read(entry)
+            self.notices += log.notices
+            trials += log.trials
+        return trials
+
+    def add(self, name: str, fit: Callable[[], PartResult]) -> dict[str, Any]:
+        """A pipeline's part; empty, with a notice, where the tests do not identify it."""
+        self.progress(name)
+        try:
+            result = fit()
+        except NotIdentifiedError as error:
+            self.notices.append(str(error))
+            return {}
+        self.remarks += result.remarks
+        self.notices += result.notices
+        return result.to_json()
+
+
+@dataclass(frozen=True)
+class CampaignFit:
+    """A campaign's bundle, and what to say about its fits."""
+
+    bundle: dict[str, Any]
+    remarks: tuple[str, ...]
+    notices: tuple[str, ...]
+
+
+def fit_campaign(
+    campaign: Campaign,
+    *,
+    surface: str = "both",
+    seed: int = 0,
+    progress: Progress = no_progress,
+) -> CampaignFit:
+    """Every part that a campaign's training logs can identify, in one bundle.
+
+    A part whose tests the campaign lacks, or that they cannot identify, is left out of the
+    bundle with a notice. Raises NotIdentifiedError where nothing at all can be fitted.
+    `progress` is told the name of each part as its fit begins.
+    """
+    assembly = _Assembly(campaign, progress)
+    assembly.notices += [*campaign.notices, *campaign.rig.notices]
+    _add_friction(assembly)
+    _add_valves(assembly, surface, seed)
+    _add_bench(assembly)
+    if not assembly.parts:
+        raise NotIdentifiedError(
+            f"{campaign.path}: no fit log identifies anything; add friction or valve tests with "
+            'use = "fit"'
+        )
+    bundle = new_bundle(
+        campaign.rig,
+        assembly.parts,
+        # On motion logs only a diagnosis fits.
+        [s for s in campaign.sources() if s.use == "holdout" or s.kind not in MOTION_KINDS],
+        seeds={"valve-pwm": seed},
+        options={"valve-pwm": {"surface": surface}},
+    )
+    return CampaignFit(bundle, tuple(assembly.remarks), tuple(assembly.notices))
+
+
+def _add_friction(assembly: _Assembly) -> None:
+    entries = assembly.campaign.select(FRICTION_KINDS)
+    if not entries:
+        return
+    trials: list[Trial] = []
+    kinds: list[str] = []
+    for entry in entries:
+        own = assembly.read([entry])
+        trials += own
+        kinds += [entry.kind] * len(own)
+    rig = assembly.campaign.rig
+    part = assembly.add("friction", lambda: fit_friction(trials, rig, kind=kinds))
+    if part:
+        assembly.parts["friction"] = part
+
+
+@dataclass(frozen=True)
+class _BenchFit:
+    """The law of a part on a bench, as a pipeline returns it."""
+
+    part: dict[str, Any]
+    remarks: tuple[str, ...] = ()
+    notices: tuple[str, ...] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        return self.part
+
+
+def _add_bench(assembly: _Assembly) -> None:
+    """The law of a tank or a valve that was tested alone."""
+    for kind in BENCH_KINDS:
+        entries = assembly.campaign.select([kind])
+        if entries:
+            fit = partial(_bench_fit, kind, assembly.read(entries), assembly.campaign.rig)
+            for key, part in assembly.add(kind, fit).items():
+                known = assembly.parts.get(key, {})
+                assembly.parts[key] = merge_valves(known, part) if key == "valves" else part
+
+
+def _bench_fit(kind: str, trials: list[Trial], rig: Rig) -> _BenchFit:
+    from sysid.diagnosis.bench.fitting import fit_law
+    from sysid.diagnosis.bench.registry import component_of
+
+    component = component_of(kind, trials, rig)
+    fitted = fit_law(component, (), range(len(component.tests)))
+    return _BenchFit(component.part(fitted.base_estimates()))
+
+
+@dataclass(frozen=True)
+class _ValveJob:
+    """One valve pipeline on the trials of the entries that name the same valve."""
+
+    kind: str
+    valve: str | None
+    trials: list[Trial]
+    rig: Rig
+    surface: str
+    seed: int
+
+    @property
+    def name(self) -> str:
+        return self.kind if self.valve is None else f"{self.kind}, valve {self.valve.upper()}"
+
+    def fit(self) -> tuple[dict[str, Any], tuple[str, ...], tuple[str, ...]]:
+        """The part, remarks and notices; an empty part where nothing is identified."""
+        try:
+            result: PartResult
+            if self.kind == "valve-discrete":
+                result = fit_valve_discrete(self.trials, self.rig, valve=self.valve)
+            else:
+                result = fit_valve_pwm(
+                    self.trials, self.rig, valve=self.valve, surface=self.surface, seed=self.seed
+                )
+        except NotIdentifiedError as error:
+            return {}, (), (str(error),)
+        return result.to_json(), tuple(result.remarks), tuple(result.notices)
+
+
+def _add_valves(assembly: _Assembly, surface: str, seed: int) -> None:
+    """Both kinds of valve test, each valve a job of its own; the jobs share the cores."""
+    jobs = []
+    for kind in ("valve-pwm", "valve-discrete"):
+        entries = assembly.campaign.select([kind])
+        # Entries that do not say which valve are told by what moves.
+        for valve in dict.fromkeys(e.valve for e in entries):
+            trials = assembly.read([e for e in entries if e.valve == valve])
+            jobs.append(_ValveJob(kind, valve, trials, assembly.campaign.rig, surface, seed))
+    if not jobs:
+        return
+    import joblib
+
+    assembly.progress("; ".join(job.name for job in jobs))
+    workers = min(len(jobs), joblib.cpu_count())
+    found = joblib.Parallel(n_jobs=workers)(joblib.delayed(job.fit)() for job in jobs)
+    valves: dict[str, Any] = {}
+    for part, remarks, notices in reversed(found):
+        valves = merge_valves(valves, part)
+        assembly.remarks += remarks
+        assembly.notices += notices
+    if valves:
+        assembly.parts["valves"] = valves

@@ -1,0 +1,205 @@
+"""What a log is good for: its data quality, and which parameters it can identify."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sysid import signals
+from sysid.checks import identifiability as identifiable
+from sysid.checks.identifiability import Identification
+from sysid.identification.friction.effort import classify_trial
+from sysid.io.channels import PRESSURES
+from sysid.io.logs import Log, Trial, read_log
+from sysid.io.rig import Rig, find_rig_file, read_rig
+from sysid.io.trial_kind import is_active, is_held, rows_per_ripple
+from sysid.io.units import parse_map
+from sysid.types import FloatArray
+
+# A sample is late when it comes this many periods after the one before.
+_GAP_PERIODS = 1.5
+_FEWEST_SAMPLES = 16
+_MOST_TESTS_FOR_NOISE = 9
+# A sensor that dithers does not repeat a reading this often by chance.
+_STUCK_RUN = 25
+
+
+@dataclass(frozen=True)
+class ChannelCheck:
+    """One channel over all tests of a log; noise and quantum in the channel's unit.
+
+    `noise_std` is the noise floor (one standard deviation), `quantum` the smallest step
+    between readings (0: none seen). `stuck_s` is the longest time for which a dithering
+    sensor repeats one reading, `saturated_share` the share of samples in such stretches at
+    the channel's highest or lowest reading.
+    """
+
+    name: str
+    low: float
+    high: float
+    quantum: float
+    noise_std: float | None
+    stuck_s: float
+    saturated_share: float
+
+
+@dataclass(frozen=True)
+class LogCheck:
+    """What `sysid check` says of one log. Times in s."""
+
+    file: str
+    kinds: dict[str, int]
+    tests: int
+    rows: int
+    duration_s: float
+    period_s: float
+    jitter_s: float
+    gaps: int
+    longest_gap_s: float
+    channels: tuple[ChannelCheck, ...]
+    excitation: tuple[str, ...]
+    identifies: tuple[Identification, ...]
+    notices: tuple[str, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain dictionaries and lists."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, content: dict[str, Any]) -> LogCheck:
+        """What `to_json` gave."""
+        return cls(
+            **{
+                **content,
+                "channels": tuple(ChannelCheck(**c) for c in content["channels"]),
+                "excitation": tuple(content["excitation"]),
+                "identifies": tuple(Identification(**i) for i in content["identifies"]),
+                "notices": tuple(content["notices"]),
+            }
+        )
+
+
+def check_logs(
+    paths: Sequence[Path], rig_path: Path | None, maps: Sequence[str] = ()
+) -> list[LogCheck]:
+    """Check each log with the rig file given, or the one nearest to it. Raises InputError."""
+    mapping = parse_map(maps)
+    checks = []
+    for path in paths:
+        rig = read_rig(rig_path or find_rig_file(path))
+        checks.append(check_log(read_log(path, rig, mapping), rig))
+    return checks
+
+
+def check_log(log: Log, rig: Rig) -> LogCheck:
+    """Check one log as read."""
+    steps = np.concatenate([np.diff(t.time) for t in log.trials])
+    period = float(np.median(steps))
+    late = steps > _GAP_PERIODS * period
+    regular = steps[~late]
+    kinds: dict[str, int] = {}
+    by_kind: dict[str, list[Trial]] = {}
+    for trial in log.trials:
+        kind = kind_of(trial, rig) or "nothing commanded"
+        kinds[kind] = kinds.get(kind, 0) + 1
+        by_kind.setdefault(kind, []).append(trial)
+    channels = _measured_channels(log, rig)
+    return LogCheck(
+        file=str(log.path),
+        kinds=kinds,
+        tests=len(log.trials),
+        rows=sum(len(t) for t in log.trials),
+        duration_s=float(sum(t.time[-1] - t.time[0] for t in log.trials)),
+        period_s=period,
+        jitter_s=float(np.std(regular)),
+        gaps=int(np.count_nonzero(late)),
+        longest_gap_s=float(np.max(steps)) if late.any() else 0.0,
+        channels=tuple(check_channel(log, name, rig) for name in channels),
+        excitation=tuple(identifiable.excitation(by_kind, rig)),
+        identifies=tuple(identifiable.identifications(by_kind, rig)),
+        notices=log.notices,
+    )
+
+
+def _measured_channels(log: Log, rig: Rig) -> list[str]:
+    present = log.trials[0].channels
+    names = [rig.position_channel, *PRESSURES, "temperature_k", rig.effort_channel]
+    return [n for n in names if n in present]
+
+
+def check_channel(log: Log, name: str, rig: Rig) -> ChannelCheck:
+    """Range, resolution, noise, stuck and saturated stretches of one channel."""
+    parts = [t[name] for t in log.trials]
+    values = np.concatenate(parts)
+    quantum = signals.quantum(values)
+    noise = _noise([c for t in log.trials for c in _combs(t, name, rig)], quantum)
+    stuck_s, saturated = 0.0, 0
+    dithers = noise is not None and noise > 0.5 * quantum
+    if name in PRESSURES and (dithers or np.ptp(values) == 0.0):
+        low, high = float(np.min(values)), float(np.max(values))
+        for trial in log.trials:
+            for start, stop in _runs(trial[name], _STUCK_RUN):
+                stuck_s = max(stuck_s, float(trial.time[stop - 1] - trial.time[start]))
+                if low < high and trial[name][start] in (low, high):
+                    saturated += stop - start
+    return ChannelCheck(
+        name=name,
+        low=float(np.min(values)),
+        high=float(np.max(values)),
+        quantum=quantum,
+        noise_std=noise,
+        stuck_s=stuck_s,
+        saturated_share=saturated / len(values),
+    )
+
+
+def _combs(trial: Trial, name: str, rig: Rig) -> list[FloatArray]:
+    """A channel's samples, (n,) each, without the ripple of a valve under PWM, which is no noise.
+
+    Rows a whole number of PWM periods apart see the same point of a pulse.
+    """
+    values = trial[name]
+    if name not in PRESSURES or rig.pwm is None or not is_active(trial, "duty_a", "duty_b"):
+        return [values]
+    stride = rows_per_ripple(trial, rig)
+    combs = [values[start::stride] for start in {0, stride // 2}]
+    return [c for c in combs if len(c) >= _FEWEST_SAMPLES] or [values]
+
+
+def _noise(parts: Sequence[FloatArray], quantum: float) -> float | None:
+    """Median of the tests' noise floors: one disturbed test does not raise it.
+
+    A file of many tests is judged by some of them, spread over it.
+    """
+    long = [p for p in parts if len(p) >= _FEWEST_SAMPLES]
+    some = long[:: -(-len(long) // _MOST_TESTS_FOR_NOISE)] if long else []
+    floors = [signals.noise_floor(p, quantum).noise for p in some]
+    return float(np.median(floors)) if floors else None
+
+
+def _runs(values: FloatArray, shortest: int) -> list[tuple[int, int]]:
+    """[start, stop) of every stretch of at least `shortest` equal samples."""
+    edges = np.flatnonzero(np.diff(values) != 0.0) + 1
+    bounds = np.concatenate([[0], edges, [len(values)]])
+    lengths = np.diff(bounds)
+    return [(int(bounds[i]), int(bounds[i + 1])) for i in np.flatnonzero(lengths >= shortest)]
+
+
+def kind_of(trial: Trial, rig: Rig) -> str | None:
+    """The trial's kind as in `spec/log-format.md`; None where nothing is commanded.
+
+    A motion under the motor alone is called `friction-motion`: what it can identify is the
+    same as that of `motion-motor`.
+    """
+    held = is_held(trial, rig)
+    if is_active(trial, "duty_a", "duty_b"):
+        return "valve-pwm" if held else "motion-pwm"
+    if is_active(trial, "valve_a", "valve_b"):
+        return "valve-discrete" if held else "motion-discrete"
+    if is_active(trial, rig.effort_channel) and rig.position_channel in trial:
+        return classify_trial(trial, rig)
+    return None

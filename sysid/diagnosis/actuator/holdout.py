@@ -1,0 +1,84 @@
+"""Before and after: open-loop simulation of the motion logs that nothing was fitted on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.diagnosis.actuator.twins import Scatter, SensorNoise, scattered
+from sysid.io.campaign import MOTION_KINDS
+from sysid.io.logs import Log
+from sysid.io.rig import Rig
+from sysid.model.ports import Model
+from sysid.types import FloatArray
+from sysid.validation import simulate_segments
+from sysid.validation.motion_tests import MotionTest, prepare
+
+_HORIZON_S = 1.0
+# Draws of the tests' friction for the noise floor; the squares of these many are averaged.
+_DRAWS = 8
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """The held-out motion tests of a campaign, ready for the simulator."""
+
+    rig: Rig
+    tests: tuple[MotionTest, ...]
+
+    def simulated(self, model: Model | Sequence[Model], times: int = 1) -> list[FloatArray]:
+        """(3, n) position and pressures of every test, `times` over (models in that order)."""
+        runs = [(test, test.whole) for _ in range(times) for test in self.tests]
+        return simulate_segments(runs, model, (), self.rig.position_channel)
+
+    def rmse(self, model: Model) -> FloatArray:
+        """Open-loop RMSE of each channel, (3,), pooled over the tests; NaN where not logged.
+
+        A test counts up to where it comes to an end stop (the model has none).
+        """
+        squares, count = np.zeros(3), np.zeros(3)
+        for test, run in zip(self.tests, self.simulated(model), strict=True):
+            n = test.counted(test.whole)
+            gap = (test.measured - run)[:, :n]
+            logged = np.isfinite(test.measured[:, :n]).all(axis=1)
+            # A simulation that runs away has an error without bound, not an unknown one.
+            off = np.nan_to_num(gap[logged], nan=np.inf)
+            squares[logged] += np.sum(off**2, axis=1)
+            count[logged] += n
+        with np.errstate(invalid="ignore"):
+            return np.asarray(np.sqrt(squares / count))
+
+    def noise_floor(
+        self, model: Model, noise: SensorNoise, scatter: Scatter, seed: int
+    ) -> FloatArray:
+        """RMSE of each channel, (3,), that the model would show if it were right.
+
+        Sensor noise and quantisation, and what the scatter of friction from test to test
+        makes of an open-loop simulation.
+        """
+        if scatter.static == scatter.sliding == 0.0:
+            return noise.total
+        rng = np.random.default_rng(seed)
+        count = len(self.tests)
+        models = [scattered(model, scatter, rng) for _ in range(_DRAWS * count)]
+        nominal, drawn = self.simulated(model), self.simulated(models, _DRAWS)
+        squares, rows = np.zeros(3), 0
+        for i, run in enumerate(drawn):
+            test = self.tests[i % count]
+            n = test.counted(test.whole)
+            squares += np.sum((run - nominal[i % count])[:, :n] ** 2, axis=1)
+            rows += n
+        return np.asarray(np.sqrt(squares / rows + noise.total**2))
+
+
+def held_out(rig: Rig, logs: Sequence[tuple[str, Log]]) -> HeldOut:
+    """The motion tests of held-out logs, given as (kind, log). Raises InputError."""
+    tests = [
+        prepare(trial, kind, rig, _HORIZON_S)
+        for kind, log in logs
+        if kind in MOTION_KINDS
+        for trial in log.trials
+    ]
+    return HeldOut(rig, tuple(t for t in tests if t.counted(t.whole) >= 2))

@@ -1,0 +1,105 @@
+"""The whole loop for one campaign: residual, twins, suspects, extended model, before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+from sysid.diagnosis.actuator.bias_correction import corrected
+from sysid.diagnosis.actuator.null_distribution import Null
+from sysid.diagnosis.actuator.samples import Traces, prepare
+from sysid.diagnosis.actuator.screening import projected
+from sysid.diagnosis.actuator.search import Search, search
+from sysid.diagnosis.actuator.signatures import candidates
+from sysid.diagnosis.actuator.twins import Scatter, SensorNoise, sensor_noise, simulate_twins
+from sysid.diagnosis.actuator.whitening import Frame, build_frame, friction_scatter, noise_of
+from sysid.errors import SimulationError
+from sysid.io.logs import Trial
+from sysid.io.rig import Rig
+from sysid.model.effects.entry import CatalogueEffect
+from sysid.model.ports import Model
+
+TWINS = 4
+CORRECTION_TWINS = 2
+_SCATTER_LIMIT = 0.1
+
+
+@dataclass(frozen=True)
+class Loop:
+    """Everything that the loop found on the logs to fit on.
+
+    `scatter` is friction's from test to test as the twins have it, `scatter_after` as the
+    extended model leaves it.
+    """
+
+    traces: Traces
+    noise: SensorNoise
+    scatter: Scatter
+    scatter_after: Scatter
+    null: Null
+    search: Search
+
+
+def close_loop(
+    tests: Sequence[tuple[str, str, Trial]],
+    rig: Rig,
+    model: Model,
+    catalogue: Iterable[type[CatalogueEffect]],
+    *,
+    simulation_error: Callable[[Model], float],
+    seed: int = 0,
+    progress: Callable[[str], None] = lambda line: None,
+) -> Loop:
+    """Find what a fitted model lacks on tests given as (file, kind, trial), `fit` ones only.
+
+    `simulation_error` is the logarithm of a model's error on the fitted motion logs: of the
+    numbers with and without the twins' correction, those that simulate better are kept.
+    """
+    noise = sensor_noise(tests, rig)
+    traces = prepare(tests, rig, model)
+    forms = candidates(effect for effect in catalogue if not effect.averaged_only)
+    # The noise's colour in the residuals comes from a twin; scatter does not matter to it.
+    pilot = next(iter(simulate_twins(traces, model, noise, Scatter(), 1, seed + 1, rig)))
+    colour = noise_of(pilot, model)
+    bare = projected(build_frame(traces, model, colour, 0.0), model)
+    spread = min(friction_scatter(bare.frame, bare.rest), _SCATTER_LIMIT)
+    scatter = Scatter(spread, spread)
+    progress(f"friction scatters by {100 * spread:.1f} % from test to test")
+
+    def frame_of(some: Traces) -> Frame:
+        return build_frame(some, model, colour, spread)
+
+    progress(f"simulating {TWINS} twins")
+    judged = [
+        projected(frame_of(twin), model)
+        for twin in simulate_twins(traces, model, noise, scatter, TWINS, seed, rig)
+    ]
+    null = Null(judged, forms)
+    found = search(frame_of(traces), model, forms, null, progress, simulation_error)
+    if found.steps:
+        progress("correcting the numbers by twins of the extended model")
+        found = _corrected(found, traces, noise, rig, frame_of, simulation_error, seed + 2)
+    after = build_frame(traces, found.model, colour, 0.0)
+    left = min(friction_scatter(after, projected(after, found.model).rest), spread)
+    return Loop(traces, noise, scatter, Scatter(left, left), null, found)
+
+
+def _corrected(
+    found: Search,
+    traces: Traces,
+    noise: SensorNoise,
+    rig: Rig,
+    frame_of: Callable[[Traces], Frame],
+    simulation_error: Callable[[Model], float],
+    seed: int,
+) -> Search:
+    """The search with its numbers corrected by twins, where that simulates better."""
+    try:
+        twins = simulate_twins(traces, found.model, noise, Scatter(), CORRECTION_TWINS, seed, rig)
+        other = corrected(found, [frame_of(twin) for twin in twins if twin.is_finite()])
+        return min(found, other, key=lambda s: simulation_error(s.model))
+    except SimulationError:
+        return found
+
+
+__all__ = ["Loop", "close_loop"]

@@ -1,0 +1,119 @@
+"""What scores and sums look like where nothing is missing: the twins' screening."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from sysid.diagnosis.actuator.equation_error import CHANNELS
+from sysid.diagnosis.actuator.screening import Projected, screen_group
+from sysid.diagnosis.actuator.signatures import Candidate
+from sysid.types import FloatArray
+
+_SMALLEST_P = 1e-300
+# Real noise may be this much stronger than the twins' before it counts as structure.
+_NOISIEST = 1.6
+# A gain beyond this many times the first twin's is worth asking the others.
+_ASK_AGAIN = 2.0
+# A rig's numerics may bias a gain's root by this factor against its twins'.
+MARGIN = 1.3
+
+
+class Null:
+    """Twins' residuals, and what each effect gains on them where it is asked for.
+
+    `sums` maps a channel to the twins' whitened sums of squares a row, (twins,), `typical`
+    to those of the middling stretch. `family` is the number of forms that are looked at.
+    """
+
+    def __init__(self, twins: Sequence[Projected], forms: Sequence[Candidate]) -> None:
+        self._twins = tuple(twins)
+        self._forms = tuple(forms)
+        self._gains: dict[str, FloatArray] = {}
+        self.family = len(forms)
+        self.sums = {
+            name: np.array([_mean_square(twin, name) for twin in twins]) for name in CHANNELS
+        }
+        self.typical = {
+            name: np.array([typical_square(twin, name) for twin in twins]) for name in CHANNELS
+        }
+
+    def calibrate(self, gains: Mapping[str, float], least: float) -> None:
+        """Screen the twins for these effects, given with what they gain on the logs.
+
+        Where the first twin shows as much, or the gain is below `least`, the others need not
+        be asked.
+        """
+        self._screen(gains, self._twins[:1])
+        clear = [e for e, g in gains.items() if g > max(_ASK_AGAIN * self._gains[e][0], least)]
+        self._screen(clear, self._twins[1:])
+
+    def _screen(self, effects: Iterable[str], twins: Sequence[Projected]) -> None:
+        from joblib import Parallel, delayed
+
+        known = 0 if twins and twins[0] is self._twins[0] else 1
+        wanted = [e for e in effects if len(self._gains.get(e, ())) == known]
+        forms = {e: [f for f in self._forms if f.id == e] for e in wanted}
+        jobs = [(e, twin) for e in wanted for twin in twins]
+        found = Parallel(n_jobs=-1)(delayed(screen_group)(twin, forms[e]) for e, twin in jobs)
+        for (e, _), results in zip(jobs, found, strict=True):
+            best = max((r.gain for r in results), default=0.0)
+            self._gains[e] = np.append(self._gains.get(e, np.zeros(0)), best)
+
+    def gains(self, effect: str) -> FloatArray:
+        """The best gain of an effect on each twin that was asked, (twins,)."""
+        return self._gains[effect]
+
+    def p_value(self, effect: str, gain: float, strengths: int) -> float:
+        """Chance that any form in the catalogue gains so much where nothing is missing.
+
+        The root of an effect's gain is taken for normal about its mean among the twins,
+        which a real rig's own numerics may exceed by some share; the family is controlled by
+        Bonferroni's bound.
+        """
+        from scipy.stats import norm
+
+        roots = np.sqrt(np.maximum(self.gains(effect), float(strengths)))
+        spread = max(1.0, float(np.std(roots, ddof=1)) if len(roots) > 1 else 1.0)
+        distance = (math.sqrt(gain) - MARGIN * float(np.mean(roots))) / spread
+        return min(1.0, max(self.family * float(norm.sf(distance)), _SMALLEST_P))
+
+    def ratio(self, effect: str, gain: float) -> float:
+        """A gain over the largest that a twin shows (at least 10: noise alone)."""
+        return gain / max(float(np.max(self.gains(effect))), 10.0)
+
+    def excess(self, base: Projected) -> dict[str, float]:
+        """Each channel's sum of squares beyond any twin's; negative where below."""
+        found = {}
+        for name in CHANNELS:
+            own = base.rest[base.frame.rows(name)]
+            level = max(1.0, typical_square(base, name) / float(np.median(self.typical[name])))
+            expected = float(np.max(self.sums[name])) * min(level, _NOISIEST)
+            found[name] = float(own @ own) - len(own) * expected
+        return found
+
+    def spread(self, base: Projected, channel: str) -> float:
+        """How far twins' sums of squares lie apart in a channel: one standard deviation."""
+        rows = base.frame.rows(channel)
+        count = rows.stop - rows.start
+        sums = self.sums[channel]
+        relative = 1.48 * float(np.median(np.abs(sums - np.median(sums))))
+        return float(count) * max(relative, math.sqrt(2.0 / max(count, 1)))
+
+
+def typical_square(base: Projected, channel: str) -> float:
+    """Whitened square a row in the middling stretch of a channel: noise, where most are calm."""
+    view = base.frame.windows[channel]
+    if len(view) == 0:
+        return 1.0
+    squares = base.rest[base.frame.rows(channel)] ** 2
+    counts = np.bincount(view.stretch)
+    means = np.bincount(view.stretch, squares) / np.maximum(counts, 1)
+    return float(np.median(np.repeat(means, counts)))
+
+
+def _mean_square(base: Projected, channel: str) -> float:
+    own = base.rest[base.frame.rows(channel)]
+    return float(own @ own) / max(len(own), 1)

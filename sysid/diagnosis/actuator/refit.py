@@ -1,0 +1,235 @@
+"""Effects' own numbers: nonlinear least squares of the whitened equation error.
+
+The base parameters go along, each in the balance that it belongs to.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.diagnosis.actuator.equation_error import CHANNELS, channels_of
+from sysid.diagnosis.actuator.screening import Projected
+from sysid.diagnosis.actuator.signatures import base_jacobian, base_parameters, channel_of
+from sysid.diagnosis.actuator.whitening import Frame
+from sysid.estimation.nonlinear import LeastSquaresFit, Parameter, minimise
+from sysid.model.effects.entry import CatalogueEffect, Quantity, with_values
+from sysid.model.ports import Model
+from sysid.types import FloatArray, IntArray
+
+_EVALUATIONS = 20
+_TOLERANCE = 1e-4
+# One-sided differences: half the evaluations, and a fit to 1e-4 needs no more.
+_STEP = 1e-5
+# What a threshold does goes in steps, pulse by pulse: its slope is that of a chord.
+THRESHOLD_STEP = 0.05
+_MOST_FACTOR = 5.0
+# Whitened squares: what noise alone hardly gives one test.
+_CLEAR_GAIN = 20.0
+_BASE_STEPS = 6
+_MOST_STEP = 0.5
+_SMALL_STEP = 1e-4
+# Of the length of its column without effects: what a base parameter has to keep to be refitted.
+_LEAST_REACH = 0.02
+
+
+@dataclass(frozen=True)
+class Refit:
+    """Effects with their numbers fitted, and what they take of a residual.
+
+    `before` (rows,) is the residual without them, `rest` (rows,) what is left of it; `fit`
+    holds the effects' parameters by "id/name", in the effects' order, then the base
+    parameters' factors.
+    """
+
+    effects: tuple[CatalogueEffect, ...]
+    before: FloatArray
+    rest: FloatArray
+    fit: LeastSquaresFit
+
+    @property
+    def gain(self) -> float:
+        """The fall of the whitened sum of squares."""
+        return float(self.before @ self.before - self.rest @ self.rest)
+
+    @property
+    def effect(self) -> CatalogueEffect:
+        """The last effect: the one that was added to those before it."""
+        return self.effects[-1]
+
+    @property
+    def id(self) -> str:
+        return self.effect.id
+
+    def wald(self, tests: IntArray) -> float:
+        """How clearly the last effect's strengths differ from 0: s' C^-1 s over their number.
+
+        C is the jackknife's over the tests (rows,): what one test alone shows does not count.
+        The shape stays as fitted: where there is no effect it is nothing, and short tests of a
+        drift tell no more than its slope. A strength that is stuck at a bound other than 0 is
+        clear of it. A threshold has no slope that C could come from: there it is the squared z
+        of a sign test, of the tests that gain or lose clearly.
+        """
+        stuck = self.fit.diagnosis.at_bound
+        strong = [q for q in type(self.effect).quantities if q.is_strength]
+        if any(f"{self.id}/{q.name}" in stuck and getattr(self.effect, q.name) for q in strong):
+            return math.inf
+        if any(is_threshold(q) for q in strong):
+            gains = np.bincount(tests, weights=self.before**2 - self.rest**2)
+            won = int(np.count_nonzero(gains > _CLEAR_GAIN))
+            lost = int(np.count_nonzero(gains < -_CLEAR_GAIN))
+            return (won - lost) * abs(won - lost) / max(won + lost, 1)
+        shapes = {f"{self.id}/{q.name}" for q in type(self.effect).shapes()}
+        fit = self.fit.holding(shapes)
+        covariance = fit.jackknife_covariance(tests)
+        places = [fit.names.index(f"{self.id}/{q.name}") for q in strong]
+        strengths = fit.values[places]
+        inverse = np.linalg.pinv(covariance[np.ix_(places, places)], hermitian=True)
+        return float(strengths @ inverse @ strengths) / len(places)
+
+
+def refit(base: Projected, starts: Sequence[CatalogueEffect]) -> Refit:
+    """Fit the effects' strengths and shapes from a start, beside the model's own effects.
+
+    The base parameters of the balances that the effects reach are fitted along: an effect
+    that replaces a law changes what they do.
+    """
+    others = (*base.model.effects, *starts)
+    channels = tuple(c for c in CHANNELS if any(c in channels_of(e, others) for e in starts))
+    touched = base.frame.belongs(channels)
+    names = [n for n in base_parameters(base.model) if channel_of(n) in channels]
+    parameters = [*_own_parameters(starts), *(_relative(n) for n in names)]
+    count = len(parameters) - len(names)
+    quantities = [q for e in starts for q in type(e).quantities]
+    shares = [THRESHOLD_STEP if is_threshold(q) else _STEP for q in quantities]
+    shares += [_STEP] * len(names)
+
+    def model_of(values: FloatArray) -> Model:
+        given = base.model
+        factors = zip(names, values[count:], strict=True)
+        changes = {n: getattr(given.parameters, n) * f for n, f in factors}
+        effects = (*given.effects, *with_values(starts, values[:count]))
+        return Model(given.parameters.replace(**changes), effects)
+
+    def whitened(values: FloatArray, some: tuple[str, ...] = channels) -> FloatArray:
+        return base.frame.residual(model_of(values), some)
+
+    def residuals(values: FloatArray) -> FloatArray:
+        return base.beside_extra(np.where(touched, whitened(values), base.rest))
+
+    def jacobian(values: FloatArray) -> FloatArray:
+        here, columns = whitened(values), []
+        for i, parameter in enumerate(parameters):
+            step = shares[i] * max(abs(values[i]), 1e-2 * parameter.size)
+            moved = np.array(values)
+            moved[i] += step if values[i] + step <= parameter.upper else -step
+            some = channels if i < count else (channel_of(names[i - count]),)
+            change = np.where(base.frame.belongs(some), whitened(moved, some) - here, 0.0)
+            columns.append(change / (moved[i] - values[i]))
+        return base.beside_extra(np.column_stack(columns))
+
+    fit = minimise(
+        residuals,
+        parameters,
+        jacobian=jacobian,
+        tolerance=_TOLERANCE,
+        max_evaluations=_EVALUATIONS,
+        polish=False,
+    )
+    return Refit(with_values(starts, fit.values[:count]), base.rest, fit.residuals, fit)
+
+
+def is_threshold(quantity: Quantity) -> bool:
+    """Whether an effect is not proportional to it: screening tries it at sizes of its own."""
+    return quantity.is_strength and bool(quantity.grid)
+
+
+def _own_parameters(effects: Sequence[CatalogueEffect]) -> list[Parameter]:
+    return [
+        Parameter(
+            f"{e.id}/{q.name}",
+            float(np.clip(getattr(e, q.name), q.lower, q.upper)),
+            q.unit,
+            q.lower,
+            q.upper,
+            abs(q.typical),
+        )
+        for e in effects
+        for q in type(e).quantities
+    ]
+
+
+def _relative(name: str) -> Parameter:
+    """A base parameter over what the bundle says."""
+    return Parameter(name, 1.0, "-", 1.0 / _MOST_FACTOR, _MOST_FACTOR, 1.0)
+
+
+def with_base_refitted(base: Projected, model: Model) -> Model:
+    """A model whose base parameters take what is left of the residual: Gauss-Newton steps.
+
+    `base` is the model's without its effects. For as long as they lower it, and to within a
+    factor of 5 of what they were. One that an effect leaves hardly any influence stays: it
+    would step anywhere, and where the effect does not act (a flow that runs backwards) it
+    still counts.
+    """
+    names = base_parameters(model)
+    given = np.array([float(getattr(model.parameters, n)) for n in names])
+    factors, best, least = np.ones(len(names)), model, math.inf
+    for _ in range(_BASE_STEPS):
+        residual = base.frame.residual(model)
+        power = float(residual @ residual)
+        if not power < least:
+            break
+        best, least = model, power
+        step = linear_step(reaching_columns(base, base.frame, model, residual), residual)
+        moved = factors * (1.0 + np.clip(step, -_MOST_STEP, _MOST_STEP))
+        moved = np.clip(moved, 1.0 / _MOST_FACTOR, _MOST_FACTOR)
+        if float(np.max(np.abs(moved / factors - 1.0))) < _SMALL_STEP:
+            break
+        factors = moved
+        changes = dict(zip(names, (given * factors).tolist(), strict=True))
+        model = Model(model.parameters.replace(**changes), model.effects)
+    return best
+
+
+def reaching_columns(
+    base: Projected, frame: Frame, model: Model, residual: FloatArray
+) -> FloatArray:
+    """`base_jacobian` (rows, p) of a model with effects, 0 where they leave hardly anything.
+
+    `base` is the model's without them, on any frame.
+    """
+    columns = base_jacobian(frame, model, residual, base_parameters(model))
+    columns[:, np.linalg.norm(columns, axis=0) <= _LEAST_REACH * base.reach] = 0.0
+    return columns
+
+
+def linear_step(columns: FloatArray, residual: FloatArray) -> FloatArray:
+    """The step (k,) along columns (rows, k) that takes most of a residual (rows,).
+
+    0 along a column of zeros.
+    """
+    size = np.linalg.norm(columns, axis=0)
+    size[size == 0.0] = np.inf
+    return np.asarray(-np.linalg.lstsq(columns / size, residual, rcond=1e-6)[0] / size)
+
+
+def standard_errors(base: Projected, extra: FloatArray) -> dict[str, float]:
+    """Standard errors of the base parameters beside `extra` columns (rows, k), in their units.
+
+    From the whitened squares that are left, so that what no effect explains widens them.
+    """
+    names = base_parameters(base.model)
+    jacobian = np.hstack([base_jacobian(base.frame, base.model, base.residual, names), extra])
+    size = np.linalg.norm(jacobian, axis=0)
+    size[size == 0.0] = 1.0
+    spread = max(float(base.rest @ base.rest) / len(base.rest), 1.0)
+    covariance = np.linalg.pinv((jacobian / size).T @ (jacobian / size), hermitian=True) * spread
+    relative = np.sqrt(np.diag(covariance)) / size
+    return {
+        name: float(abs(getattr(base.model.parameters, name)) * relative[i])
+        for i, name in enumerate(names)
+    }

@@ -1,0 +1,107 @@
+"""What a diagnosis says: verdict, effects, errors before and after, and what was tried."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from sysid.diagnosis.actuator.loop import Loop
+from sysid.diagnosis.actuator.search import Suspect
+from sysid.diagnosis.actuator.unexplained import Unexplained
+from sysid.estimation.linear import Estimate
+from sysid.model.effects.entry import CatalogueEffect
+from sysid.model.ports import Model
+
+Verdict = Literal["adequate", "effects-found", "unexplained"]
+
+
+@dataclass(frozen=True)
+class BeforeAfter:
+    """RMSE on the held-out logs, in the channel's unit; `noise_floor` if the model were right."""
+
+    before: float
+    after: float
+    noise_floor: float | None = None
+
+    def to_json(self) -> dict[str, float]:
+        """The numbers by name, those that are known."""
+        return {k: v for k, v in vars(self).items() if v is not None}
+
+
+@dataclass(frozen=True)
+class FoundEffect:
+    """An effect that was added: its numbers, what it gained, and what may be it as well.
+
+    `share`: of the residual's excess over noise on the fitted logs; `holdout` by channel,
+    before and after this effect was added; `advice` says which test would settle it.
+    """
+
+    effect: CatalogueEffect
+    estimates: Mapping[str, Estimate]
+    p_value: float
+    share: float
+    holdout: Mapping[str, BeforeAfter]
+    ambiguous_with: tuple[str, ...]
+    advice: str
+    suspects: tuple[Suspect, ...]
+
+    @property
+    def id(self) -> str:
+        return self.effect.id
+
+    def to_json(self) -> dict[str, Any]:
+        """As `sysid diagnose --json` prints it (spec/cli.md)."""
+        labels = {q.name: q.label for q in type(self.effect).quantities}
+        parameters: dict[str, Any] = {
+            labels[name]: estimate.to_json() for name, estimate in self.estimates.items()
+        }
+        if type(self.effect).has_side():
+            parameters["side"] = getattr(self.effect, "side")  # noqa: B009
+        return {
+            "id": self.id,
+            "parameters": parameters,
+            "p_value": self.p_value,
+            "share": self.share,
+            "holdout_rmse": {name: errors.to_json() for name, errors in self.holdout.items()},
+            "ambiguous_with": list(self.ambiguous_with),
+            "advice": self.advice,
+        }
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The verdict on a campaign and a bundle, with all that led to it.
+
+    `residual`: pooled RMSE on the held-out logs by channel. `model`: the extended model.
+    `rejected`: suspects of the last look, none of which was added. `loop`: what was found
+    on the logs that were fitted on, step by step.
+    """
+
+    verdict: Verdict
+    effects: tuple[FoundEffect, ...]
+    residual: Mapping[str, BeforeAfter]
+    unexplained: tuple[Unexplained, ...]
+    model: Model
+    rejected: tuple[Suspect, ...]
+    loop: Loop
+    seed: int
+    notices: tuple[str, ...] = ()
+
+    @property
+    def base_std(self) -> Mapping[str, float]:
+        """Standard errors of the refitted base parameters, in their units."""
+        return self.loop.search.base_std
+
+    def to_json(self) -> dict[str, Any]:
+        """What `sysid diagnose --json` prints (spec/cli.md)."""
+        return {
+            "verdict": self.verdict,
+            "effects": [effect.to_json() for effect in self.effects],
+            "residual": {name: errors.to_json() for name, errors in self.residual.items()},
+            "unexplained": [entry.to_json() for entry in self.unexplained],
+            "rejected": [{"id": s.id, "gain": s.gain, "p_value": s.p_value} for s in self.rejected],
+            "friction_scatter": self.loop.scatter.sliding,
+            "seed": self.seed,
+            "notices": list(self.notices),
+        }

@@ -1,0 +1,371 @@
+"""The logs of a campaign as one long table of smoothed samples, and windows that average it.
+
+Equation errors are taken in weak form: a residual that is computed sample by sample is
+averaged under Hann windows, which weigh the measured and the modelled side alike. All tests
+lie end to end in the same arrays, so that the model's ports are evaluated once for all.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sysid import signals
+from sysid.errors import input_error
+from sysid.io.logs import Trial
+from sysid.io.rig import Rig
+from sysid.io.trial_kind import is_held
+from sysid.model.ports import Model
+from sysid.model.timing import OpenIntervals
+from sysid.types import BoolArray, FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+    from sysid.model.simulator import Inputs
+
+
+# Smoothing of the channels before they enter the equations, Hz. The commands are not
+# smoothed: what is nonlinear in pressure or velocity has to see the true ones.
+PRESSURE_CUTOFF_HZ = 350.0
+POSITION_CUTOFF_HZ = 150.0
+VELOCITY_CUTOFF_HZ = 60.0
+WINDOW_S = 0.020
+SPACING_S = 0.010
+# At rest: slower than this share of the rig's high speed.
+_REST_SPEED = 0.004
+# Around a reversal the shaft may stick, however short.
+_REVERSAL_S = 0.012
+# Time at a test's ends where smoothing is one-sided.
+_SEAM_S = 0.015
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Samples to be looked at: `index` (m,) into the arrays of traces; equal only to itself."""
+
+    index: IntArray
+
+
+@dataclass(frozen=True)
+class TestRun:
+    """One test of the campaign: its log's kind, its rows in the arrays, and its commands.
+
+    `moves`: the shaft is free (not held), so that its torque balance counts.
+    """
+
+    label: str
+    file: str
+    kind: str
+    rows: slice
+    period: float
+    inputs: Inputs
+    moves: bool
+
+
+# Equal only to itself: what is derived from traces is kept by them.
+@dataclass(frozen=True, eq=False)
+class Traces:
+    """Samples of all tests end to end, arrays (n,), SI; what the ports are evaluated at.
+
+    `position`, `pressure_a`, `pressure_b` are smoothed; `velocity`, `acceleration`,
+    `rate_a`, `rate_b` are their central differences; `motor` is the command's mean around
+    the sample and `open_a`, `open_b` the share of the time around it in which a valve is
+    open. `direction` is the velocity's sign, 0 at rest. `supply` is the measured
+    supply pressure, the declared one where it is not logged.
+    """
+
+    runs: tuple[TestRun, ...]
+    time: FloatArray
+    position: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    pressure_a: FloatArray
+    pressure_b: FloatArray
+    rate_a: FloatArray
+    rate_b: FloatArray
+    motor: FloatArray
+    open_a: FloatArray
+    open_b: FloatArray
+    direction: FloatArray
+    supply: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def pressure(self, side: str) -> FloatArray:
+        """Chamber pressure, Pa."""
+        return self.pressure_a if side == "a" else self.pressure_b
+
+    def is_finite(self) -> bool:
+        """Whether every channel is a number everywhere."""
+        channels = (self.acceleration, self.rate_a, self.rate_b)
+        return all(bool(np.isfinite(channel).all()) for channel in channels)
+
+    @lru_cache(maxsize=8)  # noqa: B019 - `equation_error.forget` ends it
+    def at(self, rows: Rows) -> Traces:
+        """These rows alone, of no test in particular."""
+        names = [f.name for f in fields(self) if f.name != "runs"]
+        return replace(self, runs=(), **{n: getattr(self, n)[rows.index] for n in names})
+
+    def with_measured(
+        self, position: FloatArray, pressure_a: FloatArray, pressure_b: FloatArray
+    ) -> Traces:
+        """The same tests with other positions and pressures as measured."""
+        return replace(self, **_derived(self.runs, position, pressure_a, pressure_b))
+
+    def with_channels(
+        self, position: FloatArray, pressure_a: FloatArray, pressure_b: FloatArray
+    ) -> Traces:
+        """The same tests with other smoothed positions and pressures, derivatives renewed."""
+        return replace(self, **_differentiated(self.runs, position, pressure_a, pressure_b))
+
+    def with_opening(self, open_a: FloatArray, open_b: FloatArray) -> Traces:
+        """The same tests with the valves open at other times."""
+        return replace(self, open_a=open_a, open_b=open_b)
+
+
+def prepare(tests: Sequence[tuple[str, str, Trial]], rig: Rig, model: Model) -> Traces:
+    """Traces of tests, each given as (file, kind, trial). Raises InputError.
+
+    A test that does not log a pressure has its chamber at the atmosphere. Tests too short
+    for a window are left out.
+    """
+    from sysid.model.trials import inputs_from_trial, starts_on_supply
+
+    runs: list[TestRun] = []
+    parts: list[dict[str, FloatArray]] = []
+    start = 0
+    for file, kind, trial in tests:
+        if len(trial) * trial.period < 3.0 * WINDOW_S:
+            continue
+        uniform = _uniform(trial, rig)
+        on = starts_on_supply(uniform, rig) if kind == "valve-pwm" else (False, False)
+        inputs = inputs_from_trial(uniform, rig, on)
+        stop = start + len(uniform)
+        moves = not kind.startswith("valve") and not is_held(trial, rig)
+        period = float(uniform.time[1] - uniform.time[0])
+        runs.append(TestRun(trial.label, file, kind, slice(start, stop), period, inputs, moves))
+        parts.append(_channels(uniform, rig, inputs))
+        start = stop
+    if not runs:
+        raise input_error("diagnosis", "no test is long enough", "log tests of a second or more")
+    joined = {name: np.concatenate([p[name] for p in parts]) for name in parts[0]}
+    return Traces(
+        runs=tuple(runs),
+        time=joined["time"],
+        motor=joined["motor"],
+        open_a=opening(runs, model, "a"),
+        open_b=opening(runs, model, "b"),
+        supply=smooth(runs, joined["supply"], PRESSURE_CUTOFF_HZ),
+        **_derived(tuple(runs), *(joined[n] for n in ("position", "pressure_a", "pressure_b"))),
+    )
+
+
+def _uniform(trial: Trial, rig: Rig) -> Trial:
+    """The test on an even grid: commands held, signals joined by a spline."""
+    grid = signals.uniform_grid(trial.time)
+    commands = ("valve_a", "valve_b", "duty_a", "duty_b", rig.effort_channel)
+    channels = {
+        name: signals.resample(trial.time, values, grid, hold=name in commands)
+        for name, values in trial.channels.items()
+    }
+    return replace(trial, time=grid, channels=channels)
+
+
+def _channels(trial: Trial, rig: Rig, inputs: Inputs) -> dict[str, FloatArray]:
+    """What a test logs, as logged; what it does not log, as the log format says."""
+    air = rig.require("air", "which the chamber equations need")
+    defaults = {
+        rig.position_channel: 0.0,
+        "pressure_a_pa": air.atmospheric_pressure_pa,
+        "pressure_b_pa": air.atmospheric_pressure_pa,
+        "supply_pressure_pa": air.supply_pressure_pa,
+    }
+    names = ("position", "pressure_a", "pressure_b", "supply")
+    found = {
+        name: np.asarray(trial.channels.get(channel, np.full(len(trial), default)), dtype=float)
+        for name, (channel, default) in zip(names, defaults.items(), strict=True)
+    }
+    for name, (channel, _) in zip(names, defaults.items(), strict=True):
+        missing = ~np.isfinite(found[name])
+        if missing.any():
+            raise input_error(
+                trial.source,
+                f"{channel} is missing at {trial.time[int(np.argmax(missing))]:g} s",
+                "fill the gap, or take the test out of the campaign",
+            )
+    found["motor"] = signals.held_about_rows(inputs.motor)
+    found["time"] = trial.time - trial.time[0]
+    return found
+
+
+def smooth(runs: Sequence[TestRun], values: FloatArray, cutoff_hz: float) -> FloatArray:
+    """A channel (n,) under a Gaussian that halves the amplitude at the cut-off, test by test."""
+    from scipy.ndimage import gaussian_filter1d
+
+    found = np.empty(len(values))
+    for run in runs:
+        sigma = math.sqrt(2.0 * math.log(2.0)) / (2.0 * math.pi * cutoff_hz * run.period)
+        gaussian_filter1d(
+            values[run.rows], sigma, mode="nearest", truncate=3.5, output=found[run.rows]
+        )
+    return found
+
+
+def _derived(
+    runs: tuple[TestRun, ...],
+    position: FloatArray,
+    pressure_a: FloatArray,
+    pressure_b: FloatArray,
+) -> dict[str, Any]:
+    """Smoothed channels and their derivatives."""
+    return _differentiated(
+        runs,
+        smooth(runs, position, POSITION_CUTOFF_HZ),
+        smooth(runs, pressure_a, PRESSURE_CUTOFF_HZ),
+        smooth(runs, pressure_b, PRESSURE_CUTOFF_HZ),
+    )
+
+
+def _differentiated(
+    runs: tuple[TestRun, ...],
+    position: FloatArray,
+    pressure_a: FloatArray,
+    pressure_b: FloatArray,
+) -> dict[str, Any]:
+    """Channels and their derivatives, test by test."""
+    velocity = smooth(runs, _slope(runs, position), VELOCITY_CUTOFF_HZ)
+    curvature = np.zeros(len(position))
+    for run in runs:
+        curvature[run.rows] = signals.second_derivative(position[run.rows], run.period)
+    return {
+        "position": position,
+        "velocity": velocity,
+        "acceleration": curvature,
+        "pressure_a": pressure_a,
+        "pressure_b": pressure_b,
+        "rate_a": _slope(runs, pressure_a),
+        "rate_b": _slope(runs, pressure_b),
+        "direction": directions(runs, velocity),
+    }
+
+
+def _slope(runs: Sequence[TestRun], values: FloatArray) -> FloatArray:
+    found = np.empty(len(values))
+    for run in runs:
+        found[run.rows] = np.gradient(values[run.rows], run.period)
+    return found
+
+
+def directions(runs: Sequence[TestRun], slow_velocity: FloatArray) -> FloatArray:
+    """Sign of the smoothed velocity, 0 where the shaft rests or may rest: around reversals too."""
+    from scipy.ndimage import binary_dilation
+
+    moving = np.zeros(len(slow_velocity), dtype=bool)
+    for run in runs:
+        moving[run.rows] = run.moves
+    if not moving.any():
+        return np.zeros(len(slow_velocity))
+    fast = float(np.quantile(np.abs(slow_velocity[moving]), 0.98))
+    sign = np.sign(slow_velocity)
+    rests = np.abs(slow_velocity) < _REST_SPEED * fast
+    rests[1:] |= sign[1:] != sign[:-1]
+    for run in runs:
+        if run.moves:
+            guard = max(1, round(_REVERSAL_S / run.period))
+            rests[run.rows] = binary_dilation(rests[run.rows], iterations=guard)
+    return np.where(moving & ~rests, sign, 0.0)
+
+
+def opening(runs: Sequence[TestRun], model: Model, side: str) -> FloatArray:
+    """Share of the time around every sample in which a valve is open, (n,)."""
+    from sysid.model.simulator import open_intervals
+
+    found = np.zeros(runs[-1].rows.stop)
+    for run in runs:
+        intervals = open_intervals(run.inputs, side, model)
+        if len(intervals.opens):
+            time, half = run.inputs.time, 0.5 * run.period
+            # Some edges lie at infinity.
+            low, high = time[0] - 1.0, time[-1] + 1.0
+            bounded = OpenIntervals(
+                np.clip(intervals.opens, low, high), np.clip(intervals.closes, low, high)
+            )
+            found[run.rows] = bounded.open_fraction(time - half, time + half)
+    return found
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Hann windows over the samples: `average` maps (n,) to (windows,).
+
+    Only windows that lie within one stretch of usable samples exist. `run` (windows,) is
+    the test's index, `stretch` (windows,) numbers the unbroken rows of windows, `centre`
+    (windows,) the middle sample.
+    """
+
+    matrix: csr_array
+    run: IntArray
+    stretch: IntArray
+    centre: IntArray
+
+    def average(self, values: FloatArray) -> FloatArray:
+        """Mean of each window, (windows,) or (windows, m) from (n,) or (n, m)."""
+        return np.asarray(self.matrix @ values)
+
+    def used(self) -> Rows:
+        """The samples that any window holds."""
+        return Rows(np.flatnonzero(np.diff(self.matrix.tocsc().indptr)).astype(np.intp))
+
+    def __len__(self) -> int:
+        return len(self.run)
+
+
+def windows(traces: Traces, usable: BoolArray) -> Windows:
+    """Windows over the usable samples (n,), none across a test's ends or a sample left out."""
+    from scipy.sparse import csr_array
+
+    rows, columns, weights, of_run, of_stretch, centres = [], [], [], [], [], []
+    count = stretch = 0
+    for index, run in enumerate(traces.runs):
+        half = max(1, round(0.5 * WINDOW_S / run.period))
+        step = max(1, round(SPACING_S / run.period))
+        kernel = 1.0 + np.cos(np.pi * np.arange(-half, half + 1) / (half + 1))
+        kernel /= kernel.sum()
+        reach = np.arange(-half, half + 1)
+        good = usable[run.rows].copy()
+        seam = max(2, round(_SEAM_S / run.period))
+        good[:seam] = good[-seam:] = False
+        edges = np.flatnonzero(np.diff(np.concatenate(([0], good.astype(int), [0]))))
+        for first, last in zip(edges[::2], edges[1::2], strict=True):
+            middles = np.arange(first + half, last - half, step) + run.rows.start
+            if len(middles) == 0:
+                continue
+            rows.append(np.repeat(np.arange(count, count + len(middles)), len(kernel)))
+            columns.append((middles[:, None] + reach).ravel())
+            weights.append(np.tile(kernel, len(middles)))
+            of_run.append(np.full(len(middles), index))
+            of_stretch.append(np.full(len(middles), stretch))
+            centres.append(middles)
+            count += len(middles)
+            stretch += 1
+    empty = np.zeros(0, dtype=np.intp)
+    matrix = csr_array(
+        (
+            np.concatenate([np.zeros(0), *weights]),
+            (np.concatenate([empty, *rows]), np.concatenate([empty, *columns])),
+        ),
+        shape=(count, len(traces)),
+    )
+    return Windows(
+        matrix,
+        np.concatenate([empty, *of_run]),
+        np.concatenate([empty, *of_stretch]),
+        np.concatenate([empty, *centres]),
+    )

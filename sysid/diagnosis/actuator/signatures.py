@@ -1,0 +1,156 @@
+"""Signatures: how the residual changes with an effect's strength, or with a base parameter."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sysid.diagnosis.actuator.equation_error import (
+    EFFORT,
+    FLOW_PARAMETERS,
+    FRICTION_PARAMETERS,
+    channels_of,
+)
+from sysid.diagnosis.actuator.whitening import Frame
+from sysid.io.channels import SIDES
+from sysid.model.effects.entry import SIDE_CHOICES, CatalogueEffect
+from sysid.model.ports import Model
+from sysid.types import FloatArray
+
+_BASE_STEP = 0.01
+# A strength whose effect is proportional to it is tried at this share of its usual size.
+_PROBE = 0.3
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect of one form: its class, its side, its shape, and where strengths are probed.
+
+    `shape`: field and value of each shape parameter, and of the side. `steps`: field and
+    probing size of each strength.
+    """
+
+    effect: type[CatalogueEffect]
+    shape: tuple[tuple[str, Any], ...]
+    steps: tuple[tuple[str, float], ...]
+
+    @property
+    def id(self) -> str:
+        return self.effect.id
+
+    def on(self, side: str) -> Candidate:
+        """The same form on another side."""
+        shape = tuple((n, side if n == "side" else v) for n, v in self.shape)
+        return Candidate(self.effect, shape, self.steps)
+
+    def neutral(self) -> CatalogueEffect:
+        """The effect in this form at neutral strength."""
+        return self.effect.neutral(**dict(self.shape))
+
+    def with_strengths(self, coefficients: Sequence[float]) -> CatalogueEffect:
+        """The effect with its strengths, each given in units of its probing size."""
+        strengths = {n: c * s for (n, s), c in zip(self.steps, coefficients, strict=True)}
+        return self.effect.neutral(**dict(self.shape) | strengths)
+
+
+def candidates(catalogue: Iterable[type[CatalogueEffect]]) -> list[Candidate]:
+    """Every form of every effect that screening tries."""
+    found = []
+    for effect in catalogue:
+        axes: list[list[tuple[str, Any]]] = []
+        if effect.has_side():
+            axes.append([("side", side) for side in SIDE_CHOICES])
+        for quantity in effect.shapes():
+            values = quantity.grid or (quantity.typical,)
+            axes.append([(quantity.name, value) for value in values])
+        strengths = [
+            [(q.name, s) for s in (q.grid or (_PROBE * q.typical,))] for q in effect.strengths()
+        ]
+        found += [
+            Candidate(effect, shape, steps)
+            for shape in itertools.product(*axes)
+            for steps in itertools.product(*strengths)
+        ]
+    return found
+
+
+class Signatures:
+    """Signatures of forms along one frame, each computed once.
+
+    An effect on both sides is, to first order, the sum of it on either.
+    """
+
+    def __init__(self, frame: Frame, model: Model, base: FloatArray) -> None:
+        self._frame, self._model, self._base = frame, model, base
+        self._known: dict[Candidate, FloatArray] = {}
+
+    def __call__(self, candidate: Candidate) -> FloatArray:
+        """Change of the whitened residual with each strength, (rows, strengths)."""
+        sides = dict(candidate.shape).get("side")
+        if sides != "both":
+            found = self._known.get(candidate)
+            if found is None:
+                found = signature(self._frame, self._model, self._base, candidate)
+                if sides is not None:
+                    self._known[candidate] = found
+            return found
+        return np.asarray(sum(self(candidate.on(side)) for side in SIDES))
+
+
+def signature(frame: Frame, model: Model, base: FloatArray, candidate: Candidate) -> FloatArray:
+    """Change of the whitened residual with each strength, (rows, strengths).
+
+    Per probing size; `base` (rows,) is the residual of the model without the effect.
+    """
+    channels = channels_of(candidate.neutral(), model.effects)
+    columns = []
+    for i in range(len(candidate.steps)):
+        unit = [float(i == j) for j in range(len(candidate.steps))]
+        changed = frame.residual(model + candidate.with_strengths(unit), channels)
+        column = np.zeros(len(base))
+        for name in channels:
+            rows = frame.rows(name)
+            column[rows] = changed[rows] - base[rows]
+        columns.append(column)
+    return np.column_stack(columns)
+
+
+def base_parameters(model: Model) -> tuple[str, ...]:
+    """The base parameters that a fit estimated: friction, and the flows of both valves."""
+    names = FRICTION_PARAMETERS + FLOW_PARAMETERS
+    return tuple(n for n in names if float(getattr(model.parameters, n)) > 0.0)
+
+
+def channel_of(name: str) -> str:
+    """The balance that a base parameter belongs to."""
+    return EFFORT if name in FRICTION_PARAMETERS else f"rate_{name[-1]}"
+
+
+def base_jacobian(frame: Frame, model: Model, base: FloatArray, names: Sequence[str]) -> FloatArray:
+    """Change of the whitened residual per relative change of each base parameter."""
+    columns = []
+    for name in names:
+        channel = channel_of(name)
+        value = getattr(model.parameters, name)
+        changed = Model(
+            model.parameters.replace(**{name: value * (1.0 + _BASE_STEP)}), model.effects
+        )
+        column = np.zeros(len(base))
+        moved, rows = frame.residual(changed, (channel,)), frame.rows(channel)
+        column[rows] = (moved[rows] - base[rows]) / _BASE_STEP
+        columns.append(column)
+    return np.column_stack(columns)
+
+
+__all__ = [
+    "Candidate",
+    "Signatures",
+    "base_jacobian",
+    "base_parameters",
+    "candidates",
+    "channel_of",
+]

@@ -1,0 +1,183 @@
+"""Twins: the same tests on a rig that is the fitted model and nothing more.
+
+A twin is the model's simulation of a campaign's own commands, with the noise, quantisation
+and test-to-test friction scatter that the logs show. It takes the way that the logs take
+(smoothing, windows, screening), and so tells what a residual looks like where nothing is
+missing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid import signals
+from sysid.diagnosis.actuator.samples import TestRun, Traces
+from sysid.io.logs import Trial
+from sysid.io.rig import Rig
+from sysid.model.ports import Model
+from sysid.types import FloatArray
+
+# Noise is read off blocks of this many rows, those within this factor of the calmest fifth.
+_BLOCK = 128
+_CALM = 1.6
+_NOISE_LAGS = 6
+_UNCORRELATED = 0.05
+
+
+@dataclass(frozen=True)
+class SensorNoise:
+    """How each channel's samples err: position, pressure A, pressure B, SI.
+
+    `kernels`: what white noise of unit variance is convolved with to give the channel's
+    noise, which a sensor or its filter may colour; `quantum` (3,) the channels' resolution.
+    """
+
+    kernels: tuple[FloatArray, FloatArray, FloatArray]
+    quantum: FloatArray
+
+    @property
+    def total(self) -> FloatArray:
+        """Standard deviation of one sample's whole error, (3,)."""
+        power = np.array([float(k @ k) for k in self.kernels])
+        return np.asarray(np.sqrt(power + self.quantum**2 / 12.0))
+
+    def on(self, values: FloatArray, rng: np.random.Generator) -> FloatArray:
+        """Measured channels (3, n) from true ones."""
+        noisy = np.empty_like(values)
+        for i, (kernel, step) in enumerate(zip(self.kernels, self.quantum, strict=True)):
+            white = rng.standard_normal(values.shape[1] + len(kernel) - 1)
+            noisy[i] = values[i] + np.convolve(white, kernel, mode="valid")
+            if step > 0.0:
+                noisy[i] = step * np.round(noisy[i] / step)
+        return noisy
+
+
+def sensor_noise(tests: Sequence[tuple[str, str, Trial]], rig: Rig) -> SensorNoise:
+    """Noise of the channels, from the tests themselves.
+
+    Position: `signals.noise_floor`, white. Pressures: the autocovariance over the calmest
+    blocks of all tests, where neither motion nor flow shows.
+    """
+    pressures = ("pressure_a_pa", "pressure_b_pa")
+    floors = [
+        signals.noise_floor(t[rig.position_channel])
+        for _, _, t in sorted(tests, key=lambda item: len(item[2]))[-24:]
+        if rig.position_channel in t and len(t) >= 64
+    ]
+    noise = float(np.median([f.noise for f in floors])) if floors else 0.0
+    step = float(np.median([f.quantum for f in floors])) if floors else 0.0
+    kernels = [np.array([noise])]
+    quantum = [step]
+    for name in pressures:
+        channels = [t[name] for _, _, t in tests if name in t and np.isfinite(t[name]).all()]
+        steps = [s for s in (signals.quantum(c) for c in channels[:24]) if s > 0.0]
+        quantum.append(float(np.median(steps)) if steps else 0.0)
+        kernels.append(_noise_kernel(channels, quantum[-1]))
+    return SensorNoise((kernels[0], kernels[1], kernels[2]), np.array(quantum))
+
+
+def _noise_kernel(channels: Sequence[FloatArray], quantum: float) -> FloatArray:
+    """A filter that gives white noise the autocovariance of the channel's calmest blocks."""
+    blocks = [
+        channel[first : first + _BLOCK]
+        for channel in channels
+        for first in range(0, len(channel) - _BLOCK + 1, _BLOCK)
+    ]
+    if not blocks:
+        return np.zeros(1)
+    x = np.linspace(-1.0, 1.0, _BLOCK)
+    design = np.vander(x, 4)
+    table = np.array(blocks).T
+    rest = table - design @ np.linalg.lstsq(design, table, rcond=None)[0]
+    power = np.mean(rest**2, axis=0)
+    calm = rest[:, power < _CALM * max(float(np.quantile(power, 0.2)), 1e-300)]
+    lags = np.arange(_NOISE_LAGS)
+    covariance = np.array(
+        [np.mean(calm[: _BLOCK - lag] * calm[lag:]) if calm.size else 0.0 for lag in lags]
+    )
+    # The cubic has taken four of the block's degrees of freedom, the converter its own share.
+    covariance[0] = max(covariance[0] * _BLOCK / (_BLOCK - 4) - quantum**2 / 12.0, 0.0)
+    covariance[np.abs(covariance) < _UNCORRELATED * covariance[0]] = 0.0
+    spectrum = np.fft.rfft(np.concatenate((covariance, np.zeros(33), covariance[:0:-1]))).real
+    kernel = np.fft.fftshift(np.fft.irfft(np.sqrt(np.maximum(spectrum, 0.0))))
+    total = float(kernel @ kernel)
+    return np.asarray(kernel * (np.sqrt(covariance[0] / total) if total > 0.0 else 0.0))
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """Relative spread of friction from test to test, one standard deviation."""
+
+    static: float = 0.0
+    sliding: float = 0.0
+
+
+def simulate_twins(
+    traces: Traces,
+    model: Model,
+    noise: SensorNoise,
+    scatter: Scatter,
+    count: int,
+    seed: int,
+    rig: Rig,
+) -> Iterator[Traces]:
+    """`count` twins of the traces of a campaign's tests.
+
+    A test in which nothing can move depends on no scatter and is simulated once. The seed
+    fixes every draw.
+    """
+    from sysid.model.simulator import simulate
+
+    rng = np.random.default_rng(seed)
+    moving = [run for run in traces.runs if run.moves]
+    held = [run for run in traces.runs if not run.moves]
+    still = [_channels(t) for t in simulate([r.inputs for r in held], [_held(model)] * len(held))]
+    models = [scattered(model, scatter, rng) for _ in range(count * len(moving))]
+    inputs = [run.inputs for _ in range(count) for run in moving]
+    moved = [_channels(t) for t in simulate(inputs, models)]
+    for i in range(count):
+        own = moved[i * len(moving) : (i + 1) * len(moving)]
+        found = dict(zip((r.rows.start for r in [*held, *moving]), [*still, *own], strict=True))
+        true = _through_sensors(
+            traces.runs, [found[run.rows.start] for run in traces.runs], model, rig
+        )
+        yield traces.with_measured(*noise.on(true, rng))
+
+
+def _channels(trajectory: object) -> FloatArray:
+    names = ("position", "pressure_a", "pressure_b")
+    return np.array([getattr(trajectory, name) for name in names])
+
+
+def _held(model: Model) -> Model:
+    """The model with a shaft that nothing moves, as in the valve tests."""
+    p = model.parameters
+    return Model(p.replace(static_effort=1e6, coulomb_effort=1e6), model.effects)
+
+
+def scattered(model: Model, scatter: Scatter, rng: np.random.Generator) -> Model:
+    p = model.parameters
+    static, sliding = 1.0 + np.array([scatter.static, scatter.sliding]) * rng.standard_normal(2)
+    changed = p.replace(
+        static_effort=p.static_effort * static,
+        coulomb_effort=p.coulomb_effort * sliding,
+        viscous=p.viscous * sliding,
+    )
+    return Model(changed, model.effects)
+
+
+def _through_sensors(
+    runs: Sequence[TestRun], simulated: Sequence[FloatArray], model: Model, rig: Rig
+) -> FloatArray:
+    """(3, n) position and pressures of all tests end to end, as the sensors show them."""
+    names = (rig.position_channel, "pressure_a_pa", "pressure_b_pa")
+    parts = []
+    for run, values in zip(runs, simulated, strict=True):
+        channels = dict(zip(names, values, strict=True))
+        for effect in model.effects:
+            channels = effect.measure(channels, run.inputs.time - run.inputs.time[0])
+        parts.append(np.array([channels[name] for name in names]))
+    return np.concatenate(parts, axis=1)

@@ -1,0 +1,276 @@
+"""Residual vectors in which noise is white and of unit variance.
+
+The windows' equation errors are correlated (a derivative of white noise is blue) and of
+unlike units. A frame turns them into one vector by the exact innovations of an
+autoregressive model of the noise, channel by channel, and takes the scatter of friction
+from test to test into the covariance, so that sums of squares can be compared.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sysid.diagnosis.actuator.equation_error import CHANNELS, EFFORT, EquationError, equation_error
+from sysid.diagnosis.actuator.samples import Rows, Traces, Windows, windows
+from sysid.io.channels import SIDES
+from sysid.model import base
+from sysid.model.ports import Model
+from sysid.types import BoolArray, FloatArray, IntArray
+
+ORDER = 6
+# Share of white noise added to the autocovariance: what the model of the noise does not know.
+_RIDGE = 0.02
+_END_SHARE = 0.01
+_NEAR_SUPPLY = 0.01
+_NEAR_ATMOSPHERE = 0.01
+_RUNAWAY = 1e4
+_NEAR_BOUNDARY = 0.02
+# Tests that tell their own friction to 3 %, and how many of them a spread needs.
+_LEAST_POWER = 1e3
+_LEAST_TESTS = 4
+
+
+@dataclass(frozen=True)
+class ResidualNoise:
+    """Autocovariance of each channel's windows over lags 0 to ORDER."""
+
+    covariance: dict[str, FloatArray]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Traces with their windows, and the whitening of each channel's residuals.
+
+    `rows_used` are the samples that a channel's windows hold, `averaging` its windows over
+    these. `friction` (rows of the effort channel,): each test's sliding friction as the fitted
+    model has it, whitened; `scatter` its relative spread from test to test.
+    """
+
+    traces: Traces
+    windows: dict[str, Windows]
+    whitening: dict[str, Any]
+    rows_used: dict[str, Rows]
+    averaging: dict[str, Any]
+    friction: FloatArray
+    scatter: float
+
+    def vector(self, error: EquationError, channels: tuple[str, ...] = CHANNELS) -> FloatArray:
+        """The whitened residual, (rows,), of errors at the rows used; 0 for channels not named."""
+        return np.concatenate(
+            [
+                self.channel(name, error) if name in channels else np.zeros(len(self.windows[name]))
+                for name in CHANNELS
+            ]
+        )
+
+    def residual(self, model: Model, channels: tuple[str, ...] = CHANNELS) -> FloatArray:
+        """The whitened equation error of a model, (rows,).
+
+        A trial model whose states run away has a large one, not an undefined one.
+        """
+        with np.errstate(over="ignore", invalid="ignore"):
+            error = equation_error(self.traces, model, channels, self.rows_used)
+            found = self.vector(error, channels)
+        return np.asarray(np.nan_to_num(found, nan=_RUNAWAY, posinf=_RUNAWAY, neginf=-_RUNAWAY))
+
+    def channel(self, name: str, error: EquationError) -> FloatArray:
+        """The whitened residual of one channel."""
+        white = self.whitening[name] @ (self.averaging[name] @ error[name])
+        return self._without_scatter(white) if name == EFFORT else white
+
+    def _without_scatter(self, values: FloatArray) -> FloatArray:
+        """(I + s2 f f')^-1/2 of every test: its friction's scatter counts as noise."""
+        found = values.copy()
+        run = self.windows[EFFORT].run
+        if len(run) == 0 or self.scatter == 0.0:
+            return found
+        firsts = np.concatenate(([0], np.flatnonzero(np.diff(run)) + 1, [len(run)]))
+        for first, last in itertools.pairwise(firsts):
+            f = self.friction[first:last]
+            power = float(f @ f)
+            if power > 0.0:
+                share = 1.0 - 1.0 / np.sqrt(1.0 + self.scatter**2 * power)
+                found[first:last] -= (share * float(f @ values[first:last]) / power) * f
+        return found
+
+    @property
+    def tests(self) -> IntArray:
+        """The test that each row of the vector belongs to, (rows,)."""
+        return np.concatenate([self.windows[name].run for name in CHANNELS])
+
+    def belongs(self, channels: tuple[str, ...]) -> BoolArray:
+        """Which rows of the vector are of these channels, (rows,)."""
+        return np.concatenate([np.full(len(self.windows[c]), c in channels) for c in CHANNELS])
+
+    def rows(self, name: str) -> slice:
+        """Where a channel lies in the vector."""
+        counts = [len(self.windows[c]) for c in CHANNELS]
+        ends = np.cumsum([0, *counts])
+        i = CHANNELS.index(name)
+        return slice(int(ends[i]), int(ends[i + 1]))
+
+
+def build_windows(traces: Traces, model: Model) -> dict[str, Windows]:
+    """Windows of every channel.
+
+    Effort: where the shaft moves, off its end stops. Rates: off the stops, and where the
+    flow's law is not in doubt.
+    """
+    p = model.parameters
+    stop = 0.5 * float(p.stroke) / float(p.pitch_radius)
+    free = np.abs(traces.position) < stop * (1.0 - 2.0 * _END_SHARE)
+    found = {EFFORT: windows(traces, free & (traces.direction != 0))}
+    for run in traces.runs:
+        free[run.rows] |= not run.moves
+    for side in SIDES:
+        found[f"rate_{side}"] = windows(traces, free & ~_in_doubt(traces, model, side))
+    return found
+
+
+def _in_doubt(traces: Traces, model: Model, side: str) -> BoolArray:
+    """Samples at which noise decides what the valve's law gives, (n,).
+
+    Flow near the supply pressure or the atmosphere may go with the root of a difference that
+    is mostly noise; at the choked boundaries the law jumps.
+    """
+    pressure = traces.pressure(side)
+    share = traces.open_a if side == "a" else traces.open_b
+    filling, exhausting = share > 0.0, share < 1.0
+    to_supply = np.abs(traces.supply - pressure) < _NEAR_SUPPLY * traces.supply
+    atmosphere = float(model.parameters.atmosphere)
+    to_atmosphere = np.abs(pressure - atmosphere) < _NEAR_ATMOSPHERE * atmosphere
+    fill, exhaust = (
+        base.filling_boundary(traces.supply),
+        base.exhaust_boundary(atmosphere),
+    )
+    # A boundary that is crossed between two samples is in doubt at both.
+    travel = np.abs(np.gradient(pressure))
+    at_fill = np.abs(pressure - fill) < _NEAR_BOUNDARY * fill + travel
+    at_exhaust = np.abs(pressure - exhaust) < _NEAR_BOUNDARY * exhaust + travel
+    return np.asarray(
+        (filling & (to_supply | at_fill)) | (exhausting & (to_atmosphere | at_exhaust))
+    )
+
+
+def noise_of(traces: Traces, model: Model) -> ResidualNoise:
+    """The noise's autocovariance in each channel, from a twin's traces.
+
+    The median over the tests: edges and breakaways, which bias a few windows, do not count.
+    """
+    error = equation_error(traces, model)
+    found = {}
+    for name, view in build_windows(traces, model).items():
+        values = view.average(error[name])
+        found[name] = _autocovariance(values, view)
+    return ResidualNoise(found)
+
+
+def build_frame(traces: Traces, model: Model, noise: ResidualNoise, scatter: float) -> Frame:
+    """The frame of some traces: windows, whitening and friction of its own."""
+    views = build_windows(traces, model)
+    whitening = {name: _whitening(noise.covariance[name], view) for name, view in views.items()}
+    p = model.parameters
+    friction = p.coulomb_effort * traces.direction + p.viscous * traces.velocity
+    white = np.asarray(whitening[EFFORT] @ views[EFFORT].average(np.asarray(friction)))
+    used = {name: view.used() for name, view in views.items()}
+    averaging = {name: view.matrix[:, used[name].index] for name, view in views.items()}
+    return Frame(traces, views, whitening, used, averaging, white, scatter)
+
+
+def _autocovariance(values: FloatArray, view: Windows) -> FloatArray:
+    """Autocovariance over lags 0 to ORDER, the median over stretches."""
+    found, weights = [], []
+    edges = np.concatenate(([0], np.flatnonzero(np.diff(view.stretch)) + 1, [len(view)]))
+    for first, last in itertools.pairwise(edges):
+        if last - first < 4 * ORDER:
+            continue
+        own = values[first:last] - values[first:last].mean()
+        found.append(
+            [float(own[: len(own) - k] @ own[k:]) / (len(own) - k) for k in range(ORDER + 1)]
+        )
+        weights.append(last - first)
+    if not found:
+        spread = float(np.var(values)) if len(values) else 1.0
+        return np.concatenate(([max(spread, 1e-300)], np.zeros(ORDER)))
+    return _weighted_median(np.array(found), np.array(weights, dtype=float))
+
+
+def _weighted_median(rows: FloatArray, weights: FloatArray) -> FloatArray:
+    """The row whose variance is the weighted median."""
+    order = np.argsort(rows[:, 0])
+    cumulated = np.cumsum(weights[order])
+    middle = order[np.searchsorted(cumulated, 0.5 * cumulated[-1])]
+    near = np.abs(np.log(rows[:, 0] / rows[middle, 0])) < 0.3
+    return np.asarray(np.average(rows[near], axis=0, weights=weights[near]))
+
+
+def _whitening(covariance: FloatArray, view: Windows) -> Any:
+    """Sparse (rows, rows): one-step prediction errors over the spread of each.
+
+    The first rows of a stretch are predicted from the few before them (Levinson, Durbin).
+    """
+    from scipy.sparse import csr_array
+
+    predictors = _levinson(covariance)
+    n = len(view)
+    place = np.arange(n)
+    starts = np.concatenate(([0], np.flatnonzero(np.diff(view.stretch)) + 1)) if n else place
+    lengths = np.diff(np.concatenate((starts, [n])))
+    depth = np.minimum(place - np.repeat(starts, lengths), ORDER) if n else place
+    rows, columns, data = [], [], []
+    for order, (coefficients, variance) in enumerate(predictors):
+        mine = np.flatnonzero(depth == order)
+        scale = 1.0 / np.sqrt(variance)
+        rows.append(mine)
+        columns.append(mine)
+        data.append(np.full(len(mine), scale))
+        for lag, coefficient in enumerate(coefficients, start=1):
+            rows.append(mine)
+            columns.append(mine - lag)
+            data.append(np.full(len(mine), -coefficient * scale))
+    return csr_array(
+        (np.concatenate(data), (np.concatenate(rows), np.concatenate(columns))), shape=(n, n)
+    )
+
+
+def _levinson(covariance: FloatArray) -> list[tuple[FloatArray, float]]:
+    """Predictors of order 0 to ORDER: coefficients of the last values, and error variance."""
+    r = covariance.copy()
+    r[0] *= 1.0 + _RIDGE
+    variance = float(r[0])
+    a = np.zeros(0)
+    found = [(a, variance)]
+    for order in range(1, ORDER + 1):
+        k = (
+            float(r[order] - a @ r[order - 1 : 0 : -1]) / variance
+            if order > 1
+            else float(r[1]) / variance
+        )
+        a = np.concatenate((a - k * a[::-1], [k]))
+        variance = max(variance * (1.0 - k * k), 1e-3 * float(r[0]))
+        found.append((a, variance))
+    return found
+
+
+def friction_scatter(frame: Frame, rest: FloatArray) -> float:
+    """Relative spread of sliding friction from test to test, one standard deviation.
+
+    `rest` (rows,) is a whitened residual of a frame without scatter. The median over the
+    tests, so that an effect that shows in some of them is not taken for scatter.
+    """
+    values = rest[frame.rows(EFFORT)]
+    run = frame.windows[EFFORT].run
+    found = []
+    for index in np.unique(run):
+        f, own = frame.friction[run == index], values[run == index]
+        power = float(f @ f)
+        if power > _LEAST_POWER:
+            found.append((float(f @ own) / power) ** 2 - 1.0 / power)
+    if len(found) < _LEAST_TESTS:
+        return 0.0
+    # The median of a squared normal deviate is 0.455 of its mean.
+    return float(np.sqrt(max(float(np.median(found)), 0.0) / 0.455))

@@ -1,0 +1,295 @@
+"""An axis: motor, friction and inertia, with or without a cylinder whose pressures are logged.
+
+The law is the effort balance of thesis 3.4.1 and 3.4.2,
+
+    inertia a + coulomb sign(v) + viscous v + offset = motor + cylinder - gravity,
+
+taken along the measured motion, which is imposed: effects act on it through the model's
+ports. Both sides go through the same zero-phase filter.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from sysid import signals
+from sysid.diagnosis.bench.component import Component, Law, bends, law_held, rmse, smallest_probe
+from sysid.errors import NotIdentifiedError
+from sysid.estimation.linear import Estimate
+from sysid.estimation.nonlinear import Parameter
+from sysid.identification.friction.effort import EvenTrial, even_trial, units_of
+from sysid.identification.friction.motion import default_cutoff, left_out, tells_speeds
+from sysid.io.logs import Trial
+from sysid.io.rig import Rig
+from sysid.model import plant
+from sysid.model.base import bare_parameters
+from sysid.model.effects.entry import CatalogueEffect
+from sysid.model.ports import Model, Point, overrides
+from sysid.types import FloatArray, IntArray
+
+FASTEST_CUTOFF_HZ = 20.0
+# Kinematics that nonlinear laws see pass a wider filter than the balance.
+_WIDER = 3.0
+# Tests at the least: fewer trials are cut into stretches.
+_FEWEST_TESTS = 3
+_STRETCHES = 6
+_SAMPLES_A_TEST = 4000
+_LEAST_CHANGE = 1e-9
+_LEAST_SCALE = 1e-3
+# A linear axis has no pinion, and weighs the same everywhere: an offset.
+_ROTARY_ONLY = ("pitch-eccentricity", "mounting-tilt")
+_PORTS = ("parameters", "motor_effort", "friction_effort", "external_effort", "pitch_radius")
+
+
+@dataclass(frozen=True)
+class _Test:
+    """One stretch: where the axis is at every sample, and the rows that count."""
+
+    label: str
+    point: Point
+    acceleration: FloatArray
+    period: float
+    cutoff_hz: float
+    rows: IntArray
+    load: FloatArray
+
+
+@dataclass(frozen=True)
+class Axis(Component):
+    """An axis on its tests; `axis` builds one from trials."""
+
+    rig: Rig
+    cases: tuple[_Test, ...]
+    trials: tuple[Trial, ...]
+    has_speeds: bool
+    channel: str = field(default="", init=False)
+    unit: str = field(default="", init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "channel", self.rig.effort_channel)
+        object.__setattr__(self, "unit", units_of(self.rig).effort)
+
+    @property
+    def tests(self) -> tuple[str, ...]:
+        return tuple(case.label for case in self.cases)
+
+    def parameters(self) -> list[Parameter]:
+        u = units_of(self.rig)
+        effort = float(np.mean([np.mean(np.abs(c.point.motor)) for c in self.cases]))
+        speed = float(np.mean([np.mean(np.abs(c.point.velocity)) for c in self.cases]))
+        found = [
+            Parameter(u.coulomb, 0.3 * effort, u.effort, 0.0, scale=effort),
+        ]
+        if self.has_speeds:
+            steep = effort / speed
+            found.append(Parameter(u.viscous, 0.1 * steep, u.viscous_unit, 0.0, scale=steep))
+            found.append(Parameter(u.offset, 0.0, u.effort, scale=effort))
+        if self.rig.total_inertia() is None:
+            steep = float(np.mean([np.std(c.acceleration) for c in self.cases]))
+            found.append(Parameter(u.inertia, 0.1 * effort / steep, u.inertia_unit, 0.0))
+        return found
+
+    def effects(
+        self, catalogue: Mapping[str, type[CatalogueEffect]]
+    ) -> tuple[type[CatalogueEffect], ...]:
+        """Those without states of their own that change the balance beyond rounding."""
+        return tuple(kind for kind in catalogue.values() if not kind.states and self._feels(kind))
+
+    def _feels(self, kind: type[CatalogueEffect]) -> bool:
+        if not overrides(kind, *_PORTS):
+            return False
+        if self.rig.is_linear and kind.id in _ROTARY_ONLY:
+            return False
+        values = {p.name: p.value for p in self.parameters()}
+        effect = smallest_probe(kind, self.side())
+        plain, changed = (
+            np.concatenate(self.residuals(Law(values, effects), range(len(self.cases))))
+            for effects in ((), (effect,))
+        )
+        if np.max(np.abs(changed - plain)) <= _LEAST_CHANGE * np.max(np.abs(plain)):
+            return False
+        return self.has_speeds or not _depends_on_speed(effect, self.cases[0].point)
+
+    def side(self) -> str:
+        return "both"
+
+    def residuals(self, law: Law, tests: Sequence[int]) -> list[FloatArray]:
+        # Stretches of one trial share its motion.
+        whole: dict[int, FloatArray] = {}
+        for i in tests:
+            case = self.cases[i]
+            if id(case.point) not in whole:
+                whole[id(case.point)] = self._residual(case, law)
+        return [whole[id(self.cases[i].point)][self.cases[i].rows] for i in tests]
+
+    def _residual(self, case: _Test, law: Law) -> FloatArray:
+        """Of the whole trial that a stretch belongs to, (n,)."""
+        model = self._model(law)
+        parameters = model.at(case.point.time)
+        point = dataclasses.replace(case.point, parameters=parameters)
+        driven = plant.applied_effort(point, model)
+        resisted = plant.sliding_friction(point, model) + parameters.inertia * case.acceleration
+        # In the logged command's own units: else a motor's gain of 0 would explain everything.
+        given, taken = case.point.motor, plant.motor_effort(point, model)
+        power = float(given @ given)
+        scale = float(taken @ given) / power if power > 0.0 else 1.0
+        gap = np.asarray(driven - resisted) / (scale if abs(scale) > _LEAST_SCALE else 1.0)
+        return signals.lowpass(gap, case.period, case.cutoff_hz)
+
+    def _model(self, law: Law) -> Model:
+        u = units_of(self.rig)
+        values = law.values
+        inertia = values.get(u.inertia, self.rig.total_inertia())
+        parameters = bare_parameters(self.rig).replace(
+            coulomb_effort=values[u.coulomb],
+            viscous=values.get(u.viscous, 0.0),
+            # A friction bundle counts it against the motion, the model along it.
+            offset=-values.get(u.offset, 0.0),
+            inertia=inertia,
+        )
+        return Model(parameters, law.effects)
+
+    def regressors(self, tests: Sequence[int]) -> dict[str, FloatArray]:
+        found: dict[str, list[FloatArray]] = {}
+        for i in tests:
+            case = self.cases[i]
+            p = case.point
+            own = {
+                "velocity": p.velocity,
+                "position" if self.rig.is_linear else "angle": p.position,
+                "acceleration": case.acceleration,
+                "motor": p.motor,
+                "time": p.time,
+            }
+            if self.rig.cylinder is not None:
+                own["pressure_sum times direction"] = (p.pressure_a + p.pressure_b) * p.direction
+            for name, values in own.items():
+                found.setdefault(name, []).append(np.asarray(values)[case.rows])
+        return {name: np.concatenate(parts) for name, parts in found.items()}
+
+    def noise_floor(self, law: Law) -> float:
+        """What changes over more than the filter's length, beyond a straight line (N or Nm).
+
+        Samples that lie nearer together share the filter's noise.
+        """
+        found = []
+        for case, left in zip(self.cases, self.residuals(law, range(len(self.cases))), strict=True):
+            step = max(1, int(np.median(np.diff(case.rows)))) if len(case.rows) > 1 else 1
+            lag = max(1, math.ceil(signals.filter_length(case.period, case.cutoff_hz) / step))
+            if len(left) > 2 * lag:
+                near = np.ptp(np.stack([case.rows[2 * lag :], case.rows[: -2 * lag]]), axis=0)
+                found.append(bends(left, lag)[near <= 3 * lag * step])
+        return rmse(found)
+
+    def part(self, estimates: Mapping[str, Estimate]) -> dict[str, Any]:
+        return {"friction": {name: e.to_json() for name, e in estimates.items()}}
+
+    def law_of(self, bundle: Mapping[str, Any]) -> Law:
+        u = units_of(self.rig)
+        tests = "friction-motion or friction-sliding tests"
+        names = [p.name for p in self.parameters()]
+        offset = {u.offset: 0.0} if u.offset in names else {}
+        return law_held("friction", bundle.get("friction", {}), names, tests, **offset)
+
+    def further_errors(self, law: Law) -> dict[str, tuple[float, float]]:
+        """Of the position, simulated open loop over each whole trial from its first row.
+
+        Only where no pressure acts: that of a logged chamber is not the simulator's.
+        """
+        from sysid.model.simulator import Inputs, simulate
+
+        if self.rig.cylinder is not None:
+            return {}
+        model = self._model(law)
+        # Breakaway is not told by motion: as much as sliding friction.
+        model = Model(
+            model.parameters.replace(static_effort=model.parameters.coulomb_effort), model.effects
+        )
+        gaps = []
+        for trial in self.trials:
+            position = trial[self.rig.position_channel]
+            inputs = Inputs(
+                time=trial.time,
+                motor=np.asarray(trial[self.rig.effort_channel]),
+                position=float(position[0]),
+            )
+            gaps.append(position - simulate([inputs], [model])[0].position)
+        noise = [signals.noise_floor(t[self.rig.position_channel]).total for t in self.trials]
+        return {self.rig.position_channel: (rmse(gaps), math.hypot(*noise) / math.sqrt(len(noise)))}
+
+
+def _depends_on_speed(effect: CatalogueEffect, point: Point) -> bool:
+    """Whether an effect's friction is another one at a higher speed, all else equal."""
+    faster = dataclasses.replace(point, velocity=1.5 * np.asarray(point.velocity))
+    nothing = np.zeros(len(np.asarray(point.time)))
+    slow, fast = (np.asarray(effect.friction_effort(nothing, p)) for p in (point, faster))
+    return bool(np.any(slow != fast))
+
+
+def axis(trials: Sequence[Trial], rig: Rig) -> Axis:
+    """An axis from friction-motion trials. Raises InputError, NotIdentifiedError.
+
+    Three trials or more are left out one by one; fewer are cut into stretches.
+    """
+    cases: list[_Test] = []
+    pieces = 1 if len(trials) >= _FEWEST_TESTS else math.ceil(_STRETCHES / max(len(trials), 1))
+    for trial in trials:
+        # What there is to say of its channels the fit of the friction has said.
+        cases += _cases(trial, even_trial(trial, rig, []), rig, pieces)
+    if not cases:
+        raise NotIdentifiedError(
+            "friction: the axis hardly moves in these tests; give motion that crosses the stroke "
+            "in both directions"
+        )
+    speed = np.concatenate([np.asarray(c.point.velocity)[c.rows] for c in cases])
+    load = np.concatenate([c.load[c.rows] for c in cases])
+    return Axis(rig, tuple(cases), tuple(trials), tells_speeds(speed, load))
+
+
+def _cases(trial: Trial, even: EvenTrial, rig: Rig, pieces: int) -> list[_Test]:
+    """A trial as one test, or cut into stretches of equal length."""
+    wide = default_cutoff(even, _WIDER * FASTEST_CUTOFF_HZ)
+    cutoff = wide / _WIDER
+    rows = np.flatnonzero(~left_out(even, cutoff))
+    thin = max(1, signals.filter_length(even.period, cutoff) // 4, len(rows) // _SAMPLES_A_TEST)
+    rows = rows[::thin]
+    position = signals.lowpass(even.position, even.period, wide)
+    velocity = signals.first_derivative(position, even.period)
+    grid = even.time + trial.time[0]
+    atmosphere = bare_parameters(rig).atmosphere
+    point = Point(
+        time=even.time,
+        position=position,
+        velocity=velocity,
+        pressure_a=_channel(trial, "pressure_a_pa", grid, atmosphere),
+        pressure_b=_channel(trial, "pressure_b_pa", grid, atmosphere),
+        motor=signals.held_about_rows(even.motor),
+        open_a=np.zeros(len(even)),
+        open_b=np.zeros(len(even)),
+        direction=np.sign(velocity),
+        parameters=bare_parameters(rig),
+    )
+    acceleration = signals.second_derivative(position, even.period)
+    edges = np.linspace(0, len(even), pieces + 1)
+    found = []
+    for k in range(pieces):
+        own = rows[(rows >= edges[k]) & (rows < edges[k + 1])]
+        label = trial.label if pieces == 1 else f"{trial.label}, part {k + 1} of {pieces}"
+        if len(own):
+            found.append(_Test(label, point, acceleration, even.period, cutoff, own, even.cylinder))
+    return found
+
+
+def _channel(trial: Trial, name: str, grid: FloatArray, default: Any) -> FloatArray:
+    if name not in trial:
+        return np.full(len(grid), float(default))
+    return np.asarray(signals.resample(trial.time, trial[name], grid))
+
+
+__all__ = ["FASTEST_CUTOFF_HZ", "Axis", "axis"]

@@ -1,0 +1,186 @@
+"""What the search for a missing effect needs to know of a part that was tested alone."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sysid.errors import NotIdentifiedError
+from sysid.estimation.linear import Estimate
+from sysid.estimation.nonlinear import Parameter
+from sysid.model.effects.entry import CatalogueEffect
+from sysid.types import FloatArray
+
+Effects = tuple[CatalogueEffect, ...]
+
+
+@dataclass(frozen=True)
+class Law:
+    """A part's law: its own parameters by name, and the effects added to it."""
+
+    values: Mapping[str, float]
+    effects: Effects = ()
+
+
+class Component(ABC):
+    """One part, the tests of it, and its law with or without effects.
+
+    A test is what is left out as a whole: a trial, or a stretch of a long one. Residuals
+    are measured less modelled, in `unit`.
+    """
+
+    channel: str
+    """What is predicted, in the log format's terms."""
+    unit: str
+
+    @property
+    @abstractmethod
+    def tests(self) -> tuple[str, ...]:
+        """Names of the tests."""
+
+    @abstractmethod
+    def parameters(self) -> list[Parameter]:
+        """The law's own parameters, with where a fit starts and bounds."""
+
+    @abstractmethod
+    def effects(
+        self, catalogue: Mapping[str, type[CatalogueEffect]]
+    ) -> tuple[type[CatalogueEffect], ...]:
+        """Those effects of the catalogue that act on this part."""
+
+    @abstractmethod
+    def residuals(self, law: Law, tests: Sequence[int]) -> list[FloatArray]:
+        """Measured less modelled, (n,) for each of `tests` (indices), in `unit`."""
+
+    def residuals_of(self, laws: Sequence[Law], tests: Sequence[int]) -> list[list[FloatArray]]:
+        """`residuals` of several laws, which differ in nothing but their numbers.
+
+        A part that simulates overrides this, where many at once cost little more than one.
+        """
+        return [self.residuals(law, tests) for law in laws]
+
+    @abstractmethod
+    def regressors(self, tests: Sequence[int]) -> dict[str, FloatArray]:
+        """What a residual may depend on, by name, the tests end to end."""
+
+    @abstractmethod
+    def part(self, estimates: Mapping[str, Estimate]) -> dict[str, Any]:
+        """What a bundle holds of the law: top-level keys with `Estimate.to_json` objects.
+
+        `estimates` are those of `parameters`, by name.
+        """
+
+    @abstractmethod
+    def law_of(self, bundle: Mapping[str, Any]) -> Law:
+        """The law that a bundle holds, without effects. Raises NotIdentifiedError."""
+
+    @property
+    def most_folds(self) -> int:
+        """Into how many parts the tests are cut for those left out together."""
+        return 6
+
+    def side(self) -> str:
+        """The side that an effect of one chamber, valve or sensor acts on."""
+        return "a"
+
+    def noise_floor(self, law: Law) -> float:
+        """RMSE that a law would leave if it were right, in `unit`.
+
+        What changes from one sample to the next, unless a part knows better: no law in the
+        quantities that were logged explains it.
+        """
+        steps = [np.diff(part) for part in self.residuals(law, range(len(self.tests)))]
+        squares = np.concatenate([step**2 for step in steps]) if steps else np.zeros(0)
+        return math.sqrt(0.5 * float(np.mean(squares))) if len(squares) else math.nan
+
+    def further_errors(self, law: Law) -> dict[str, tuple[float, float]]:
+        """By channel, RMSE and noise floor of what else a law is judged by; by default none.
+
+        An axis' position, simulated open loop; one branch of a valve's loop.
+        """
+        return {}
+
+
+def law_held(
+    section: str, held: Mapping[str, Any], names: Sequence[str], tests: str, **absent: float
+) -> Law:
+    """The law of these names out of `held`, a bundle's `section` of `Estimate.to_json` objects.
+
+    `absent` holds what a name stands at where it is not there. Raises NotIdentifiedError that
+    says which `tests` to fit.
+    """
+    values = dict(absent)
+    for name in names:
+        content = held.get(name) or {}
+        if content.get("value") is not None:
+            values[name] = float(content["value"])
+        elif name not in absent:
+            reason = content.get("reason", "the bundle does not hold it")
+            raise NotIdentifiedError(
+                f"{section}: {name} is not identified ({reason}); fit {tests} into the bundle"
+            )
+    return Law({name: values[name] for name in names})
+
+
+PROBE = 0.3
+"""Share of a strength's usual size at which an effect is probed, where no grid says another."""
+
+
+def probes(
+    kind: type[CatalogueEffect], side: str, forms: Sequence[Mapping[str, float]] = ({},)
+) -> list[CatalogueEffect]:
+    """The effect with one strength at a time, at its probing size, in each form (shapes).
+
+    One at a time: two delays of one size do nothing together.
+    """
+    fields = {"side": side} if kind.has_side() else {}
+    return [
+        kind.neutral(**fields, **form, **{q.name: q.grid[-1] if q.grid else PROBE * q.typical})
+        for form in forms
+        for q in kind.strengths()
+    ]
+
+
+def smallest_probe(kind: type[CatalogueEffect], side: str) -> CatalogueEffect:
+    """The effect with all strengths at once, each at its smallest probing size."""
+    fields = {"side": side} if kind.has_side() else {}
+    sizes = {q.name: q.grid[0] if q.grid else PROBE * q.typical for q in kind.strengths()}
+    return kind.neutral(**fields, **sizes)
+
+
+def shapes(kind: type[CatalogueEffect]) -> list[dict[str, float]]:
+    """Every form of an effect: its shapes' values by field, over their grids."""
+    names = [q.name for q in kind.shapes()]
+    grids = [q.grid or (q.typical,) for q in kind.shapes()]
+    return [dict(zip(names, row, strict=True)) for row in itertools.product(*grids)]
+
+
+def bends(values: FloatArray, lag: int = 1) -> FloatArray:
+    """Second differences (n - 2 lag,), scaled to the spread of white noise: lines vanish."""
+    return (values[2 * lag :] - 2.0 * values[lag:-lag] + values[: -2 * lag]) / math.sqrt(6.0)
+
+
+def rmse(parts: Sequence[FloatArray]) -> float:
+    """Root of the mean square of several residuals, pooled over their samples."""
+    values = np.concatenate([np.zeros(0), *parts])
+    return math.sqrt(float(np.mean(values**2))) if len(values) else math.nan
+
+
+__all__ = [
+    "PROBE",
+    "Component",
+    "Effects",
+    "Law",
+    "bends",
+    "law_held",
+    "probes",
+    "rmse",
+    "shapes",
+    "smallest_probe",
+]

@@ -1,0 +1,231 @@
+"""A part's law fitted on some of its tests, with effects of given kinds beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.diagnosis.bench.component import Component, Law
+from sysid.diagnosis.bench.starting_points import (
+    bounds_of,
+    first_guesses,
+    law_at,
+    residuals_of,
+    side_of,
+)
+from sysid.estimation.autocovariance import runs_of, tapered_autocovariance
+from sysid.estimation.linear import Estimate
+from sysid.estimation.nonlinear import LeastSquaresFit, Parameter, central_jacobian_of_all, minimise
+from sysid.model.effects.entry import CatalogueEffect, Quantity, with_values
+from sysid.types import FloatArray
+
+_EVALUATIONS = 30
+_TOLERANCE = 1e-7
+
+
+@dataclass(frozen=True)
+class FittedLaw:
+    """A law fitted on the tests of `component` whose indices are `tests`."""
+
+    component: Component
+    tests: tuple[int, ...]
+    law: Law
+    fit: LeastSquaresFit
+
+    @staticmethod
+    def of(
+        component: Component,
+        kinds: Sequence[type[CatalogueEffect]],
+        tests: Sequence[int],
+        fit: LeastSquaresFit,
+    ) -> FittedLaw:
+        """What a fit of effects of these kinds says, its numbers put back into the law."""
+        effects = [kind.neutral(**side_of(kind, component)) for kind in kinds]
+        law = law_at(component.parameters(), effects, fit.values)
+        return FittedLaw(component, tuple(tests), law, fit)
+
+    def estimates(self, effect: CatalogueEffect) -> dict[str, Estimate]:
+        """An effect's numbers by field, intervals for residuals that follow one another."""
+        return {
+            q.name: self.fit.estimate(_key(type(effect), q), self._covariance)
+            for q in type(effect).quantities
+        }
+
+    def base_estimates(self) -> dict[str, Estimate]:
+        """The law's own parameters by name, likewise."""
+        own = self.component.parameters()
+        return {p.name: self.fit.estimate(p.name, self._covariance) for p in own}
+
+    def p_value(self, without: FittedLaw) -> float:
+        """Whether what this fit has beyond `without` is nothing: F test of nested models.
+
+        Residuals that follow one another count for as many as are independent. Wald's test
+        fails where a strength's shape makes it much like the law's own parameters.
+        """
+        from scipy.special import fdtrc
+
+        more = len(self.fit.values) - len(without.fit.values)
+        left = self.independent_samples - len(self.fit.values)
+        if left < 1.0:
+            return 1.0
+        ratio = without.fit.sum_of_squares / max(self.fit.sum_of_squares, 1e-300)
+        return max(float(fdtrc(more, left, max(ratio - 1.0, 0.0) * left / more)), 1e-300)
+
+    @property
+    def independent_samples(self) -> float:
+        """As many as say as much of a mean as the residuals that follow one another do."""
+        gamma = tapered_autocovariance(
+            self.fit.residuals, runs_of(len(self.fit.residuals), self._groups), self.fit.dof
+        )
+        spread = float(gamma[0] + 2.0 * np.sum(gamma[1:]))
+        return len(self.fit.residuals) * min(float(gamma[0]) / max(spread, 1e-300), 1.0)
+
+    @cached_property
+    def _covariance(self) -> FloatArray:
+        return self.fit.correlated_covariance(self._groups)
+
+    @cached_property
+    def _groups(self) -> NDArray[np.intp]:
+        """Which test each residual belongs to, (n,)."""
+        parts = self.component.residuals(self.law, self.tests)
+        return np.repeat(np.arange(len(parts)), [len(part) for part in parts])
+
+
+def fit_law(
+    component: Component,
+    kinds: Sequence[type[CatalogueEffect]],
+    tests: Sequence[int],
+    near: Law | None = None,
+) -> FittedLaw:
+    """Least squares of the law's own parameters and of effects of these kinds, together.
+
+    Shapes start where the grid's best is, strengths where that form's signature puts them;
+    effects that `near`, a law that was fitted before, holds already start from there.
+    """
+    own = component.parameters()
+    starts: list[CatalogueEffect] = []
+    if near is not None:
+        own = [
+            Parameter(p.name, near.values[p.name], p.unit, p.lower, p.upper, p.size) for p in own
+        ]
+        starts = list(near.effects)
+    fit = _minimise(component, own, tuple(starts), tests)
+    starts = list(with_values(starts, fit.values[len(own) :]))
+    for kind in kinds[len(starts) :]:
+        trials = [
+            _minimise(component, _moved(own, fit), (*starts, first), tests)
+            for first in first_guesses(component, fit, tuple(starts), kind, tests)
+        ]
+        best = min(range(len(trials)), key=lambda i: trials[i].sum_of_squares)
+        fit = trials[best]
+        starts = list(
+            with_values((*starts, kind.neutral(**side_of(kind, component))), fit.values[len(own) :])
+        )
+    return FittedLaw.of(component, kinds, tests, fit)
+
+
+def _key(kind: type[CatalogueEffect], quantity: Quantity) -> str:
+    return f"{kind.id}/{quantity.name}"
+
+
+def _moved(own: Sequence[Parameter], fit: LeastSquaresFit) -> list[Parameter]:
+    """The law's own parameters, starting where another fit left them."""
+    return [
+        Parameter(p.name, float(v), p.unit, p.lower, p.upper, p.size)
+        for p, v in zip(own, fit.values, strict=False)
+    ]
+
+
+def _effect_parameters(effects: Sequence[CatalogueEffect]) -> list[Parameter]:
+    return [
+        Parameter(
+            _key(type(e), q),
+            float(np.clip(getattr(e, q.name), *bounds_of(q))),
+            q.unit,
+            *bounds_of(q),
+            abs(getattr(e, q.name)) or abs(q.typical),
+        )
+        for e in effects
+        for q in type(e).quantities
+    ]
+
+
+def _minimise(
+    component: Component,
+    own: Sequence[Parameter],
+    effects: Sequence[CatalogueEffect],
+    tests: Sequence[int],
+) -> LeastSquaresFit:
+    everything = [*own, *_effect_parameters(effects)]
+    start = np.array([p.value for p in everything])
+
+    def residuals(points: Sequence[FloatArray]) -> list[FloatArray]:
+        return residuals_of(component, [law_at(own, effects, point) for point in points], tests)
+
+    def moved(i: int) -> FloatArray:
+        step = 1e-3 * everything[i].size
+        upwards = start[i] + step <= everything[i].upper
+        point = start.copy()
+        point[i] += step if upwards else -step
+        return point
+
+    mine, added = range(len(own)), range(len(own), len(start))
+    here, *there = residuals([start, *map(moved, added)])
+    # What has no influence stays put: it would run away and take the trust region along.
+    acting = [i for i, values in zip(added, there, strict=True) if np.any(values != here)]
+    free = [*mine, *acting]
+
+    def of_free(points: Sequence[FloatArray]) -> list[FloatArray]:
+        full = np.tile(start, (len(points), 1))
+        full[:, free] = points
+        return residuals(list(full))
+
+    fit = minimise(
+        lambda values: of_free([values])[0],
+        [everything[i] for i in free],
+        jacobian=_jacobian_of(of_free, [everything[i] for i in free]),
+        tolerance=_TOLERANCE,
+        max_evaluations=_EVALUATIONS,
+        polish=False,
+    )
+    values, jacobian = start.copy(), np.zeros((len(here), len(everything)))
+    values[free], jacobian[:, free] = fit.values, fit.jacobian
+    return replace(fit, parameters=tuple(everything), values=values, jacobian=jacobian)
+
+
+def _jacobian_of(
+    function: Callable[[Sequence[FloatArray]], list[FloatArray]], parameters: Sequence[Parameter]
+) -> Callable[[FloatArray], FloatArray]:
+    """Central differences (n, p) of a function that takes all their points at once."""
+    sizes, lower, upper = (
+        np.array([getattr(p, name) for p in parameters]) for name in ("size", "lower", "upper")
+    )
+
+    return lambda values: central_jacobian_of_all(function, values, sizes, lower, upper)
+
+
+def cross_validated(
+    component: Component,
+    kinds: Sequence[type[CatalogueEffect]],
+    folds: Sequence[Sequence[int]],
+    near: Law | None = None,
+) -> FloatArray:
+    """Mean square of the prediction of each fold's tests by a fit on the others, (folds,).
+
+    `near`: a fit on all of them, from which those on the others start.
+    """
+    found = []
+    everything = range(len(component.tests))
+    for fold in folds:
+        others = [t for t in everything if t not in fold]
+        law = fit_law(component, kinds, others, near).law
+        values = np.concatenate(component.residuals(law, list(fold)))
+        found.append(float(np.mean(values**2)))
+    return np.array(found)
+
+
+__all__ = ["FittedLaw", "cross_validated", "fit_law"]

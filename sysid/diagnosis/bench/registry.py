@@ -1,0 +1,57 @@
+"""Which part a campaign tests, and that part from its trials."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from sysid.diagnosis.bench.axis import axis
+from sysid.diagnosis.bench.component import Component
+from sysid.diagnosis.bench.friction_readings import KIND as FRICTION_POINTS
+from sysid.diagnosis.bench.friction_readings import friction_points
+from sysid.diagnosis.bench.tank import KIND as TANK
+from sysid.diagnosis.bench.tank import tank
+from sysid.diagnosis.bench.valve_flow import KIND as VALVE_FLOW
+from sysid.diagnosis.bench.valve_flow import valve_flow
+from sysid.diagnosis.bench.valve_time import KIND as VALVE_TIME
+from sysid.diagnosis.bench.valve_time import valve_time
+from sysid.errors import input_error
+from sysid.io.campaign import BENCH_KINDS, MOTION_KINDS
+from sysid.io.logs import Trial
+from sysid.io.rig import Rig
+
+AXIS = "friction-motion"
+_BUILDERS: dict[str, Callable[[Sequence[Trial], Rig], Component]] = {
+    AXIS: axis,
+    TANK: tank,
+    VALVE_FLOW: valve_flow,
+    VALVE_TIME: valve_time,
+    FRICTION_POINTS: friction_points,
+}
+
+
+def part_tested(kinds: Sequence[str], bundle: Mapping[str, Any]) -> str | None:
+    """The kind of test by which a campaign is a part's; None: it is a whole actuator's.
+
+    `kinds` of its logs. An axis is a part where the bundle lacks the flow law of a valve, so
+    that there is no actuator to simulate, and no log moves one. Raises InputError where
+    the logs are of several parts.
+    """
+    bench = sorted(set(kinds) & set(BENCH_KINDS))
+    if len(bench) > 1:
+        raise input_error(
+            "campaign", f"holds logs of kinds {' and '.join(bench)}", "give each a campaign"
+        )
+    if bench:
+        return bench[0]
+    laws = [bundle.get("valves", {}).get(side, {}) for side in ("a", "b")]
+    whole = all("discrete" in law for law in laws) or set(kinds) & set(MOTION_KINDS)
+    return AXIS if AXIS in kinds and not whole else None
+
+
+def component_of(kind: str, trials: Sequence[Trial], rig: Rig) -> Component:
+    """The part that tests of a kind are of. Raises InputError, NotIdentifiedError."""
+    return _BUILDERS[kind](trials, rig)
+
+
+__all__ = ["AXIS", "component_of", "part_tested"]

@@ -1,0 +1,204 @@
+"""Which effects a part lacks: one after another, judged by tests that were left out.
+
+Each effect of the catalogue that acts on the part is fitted beside the law and what was
+added before, and predicts tests that it was not fitted on. The one that predicts best is
+added if its strength is off 0 beyond doubt, over all that were tried (Bonferroni), and it
+takes a real share of the error of prediction. What parts of the tests would have added in its
+place makes it ambiguous (`sysid.diagnosis.bench.stability`), and so is an effect that fits but
+does not predict where parts of the tests name it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.diagnosis.bench.component import Component
+from sysid.diagnosis.bench.fitting import FittedLaw, cross_validated, fit_law
+from sysid.diagnosis.bench.stability import Repeats, repeats
+from sysid.diagnosis.thresholds import DIGITS, LEAST_GAIN, RIVAL_SHARE, SIGNIFICANCE
+from sysid.estimation.nonlinear import LeastSquaresFit
+from sysid.model.effects.catalogue import class_of
+from sysid.model.effects.entry import CatalogueEffect
+from sysid.types import FloatArray
+
+Kind = type[CatalogueEffect]
+
+MOST_EFFECTS = 3
+# Rivals of a winner that are put to the parts of the tests beside it.
+_MOST_RIVALS = 3
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """An effect that was tried: its fitted p-value, and the share of the error that it takes.
+
+    `gain`: of the mean square error of the tests left out, negative where it predicts worse.
+    `folds` (k,) the mean square error of each fold with it.
+    """
+
+    id: str
+    p_value: float
+    gain: float
+    folds: FloatArray
+
+
+@dataclass(frozen=True)
+class Addition:
+    """An effect that was added: the fit with it and all before it, and what else was tried.
+
+    `ambiguous`: ids that these tests, or parts of them (`repeats`), put in its place.
+    """
+
+    kind: Kind
+    fitted: FittedLaw
+    attempt: Attempt
+    ambiguous: tuple[str, ...]
+    repeats: Repeats
+    attempts: tuple[Attempt, ...]
+
+    @property
+    def is_ambiguous(self) -> bool:
+        """Whether other effects fit as well, or parts of the tests do not name this one."""
+        return bool(self.ambiguous or self.repeats.sentence)
+
+    @property
+    def effect(self) -> CatalogueEffect:
+        """The effect with its numbers."""
+        return self.fitted.law.effects[-1]
+
+
+@dataclass(frozen=True)
+class Selection:
+    """The law without effects, the additions in order, and the last, fruitless look.
+
+    `folds` (k,): mean square error of each fold, predicted by the law without effects.
+    `undecided`: effects that were not added though parts of the tests name them.
+    """
+
+    base: FittedLaw
+    folds: FloatArray
+    additions: tuple[Addition, ...]
+    rejected: tuple[Attempt, ...]
+    undecided: tuple[Repeats, ...]
+
+    @property
+    def final(self) -> FittedLaw:
+        """The law with all that was added."""
+        return self.additions[-1].fitted if self.additions else self.base
+
+
+def select(
+    component: Component,
+    catalogue: Mapping[str, Kind],
+    progress: Callable[[str], None] = lambda line: None,
+) -> Selection:
+    """Add effects to a part's law for as long as they predict tests that were left out.
+
+    Raises NotIdentifiedError where the law itself is not identified.
+    """
+    everything = range(len(component.tests))
+    folds = folds_of(component)
+    base = fit_law(component, (), everything)
+    kinds = component.effects(catalogue)
+    chosen: list[Kind] = []
+    additions: list[Addition] = []
+    first = error = cross_validated(component, (), folds, base.law)
+    while True:
+        open_ones = [k for k in kinds if k not in chosen]
+        so_far = additions[-1].fitted if additions else base
+        fits = _attempts(component, chosen, open_ones, so_far, folds, error)
+        attempts = [attempt for attempt, _ in fits]
+        fitting = [(a, f) for a, f in fits if a.p_value * len(open_ones) < SIGNIFICANCE]
+        passing = [(a, f) for a, f in fitting if _predicts(a, error)]
+        if not passing or len(chosen) == MOST_EFFECTS:
+            most = [f for _, f in fitting[: 1 + _MOST_RIVALS]]
+            undecided = () if passing else _undecided(component, so_far, most)
+            return Selection(base, first, tuple(additions), tuple(attempts), undecided)
+        winner, fitted = passing[0]
+        chosen.append(next(k for k in open_ones if k.id == winner.id))
+        progress(f"{winner.id}: takes {100 * winner.gain:.0f} % of the error of prediction")
+        rivals = [f for a, f in fits if a.gain > 0.0 and a is not winner]
+        again = repeats(component, so_far, [fitted, *rivals[:_MOST_RIVALS]])
+        near = _ambiguous(winner, [a for a, _ in passing], {k.id for k in kinds})
+        ambiguous = tuple(sorted({*near, *again.others}))
+        additions.append(Addition(chosen[-1], fitted, winner, ambiguous, again, tuple(attempts)))
+        error = winner.folds
+
+
+def folds_of(component: Component) -> list[list[int]]:
+    """Tests that are left out together: each by itself, or as evenly as the parts allow."""
+    count = len(component.tests)
+    parts = min(count, component.most_folds)
+    return [list(range(k, count, parts)) for k in range(parts)] if parts > 1 else []
+
+
+def _attempts(
+    component: Component,
+    chosen: Sequence[Kind],
+    kinds: Sequence[Kind],
+    without: FittedLaw,
+    folds: Sequence[Sequence[int]],
+    error: FloatArray,
+) -> list[tuple[Attempt, FittedLaw]]:
+    """Every open effect with its fit, the best prediction first; spread over the cores."""
+    from joblib import Parallel, delayed
+
+    everything = range(len(component.tests))
+    tried = Parallel(n_jobs=-1)(
+        delayed(_attempt)(component, [*chosen, kind], without, folds, error) for kind in kinds
+    )
+    found = [
+        (done[0], FittedLaw.of(component, [*chosen, kind], everything, done[1]))
+        for kind, done in zip(kinds, tried, strict=True)
+        if done is not None
+    ]
+    # Of two that are one and the same on these tests the catalogue's first counts.
+    return sorted(found, key=lambda pair: -round(pair[0].gain, DIGITS))
+
+
+def _attempt(
+    component: Component,
+    kinds: Sequence[Kind],
+    without: FittedLaw,
+    folds: Sequence[Sequence[int]],
+    error: FloatArray,
+) -> tuple[Attempt, LeastSquaresFit] | None:
+    """One effect beside those before it; None where these tests do not identify it."""
+    fitted = fit_law(component, kinds, range(len(component.tests)), without.law)
+    if not np.isfinite(fitted.fit.sum_of_squares):
+        return None
+    p_value = fitted.p_value(without)
+    if p_value >= SIGNIFICANCE:
+        # What is not there needs no prediction.
+        return Attempt(kinds[-1].id, p_value, 0.0, error), fitted.fit
+    squares = cross_validated(component, kinds, folds, fitted.law)
+    gain = 1.0 - float(squares.mean() / error.mean())
+    return Attempt(kinds[-1].id, p_value, gain, squares), fitted.fit
+
+
+def _predicts(attempt: Attempt, error: FloatArray) -> bool:
+    better = int(np.count_nonzero(attempt.folds < error))
+    return attempt.gain > LEAST_GAIN and 2 * better > len(error)
+
+
+def _undecided(
+    component: Component, without: FittedLaw, fits: Sequence[FittedLaw]
+) -> tuple[Repeats, ...]:
+    """Which of the effects that fit, but do not predict, parts of the tests name all the same."""
+    if not fits:
+        return ()
+    named = repeats(component, without, fits).named
+    return tuple(Repeats(name, named) for name in sorted({n for n in named if n is not None}))
+
+
+def _ambiguous(winner: Attempt, passing: Sequence[Attempt], known: set[str]) -> tuple[str, ...]:
+    """Members of the winner's class that act here, and rivals that predict as well."""
+    near = (class_of(winner.id) & known) - {winner.id}
+    near |= {a.id for a in passing if a.id != winner.id and a.gain > RIVAL_SHARE * winner.gain}
+    return tuple(sorted(near))
+
+
+__all__ = ["Addition", "Attempt", "Selection", "folds_of", "select"]

@@ -1,0 +1,126 @@
+"""Whether the choice of an effect repeats on parts of the tests that it was chosen on.
+
+The tests are cut into three parts. Where each holds two tests or more, the effect that was
+chosen and its best rivals are fitted to one part and predict the others; else they are
+fitted to two and predict the third. A part names the contender that predicts best, if it is
+off 0 beyond doubt over the contenders and takes as much of the error as the whole asks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sysid.diagnosis.bench.component import Component
+from sysid.diagnosis.bench.fitting import FittedLaw, fit_law
+from sysid.diagnosis.thresholds import DIGITS, LEAST_GAIN, RIVAL_SHARE, SIGNIFICANCE
+
+PARTS = 3
+# Below it a part is two thirds of the tests, not one.
+_FEWEST_IN_PART = 2
+
+
+@dataclass(frozen=True)
+class Repeats:
+    """What each part of the tests names where all of them name `id`; None: no effect.
+
+    No parts where there are too few tests to cut.
+    """
+
+    id: str
+    named: tuple[str | None, ...]
+
+    @property
+    def agree(self) -> int:
+        """Parts that name the effect itself."""
+        return self.named.count(self.id)
+
+    @property
+    def others(self) -> tuple[str, ...]:
+        """Effects that parts name instead, each once."""
+        return tuple(sorted({n for n in self.named if n is not None} - {self.id}))
+
+    @property
+    def sentence(self) -> str:
+        """What parts name instead, in words; empty where all of them name the effect."""
+        counts = {n or "no effect": self.named.count(n) for n in self.named if n != self.id}
+        if not counts:
+            return ""
+        said = ", ".join(f"{count} name{'s' * (count == 1)} {n}" for n, count in counts.items())
+        return f"{self.id}: ambiguous: of {len(self.named)} parts of the fitted tests {said}"
+
+    @property
+    def undecided_sentence(self) -> str:
+        """The sentence for an effect that parts name and all of the tests together do not."""
+        return (
+            f"{self.id}: ambiguous: it fits the tests and {self.agree} of {len(self.named)} parts "
+            "of them name it, but tests left out in turn are not predicted better with it: "
+            "not added"
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """As JSON types: `parts`, `agree`, and what each of them names."""
+        return {"parts": len(self.named), "agree": self.agree, "named": list(self.named)}
+
+
+def repeats(component: Component, without: FittedLaw, contenders: Sequence[FittedLaw]) -> Repeats:
+    """What parts of the tests name, of contenders fitted to all of them, the winner first.
+
+    A contender has one effect beyond `without`, the last of its law.
+    """
+    from joblib import Parallel, delayed
+
+    found = Parallel(n_jobs=-1)(
+        delayed(_named)(component, without, contenders, part) for part in parts(component)
+    )
+    return Repeats(_id(contenders[0]), tuple(found))
+
+
+def parts(component: Component) -> list[list[int]]:
+    """The tests that each part is fitted to; none where there are fewer tests than parts."""
+    count = len(component.tests)
+    thirds = [list(range(k, count, PARTS)) for k in range(PARTS)]
+    if count < PARTS:
+        return []
+    if count >= _FEWEST_IN_PART * PARTS:
+        return thirds
+    return [[t for t in range(count) if t not in third] for third in thirds]
+
+
+def _named(
+    component: Component, without: FittedLaw, contenders: Sequence[FittedLaw], part: Sequence[int]
+) -> str | None:
+    rest = [t for t in range(len(component.tests)) if t not in part]
+    lone = _again(without, part)
+    error = _error(lone, rest)
+    gains: dict[str, float] = {}
+    for contender in contenders:
+        fitted = _again(contender, part)
+        gain = 1.0 - _error(fitted, rest) / error
+        if fitted.p_value(lone) * len(contenders) < SIGNIFICANCE and gain > LEAST_GAIN:
+            gains[_id(contender)] = round(gain, DIGITS)
+    if not gains:
+        return None
+    best, winner = max(gains, key=lambda name: gains[name]), _id(contenders[0])
+    return winner if gains.get(winner, 0.0) > RIVAL_SHARE * gains[best] else best
+
+
+def _again(fitted: FittedLaw, tests: Sequence[int]) -> FittedLaw:
+    """The same effects fitted to other tests."""
+    kinds = [type(effect) for effect in fitted.law.effects]
+    return fit_law(fitted.component, kinds, tests, fitted.law)
+
+
+def _error(fitted: FittedLaw, tests: Sequence[int]) -> float:
+    """Mean square of the prediction of some tests."""
+    return float(np.mean(np.concatenate(fitted.component.residuals(fitted.law, tests)) ** 2))
+
+
+def _id(fitted: FittedLaw) -> str:
+    return fitted.law.effects[-1].id
+
+
+__all__ = ["PARTS", "Repeats", "parts", "repeats"]

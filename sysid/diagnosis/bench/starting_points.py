@@ -1,0 +1,144 @@
+"""Where a fit with one effect more begins, and laws made of a fit's numbers."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sysid.diagnosis.bench.component import PROBE, Component, Law, shapes
+from sysid.estimation.nonlinear import LeastSquaresFit, Parameter
+from sysid.model.effects.entry import CatalogueEffect, Quantity, with_values
+from sysid.types import FloatArray
+
+_SIZED = {"N", "Nm", "kg", "W"}
+# Share by which four times a strength may miss four times its effect.
+_BENT = 0.5
+# Below this share of its length a signature is what the law's own parameters can do as well.
+_OWN_SHARE = 1e-3
+
+
+def law_at(own: Sequence[Parameter], effects: Sequence[CatalogueEffect], values: FloatArray) -> Law:
+    """The law at `values` (p,): its own parameters first, then the effects' in their order."""
+    names = [p.name for p in own]
+    return Law(
+        dict(zip(names, map(float, values), strict=False)),
+        with_values(effects, values[len(own) :]),
+    )
+
+
+def bounds_of(quantity: Quantity) -> tuple[float, float]:
+    """Its own bounds; of a strength in efforts, flows or heats its sign alone.
+
+    Parts come in all sizes, but a sensor's delay or an exponent is what it is on any rig.
+    """
+    units = set(re.findall(r"[A-Za-z]+", quantity.unit))
+    if not quantity.is_strength or not units & _SIZED:
+        return quantity.lower, quantity.upper
+    return (-math.inf if quantity.lower < 0.0 else 0.0), math.inf
+
+
+def side_of(kind: type[CatalogueEffect], component: Component) -> dict[str, str]:
+    """The side that an effect of this kind acts on here; nothing for one without a side."""
+    return {"side": component.side()} if kind.has_side() else {}
+
+
+def residuals_of(
+    component: Component, laws: Sequence[Law], tests: Sequence[int]
+) -> list[FloatArray]:
+    """The residuals of each of several laws of one form, the tests end to end, (n,)."""
+    return [np.concatenate(parts) for parts in component.residuals_of(laws, tests)]
+
+
+def first_guesses(
+    component: Component,
+    fit: LeastSquaresFit,
+    before: tuple[CatalogueEffect, ...],
+    kind: type[CatalogueEffect],
+    tests: Sequence[int],
+) -> list[CatalogueEffect]:
+    """Where a fit with one effect more begins; several where it may have several minima.
+
+    An effect that is not proportional to its strength (a heat flow that ends in isothermal
+    air) is tried from its usual size too.
+    """
+    first = _start(component, fit, before, kind, tests)
+    law = law_at(component.parameters(), before, fit.values)
+
+    def at(scale: float) -> CatalogueEffect:
+        return replace(first, **{q.name: scale * q.typical for q in kind.strengths()})  # type: ignore[type-var]
+
+    if any(q.grid for q in kind.strengths()):
+        return [first]
+    probing = [Law(law.values, (*law.effects, at(scale * PROBE))) for scale in (1.0, 4.0)]
+    small, large = (there - fit.residuals for there in residuals_of(component, probing, tests))
+    bends = np.linalg.norm(large - 4.0 * small) > _BENT * np.linalg.norm(large)
+    return [first, at(1.0), at(4.0)] if bends else [first]
+
+
+def _start(
+    component: Component,
+    fit: LeastSquaresFit,
+    before: tuple[CatalogueEffect, ...],
+    kind: type[CatalogueEffect],
+    tests: Sequence[int],
+) -> CatalogueEffect:
+    """The form of `kind` whose signature takes most of what a fit left, at its size."""
+    law = law_at(component.parameters(), before, fit.values)
+    rest = fit.residuals
+    basis = np.linalg.qr(fit.jacobian / np.maximum(np.linalg.norm(fit.jacobian, axis=0), 1e-300))[0]
+    best, most = kind.neutral(**side_of(kind, component)), -1.0
+    sizes = list(itertools.product(*(_probes(q) for q in kind.strengths())))
+    forms = [(shape, probes) for shape in shapes(kind) for probes in sizes]
+    probing = [
+        kind.neutral(**{**shape, **side_of(kind, component), q.name: size})
+        for shape, probes in forms
+        for q, size in zip(kind.strengths(), probes, strict=True)
+    ]
+    laws = [Law(law.values, (*law.effects, effect)) for effect in probing]
+    changed = iter(residuals_of(component, laws, tests))
+    for shape, probes in forms:
+        columns = [next(changed) - rest for _ in probes]
+        gain, coefficients = _take(np.column_stack(columns), rest, basis, kind, probes)
+        if gain > most:
+            fields = {
+                q.name: c * size
+                for q, c, size in zip(kind.strengths(), coefficients, probes, strict=True)
+            }
+            best = kind.neutral(**{**shape, **side_of(kind, component), **fields})
+            most = gain
+    return best
+
+
+def _probes(quantity: Quantity) -> tuple[float, ...]:
+    return quantity.grid or (PROBE * quantity.typical,)
+
+
+def _take(
+    columns: FloatArray,
+    rest: FloatArray,
+    basis: FloatArray,
+    kind: type[CatalogueEffect],
+    probes: Sequence[float],
+) -> tuple[float, FloatArray]:
+    """What columns (n, k) take of `rest` (n,) beside a basis, and their coefficients (k,)."""
+    own = columns - basis @ (basis.T @ columns)
+    sizes = np.linalg.norm(columns, axis=0)
+    keep = np.linalg.norm(own, axis=0) > _OWN_SHARE * np.maximum(sizes, 1e-300)
+    coefficients = np.zeros(columns.shape[1])
+    if keep.any():
+        coefficients[keep] = -np.linalg.lstsq(own[:, keep], rest, rcond=1e-10)[0]
+    thresholds = np.array([bool(q.grid) for q in kind.strengths()])
+    coefficients = np.where(thresholds & keep, 1.0, coefficients)
+    for i, (q, size) in enumerate(zip(kind.strengths(), probes, strict=True)):
+        low, high = bounds_of(q)
+        coefficients[i] = np.clip(coefficients[i] * size, low, high) / size
+    left = rest + own @ coefficients
+    return float(rest @ rest - left @ left), coefficients
+
+
+__all__ = ["bounds_of", "first_guesses", "law_at", "residuals_of", "side_of"]

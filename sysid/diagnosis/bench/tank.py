@@ -1,0 +1,348 @@
+"""A tank that a pump fills and a valve or an open port empties: how its pressure falls.
+
+The law is the thesis' exhaust, c_dis (P0 - P) below the choked boundary (3.6.10), out of a
+chamber of constant volume whose gas obeys 3.3.6. The discharge is simulated in open loop
+through the ports of the model, so that an effect acts here as it does in an actuator.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sysid.diagnosis.bench.component import Component, Law, law_held, smallest_probe
+from sysid.errors import NotIdentifiedError, input_error
+from sysid.estimation.linear import Estimate
+from sysid.estimation.nonlinear import Parameter
+from sysid.io.logs import Trial
+from sysid.io.rig import Rig
+from sysid.model import base, plant
+from sysid.model.base import Array, Parameters
+from sysid.model.effects.entry import CatalogueEffect
+from sysid.model.ports import Model, Point, stack_models
+from sysid.types import FloatArray
+
+KIND = "tank"
+_FLOW_UNIT = "kg/s"
+_COEFFICIENT_UNIT = "kg/(s Pa)"
+_PUMPS = ("pump_volts", "valve_a")
+# Residuals are means over so long.
+_BIN_S = 0.1
+# Steps of the simulation: short while the gas cools and is warmed again, longer later.
+_FIRST_STEP_S = 0.1
+_GROWTH = 1.03
+_LONGEST_STEP_S = 0.5
+# A parabola through so much of the discharge gives the pressure that it starts from: the
+# pulses of the pump are in the first samples still.
+_START_S = 0.5
+_FEWEST_BINS = 20
+# Falls below this are the sensor's, not a tank's.
+_LEAST_FALL_PA = 1e3
+# Of the largest fall: what an effect has to change at its probing size to act at all.
+_ACTS = 1e-7
+
+
+@dataclass(frozen=True)
+class Discharge:
+    """One test from the stop of the pump on: means of `_BIN_S`.
+
+    `time` (n,) s since the stop, `pressure` (n,) Pa absolute, `start` the pressure at 0.
+    """
+
+    label: str
+    time: FloatArray
+    pressure: FloatArray
+    start: float
+
+
+@dataclass(frozen=True)
+class TankComponent(Component):
+    """A tank of `parameters`' chamber A and its discharges. Residuals are pressures, Pa."""
+
+    base_parameters: Parameters
+    discharges: tuple[Discharge, ...]
+
+    channel = "pressure_a_pa"
+    unit = "Pa"
+
+    @property
+    def tests(self) -> tuple[str, ...]:
+        return tuple(d.label for d in self.discharges)
+
+    @property
+    def _boundary(self) -> float:
+        """Pressure from which on the exhaust is choked, Pa."""
+        return float(base.exhaust_boundary(self.base_parameters.atmosphere))
+
+    @property
+    def _reaches_choking(self) -> bool:
+        return max(d.start for d in self.discharges) > self._boundary
+
+    def parameters(self) -> list[Parameter]:
+        p = self.base_parameters
+        rates = []
+        for d in self.discharges:
+            excess = d.pressure - p.atmosphere
+            rates.append((d.start - d.pressure[-1]) / (float(excess.sum()) * _BIN_S))
+        per_rate = p.offset_a * p.area_a
+        per_rate /= p.heat_capacity_ratio * p.gas_constant * p.temperature
+        start = float(np.median(rates)) * per_rate
+        own = [Parameter("c_dis", start, _COEFFICIENT_UNIT, 0.0)]
+        if self._reaches_choking:
+            choked = start * (self._boundary - p.atmosphere)
+            own.append(Parameter("choked_flow_dis_kg_s", choked, _FLOW_UNIT, 0.0))
+        return own
+
+    def effects(
+        self, catalogue: Mapping[str, type[CatalogueEffect]]
+    ) -> tuple[type[CatalogueEffect], ...]:
+        """Those that change a simulated pressure, each tried at its usual size.
+
+        One that acts faster than the simulation's steps is not among them: a discharge of
+        many seconds does not show it.
+        """
+        law = Law({p.name: p.value for p in self.parameters()})
+        tests = range(len(self.discharges))
+        without = np.concatenate(self.residuals(law, tests))
+        least = _ACTS * max(float(np.ptp(d.pressure)) for d in self.discharges)
+        found = []
+        for kind in catalogue.values():
+            probe = Law(law.values, (smallest_probe(kind, self.side()),))
+            with np.errstate(all="ignore"):
+                change = np.concatenate(self.residuals(probe, tests)) - without
+            if np.isfinite(change).all() and np.abs(change).max() > least:
+                found.append(kind)
+        return tuple(found)
+
+    def residuals(self, law: Law, tests: Sequence[int]) -> list[FloatArray]:
+        return self.residuals_of([law], tests)[0]
+
+    def residuals_of(self, laws: Sequence[Law], tests: Sequence[int]) -> list[list[FloatArray]]:
+        """All laws on all tests in one simulation, whose steps cost the same for one or many."""
+        chosen = [self.discharges[t] for t in tests]
+        models = [Model(self._with_law(law), law.effects) for law in laws]
+        starts = np.array([_true_start(d.start, model) for model in models for d in chosen])
+        together = stack_models([m for m in models for _ in chosen]) if models[1:] else models[0]
+        times, *found = _simulated(starts, max(d.time[-1] for d in chosen), together)
+        runs = zip(*(np.split(values, len(models), axis=1) for values in found), strict=True)
+        return [
+            self._left(chosen, model, times, *run) for model, run in zip(models, runs, strict=True)
+        ]
+
+    def _left(
+        self, chosen: Sequence[Discharge], model: Model, times: FloatArray, *run: FloatArray
+    ) -> list[FloatArray]:
+        """What was measured less what the sensor would show of pressures and their rates."""
+        found = []
+        for i, d in enumerate(chosen):
+            true = _between(d.time, times, *(values[:, i] for values in run))
+            channels: dict[str, Array] = {self.channel: true}
+            for effect in model.effects:
+                channels = effect.measure(channels, d.time)
+            found.append(np.asarray(d.pressure - channels[self.channel]))
+        return found
+
+    def _with_law(self, law: Law) -> Parameters:
+        """Where no test chokes, the choked flow is what the other law comes to there."""
+        c_dis = law.values["c_dis"]
+        reach = self._boundary - self.base_parameters.atmosphere
+        choked = law.values.get("choked_flow_dis_kg_s", c_dis * reach)
+        return self.base_parameters.replace(c_dis_a=c_dis, choked_dis_a=choked)
+
+    def regressors(self, tests: Sequence[int]) -> dict[str, FloatArray]:
+        chosen = [self.discharges[t] for t in tests]
+        return {
+            "time since the pump's stop (s)": np.concatenate([d.time for d in chosen]),
+            "pressure_a_pa": np.concatenate([d.pressure for d in chosen]),
+        }
+
+    def part(self, estimates: Mapping[str, Estimate]) -> dict[str, Any]:
+        unasked = Estimate.unidentified(
+            "", "a tank's discharge holds no flow through an open valve from a supply"
+        )
+        unreached = Estimate.unidentified(
+            _FLOW_UNIT,
+            f"no discharge starts above the choked boundary ({self._boundary:.4g} Pa); one from "
+            "above it would identify it",
+        )
+        law = {
+            "c_fill": unasked,
+            "c_dis": estimates["c_dis"],
+            "choked_flow_fill_kg_s": unasked,
+            "choked_flow_dis_kg_s": estimates.get("choked_flow_dis_kg_s", unreached),
+        }
+        return {"valves": {"a": {"discrete": {k: e.to_json() for k, e in law.items()}}}}
+
+    def law_of(self, bundle: Mapping[str, Any]) -> Law:
+        names = [p.name for p in self.parameters()]
+        discrete = bundle.get("valves", {}).get("a", {}).get("discrete", {})
+        return law_held("valves.a.discrete", discrete, names, f"{KIND} tests")
+
+
+def tank(trials: Sequence[Trial], rig: Rig) -> TankComponent:
+    """The tank that `trials` show: one discharge each, from the pump's last row on.
+
+    Trials hold `pressure_a_pa`, and `pump_volts` or `valve_a`, which is not 0 while the tank
+    is filled. Raises InputError where a section of the rig file or a column is missing, and
+    NotIdentifiedError where a trial shows no discharge.
+    """
+    air = rig.require("air", "which a tank's discharge needs")
+    volume = rig.require("tank", "which a tank's discharge needs").volume_m3
+    zero = dict.fromkeys(base.PARAMETER_NAMES, 0.0)
+    # A cube: what counts is the volume alone.
+    fixed = Parameters(**zero).replace(
+        area_a=volume ** (2.0 / 3.0),
+        offset_a=volume ** (1.0 / 3.0),
+        area_b=volume ** (2.0 / 3.0),
+        offset_b=volume ** (1.0 / 3.0),
+        pitch_radius=1.0,
+        inertia=1.0,
+        pwm_period=1.0,
+        max_effort=math.inf,
+        gas_constant=air.gas_constant_j_per_kg_k,
+        heat_capacity_ratio=air.heat_capacity_ratio,
+        temperature=air.temperature_k,
+        atmosphere=air.atmospheric_pressure_pa,
+        supply=air.supply_pressure_pa,
+        supply_reference=air.supply_pressure_pa,
+    )
+    if not trials:
+        raise NotIdentifiedError("no tank test to fit; a fill and its discharge would be one")
+    return TankComponent(
+        fixed, tuple(_discharge(trial, air.atmospheric_pressure_pa) for trial in trials)
+    )
+
+
+def _discharge(trial: Trial, atmosphere: float) -> Discharge:
+    used = [name for name in _PUMPS if name in trial.unusable]
+    trial.require(("pressure_a_pa", *used), "which a tank test needs")
+    command = next((name for name in _PUMPS if name in trial), None)
+    if command is None:
+        raise input_error(
+            trial.source,
+            "column pump_volts is missing, which tells when the tank is filled",
+            'add it (or valve_a), or name it with --map "pump_volts=COLUMN:V"',
+        )
+    on = np.flatnonzero(trial[command] != 0.0)
+    first = int(on[-1]) + 1 if len(on) else len(trial)
+    time = trial.time[first:] - trial.time[min(first, len(trial) - 1)]
+    pressure = trial["pressure_a_pa"][first:]
+    count = int(time[-1] / _BIN_S) if len(time) else 0
+    if count < _FEWEST_BINS:
+        raise NotIdentifiedError(
+            f"{trial.source}: c_dis is not identified: {command} is never switched off for "
+            f"{_FEWEST_BINS * _BIN_S:g} s; a test that goes on after the pump has stopped would do"
+        )
+    early = time <= _START_S
+    if np.count_nonzero(early) < 4:
+        raise input_error(
+            trial.source,
+            f"holds fewer than 4 rows in the first {_START_S:g} s after {command} is 0",
+            "sample at 10 Hz or more",
+        )
+    start = float(np.polynomial.Polynomial.fit(time[early], pressure[early], 2)(0.0))
+    if start - atmosphere < _LEAST_FALL_PA:
+        raise NotIdentifiedError(
+            f"{trial.source}: c_dis is not identified: the discharge starts only "
+            f"{start - atmosphere:.3g} Pa above the atmosphere; a stronger fill would do"
+        )
+    place = (time / _BIN_S).astype(int)
+    inside = place < count
+    rows = np.bincount(place[inside], minlength=count)
+    filled = rows > 0
+    means = [
+        np.bincount(place[inside], values[inside], count)[filled] / rows[filled]
+        for values in (time, pressure)
+    ]
+    return Discharge(trial.label, means[0], means[1], start)
+
+
+def _true_start(shown: float, model: Model) -> float:
+    """The pressure that a sensor with the model's effects shows as `shown`, Pa."""
+    if not model.effects:
+        return shown
+    true, at = np.array([shown]), np.zeros(1)
+    for _ in range(3):
+        channels: dict[str, Array] = {"pressure_a_pa": true}
+        for effect in model.effects:
+            channels = effect.measure(channels, at)
+        true = true + (shown - channels["pressure_a_pa"])
+    return float(true[0])
+
+
+def _point(time: float, pressure: FloatArray, extra: dict[str, Array], model: Model) -> Point:
+    zero = np.zeros(len(pressure))
+    # There is no chamber B: its pressure is A's, so that nothing passes between the two.
+    return Point(
+        time, zero, zero, pressure, pressure, zero, zero, zero, zero, model.at(time), extra
+    )
+
+
+def _rates(
+    time: float, pressure: FloatArray, extra: dict[str, Array], model: Model
+) -> tuple[FloatArray, dict[str, Array]]:
+    point = _point(time, pressure, extra, model)
+    # As plant.discrete_flow has it, without the filling, which takes half the time.
+    valve = point.parameters.valve("a")
+    outside = plant.exhaust_pressure("a", point, model)
+    flow = base.exhaust_flow(
+        pressure,
+        outside,
+        valve.choked_dis,
+        valve.c_dis,
+        pressure >= plant.exhaust_boundary("a", point, model),
+    )
+    flow = model.through("exhaust_flow", flow, "a", point)
+    flow = model.through("chamber_flow", flow, "a", point)
+    rate = plant.pressure_rate("a", flow, point, model)
+    states = plant.state_rates(point, {"a": flow, "b": 0.0 * flow}, model) if extra else {}
+    return rate, states
+
+
+def _simulated(
+    starts: FloatArray, end: float, model: Model
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Times (m,) s, pressures (m, tests) Pa and their rates, by Heun's steps."""
+    times = _grid(end)
+    pressures, rates = np.empty((2, len(times), len(starts)))
+    pressure = starts
+    extra = plant.initial_states(_point(0.0, pressure, {}, model), model)
+    for k, t in enumerate(times.tolist()):
+        r1, s1 = _rates(t, pressure, extra, model)
+        pressures[k], rates[k] = pressure, r1
+        if k == len(times) - 1:
+            break
+        step = float(times[k + 1]) - t
+        ahead = {name: value + step * s1[name] for name, value in extra.items()}
+        r2, s2 = _rates(t + step, pressure + step * r1, ahead, model)
+        pressure = pressure + 0.5 * step * (r1 + r2)
+        extra = {n: v + 0.5 * step * (s1[n] + s2[n]) for n, v in extra.items()}
+    return times, pressures, rates
+
+
+def _grid(end: float) -> FloatArray:
+    """Times of the steps (m,) s from 0 to `end` or just beyond."""
+    times, step = [0.0], _FIRST_STEP_S
+    while times[-1] < end:
+        times.append(times[-1] + step)
+        step = min(step * _GROWTH, _LONGEST_STEP_S)
+    return np.array(times)
+
+
+def _between(
+    at: FloatArray, times: FloatArray, values: FloatArray, rates: FloatArray
+) -> FloatArray:
+    """Cubic Hermite interpolation at times (n,) of values (m,) with their rates."""
+    k = np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(times) - 2)
+    step = times[k + 1] - times[k]
+    s = (at - times[k]) / step
+    bend = (3.0 - 2.0 * s) * s * s
+    slope = step * s * (1.0 - s) * ((1.0 - s) * rates[k] - s * rates[k + 1])
+    return np.asarray(values[k] + bend * (values[k + 1] - values[k]) + slope)
+
+
+__all__ = ["KIND", "Discharge", "TankComponent", "tank"]

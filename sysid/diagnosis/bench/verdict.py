@@ -1,0 +1,181 @@
+"""The diagnosis of a part: what its law lacks, and the error on what was held out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sysid.diagnosis.actuator.result import BeforeAfter, FoundEffect, Verdict
+from sysid.diagnosis.bench.component import Component, Law, rmse
+from sysid.diagnosis.bench.registry import component_of
+from sysid.diagnosis.bench.selection import Addition, Attempt, Selection, select
+from sysid.diagnosis.bench.unexplained import LEAST_SHARE, BinnedResidual, curves
+from sysid.errors import NotIdentifiedError
+from sysid.io.logs import Trial
+from sysid.io.rig import Rig
+from sysid.model.effects.entry import CatalogueEffect
+
+_LEFT_OUT = (
+    "no held-out log: errors before and after are of tests that were left out of the fit in turn"
+)
+# An error this near to the noise floor leaves nothing to explain.
+_AT_FLOOR = 1.1
+
+
+@dataclass(frozen=True)
+class ComponentDiagnosis:
+    """The verdict on a part and its law, with all that led to it.
+
+    `residual`: pooled RMSE on the held-out tests by channel, what is predicted first, then
+    what else the law is judged by (`Component.further_errors`). `part`: what a bundle holds
+    of the law refitted beside the effects. `curves`: the residual over the regressors that
+    it follows most.
+    """
+
+    kind: str
+    verdict: Verdict
+    effects: tuple[FoundEffect, ...]
+    residual: Mapping[str, BeforeAfter]
+    unit: str
+    unexplained: tuple[BinnedResidual, ...]
+    curves: tuple[BinnedResidual, ...]
+    selection: Selection
+    part: Mapping[str, Any]
+    notices: tuple[str, ...]
+    seed: int = 0
+
+    def to_json(self) -> dict[str, Any]:
+        """What `sysid diagnose --json` prints (spec/cli.md)."""
+        return {
+            "verdict": self.verdict,
+            "component": self.kind,
+            "effects": [
+                {**effect.to_json(), "repeats": addition.repeats.to_json()}
+                for effect, addition in zip(self.effects, self.selection.additions, strict=True)
+            ],
+            "residual": {name: errors.to_json() for name, errors in self.residual.items()},
+            "unexplained": [
+                {"channel": c.channel, "regressor": c.regressor, "share": c.share}
+                for c in self.unexplained
+            ],
+            "rejected": [_attempt(a) for a in self.selection.rejected],
+            "undecided": [{"id": u.id, **u.to_json()} for u in self.selection.undecided],
+            "curves": [curve.to_json() for curve in self.curves],
+            "seed": self.seed,
+            "notices": list(self.notices),
+        }
+
+    def looks(self) -> list[dict[str, Any]]:
+        """What each look tried: `added` (an id, or None in the last) and `attempts`."""
+        steps: list[tuple[str | None, Sequence[Attempt]]] = [
+            *((a.kind.id, a.attempts) for a in self.selection.additions),
+            (None, self.selection.rejected),
+        ]
+        return [{"added": i, "attempts": [_attempt(a) for a in many]} for i, many in steps]
+
+
+def _attempt(attempt: Attempt) -> dict[str, Any]:
+    return {"id": attempt.id, "gain": attempt.gain, "p_value": attempt.p_value}
+
+
+def diagnose_component(
+    kind: str,
+    fitted: Sequence[Trial],
+    held_out: Sequence[Trial],
+    rig: Rig,
+    bundle: Mapping[str, Any],
+    catalogue: Mapping[str, type[CatalogueEffect]],
+    progress: Callable[[str], None] = lambda line: None,
+) -> ComponentDiagnosis:
+    """Find what a part's law lacks on tests to fit on, and measure it on those held out.
+
+    Raises InputError for tests that cannot be used, NotIdentifiedError where the bundle or
+    the tests do not hold the law.
+    """
+    if not fitted:
+        raise NotIdentifiedError('diagnosis: no log has use = "fit"; give it some')
+    component = component_of(kind, fitted, rig)
+    given = component.law_of(bundle)
+    selection = select(component, catalogue, progress)
+    outside = component_of(kind, held_out, rig) if held_out else None
+    ambiguous = [a.repeats.sentence for a in selection.additions if a.repeats.sentence]
+    ambiguous += [effect.undecided_sentence for effect in selection.undecided]
+    notices = (*(() if outside else (_LEFT_OUT,)), *ambiguous)
+    laws = [given, *(a.fitted.law for a in selection.additions)]
+    progress("predicting the held-out tests, before and after")
+    floor = (outside or component).noise_floor(laws[-1])
+    errors = (
+        [_errors(outside, law) for law in laws]
+        if outside
+        else [{component.channel: error} for error in _cross_validated(selection)]
+    )
+    simulated = outside.further_errors(laws[-1]) if outside else {}
+    floors = {component.channel: floor, **{name: noise for name, (_, noise) in simulated.items()}}
+    left = curves(component, given, laws[-1])
+    error = errors[-1].get(component.channel, selection.final.fit.residual_std)
+    structured = [c for c in left[:1] if c.share > LEAST_SHARE and error > _AT_FLOOR * floor]
+    return ComponentDiagnosis(
+        kind=kind,
+        verdict=_verdict(selection, bool(structured)),
+        effects=tuple(
+            _found(addition, selection, before, after)
+            for addition, before, after in zip(
+                selection.additions, errors[:-1], errors[1:], strict=True
+            )
+        ),
+        residual={
+            name: BeforeAfter(errors[0][name], errors[-1][name], floors[name]) for name in errors[0]
+        },
+        unit=component.unit,
+        unexplained=tuple(structured),
+        curves=tuple(left),
+        selection=selection,
+        part=component.part(selection.final.base_estimates()),
+        notices=notices,
+    )
+
+
+def _cross_validated(selection: Selection) -> list[float]:
+    """RMSE of tests left out of the fit, of the law and after each addition."""
+    folds = [selection.folds, *(a.attempt.folds for a in selection.additions)]
+    return [math.sqrt(float(np.mean(squares))) for squares in folds]
+
+
+def _errors(outside: Component, law: Law) -> dict[str, float]:
+    predicted = rmse(outside.residuals(law, range(len(outside.tests))))
+    simulated = {name: error for name, (error, _) in outside.further_errors(law).items()}
+    return {outside.channel: predicted, **simulated}
+
+
+def _verdict(selection: Selection, structure_left: bool) -> Verdict:
+    if structure_left:
+        return "unexplained"
+    return "effects-found" if selection.additions else "adequate"
+
+
+def _found(
+    addition: Addition,
+    selection: Selection,
+    before: Mapping[str, float],
+    after: Mapping[str, float],
+) -> FoundEffect:
+    place = selection.additions.index(addition)
+    final = selection.final
+    effect = final.law.effects[place]
+    return FoundEffect(
+        effect=effect,
+        estimates=final.estimates(effect),
+        p_value=addition.attempt.p_value,
+        share=addition.attempt.gain,
+        holdout={name: BeforeAfter(before[name], after[name]) for name in before},
+        ambiguous_with=addition.ambiguous,
+        advice=addition.kind.tie_breaker if addition.is_ambiguous else "",
+        suspects=(),
+    )
+
+
+__all__ = ["ComponentDiagnosis", "diagnose_component"]

@@ -1,0 +1,162 @@
+"""A diagnosis in words, for the report and for the summary of `sysid diagnose`.
+
+Everything is read from the dict that `sysid.diagnosis.content.content` makes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from sysid.display.channels import channel_of
+from sysid.display.numbers import number
+
+Content = Mapping[str, Any]
+
+SMALLEST_P = 1e-20
+"""A p-value carries few twins far on: how small it is below this says nothing."""
+_REGRESSORS = {
+    "velocity": "velocity",
+    "angle": "position",
+    "pressure_a": "pressure A",
+    "pressure_b": "pressure B",
+    "time": "time",
+    "acceleration": "acceleration",
+    "motor": "motor command",
+    "pressure_sum times direction": "pressure sum times direction",
+    "angle times direction": "position times direction",
+    "pressure_difference": "pressure difference",
+    "pressure_rate": "pressure rate",
+    "valve_opening": "valve opening",
+}
+
+
+def sentence(content: Content) -> str:
+    """The verdict in one sentence."""
+    ids = [effect["id"] for effect in content["effects"]]
+    gained = f"; {_gained(content)}" if content["residual"] else ""
+    if content["verdict"] == "adequate":
+        return f"Adequate: no structure above the noise that any test could find{gained}."
+    if content["verdict"] == "effects-found":
+        return f"Effects found: {joined(ids)}{gained}."
+    helped = f"; {joined(ids)} {'helps' if len(ids) == 1 else 'help'}" if ids else ""
+    return f"Unexplained: {joined(list(_remaining(content)))}{helped}{gained}."
+
+
+def _gained(content: Content) -> str:
+    """Held-out errors before and after: the position's, and that of which most goes.
+
+    Empty where nothing is held out.
+    """
+    errors = content["residual"]
+    if not errors:
+        return ""
+    position = next((n for n in errors if not n.startswith("pressure")), next(iter(errors)))
+    falls = {name: e["before"] / max(e["after"], 1e-300) for name, e in errors.items()}
+    named = [position]
+    if content["effects"] and max(falls.values()) > falls[position]:
+        named.append(max(falls, key=lambda name: falls[name]))
+    said = []
+    for name in named:
+        channel = channel_of(name)
+        before, after, floor = (
+            number(channel.residual(errors[name][k])) for k in ("before", "after", "noise_floor")
+        )
+        title = f"pressure {channel.title[-1]}" if name.startswith("pressure") else channel.title
+        change = f"from {before} to {after}" if content["effects"] else before
+        said.append(
+            f"{title[:1].lower()}{title[1:]} {change} {channel.residual_unit} (noise floor {floor})"
+        )
+    return f"errors on held-out tests: {joined(said)}"
+
+
+def _remaining(content: Content) -> Iterator[str]:
+    for entry in content["unexplained"]:
+        yield (
+            f"structure remains in {balance_of(entry['channel'])}, which follows "
+            f"{regressor_name(entry['regressor'])} most "
+            f"({number(100.0 * entry['share'], 2)} % of the residual's variance)"
+        )
+
+
+def advice(content: Content) -> tuple[str, ...]:
+    """What to do next: the tests that would tell rivals apart, and what to do with a rest."""
+    lines = []
+    for effect in content["effects"]:
+        if effect["ambiguous_with"]:
+            rivals = joined(effect["ambiguous_with"], "or")
+            test = f" A test that would tell: {effect['advice']}." if effect["advice"] else ""
+            lines.append(f"{effect['id']} may as well be {rivals} by these data.{test}")
+    if content["unexplained"]:
+        lines.append(
+            "No effect of the catalogue explains what remains. Its curve says what an effect of "
+            "one's own has to give (--effects FILE); tests that move its regressor further, one "
+            "at a time, would say more."
+        )
+    if not content["residual"]:
+        lines.append(
+            'Errors before and after are not known: give a motion log use = "holdout" in the '
+            "campaign."
+        )
+    return tuple(lines)
+
+
+def joined(items: Sequence[str], word: str = "and") -> str:
+    """A list in words."""
+    if len(items) < 2:
+        return "".join(items)
+    return f"{', '.join(items[:-1])} {word} {items[-1]}"
+
+
+def p_text(value: float) -> str:
+    """A p-value; very small ones by their bound."""
+    return f"< {SMALLEST_P:.0e}" if value < SMALLEST_P else f"{value:.1g}"
+
+
+def balance_of(channel: str) -> str:
+    """The balance whose residual a channel of the log format shows."""
+    if channel in ("flow_a_kg_s", "log_time_to_pressure"):
+        return "the valve's law"
+    if channel.startswith("pressure"):
+        return f"chamber {channel[len('pressure_')].upper()}'s balance"
+    return (
+        "the force balance" if channel in ("position_m", "motor_force_n") else "the torque balance"
+    )
+
+
+def regressor_name(name: str) -> str:
+    """A regressor in words."""
+    return _REGRESSORS.get(name, name)
+
+
+def parameter_rows(effect: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any] | str]]:
+    """An effect's parameters: estimates, and the side that it acts on as text."""
+    for name, estimate in effect["parameters"].items():
+        yield name, estimate if isinstance(estimate, Mapping) else str(estimate)
+
+
+def errors_by_step(content: Content) -> dict[str, list[float]]:
+    """Held-out RMSE by channel: of the bundle that was given, then after each effect.
+
+    NaN after an effect that could not be simulated without the next.
+    """
+    found = {}
+    for name, error in content["residual"].items():
+        after = [effect["holdout_rmse"].get(name, {}) for effect in content["effects"]]
+        steps = [step.get("after", math.nan) for step in after]
+        found[name] = [error["before"], *steps]
+    return found
+
+
+__all__ = [
+    "SMALLEST_P",
+    "advice",
+    "balance_of",
+    "errors_by_step",
+    "joined",
+    "p_text",
+    "parameter_rows",
+    "regressor_name",
+    "sentence",
+]

@@ -1,0 +1,312 @@
+"""Estimates that carry their uncertainty: linear regression and what hangs on it.
+
+Weighted least squares with model-based, group-wise and autocorrelation-consistent
+covariance, the nested-model F test, Satterthwaite's degrees of freedom and Fieller's
+interval of a ratio. Intervals are 95 % unless a level is given.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.errors import NotIdentifiedError
+from sysid.types import FloatArray
+
+LEVEL = 0.95
+# Singular values below this share of the largest are linear dependence between columns.
+_RANK_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One fitted number, as a bundle holds it (`spec/bundle.md`).
+
+    `interval` is the 95 % interval; a limit that the data do not set is infinite. A
+    parameter that the data do not identify has `value` NaN and says why in `reason`.
+    """
+
+    value: float
+    std: float
+    unit: str
+    interval: tuple[float, float]
+    reason: str | None = None
+
+    @classmethod
+    def unidentified(cls, unit: str, reason: str) -> Estimate:
+        """A parameter that these data say nothing about."""
+        return cls(math.nan, math.nan, unit, (-math.inf, math.inf), reason)
+
+    @classmethod
+    def symmetric(cls, value: float, std: float, unit: str, dof: float) -> Estimate:
+        """With Student's interval of `dof` degrees of freedom."""
+        half = t_quantile(dof) * std
+        return cls(value, std, unit, (value - half, value + half))
+
+    @property
+    def identified(self) -> bool:
+        return self.reason is None
+
+    def holds(self, value: float) -> bool:
+        """Whether the interval holds `value`."""
+        return self.interval[0] <= value <= self.interval[1]
+
+    def to_json(self) -> dict[str, Any]:
+        """The bundle's object; an infinite limit or error becomes null."""
+        if self.reason is not None:
+            return {"value": None, "identified": False, "reason": self.reason}
+        return {
+            "value": self.value,
+            "std": _finite(self.std),
+            "unit": self.unit,
+            "interval": [_finite(limit) for limit in self.interval],
+        }
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def t_quantile(dof: float, level: float = LEVEL) -> float:
+    """Two-sided quantile of Student's t; infinite without degrees of freedom."""
+    from scipy.special import ndtri, stdtrit
+
+    if not dof > 0.0:
+        return math.inf
+    share = 0.5 * (1.0 + level)
+    return float(ndtri(share) if math.isinf(dof) else stdtrit(dof, share))
+
+
+def t_p_value(statistic: float, dof: float) -> float:
+    """Two-sided p-value of Student's t."""
+    from scipy.special import stdtr
+
+    return float(2.0 * stdtr(dof, -abs(statistic)))
+
+
+def mean_estimate(values: FloatArray, unit: str) -> Estimate:
+    """Mean of independent values (n,) with Student's interval; n = 1 has no error."""
+    n = len(values)
+    std = float(np.std(values, ddof=1) / math.sqrt(n)) if n > 1 else math.inf
+    return Estimate.symmetric(float(np.mean(values)), std, unit, n - 1)
+
+
+@dataclass(frozen=True)
+class LinearFit:
+    """Weighted least squares of a target (n,) on regressors (n, p).
+
+    `residuals` (n,) are target less prediction; `unscaled` (p, p) is (X' W X)^-1;
+    `variance` is the weighted residual variance, `dof` n - p. `regressors` and `weights`
+    are kept for the other covariances.
+    """
+
+    coefficients: FloatArray
+    residuals: FloatArray
+    unscaled: FloatArray
+    regressors: FloatArray
+    weights: FloatArray
+
+    @property
+    def dof(self) -> int:
+        return len(self.residuals) - len(self.coefficients)
+
+    @property
+    def variance(self) -> float:
+        if self.dof <= 0:
+            return math.inf
+        return float(self.weights @ self.residuals**2) / self.dof
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(p, p), for independent errors of variance proportional to 1/weight."""
+        return self.variance * self.unscaled
+
+    @property
+    def influence(self) -> FloatArray:
+        """(p, n): change of each coefficient with each value of the target."""
+        return np.asarray(self.unscaled @ (self.regressors.T * self.weights))
+
+    @property
+    def leverage(self) -> FloatArray:
+        """(n,): change of each prediction with its own value of the target."""
+        return np.asarray(np.einsum("ij,ji->i", self.regressors, self.influence))
+
+
+def linear_fit(
+    regressors: FloatArray,
+    target: FloatArray,
+    weights: FloatArray | None = None,
+    names: Sequence[str] = (),
+) -> LinearFit:
+    """Fit target (n,) = regressors (n, p) @ coefficients, weights (n,) = 1/variance.
+
+    Raises NotIdentifiedError, naming the columns (`names`), when a column is a linear
+    combination of the others or there are fewer rows than columns.
+    """
+    x = np.asarray(regressors, dtype=float)
+    w = np.ones(len(target)) if weights is None else np.asarray(weights, dtype=float)
+    scale = np.sqrt(w @ x**2)
+    scale[scale == 0.0] = 1.0
+    u, s, vt = np.linalg.svd(np.sqrt(w)[:, None] * x / scale, full_matrices=False)
+    if len(s) < x.shape[1] or s[-1] < _RANK_TOLERANCE * s[0]:
+        null = np.abs(vt[-1]) if len(vt) == x.shape[1] else np.ones(x.shape[1])
+        tied = [name for name, part in zip(names, null, strict=False) if part > 0.1]
+        raise NotIdentifiedError(
+            f"the data cannot tell apart {', '.join(tied) or 'the regressors'}"
+        )
+    half = (vt.T / s) / scale[:, None]
+    coefficients = half @ (u.T @ (np.sqrt(w) * target))
+    return LinearFit(coefficients, target - x @ coefficients, half @ half.T, x, w)
+
+
+@dataclass(frozen=True)
+class FTest:
+    """F test of nested linear models."""
+
+    statistic: float
+    dof_numerator: int
+    dof_denominator: int
+    p_value: float
+
+
+def nested_f_test(full: FloatArray, reduced: FloatArray, target: FloatArray) -> FTest | None:
+    """Whether the columns that `full` (n, p) has beyond `reduced` (n, q) matter.
+
+    Columns may be dependent (indicator variables): ranks count, not columns. None where
+    there is nothing to test: no further rank, or no degrees of freedom left.
+    """
+    from scipy.special import fdtrc
+
+    (rss_full, rank_full), (rss_reduced, rank_reduced) = (
+        _residual_sum(x, target) for x in (full, reduced)
+    )
+    more, left = rank_full - rank_reduced, len(target) - rank_full
+    if more < 1 or left < 1 or rss_full <= 0.0:
+        return None
+    f = (rss_reduced - rss_full) / more / (rss_full / left)
+    return FTest(f, more, left, float(fdtrc(more, left, max(f, 0.0))))
+
+
+def _residual_sum(x: FloatArray, target: FloatArray) -> tuple[float, int]:
+    coefficients, _, rank, _ = np.linalg.lstsq(x, target, rcond=_RANK_TOLERANCE)
+    return float(np.sum((target - x @ coefficients) ** 2)), int(rank)
+
+
+def indicator(labels: Sequence[Any] | NDArray[Any]) -> FloatArray:
+    """One column of 0 and 1 for each distinct label, (n, k)."""
+    values = np.asarray(labels)
+    return np.asarray(values[:, None] == np.unique(values)[None, :], dtype=float)
+
+
+def satterthwaite(variances: FloatArray, dofs: FloatArray) -> float:
+    """Degrees of freedom of a sum of independent variance estimates (Satterthwaite 1946)."""
+    v, d = np.asarray(variances, dtype=float), np.asarray(dofs, dtype=float)
+    total, known = float(v.sum()), v > 0.0
+    if total <= 0.0:
+        return float(d.sum())
+    return total**2 / float(np.sum(v[known] ** 2 / d[known]))
+
+
+def group_covariances(
+    fit: LinearFit, influence: FloatArray, residuals: FloatArray, groups: NDArray[np.intp]
+) -> tuple[FloatArray, FloatArray]:
+    """Covariance of linear estimates, one share for each group with a variance of its own.
+
+    `influence` (m, n) maps errors to the m estimates, `residuals` (m, n) are the errors as
+    each estimate sees them, relative to 1/sqrt(weight); `groups` (n,) numbers from 0.
+    Returns (g, m, m) and the degrees of freedom of each group's variance, (g,): its trials
+    less its share of the fitted coefficients (the sum of its leverages).
+    """
+    count = int(groups.max()) + 1
+    scale = np.sqrt(fit.weights)
+    relative, reach = residuals * scale, influence / scale
+    shares = np.empty((count, len(influence), len(influence)))
+    dofs = np.empty(count)
+    for g in range(count):
+        rows = groups == g
+        dofs[g] = max(float(rows.sum() - fit.leverage[rows].sum()), 1e-12)
+        spread = relative[:, rows] @ relative[:, rows].T / dofs[g]
+        shares[g] = spread * (reach[:, rows] @ reach[:, rows].T)
+    return shares, dofs
+
+
+def fieller_interval(
+    numerator: float,
+    denominator: float,
+    shares: FloatArray,
+    dofs: FloatArray,
+    level: float = LEVEL,
+) -> tuple[float, float]:
+    """Interval of numerator/denominator, both normal and correlated (Fieller 1954).
+
+    `shares` (g, 2, 2) are the covariance's independent parts, each estimated with `dofs`
+    (g,). The interval holds every ratio r that the contrast numerator - r denominator does
+    not reject; Satterthwaite's degrees of freedom are taken of that very contrast, so at r.
+    A limit is infinite where no ratio on that side is rejected.
+    """
+
+    above, across, below = shares[:, 0, 0], shares[:, 0, 1], shares[:, 1, 1]
+
+    def rejected(ratio: float) -> float:
+        variances = above - 2.0 * ratio * across + ratio**2 * below
+        variance = float(variances.sum())
+        if variance <= 0.0:
+            return math.inf
+        t = abs(numerator - ratio * denominator) / math.sqrt(variance)
+        return t - t_quantile(satterthwaite(variances, dofs), level)
+
+    ratio = numerator / denominator
+    contrast = np.array([1.0, -ratio])
+    spread = math.sqrt(max(float(contrast @ shares.sum(axis=0) @ contrast), 0.0))
+    step = spread / abs(denominator)
+    if step == 0.0:
+        return ratio, ratio
+    # As |r| grows the test becomes that of the denominator alone, which settles both sides.
+    if rejected(ratio + 1e6 * step) <= 0.0 and rejected(ratio - 1e6 * step) <= 0.0:
+        return -math.inf, math.inf
+    return _edge(rejected, ratio, -step), _edge(rejected, ratio, step)
+
+
+def _edge(rejected: Callable[[float], float], start: float, step: float) -> float:
+    """First change of sign of `rejected` from `start` on, in growing steps, then halved."""
+    inside, outside = start, start + step
+    while rejected(outside) <= 0.0:
+        step *= 1.3
+        inside, outside = outside, outside + step
+        if abs(outside - start) > 1e9 * max(abs(start), abs(step) * 1e-9):
+            return math.copysign(math.inf, step)
+    for _ in range(45):
+        middle = 0.5 * (inside + outside)
+        inside, outside = (middle, outside) if rejected(middle) <= 0.0 else (inside, middle)
+    return 0.5 * (inside + outside)
+
+
+def long_run_covariance(fit: LinearFit) -> tuple[FloatArray, float]:
+    """Covariance of the coefficients (p, p) when the errors follow one another in time.
+
+    Newey and West's (1987) estimate with the Bartlett kernel; its bandwidth is the plug-in
+    of Andrews (1991) from first-order autoregressions of the scores. Returns it, and the
+    number of independent stretches less p, as degrees of freedom.
+    """
+    scores = fit.regressors * (fit.weights * fit.residuals)[:, None]
+    n, size = scores.shape
+    spread = np.sum(scores**2, axis=0)
+    spread[spread == 0.0] = 1.0
+    rho = np.clip(np.sum(scores[1:] * scores[:-1], axis=0) / spread, 0.0, 0.999)
+    innovation = (1.0 - rho**2) * spread / n
+    share = innovation**2 / np.sum(innovation**2 / (1.0 - rho) ** 4)
+    alpha = float(np.sum(4.0 * rho**2 / ((1.0 - rho) ** 6 * (1.0 + rho) ** 2) * share))
+    bandwidth = min(1.1447 * (alpha * n) ** (1.0 / 3.0), 0.2 * n)
+    covariance = scores.T @ scores
+    for lag in range(1, int(bandwidth) + 1):
+        shifted = scores[lag:].T @ scores[:-lag]
+        covariance += (1.0 - lag / (bandwidth + 1.0)) * (shifted + shifted.T)
+    dof = max(1.0, n / (bandwidth + 1.0) - size)
+    stretches = dof + size
+    covariance *= stretches / dof
+    return np.asarray(fit.unscaled @ covariance @ fit.unscaled), dof

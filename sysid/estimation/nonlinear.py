@@ -1,0 +1,391 @@
+"""Bounded nonlinear least squares whose parameters carry their uncertainty.
+
+Named, bounded parameters (lmfit's vocabulary) around `scipy.optimize.least_squares`; standard
+errors for white, for autocorrelated and for trial-wise errors; Student's intervals (profile
+intervals: `sysid.estimation.profile`);
+and a diagnosis that names the parameter that is stuck at a bound or that the data do not
+identify. Standard errors are those of Bates, Watts (1988), Nonlinear Regression Analysis.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.estimation.autocovariance import runs_of, tapered_autocovariance, toeplitz_product
+from sysid.estimation.linear import Estimate
+from sysid.types import FloatArray
+
+Residuals = Callable[[FloatArray], FloatArray]
+Jacobian = Callable[[FloatArray], FloatArray]
+
+# Step of a central difference that balances rounding against curvature.
+_CENTRAL_STEP = float(np.finfo(float).eps) ** (1.0 / 3.0)
+# A parameter this near to a bound, as a share of its scale, is stuck there.
+_AT_BOUND = 1e-6
+# Singular values of the scaled Jacobian below this share of the largest are not identified.
+_RANK_TOLERANCE = 1e-10
+_TIED = 0.1
+_POLISH_STEPS = 20
+# A step that would lower the sum of squares by less than this share is rounding.
+_POLISHED = 1e-18
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One unknown: its start, unit and bounds; `scale` is its size where the start is none."""
+
+    name: str
+    value: float
+    unit: str = ""
+    lower: float = -math.inf
+    upper: float = math.inf
+    scale: float | None = None
+
+    @property
+    def size(self) -> float:
+        """A typical magnitude, in the parameter's own unit; never zero."""
+        return abs(self.scale if self.scale else self.value) or 1.0
+
+
+@dataclass(frozen=True)
+class SolverDiagnosis:
+    """What the data say nothing about.
+
+    `at_bound` names parameters stuck at a bound, `unidentified` those without an influence
+    of their own, `tied` those that only act together. `condition` is that of the Jacobian
+    with columns scaled to unit length.
+    """
+
+    at_bound: tuple[str, ...]
+    unidentified: tuple[str, ...]
+    tied: tuple[str, ...]
+    condition: float
+
+
+@dataclass(frozen=True)
+class LeastSquaresFit:
+    """A minimum of the sum of squared residuals over p parameters.
+
+    `values` (p,) in the parameters' units; `residuals` (n,) and `jacobian` (n, p) there;
+    `converged` is false where the evaluations ran out.
+    """
+
+    parameters: tuple[Parameter, ...]
+    values: FloatArray
+    residuals: FloatArray
+    jacobian: FloatArray
+    converged: bool
+    message: str
+    evaluations: int
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(p.name for p in self.parameters)
+
+    def holding(self, names: Collection[str]) -> LeastSquaresFit:
+        """The same fit with some parameters given, so that they add no uncertainty."""
+        keep = [i for i, name in enumerate(self.names) if name not in names]
+        return replace(
+            self,
+            parameters=tuple(self.parameters[i] for i in keep),
+            values=self.values[keep],
+            jacobian=self.jacobian[:, keep],
+        )
+
+    def __getitem__(self, name: str) -> float:
+        return float(self.values[self.names.index(name)])
+
+    @property
+    def sum_of_squares(self) -> float:
+        return float(self.residuals @ self.residuals)
+
+    @property
+    def dof(self) -> int:
+        return len(self.residuals) - int(np.count_nonzero(self._free))
+
+    @property
+    def residual_std(self) -> float:
+        """Standard deviation of a residual; infinite without degrees of freedom."""
+        return math.sqrt(self.sum_of_squares / self.dof) if self.dof > 0 else math.inf
+
+    @cached_property
+    def _free(self) -> NDArray[np.bool_]:
+        """(p,): whether each parameter is off its bounds and has an influence."""
+        stuck = set(self.diagnosis.at_bound) | set(self.diagnosis.unidentified)
+        return np.array([name not in stuck for name in self.names])
+
+    @cached_property
+    def diagnosis(self) -> SolverDiagnosis:
+        """Which parameters are stuck, silent or tied together."""
+        at_bound = [
+            p.name
+            for p, v in zip(self.parameters, self.values, strict=True)
+            if min(v - p.lower, p.upper - v) <= _AT_BOUND * p.size
+        ]
+        sizes = np.array([p.size for p in self.parameters])
+        reach = np.sqrt(np.sum(self.jacobian**2, axis=0)) * sizes
+        silent = reach <= _RANK_TOLERANCE * max(float(reach.max(initial=0.0)), 1e-300)
+        keep = [i for i, n in enumerate(self.names) if not silent[i] and n not in at_bound]
+        triangle = np.asarray(np.linalg.qr(self.jacobian[:, keep], mode="r"))
+        tied, condition = _dependence(triangle)
+        return SolverDiagnosis(
+            tuple(at_bound),
+            tuple(n for n, s in zip(self.names, silent, strict=True) if s and n not in at_bound),
+            tuple(self.names[keep[i]] for i in tied),
+            condition,
+        )
+
+    @cached_property
+    def _unscaled(self) -> FloatArray:
+        """(p, p): (J' J)^-1 over the free parameters, zero elsewhere."""
+        full = np.zeros((len(self.values), len(self.values)))
+        half = _half_inverse(self.jacobian[:, self._free])
+        full[np.ix_(self._free, self._free)] = half @ half.T
+        return full
+
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """(p, p), for independent residuals of one variance."""
+        return self.residual_std**2 * self._unscaled
+
+    def correlated_covariance(self, groups: NDArray[np.intp] | None = None) -> FloatArray:
+        """(p, p), for stationary residuals that are correlated from sample to sample.
+
+        (J'J)^-1 J' Omega J (J'J)^-1, Omega from the residuals' autocovariance with the
+        flat-top taper and the automatic bandwidth of Politis (2003, Adaptive bandwidth
+        choice). `groups` (n,) numbers the runs of residuals that follow one another in
+        time: there is no correlation between runs.
+        """
+        runs = runs_of(len(self.residuals), groups)
+        gamma = tapered_autocovariance(self.residuals, runs, self.dof)
+        weighted = np.concatenate([toeplitz_product(self.jacobian[run], gamma) for run in runs])
+        meat = self.jacobian.T @ weighted
+        covariance = self._unscaled @ (0.5 * (meat + meat.T)) @ self._unscaled
+        # The taper may leave a tiny or negative variance where errors alternate in sign.
+        floor = 0.25 * np.diag(self.covariance)
+        low = np.diag(covariance) < floor
+        covariance[low, low] = floor[low]
+        return np.asarray(covariance)
+
+    def jackknife_covariance(self, groups: NDArray[np.intp]) -> FloatArray:
+        """(p, p), for parameters that differ from group to group (trial to trial).
+
+        Leave-one-group-out jackknife (MacKinnon, White 1985: HC3 by cluster), each step
+        linearised at the minimum. Its intervals have as many degrees of freedom as there
+        are groups less one.
+        """
+        labels = np.unique(groups)
+        moves = np.array([self._move_without(groups == g) for g in labels])
+        moves -= moves.mean(axis=0)
+        count = len(labels)
+        return np.asarray((count - 1) / count * moves.T @ moves)
+
+    def _move_without(self, rows: NDArray[np.bool_]) -> FloatArray:
+        """Change of the parameters (p,) when `rows` are left out."""
+        move = np.zeros(len(self.values))
+        rest = self.jacobian[~rows][:, self._free]
+        scale = np.sqrt(np.sum(self.jacobian[:, self._free] ** 2, axis=0))
+        step, *_ = np.linalg.lstsq(rest / scale, -self.residuals[~rows], rcond=1e-9)
+        move[self._free] = step / scale
+        return move
+
+    def estimate(self, name: str, covariance: FloatArray | None = None) -> Estimate:
+        """Value, standard error and Student's 95 % interval of one parameter.
+
+        `covariance` (p, p) overrules that of independent residuals. A parameter that is
+        stuck at a bound, or has no influence of its own, is not identified.
+        """
+        i = self.names.index(name)
+        parameter, d = self.parameters[i], self.diagnosis
+        if name in d.at_bound:
+            reason = f"{name} is stuck at its bound, {self.values[i]:.4g} {parameter.unit}"
+            return Estimate.unidentified(parameter.unit, reason.rstrip())
+        if name in d.unidentified:
+            return Estimate.unidentified(parameter.unit, f"the data do not depend on {name}")
+        if name in d.tied:
+            others = ", ".join(n for n in d.tied if n != name)
+            return Estimate.unidentified(
+                parameter.unit, f"the data cannot tell {name} from {others}"
+            )
+        used = self.covariance if covariance is None else covariance
+        std = math.sqrt(max(float(used[i, i]), 0.0))
+        return Estimate.symmetric(float(self.values[i]), std, parameter.unit, self.dof)
+
+    def report(self) -> str:
+        """One line a parameter, and a remark on each that is stuck."""
+        lines = [
+            f"{len(self.residuals)} residuals, {len(self.values)} parameters, residual "
+            f"standard deviation {self.residual_std:.6g}; {self.message}"
+        ]
+        for parameter in self.parameters:
+            e = self.estimate(parameter.name)
+            if e.reason is not None:
+                lines.append(f"  {parameter.name}: {e.reason}")
+                continue
+            low, high = e.interval
+            lines.append(
+                f"  {parameter.name} = {e.value:.8g} +- {e.std:.3g} {parameter.unit} "
+                f"({low:.6g} to {high:.6g})"
+            )
+        return "\n".join(lines)
+
+
+def minimise(
+    residuals: Residuals,
+    parameters: Sequence[Parameter],
+    *,
+    jacobian: Jacobian | None = None,
+    tolerance: float = 1e-10,
+    max_evaluations: int = 2000,
+    polish: bool = True,
+) -> LeastSquaresFit:
+    """Least squares of `residuals(values)` (n,) over the bounded parameters (p,).
+
+    `jacobian(values)` (n, p) is taken by central differences where it is not given.
+    Trust-region reflective steps with columns scaled as they come (Branch, Coleman, Li
+    1999) until the sum falls by less than `tolerance` of itself, then (`polish`) Gauss-Newton
+    steps for as long as they lower it: the minimum is found to the last digits that the
+    residuals carry. Raises ValueError on a start outside its bounds.
+    """
+    from scipy import optimize
+
+    start = np.array([p.value for p in parameters], dtype=float)
+    lower = np.array([p.lower for p in parameters])
+    upper = np.array([p.upper for p in parameters])
+    sizes = np.array([p.size for p in parameters])
+    if np.any(start < lower) or np.any(start > upper):
+        raise ValueError("a parameter's start lies outside its bounds")
+
+    def scaled(x: FloatArray) -> FloatArray:
+        return np.asarray(residuals(x * sizes), dtype=float)
+
+    def scaled_jacobian(x: FloatArray) -> FloatArray:
+        if jacobian is not None:
+            return np.asarray(jacobian(x * sizes) * sizes)
+        return np.asarray(central_jacobian(residuals, x * sizes, sizes, lower, upper) * sizes)
+
+    # A trial step may overflow the model; its infinite sum is refused, which is the answer.
+    with np.errstate(all="ignore"):
+        found = optimize.least_squares(
+            scaled,
+            start / sizes,
+            jac=scaled_jacobian,
+            bounds=(lower / sizes, upper / sizes),
+            x_scale="jac",
+            ftol=tolerance,
+            xtol=tolerance,
+            gtol=None,
+            max_nfev=max_evaluations,
+        )
+        x = found.x
+        if polish:
+            x = _polished(scaled, scaled_jacobian, x, lower / sizes, upper / sizes)
+    return LeastSquaresFit(
+        tuple(parameters),
+        x * sizes,
+        scaled(x),
+        scaled_jacobian(x) / sizes,
+        bool(found.status > 0),
+        str(found.message),
+        int(found.nfev),
+    )
+
+
+def _polished(
+    residuals: Residuals, jacobian: Jacobian, x: FloatArray, lower: FloatArray, upper: FloatArray
+) -> FloatArray:
+    """Gauss-Newton steps inside the bounds for as long as the sum of squares falls."""
+    r = residuals(x)
+    for _ in range(_POLISH_STEPS):
+        j = jacobian(x)
+        norm = np.sqrt(np.sum(j**2, axis=0))
+        if not np.all(np.isfinite(norm)) or np.any(norm == 0.0):
+            return x
+        q, triangle = np.linalg.qr(j / norm)
+        along = -(q.T @ r)
+        if not along @ along > _POLISHED * (r @ r):
+            return x
+        step, *_ = np.linalg.lstsq(triangle, along, rcond=1e-14)
+        trial = x + step / norm
+        if np.any(trial <= lower) or np.any(trial >= upper):
+            return x
+        new = residuals(trial)
+        if not new @ new < r @ r:
+            return x
+        x, r = trial, new
+    return x
+
+
+def central_jacobian(
+    function: Residuals,
+    values: FloatArray,
+    sizes: FloatArray,
+    lower: FloatArray | None = None,
+    upper: FloatArray | None = None,
+) -> FloatArray:
+    """(n, p) by central differences; one-sided where a bound is nearer than the step.
+
+    `sizes` (p,) are the parameters' typical magnitudes, for values that are zero.
+    """
+    return central_jacobian_of_all(
+        lambda points: map(function, points), values, sizes, lower, upper
+    )
+
+
+def central_jacobian_of_all(
+    function: Callable[[Sequence[FloatArray]], Iterable[FloatArray]],
+    values: FloatArray,
+    sizes: FloatArray,
+    lower: FloatArray | None = None,
+    upper: FloatArray | None = None,
+) -> FloatArray:
+    """`central_jacobian` of a function that takes all its points, (p,) each, at once."""
+    points: list[FloatArray] = []
+    for i, value in enumerate(values):
+        step = _CENTRAL_STEP * max(abs(value), 1e-3 * sizes[i])
+        ahead, behind = np.array(values), np.array(values)
+        ahead[i] = min(value + step, np.inf if upper is None else upper[i])
+        behind[i] = max(value - step, -np.inf if lower is None else lower[i])
+        points += [ahead, behind]
+    answers = iter(function(points))
+    columns = [
+        (next(answers) - next(answers)) / (points[2 * i][i] - points[2 * i + 1][i])
+        for i in range(len(values))
+    ]
+    return np.stack(columns, axis=1)
+
+
+def _dependence(jacobian: FloatArray) -> tuple[list[int], float]:
+    """Columns that only act together, and the condition of the scaled Jacobian."""
+    if jacobian.shape[1] == 0:
+        return [], 1.0
+    norm = np.sqrt(np.sum(jacobian**2, axis=0))
+    _, s, vt = np.linalg.svd(jacobian / norm, full_matrices=False)
+    condition = float(s[0] / s[-1]) if s[-1] > 0.0 else math.inf
+    if len(s) < jacobian.shape[1]:
+        return list(range(jacobian.shape[1])), math.inf
+    tied: set[int] = set()
+    for value, vector in zip(s, vt, strict=True):
+        if value < _RANK_TOLERANCE * s[0]:
+            tied |= {int(i) for i in np.flatnonzero(np.abs(vector) > _TIED)}
+    return sorted(tied), condition
+
+
+def _half_inverse(jacobian: FloatArray) -> FloatArray:
+    """H (p, p) with H H' = (J' J)^-1, by QR of the scaled Jacobian."""
+    p = jacobian.shape[1]
+    if p == 0 or len(jacobian) < p:
+        return np.full((p, p), np.inf)
+    norm = np.sqrt(np.sum(jacobian**2, axis=0))
+    r = np.linalg.qr(jacobian / norm, mode="r")
+    try:
+        inverse = np.linalg.solve(r, np.eye(p))
+    except np.linalg.LinAlgError:
+        inverse = np.linalg.pinv(r)
+    return np.asarray(inverse / norm[:, None])

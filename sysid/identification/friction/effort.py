@@ -1,0 +1,251 @@
+"""A trial as the friction fits see it: even samples, efforts apart, and its kind.
+
+"Effort" is torque (Nm) on a rotary rig and force (N) on a linear one; "position" is rad
+or m accordingly.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid import signals
+from sysid.errors import InputError
+from sysid.io.channels import CHAMBER_PRESSURES
+from sysid.io.logs import Trial
+from sysid.io.rig import Rig
+from sysid.model.base import cylinder_effort, gravity_effort
+from sysid.types import FloatArray
+
+STATIC, SLIDING, MOTION = "friction-static", "friction-sliding", "friction-motion"
+KINDS = (STATIC, SLIDING, MOTION)
+# Samples this share of the stroke from an end are not part of the model (log-format.md).
+END_MARGIN = 0.01
+MIN_SAMPLES = 50
+_VALVES = ("valve_a", "valve_b", "duty_a", "duty_b")
+
+
+@dataclass(frozen=True)
+class Units:
+    """Names and units of a rig's friction parameters."""
+
+    effort: str
+    position: str
+    speed: str
+    static: str
+    coulomb: str
+    viscous: str
+    viscous_unit: str
+    offset: str
+    inertia: str
+    inertia_unit: str
+
+
+ROTARY = Units(
+    "Nm",
+    "rad",
+    "rad/s",
+    "static_nm",
+    "coulomb_nm",
+    "viscous_nm_s_per_rad",
+    "Nm s/rad",
+    "offset_nm",
+    "inertia_kg_m2",
+    "kg m2",
+)
+LINEAR = Units(
+    "N",
+    "m",
+    "m/s",
+    "static_n",
+    "coulomb_n",
+    "viscous_n_s_per_m",
+    "N s/m",
+    "offset_n",
+    "mass_kg",
+    "kg",
+)
+
+
+def units_of(rig: Rig) -> Units:
+    return LINEAR if rig.is_linear else ROTARY
+
+
+@dataclass(frozen=True)
+class EvenTrial:
+    """One trial on an even time grid, all arrays (n,).
+
+    `motor`, `cylinder` and `gravity` are efforts as in thesis 3.3.7: the first two drive,
+    the third resists. `limit` is the largest |position| that is not too near an end stop
+    (infinite where the rig declares no stroke).
+    """
+
+    label: str
+    source: str
+    period: float
+    time: FloatArray
+    position: FloatArray
+    motor: FloatArray
+    cylinder: FloatArray
+    gravity: FloatArray
+    limit: float
+    travel: float | None
+    valves_move: bool = False
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def applied(self) -> FloatArray:
+        """What friction and inertia balance: motor + cylinder - gravity (3.4.2)."""
+        return self.motor + self.cylinder - self.gravity
+
+    @cached_property
+    def position_noise(self) -> signals.NoiseFloor:
+        return signals.noise_floor(self.position)
+
+    @property
+    def inside(self) -> NDArray[np.bool_]:
+        """Samples that are far enough from both end stops."""
+        return np.asarray(np.abs(self.position) < self.limit)
+
+
+@dataclass
+class TrialUse:
+    """What became of one trial: used or left out and why, and what was read from it."""
+
+    label: str
+    source: str
+    kind: str
+    used: bool = True
+    reason: str = ""
+    values: dict[str, float] = field(default_factory=dict)
+
+    def leave_out(self, reason: str) -> None:
+        self.used, self.reason = False, reason
+
+    def to_json(self) -> dict[str, Any]:
+        table: dict[str, Any] = {"test": self.label, "kind": self.kind, "used": self.used}
+        if self.reason:
+            table["reason"] = self.reason
+        return table | self.values
+
+
+def even_trial(trial: Trial, rig: Rig, notices: list[str]) -> EvenTrial:
+    """Resample a trial and take its efforts apart; InputError where a channel is missing.
+
+    Pressures that are absent are taken as P0, with a notice, as the log format says.
+    """
+    trial.require([rig.position_channel], "and friction cannot be told without motion")
+    if rig.motor is not None or not set(CHAMBER_PRESSURES) <= set(trial.channels):
+        trial.require([rig.effort_channel], "and friction is what balances the motor")
+    grid = signals.uniform_grid(trial.time)
+
+    def even(name: str, hold: bool = False) -> FloatArray:
+        return signals.resample(trial.time, trial[name], grid, hold=hold)
+
+    position = even(rig.position_channel)
+    has_motor = rig.effort_channel in trial
+    motor = even(rig.effort_channel, hold=True) if has_motor else np.zeros(len(grid))
+    if rig.max_effort is not None:
+        motor = np.clip(motor, -rig.max_effort, rig.max_effort)
+    moment = rig.gravity_moment()
+    weights = (0.0, moment) if rig.is_linear else (moment, 0.0)
+    gravity = np.asarray(gravity_effort(position, *weights)) + np.zeros(len(grid))
+    travel = rig.travel
+    return EvenTrial(
+        label=trial.label,
+        source=trial.source,
+        period=float(grid[1] - grid[0]) if len(grid) > 1 else math.nan,
+        time=grid - grid[0],
+        position=position,
+        motor=motor,
+        cylinder=_cylinder(trial, rig, even, len(grid), notices),
+        gravity=gravity,
+        limit=math.inf if travel is None else (0.5 - END_MARGIN) * travel,
+        travel=travel,
+        valves_move=any(name in trial and np.ptp(trial[name]) > 0.0 for name in _VALVES),
+    )
+
+
+def _cylinder(trial: Trial, rig: Rig, even: Any, n: int, notices: list[str]) -> FloatArray:
+    present = [name for name in CHAMBER_PRESSURES if name in trial]
+    if rig.cylinder is None:
+        if present:
+            _say(notices, "the rig file has no [cylinder]: the logged pressures are not used")
+        return np.zeros(n)
+    if len(present) < 2:
+        missing = ", ".join(name for name in CHAMBER_PRESSURES if name not in trial)
+        _say(notices, f"{missing} not logged: the chamber is taken to be at P0")
+    if not present:
+        return np.zeros(n)
+    air = rig.require("air", "and the cylinder's effort is counted from the atmosphere's pressure")
+    p0 = float(air.atmospheric_pressure_pa)
+    a, b = (even(name) if name in trial else np.full(n, p0) for name in CHAMBER_PRESSURES)
+    c = rig.cylinder
+    return np.asarray(cylinder_effort(a, b, c.area_a_m2, c.area_b_m2, p0, c.pitch_radius_m))
+
+
+def _say(notices: list[str], text: str) -> None:
+    if text not in notices:
+        notices.append(text)
+
+
+def classify_trial(trial: Trial, rig: Rig) -> str:
+    """`friction-static`, `friction-sliding` or `friction-motion`, by the trial's content.
+
+    Static: the motor's effort grows from zero, without falling back, for most of the test.
+    Sliding: it stays the same, up to 1 %, for at least half of the test. A test in which a
+    valve moves, and everything else, is motion.
+    """
+    try:
+        even = even_trial(trial, rig, [])
+    except InputError:
+        return MOTION
+    return classify(even)
+
+
+def classify(trial: EvenTrial) -> str:
+    """`classify_trial` of a trial that is already even."""
+    drive = trial.motor
+    if trial.valves_move or len(trial) < MIN_SAMPLES or not np.any(drive):
+        return MOTION
+    if _is_ramp(drive):
+        return STATIC
+    start, stop = constant_run(drive)
+    return SLIDING if stop - start >= 0.5 * len(drive) and drive[start] != 0.0 else MOTION
+
+
+def _is_ramp(drive: FloatArray) -> bool:
+    size = np.abs(drive)
+    top = int(np.argmax(size))
+    still = int(np.argmax(size > 0.02 * size[top]))
+    rise = drive[still : top + 1]
+    if len(rise) < 0.5 * len(drive) or size[0] > 0.1 * size[top]:
+        return False
+    way = float(np.sum(np.abs(np.diff(rise))))
+    straight = np.corrcoef(np.arange(len(rise)), rise)[0, 1] if len(rise) > 2 else 0.0
+    return way < 1.2 * abs(rise[-1] - rise[0]) and abs(float(straight)) > 0.98
+
+
+def constant_run(drive: FloatArray) -> tuple[int, int]:
+    """Longest stretch [start, stop) in which the drive keeps to its level.
+
+    Allowed are 1 % of the largest drive, or five times its noise where it was measured.
+    """
+    n = len(drive)
+    level = float(np.median(drive[n // 2 :])) if n else 0.0
+    noise = signals.noise_floor(drive).noise if len(np.unique(drive)) > 10 else 0.0
+    tolerance = max(0.01 * float(np.max(np.abs(drive))), 5.0 * noise)
+    near = np.abs(drive - level) <= tolerance
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], near.astype(int), [0]])))
+    if len(edges) == 0:
+        return 0, 0
+    lengths = edges[1::2] - edges[::2]
+    longest = int(np.argmax(lengths))
+    return int(edges[2 * longest]), int(edges[2 * longest + 1])

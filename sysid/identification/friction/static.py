@@ -1,0 +1,342 @@
+"""Breakaway: static friction from slow ramps (thesis 3.4.2, Table 3.4.1).
+
+The thesis stops a ramp when the shaft has moved by one encoder count. Below breakaway the
+contacts give elastically (presliding), so that criterion finds the resolution of the
+encoder. Here the onset of sustained motion is located, and the effort is taken there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.estimation.linear import (
+    Estimate,
+    FTest,
+    indicator,
+    mean_estimate,
+    nested_f_test,
+    t_quantile,
+)
+from sysid.identification.friction.effort import STATIC, EvenTrial, TrialUse, Units
+from sysid.types import FloatArray
+
+TRAVEL_SHARE = 1e-3  # of the stroke: motion beyond it is more than presliding
+SUSTAINED_SHARE = 1e-2  # of the stroke: a movement that ends within it was a slip
+NOISE_TIMES, QUANTUM_TIMES = 8.0, 4.0
+REST_S = 0.03  # a shaft that covers less than its noise for as long is at rest
+AVERAGE_S = 0.2  # of the efforts before the onset
+POSITION_GAP = 0.05  # of the stroke, between one start position and the next
+SIGNIFICANT = 0.05
+
+CRITERION = (
+    "onset of sustained motion: the first movement that leaves the presliding range "
+    f"({TRAVEL_SHARE:g} of the stroke, or {NOISE_TIMES:g} times the position's noise, or "
+    f"{QUANTUM_TIMES:g} counts) and lasts to the end of the test or for {SUSTAINED_SHARE:g} of "
+    "the stroke; its start is where a course that leaves the rest with no speed fits the "
+    f"position best; the efforts are those of the {AVERAGE_S:g} s before, carried on to it"
+)
+
+
+@dataclass(frozen=True)
+class Onset:
+    """When sustained motion starts: `time` s, `index` of the last sample before it."""
+
+    time: float
+    index: int
+    direction: int
+    threshold: float
+
+
+@dataclass(frozen=True)
+class PositionMean:
+    """Static friction at one place of the piston."""
+
+    position: float
+    estimate: Estimate
+    count: int
+
+    def to_json(self) -> dict[str, Any]:
+        """The bundle's row: position rad or m, number of tests, static friction there."""
+        return {
+            "position": self.position,
+            "tests": self.count,
+            "static": self.estimate.to_json(),
+        }
+
+
+@dataclass(frozen=True)
+class StaticFriction:
+    """Mean static friction, and whether place or direction changes it.
+
+    `repeatability` is the standard deviation between trials at one place and in one
+    direction. `tests` are the nested F tests by `position`, `direction` and their
+    `interaction`.
+    """
+
+    estimate: Estimate
+    repeatability: float
+    by_position: tuple[PositionMean, ...]
+    by_direction: dict[str, Estimate]
+    tests: dict[str, FTest]
+    notices: tuple[str, ...] = ()
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Repeatability and tests, a line each."""
+        unit = self.estimate.unit
+        lines = [f"static friction repeats to {self.repeatability:.3g} {unit} (one std)"]
+        for factor, test in self.tests.items():
+            verdict = "matters" if self.matters(factor) else "does not show"
+            lines.append(
+                f"static friction: {factor} {verdict} (F = {test.statistic:.3g} with "
+                f"{test.dof_numerator} and {test.dof_denominator} degrees of freedom, "
+                f"p = {test.p_value:.2g})"
+            )
+        return tuple(lines)
+
+    def matters(self, factor: str) -> bool:
+        test = self.tests.get(factor)
+        return test is not None and test.p_value < SIGNIFICANT
+
+
+def fit_static(
+    trials: Sequence[EvenTrial], units: Units, notices: list[str]
+) -> tuple[StaticFriction | None, list[TrialUse]]:
+    """Static friction from ramps; None where none of them moved."""
+    uses = [breakaway(trial, units) for trial in trials]
+    for use in uses:
+        if not use.used:
+            notices.append(f"test {use.label}: left out of static friction, {use.reason}")
+    used = [use for use in uses if use.used]
+    if not used:
+        return None, uses
+    values = np.array([abs(use.values["breakaway"]) for use in used])
+    starts = np.array([use.values["position"] for use in used])
+    places = _places(starts, trials[0].travel)
+    directions = np.array([use.values["direction"] for use in used])
+    return static_summary(values, starts, places, directions, units.effort), uses
+
+
+def breakaway(trial: EvenTrial, units: Units) -> TrialUse:
+    """One ramp's breakaway effort, signed, in `values`; or why it is left out."""
+    use = TrialUse(trial.label, trial.source, STATIC)
+    found = find_onset(trial)
+    if isinstance(found, str):
+        use.leave_out(found)
+        return use
+    onset = found
+    first = max(0, onset.index + 1 - round(AVERAGE_S / trial.period))
+    window = slice(first, onset.index + 1)
+    times = trial.time[window]
+    motor = _carried_on(times, trial.motor[window], onset.time)
+    cylinder = _carried_on(times, trial.cylinder[window], onset.time)
+    effort = motor + cylinder - float(np.mean(trial.gravity[window]))
+    if effort * onset.direction <= 0.0:
+        use.leave_out(
+            f"it moved against the applied effort ({effort:.3g} {units.effort}): is a load or "
+            "the vertical missing from the rig file?"
+        )
+        return use
+    use.values = {
+        "breakaway": effort,
+        "direction": float(onset.direction),
+        "position": float(trial.position[0]),
+        "onset_s": onset.time,
+        "travel_threshold": onset.threshold,
+    }
+    return use
+
+
+def _carried_on(times: FloatArray, effort: FloatArray, when: float) -> float:
+    """Effort at `when` from the samples before: their line if it rises, else their mean."""
+    if len(times) < 5:
+        return float(effort[-1])
+    t = times - times.mean()
+    slope = float(t @ effort / (t @ t))
+    rest = effort - effort.mean() - slope * t
+    error = math.sqrt(float(rest @ rest) / (len(t) - 2) / float(t @ t))
+    rises = abs(slope) > 4.0 * error
+    return float(effort.mean()) + (slope * (when - float(times.mean())) if rises else 0.0)
+
+
+def find_onset(trial: EvenTrial) -> Onset | str:
+    """Onset of sustained motion in a ramp, or why there is none."""
+    x, dt = trial.position, trial.period
+    if len(x) < 20:
+        return "it is too short"
+    noise = trial.position_noise
+    span = trial.travel if trial.travel is not None else 20.0 * float(np.ptp(x))
+    threshold = max(TRAVEL_SHARE * span, NOISE_TIMES * noise.total, QUANTUM_TIMES * noise.quantum)
+    hold = max(2, round(REST_S / dt))
+    # Over `hold` samples a shaft at rest covers less than this.
+    still = max(6.0 * noise.total, 1.5 * noise.quantum, 0.05 * threshold)
+    moving = np.abs(x[hold:] - x[:-hold]) > still
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], moving.astype(int), [0]])))
+    for start, stop in zip(edges[::2], edges[1::2], strict=True):
+        before, after = int(start), min(int(stop) + hold - 1, len(x) - 1)
+        travel = float(x[after] - x[before])
+        to_the_end = after >= len(x) - 2
+        if abs(travel) > max(threshold, 0.0 if to_the_end else SUSTAINED_SHARE * span):
+            if before < hold // 2:
+                return "it moves from its first samples on: not at rest when the ramp starts"
+            return _locate(trial, before, after, threshold, hold)
+    return (
+        f"it never moves by more than {threshold:.2g} (noise, counts, presliding): the ramp ends "
+        "below breakaway, ramp higher"
+    )
+
+
+def _locate(trial: EvenTrial, before: int, after: int, threshold: float, hold: int) -> Onset:
+    """Onset of the movement between two samples: rest, then a (t-t0)^2 + b (t-t0)^3.
+
+    With a drop from static to Coulomb friction the acceleration jumps (a); without one it
+    grows with the ramp (b). Both are at least zero in the direction of motion, and the rest
+    may creep. Each candidate t0 is fitted by least squares over the samples from well
+    before the movement to where it passes the threshold.
+    """
+    x, t = trial.position, trial.time
+    direction = 1 if x[after] > x[before] else -1
+    moved = direction * (x[before : after + 1] - x[before])
+    end = before + int(np.argmax(moved > threshold))
+    first = max(0, before - max(2 * hold, end - before))
+    times, course = t[first : end + 1], direction * (x[first : end + 1] - x[before])
+
+    def misfit(t0: float) -> float:
+        return _rest_then_motion(times, course, t0)
+
+    low, high = max(first, before - hold) + 2, end - 2
+    if high - low < 3:
+        low, high = first + 1, end
+    row = _least(lambda i: misfit(float(t[i])), low, high)
+    best = float(t[row])
+    best = _refined(misfit, best, trial.period)
+    index = int(np.searchsorted(t, best, side="right")) - 1
+    return Onset(best, max(index, 1), direction, threshold)
+
+
+def _least(misfit: Callable[[int], float], low: int, high: int) -> int:
+    """Row in [low, high) of the least misfit: coarse steps over all, then finer about it."""
+    step = max(1, (high - low) // 12)
+    best = min(range(low, high, step), key=misfit)
+    while step > 1:
+        reach, step = step, max(1, step // 4)
+        near = range(max(low, best - reach), min(high, best + reach + 1), step)
+        best = min(near, key=misfit)
+    return best
+
+
+def _refined(misfit: Callable[[float], float], best: float, period: float) -> float:
+    """Vertex of the parabola through the misfit at a candidate and its neighbours."""
+    left, middle, right = (misfit(best + k * period) for k in (-1.0, 0.0, 1.0))
+    curvature = left - 2.0 * middle + right
+    if curvature <= 0.0:
+        return best
+    return best + period * float(np.clip(0.5 * (left - right) / curvature, -0.5, 0.5))
+
+
+def _rest_then_motion(times: FloatArray, course: FloatArray, t0: float) -> float:
+    """Sum of squares about the best rest (with creep) and motion that starts at t0."""
+    s = np.maximum(times - t0, 0.0)
+    scale = max(float(s[-1]), 1e-12)
+    creep = np.minimum(times - t0, 0.0) / max(t0 - float(times[0]), 1e-12)
+    rest = [np.ones_like(times), creep]
+    best = math.inf
+    for terms in ((2, 3), (2,), (3,)):
+        columns = np.column_stack(rest + [(s / scale) ** k for k in terms])
+        solution, *_ = np.linalg.lstsq(columns, course, rcond=None)
+        if np.all(solution[2:] >= 0.0):
+            best = min(best, float(np.sum((course - columns @ solution) ** 2)))
+    return best
+
+
+def _places(starts: FloatArray, travel: float | None) -> NDArray[np.intp]:
+    """Number of the place each ramp starts from: places lie apart by a gap, (n,)."""
+    gap = POSITION_GAP * (travel if travel is not None else 2.0 * float(np.ptp(starts)))
+    order = np.argsort(starts)
+    place = np.zeros(len(starts), dtype=np.intp)
+    place[order[1:]] = np.cumsum(np.diff(starts[order]) > gap)
+    return place
+
+
+def static_summary(
+    values: FloatArray,
+    positions: FloatArray,
+    places: Sequence[Any] | NDArray[Any],
+    directions: FloatArray,
+    unit: str,
+) -> StaticFriction:
+    """Mean, repeatability and F tests of breakaway efforts, all arguments (n,).
+
+    `values` are sizes; `places` labels the place of each trial, `positions` where it
+    started; `directions` is +1 or -1. Where the place matters (p < 0.05), the mean's
+    error is that of a mean over places as drawn, not over trials.
+    """
+    place, way = indicator(places), indicator(directions)
+    cell = indicator([f"{p}|{d:g}" for p, d in zip(places, directions, strict=True)])
+    both = np.hstack([place, way])
+    candidates = {
+        "position": nested_f_test(both, way, values),
+        "direction": nested_f_test(both, place, values),
+        "interaction": nested_f_test(cell, both, values),
+    }
+    tests = {name: test for name, test in candidates.items() if test is not None}
+    repeatability, dof = _within(cell, values)
+    if dof == 0:
+        repeatability, dof = _within(both, values)
+    by_position = []
+    for column in place.T.astype(bool):
+        n = int(column.sum())
+        mean = float(values[column].mean())
+        error = repeatability / math.sqrt(n)
+        estimate = Estimate.symmetric(mean, error, unit, dof)
+        by_position.append(PositionMean(float(positions[column].mean()), estimate, n))
+    by_position.sort(key=lambda entry: entry.position)
+    by_direction = {
+        f"{d:+.0f}": mean_estimate(values[directions == d], unit) for d in np.unique(directions)
+    }
+    result = StaticFriction(
+        mean_estimate(values, unit), repeatability, tuple(by_position), by_direction, tests
+    )
+    return _over_places(result, values, unit)
+
+
+def _within(design: FloatArray, values: FloatArray) -> tuple[float, int]:
+    """Pooled standard deviation about a design's means, and its degrees of freedom."""
+    fitted, _, rank, _ = np.linalg.lstsq(design, values, rcond=None)
+    dof = len(values) - int(rank)
+    if dof == 0:
+        return math.inf, 0
+    return math.sqrt(float(np.sum((values - design @ fitted) ** 2)) / dof), dof
+
+
+def _over_places(result: StaticFriction, values: FloatArray, unit: str) -> StaticFriction:
+    """The same, with the mean's error over places where these differ; with its notices."""
+    notices = []
+    estimate = result.estimate
+    if result.matters("position"):
+        means = np.array([entry.estimate.value for entry in result.by_position])
+        std = float(np.std(means, ddof=1)) / math.sqrt(len(means))
+        half = t_quantile(len(means) - 1) * std
+        value = float(values.mean())
+        estimate = Estimate(value, std, unit, (max(value - half, 0.0), value + half))
+        notices.append(
+            "static friction depends on the position: use the values by position; the mean's "
+            "interval is that over positions"
+        )
+    if result.matters("direction"):
+        parts = ", ".join(f"{way}: {e.value:.4g}" for way, e in result.by_direction.items())
+        notices.append(f"static friction depends on the direction ({parts} {unit})")
+    return StaticFriction(
+        estimate,
+        result.repeatability,
+        result.by_position,
+        result.by_direction,
+        result.tests,
+        tuple(notices),
+    )

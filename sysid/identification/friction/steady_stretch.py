@@ -1,0 +1,203 @@
+"""The steady stretch of a constant-effort trial, and the balance of momentum over it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.identification.friction.effort import SLIDING, EvenTrial, TrialUse, Units, constant_run
+from sysid.identification.friction.sliding import SlidingPoints
+from sysid.identification.friction.within_trial import trial_law
+from sysid.types import FloatArray
+
+BLOCK_S = 0.05
+STEADY = 0.05  # a stretch is steady while its blocks keep within this share of its speed
+STALL = 0.02  # of the fastest block: slower is a stall
+MIN_STRETCH_S = 0.2
+TAPER_S = 0.1
+SETTLE_S = 0.1
+
+
+@dataclass(frozen=True)
+class SteadyStretch:
+    """Rows [start, stop) of a trial, and whether its speed is steady there."""
+
+    start: int
+    stop: int
+    steady: bool
+    drift: float
+
+
+def find_stretch(trial: EvenTrial) -> SteadyStretch | str:
+    """The stretch of constant effort and, if there is one, steady speed; or why there is none.
+
+    Starts after the kick, once all later blocks of 50 ms keep within 5 % of the median speed
+    of the later half; where they never do, 0.1 s after the kick, as an unsteady stretch.
+    Ends before the end stop.
+    """
+    start, stop = constant_run(trial.motor)
+    outside = np.flatnonzero(~trial.inside[start:stop])
+    if len(outside):
+        at_start = outside[0] == 0
+        leading = int(np.argmax(trial.inside[start:stop])) if at_start else 0
+        start += leading
+        later = np.flatnonzero(~trial.inside[start:stop])
+        stop = start + int(later[0]) if len(later) else stop
+    block = max(2, round(BLOCK_S / trial.period))
+    if (stop - start) * trial.period < MIN_STRETCH_S or stop - start < 4 * block:
+        return "its effort is constant for less than 0.2 s away from the end stops"
+    x = trial.position[start:stop]
+    blocks = (len(x) - 1) // block
+    # Blocks are counted from the end, so that the last one ends with the stretch.
+    marks = len(x) - 1 - block * np.arange(blocks, -1, -1)
+    covered = np.diff(x[marks])
+    direction = 1.0 if x[-1] > x[0] else -1.0
+    speed = direction * covered / (block * trial.period)
+    noise = 3.0 * trial.position_noise.total / (block * trial.period)
+    if float(np.max(speed)) <= 3.0 * noise or _stalls(speed, noise):
+        return "it stalls: the shaft comes to rest under the constant effort"
+    return _settled(trial, speed, start + marks, noise, stop)
+
+
+def _stalls(speed: FloatArray, noise: float) -> bool:
+    slow = speed < max(STALL * float(np.max(speed)), noise)
+    # The kick may still be under way in the first blocks.
+    return bool(np.any(slow[len(slow) // 4 :]))
+
+
+def _settled(
+    trial: EvenTrial, speed: FloatArray, marks: NDArray[np.intp], noise: float, stop: int
+) -> SteadyStretch:
+    reference = float(np.median(speed[len(speed) // 2 :]))
+    off = np.flatnonzero(np.abs(speed - reference) > STEADY * reference + noise)
+    first = int(off[-1]) + 1 if len(off) else 0
+    start = int(marks[first]) if first < len(speed) else stop
+    steady = (stop - start) * trial.period >= MIN_STRETCH_S
+    if not steady:
+        settle = round(SETTLE_S / trial.period)
+        start = min(int(marks[0]) + settle, stop - round(MIN_STRETCH_S / trial.period))
+        start = max(start, int(marks[0]))
+        first = int(np.searchsorted(marks[:-1], start))
+    inside = speed[min(first, len(speed) - 1) :]
+    return SteadyStretch(start, stop, steady, float(np.ptp(inside)) / reference)
+
+
+def momentum_balance(
+    trial: EvenTrial, stretch: SteadyStretch, inertia: float | None
+) -> dict[str, float]:
+    """Mean friction and mean speed over a stretch, in weak form (thesis 3.4.2 integrated).
+
+    Both sides of friction = motor + cylinder - gravity - inertia * acceleration are averaged
+    with a trapezoidal weight g, so that speed and acceleration need no differentiation:
+    the integral of g v is minus that of g' x, and so on. Without an inertia the last term
+    is left out.
+    """
+    rows = slice(stretch.start, stretch.stop)
+    x, dt = trial.position[rows], trial.period
+    n = len(x)
+    taper = max(1, min(round(TAPER_S / dt), (n - 1) // 3))
+    rise = np.minimum(np.arange(n), np.arange(n)[::-1])
+    weight = np.minimum(rise / taper, 1.0)
+    area = float(np.sum(weight)) * dt
+    first, last = np.trapezoid(x[: taper + 1]), np.trapezoid(x[-taper - 1 :])
+    speed = float(last - first) / taper / area
+    gained = float((x[-1] - x[-1 - taper]) - (x[taper] - x[0])) / (taper * dt)
+
+    def mean(effort: FloatArray) -> float:
+        return float(weight @ effort[rows]) * dt / area
+
+    inertial = 0.0 if inertia is None else inertia * gained / area
+    motor, cylinder, gravity = map(mean, (trial.motor, trial.cylinder, trial.gravity))
+    return {
+        "speed": speed,
+        "motor": motor,
+        "cylinder": cylinder,
+        "gravity": gravity,
+        "inertial": inertial,
+        "friction": motor + cylinder - gravity - inertial,
+    }
+
+
+def sliding_points(
+    trials: Sequence[EvenTrial], inertia: float | None, units: Units, notices: list[str]
+) -> tuple[SlidingPoints | None, list[TrialUse]]:
+    """One point a trial; trials that stall or are of no use are left out, with a notice.
+
+    Where most trials are not steady, the steady ones are left out and the points carry each
+    trial's own law of friction against speed.
+    """
+    uses = [_use(trial, inertia) for trial in trials]
+    for use in uses:
+        if not use.used:
+            notices.append(f"test {use.label}: left out of sliding friction, {use.reason}")
+    within = _keep_one_method(uses, notices)
+    if inertia is None and any(use.used for use in uses):
+        notices.append(
+            "the rig file gives no inertia: the change of momentum over each stretch is left out"
+        )
+    used = [use.values for use in uses if use.used]
+    if not used:
+        return None, uses
+    # A trial's own law is there for the unsteady ones only.
+    shared = set(used[0]).intersection(*used)
+    table = {key: np.array([row[key] for row in used]) for key in shared}
+    set_effort = table["motor"] - table["gravity"]
+    applied = set_effort + table["cylinder"]
+    if _spread(set_effort) < 0.3 * _spread(applied):
+        # The cylinder, not the motor, sets the levels.
+        set_effort = applied
+    labels = tuple(use.label for use in uses if use.used)
+    direction = np.sign(table["speed"])
+    laws = (table["intercept"], table["slope"]) if within else None
+    points = SlidingPoints(labels, direction, set_effort, table["friction"], table["speed"], laws)
+    return points, uses
+
+
+def _keep_one_method(uses: Sequence[TrialUse], notices: list[str]) -> bool:
+    """Whether to fit within the trials: most are unsteady. Leaves steady ones out then."""
+    used = [use for use in uses if use.used]
+    unsteady = [use.label for use in used if not use.values["steady"]]
+    if not unsteady:
+        return False
+    if 2 * len(unsteady) <= len(used):
+        notices.append(
+            f"tests {', '.join(unsteady)}: the speed is not steady; the change of momentum is "
+            "accounted for"
+        )
+        return False
+    notices.append(
+        f"{len(unsteady)} of {len(used)} constant-effort tests are not steady: friction is taken "
+        "from the change of speed within each of them"
+    )
+    for use in used:
+        if use.values["steady"]:
+            use.leave_out("its speed is steady, that of most others is not")
+    return True
+
+
+def _spread(values: FloatArray) -> float:
+    return float(np.ptp(values))
+
+
+def _use(trial: EvenTrial, inertia: float | None) -> TrialUse:
+    use = TrialUse(trial.label, trial.source, SLIDING)
+    stretch = find_stretch(trial)
+    if isinstance(stretch, str):
+        use.leave_out(stretch)
+        return use
+    if not stretch.steady and inertia is None:
+        use.leave_out("its speed is not steady, and the rig file gives no inertia")
+        return use
+    balance = momentum_balance(trial, stretch, inertia)
+    if balance["friction"] * balance["speed"] <= 0.0:
+        use.leave_out("its effort does not drive its motion: is a load missing from the rig file?")
+        return use
+    if not stretch.steady and inertia is not None:
+        law = trial_law(trial, stretch.start, stretch.stop, inertia)
+        balance |= {"intercept": law[0], "slope": law[1]}
+    ends = {"start_s": stretch.start * trial.period, "stop_s": stretch.stop * trial.period}
+    use.values = balance | ends | {"steady": float(stretch.steady), "drift": stretch.drift}
+    return use

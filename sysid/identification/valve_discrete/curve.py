@@ -1,0 +1,247 @@
+"""Fit of the whole pressure curve of valve-discrete tests by simulation error.
+
+Shared by all pieces: the valve's flows, coefficients and delays. Of each piece: its initial
+pressure, and where it shows them the supply and the atmosphere that it settles at.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.estimation.linear import Estimate
+from sysid.estimation.nonlinear import LeastSquaresFit, Parameter, central_jacobian, minimise
+from sysid.identification.valve_discrete.held_chamber import DiscreteValve, pressure_curve
+from sysid.identification.valve_discrete.trials import Piece
+from sysid.types import FloatArray
+
+FLOWS = ("choked_flow_fill_kg_s", "c_fill", "choked_flow_dis_kg_s", "c_dis")
+DELAYS = ("on_delay_s", "off_delay_s")
+UNITS = {
+    "choked_flow_fill_kg_s": "kg/s",
+    "c_fill": "kg/(s Pa^0.5)",
+    "choked_flow_dis_kg_s": "kg/s",
+    "c_dis": "kg/(s Pa)",
+    "on_delay_s": "s",
+    "off_delay_s": "s",
+}
+_DELAY_BOUNDS_S = (-0.02, 0.3)
+_DELAY_SIZE_S = 0.002
+_FLOW_RANGE = 1e3
+# Relative fall of the sum of squares at which the fit ends: over 10^4 rows, far below the noise.
+_TOLERANCE = 1e-8
+_MOST_EVALUATIONS = 100
+# Chance of calling tests different that are not.
+_SCATTER_LEVEL = 0.01
+
+
+@dataclass(frozen=True)
+class CurveFit:
+    """The fitted curves, and covariances that hold for the errors as they are."""
+
+    problem: CurveProblem
+    fit: LeastSquaresFit
+
+    @cached_property
+    def groups(self) -> NDArray[np.intp]:
+        """(n,): which piece each residual belongs to."""
+        groups: NDArray[np.intp] = np.repeat(
+            np.arange(len(self.problem.pieces), dtype=np.intp), self.problem.lengths
+        )
+        return groups
+
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """(p, p): sensors' noise may be coloured, so the residuals' own correlation is used."""
+        return self.fit.correlated_covariance(self.groups)
+
+    def residuals(self, index: int) -> FloatArray:
+        """Fitted less measured pressure of one piece, (n_i,) Pa."""
+        return np.asarray(self.fit.residuals[self.groups == index])
+
+    def value(self, name: str, index: int) -> float:
+        """A piece's own parameter ("initial", "supply_shift", "atmosphere"), Pa."""
+        return self.problem.own(self.fit.values, index)[name]
+
+    def estimate(self, name: str) -> tuple[Estimate, bool]:
+        """A shared parameter, and whether it differs from test to test beyond its error.
+
+        Where it does, its error is taken from that scatter: the jackknife over tests, with
+        Student's interval for their number.
+        """
+        plain = self.fit.estimate(name, self.covariance)
+        labels = np.array([p.source for p in self.problem.pieces])
+        count = len(np.unique(labels))
+        if not plain.identified or not self._scatters(name):
+            return plain, False
+        _, trial = np.unique(labels, return_inverse=True)
+        i = self.fit.names.index(name)
+        wide = math.sqrt(self.fit.jackknife_covariance(trial[self.groups])[i, i])
+        std = max(wide, plain.std)
+        return Estimate.symmetric(plain.value, std, plain.unit, count - 1), True
+
+    def _scatters(self, name: str) -> bool:
+        """Cochran's test of each piece's own estimate (one Gauss-Newton step) against their mean.
+
+        Each piece's error is its white one, raised by what correlation raises the whole's.
+        """
+        from scipy.special import chdtrc
+
+        column = self.fit.names.index(name)
+        inflation = self.covariance[column, column] / self.fit.covariance[column, column]
+        values, variances = [], []
+        for index in range(len(self.problem.pieces)):
+            columns = self.problem.columns[index]
+            rows = self.groups == index
+            jacobian = self.fit.jacobian[np.ix_(rows, columns)]
+            norm = np.sqrt(np.sum(jacobian**2, axis=0))
+            place = int(np.flatnonzero(columns == column)[0])
+            used = norm > 0.0
+            if not used[place]:
+                continue
+            scaled = jacobian[:, used] / norm[used]
+            inverse = np.linalg.pinv(scaled.T @ scaled, rcond=1e-10, hermitian=True)
+            at = int(np.count_nonzero(used[:place]))
+            step = inverse[at] @ (scaled.T @ -self.fit.residuals[rows]) / norm[place]
+            variance = inverse[at, at] / norm[place] ** 2 * self.fit.residual_std**2 * inflation
+            values.append(float(step))
+            variances.append(float(variance))
+        if len(values) < 2:
+            return False
+        weights = 1.0 / np.array(variances)
+        mean = float(weights @ values / weights.sum())
+        statistic = float(weights @ (np.array(values) - mean) ** 2)
+        return bool(chdtrc(len(values) - 1, statistic) < _SCATTER_LEVEL)
+
+
+@dataclass(frozen=True)
+class CurveProblem:
+    """Pieces, the valve to start from, and which of its parameters are free."""
+
+    pieces: tuple[Piece, ...]
+    start: DiscreteValve
+    free: tuple[str, ...]
+
+    @cached_property
+    def lengths(self) -> list[int]:
+        return [len(p.pressure) for p in self.pieces]
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        shared = [_shared_parameter(name, getattr(self.start, name)) for name in self.free]
+        own = [p for i, piece in enumerate(self.pieces) for p in _own_parameters(i, piece)]
+        return tuple(shared + own)
+
+    @cached_property
+    def columns(self) -> list[NDArray[np.intp]]:
+        """Which parameters each piece depends on."""
+        names = [p.name for p in self.parameters]
+        shared = list(range(len(self.free)))
+        return [
+            np.array(shared + [k for k, n in enumerate(names) if n.endswith(f"[{i}]")])
+            for i in range(len(self.pieces))
+        ]
+
+    def own(self, values: FloatArray, index: int) -> dict[str, float]:
+        """A piece's own initial pressure, supply shift and atmosphere, Pa."""
+        piece = self.pieces[index]
+        found = {
+            "initial": piece.initial,
+            "supply_shift": piece.supply_shift,
+            "atmosphere": piece.atmosphere,
+        }
+        for k in self.columns[index][len(self.free) :]:
+            found[self.parameters[k].name.split("[")[0]] = float(values[k])
+        return found
+
+    def curve(self, values: FloatArray, index: int) -> FloatArray:
+        """Simulated pressure of one piece, (n_i,) Pa."""
+        changed = {n: float(v) for n, v in zip(self.free, values, strict=False)}
+        own = self.own(values, index)
+        return pressure_curve(
+            self.pieces[index].chamber,
+            dataclasses.replace(self.start, **changed),
+            own["initial"],
+            own["supply_shift"],
+            own["atmosphere"],
+        )
+
+    def residuals(self, values: FloatArray) -> FloatArray:
+        return np.concatenate(
+            [self.curve(values, i) - p.pressure for i, p in enumerate(self.pieces)]
+        )
+
+    def jacobian(self, values: FloatArray) -> FloatArray:
+        """Central differences, each piece over its own parameters only."""
+        sizes = np.array([p.size for p in self.parameters])
+        total = np.zeros((sum(self.lengths), len(values)))
+        row = 0
+        for index, length in enumerate(self.lengths):
+            columns = self.columns[index]
+
+            def curve(
+                part: FloatArray, index: int = index, columns: NDArray[np.intp] = columns
+            ) -> FloatArray:
+                full = values.copy()
+                full[columns] = part
+                return self.curve(full, index)
+
+            block = central_jacobian(curve, values[columns], sizes[columns])
+            total[row : row + length, columns] = block
+            row += length
+        return total
+
+
+def _shared_parameter(name: str, value: float) -> Parameter:
+    unit = UNITS[name]
+    if name in DELAYS:
+        low, high = _DELAY_BOUNDS_S
+        return Parameter(
+            name, min(max(value, 0.9 * low), 0.9 * high), unit, low, high, _DELAY_SIZE_S
+        )
+    return Parameter(name, value, unit, value / _FLOW_RANGE, value * _FLOW_RANGE)
+
+
+def _own_parameters(index: int, piece: Piece) -> list[Parameter]:
+    found = []
+    if piece.fits_initial:
+        found.append(Parameter(f"initial[{index}]", piece.initial, "Pa"))
+    if piece.fits_supply:
+        found.append(
+            Parameter(f"supply_shift[{index}]", piece.supply_shift, "Pa", scale=piece.supply)
+        )
+    if piece.fits_atmosphere:
+        found.append(Parameter(f"atmosphere[{index}]", piece.atmosphere, "Pa"))
+    return found
+
+
+def fit_curves(
+    pieces: Sequence[Piece],
+    start: DiscreteValve,
+    free: Sequence[str],
+    tolerance: float = _TOLERANCE,
+) -> CurveFit:
+    """Fit the free shared parameters and the pieces' own."""
+    problem = CurveProblem(tuple(pieces), start, tuple(free))
+    fit = minimise(
+        problem.residuals,
+        problem.parameters,
+        jacobian=problem.jacobian,
+        tolerance=tolerance,
+        max_evaluations=_MOST_EVALUATIONS,
+        polish=False,
+    )
+    return CurveFit(problem, fit)
+
+
+def fitted_valve(found: CurveFit) -> DiscreteValve:
+    """The valve at the minimum."""
+    names = found.problem.free
+    values: Mapping[str, float] = {n: found.fit[n] for n in names}
+    return dataclasses.replace(found.problem.start, **values)

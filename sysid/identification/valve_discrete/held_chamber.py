@@ -1,0 +1,127 @@
+"""Pressure of one chamber with the piston held, in closed form (thesis 3.5.2 to 3.6.10).
+
+With the volume constant, 3.5.2 is dP/dt = (k R T / V) m(P), and each regime of the valve law
+has a solution: choked flow a straight line in time, unchoked filling a parabola that ends at
+the supply, the unchoked exhaust an exponential. Regimes and valve edges are joined at their
+exact times, so the curve depends continuously on every parameter, delays included.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.model.base import CRITICAL_RATIO
+from sysid.model.timing import delayed
+from sysid.types import FloatArray
+
+
+@dataclass(frozen=True)
+class DiscreteValve:
+    """One valve's discrete law, its delays and its critical ratios.
+
+    Choked flows kg/s (filling at the reference supply), `c_fill` kg/(s Pa^0.5), `c_dis`
+    kg/(s Pa), delays s.
+    """
+
+    choked_flow_fill_kg_s: float
+    c_fill: float
+    choked_flow_dis_kg_s: float
+    c_dis: float
+    on_delay_s: float
+    off_delay_s: float
+    critical_ratio_fill: float = CRITICAL_RATIO
+    critical_ratio_dis: float = CRITICAL_RATIO
+
+
+@dataclass(frozen=True)
+class HeldChamber:
+    """What drives the chamber: when, how large it is, and from what supply it is filled.
+
+    `time` (n,) s; the valve is commanded on in [`opens`, `closes`) (s, minus infinity: on
+    before the first row); `gain` k R T / V, Pa/kg; the supply is `supply` (m,) Pa from each
+    of `supply_from` (m,) s on; choked filling holds at `supply_reference` Pa.
+    """
+
+    time: FloatArray
+    opens: FloatArray
+    closes: FloatArray
+    gain: float
+    supply_from: FloatArray
+    supply: FloatArray
+    supply_reference: float
+
+
+def pressure_curve(
+    chamber: HeldChamber,
+    valve: DiscreteValve,
+    initial: float,
+    supply_shift: float,
+    atmosphere: float,
+) -> FloatArray:
+    """Pressure (n,) Pa at the chamber's times, from `initial` Pa at the first of them.
+
+    `supply_shift` Pa is added to the supply.
+    """
+    time = chamber.time
+    edges = delayed(chamber.opens, chamber.closes, valve.on_delay_s, valve.off_delay_s)
+    breaks = sorted({*edges.opens.tolist(), *edges.closes.tolist(), *chamber.supply_from.tolist()})
+    starts = [float(time[0]), *(b for b in breaks if time[0] < b < time[-1])]
+    rows = [*np.searchsorted(time, starts).tolist(), len(time)]
+    is_open = edges.is_open(np.array(starts))
+    which = np.maximum(np.searchsorted(chamber.supply_from, starts, side="right") - 1, 0)
+    pressure = np.empty(len(time))
+    level = initial
+    for i, start in enumerate(starts):
+        # The rows of this segment and, last, its end, where the next one starts.
+        elapsed = np.empty(rows[i + 1] - rows[i] + 1)
+        elapsed[:-1] = time[rows[i] : rows[i + 1]]
+        elapsed[-1] = starts[i + 1] if i + 1 < len(starts) else time[-1]
+        elapsed -= start
+        if is_open[i]:
+            supply = float(chamber.supply[which[i]]) + supply_shift
+            values = _filling(chamber, valve, level, supply, elapsed)
+        else:
+            values = _exhausting(chamber, valve, level, atmosphere, elapsed)
+        pressure[rows[i] : rows[i + 1]] = values[:-1]
+        level = float(values[-1])
+    return pressure
+
+
+def _filling(
+    chamber: HeldChamber,
+    valve: DiscreteValve,
+    initial: float,
+    supply: float,
+    elapsed: FloatArray,
+) -> FloatArray:
+    """3.6.6 in time: P0 + b t while choked, then Ps - (sqrt(Ps - P) - g t / 2)^2."""
+    half_rate = 0.5 * chamber.gain * valve.c_fill
+    if initial > supply:
+        root = np.maximum(math.sqrt(initial - supply) - half_rate * elapsed, 0.0)
+        return np.asarray(supply + root**2)
+    boundary = valve.critical_ratio_fill * supply
+    rate = chamber.gain * valve.choked_flow_fill_kg_s * supply / chamber.supply_reference
+    start = max(initial, boundary)
+    rest = elapsed - (start - initial) / rate
+    root = np.maximum(math.sqrt(supply - start) - half_rate * rest, 0.0)
+    return np.where(rest < 0.0, initial + rate * elapsed, supply - root**2)
+
+
+def _exhausting(
+    chamber: HeldChamber,
+    valve: DiscreteValve,
+    initial: float,
+    atmosphere: float,
+    elapsed: FloatArray,
+) -> FloatArray:
+    """3.6.7 and 3.6.10 in time: P - d t while choked, then an exponential towards P0."""
+    boundary = atmosphere / valve.critical_ratio_dis
+    rate = chamber.gain * valve.choked_flow_dis_kg_s
+    start = min(initial, boundary)
+    rest = elapsed - (initial - start) / rate
+    decay = np.exp(-chamber.gain * valve.c_dis * np.maximum(rest, 0.0))
+    fallen = atmosphere + (start - atmosphere) * decay
+    return np.where(rest < 0.0, initial - rate * elapsed, fallen)

@@ -1,0 +1,116 @@
+"""What is said of a fitted on/off valve besides its numbers: notices and remarks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from sysid.estimation.linear import Estimate
+from sysid.identification.valve_discrete.curve import DELAYS, FLOWS, CurveFit
+from sysid.identification.valve_discrete.trials import SUPPLY_TOLERANCE
+from sysid.io.rig import Air, Rig
+from sysid.model.base import CRITICAL_RATIO
+
+RATIOS = ("critical_ratio_fill", "critical_ratio_dis")
+JUMPS = ("jump_fill_percent", "jump_dis_percent")
+_ATMOSPHERE_TOLERANCE = 0.005
+_DELAY_TOLERANCE_S = 0.0003
+_MISFIT = 1.3
+_RATIO_TOLERANCE = 0.02
+
+
+def settled_notices(curves: CurveFit, title: str, air: Air) -> list[str]:
+    """Tests that settle at other pressures than the rig file's (or the logged supply)."""
+    lines = []
+    for i, piece in enumerate(curves.problem.pieces):
+        shift = curves.value("supply_shift", i)
+        supply = float(np.mean(piece.chamber.supply)) + shift
+        declared = air.supply_pressure_pa
+        if piece.supply_logged and abs(shift) > SUPPLY_TOLERANCE * declared:
+            lines.append(
+                f"{piece.source}: the chamber fills to {supply:.6g} Pa, {abs(shift):.3g} Pa off "
+                "the logged supply: one of the two sensors is off; "
+                f"{title} is fitted to the chamber's"
+            )
+        elif abs(supply - declared) > SUPPLY_TOLERANCE * declared:
+            seen = "logged supply is" if piece.supply_logged else "chamber fills to"
+            lines.append(
+                f"{piece.source}: the {seen} {supply:.6g} Pa, the rig file's supply_pressure_pa is "
+                f"{declared:.6g} Pa: {title}'s c_fill is fitted with the former and its choked "
+                "filling flow is scaled to the latter"
+            )
+        if (
+            not piece.fits_supply
+            and not piece.supply_logged
+            and np.isfinite(piece.chamber.opens).any()
+        ):
+            lines.append(
+                f"{piece.source}: the filling does not settle, so the supply is taken to be the "
+                f"rig file's {declared:.6g} Pa; {title}'s c_fill rests on that"
+            )
+        rest = curves.value("atmosphere", i)
+        if abs(rest - air.atmospheric_pressure_pa) > _ATMOSPHERE_TOLERANCE * rest:
+            lines.append(
+                f"{piece.source}: the open chamber rests at {rest:.6g} Pa, the rig file's "
+                f"atmospheric_pressure_pa is {air.atmospheric_pressure_pa:.6g} Pa: {title}'s c_dis "
+                "is fitted with the former"
+            )
+    return lines
+
+
+def misfit_notices(curves: CurveFit, title: str) -> list[str]:
+    """Fillings and discharges that the two-regime law misses by more than the noise."""
+    lines = []
+    for i, piece in enumerate(curves.problem.pieces):
+        fitted, residuals = piece.pressure + curves.residuals(i), curves.residuals(i)
+        away = 3.0 * piece.noise
+        rest, supply = curves.value("atmosphere", i), piece.supply
+        moving = (np.abs(fitted - rest) > away) & (np.abs(fitted - supply) > away)
+        rising = np.gradient(fitted) > 0.0
+        for rows, what, names in (
+            (moving & rising, "filling", FLOWS[:2]),
+            (moving & ~rising, "discharge", FLOWS[2:]),
+        ):
+            count = int(np.count_nonzero(rows))
+            if count < 20:
+                continue
+            rms = float(np.sqrt(np.mean(residuals[rows] ** 2)))
+            if rms > _MISFIT * piece.noise:
+                lines.append(
+                    f"{piece.source}: the two-regime law misses the {what} by {rms:.3g} Pa rms "
+                    f"(noise {piece.noise:.3g} Pa): {title}'s {names[0]} and {names[1]} are its "
+                    "best compromise, not the valve's law"
+                )
+    return lines
+
+
+def delay_notices(estimates: Mapping[str, Estimate], title: str, rig: Rig) -> list[str]:
+    """Measured delays that are not the declared ones."""
+    if rig.valves is None:
+        return []
+    lines = []
+    for name, declared in zip(DELAYS, (rig.valves.on_delay_s, rig.valves.off_delay_s), strict=True):
+        e = estimates[name]
+        if e.identified and not e.holds(declared) and abs(e.value - declared) > _DELAY_TOLERANCE_S:
+            lines.append(
+                f"{title}: {name} is {1e3 * e.value:.3g} ms ({1e3 * e.interval[0]:.3g} to "
+                f"{1e3 * e.interval[1]:.3g}), the rig file declares {1e3 * declared:.3g} ms"
+            )
+    return lines
+
+
+def verdicts(estimates: Mapping[str, Estimate], title: str) -> list[str]:
+    """The critical ratio against 0.53, and the size of the jump, by direction."""
+    lines = []
+    for ratio, jump, what in zip(RATIOS, JUMPS, ("filling", "exhaust"), strict=True):
+        r, j = estimates.get(ratio), estimates[jump]
+        if r is None or not (r.identified and j.identified):
+            continue
+        off = not r.holds(CRITICAL_RATIO) and abs(r.value - CRITICAL_RATIO) > _RATIO_TOLERANCE
+        verdict = f"not {CRITICAL_RATIO}" if off else f"{CRITICAL_RATIO} fits"
+        lines.append(
+            f"{title}, {what}: critical ratio {r.value:.3f} ({r.interval[0]:.3f} to "
+            f"{r.interval[1]:.3f}; {verdict}), the law jumps by {j.value:.1f} % at the boundary"
+        )
+    return lines

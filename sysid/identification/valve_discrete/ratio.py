@@ -1,0 +1,173 @@
+"""Where the choked boundary lies in the data: the critical ratio's profile (3.5.1).
+
+The sum of squares over the critical ratio is no parabola: where the fitted law is continuous
+at the boundary it is flat at its bottom, and it has corners where the boundary passes a
+sample. So it is followed, the flows and the delay fitted anew at each ratio, over the
+filling (or the discharge) alone.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.estimation.linear import Estimate, t_quantile
+from sysid.identification.valve_discrete.curve import CurveFit, fit_curves, fitted_valve
+from sysid.identification.valve_discrete.trials import Piece
+
+# Coarse over all that is plausible, then fine around the best.
+_COARSE = tuple(float(r) for r in np.linspace(0.30, 0.80, 11))
+_FINE = 0.01
+_TOLERANCE = 1e-5
+_RESOLUTION = 5e-4
+_BEFORE_S = 0.03
+_AFTER_S = 0.05
+_WIDEST = 0.4
+
+
+@dataclass(frozen=True)
+class Direction:
+    """Filling or discharging: the ratio's name, and what is fitted beside it."""
+
+    ratio: str
+    free: tuple[str, str, str]
+    filling: bool
+
+
+FILL = Direction(
+    "critical_ratio_fill", ("choked_flow_fill_kg_s", "c_fill", "on_delay_s"), filling=True
+)
+DISCHARGE = Direction(
+    "critical_ratio_dis", ("choked_flow_dis_kg_s", "c_dis", "off_delay_s"), filling=False
+)
+
+
+def critical_ratio(curves: CurveFit, direction: Direction) -> Estimate:
+    """The critical ratio of one direction with its profile's 95 % interval.
+
+    Initial pressures, supply and atmosphere stay as the whole curve gave them.
+    """
+    pieces = _transients(curves, direction)
+    if not pieces:
+        return Estimate.unidentified("-", "no test goes through the boundary in this direction")
+    sums = _profile(curves, pieces, direction)
+    profile = {r: sums(r) for r in _COARSE}
+    middle = min(profile, key=profile.__getitem__)
+    profile |= {r: sums(r) for r in (middle + _FINE * k for k in range(-4, 5) if k)}
+    grid = sorted(profile)
+    best = grid.index(min(profile, key=profile.__getitem__))
+    if best in (0, len(grid) - 1):
+        return Estimate.unidentified("-", "the pressure curve shows no boundary between regimes")
+    from scipy import optimize
+
+    bracket = (grid[best - 1], grid[best + 1])
+    found = optimize.minimize_scalar(
+        sums, bounds=bracket, method="bounded", options={"xatol": _RESOLUTION}
+    )
+    value, least = float(found.x), float(found.fun)
+    rows = sum(len(p.pressure) for p in pieces)
+    limit = least + _inflation(curves, direction) * least / rows * t_quantile(rows) ** 2
+    points = sorted(profile.items())
+    lower = _crossing(sums, value, points, limit)
+    upper = _crossing(sums, value, points[::-1], limit)
+    if lower is None or upper is None or upper - lower > _WIDEST:
+        why = "the fitted law is nearly continuous at the boundary, which so leaves no mark"
+        return Estimate.unidentified("-", why)
+    std = (upper - lower) / (2.0 * t_quantile(math.inf))
+    return Estimate(value, std, "-", (lower, upper))
+
+
+def _inflation(curves: CurveFit, direction: Direction) -> float:
+    """What the noise's correlation adds to the variance of the direction's choked flow."""
+    i = curves.fit.names.index(direction.free[0])
+    return float(curves.covariance[i, i] / curves.fit.covariance[i, i])
+
+
+def _profile(
+    curves: CurveFit, pieces: Sequence[Piece], direction: Direction
+) -> Callable[[float], float]:
+    """Sum of squares, Pa^2, over the ratio; each fit starts from the nearest one before."""
+    known = {0.53: fitted_valve(curves)}
+
+    def sums(ratio: float) -> float:
+        near = known[min(known, key=lambda r: abs(r - ratio))]
+        start = dataclasses.replace(near, **{direction.ratio: float(ratio)})
+        refit = fit_curves(pieces, start, direction.free, _TOLERANCE)
+        known[float(ratio)] = fitted_valve(refit)
+        return refit.fit.sum_of_squares
+
+    return sums
+
+
+def _crossing(
+    sums: Callable[[float], float],
+    value: float,
+    from_outside: Sequence[tuple[float, float]],
+    limit: float,
+) -> float | None:
+    """The ratio at which the profile falls below `limit` for the last time before `value`.
+
+    `from_outside`: the grid from one end; None where the profile is below the limit there.
+    """
+    from scipy import optimize
+
+    outside = None
+    side = math.copysign(1.0, from_outside[0][0] - value)
+    for ratio, total in from_outside:
+        if (ratio - value) * side <= 0.0 or total <= limit:
+            break
+        outside = ratio
+    if outside is None:
+        return None
+    inside = ratio if (ratio - value) * side > 0.0 else value
+    return float(optimize.brentq(lambda r: sums(r) - limit, outside, inside, xtol=_RESOLUTION))
+
+
+def _transients(curves: CurveFit, direction: Direction) -> list[Piece]:
+    """The rows of each piece's first filling (or discharge), everything but the law known."""
+    pieces = []
+    for i, piece in enumerate(curves.problem.pieces):
+        c = piece.chamber
+        edges, ends = (c.opens, c.closes) if direction.filling else (c.closes, c.opens[1:])
+        edge = next((e for e in edges if c.time[0] <= e < c.time[-1]), None)
+        if edge is None:
+            continue
+        end = next((e for e in ends if e > edge), math.inf)
+        fitted = piece.pressure + curves.residuals(i)
+        rest = (
+            float(np.mean(c.supply)) + curves.value("supply_shift", i)
+            if direction.filling
+            else curves.value("atmosphere", i)
+        )
+        inside = (c.time >= edge) & (c.time < end)
+        moving = np.flatnonzero(inside & (np.abs(fitted - rest) > piece.noise))
+        if len(moving) < 10:
+            continue
+        until = min(c.time[moving[-1]] + _AFTER_S, end)
+        rows = (c.time >= edge - _BEFORE_S) & (c.time < until)
+        pieces.append(_known(curves, i, rows, float(fitted[np.argmax(rows)])))
+    return pieces
+
+
+def _known(curves: CurveFit, index: int, rows: NDArray[np.bool_], initial: float) -> Piece:
+    piece = curves.problem.pieces[index]
+    c = piece.chamber
+    time = c.time[rows]
+    later = c.closes > time[0] - _AFTER_S
+    opens = np.where(c.opens[later] < time[0], -np.inf, c.opens[later])
+    return dataclasses.replace(
+        piece,
+        chamber=dataclasses.replace(c, time=time, opens=opens, closes=c.closes[later]),
+        pressure=piece.pressure[rows],
+        initial=initial,
+        fits_initial=False,
+        supply_shift=curves.value("supply_shift", index),
+        fits_supply=False,
+        atmosphere=curves.value("atmosphere", index),
+        fits_atmosphere=False,
+    )

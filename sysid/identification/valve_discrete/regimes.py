@@ -1,0 +1,218 @@
+"""The thesis' own reading of a valve-discrete test: each regime's stretch by itself (3.5.3).
+
+Choked flow from the slope of the linear stretch, c_fill from the slope of sqrt(Ps - P) over
+time, c_dis from that of log(P - P0), and the delays from where the linear stretches leave
+the level before them. These start the fit of the whole curve, and say which parameters the
+test can give.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sysid.identification.valve_discrete.trials import Piece
+from sysid.model.base import CRITICAL_RATIO
+from sysid.types import FloatArray
+
+# Rows that a stretch needs before anything is taken from it.
+FEWEST_ROWS = 3
+# Distance from a regime's ends, in standard deviations of the noise.
+_MARGIN = 4.0
+_BEFORE_S = 0.05
+
+
+@dataclass
+class Stretches:
+    """What one piece's stretches give: values by parameter, and why others are missing."""
+
+    values: dict[str, float] = field(default_factory=dict)
+    reasons: dict[str, str] = field(default_factory=dict)
+
+    def miss(self, name: str, why: str) -> None:
+        self.reasons.setdefault(name, why)
+
+
+def read_stretches(piece: Piece) -> Stretches:
+    """Read the first filling and the first discharging of a piece."""
+    found = Stretches()
+    c = piece.chamber
+    if len(c.opens) == 0:
+        _no_filling(found, "the valve is never switched on")
+        _discharge(piece, -math.inf, math.inf, found)
+        return found
+    _filling(piece, float(c.opens[0]), float(c.closes[0]), found)
+    if c.closes[0] > c.time[-1]:
+        _no_discharge(found, "the valve is not switched off again: record on")
+    else:
+        following = float(c.opens[1]) if len(c.opens) > 1 else math.inf
+        _discharge(piece, float(c.closes[0]), following, found)
+    return found
+
+
+def _no_filling(found: Stretches, why: str) -> None:
+    for name in ("choked_flow_fill_kg_s", "c_fill", "on_delay_s"):
+        found.miss(name, why)
+
+
+def _no_discharge(found: Stretches, why: str) -> None:
+    for name in ("choked_flow_dis_kg_s", "c_dis", "off_delay_s"):
+        found.miss(name, why)
+
+
+def _filling(piece: Piece, opened: float, closed: float, found: Stretches) -> None:
+    c, margin, supply = piece.chamber, _MARGIN * piece.noise, piece.supply
+    rows = (c.time >= opened) & (c.time < closed)
+    t, p = c.time[rows], piece.pressure[rows]
+    if len(p) < FEWEST_ROWS:
+        _no_filling(found, "fewer than 3 samples lie between on and off: hold the valve on longer")
+        return
+    boundary = CRITICAL_RATIO * supply
+    before = piece.pressure[(c.time <= opened) & (c.time > opened - _BEFORE_S)]
+    level = float(np.median(before)) if len(before) else float(p[0])
+    top = float(np.max(_smooth(p)))
+    if top - level < 10.0 * piece.noise and level < boundary:
+        why = f"the pressure stays at {level:.6g} Pa when the valve is switched on"
+        _no_filling(found, f"{why}: is it the other valve, or another chamber's sensor?")
+        return
+    if not len(before) and level > 0.95 * supply:
+        why = "the chamber is already filled in the first row: start with the valve off"
+        _no_filling(found, why)
+        return
+    if not np.any(c.time < opened):
+        found.miss("on_delay_s", "no row lies before the valve is switched on")
+    line = _line(t, p, level + margin, boundary - margin)
+    if level > boundary - 2.0 * margin:
+        why = f"the filling starts at {level:.6g} Pa, not below the choked boundary of"
+        found.miss("choked_flow_fill_kg_s", f"{why} {boundary:.6g} Pa: start from the atmosphere")
+    elif line is None:
+        why = "fewer than 3 samples lie in the linear (choked) stretch of the filling: log faster"
+        found.miss("choked_flow_fill_kg_s", why)
+        found.miss("on_delay_s", why)
+    else:
+        flow = line.slope / c.gain
+        found.values["choked_flow_fill_kg_s"] = flow * c.supply_reference / supply
+        if "on_delay_s" not in found.reasons:
+            found.values["on_delay_s"] = line.crossing(level) - opened
+    _parabola(t - t[0], p, boundary, supply, piece, top, found)
+
+
+def _parabola(
+    t: FloatArray,
+    p: FloatArray,
+    boundary: float,
+    supply: float,
+    piece: Piece,
+    top: float,
+    found: Stretches,
+) -> None:
+    margin = _MARGIN * piece.noise
+    ceiling = supply - max(1.5 * margin, 0.02 * (supply - boundary))
+    rows = _between(p, boundary + margin, ceiling)
+    if rows.stop - rows.start < FEWEST_ROWS:
+        why = (
+            f"the filling never reaches the unchoked stretch (highest pressure {top:.6g} Pa, "
+            f"choked boundary {boundary:.6g} Pa): hold the valve on longer"
+            if top < boundary + 2.0 * margin
+            else "fewer than 3 samples lie in the unchoked stretch of the filling: log faster"
+        )
+        found.miss("c_fill", why)
+        return
+    root = np.sqrt(np.maximum(supply - p[rows], 0.0))
+    slope = float(np.polyfit(t[rows], root, 1)[0])
+    if slope < 0.0:
+        found.values["c_fill"] = -2.0 * slope / piece.chamber.gain
+    else:
+        found.miss("c_fill", "the pressure does not rise in the unchoked stretch of the filling")
+
+
+def _discharge(piece: Piece, closed: float, following: float, found: Stretches) -> None:
+    c, margin, p0 = piece.chamber, _MARGIN * piece.noise, piece.atmosphere
+    rows = (c.time >= closed) & (c.time < following)
+    t, p = c.time[rows], piece.pressure[rows]
+    if len(p) < FEWEST_ROWS:
+        _no_discharge(found, "fewer than 3 samples lie after switching off: record longer")
+        return
+    boundary = p0 / CRITICAL_RATIO
+    before = piece.pressure[(c.time < closed) & (c.time > closed - _BEFORE_S)]
+    if not len(before):
+        found.miss("off_delay_s", "no usable row lies before the valve is switched off")
+        before = p[:3]
+    level, bottom = float(np.median(before)), float(np.min(_smooth(p)))
+    if level < boundary + 2.0 * margin:
+        why = (
+            f"the discharge is never choked (it starts at {level:.6g} Pa, choked boundary "
+            f"{boundary:.6g} Pa): fill further before switching off"
+        )
+        found.miss("choked_flow_dis_kg_s", why)
+        _exponential(t, p, boundary, piece, bottom, found)
+        return
+    line = _line(t, -p, -level + margin, -boundary - margin)
+    if line is None:
+        why = "fewer than 3 samples lie in the linear (choked) stretch of the discharge: log faster"
+        found.miss("choked_flow_dis_kg_s", why)
+        found.miss("off_delay_s", why)
+    else:
+        found.values["choked_flow_dis_kg_s"] = line.slope / c.gain
+        if "off_delay_s" not in found.reasons:
+            found.values["off_delay_s"] = line.crossing(-level) - closed
+    _exponential(t, p, boundary, piece, bottom, found)
+
+
+def _exponential(
+    t: FloatArray, p: FloatArray, boundary: float, piece: Piece, bottom: float, found: Stretches
+) -> None:
+    p0, margin = piece.atmosphere, _MARGIN * piece.noise
+    floor = p0 + max(2.0 * margin, 0.03 * (boundary - p0))
+    rows = _between(-p, -boundary + margin, -floor)
+    if rows.stop - rows.start < FEWEST_ROWS:
+        why = (
+            f"the discharge never reaches the unchoked stretch (lowest pressure {bottom:.6g} Pa, "
+            f"choked boundary {boundary:.6g} Pa): record longer after switching off"
+            if bottom > boundary - 2.0 * margin
+            else "fewer than 3 samples lie in the unchoked stretch of the discharge: log faster"
+        )
+        found.miss("c_dis", why)
+        return
+    slope = float(np.polyfit(t[rows], np.log(np.maximum(p[rows] - p0, 1.0)), 1)[0])
+    if slope < 0.0:
+        found.values["c_dis"] = -slope / piece.chamber.gain
+    else:
+        found.miss("c_dis", "the pressure does not fall in the unchoked stretch of the discharge")
+
+
+@dataclass(frozen=True)
+class _Line:
+    """A straight line through a stretch: its slope, Pa/s, and when it passes a level, s."""
+
+    start: float
+    slope: float
+    level: float
+
+    def crossing(self, level: float) -> float:
+        return self.start + (level - self.level) / self.slope
+
+
+def _line(t: FloatArray, p: FloatArray, low: float, high: float) -> _Line | None:
+    """The line through a rising signal between two levels; None where it has none."""
+    rows = _between(p, low, high)
+    if rows.stop - rows.start < FEWEST_ROWS:
+        return None
+    start = float(t[rows.start])
+    slope, level = (float(v) for v in np.polyfit(t[rows] - start, p[rows], 1))
+    return _Line(start, slope, level) if slope > 0.0 else None
+
+
+def _between(p: FloatArray, low: float, high: float) -> slice:
+    """Rows of a rising signal from its first above `low` to its first above `high`."""
+    above, beyond = np.flatnonzero(p > low), np.flatnonzero(p > high)
+    start = int(above[0]) if len(above) else len(p)
+    stop = int(beyond[0]) if len(beyond) else len(p)
+    return slice(start, max(stop, start))
+
+
+def _smooth(p: FloatArray) -> FloatArray:
+    """Moving median over 5 samples, (n - 4,)."""
+    return np.median(np.lib.stride_tricks.sliding_window_view(p, min(5, len(p))), axis=1)

@@ -1,0 +1,388 @@
+"""Which rows of a valve-discrete test can be fitted, and with what known (`spec/log-format.md`).
+
+A test in which the piston moves is left out. Rows where the sensor is clipped, or in which
+the chamber was filled from a supply that did not hold still, are cut out: what lies between
+the cuts becomes a piece of its own, with its own initial pressure.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid import signals
+from sysid.identification.valve_discrete.held_chamber import HeldChamber
+from sysid.io.logs import Trial
+from sysid.io.rig import Air, Cylinder, Rig
+from sysid.model.base import CRITICAL_RATIO, chamber_volume_a, chamber_volume_b
+from sysid.model.timing import switched_intervals
+from sysid.types import BoolArray, FloatArray
+
+FILLING = ("choked_flow_fill_kg_s", "c_fill", "on_delay_s")
+# The chamber's volume may change by this share of itself, which errs the flows by as much.
+_VOLUME_TOLERANCE = 0.005
+# A supply that differs by this share from what it is taken for changes the flows visibly.
+SUPPLY_TOLERANCE = 0.005
+_BLOCK_S = 0.02
+_FLAT_S = 0.2
+_SETTLED_SHARE = 0.2
+_SUPPLY_BLOCK_S = 0.01
+_SUPPLY_STEP_PA = 100.0
+# Of the way to the lowest that an unsteady supply went: a filling up to there says little of it.
+_RISE_SHARE = 0.9
+# After a command's edge the valve's state is known once the slowest valve has switched.
+_EDGE_GUARD_S = 0.05
+_CLIPPED_RUN = 30
+_FEWEST_ROWS = 10
+# Least noise that is reckoned with, Pa: below it, rounding in the file is what is seen.
+_LEAST_NOISE_PA = 5.0
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Rows of one test that one simulation goes through, and what is taken as known.
+
+    `pressure` (n,) Pa at `chamber.time`; `initial`, `atmosphere` Pa are starts of the fit;
+    `supply_shift` Pa is added to the chamber's supply. `fits_supply` and `fits_atmosphere`:
+    the piece shows the settled pressure, so that the fit takes it from there. `noise` Pa.
+    """
+
+    label: str
+    source: str
+    chamber: HeldChamber
+    pressure: FloatArray
+    noise: float
+    initial: float
+    supply_shift: float
+    fits_supply: bool
+    atmosphere: float
+    fits_atmosphere: bool
+    supply_logged: bool
+    fits_initial: bool = True
+
+    @property
+    def supply(self) -> float:
+        """Mean supply, Pa, as the fit starts from it."""
+        return float(np.mean(self.chamber.supply)) + self.supply_shift
+
+
+@dataclass(frozen=True)
+class Screened:
+    """A test's pieces, what to say about it, and why a parameter is not to be had from it.
+
+    `never_still`: the supply did not hold still in any of its fillings.
+    """
+
+    pieces: tuple[Piece, ...]
+    notices: tuple[str, ...] = ()
+    reasons: tuple[tuple[str, str], ...] = ()
+    never_still: bool = False
+
+
+def screen(trial: Trial, valve: str, rig: Rig, *, keep_rise: bool = False) -> Screened:
+    """Pieces of one test of valve "a" or "b". Raises InputError where a channel is missing.
+
+    `keep_rise`: a filling from an unsteady supply is cut only from near the supply on.
+    """
+    command, channel = f"valve_{valve}", f"pressure_{valve}_pa"
+    trial.require([command], f"which tells when valve {valve.upper()} switches")
+    trial.require([channel], f"which valve {valve.upper()}'s flow is taken from")
+    trial.require([rig.position_channel], "which gives the chamber's volume")
+    air = rig.require("air", "which the chamber equations need")
+    volume, change = _volume(trial, valve, rig)
+    if change > _VOLUME_TOLERANCE:
+        moved = (
+            f"the piston moved and changed chamber {valve.upper()} by {100 * change:.2g} %; "
+            "hold it at an end"
+        )
+        return Screened((), (f"{trial.source}: left out: {moved}",), _all_reasons(moved))
+    pressure = trial[channel]
+    noise = max(signals.noise_floor(pressure).total, _LEAST_NOISE_PA)
+    whole = _whole(trial, pressure, noise, valve, air, air_gain(air, trial, volume))
+    return _cut(trial, whole, valve, air, keep_rise)
+
+
+def _all_reasons(why: str) -> tuple[tuple[str, str], ...]:
+    return tuple((n, why) for n in (*FILLING, "choked_flow_dis_kg_s", "c_dis", "off_delay_s"))
+
+
+def air_gain(air: Air, trial: Trial, volume: float) -> float:
+    """k R T / V, Pa/kg, at the logged ambient temperature, else the rig's."""
+    logged = "temperature_k" in trial
+    temperature = float(np.mean(trial["temperature_k"])) if logged else air.temperature_k
+    return air.heat_capacity_ratio * air.gas_constant_j_per_kg_k * temperature / volume
+
+
+def _volume(trial: Trial, valve: str, rig: Rig) -> tuple[float, float]:
+    """The chamber's volume, m3, and the largest change of it in the test as a share."""
+    cylinder: Cylinder = rig.require("cylinder", "which gives the chamber's volume")
+    position = trial[rig.position_channel]
+    smooth = np.median(np.lib.stride_tricks.sliding_window_view(position, min(5, len(position))), 1)
+    volume = chamber_volume_a if valve == "a" else chamber_volume_b
+    area = cylinder.area_a_m2 if valve == "a" else cylinder.area_b_m2
+    offset = cylinder.offset_a_m if valve == "a" else cylinder.offset_b_m
+    volumes = np.asarray(volume(smooth, area, offset, cylinder.pitch_radius_m))
+    middle = float(np.median(volumes))
+    return middle, float(np.ptp(volumes)) / middle
+
+
+def _whole(
+    trial: Trial, pressure: FloatArray, noise: float, valve: str, air: Air, gain: float
+) -> Piece:
+    """The test as one piece, before anything is cut."""
+    time = trial.time
+    opens, closes = switched_intervals(time, trial[f"valve_{valve}"])
+    logged = "supply_pressure_pa" in trial
+    supply_from, supply = time[:1], np.array([air.supply_pressure_pa])
+    if logged:
+        supply_from, supply = _logged_supply(time, trial["supply_pressure_pa"])
+    supply_reference = air.supply_pressure_pa
+    chamber = HeldChamber(time, opens, closes, gain, supply_from, supply, supply_reference)
+    p0 = air.atmospheric_pressure_pa
+    return Piece(
+        trial.label, trial.source, chamber, pressure, noise, float(pressure[0]), 0.0, False, p0,
+        False, logged,
+    )  # fmt: skip
+
+
+def _logged_supply(time: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The logged supply as a staircase: from when (m,) s, how high (m,) Pa.
+
+    Means over blocks, and blocks that differ by no more than the noise made one step.
+    """
+    starts, means = _blocks(time, values, _SUPPLY_BLOCK_S)
+    per_block = max(1, len(values) // len(means))
+    noise = signals.noise_floor(values).total
+    step = max(4.0 * noise / np.sqrt(per_block), _SUPPLY_STEP_PA)
+    first, level, count = [0], [float(means[0])], 1
+    for i in range(1, len(means)):
+        if abs(means[i] - level[-1]) > step:
+            first.append(i)
+            level.append(float(means[i]))
+            count = 1
+        else:
+            count += 1
+            level[-1] += (float(means[i]) - level[-1]) / count
+    return starts[first], np.array(level)
+
+
+def _blocks(time: FloatArray, values: FloatArray, span: float) -> tuple[FloatArray, FloatArray]:
+    """Means over blocks of about `span` s: starts (m,) and means (m,)."""
+    size = max(1, round(span / float(np.median(np.diff(time)))))
+    starts = np.arange(0, len(time), size)
+    counts = np.diff(np.append(starts, len(time)))
+    return time[starts], np.add.reduceat(values, starts) / counts
+
+
+def _cut(trial: Trial, whole: Piece, valve: str, air: Air, keep_rise: bool) -> Screened:
+    notices: list[str] = []
+    reasons: list[tuple[str, str]] = []
+    time = whole.chamber.time
+    bad = np.zeros(len(time), dtype=bool)
+    clipped, lines = _clipped(whole)
+    if lines:
+        bad |= clipped
+        notices += [f"{trial.source}: pressure_{valve}_pa {line}" for line in lines]
+    if len(whole.chamber.opens) and whole.chamber.opens[0] <= time[0]:
+        notices.append(
+            f"{trial.source}: valve {valve.upper()} is on in the first row; log some rows before "
+            "it is switched on"
+        )
+    plateaus = []
+    wandering = 0
+    for opened, closed in zip(whole.chamber.opens, whole.chamber.closes, strict=True):
+        unsteady = None if whole.supply_logged else _unsteady(whole, bad, opened, closed)
+        if unsteady is not None:
+            wandering += 1
+            risen = _risen(whole, bad, opened, closed) if keep_rise else opened
+            bad |= (time >= risen) & (time < closed - _EDGE_GUARD_S)
+            why = f"{unsteady} while valve {valve.upper()} was on: the supply did not hold still"
+            mend = "steady the supply, or log supply_pressure_pa"
+            used = "fitted to its rise, at the declared supply" if keep_rise else "left out"
+            notices.append(f"{trial.source}: {why}; its filling is {used}; {mend}")
+            reasons += [(name, f"{why}; {mend}") for name in FILLING if not keep_rise]
+        # The rise and the last rows of a filling that wandered show no settled supply.
+        broken = keep_rise and unsteady is not None
+        plateaus.append(None if broken else _settled(whole, bad, opened, closed))
+    pieces = [_piece(whole, rows, plateaus, air) for rows in _segments(whole, bad)]
+    never_still = 0 < wandering == len(whole.chamber.opens)
+    return Screened(tuple(pieces), tuple(notices), tuple(reasons), never_still)
+
+
+def _risen(piece: Piece, bad: BoolArray, opened: float, closed: float) -> float:
+    """When a chamber has filled most of the way to the lowest that its supply went, s."""
+    rows = _on_rows(piece, bad, opened, closed)
+    pressure = piece.pressure[rows]
+    start, top = float(pressure[0]), int(np.argmax(pressure))
+    level = start + _RISE_SHARE * (float(np.min(pressure[top:])) - start)
+    return float(piece.chamber.time[rows[int(np.argmax(pressure >= level))]])
+
+
+def _clipped(piece: Piece) -> tuple[BoolArray, list[str]]:
+    """Rows at which the sensor is at an end of its range, and what to say about each end.
+
+    A sensor at its end repeats one value; with noise, a run of `_CLIPPED_RUN` equal samples
+    is no chance where the rest of the test holds none nearly as long.
+    """
+    p = piece.pressure
+    clipped = np.zeros(len(p), dtype=bool)
+    lines = []
+    middle = 0.5 * (float(p.min()) + float(p.max()))
+    for end, name, inner in ((p.max(), "flat-topped", -1.0), (p.min(), "flat-bottomed", 1.0)):
+        at_end = p == end
+        elsewhere = (p < middle) if inner < 0 else (p >= middle)
+        run, other = _longest_run(at_end), _longest_repeat(p[elsewhere])
+        if run >= _CLIPPED_RUN and run > 4 * other:
+            near = (p - end) * inner <= 4.0 * piece.noise
+            clipped |= _widened(near, 3)
+            lines.append(
+                f"is saturated ({name} at {end:.6g} Pa, {run} equal samples running); those rows "
+                "are left out, and the pressure it settles at is taken from the rig file"
+            )
+    return clipped, lines
+
+
+def _longest_run(mask: BoolArray) -> int:
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
+    return int(np.max(edges[1::2] - edges[::2], initial=0))
+
+
+def _longest_repeat(values: FloatArray) -> int:
+    """Length of the longest run of equal values."""
+    return _longest_run(np.diff(values) == 0.0) + 1 if len(values) else 0
+
+
+def _widened(mask: BoolArray, rows: int) -> BoolArray:
+    return np.asarray(np.convolve(mask, np.ones(2 * rows + 1), mode="same") > 0.0)
+
+
+def _on_rows(piece: Piece, bad: BoolArray, opened: float, closed: float) -> NDArray[np.intp]:
+    time = piece.chamber.time
+    return np.flatnonzero((time >= opened) & (time < closed) & ~bad)
+
+
+def _unsteady(piece: Piece, bad: BoolArray, opened: float, closed: float) -> str | None:
+    """How the filled chamber's pressure wandered with the valve on; None where it held still.
+
+    A chamber that is open to a constant supply rises to it and stays. It may not fall, nor
+    rest at one level and then move to another.
+    """
+    rows = _on_rows(piece, bad, opened, closed)
+    if len(rows) < 4 * _FEWEST_ROWS:
+        return None
+    time = piece.chamber.time[rows]
+    _, means = _blocks(time, piece.pressure[rows], _BLOCK_S)
+    means = means[:-1]
+    per_block = max(1, len(rows) // max(len(means), 1))
+    wobble = 6.0 * piece.noise / np.sqrt(per_block) + 20.0
+    flat = round(_FLAT_S / _BLOCK_S)
+    if len(means) < 2 * flat:
+        return None
+    last = float(np.mean(means[-flat // 2 :]))
+    limit = max(SUPPLY_TOLERANCE * last, wobble)
+    if float(means.max()) - last > limit:
+        return f"the pressure fell from {means.max():.6g} to {last:.6g} Pa"
+    windows = np.lib.stride_tricks.sliding_window_view(means, flat)
+    level, spread = windows.mean(axis=1), np.ptp(windows, axis=1)
+    # A chamber that is still waiting for its valve rests too: at the level it began from.
+    began = float(piece.pressure[rows[0]])
+    resting = (spread < wobble) & (last - level > limit) & (level - began > 2.0 * limit)
+    if np.any(resting):
+        at = float(level[np.argmax(resting)])
+        return f"the pressure rested at {at:.6g} Pa and then rose to {last:.6g} Pa"
+    return None
+
+
+def _settled(piece: Piece, bad: BoolArray, opened: float, closed: float) -> float | None:
+    """The pressure at which the chamber came to rest with the valve on, Pa; None: it did not."""
+    level = _resting_level(piece.pressure[_on_rows(piece, bad, opened, closed)], piece.noise)
+    if level is None or level < 1.1 * CRITICAL_RATIO * piece.supply:
+        return None
+    return level
+
+
+def _resting_level(pressure: FloatArray, noise: float) -> float | None:
+    """Mean of the last fifth, where it does not differ from that of the fifth before."""
+    size = int(_SETTLED_SHARE * len(pressure))
+    if size < _FEWEST_ROWS:
+        return None
+    last, before = float(np.mean(pressure[-size:])), float(np.mean(pressure[-2 * size : -size]))
+    # Sensors' noise may be coloured: twice the white standard error, at three of them.
+    return last if abs(last - before) < 6.0 * noise * np.sqrt(2.0 / size) else None
+
+
+def _segments(piece: Piece, bad: BoolArray) -> list[slice]:
+    """Runs of good rows in which the pressure moves."""
+    if not bad.any():
+        return [slice(0, len(bad))]
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], (~bad).astype(np.int8), [0]])))
+    runs = [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    runs = [_after_guard(piece, run) for run in runs]
+    return [
+        run
+        for run in runs
+        if run.stop - run.start >= 2 * _FEWEST_ROWS
+        and np.ptp(piece.pressure[run]) > 20.0 * piece.noise
+    ]
+
+
+def _after_guard(piece: Piece, run: slice) -> slice:
+    """The run from where the valve's state is certain at its first row."""
+    if run.start == 0:
+        return run
+    time, start = piece.chamber.time, run.start
+    for edge in (*piece.chamber.opens, *piece.chamber.closes):
+        if edge <= time[start] < edge + _EDGE_GUARD_S:
+            start = int(np.searchsorted(time, edge + _EDGE_GUARD_S))
+    return slice(min(start, run.stop), run.stop)
+
+
+def _piece(whole: Piece, rows: slice, plateaus: list[float | None], air: Air) -> Piece:
+    """One run of rows as a piece: valve state, initial pressure, what it shows at rest."""
+    c, p = whole.chamber, whole.pressure[rows]
+    time = c.time[rows]
+    later = c.closes > time[0] - 0.5 * _EDGE_GUARD_S
+    opens, closes = c.opens[later].copy(), c.closes[later]
+    begun = opens < time[0]
+    high = float(np.median(p[:5])) > air.atmospheric_pressure_pa + 8.0 * whole.noise
+    if rows.start == 0 and high:
+        # On from the first row and already filled: it was on before the log began.
+        begun |= opens <= time[0]
+    opens[begun] = -np.inf
+    supplies = [
+        level
+        for level, o, k in zip(plateaus, c.opens, c.closes, strict=True)
+        if level is not None and o < time[-1] and k > time[0]
+    ]
+    inside = (c.supply_from >= time[0]) & (c.supply_from <= time[-1])
+    inside[max(int(np.searchsorted(c.supply_from, time[0], side="right")) - 1, 0)] = True
+    chamber = replace(
+        c, time=time, opens=opens, closes=closes, supply_from=c.supply_from[inside],
+        supply=c.supply[inside],
+    )  # fmt: skip
+    shift = float(np.mean(supplies) - np.mean(chamber.supply)) if supplies else 0.0
+    atmosphere = _atmosphere(chamber, p, whole.noise)
+    return replace(
+        whole,
+        chamber=chamber,
+        pressure=p,
+        initial=float(np.mean(p[: min(10, len(p))])),
+        supply_shift=shift,
+        fits_supply=bool(supplies),
+        atmosphere=air.atmospheric_pressure_pa if atmosphere is None else atmosphere,
+        fits_atmosphere=atmosphere is not None,
+    )
+
+
+def _atmosphere(chamber: HeldChamber, pressure: FloatArray, noise: float) -> float | None:
+    """The pressure at which the chamber rests with the valve off, Pa; None: it does not."""
+    time = chamber.time
+    first = chamber.opens[0] if len(chamber.opens) else np.inf
+    before = pressure[time < first]
+    level = _resting_level(before, noise)
+    if level is not None:
+        return level
+    last = chamber.closes[-1] if len(chamber.closes) else -np.inf
+    return _resting_level(pressure[time >= last + 0.3 * (time[-1] - last)], noise)

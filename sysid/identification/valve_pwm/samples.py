@@ -1,0 +1,346 @@
+"""Mean flow of a pulsed valve from the pressure of constant-duty tests (thesis 3.5.3, 3.7.2).
+
+A window of pressure gives one sample: the mean flow over it, the mean pressure, and the
+flow's standard error. How:
+
+1. A moving mean over whole PWM periods (`pulse_block`) removes the ripple of the pulses.
+   Where a period is no multiple of the sampling period, the shortest run of samples is taken
+   that is one of several periods (300 Hz at 1 kHz: 10 samples are 3 periods).
+2. The slope of that mean over a window, by least squares, is the mean of dP/dt with
+   parabolic weights; the pressure is averaged with the same weights. So a flow that is a
+   straight line over pressure within the window comes out without bias.
+3. A window is as long as the pressure takes for `TRAVEL_SHARE` of the way from atmosphere
+   to supply, and at least so long that the noise of the slope stays small; it never crosses
+   a choked boundary, where the flow jumps (thesis 3.6.6, 3.6.10).
+
+The thesis filters with a zero-phase 50 Hz low-pass before differentiating. The least-squares
+slope is a zero-phase low-pass as well, but one whose reach and gain on noise are known
+exactly, and which does not smear the flow's jump beyond its window.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from sysid.io.rig import Air, Rig
+from sysid.model.base import CRITICAL_RATIO, flow_from_pressure_rate
+from sysid.types import BoolArray, FloatArray, IntArray
+
+TRAVEL_SHARE = 0.03
+LONGEST_WINDOW_S = 0.2
+# Noise of a sample's flow, as a share of the flow of the widest open valve, that a window
+# is made long enough for.
+FLOW_NOISE_SHARE = 0.005
+# Phase by which a block of samples may miss whole PWM periods, as a share of a period.
+_PHASE_TOLERANCE = 0.01
+_LONGEST_BLOCK_S = 0.02
+_NORMAL_QUARTILE = 0.6744897501960817
+
+
+@dataclass(frozen=True)
+class PwmTest:
+    """One constant-duty test of one valve with the piston held, on a uniform time grid.
+
+    `pressure` (n,) Pa, one sample every `period` s from the test's first row; `usable` (n,)
+    False where the sensor is clipped or samples are lost. `volume` m3 of the chamber,
+    `temperature` K, `supply` Pa (logged, else the rig's), `filling`: started from the
+    atmosphere.
+    """
+
+    label: str
+    source: str
+    valve: str
+    filling: bool
+    duty: float
+    period: float
+    pressure: FloatArray
+    usable: BoolArray
+    volume: float
+    temperature: float
+    supply: float
+
+
+@dataclass(frozen=True)
+class FlowSamples:
+    """Samples of mean flow: `duty`, `pressure` [Pa], `flow` [kg/s], `std` [kg/s], all (n,).
+
+    `test` (n,) is the number of the sample's test, an index into `labels`.
+    """
+
+    duty: FloatArray
+    pressure: FloatArray
+    flow: FloatArray
+    std: FloatArray
+    test: IntArray
+    labels: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.flow)
+
+    def part(self, rows: BoolArray | IntArray) -> FlowSamples:
+        """The samples in `rows`; tests keep their numbers."""
+        return FlowSamples(
+            self.duty[rows],
+            self.pressure[rows],
+            self.flow[rows],
+            self.std[rows],
+            self.test[rows],
+            self.labels,
+        )
+
+
+def pulse_block(pwm_period: float, period: float) -> int:
+    """Samples (one every `period` s) that span whole PWM periods, but for rounding.
+
+    The shortest run up to 20 ms (or four PWM periods) that misses whole periods by less
+    than 1 % of one; else the one that misses by least.
+    """
+    ratio = pwm_period / period
+    longest = max(_LONGEST_BLOCK_S, 4.0 * pwm_period, period)
+    best, least = 1, math.inf
+    periods = 1
+    while periods * pwm_period <= longest or (best == 1 and least is math.inf):
+        samples = max(1, round(periods * ratio))
+        missed = abs(samples - periods * ratio) / ratio
+        if missed < least - 1e-9:
+            best, least = samples, missed
+        if least < _PHASE_TOLERANCE:
+            break
+        periods += 1
+    return best
+
+
+def settled_after(rig: Rig) -> float:
+    """Time, s, from a test's first row that is left out: the valve is not periodic yet.
+
+    What the valve does depends on commands no older than the longer of the two delays. Before
+    that the first pulse has not opened it (filling), or it is still on from before the first
+    row (discharging). Rounded up to whole PWM periods.
+    """
+    period = float(rig.require("pwm", "which the mean over pulses needs").period_s)
+    delays = rig.valves
+    longest = max(delays.on_delay_s, delays.off_delay_s) if delays else 0.0
+    return max(1, math.ceil(longest / period - 1e-9)) * period
+
+
+def open_share(duty: float, rig: Rig) -> float:
+    """Share of time that the valve is open under a constant duty, by the declared delays."""
+    period = float(rig.require("pwm", "which the mean over pulses needs").period_s)
+    gain = rig.valves.off_delay_s - rig.valves.on_delay_s if rig.valves else 0.0
+    if duty <= 0.0:
+        return 0.0
+    return 1.0 if duty >= 1.0 else min(max(duty + gain / period, 0.0), 1.0)
+
+
+def choked_boundaries(air: Air, supply: float) -> tuple[float, float]:
+    """Pressures, Pa, at which the filling and the exhaust flow change their law (3.5.1)."""
+    return CRITICAL_RATIO * supply, air.atmospheric_pressure_pa / CRITICAL_RATIO
+
+
+def sample_tests(tests: Sequence[PwmTest], rig: Rig) -> FlowSamples:
+    """Samples of mean flow from tests of one valve in one direction.
+
+    Tests too short for a window give none. Standard errors hold the pressure noise, with the
+    part of its autocorrelation that a mean over whole PWM periods keeps; an error of the
+    volume, the temperature or the sensor's scale is common to all samples and not in them.
+    """
+    air: Air = rig.require("air", "which the flow from dP/dt needs")
+    pwm_period = float(rig.require("pwm", "which the mean over pulses needs").period_s)
+    skip = settled_after(rig)
+    means = [_PulseMean.of(t, pulse_block(pwm_period, t.period), skip) for t in tests]
+    noise = _pooled_noise(means, rig)
+    fastest = max((m.fastest() for m in means), default=0.0)
+    parts = []
+    for number, (test, mean) in enumerate(zip(tests, means, strict=True)):
+        begin, end = _windows(test, mean, air, noise, fastest)
+        if len(begin) == 0:
+            continue
+        rate, pressure = _slopes(mean.values, begin, end, test.period)
+        gains = np.array([_slope_gain(int(n), mean.block) for n in end - begin])
+        flow, std = (
+            flow_from_pressure_rate(
+                value,
+                pressure,
+                test.volume,
+                0.0,
+                air.heat_capacity_ratio,
+                air.gas_constant_j_per_kg_k,
+                test.temperature,
+            )
+            for value in (rate, noise * gains / test.period)
+        )
+        size = len(begin)
+        parts.append((np.full(size, test.duty), pressure, flow, std, np.full(size, number)))
+    labels = tuple(t.label for t in tests)
+    if not parts:
+        none = np.empty(0)
+        return FlowSamples(none, none, none, none, np.empty(0, dtype=np.intp), labels)
+    duty, level, mass_flow, error, tests_of = (np.concatenate(c) for c in zip(*parts, strict=True))
+    return FlowSamples(duty, level, mass_flow, error, tests_of.astype(np.intp), labels)
+
+
+@dataclass(frozen=True)
+class _PulseMean:
+    """A test's pressure, averaged over `block` samples at a time (whole PWM periods).
+
+    `values` (m,) Pa: values[i] is the mean of pressure[first + i : first + i + block];
+    `usable` (m,): none of those is unusable.
+    """
+
+    values: FloatArray
+    usable: BoolArray
+    block: int
+    period: float
+
+    @classmethod
+    def of(cls, test: PwmTest, block: int, skip: float) -> _PulseMean:
+        first = math.ceil(skip / test.period - 1e-6)
+        pressure, usable = test.pressure[first:], test.usable[first:]
+        if len(pressure) <= block:
+            return cls(np.empty(0), np.empty(0, dtype=bool), block, test.period)
+        # Summed from the first sample on, so that the cumulative sum loses no digits.
+        offset = pressure[0]
+        total = np.concatenate(([0.0], np.cumsum(pressure - offset)))
+        bad = np.concatenate(([0], np.cumsum(~usable)))
+        values = offset + (total[block:] - total[:-block]) / block
+        return cls(values, bad[block:] == bad[:-block], block, test.period)
+
+    def noise(self) -> float:
+        """White-noise equivalent of one sample, Pa: from third differences of the means.
+
+        Over disjoint blocks these hold neither ripple nor a smooth course, and the median
+        ignores the few that straddle a jump. Noise that is correlated within a block shows
+        here as it enters the flow.
+        """
+        b = self.block
+        if len(self.values) < 6 * b:
+            return math.nan
+        third = np.diff(self.values[::b], 3) if b > 1 else np.diff(self.values, 3)
+        if b > 1:
+            shifted = self.values[b // 2 :: b]
+            third = np.concatenate((third, np.diff(shifted, 3)))
+        return float(np.median(np.abs(third))) / _NORMAL_QUARTILE * math.sqrt(b / 20.0)
+
+    def rates(self) -> FloatArray:
+        """dP/dt, (m,) Pa/s, over two blocks around each mean."""
+        n, b = len(self.values), self.block
+        index = np.arange(n)
+        left, right = np.maximum(index - b, 0), np.minimum(index + b, n - 1)
+        return (self.values[right] - self.values[left]) / ((right - left) * self.period)
+
+    def fastest(self) -> float:
+        """Highest |dP/dt|, Pa/s."""
+        if len(self.values) < 2 or not self.usable.any():
+            return 0.0
+        return float(np.max(np.abs(self.rates()[self.usable])))
+
+
+def _pooled_noise(means: Sequence[_PulseMean], rig: Rig) -> float:
+    """Noise of one pressure sample, Pa: the median over the tests.
+
+    Where all are too short to show it, the rig file's; NaN where that has none.
+    """
+    found = [n for n in (m.noise() for m in means) if math.isfinite(n)]
+    if found:
+        return float(np.median(found))
+    declared = rig.sensors.pressure_noise_pa
+    return math.nan if declared is None else declared
+
+
+def _shortest_window(noise: float, fastest: float, period: float, block: int) -> int:
+    """Means in the shortest window: two blocks of samples, or until the slope's noise is small.
+
+    The noise of a least-squares slope over a time D is noise sqrt(12 period / D^3).
+    """
+    shortest = block + 1
+    if fastest <= 0.0 or not noise > 0.0:
+        return shortest
+    duration = (noise * math.sqrt(12.0 * period) / (FLOW_NOISE_SHARE * fastest)) ** (2.0 / 3.0)
+    return max(shortest, math.ceil(float(duration) / period) - block + 1)
+
+
+def _windows(
+    test: PwmTest, mean: _PulseMean, air: Air, noise: float, fastest: float
+) -> tuple[IntArray, IntArray]:
+    """Begin and end (exclusive) of each window, as indices into the pulse means."""
+    empty = np.empty(0, dtype=np.intp)
+    if len(mean.values) < 2 or not mean.usable.any():
+        return empty, empty
+    shortest = _shortest_window(noise, fastest, test.period, mean.block)
+    longest = max(round(LONGEST_WINDOW_S / test.period), shortest)
+    travel = TRAVEL_SHARE * abs(test.supply - air.atmospheric_pressure_pa)
+    with np.errstate(divide="ignore"):
+        wanted = travel / (np.abs(mean.rates()) * test.period)
+    passed = np.cumsum(1.0 / np.clip(wanted, shortest, longest))
+    begins, ends = [], []
+    for start, stop in _stretches(test, mean, air):
+        if stop - start < mean.block + 1:
+            continue
+        share = passed[start:stop] - passed[start]
+        count = max(1, min(round(float(share[-1])), (stop - start) // shortest))
+        cuts = np.searchsorted(share, share[-1] * np.arange(1, count) / count)
+        begins.append(start + np.concatenate(([0], cuts)))
+        ends.append(start + np.concatenate((cuts, [stop - start])))
+    if not begins:
+        return empty, empty
+    begin, end = np.concatenate(begins), np.concatenate(ends)
+    kept = end - begin >= 2
+    return begin[kept], end[kept]
+
+
+def _stretches(test: PwmTest, mean: _PulseMean, air: Air) -> list[tuple[int, int]]:
+    """Runs of usable means that lie on one side of every choked boundary."""
+    # Of the running extreme, so that noise around a boundary does not cut again and again.
+    values = mean.values
+    course = np.maximum.accumulate(values) if test.filling else np.minimum.accumulate(values)
+    regime = sum((course > p).astype(np.int8) for p in choked_boundaries(air, test.supply))
+    changes = (np.diff(regime) != 0) | (np.diff(mean.usable.astype(np.int8)) != 0)
+    edges = np.concatenate(([0], np.flatnonzero(changes) + 1, [len(values)]))
+    pairs = zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)
+    return [(start, stop) for start, stop in pairs if mean.usable[start]]
+
+
+def _slopes(
+    values: FloatArray, begin: IntArray, end: IntArray, period: float
+) -> tuple[FloatArray, FloatArray]:
+    """Least-squares slope [Pa/s] of each window, and the mean pressure with its weights.
+
+    The slope over n points is the mean of the differences between neighbours, weighted by
+    i (n - i), i = 1..n-1; the pressure is the mean of the neighbours' midpoints, weighted
+    alike.
+    """
+    n = (end - begin).astype(float)
+    # Windows may leave gaps: every second segment of reduceat is one of them.
+    bounds = np.column_stack((begin, end)).ravel()
+    c = np.arange(len(values)) - np.repeat(*_centres(begin, end, len(values)))
+    padded = np.concatenate((values, [0.0]))
+    c = np.concatenate((c, [0.0]))
+    sums = [np.add.reduceat(padded * c**k, bounds)[::2] for k in range(3)]
+    slope = 12.0 * sums[1] / (n * (n * n - 1.0)) / period
+    half = 0.25 * (n * n - 1.0)
+    pressure = 6.0 * (half * sums[0] - sums[2]) / (n * (n * n - 1.0))
+    return np.asarray(slope), np.asarray(pressure)
+
+
+def _centres(begin: IntArray, end: IntArray, size: int) -> tuple[FloatArray, IntArray]:
+    """Centre index of the window that each of `size` points belongs to, as repeats."""
+    centre = 0.5 * (begin + end - 1)
+    bounds = np.concatenate((begin, [size]))
+    bounds[0] = 0
+    return np.asarray(centre), np.diff(bounds)
+
+
+@lru_cache(maxsize=4096)
+def _slope_gain(points: int, block: int) -> float:
+    """Standard deviation of a slope per sampling period, for white noise of 1 per sample.
+
+    The slope is over `points` moving means of `block` samples each.
+    """
+    c = np.arange(points) - 0.5 * (points - 1)
+    weights = np.convolve(c / (c @ c), np.ones(block) / block)
+    return float(np.sqrt(weights @ weights))

@@ -1,0 +1,368 @@
+"""Which tests of a log can tell a pulsed valve's mean flow, and what the others lack.
+
+A test that cannot be trusted is left out with a notice that says why; nothing is repaired.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from sysid import signals
+from sysid.identification.valve_pwm.samples import PwmTest, open_share, pulse_block, settled_after
+from sysid.io.logs import Trial
+from sysid.io.rig import Rig
+from sysid.model.base import chamber_volume_a, chamber_volume_b
+from sysid.types import BoolArray, FloatArray
+
+# Change of the chamber's volume that still counts as a held piston, as a share of it.
+HELD_SHARE_OF_VOLUME = 0.005
+# Departure from the rig file's supply pressure that is left out, as a share of it. Choked
+# flow is proportional to the supply, so that this is its error as well.
+SUPPLY_TOLERANCE = 0.02
+# Start of a test: within this share of the way from atmosphere to supply from either end.
+_START_TOLERANCE = 0.25
+_DUTY_TOLERANCE = 1e-6
+_LOST_SAMPLES = 1.5
+_FEWEST_PERIODS = 4
+_SAME_DUTY = 1e-3
+_CLIPPED_START = 8
+_REST_S = 0.05
+_REST_SHARE = 0.01
+_SHOWN_LABELS = 8
+# Pressure travelled in one block next to a clipped stretch, as a share of the limit.
+_CLIP_TRAVEL = 2e-3
+
+
+@dataclass
+class Remarks:
+    """Notices by reason, so that fifty tests with one fault make one line."""
+
+    tests: dict[tuple[str, str], list[str]] = field(default_factory=dict)
+    lines: list[str] = field(default_factory=list)
+
+    def leave_out(self, trial: Trial | PwmTest, reason: str) -> None:
+        """Note that a test is left out for this reason."""
+        self.about(trial, f"left out: {reason}")
+
+    def about(self, trial: Trial | PwmTest, what: str) -> None:
+        """Note something about a test."""
+        place = trial.source.removesuffix(f", test {trial.label}")
+        self.tests.setdefault((place, what), []).append(trial.label)
+
+    def notices(self) -> tuple[str, ...]:
+        """One line a reason, with the tests that it holds for."""
+        lines = []
+        for (place, what), labels in self.tests.items():
+            if labels == [""]:
+                lines.append(f"{place}: {what}")
+                continue
+            shown = ", ".join(labels[:_SHOWN_LABELS])
+            if len(labels) > _SHOWN_LABELS:
+                shown += f" and {len(labels) - _SHOWN_LABELS} more"
+            lines.append(f"{place}, test{'s' if len(labels) > 1 else ''} {shown}: {what}")
+        return (*lines, *self.lines)
+
+
+def moved_valves(trials: Sequence[Trial]) -> list[str]:
+    """The valves whose duty is ever other than zero."""
+    return [
+        v
+        for v in ("a", "b")
+        if any(f"duty_{v}" in t and bool(np.any(t[f"duty_{v}"] != 0.0)) for t in trials)
+    ]
+
+
+def select_tests(trials: Sequence[Trial], rig: Rig, valve: str, remarks: Remarks) -> list[PwmTest]:
+    """The usable constant-duty tests of one valve, filling and discharging.
+
+    Raises InputError where a channel is missing that the flow cannot do without.
+    """
+    tests = []
+    for trial in trials:
+        duty = trial.channels.get(f"duty_{valve}")
+        if duty is None or not duty.any():
+            continue
+        test = _prepared(trial, duty, rig, valve, remarks)
+        if test is not None:
+            tests.append(test)
+    return _consistent_supply(_without_clipped(tests, rig, remarks), rig, remarks)
+
+
+def _prepared(
+    trial: Trial, duty: FloatArray, rig: Rig, valve: str, remarks: Remarks
+) -> PwmTest | None:
+    """The trial as a test, or None with a remark."""
+    air = rig.require("air", "which the flow from dP/dt needs")
+    name = f"pressure_{valve}_pa"
+    trial.require([name], f"which the flow of valve {valve.upper()} is computed from")
+    trial.require([rig.position_channel], "which the chamber's volume follows from")
+    volume = _volume(trial[rig.position_channel], rig, valve)
+    reason = _unusable(trial, duty, volume, rig, valve)
+    if reason is not None:
+        remarks.leave_out(trial, reason)
+        return None
+    declared = float(air.supply_pressure_pa)
+    period, pressure, usable, supply = _on_grid(trial, name, declared)
+    if not usable.all():
+        remarks.about(trial, "lost samples; no flow is taken across the gaps")
+    start = _start_pressure(pressure, float(duty[0]), period, rig)
+    share = (start - air.atmospheric_pressure_pa) / (declared - air.atmospheric_pressure_pa)
+    # A sensor that clips shows the supply too low, but shows it as its highest value.
+    clipped = bool(np.all(pressure[:_CLIPPED_START] == pressure.max()))
+    if min(abs(share), abs(share - 1.0)) > _START_TOLERANCE and not clipped:
+        remarks.leave_out(
+            trial,
+            f"{name} starts neither at the atmosphere (filling) nor at the supply (discharging)",
+        )
+        return None
+    sagged = np.abs(supply - declared) > SUPPLY_TOLERANCE * declared
+    if sagged.any():
+        remarks.about(
+            trial,
+            f"rows left out: supply_pressure_pa departs by more than {SUPPLY_TOLERANCE:.0%} from "
+            f"the rig file's {declared:.0f} Pa, for which alone the surface holds",
+        )
+    kept = usable & ~sagged
+    temperature = trial.channels.get("temperature_k")
+    return PwmTest(
+        label=trial.label,
+        source=trial.source,
+        valve=valve,
+        filling=share < 0.5 and not clipped,
+        duty=float(duty[0]),
+        period=period,
+        pressure=pressure,
+        usable=kept,
+        volume=float(volume.mean()),
+        temperature=air.temperature_k if temperature is None else float(temperature.mean()),
+        supply=float(supply[kept].mean()) if kept.any() else declared,
+    )
+
+
+def _unusable(
+    trial: Trial, duty: FloatArray, volume: FloatArray, rig: Rig, valve: str
+) -> str | None:
+    """Why the trial is no constant-duty test with the piston held; None where it is one."""
+    if float(np.ptp(duty)) > _DUTY_TOLERANCE:
+        return f"duty_{valve} is not constant, and a sample has one duty only"
+    if float(np.ptp(volume)) > HELD_SHARE_OF_VOLUME * float(volume.mean()):
+        return "the piston moved, and the flow is identified with it held only"
+    least = settled_after(rig) + _FEWEST_PERIODS * _pwm_period(rig)
+    if trial.time[-1] - trial.time[0] < least:
+        return f"it is shorter than {_FEWEST_PERIODS} PWM periods"
+    return None
+
+
+def _volume(position: FloatArray, rig: Rig, valve: str) -> FloatArray:
+    """Volume of the valve's chamber, (n,) m3."""
+    c = rig.require("cylinder", "which the chamber's volume follows from")
+    if valve == "a":
+        volume = chamber_volume_a(position, c.area_a_m2, c.offset_a_m, c.pitch_radius_m)
+    else:
+        volume = chamber_volume_b(position, c.area_b_m2, c.offset_b_m, c.pitch_radius_m)
+    return np.asarray(volume, dtype=float)
+
+
+def _on_grid(
+    trial: Trial, name: str, declared: float
+) -> tuple[float, FloatArray, BoolArray, FloatArray]:
+    """Sampling period, pressure, usable and supply (declared where not logged) on a grid."""
+    time, pressure = trial.time, trial[name]
+    supply = trial.channels.get("supply_pressure_pa")
+    steps = np.diff(time)
+    median = float(np.median(steps))
+    if float(np.max(np.abs(steps - median))) < 1e-3 * median:
+        period = float(time[-1] - time[0]) / (len(time) - 1)
+        logged = np.full(len(time), declared) if supply is None else supply
+        return period, pressure, np.ones(len(time), dtype=bool), logged
+    count = max(1, round(float(time[-1] - time[0]) / median))
+    grid = time[0] + median * np.arange(count + 1)
+    row = np.clip(np.searchsorted(time, grid), 1, len(time) - 1)
+    usable = steps[row - 1] < _LOST_SAMPLES * median
+    level = signals.resample(time, pressure, grid)
+    logged = np.full(len(grid), declared) if supply is None else np.interp(grid, time, supply)
+    return median, level, usable, logged
+
+
+def _start_pressure(pressure: FloatArray, duty: float, period: float, rig: Rig) -> float:
+    """Mean pressure before the valve's first movement can have changed it."""
+    delays, pwm = rig.valves, rig.pwm
+    quiet = 0.0
+    if delays is not None and pwm is not None:
+        quiet = min(delays.on_delay_s, delays.off_delay_s + duty * pwm.period_s)
+    return float(np.mean(pressure[: max(1, math.floor(quiet / period + 1e-9) + 1)]))
+
+
+# --- a clipped sensor --------------------------------------------------------------------
+
+
+def _without_clipped(tests: Sequence[PwmTest], rig: Rig, remarks: Remarks) -> list[PwmTest]:
+    """The tests with samples at a clipped sensor's limits marked unusable."""
+    if not tests:
+        return []
+    blocks = [pulse_block(_pwm_period(rig), t.period) for t in tests]
+    shown = [_sample_noise(t.pressure, b) for t, b in zip(tests, blocks, strict=True)]
+    noisy = [n for n in shown if n > 0.0]
+    noise = float(np.median(noisy)) if noisy else 0.0
+    count = signals.quantum(tests[0].pressure)
+    upper, lower = math.inf, -math.inf
+    for test, block in zip(tests, blocks, strict=True):
+        upper = min(upper, _clip_level(test.pressure, block, noise, count))
+        lower = max(lower, -_clip_level(-test.pressure, block, noise, count))
+    limits = [f"{level:.0f} Pa" for level in (lower, upper) if math.isfinite(level)]
+    if not limits:
+        return list(tests)
+    cleaned = []
+    for test, block in zip(tests, blocks, strict=True):
+        clipped = (test.pressure >= upper) | (test.pressure <= lower)
+        if clipped.any():
+            remarks.about(
+                test,
+                f"rows left out: pressure_{test.valve}_pa is saturated at {' and '.join(limits)}; "
+                "the flow beyond cannot be identified, and the surface's domain ends there",
+            )
+            # Noise pushes single samples onto the limit earlier and later than the rest.
+            rows = np.flatnonzero(clipped)
+            clipped[max(rows[0] - block, 0) : rows[-1] + block] = True
+        cleaned.append(replace(test, usable=test.usable & ~clipped))
+    return cleaned
+
+
+def _sample_noise(pressure: FloatArray, block: int) -> float:
+    """Noise of a sample, Pa, from third differences over whole PWM periods."""
+    third = np.diff(pressure[::block], 3)
+    return float(np.median(np.abs(third))) / 0.6745 / math.sqrt(20.0) if len(third) else 0.0
+
+
+def _pwm_period(rig: Rig) -> float:
+    return float(rig.require("pwm", "which the mean over pulses needs").period_s)
+
+
+def _clip_level(values: FloatArray, block: int, noise: float, count: float) -> float:
+    """The value that a sensor cannot exceed, if this test shows it; else infinity.
+
+    It shows in two blocks of samples or more of exactly the highest value, where either
+    noise of more than a count must have broken the run, or the pressure ran into it (or left
+    it) at full speed: an equilibrium is approached slowly.
+    """
+    top = float(values.max())
+    at_top = values == top
+    if at_top.all():  # clipped, or at rest: nothing tells
+        return math.inf
+    needed = max(2 * block, 8)
+    if np.count_nonzero(at_top) < needed:
+        return math.inf
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], at_top.astype(np.int8), [0]))))
+    begin, end = edges[::2], edges[1::2]
+    longest = int(np.argmax(end - begin))
+    first, last = int(begin[longest]), int(end[longest])
+    if last - first < needed:
+        return math.inf
+    if noise > max(count, 1e-6 * abs(top)):
+        return top
+    around = [i for i in (first - block, last + block - 1) if 0 <= i < len(values)]
+    travel = max((top - float(values[i]) for i in around), default=0.0)
+    return top if travel > max(6.0 * (count + noise), _CLIP_TRAVEL * abs(top)) else math.inf
+
+
+# --- a supply that is not the rig file's -------------------------------------------------
+
+
+def rest_pressure(test: PwmTest) -> float | None:
+    """Pressure at which the test comes to rest, Pa; None where it is still far from it.
+
+    From the means over the last three stretches of 50 ms: what is left to go is that of a
+    geometric series (Aitken), and must be small.
+    """
+    n = max(8, round(_REST_S / test.period))
+    if len(test.pressure) < 4 * n or not test.usable[-3 * n :].all():
+        return None
+    early, middle, late = test.pressure[-3 * n :].reshape(3, n).mean(axis=1)
+    before, last = float(middle - early), float(late - middle)
+    ratio = min(max(last / before, 0.0), 0.9) if before != 0.0 else 0.0
+    left = last * ratio / (1.0 - ratio)
+    return float(late) + left if abs(left) < _REST_SHARE * test.supply else None
+
+
+def _consistent_supply(tests: Sequence[PwmTest], rig: Rig, remarks: Remarks) -> list[PwmTest]:
+    """The tests that show no other supply than the rig file's.
+
+    What shows it: where a discharging test starts; where the pressure rests under a duty at
+    which the valve never closes; a filling test that rests elsewhere than the discharging one
+    of the same duty; and a pressure at rest below that of two tests at lower duties. Filling
+    tests that show nothing themselves go with most of those that do.
+    """
+    declared = float(rig.require("air", "which the supply is taken from").supply_pressure_pa)
+    tolerance = SUPPLY_TOLERANCE * declared
+    rests = [rest_pressure(t) for t in tests]
+    seen = [_supply_seen(t, r, rig) for t, r in zip(tests, rests, strict=True)]
+    wrong = [s is not None and abs(s - declared) > tolerance for s in seen]
+    good = [
+        (t.duty, r, t.filling)
+        for t, r, w in zip(tests, rests, wrong, strict=True)
+        if r is not None and not w
+    ]
+    known = np.array(good, dtype=float).reshape(-1, 3)
+    verdicts: list[bool | None] = []
+    for i, (test, rest) in enumerate(zip(tests, rests, strict=True)):
+        if wrong[i]:
+            supply = round(float(seen[i] or 0.0), -3) / 1e3
+            remarks.leave_out(
+                test,
+                f"the supply was at about {supply:.0f} kPa, not the rig file's "
+                f"{declared / 1e3:.0f} kPa, for which alone the surface holds",
+            )
+            verdicts.append(False)
+            continue
+        verdict = None if rest is None else _rests_as_others(test, rest, known, tolerance)
+        if verdict is False:
+            remarks.leave_out(
+                test,
+                "the pressure comes to rest elsewhere than in the other direction or under lower "
+                "duties: the supply sagged, or the duty is not what the log says",
+            )
+        verdicts.append(True if seen[i] is not None and verdict is None else verdict)
+    return _with_the_majority(tests, verdicts, remarks)
+
+
+def _rests_as_others(
+    test: PwmTest, rest: float, known: FloatArray, tolerance: float
+) -> bool | None:
+    """Whether a test's pressure at rest fits the others'; None where they cannot say.
+
+    `known` (m, 3): duty, pressure at rest and direction (1: filling) of the tests.
+    """
+    duty, level, filling = known.T
+    partner = (np.abs(duty - test.duty) < _SAME_DUTY) & (filling == 0.0)
+    if test.filling and partner.any():
+        return bool(np.min(np.abs(level[partner] - rest)) <= tolerance)
+    below = (duty <= test.duty + _SAME_DUTY) & (level > rest + 1.5 * tolerance)
+    return False if np.count_nonzero(below) >= 2 else None
+
+
+def _with_the_majority(
+    tests: Sequence[PwmTest], verdicts: Sequence[bool | None], remarks: Remarks
+) -> list[PwmTest]:
+    """The tests that are good, and those that show nothing unless most filling tests are bad."""
+    filling = [v for t, v in zip(tests, verdicts, strict=True) if t.filling and v is not None]
+    suspect = filling.count(False) > filling.count(True)
+    kept = []
+    for test, verdict in zip(tests, verdicts, strict=True):
+        if verdict is None and test.filling and suspect:
+            remarks.leave_out(
+                test, "most filling tests show another supply pressure than the rig file's"
+            )
+        elif verdict is not False:
+            kept.append(test)
+    return kept
+
+
+def _supply_seen(test: PwmTest, rest: float | None, rig: Rig) -> float | None:
+    """The supply pressure, Pa, as the test itself shows it; None where it does not."""
+    if not test.filling and test.usable[0]:
+        return _start_pressure(test.pressure, test.duty, test.period, rig)
+    return rest if open_share(test.duty, rig) >= 1.0 else None

@@ -1,0 +1,164 @@
+"""The campaign file: a rig's tests together, and what each may be used for."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from sysid.errors import input_error
+from sysid.io.logs import Log, read_log
+from sysid.io.rig import Rig, read_rig, read_toml, reject_misspelt
+from sysid.io.source import Source
+from sysid.io.tables import read_bytes
+from sysid.io.units import ColumnMap, parse_map_table
+
+KINDS = (
+    "friction-static",
+    "friction-sliding",
+    "friction-motion",
+    "valve-discrete",
+    "valve-pwm",
+    "motion-motor",
+    "motion-pwm",
+    "motion-discrete",
+    "tank",
+    "valve-flow",
+    "valve-time",
+    "friction-points",
+)
+FRICTION_KINDS = KINDS[:3]
+MOTION_KINDS = KINDS[5:8]
+BENCH_KINDS = KINDS[8:]
+USES = ("fit", "holdout")
+_CAMPAIGN_KEYS = ("rig", "log", "map", "name")
+_LOG_KEYS = ("kind", "file", "valve", "use", "map")
+
+
+@dataclass(frozen=True)
+class CampaignLog:
+    """One `[[log]]` entry. `file` is as written, `path` where it lies.
+
+    `mapping` is its own `map`, `shared` the campaign's, of columns that not every log has.
+    """
+
+    kind: str
+    file: str
+    path: Path
+    use: str
+    valve: str | None
+    mapping: Mapping[str, ColumnMap]
+    shared: Mapping[str, ColumnMap] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """A campaign file as read; its logs are read when asked for."""
+
+    path: Path
+    rig: Rig
+    logs: tuple[CampaignLog, ...]
+    notices: tuple[str, ...] = ()
+
+    def select(self, kinds: Sequence[str], use: str | None = "fit") -> tuple[CampaignLog, ...]:
+        """The entries of these kinds and this use (None: either), in the file's order."""
+        return tuple(e for e in self.logs if e.kind in kinds and use in (None, e.use))
+
+    def sources(self, use: str | None = None) -> list[Source]:
+        """What a bundle's provenance says of the logs of this use (None: all).
+
+        Raises InputError for one that cannot be opened.
+        """
+        chosen = (e for e in self.logs if use in (None, e.use))
+        return [Source(e.path.name, _digest(e.path), e.use, e.kind) for e in chosen]
+
+    def read(self, entry: CampaignLog) -> Log:
+        """Read one entry's log. Raises InputError."""
+        return read_log(entry.path, self.rig, entry.mapping, entry.shared)
+
+
+def read_campaign(path: Path) -> Campaign:
+    """Read and check a campaign file. Raises InputError naming the key or entry."""
+    content = read_toml(path, "a campaign file")
+    source = str(path)
+    notices = reject_misspelt(content, _CAMPAIGN_KEYS, "", source)
+    rig_file = content.get("rig")
+    if not isinstance(rig_file, str):
+        raise input_error(path, "rig is missing", 'add rig = "rig.toml" on top')
+    rig_path = path.parent / rig_file
+    if not rig_path.is_file():
+        raise input_error(
+            path, f"rig = {rig_file!r}: no such file", "paths are relative to the campaign file"
+        )
+    entries = content.get("log")
+    if not isinstance(entries, list) or not entries:
+        raise input_error(path, "no [[log]] entry", "add one [[log]] with kind and file per test")
+    shared = content.get("map", {})
+    logs = tuple(
+        _entry(path, number, table, shared, notices)
+        for number, table in enumerate(entries, start=1)
+    )
+    _reject_used_twice(path, logs)
+    return Campaign(path, read_rig(rig_path), logs, tuple(notices))
+
+
+def _digest(path: Path) -> str:
+    """SHA-256 of a log, read or not."""
+    return hashlib.sha256(read_bytes(path, "a log")).hexdigest()
+
+
+def _entry(path: Path, number: int, table: Any, shared: Any, notices: list[str]) -> CampaignLog:
+    where = f"[[log]] entry {number}"
+    if not isinstance(table, dict):
+        raise input_error(path, f"{where} is not a table", "write [[log]] with kind and file")
+    notices += reject_misspelt(table, _LOG_KEYS, f"{where}: ", str(path))
+    file = table.get("file")
+    if not isinstance(file, str):
+        raise input_error(path, f"{where}: file is missing", 'add file = "..."')
+    where = f"{where} ({file})"
+    kind = _one_of(path, where, "kind", table.get("kind"), KINDS)
+    use = _one_of(path, where, "use", table.get("use", "fit"), USES)
+    valve = table.get("valve")
+    if valve is not None:
+        valve = _one_of(path, where, "valve", valve, ("a", "b"))
+    log_path = path.parent / file
+    if not log_path.exists():
+        raise input_error(path, f"{where}: no such file", "paths are relative to the campaign file")
+    maps = table.get("map", {})
+    if not isinstance(maps, dict) or not isinstance(shared, dict):
+        raise input_error(path, f"{where}: map is not a table", 'write map = { time_s = "t:s" }')
+    own, common = parse_map_table(maps, str(path)), parse_map_table(shared, str(path))
+    return CampaignLog(kind, file, log_path, use, valve, own, common)
+
+
+def _one_of(path: Path, where: str, key: str, value: Any, allowed: Sequence[str]) -> str:
+    if value not in allowed:
+        what = f"{where}: {key} is missing" if value is None else f"{where}: {key} = {value!r}"
+        raise input_error(path, what, f"write one of {', '.join(allowed)}")
+    return str(value)
+
+
+def _reject_used_twice(path: Path, logs: Sequence[CampaignLog]) -> None:
+    """A log that is fitted on is never held out as well."""
+    uses: dict[str, str] = {}
+    for entry in logs:
+        key = os.path.realpath(entry.path)
+        if uses.setdefault(key, entry.use) != entry.use:
+            raise input_error(
+                path, f"{entry.file} is both fit and holdout", "keep it in one of the two"
+            )
+
+
+__all__ = [
+    "BENCH_KINDS",
+    "FRICTION_KINDS",
+    "KINDS",
+    "MOTION_KINDS",
+    "USES",
+    "Campaign",
+    "CampaignLog",
+    "read_campaign",
+]

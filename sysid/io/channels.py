@@ -1,0 +1,12 @@
+"""Names of a log's channels that come in pairs, and the two sides that they belong to."""
+
+from __future__ import annotations
+
+SIDES = ("a", "b")
+"""Chamber, valve and pressure sensor A and B."""
+
+CHAMBER_PRESSURES = ("pressure_a_pa", "pressure_b_pa")
+PRESSURES = (*CHAMBER_PRESSURES, "supply_pressure_pa")
+
+DUTIES = ("duty_a", "duty_b")
+SWITCHES = ("valve_a", "valve_b")

@@ -1,0 +1,101 @@
+"""Readers of foreign files, one a format; `read_foreign` picks by content, not by name.
+
+Each gives a `ForeignTable` in the file's own names and units; `sysid.io.conversion` maps it.
+"""
+
+from __future__ import annotations
+
+import importlib
+import io
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+from sysid.errors import input_error
+from sysid.io.foreign.table import ForeignTable, ReadOptions, SampleTimes, damaged
+
+Reader = Callable[[Path, bytes, ReadOptions], ForeignTable]
+
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+_OLE = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
+_BY_NAME = {
+    ".mat": ("matlab", "a MATLAB file"),
+    ".xlsx": ("excel", "an Excel workbook"),
+    ".xlsm": ("excel", "an Excel workbook"),
+    ".tdms": ("tdms", "a TDMS file"),
+    ".parquet": ("parquet", "Parquet"),
+    ".pq": ("parquet", "Parquet"),
+    ".h5": ("hdf5", "an HDF5 file"),
+    ".hdf5": ("hdf5", "an HDF5 file"),
+}
+
+
+def read_foreign(path: Path, raw: bytes, options: ReadOptions) -> ForeignTable:
+    """Read a file's contents `raw` (`path` is for its suffix and for messages).
+
+    Raises InputError where the format is not known, or the file is damaged.
+    """
+    kind = _kind(path, raw)
+    module = importlib.import_module(f"sysid.io.foreign.{kind}")
+    reader: Reader = module.read
+    table = reader(path, raw, options)
+    if not any(len(values) for values in table.columns.values()):
+        raise input_error(path, f"holds no columns ({table.format})", "name another file")
+    return table
+
+
+def _kind(path: Path, raw: bytes) -> str:
+    """Which reader: by the signature at the head of the file, else by what the name says."""
+    if raw.startswith(b"TDSm"):
+        return "tdms"
+    if raw.startswith(b"PAR1"):
+        return "parquet"
+    if raw.startswith(b"MATLAB 5.0"):
+        return "matlab"
+    if raw.startswith(_HDF5) or raw[512:520] == _HDF5:
+        return "hdf5"
+    if raw.startswith(b"PK\x03\x04"):
+        return _kind_of_archive(path, raw)
+    if raw.startswith(_OLE):
+        encrypted = "EncryptedPackage".encode("utf-16-le") in raw
+        raise input_error(
+            path,
+            "is protected by a password" if encrypted else "is an old Excel file (.xls)",
+            "save it from Excel without one" if encrypted else "save it from Excel as .xlsx",
+        )
+    if raw.startswith(b"\x1f\x8b"):
+        raise input_error(path, "is compressed (gzip)", "unpack it with gunzip first")
+    is_text = _looks_like_text(raw)
+    kind, what = _BY_NAME.get(path.suffix.lower(), ("text", "text"))
+    if kind == "text" or (is_text and path.suffix.lower() == ".mat"):
+        if not is_text:
+            raise input_error(
+                path,
+                "is a binary file of no known format",
+                "save it as .mat, .xlsx, .tdms, Parquet or text",
+            )
+        return "text"
+    if kind == "matlab":  # version 4 has no signature
+        return kind
+    raise damaged(path, what, "its first bytes are another format's")
+
+
+def _kind_of_archive(path: Path, raw: bytes) -> str:
+    try:
+        with zipfile.ZipFile(io.BytesIO(raw)) as archive:
+            names = archive.namelist()
+    except (zipfile.BadZipFile, OSError, ValueError) as error:
+        raise damaged(path, "an Excel workbook", error) from None
+    if "xl/workbook.xml" in names:
+        return "excel"
+    raise input_error(path, "is an archive, not an Excel workbook", "unpack it first")
+
+
+def _looks_like_text(raw: bytes) -> bool:
+    head = raw[:4096]
+    if head.startswith((b"\xff\xfe", b"\xfe\xff", b"\xef\xbb\xbf")):
+        return True
+    return not any(byte < 32 and byte not in b"\t\n\r\f" for byte in head)
+
+
+__all__ = ["ForeignTable", "ReadOptions", "SampleTimes", "read_foreign"]

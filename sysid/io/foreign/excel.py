@@ -1,0 +1,67 @@
+"""Excel workbooks (.xlsx), by pandas and openpyxl."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sysid.errors import input_error
+from sysid.io.foreign.table import ForeignTable, ReadOptions, damaged, take_names
+from sysid.io.foreign.text import find_header
+
+
+def read(path: Path, raw: bytes, options: ReadOptions) -> ForeignTable:
+    """One sheet: the one asked for, else the first that is not empty (others are told)."""
+    import pandas as pd
+
+    sheets: dict[Any, Any] = {}
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # openpyxl's, about styles and validation
+            sheets = pd.read_excel(io.BytesIO(raw), sheet_name=None, header=None, engine="openpyxl")
+    except Exception as error:  # openpyxl lets through what zipfile and its XML parser raise
+        raise damaged(path, "an Excel workbook", error) from None
+    name, frame = _pick(path, sheets, options.sheet)
+    table = ForeignTable(path, "Excel")
+    others = [s for s, f in sheets.items() if s != name and len(f)]
+    if others and options.sheet is None:
+        table.notices.append(
+            f"{path}: sheet {name!r} was read, {', '.join(map(repr, others))} not (--sheet)"
+        )
+    frame = frame.iloc[options.skip_rows :].dropna(how="all").dropna(how="all", axis="columns")
+    if frame.empty:
+        raise input_error(path, f"sheet {name!r} holds no rows", "name another with --sheet")
+    rows = [["" if v is None or v != v else str(v) for v in row] for row in frame.values[:200]]
+    names, skipped = find_header(rows, options.header)
+    if skipped:
+        table.notices.append(f"{path}: a row of units under the names was passed over")
+    body = frame.iloc[skipped + (names is not None) :]
+    if body.empty:
+        raise input_error(path, f"sheet {name!r} has a header but no rows", "name another")
+    numbers = [int(i) + 1 for i in body.index]
+    table.place = lambda row: f"sheet {name!r}, row {numbers[row]}"
+    take_names(table, names, (_values(body[column]) for column in body.columns))
+    return table
+
+
+def _pick(path: Path, sheets: dict[Any, Any], wanted: str | None) -> tuple[str, Any]:
+    if wanted is not None:
+        if wanted not in sheets:
+            raise input_error(
+                path, f"has no sheet {wanted!r}", f"its sheets are {', '.join(map(repr, sheets))}"
+            )
+        return wanted, sheets[wanted]
+    for name, frame in sheets.items():
+        if len(frame):
+            return str(name), frame
+    raise input_error(path, "holds no rows in any sheet", "name another file")
+
+
+def _values(series: Any) -> Any:
+    """Numbers as floats, time stamps as such, and whatever is mixed as objects."""
+    values = series.infer_objects().to_numpy()
+    return values.astype(np.float64) if values.dtype.kind in "iub" else values

@@ -1,0 +1,55 @@
+"""MATLAB files of versions 4 to 7 (7.3 is HDF5: `sysid.io.foreign.hdf5`), by scipy."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sysid.io.foreign.table import ForeignTable, ReadOptions, damaged
+
+_MAX_DEPTH = 12
+OBJECT_REASON = "a MATLAB object (table, timeseries): save its columns as plain variables"
+
+
+def read(path: Path, raw: bytes, options: ReadOptions) -> ForeignTable:
+    """Variables by name; a struct's fields by dots (`rec.Y.pressure`), its elements by
+    `rec(2)`, a cell's by `c{2}`, a matrix' signals by `name#2` (all from 1, as in MATLAB)."""
+    from scipy.io import loadmat
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            content = loadmat(io.BytesIO(raw), struct_as_record=True)
+    except Exception as error:  # scipy lets through what numpy, struct and zlib raise
+        raise damaged(path, "a MATLAB file", error) from None
+    table = ForeignTable(path, "MATLAB")
+    for name, value in content.items():
+        if not name.startswith("__"):
+            _walk(table, name, value, 0)
+        elif name == "__function_workspace__":
+            table.skipped[name] = OBJECT_REASON
+    return table
+
+
+def _walk(table: ForeignTable, name: str, value: Any, depth: int) -> None:
+    from scipy.io.matlab import MatlabFunction, MatlabOpaque
+
+    array = value.toarray() if hasattr(value, "toarray") else np.asarray(value)
+    if isinstance(value, MatlabOpaque | MatlabFunction) or depth > _MAX_DEPTH:
+        table.skipped[name] = OBJECT_REASON
+    elif array.dtype.names:
+        for index, element in enumerate(array.ravel(order="F")):
+            which = f"({index + 1})" if array.size > 1 else ""
+            for field in array.dtype.names:
+                _walk(table, f"{name}{which}.{field}", element[field], depth + 1)
+    elif array.dtype == object:
+        for index, element in enumerate(array.ravel(order="F")):
+            _walk(table, f"{name}{{{index + 1}}}", element, depth + 1)
+    elif array.dtype.kind in "fiub":
+        table.add(name, array)
+    else:
+        table.skipped[name] = "text" if array.dtype.kind in "US" else f"of type {array.dtype}"

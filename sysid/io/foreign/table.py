@@ -1,0 +1,195 @@
+"""What every reader of a foreign file gives: named columns, and how to speak of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.errors import InputError, input_error
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Column = NDArray[Any]
+
+_LISTED = 24
+
+
+@dataclass(frozen=True)
+class ReadOptions:
+    """How to read a file that does not say it itself; None lets the reader find out.
+
+    `header` False: the first row is data and columns are called #1, #2 ...; `skip_rows`
+    lines or rows stand above the table; `decimal` is `.` or `,`;
+    `thousands` groups digits (equal to `decimal`: all but the last one do); `sheet` is an
+    Excel sheet.
+    """
+
+    delimiter: str | None = None
+    decimal: str | None = None
+    thousands: str | None = None
+    header: bool | None = None
+    skip_rows: int = 0
+    sheet: str | None = None
+
+
+@dataclass(frozen=True)
+class SampleTimes:
+    """Time base that a file states for a column: period and time of the first sample, s."""
+
+    period_s: float
+    start_s: float = 0.0
+
+
+@dataclass
+class ForeignTable:
+    """A foreign file as read, in its own names and units.
+
+    `columns` maps each name to a (n,) array of numbers, text or time stamps; their lengths
+    may differ (.mat, TDMS). `skipped` says of other contents why they are no columns;
+    `stamped` names the columns that were read as time stamps or durations, in seconds.
+    `place` names a row of the file for messages (row 0 is the first sample).
+    """
+
+    path: Path
+    format: str
+    columns: dict[str, Column] = field(default_factory=dict)
+    skipped: dict[str, str] = field(default_factory=dict)
+    sampling: dict[str, SampleTimes] = field(default_factory=dict)
+    notices: list[str] = field(default_factory=list)
+    stamped: set[str] = field(default_factory=set)
+    place: Callable[[int], str] = lambda row: f"row {row + 1}"
+    explain_gap: Callable[[int], InputError | None] = lambda row: None
+
+    def add(self, name: str, values: Column) -> None:
+        """Take an array in: signals run along its longer side and are called name#1, name#2 ..."""
+        array = np.squeeze(np.asarray(values))
+        if array.size == 0:
+            self.skipped[name] = "empty"
+        elif array.ndim <= 1:
+            self.columns[name] = np.atleast_1d(array)
+        elif array.ndim == 2:
+            by_column = array if array.shape[0] >= array.shape[1] else array.T
+            for index in range(by_column.shape[1]):
+                self.columns[f"{name}#{index + 1}"] = by_column[:, index]
+        else:
+            self.skipped[name] = f"an array of shape {array.shape}"
+
+    def describe(self) -> str:
+        """The columns, each with its length and first value, for a message."""
+        parts = [
+            f"{name} ({len(values)} values, first {_shown(values[0])})"
+            for name, values in list(self.columns.items())[:_LISTED]
+        ]
+        more = len(self.columns) - _LISTED
+        if more > 0:
+            parts.append(f"and {more} more")
+        return ", ".join(parts) if parts else "none"
+
+    def numbers(self, name: str, target: str) -> NDArray[np.float64]:
+        """A column as finite floats (n,); time stamps give seconds from the first (`time_s`).
+
+        Raises InputError at the first cell that is no finite number.
+        """
+        import pandas as pd
+
+        values = self.columns[name]
+        if values.dtype.kind not in "fiub":
+            series = pd.Series(values).infer_objects()
+            if series.dtype.kind in "mM":
+                return self._seconds(name, target, series)
+            values = pd.to_numeric(series, errors="coerce").to_numpy(np.float64, na_value=np.nan)
+            bad = np.flatnonzero(np.isnan(values) & series.notna().to_numpy())
+            if bad.size and target == "time_s":
+                stamps = pd.to_datetime(series, format="ISO8601", errors="coerce", utc=True)
+                if not stamps.isna().any():
+                    return self._seconds(name, target, stamps)
+            if bad.size:
+                row = int(bad[0])
+                raise input_error(
+                    f"{self.path}, {self.place(row)}",
+                    f"column {name} (for {target}) holds {_shown(series[row])}, not a number",
+                    "mend the cell or map another column (a decimal comma: --decimal; digits "
+                    "grouped by thousands: --thousands)",
+                )
+        array = values.astype(np.float64)
+        finite = np.isfinite(array)
+        if not finite.all():
+            raise self._not_finite(name, target, int(np.flatnonzero(~finite)[0]), array)
+        return array
+
+    def _seconds(self, name: str, target: str, series: pd.Series) -> NDArray[np.float64]:
+        """Seconds (n,) from the first time stamp, or of each duration; for `time_s` only."""
+        if target != "time_s":
+            raise input_error(
+                self.path, f"column {name} holds time stamps, not {target}", "map another column"
+            )
+        gaps = np.flatnonzero(series.isna().to_numpy())
+        if gaps.size:
+            raise self._not_finite(name, target, int(gaps[0]), None)
+        self.stamped.add(name)
+        if series.dtype.kind == "m":
+            return np.asarray(series.dt.total_seconds(), dtype=np.float64)
+        self.notices.append(f"{self.path}: {name}: time counts from {series.iloc[0]}")
+        return np.asarray((series - series.iloc[0]).dt.total_seconds(), dtype=np.float64)
+
+    def labels(self, name: str) -> list[str]:
+        """A column as text labels; whole numbers lose their `.0`. InputError at a gap."""
+        import pandas as pd
+
+        values = self.columns[name]
+        missing = np.flatnonzero(np.asarray(pd.isna(values)))
+        if missing.size:
+            raise self._not_finite(name, "test", int(missing[0]), None)
+        if values.dtype.kind == "f":
+            return [repr(int(v)) if float(v).is_integer() else repr(float(v)) for v in values]
+        return [str(v).strip() for v in values]
+
+    def _not_finite(
+        self, name: str, target: str, row: int, array: NDArray[np.float64] | None
+    ) -> InputError:
+        explained = self.explain_gap(row)
+        if explained is not None:
+            return explained
+        infinite = array is not None and np.isinf(array[row])
+        what = "infinite" if infinite else "empty or not a number (NaN)"
+        return input_error(
+            f"{self.path}, {self.place(row)}",
+            f"column {name} (for {target}) is {what}",
+            "delete the row, or fill the value in",
+        )
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, float | np.floating):
+        return f"{value:.6g}"
+    text = str(value)
+    return repr(text if len(text) <= 24 else text[:24] + "...") if isinstance(value, str) else text
+
+
+def damaged(path: Path, what: str, error: BaseException | str) -> InputError:
+    """The error for a file that its own library cannot read."""
+    reason = (str(error).strip().splitlines() or [type(error).__name__])[0][:120]
+    return input_error(
+        path, f"is damaged or not {what} ({reason})", "copy it again from where it was recorded"
+    )
+
+
+def take_names(table: ForeignTable, names: Sequence[str] | None, columns: Iterable[Column]) -> None:
+    """Name the columns of a table: by its header, or #1, #2 ... where it has none.
+
+    A name that stands twice names nothing; those columns keep their numbers.
+    """
+    named: Mapping[int, str] = dict(enumerate(names or ()))
+    doubled = {n for n in named.values() if n and list(named.values()).count(n) > 1}
+    for index, values in enumerate(columns):
+        name = named.get(index, "")
+        table.columns[name if name and name not in doubled else f"#{index + 1}"] = values
+    for name in sorted(doubled):
+        numbers = [f"#{i + 1}" for i, n in named.items() if n == name]
+        table.skipped[name] = f"it names {' and '.join(numbers)}"

@@ -1,0 +1,46 @@
+"""National Instruments' TDMS, by npTDMS."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sysid.errors import input_error
+from sysid.io.foreign.table import ForeignTable, ReadOptions, SampleTimes, damaged
+
+
+def read(path: Path, raw: bytes, options: ReadOptions) -> ForeignTable:
+    """Channels as `group/channel`, scaled; a waveform's own time base goes to `sampling`."""
+    import nptdms
+
+    table = ForeignTable(path, "TDMS")
+    try:
+        content = nptdms.TdmsFile.read(io.BytesIO(raw))
+        incomplete = content.file_status.incomplete_final_segment
+        for group in content.groups():
+            for channel in group.channels():
+                _take(table, f"{group.name}/{channel.name}", channel)
+    except Exception as error:  # npTDMS lets through what numpy and struct raise
+        raise damaged(path, "a TDMS file", error) from None
+    if incomplete:
+        raise input_error(
+            path,
+            "ends in the middle of a segment: it was cut off",
+            "copy it again, or open it in NI's software and save it anew",
+        )
+    return table
+
+
+def _take(table: ForeignTable, name: str, channel: Any) -> None:
+    values = np.asarray(channel[:])
+    if len(values) == 0:
+        table.skipped[name] = "empty"
+        return
+    table.columns[name] = values
+    period = channel.properties.get("wf_increment")
+    if isinstance(period, float | int | np.number) and np.isfinite(period) and period > 0:
+        start = channel.properties.get("wf_start_offset", 0.0)
+        table.sampling[name] = SampleTimes(float(period), float(start))

@@ -1,0 +1,388 @@
+"""One test's samples, and the log file that holds them (`spec/log-format.md`)."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.errors import InputError, input_error
+from sysid.io import plausibility
+from sysid.io.channels import PRESSURES
+from sysid.io.rig import Rig
+from sysid.io.tables import LogTable, read_table
+from sysid.io.units import CANONICAL_UNITS, ColumnMap, find_column, has_column, to_si
+from sysid.types import FloatArray
+
+_COMMANDS = ("valve_a", "valve_b", "duty_a", "duty_b")
+_MOTOR = ("motor_torque_nm", "motor_force_n", "motor_volts")
+_POSITIONS = ("theta_rad", "position_m", "encoder_counts")
+# Of kinds of test that the log format leaves open: elsewhere anyone's own columns.
+_SELDOM_NEEDED = (
+    "velocity_rad_per_s",
+    "flow_a_kg_s",
+    "time_to_pressure_s",
+    "pwm_period_s",
+    "pump_volts",
+)
+# Rows of a second sampling period that stand together before the test is called mixed.
+_MIXED_RUN = 10
+_MIXED_DEVIATION = 0.25
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One test (`test` of the log format): its samples, SI, absolute pressures.
+
+    `time` (n,) s, strictly increasing, as in the file. `channels` holds (n,) arrays by
+    their names in the log format; position is always `theta_rad` (linear: `position_m`),
+    and the motor command always `motor_torque_nm` (linear: `motor_force_n`) at the output
+    shaft, whatever column the file gave. `source` names file and test for messages.
+    `unusable` says what is wrong with columns that few kinds of test need, where they have it.
+    """
+
+    label: str
+    time: FloatArray
+    channels: Mapping[str, FloatArray]
+    source: str
+    unusable: Mapping[str, str] = field(default_factory=dict)
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.channels
+
+    def __getitem__(self, name: str) -> FloatArray:
+        return self.channels[name]
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def period(self) -> float:
+        """Median sampling period, s."""
+        return float(np.median(np.diff(self.time)))
+
+    def require(self, names: Sequence[str], why: str) -> None:
+        """InputError that names the first channel of `names` which the log does not hold."""
+        for name in names:
+            if name in self.unusable:
+                raise InputError(self.unusable[name])
+            if name not in self.channels:
+                raise input_error(
+                    self.source,
+                    f"column {name} is missing, {why}",
+                    f'add it, or name it with --map "{name}=COLUMN:UNIT"',
+                )
+
+
+@dataclass(frozen=True)
+class Log:
+    """A log file as read: its trials, its SHA-256, and what the reader wants said."""
+
+    path: Path
+    sha256: str
+    trials: tuple[Trial, ...]
+    notices: tuple[str, ...] = field(default=())
+
+
+@dataclass
+class _Reading:
+    """A log while it is being read: columns by canonical name, and where they came from."""
+
+    table: LogTable
+    rig: Rig
+    columns: dict[str, FloatArray] = field(default_factory=dict)
+    origin: dict[str, str] = field(default_factory=dict)
+    notices: list[str] = field(default_factory=list)
+    unusable: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def where(self) -> str:
+        return str(self.table.path)
+
+
+def read_log(
+    path: Path,
+    rig: Rig,
+    mapping: Mapping[str, ColumnMap] | None = None,
+    shared: Mapping[str, ColumnMap] | None = None,
+) -> Log:
+    """Read, check and convert one log file to SI.
+
+    `mapping` brings in foreign names and units (`sysid.io.units.parse_map`); `shared` does where
+    the file has the column, and `mapping` does not say otherwise. Raises InputError, one line
+    that names the file, the row or column, and the mend.
+    """
+    maps = {**(shared or {}), **(mapping or {})}
+    wanted = set(CANONICAL_UNITS) | {m.column for m in maps.values()}
+    text = {"test"} | ({maps["test"].column} if "test" in maps else set())
+    table = read_table(path, wanted, text)
+    reading = _Reading(table, rig)
+    for target in sorted(set(shared or {}) - set(mapping or {})):
+        if not has_column(table.header, maps[target]):
+            column = maps.pop(target).column
+            reading.notices.append(
+                f"{path}: has no column {column!r}, which the campaign maps to {target}"
+            )
+    if "time_s" not in maps and "time_s" not in table.header:
+        raise _missing_time(table)
+    _take_columns(reading, maps)
+    groups = _groups(reading, maps)
+    _convert_position(reading)
+    _convert_motor(reading)
+    _check_values(reading)
+    _check_time(reading, groups)
+    trials = tuple(_trial(reading, label, rows) for label, rows in groups)
+    return Log(path, table.sha256, trials, tuple(reading.notices))
+
+
+def _take_columns(reading: _Reading, maps: Mapping[str, ColumnMap]) -> None:
+    table = reading.table
+    known = set(CANONICAL_UNITS)
+    sources = {
+        t: table.header[find_column(table.header, m, reading.where)] for t, m in maps.items()
+    }
+    used = set(sources.values())
+    for target, column in sources.items():
+        if target in table.header and column != target:
+            reading.notices.append(
+                f"{reading.where}: {target} is taken from {column}, as mapped, not from the "
+                "column of its own name"
+            )
+    for name in table.header:
+        if name in known and name not in maps and name not in used and name != "test":
+            _take(reading, name)
+    ambient = reading.rig.air.atmospheric_pressure_pa if reading.rig.air else None
+    for target, entry in maps.items():
+        if target != "test":
+            column = sources[target]
+            stamped = table.is_stamped(column)
+            reading.columns[target] = to_si(table.numbers(column), entry, ambient, stamped=stamped)
+            reading.origin[target] = sources[target]
+    unknown = [n for n in table.header if n not in known and n not in used]
+    if unknown:
+        reading.notices.append(f"{reading.where}: ignored, not known: {', '.join(unknown)}")
+    if len(table.frame) < 2:
+        raise input_error(reading.where, "holds one row only", "a test needs two samples or more")
+
+
+def _take(reading: _Reading, name: str) -> None:
+    """A column by its own name; one that few kinds of test need may be unusable."""
+    try:
+        reading.columns[name] = reading.table.numbers(name)
+    except InputError as error:
+        if name not in _SELDOM_NEEDED:
+            raise
+        reading.unusable[name] = str(error)
+        reading.notices.append(f"{name} is left out: {error}")
+    else:
+        reading.origin[name] = name
+
+
+def _missing_time(table: LogTable) -> InputError:
+    close = difflib.get_close_matches("time_s", table.header, 1, 0.4)
+    guess = close[0] if close else "COLUMN"
+    return input_error(
+        table.path,
+        f"column time_s is missing (it has {', '.join(table.header[:12])})",
+        f'add it, or say --map "time_s={guess}:s"',
+    )
+
+
+def _groups(
+    reading: _Reading, maps: Mapping[str, ColumnMap]
+) -> list[tuple[str, NDArray[np.int64] | slice]]:
+    """(label, rows) of each test, in the order in which they first appear."""
+    header = reading.table.header
+    name = header[find_column(header, maps["test"], reading.where)] if "test" in maps else "test"
+    rows = len(reading.table.frame)
+    if name not in header:
+        return [("", slice(0, rows))]
+    codes, labels = reading.table.labels(name)
+    changes = np.flatnonzero(np.diff(codes)) + 1
+    if len(changes) == len(labels) - 1:
+        bounds = [0, *changes.tolist(), rows]
+        return [(labels[i], slice(bounds[i], bounds[i + 1])) for i in range(len(labels))]
+    return [(label, np.flatnonzero(codes == i)) for i, label in enumerate(labels)]
+
+
+def _convert_position(reading: _Reading) -> None:
+    rig, columns = reading.rig, reading.columns
+    target = rig.position_channel
+    other = "theta_rad" if rig.is_linear else "position_m"
+    if other in columns:
+        motion = "rotary" if rig.is_linear else "linear"
+        raise input_error(
+            reading.where,
+            f"holds {other}, but {rig.source} describes a {rig.motion} rig",
+            f'say [rig] motion = "{motion}" there, or map {target}',
+        )
+    counts = columns.pop("encoder_counts", None)
+    if counts is None or target in columns:
+        return
+    key = "encoder_counts_per_m" if rig.is_linear else "encoder_counts_per_rev"
+    per_unit = getattr(rig.sensors, key)
+    if per_unit is None:
+        raise input_error(
+            rig.source,
+            f"[sensors] {key} is missing, but {reading.where} holds encoder_counts",
+            f"add {key} = ... under [sensors]",
+        )
+    scale = (1.0 if rig.is_linear else 2 * math.pi) / per_unit
+    columns[target] = (counts - rig.sensors.encoder_zero_counts) * scale
+    reading.origin[target] = "encoder_counts"
+
+
+def _convert_motor(reading: _Reading) -> None:
+    rig, columns = reading.rig, reading.columns
+    target = rig.effort_channel
+    other = "motor_torque_nm" if rig.is_linear else "motor_force_n"
+    if other in columns:
+        raise input_error(
+            reading.where,
+            f"holds {other}, but {rig.source} describes a {rig.motion} rig",
+            f"map it to {target}, or mend [rig] motion",
+        )
+    volts = columns.pop("motor_volts", None)
+    if volts is not None and target not in columns:
+        if rig.effort_per_volt is None:
+            key = "force_per_volt_n" if rig.is_linear else "torque_per_volt_nm"
+            raise input_error(
+                rig.source,
+                f"[motor] {key} is missing, but {reading.where} holds motor_volts",
+                f"add {key} = ... under [motor]",
+            )
+        columns[target] = volts * rig.effort_per_volt
+        reading.origin[target] = "motor_volts"
+    if target not in columns:
+        return
+    plausibility.check_effort(reading.where, target, reading.origin[target], columns[target], rig)
+    limit = rig.max_effort
+    if limit is not None:
+        over = int(np.count_nonzero(np.abs(columns[target]) > limit * (1 + 1e-6)))
+        if over:
+            columns[target] = np.clip(columns[target], -limit, limit)
+            reading.notices.append(
+                f"{reading.where}: {target} asks for more than the motor's {limit:g} in {over} "
+                "rows; the limit is used there"
+            )
+
+
+def _check_values(reading: _Reading) -> None:
+    """Units and ranges of every channel, over the whole file."""
+    rig, columns, where = reading.rig, reading.columns, reading.where
+    for name in PRESSURES:
+        if name in columns:
+            plausibility.check_pressure(where, name, reading.origin[name], columns[name], rig)
+    for name in _COMMANDS:
+        if name not in columns:
+            continue
+        if name.startswith("valve"):
+            bad = np.flatnonzero((columns[name] != 0.0) & (columns[name] != 1.0))
+            if bad.size:
+                raise input_error(
+                    f"{where}, {reading.table.place(int(bad[0]))}",
+                    f"{name} = {columns[name][bad[0]]:g} is neither 0 nor 1",
+                    f"write 0 (off) or 1 (on); a duty belongs in duty_{name[-1]}",
+                )
+        else:
+            error = plausibility.check_fraction(where, name, reading.origin[name], columns[name])
+            if error is not None:
+                raise error
+    position = rig.position_channel
+    if position in columns:
+        values = columns[position]
+        plausibility.check_position(
+            where, position, reading.origin[position], values, smallest_step(values), rig
+        )
+    if "temperature_k" in columns:
+        plausibility.check_temperature(
+            where, "temperature_k", reading.origin["temperature_k"], columns["temperature_k"]
+        )
+
+
+def smallest_step(values: FloatArray) -> float | None:
+    """The smallest change between neighbouring samples; None where nothing changes."""
+    steps = np.abs(np.diff(values))
+    scale = float(np.max(np.abs(values))) if len(values) else 0.0
+    steps = steps[steps > 1e-9 * max(scale, 1e-12)]
+    return float(np.min(steps)) if steps.size else None
+
+
+def _check_time(reading: _Reading, groups: list[tuple[str, NDArray[np.int64] | slice]]) -> None:
+    time = reading.columns["time_s"]
+    periods = []
+    for label, rows in groups:
+        steps = np.diff(time[rows])
+        name = f" of test {label}" if label else ""
+        if len(steps) == 0:
+            raise input_error(
+                f"{reading.where}, {_place(reading, rows, 0)}",
+                f"test {label} holds one row only",
+                "delete it, or mend its label",
+            )
+        bad = np.flatnonzero(steps <= 0)
+        if bad.size:
+            raise _time_error(reading, rows, int(bad[0]), name)
+        periods.append(float(np.median(steps)))
+        _check_mixed(reading, rows, steps, name)
+    notice = plausibility.check_sampling(
+        reading.where, reading.origin["time_s"], float(np.median(periods)), reading.rig
+    )
+    if notice:
+        reading.notices.append(notice)
+
+
+def _place(reading: _Reading, rows: NDArray[np.int64] | slice, index: int) -> str:
+    row = (rows.start or 0) + index if isinstance(rows, slice) else int(rows[index])
+    return reading.table.place(row)
+
+
+def _time_error(
+    reading: _Reading, rows: NDArray[np.int64] | slice, index: int, name: str
+) -> InputError:
+    before, after = (float(t) for t in reading.columns["time_s"][rows][index : index + 2])
+    where = f"{reading.where}, {_place(reading, rows, index + 1)}"
+    if before == after:
+        return input_error(
+            where, f"time_s{name} repeats {after:.9g}", "delete the doubled row or mend its time"
+        )
+    mend = "put the rows in order of time"
+    if not name:
+        mend += ", or tell several tests apart with a column `test`"
+    return input_error(where, f"time_s{name} goes back from {before:.9g} to {after:.9g}", mend)
+
+
+def _check_mixed(
+    reading: _Reading, rows: NDArray[np.int64] | slice, steps: FloatArray, name: str
+) -> None:
+    """Two sampling periods in one test (single lost samples are gaps, not this)."""
+    median = float(np.median(steps))
+    other = np.abs(steps / median - 1.0) > _MIXED_DEVIATION
+    if np.count_nonzero(other) < _MIXED_RUN:
+        return
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], other.astype(np.int8), [0]])))
+    for start, stop in zip(edges[::2], edges[1::2], strict=True):
+        second = steps[start:stop]
+        if stop - start >= _MIXED_RUN and np.ptp(second) < 0.1 * float(np.median(second)):
+            raise input_error(
+                f"{reading.where}, {_place(reading, rows, int(start) + 1)}",
+                f"the sampling period{name} changes to {float(np.median(second)):.4g} s "
+                f"(elsewhere {median:.4g} s)",
+                "give each rate a label of its own in the column `test`",
+            )
+
+
+def _trial(reading: _Reading, label: str, rows: NDArray[np.int64] | slice) -> Trial:
+    channels = {n: v[rows] for n, v in reading.columns.items() if n != "time_s"}
+    source = f"{reading.where}, test {label}" if label else reading.where
+    return Trial(label, reading.columns["time_s"][rows], channels, source, reading.unusable)
+
+
+def with_channels(trial: Trial, **channels: FloatArray) -> Trial:
+    """A copy of a trial with channels replaced or added, each (n,)."""
+    return replace(trial, channels={**trial.channels, **channels})

@@ -1,0 +1,373 @@
+"""Reading a table of columns from CSV or Parquet, with errors that name the line.
+
+Parsing is pandas' and pyarrow's; what is here finds out, once they have complained or
+left a hole, which line a person has to look at.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import json
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.errors import input_error
+from sysid.io.files import open_atomic
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+PARQUET_SUFFIXES = (".parquet", ".pq")
+_FOREIGN_SUFFIXES = (".mat", ".xlsx", ".xls", ".tdms")
+_NOT_A_NUMBER = ["", "NaN", "nan", "NA", "N/A", "null", "NULL", "None", "-nan", "#N/A"]
+
+
+@dataclass(frozen=True)
+class LogTable:
+    """The columns that were asked for, their file's SHA-256, and where each row stands."""
+
+    path: Path
+    sha256: str
+    header: tuple[str, ...]
+    frame: pd.DataFrame
+    body: bytes | None
+    header_line: int = 0
+
+    def place(self, row: int) -> str:
+        """`line 17` of a CSV file (row 0 is the first data row), `row 17` of Parquet."""
+        if self.body is None:
+            return f"row {row + 1}"
+        return f"line {_data_lines(self.body)[row][0]}"
+
+    def is_stamped(self, column: str) -> bool:
+        """Whether a column holds time stamps or durations, as Parquet has them."""
+        return bool(self.frame[column].dtype.kind in "mM")
+
+    def numbers(self, column: str) -> NDArray[np.float64]:
+        """A column as (n,) floats; InputError at the first cell that is not a finite number.
+
+        Time stamps count in seconds from the first, durations in seconds.
+        """
+        import pandas as pd
+
+        values = self.frame[column]
+        if self.is_stamped(column):
+            spans = values if values.dtype.kind == "m" else values - values.iloc[0]
+            values = spans.dt.total_seconds()
+        if values.dtype.kind not in "fiub":
+            converted = pd.to_numeric(values, errors="coerce")
+            bad = np.flatnonzero(converted.isna().to_numpy() & values.notna().to_numpy())
+            if bad.size:
+                text = str(values.iloc[bad[0]])
+                raise input_error(
+                    f"{self.path}, {self.place(int(bad[0]))}",
+                    f"{column} = {text[:40]!r} is not a number",
+                    "mend the cell (decimal point, no units, no thousands separator)",
+                )
+            values = converted
+        array = np.asarray(values.to_numpy(dtype=np.float64, na_value=np.nan))
+        finite = np.isfinite(array)
+        if not finite.all():
+            raise self._not_finite(column, int(np.flatnonzero(~finite)[0]), array)
+        return array
+
+    def labels(self, column: str) -> tuple[NDArray[np.intp], list[str]]:
+        """A column of labels: (n,) codes, and the label of each code in order of appearance.
+
+        InputError at the first empty one.
+        """
+        import pandas as pd
+
+        codes, found = pd.factorize(self.frame[column])
+        names = [f"{v:g}" if isinstance(v, float) else str(v) for v in found]
+        empty = codes < 0 if "" not in names else (codes < 0) | (codes == names.index(""))
+        if empty.any():
+            raise self._not_finite(column, int(np.flatnonzero(empty)[0]), None)
+        return np.asarray(codes, dtype=np.intp), names
+
+    def _not_finite(self, column: str, row: int, array: NDArray[np.float64] | None) -> Exception:
+        where = f"{self.path}, {self.place(row)}"
+        if self.body is not None:
+            fields = len(next(csv.reader([_data_lines(self.body)[row][1]])))
+            if fields < len(self.header):
+                last = row == len(self.frame) - 1
+                return input_error(
+                    where,
+                    f"the row ends early: {fields} of {len(self.header)} fields",
+                    "delete this last line: the recording was cut off there"
+                    if last
+                    else "complete the row or delete it",
+                )
+        if array is not None and np.isinf(array[row]):
+            return input_error(where, f"{column} is infinite", "delete the row or mend the value")
+        return input_error(
+            where, f"{column} is empty or not a number (NaN)", "delete the row or fill the value in"
+        )
+
+
+def read_bytes(path: Path, what: str) -> bytes:
+    """A file's bytes; InputError where it is missing, a folder, empty or not readable."""
+    try:
+        raw = path.read_bytes()
+    except FileNotFoundError:
+        raise input_error(path, "no such file", f"give the path of {what}") from None
+    except IsADirectoryError:
+        raise input_error(path, "is a directory", f"give the path of {what} in it") from None
+    except PermissionError:
+        raise input_error(path, "may not be read", "change its permissions (chmod +r)") from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        short = str(path) if len(str(path)) < 200 else str(path)[:80] + "..."
+        raise input_error(
+            short, f"cannot be opened: {reason}", f"give the path of {what}"
+        ) from None
+    if not raw.strip():
+        raise input_error(path, "the file is empty", "record the log again or name another file")
+    return raw
+
+
+def read_table(path: Path, wanted: Collection[str], text: Collection[str] = ()) -> LogTable:
+    """The `wanted` columns that the file has (CSV or Parquet, by its suffix).
+
+    `text` names those that are labels, not numbers. Raises InputError.
+    """
+    if path.suffix.lower() in _FOREIGN_SUFFIXES:
+        raise input_error(
+            path,
+            f"a {path.suffix} file is not a log",
+            f"bring it in first: `sysid convert {path.name} -o {path.stem}.csv --map ...`",
+        )
+    raw = read_bytes(path, "a log")
+    digest = hashlib.sha256(raw).hexdigest()
+    if path.suffix.lower() in PARQUET_SUFFIXES:
+        return _read_parquet(path, raw, digest, wanted)
+    try:
+        return _read_csv(path, raw, digest, wanted, text)
+    except csv.Error as error:
+        raise input_error(
+            path,
+            f"cannot be read as CSV ({error})",
+            "save it again with a line feed after each row",
+        ) from None
+
+
+def write_table(frame: pd.DataFrame, path: Path, comments: Sequence[str]) -> None:
+    """Write columns as CSV (RFC 4180) under `#` comment lines, or as Parquet by the suffix.
+
+    Numbers are written so that they read back as the same doubles; whole or not at all.
+    """
+    with open_atomic(path) as file:
+        if path.suffix.lower() in PARQUET_SUFFIXES:
+            import pyarrow as pa
+            import pyarrow.parquet as parquet
+
+            content = pa.LogTable.from_pandas(frame, preserve_index=False)
+            note = json.dumps(list(comments), ensure_ascii=False).encode()
+            metadata = {**(content.schema.metadata or {}), b"sysid.comments": note}
+            parquet.write_table(content.replace_schema_metadata(metadata), file)
+            return
+        for line in comments:
+            file.write(f"# {' '.join(line.split())}\r\n".encode("utf-8", errors="replace"))
+        # pandas writes the shortest decimal that reads back as the same double.
+        file.write(frame.to_csv(index=False, lineterminator="\r\n").encode("utf-8"))
+
+
+def _chosen(header: Sequence[str], wanted: Collection[str]) -> list[str]:
+    """The columns asked for, by name or by number (`#3` is the third)."""
+    return [c for i, c in enumerate(header, start=1) if c in wanted or f"#{i}" in wanted]
+
+
+def _read_parquet(path: Path, raw: bytes, digest: str, wanted: Collection[str]) -> LogTable:
+    import pyarrow
+    import pyarrow.parquet as parquet
+
+    try:
+        file = parquet.ParquetFile(io.BytesIO(raw))
+        header = tuple(file.schema_arrow.names)
+        _reject_doubled(path, header, "the schema", wanted)
+        # What pandas made its index is a column like any other.
+        frame = file.read(columns=_chosen(header, wanted)).to_pandas(ignore_metadata=True)
+    except (pyarrow.ArrowException, OSError) as error:
+        first = str(error).splitlines()[0][:120]
+        raise input_error(
+            path, f"is damaged or not Parquet ({first})", "write it again, or save it as CSV"
+        ) from None
+    return LogTable(path, digest, header, frame.reset_index(drop=True), None)
+
+
+def _read_csv(
+    path: Path, raw: bytes, digest: str, wanted: Collection[str], text: Collection[str]
+) -> LogTable:
+    import pandas as pd
+
+    body = _decoded(path, raw)
+    header_line, header = _header(path, body)
+    _reject_doubled(f"{path}, line {header_line}", header, "the header", wanted)
+    header = _told_apart(header)
+    used = _chosen(header, wanted)
+    text = _chosen(header, text)
+    _check_first_row(path, body, header)
+    try:
+        frame = pd.read_csv(
+            io.BytesIO(body),
+            header=None,
+            names=list(header),
+            skiprows=header_line,
+            usecols=used,
+            dtype={c: str for c in used if c in text},
+            index_col=False,
+            keep_default_na=False,
+            na_values={c: _NOT_A_NUMBER for c in used if c not in text},
+            skipinitialspace=True,
+            low_memory=False,
+        )
+    except pd.errors.ParserError as error:
+        raise input_error(
+            path, f"cannot be read as CSV ({error})", "mend that line, or save it again as CSV"
+        ) from None
+    table = LogTable(path, digest, header, frame, body, header_line)
+    _reject_surplus(table)
+    _reject_cut_off(table)
+    return table
+
+
+def _decoded(path: Path, raw: bytes) -> bytes:
+    """The file without its byte order mark, after making sure that it is UTF-8 text."""
+    if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise input_error(path, "is UTF-16 text", "save it as UTF-8")
+    body = raw.removeprefix(b"\xef\xbb\xbf")
+    if b"\0" in body[:65536]:
+        raise input_error(path, "is a binary file, not CSV", "bring it in with `sysid convert`")
+    if body.isascii():
+        return body
+    try:
+        body.decode("utf-8")
+    except UnicodeDecodeError as error:
+        line = body.count(b"\n", 0, error.start) + 1
+        raise input_error(f"{path}, line {line}", "is not UTF-8 text", "save it as UTF-8") from None
+    return body
+
+
+def _header(path: Path, body: bytes) -> tuple[int, tuple[str, ...]]:
+    """How many lines stand before the data, and the column names."""
+    for number, line in enumerate(io.BytesIO(body), start=1):
+        text = line.decode("utf-8").strip()
+        if not text or text.startswith("#"):
+            continue
+        where = f"{path}, line {number}"
+        names = tuple(name.strip() for name in next(csv.reader([text])))
+        _reject_wrong_delimiter(where, text, names)
+        if all(_is_number(n) for n in names):
+            raise input_error(
+                where,
+                "numbers where the column names should be",
+                "add a header row, or bring the file in with `sysid convert --no-header`",
+            )
+        return number, names
+    raise input_error(path, "holds comments only", "add a header row and samples")
+
+
+def _reject_wrong_delimiter(where: str, text: str, names: tuple[str, ...]) -> None:
+    for delimiter, name in ((";", "semicolons"), ("\t", "tabs"), (" ", "blanks"), ("|", "bars")):
+        if len(names) == 1 and len(text.split(delimiter)) > 1:
+            raise input_error(
+                where,
+                f"the columns are separated by {name}, not commas",
+                "bring the file in with `sysid convert`, or save it with commas",
+            )
+
+
+def _told_apart(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Columns that nobody asks for may share a name, or have none."""
+    return tuple(
+        f"{name} ({i})" if names.count(name) > 1 else name for i, name in enumerate(names, start=1)
+    )
+
+
+def _reject_doubled(
+    where: str | Path, names: tuple[str, ...], what: str, wanted: Collection[str]
+) -> None:
+    doubled = sorted({n for n in names if names.count(n) > 1 and n in wanted})
+    if doubled:
+        raise input_error(
+            where, f"{what} names {doubled[0]} twice", "rename or delete one of the two columns"
+        )
+
+
+def _check_first_row(path: Path, body: bytes, header: tuple[str, ...]) -> None:
+    rows = _data_lines(body[:200_000]) or _data_lines(body)
+    if not rows:
+        raise input_error(path, "has a header but no samples", "record the log again")
+    number, line = rows[0]
+    fields = len(next(csv.reader([line])))
+    if fields != len(header):
+        raise input_error(
+            f"{path}, line {number}",
+            f"{fields} fields under {len(header)} column names",
+            "make header and rows agree (a comma too many at the end of the lines?)",
+        )
+
+
+def _reject_surplus(table: LogTable) -> None:
+    """Fields beyond the header's, which pandas drops in silence."""
+    body, header = table.body or b"", table.header
+    # Counting commas is quick and decides every file that quotes nothing.
+    data = body.split(b"\n", table.header_line)[-1]
+    if b'"' not in data and data.count(b",") == len(table.frame) * (len(header) - 1):
+        return
+    for number, line in _data_lines(body):
+        fields = len(next(csv.reader([line])))
+        if fields > len(header):
+            raise input_error(
+                f"{table.path}, line {number}",
+                f"{fields} fields under {len(header)} column names",
+                "delete the surplus fields (a decimal comma, or two lines run together?)",
+            )
+
+
+def _reject_cut_off(table: LogTable) -> None:
+    """A last line that breaks off within its last number would be a wrong value in silence."""
+    body = table.body
+    if body is None or body.endswith((b"\n", b"\r")) or len(table.frame) < 20:
+        return
+    start = max(0, len(body) - 20_000)
+    lines = body[start:].decode("utf-8", errors="ignore").splitlines()[1:]
+    lengths = [len(line.rsplit(",", 1)[-1]) for line in lines if line.strip()]
+    if len(lengths) > 10 and lengths[-1] < min(lengths[:-1]):
+        raise input_error(
+            f"{table.path}, {table.place(len(table.frame) - 1)}",
+            "the last line has no line end and its last number is shorter than all before it: "
+            "it looks cut off",
+            "delete the line, or end it with a line break if it is whole",
+        )
+
+
+def _data_lines(body: bytes) -> list[tuple[int, str]]:
+    """(line number, text) of every data row: what follows the header and is not blank."""
+    numbered = [
+        (number, line)
+        for number, line in enumerate(body.decode("utf-8", errors="replace").splitlines(), start=1)
+        if line.strip()
+    ]
+    head = 0
+    while head < len(numbered) and numbered[head][1].lstrip().startswith("#"):
+        head += 1
+    return numbered[head + 1 :]
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+__all__ = ["PARQUET_SUFFIXES", "LogTable", "read_bytes", "read_table", "write_table"]

@@ -1,0 +1,44 @@
+"""Which kind of test a trial is, told from its content (`spec/cli.md`)."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+
+from sysid.io.logs import Trial, smallest_step
+from sysid.io.rig import Rig
+
+# A held piston shows encoder counts and a little give, not a stroke.
+_HELD_SHARE_OF_STROKE = 0.005
+_HELD_STEPS = 20.0
+# A PWM period that is a whole number of rows only after more periods than this is none.
+_MAX_PERIODS = 4
+
+
+def is_held(trial: Trial, rig: Rig) -> bool:
+    """Whether the piston stayed where it was (no position channel: it is taken to be held)."""
+    name = rig.position_channel
+    if name not in trial:
+        return True
+    moved = float(np.ptp(trial[name]))
+    step = smallest_step(trial[name]) or 0.0
+    give = _HELD_SHARE_OF_STROKE * rig.travel if rig.travel is not None else 0.0
+    return moved <= max(give, _HELD_STEPS * step)
+
+
+def is_active(trial: Trial, *names: str) -> bool:
+    """Whether any of these commands is ever other than zero."""
+    return any(name in trial and bool(np.any(trial[name] != 0.0)) for name in names)
+
+
+def rows_per_period(pwm_period: float, sampling_period: float) -> Fraction:
+    """Rows in a PWM period (both in s), as a ratio of small numbers: 10/3 at 300 Hz and 1 kHz."""
+    return Fraction(pwm_period / sampling_period).limit_denominator(_MAX_PERIODS)
+
+
+def rows_per_ripple(trial: Trial, rig: Rig) -> int:
+    """Rows after which the PWM ripple repeats: those of one period, or of a few."""
+    pwm = rig.require("pwm", "which a test under PWM needs").period_s
+    mean = float(trial.time[-1] - trial.time[0]) / (len(trial) - 1)
+    return max(1, rows_per_period(pwm, mean).numerator)

@@ -1,0 +1,389 @@
+"""Open-loop simulation of any model on any inputs, many runs in one batch."""
+
+from __future__ import annotations
+
+import functools
+import math
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.errors import NotIdentifiedError, SimulationError
+from sysid.io.channels import SIDES
+from sysid.model import plant, timing
+from sysid.model._jax import jax, jnp
+from sysid.model.ports import Model, Point, Structure, join, split, stack_models
+from sysid.model.stepper import EventTable, Lanes, advance
+from sysid.types import FloatArray
+
+MAX_STEP = 1e-3
+"""Longest step, s: samples further apart are split (accuracy: `benchmarks/simulation.py`)."""
+
+# Runs side by side in one compiled call. A batch is cut into blocks of one of these widths,
+# filled up with idle runs, so that few shapes are ever compiled.
+_WIDTHS = (1, 8, 32)
+# Sub-steps in one compiled call: the compiled shapes do not depend on a log's length.
+_CHUNK = 4096
+# Room for the steps that end at events; a call that runs out of it is continued.
+_EVENT_ROOM = 512
+# Half the compile time of the default level, and no slower.
+_COMPILER_OPTIONS = {"xla_backend_optimization_level": 2}
+# No run needs nearly as many continuations; more would be an endless loop.
+_MOST_CALLS = 1000
+
+
+@dataclass(frozen=True)
+class ValveCommand:
+    """One valve's command over a run: on/off or, if `is_duty`, the PWM duty.
+
+    `values` (n,): 0 or 1, or 0 to 1. `starts_on`: the valve was on before the first row.
+    """
+
+    values: FloatArray
+    is_duty: bool = False
+    starts_on: bool = False
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """One run: rows as in a log. `time` (n,) s increasing; `motor` (n,) Nm or N.
+
+    A valve that is None stays off. The state at the first row: rad or m, rad/s or m/s, Pa;
+    a pressure that is None is the atmosphere. `elapsed`: s from the test's start to the first
+    row, as effects count time from the test's start, and a run may start within it.
+    """
+
+    time: FloatArray
+    motor: FloatArray
+    valve_a: ValveCommand | None = None
+    valve_b: ValveCommand | None = None
+    position: float = 0.0
+    velocity: float = 0.0
+    pressure_a: float | None = None
+    pressure_b: float | None = None
+    elapsed: float = 0.0
+
+    def valve(self, side: str) -> ValveCommand | None:
+        """Valve A's or B's command."""
+        return self.valve_a if side == "a" else self.valve_b
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A simulated run at its input's rows; arrays (n,): s, rad or m, rad/s or m/s, Pa."""
+
+    time: FloatArray
+    position: FloatArray
+    velocity: FloatArray
+    pressure_a: FloatArray
+    pressure_b: FloatArray
+
+
+@dataclass
+class _PreparedRun:
+    """One run prepared: its sub-steps and commands on them."""
+
+    grid: timing.Grid
+    motor: FloatArray
+    opens: dict[str, FloatArray]
+
+    def __len__(self) -> int:
+        return len(self.motor)
+
+
+def open_intervals(inputs: Inputs, side: str, model: Model) -> timing.OpenIntervals:
+    """When a valve is really open, through the timing ports of the model's effects."""
+    command = inputs.valve(side)
+    if command is None:
+        return timing.OpenIntervals(np.zeros(0), np.zeros(0))
+    p = model.parameters
+    if command.is_duty:
+        on, off = timing.pwm_intervals(
+            inputs.time, command.values, float(p.pwm_period), command.starts_on
+        )
+    else:
+        on, off = timing.switched_intervals(inputs.time, command.values, command.starts_on)
+    for effect in model.effects:
+        on, off = effect.pulses(on, off, side)
+
+    def port(delays: FloatArray, times: FloatArray, opening: bool) -> FloatArray:
+        since = times - inputs.time[0] + inputs.elapsed
+        for effect in model.effects:
+            delays = effect.delays(delays, since, opening, side)
+        return delays
+
+    on_delay = float(getattr(p, f"on_delay_{side}"))
+    off_delay = float(getattr(p, f"off_delay_{side}"))
+    return timing.delayed(on, off, on_delay, off_delay, port)
+
+
+def _prepare(inputs: Inputs, model: Model, averaged: bool, max_step: float) -> _PreparedRun:
+    time = np.asarray(inputs.time, dtype=float)
+    if averaged:
+        return _prepare_averaged(inputs, model, max_step)
+    intervals = {side: open_intervals(inputs, side, model) for side in SIDES}
+    edges = [e for i in intervals.values() for e in (i.opens, i.closes)]
+    grid = timing.split_at(time, np.concatenate(edges), max_step)
+    end = np.cumsum([len(e) for e in edges])
+    opens = {
+        "a": grid.is_open(slice(0, end[0]), slice(end[0], end[1])),
+        "b": grid.is_open(slice(end[1], end[2]), slice(end[2], end[3])),
+    }
+    return _PreparedRun(grid, np.asarray(inputs.motor, dtype=float)[grid.row], opens)
+
+
+def _prepare_averaged(inputs: Inputs, model: Model, max_step: float) -> _PreparedRun:
+    """Sub-steps for an averaged valve model: split where a PWM period starts, not at edges."""
+    time = np.asarray(inputs.time, dtype=float)
+    period = float(model.parameters.pwm_period)
+    starts = timing.period_duties(time, np.zeros_like(time), period)[0]
+    grid = timing.split_at(time, starts, max_step)
+    after = grid.start + time[0] + timing.TIME_TOLERANCE
+    opens = {}
+    for side in SIDES:
+        command = inputs.valve(side)
+        if command is None:
+            opens[side] = np.zeros(len(grid.start))
+        elif command.is_duty:
+            held = timing.period_duties(time, command.values, period)[1]
+            opens[side] = held[np.searchsorted(starts, after) - 1]
+        else:
+            opens[side] = np.asarray(command.values, dtype=float)[grid.row]
+    return _PreparedRun(grid, np.asarray(inputs.motor, dtype=float)[grid.row], opens)
+
+
+@functools.partial(
+    jax.jit, static_argnames=("structure", "effects"), compiler_options=_COMPILER_OPTIONS
+)
+def _advance_chunk(
+    lanes: Lanes,
+    table: EventTable,
+    numbers: list[dict[str, Any]],
+    *,
+    structure: Structure,
+    effects: int,
+) -> tuple[Lanes, tuple[Any, ...], Any]:
+    """Advance every run through its table, or as far as there is room for the record.
+
+    Returns the lanes, the states after every step (steps, runs) and whether that step
+    reached a row of the log (steps, runs).
+    """
+    parts = join(structure, numbers)
+    model = Model(parts[0], parts[1 : 1 + effects])
+    surfaces = parts[1 + effects :]
+    room = table.duration.shape[1] + _EVENT_ROOM
+    shape = (room, table.count.shape[0])
+    run = jnp.arange(table.count.shape[0])
+    record = jax.lax.dynamic_update_index_in_dim
+
+    def unfinished(carry: Any) -> Any:
+        step, lanes, _, _ = carry
+        return (step < room) & jnp.any(lanes.index < table.count)
+
+    def advance_once(carry: Any) -> Any:
+        step, lanes, states, reached = carry
+        after = advance(lanes, table, model, surfaces)
+        states = tuple(
+            record(s, getattr(after, name), step, 0) for s, name in zip(states, _STATE, strict=True)
+        )
+        at = jnp.minimum(lanes.index, table.duration.shape[1] - 1)
+        sample = (after.index > lanes.index) & table.ends_sample[run, at]
+        return step + 1, after, states, record(reached, sample, step, 0)
+
+    states = tuple(jnp.zeros(shape) for _ in _STATE)
+    carry = (0, lanes, states, jnp.zeros(shape, dtype=bool))
+    _, lanes, states, reached = jax.lax.while_loop(unfinished, advance_once, carry)
+    return lanes, states, reached
+
+
+def _advance_block(
+    runs: list[_PreparedRun], inputs: list[Inputs], models: list[Model], surfaces: tuple[Any, ...]
+) -> list[FloatArray]:
+    """(4, samples) of every run: position, velocity, pressures at its rows."""
+    model = stack_models(models)
+    structure, numbers = split((model.parameters, *model.effects, *surfaces))
+    lanes = _start(inputs, model)
+    counts = np.array([len(r) for r in runs])
+    pieces = [[np.array([[getattr(lanes, n)[i]] for n in _STATE])] for i in range(len(runs))]
+    for start in range(0, int(counts.max()), _CHUNK):
+        count = np.clip(counts - start, 0, _CHUNK)
+        table = _table(runs, start, count)
+        lanes = lanes._replace(index=np.zeros(len(runs), dtype=int))
+        calls = 0
+        while (np.asarray(lanes.index) < count).any():
+            if calls == _MOST_CALLS:
+                raise SimulationError(
+                    "simulation: the model switches without end at one instant; its effects "
+                    "or flows do not fit together"
+                )
+            calls += 1
+            lanes, states, reached = _advance_chunk(
+                lanes, table, numbers, structure=structure, effects=len(model.effects)
+            )
+            _collect(pieces, states, np.asarray(reached))
+    return [np.concatenate(p, axis=1) for p in pieces]
+
+
+def _collect(
+    pieces: list[list[FloatArray]], states: tuple[Any, ...], reached: NDArray[np.bool_]
+) -> None:
+    """Append to each run's pieces the states (4, n) at the rows that it reached."""
+    run, step = np.nonzero(reached.T)
+    flat = step * reached.shape[1] + run
+    columns = np.empty((len(states), len(flat)))
+    for column, state in zip(columns, states, strict=True):
+        np.take(np.asarray(state).reshape(-1), flat, out=column, mode="clip")
+    ends = np.cumsum(np.bincount(run, minlength=len(pieces)))
+    for piece, part in zip(pieces, np.split(columns, ends[:-1], axis=1), strict=True):
+        piece.append(part)
+
+
+_STATE = ("position", "velocity", "pressure_a", "pressure_b")
+
+
+def _table(runs: list[_PreparedRun], start: int, count: NDArray[np.intp]) -> EventTable:
+    """The runs' sub-steps from `start` on side by side, as many as a chunk holds."""
+    numbers = np.zeros((4, len(runs), _CHUNK))
+    ends_sample = np.zeros((len(runs), _CHUNK), dtype=bool)
+    for i, (run, n) in enumerate(zip(runs, count, strict=True)):
+        rows = slice(start, start + n)
+        for table, values in zip(
+            numbers, (run.grid.duration, run.motor, *run.opens.values()), strict=True
+        ):
+            table[i, :n] = values[rows]
+        ends_sample[i, :n] = run.grid.ends_sample[rows]
+    duration, motor, open_a, open_b = numbers
+    return EventTable(duration, motor, open_a, open_b, ends_sample, count)
+
+
+def _start(inputs: list[Inputs], model: Model) -> Lanes:
+    n = len(inputs)
+    zero = np.zeros(n)
+    time = zero + [i.elapsed for i in inputs]
+    parameters = model.at(time)
+    atmosphere = np.broadcast_to(parameters.atmosphere, n)
+
+    def column(name: str) -> FloatArray:
+        given = [getattr(i, name) for i in inputs]
+        return np.array(
+            [a if g is None else g for g, a in zip(given, atmosphere, strict=True)], dtype=float
+        )
+
+    position, velocity, pressure_a, pressure_b = (column(name) for name in _STATE)
+    point = Point(
+        time=time,
+        position=position,
+        velocity=velocity,
+        pressure_a=pressure_a,
+        pressure_b=pressure_b,
+        motor=np.array([i.motor[0] for i in inputs]),
+        open_a=zero,
+        open_b=zero,
+        direction=np.sign(velocity),
+        parameters=parameters,
+    )
+    extra = plant.initial_states(point, model)
+    return Lanes(
+        time=time,
+        position=position,
+        velocity=velocity,
+        pressure_a=pressure_a,
+        pressure_b=pressure_b,
+        extra=tuple(zero + extra[name] for name in model.state_names),
+        loose=zero,
+        index=np.zeros(n, dtype=int),
+        elapsed=zero,
+    )
+
+
+def _check_known(model: Model, inputs: Inputs, averaged: bool) -> None:
+    """Refuse a parameter that is not a number: a simulation would pass it on in silence."""
+    laws = ("choked_fill", "choked_dis", "c_fill", "c_dis")
+    unused = {f"{law}_{side}" for law in laws for side in SIDES} if averaged else set()
+    unknown = [
+        name
+        for name, value in vars(model.parameters).items()
+        if name not in unused and math.isnan(float(value))
+    ]
+    if unknown:
+        raise NotIdentifiedError(
+            f"simulation: {', '.join(unknown)} of the model is not identified; "
+            "fit the tests that identify it"
+        )
+    n = len(inputs.time)
+    if n < 2:
+        raise ValueError("a run needs two rows at least")
+    columns = [inputs.motor] + [c.values for c in (inputs.valve_a, inputs.valve_b) if c]
+    if any(len(c) != n or not np.isfinite(c).all() for c in columns):
+        raise ValueError("motor and valve commands must be finite and as long as time")
+
+
+def _cores() -> int:
+    affinity = getattr(os, "sched_getaffinity", None)
+    return len(affinity(0)) if affinity else os.cpu_count() or 1
+
+
+def simulate(
+    inputs: Sequence[Inputs],
+    models: Sequence[Model],
+    surfaces: tuple[Any, ...] = (),
+    max_step: float = MAX_STEP,
+) -> list[Trajectory]:
+    """Simulate every run open loop, each with its own model, all at once.
+
+    `models` may differ in numbers but not in effects. Without `surfaces` the valves follow
+    the discrete law under their real pulses. With `surfaces`, valve A's and B's, the chambers
+    get the mean flow over each PWM period: each is a dataclass of numbers whose methods
+    `fill` and `discharge` map (duty, pressure in Pa) to kg/s. Runs may differ in length and
+    sampling. The result at the rows of `inputs` does not depend on which runs share a batch.
+
+    Raises NotIdentifiedError for a parameter that is NaN, ValueError for malformed inputs.
+    """
+    if not inputs:
+        return []
+    pairs = list(zip(inputs, models, strict=True))
+    for one, model in pairs:
+        _check_known(model, one, bool(surfaces))
+    cores = _cores()
+    share = -(-len(pairs) // cores)
+    width = next((w for w in _WIDTHS if w >= share), _WIDTHS[-1])
+    # Runs of like length go together: in a block the short ones wait for the longest.
+    order = sorted(range(len(pairs)), key=lambda i: len(pairs[i][0].time))
+    blocks = [order[i : i + width] for i in range(0, len(order), width)]
+
+    def block(members: list[int]) -> list[FloatArray]:
+        own = [pairs[i] for i in members]
+        runs = [_prepare(one, model, bool(surfaces), max_step) for one, model in own]
+        idle = width - len(own)
+        nothing = _PreparedRun(_no_steps(), np.zeros(0), {side: np.zeros(0) for side in SIDES})
+        filled = own + [own[0]] * idle
+        found = _advance_block(
+            runs + [nothing] * idle, [i for i, _ in filled], [m for _, m in filled], surfaces
+        )
+        return found[: len(own)]
+
+    if len(blocks) == 1:
+        results = [block(blocks[0])]
+    else:
+        with ThreadPoolExecutor(min(cores, len(blocks))) as pool:
+            results = list(pool.map(block, blocks))
+    states = {
+        i: s
+        for members, found in zip(blocks, results, strict=True)
+        for i, s in zip(members, found, strict=True)
+    }
+    return [Trajectory(np.asarray(one.time), *states[i]) for i, (one, _) in enumerate(pairs)]
+
+
+def _no_steps() -> timing.Grid:
+    return timing.Grid(
+        np.zeros(0), np.zeros(0), np.zeros(0, np.intp), np.zeros(0, bool), np.zeros(0, np.intp)
+    )
+
+
+__all__ = ["MAX_STEP", "Inputs", "Trajectory", "ValveCommand", "open_intervals", "simulate"]

@@ -1,0 +1,19 @@
+"""Types that many modules share: arrays of one kind of number, and a progress callback."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+BoolArray = NDArray[np.bool_]
+
+Progress = Callable[[str], None]
+"""Called with one line for each thing that is about to be done."""
+
+
+def no_progress(line: str) -> None:
+    """Say nothing."""

@@ -1,0 +1,108 @@
+"""The layout of the package: one room a subject, arrows only downwards, no circle.
+
+`FLOORS` is the order of the table in README.md, from the ground up. A module imports only
+from its own room and from floors below it.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).resolve().parent.parent / "sysid"
+
+FLOORS: tuple[tuple[str, ...], ...] = (
+    ("errors", "types"),
+    ("display", "signals", "estimation"),
+    ("io",),
+    ("model",),
+    ("surfaces",),
+    ("identification",),
+    ("friction", "valve_discrete", "valve_pwm"),
+    ("bundle",),
+    ("validation",),
+    ("diagnosis",),
+    ("assembly", "checks", "export"),
+    ("report",),
+    ("commands",),
+)
+FLOOR_OF = {room: number for number, rooms in enumerate(FLOORS) for room in rooms}
+# The package's own face: loads each public name when it is first used.
+FACE = ("sysid", "sysid.__main__")
+
+
+def module_name(path: Path) -> str:
+    parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+    return ".".join(parts).removesuffix(".__init__")
+
+
+MODULES = {module_name(path): path for path in sorted(PACKAGE.rglob("*.py"))}
+
+
+def room_of(module: str) -> str:
+    return module.split(".")[1]
+
+
+def imported(path: Path) -> Iterator[tuple[str, str]]:
+    """(module, name) of every import from the package, those inside functions among them."""
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "sysid":
+            assert node.level == 0 and node.module is not None
+            for alias in node.names:
+                whole = f"{node.module}.{alias.name}"
+                yield (whole, "") if whole in MODULES else (node.module, alias.name)
+        elif isinstance(node, ast.Import):
+            for alias in node.names:
+                if alias.name.split(".")[0] == "sysid":
+                    yield alias.name, ""
+
+
+INSIDE = [module for module in MODULES if module not in FACE]
+
+
+def test_every_room_has_a_floor() -> None:
+    assert {room_of(module) for module in INSIDE} == set(FLOOR_OF)
+
+
+@pytest.mark.parametrize("module", INSIDE)
+def test_imports_go_downwards(module: str) -> None:
+    own = room_of(module)
+    for target, name in imported(MODULES[module]):
+        if target == "sysid":
+            assert name == "__version__", f"{module} imports {name} from the package's face"
+            continue
+        room = room_of(target)
+        assert room == own or FLOOR_OF[room] < FLOOR_OF[own], f"{module} imports {target}"
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_private_names_stay_in_their_package(module: str) -> None:
+    package = MODULES[module].parent
+    for target, name in imported(MODULES[module]):
+        private = [part for part in target.split(".") if part.startswith("_")]
+        if name.startswith("_") and not name.startswith("__"):
+            raise AssertionError(f"{module} imports {target}.{name}")
+        assert not private or MODULES[target].parent == package, f"{module} imports {target}"
+
+
+def test_no_circle_of_modules() -> None:
+    """Imports at the top of files, and those inside functions, have an order."""
+    arrows = {m: {t for t, _ in imported(p) if t in INSIDE} - {m} for m, p in MODULES.items()}
+    done: set[str] = set()
+    while len(done) < len(arrows):
+        free = {m for m, targets in arrows.items() if m not in done and targets <= done}
+        assert free, f"a circle among {sorted(set(arrows) - done)}"
+        done |= free
+
+
+def test_a_class_name_has_one_meaning() -> None:
+    owners: dict[str, list[str]] = {}
+    for module in INSIDE:
+        for node in ast.parse(MODULES[module].read_text("utf-8")).body:
+            if isinstance(node, ast.ClassDef):
+                owners.setdefault(node.name, []).append(module)
+    twice = {name: modules for name, modules in owners.items() if len(modules) > 1}
+    assert not twice
