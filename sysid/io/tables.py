@@ -168,7 +168,7 @@ def write_table(frame: pd.DataFrame, path: Path, comments: Sequence[str]) -> Non
             import pyarrow as pa
             import pyarrow.parquet as parquet
 
-            content = pa.LogTable.from_pandas(frame, preserve_index=False)
+            content = pa.Table.from_pandas(frame, preserve_index=False)
             note = json.dumps(list(comments), ensure_ascii=False).encode()
             metadata = {**(content.schema.metadata or {}), b"sysid.comments": note}
             parquet.write_table(content.replace_schema_metadata(metadata), file)
