@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, Protocol
+from typing import Protocol
 
-from sysid.bundle.content import merge_valves, new_bundle
+from sysid.bundle import Bundle, Parts
 from sysid.errors import NotIdentifiedError
 from sysid.friction import fit_friction
 from sysid.io.campaign import (
@@ -33,7 +33,7 @@ class PartResult(Protocol):
     @property
     def notices(self) -> tuple[str, ...]: ...
 
-    def to_json(self) -> dict[str, Any]: ...
+    def part(self) -> Parts: ...
 
 
 @dataclass
@@ -42,7 +42,7 @@ class _Assembly:
 
     campaign: Campaign
     progress: Progress
-    parts: dict[str, Any] = field(default_factory=dict)
+    parts: Parts = field(default_factory=Parts)
     remarks: list[str] = field(default_factory=list)
     notices: list[str] = field(default_factory=list)
 
@@ -55,24 +55,24 @@ class _Assembly:
             trials += log.trials
         return trials
 
-    def add(self, name: str, fit: Callable[[], PartResult]) -> dict[str, Any]:
-        """A pipeline's part; empty, with a notice, where the tests do not identify it."""
+    def add(self, name: str, fit: Callable[[], PartResult]) -> None:
+        """Take in a pipeline's part; a notice instead where the tests do not identify it."""
         self.progress(name)
         try:
             result = fit()
         except NotIdentifiedError as error:
             self.notices.append(str(error))
-            return {}
+            return
         self.remarks += result.remarks
         self.notices += result.notices
-        return result.to_json()
+        self.parts = self.parts.merged(result.part())
 
 
 @dataclass(frozen=True)
 class CampaignFit:
     """A campaign's bundle, and what to say about its fits."""
 
-    bundle: dict[str, Any]
+    bundle: Bundle
     remarks: tuple[str, ...]
     notices: tuple[str, ...]
 
@@ -100,7 +100,7 @@ def fit_campaign(
             f"{campaign.path}: no fit log identifies anything; add friction or valve tests with "
             'use = "fit"'
         )
-    bundle = new_bundle(
+    bundle = Bundle.new(
         campaign.rig,
         assembly.parts,
         # On motion logs only a diagnosis fits.
@@ -122,21 +122,19 @@ def _add_friction(assembly: _Assembly) -> None:
         trials += own
         kinds += [entry.kind] * len(own)
     rig = assembly.campaign.rig
-    part = assembly.add("friction", lambda: fit_friction(trials, rig, kind=kinds))
-    if part:
-        assembly.parts["friction"] = part
+    assembly.add("friction", lambda: fit_friction(trials, rig, kind=kinds))
 
 
 @dataclass(frozen=True)
 class _BenchFit:
     """The law of a part on a bench, as a pipeline returns it."""
 
-    part: dict[str, Any]
+    parts: Parts
     remarks: tuple[str, ...] = ()
     notices: tuple[str, ...] = ()
 
-    def to_json(self) -> dict[str, Any]:
-        return self.part
+    def part(self) -> Parts:
+        return self.parts
 
 
 def _add_bench(assembly: _Assembly) -> None:
@@ -144,10 +142,8 @@ def _add_bench(assembly: _Assembly) -> None:
     for kind in BENCH_KINDS:
         entries = assembly.campaign.select([kind])
         if entries:
-            fit = partial(_bench_fit, kind, assembly.read(entries), assembly.campaign.rig)
-            for key, part in assembly.add(kind, fit).items():
-                known = assembly.parts.get(key, {})
-                assembly.parts[key] = merge_valves(known, part) if key == "valves" else part
+            trials = assembly.read(entries)
+            assembly.add(kind, partial(_bench_fit, kind, trials, assembly.campaign.rig))
 
 
 def _bench_fit(kind: str, trials: list[Trial], rig: Rig) -> _BenchFit:
@@ -174,7 +170,7 @@ class _ValveJob:
     def name(self) -> str:
         return self.kind if self.valve is None else f"{self.kind}, valve {self.valve.upper()}"
 
-    def fit(self) -> tuple[dict[str, Any], tuple[str, ...], tuple[str, ...]]:
+    def fit(self) -> tuple[Parts, tuple[str, ...], tuple[str, ...]]:
         """The part, remarks and notices; an empty part where nothing is identified."""
         try:
             result: PartResult
@@ -185,8 +181,8 @@ class _ValveJob:
                     self.trials, self.rig, valve=self.valve, surface=self.surface, seed=self.seed
                 )
         except NotIdentifiedError as error:
-            return {}, (), (str(error),)
-        return result.to_json(), tuple(result.remarks), tuple(result.notices)
+            return Parts(), (), (str(error),)
+        return result.part(), tuple(result.remarks), tuple(result.notices)
 
 
 def _add_valves(assembly: _Assembly, surface: str, seed: int) -> None:
@@ -205,10 +201,7 @@ def _add_valves(assembly: _Assembly, surface: str, seed: int) -> None:
     assembly.progress("; ".join(job.name for job in jobs))
     workers = min(len(jobs), joblib.cpu_count())
     found = joblib.Parallel(n_jobs=workers)(joblib.delayed(job.fit)() for job in jobs)
-    valves: dict[str, Any] = {}
     for part, remarks, notices in reversed(found):
-        valves = merge_valves(valves, part)
+        assembly.parts = assembly.parts.merged(part)
         assembly.remarks += remarks
         assembly.notices += notices
-    if valves:
-        assembly.parts["valves"] = valves

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
+from sysid.bundle import Friction, Parts
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.estimation.linear import Estimate, FTest
 from sysid.identification.friction.clusters import Clusters, cluster_test
@@ -146,12 +147,12 @@ class FrictionResult:
     def _rmse(self) -> list[tuple[str, float]]:
         return [(k, v) for k, v in self.rmse.items() if k != STATIC]
 
-    def to_json(self) -> dict[str, Any]:
+    def part(self) -> Parts:
         """The bundle's `friction` (`spec/bundle.md`), with the tables behind it."""
-        table: dict[str, Any] = {name: e.to_json() for name, e in self.parameters.items()}
+        table: dict[str, Any] = dict(self.parameters)
         table["source"] = self.source
         table[f"rmse_{self.units.effort.lower()}"] = self.rmse
-        table["cross_check"] = {name: e.to_json() for name, e in self.cross_check.items()}
+        table["cross_check"] = dict(self.cross_check)
         table["trials"] = [use.to_json() for use in self.trials]
         if self.static is not None:
             table["static_by_position"] = [p.to_json() for p in self.static.by_position]
@@ -165,7 +166,7 @@ class FrictionResult:
         if self.motion is not None:
             table["motion_rule"] = RULE
             table["cutoff_hz"] = self.cutoff_hz
-        return table
+        return Parts(friction=Friction(**table))
 
 
 def _test(test: FTest) -> dict[str, float]:

@@ -14,10 +14,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
+from sysid.bundle import DiscreteLaw, Parts, Valve, Valves
 from sysid.errors import InputError, NotIdentifiedError, input_error
 from sysid.estimation.linear import Estimate
 from sysid.identification.valve_discrete.curve import DELAYS, FLOWS, UNITS, CurveFit, fit_curves
@@ -77,16 +77,16 @@ class DiscreteFit:
     def __getitem__(self, name: str) -> Estimate:
         return self.estimates[name]
 
-    def to_json(self) -> dict[str, Any]:
+    def law(self) -> DiscreteLaw:
         """`valves.<a|b>.discrete` of the bundle."""
-        return {
-            **{name: e.to_json() for name, e in self.estimates.items()},
-            "supply_pressure_pa": self.supply,
-            "rmse_pa": self.rmse,
-            "noise_pa": self.noise,
-            "fit_percent": self.fit_percent,
-            "tests": sorted({c.test for c in self.curves}),
-        }
+        return DiscreteLaw(
+            **self.estimates,
+            supply_pressure_pa=self.supply,
+            rmse_pa=self.rmse,
+            noise_pa=self.noise,
+            fit_percent=self.fit_percent,
+            tests=sorted({c.test for c in self.curves}),
+        )
 
 
 @dataclass(frozen=True)
@@ -97,9 +97,10 @@ class ValveDiscreteResult:
     remarks: tuple[str, ...]
     notices: tuple[str, ...]
 
-    def to_json(self) -> dict[str, Any]:
-        """The bundle's `valves`: {"a": {"discrete": ...}, ...}."""
-        return {name: {"discrete": fit.to_json()} for name, fit in self.valves.items()}
+    def part(self) -> Parts:
+        """The bundle's `valves`, each with its on/off law."""
+        found = {name: Valve(discrete=fit.law()) for name, fit in self.valves.items()}
+        return Parts(valves=Valves(**found))
 
 
 def fit_valve_discrete(

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sysid.bundle import Parts, PwmSurfaces, Valve, Valves
+from sysid.bundle.valves import Pwm
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.identification.valve_pwm.coverage import coverage, unseen_regimes
 from sysid.identification.valve_pwm.samples import FlowSamples, PwmTest, sample_tests
@@ -69,7 +71,7 @@ class DirectionFit:
     resolution: ResolutionStudy | None = None
     sweep: SizeSweep | None = None
 
-    def to_json(self) -> dict[str, Any]:
+    def surfaces(self) -> PwmSurfaces:
         """`valves.<v>.pwm.<direction>` of a bundle."""
         content: dict[str, Any] = {
             "supply_pressure_pa": self.supply_pressure_pa,
@@ -86,7 +88,7 @@ class DirectionFit:
             content["resolution_study"] = asdict(self.resolution)
         if self.sweep is not None:
             content["hidden_size_sweep"] = asdict(self.sweep)
-        return content
+        return PwmSurfaces(**content)
 
     def _errors(self, name: str) -> dict[str, Any]:
         found = self.errors[name]
@@ -112,16 +114,16 @@ class ValvePwmFit:
     notices: tuple[str, ...]
     seed: int
 
-    def to_json(self) -> dict[str, Any]:
-        """The bundle's `valves` part: {"a": {"pwm": {"fill": ..., "discharge": ...}}, ...}."""
-        valves: dict[str, Any] = {}
+    def part(self) -> Parts:
+        """The bundle's `valves`, each with its surfaces by direction."""
+        found: dict[str, dict[str, PwmSurfaces]] = {}
         for (valve, direction), fit in self.fits.items():
-            valves.setdefault(valve, {"pwm": {}})["pwm"][direction] = fit.to_json()
+            found.setdefault(valve, {})[direction] = fit.surfaces()
         for (valve, direction), reason in self.unidentified.items():
-            if valve in valves:
+            if valve in found:
                 missing = {"value": None, "identified": False, "reason": reason}
-                valves[valve]["pwm"][direction] = missing
-        return valves
+                found[valve][direction] = PwmSurfaces.model_validate(missing)
+        return Parts(valves=Valves(**{v: Valve(pwm=Pwm(**held)) for v, held in found.items()}))
 
 
 def fit_valve_pwm(

@@ -77,7 +77,7 @@ def masked(text: str, folder: Path) -> str:
     """Text without what changes from run to run: the folder (and what its length cuts), the release."""
     for form in {str(folder), str(folder.resolve())}:
         text = text.replace(form, "<folder>")
-    text = re.sub(r"x{9,}\.\.\.", "x...", text)  # cut to a length that counts the folder's
+    text = re.sub(r"x{9,}\.\.\.", "x...", text)
     return re.sub(r"sysid(,)? (version )?\d+\.\d+(\.\w+)*", r"sysid\1 \2<version>", text)
 
 

@@ -16,12 +16,8 @@ import pytest
 
 from datasets.generator.campaign import SMALL, make_campaign
 from datasets.generator.effects import Injected
-from sysid.bundle.assembled_model import (
-    effects_from_bundle,
-    model_from_bundle,
-    parameters_from_bundle,
-    simulate_bundle,
-)
+from sysid.bundle.assembled_model import effects_from_bundle, model_from_bundle, parameters_from_bundle
+from sysid.bundle.assembled_model import simulate_bundle
 from sysid.bundle.content import read_bundle, write_bundle
 from sysid.commands.app import main
 from sysid.errors import InputError

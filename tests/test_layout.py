@@ -16,13 +16,13 @@ PACKAGE = Path(__file__).resolve().parent.parent / "sysid"
 
 FLOORS: tuple[tuple[str, ...], ...] = (
     ("errors", "types"),
-    ("display", "signals", "estimation"),
-    ("io",),
+    ("signals", "estimation"),
+    ("display", "io"),
     ("model",),
     ("surfaces",),
+    ("bundle",),
     ("identification",),
     ("friction", "valve_discrete", "valve_pwm"),
-    ("bundle",),
     ("validation",),
     ("diagnosis",),
     ("assembly", "checks", "export"),

@@ -25,6 +25,7 @@ from datasets.measured.findings import (
 )
 from sysid.diagnosis.wording import joined, p_text, parameter_rows
 from sysid.display.numbers import MISSING, estimate_cells, number
+from sysid.estimation.linear import Estimate
 from sysid.io.files import write_atomic
 from sysid.report import svg
 from sysid.report.blocks import Block, FigureGroup, Heading, Lines, Section, table
@@ -157,7 +158,7 @@ def _verdict_line(diagnosis: Content) -> str:
 
 
 def _law_table(law: Mapping[str, Content]) -> Block:
-    rows = [(name, *estimate_cells(estimate)) for name, estimate in law.items()]
+    rows = [(name, *estimate_cells(Estimate.from_json(e))) for name, e in law.items()]
     columns = ("Parameter", "Value", "Standard error", "95 % interval", "Unit")
     return table("Base law, as fitted before any effect was added", columns, rows, text=(4,))
 

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from sysid.errors import InputError, NotIdentifiedError, input_error
+from sysid.bundle.base import Part
+from sysid.bundle.bundle import Bundle
+from sysid.bundle.effects import effect_from_entry
+from sysid.bundle.valves import DIRECTIONS, SURFACE_KINDS, PwmSurfaces
+from sysid.errors import NotIdentifiedError, input_error
 from sysid.io.channels import SIDES
-from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.model.base import (
     Array,
@@ -21,14 +23,12 @@ from sysid.model.base import (
     parameters_from_rig,
 )
 from sysid.model.effects.catalogue import catalogue_with
+from sysid.model.effects.entry import Catalogue
 from sysid.model.effects.linear import for_rig
-from sysid.model.effects.serialise import Catalogue, effect_from_dict
-from sysid.model.ports import Effect, Model
-from sysid.model.trials import simulate_trials
-from sysid.types import FloatArray
+from sysid.model.ports import Effect, Model, has_discrete_law
 
-SURFACE_KINDS = ("bipolynomial", "ann")
-DIRECTIONS = ("fill", "discharge")
+DISCRETE = "discrete"
+VALVE_MODELS = (DISCRETE, *SURFACE_KINDS)
 # Nodes of a surface's table over duty and pressure. Between them the table is bilinear: a
 # bipolynomial's flow is then off by less than 1e-4 of its range (tested).
 _NODES = 65
@@ -39,7 +39,7 @@ _TESTS = {
     "coulomb": "friction-sliding tests (constant torques, two levels or more)",
     "viscous": "friction-sliding tests (constant torques, two levels or more)",
 }
-_VALVE_KEYS = {
+LAW_KEYS = {
     "choked_fill": "choked_flow_fill_kg_s",
     "choked_dis": "choked_flow_dis_kg_s",
     "c_fill": "c_fill",
@@ -103,20 +103,17 @@ def _bilinear(table: Array, rows: _Axis, columns: _Axis) -> Array:
     return (1.0 - s) * lower + s * upper
 
 
-def parameters_from_bundle(
-    bundle: Mapping[str, Any], rig: Rig, where: str = "bundle"
-) -> Parameters:
+def parameters_from_bundle(bundle: Bundle, rig: Rig) -> Parameters:
     """The base model's parameters: what was fitted from `bundle`, the rest from `rig`.
 
-    `where` names the bundle in messages. A valve without a discrete law gets NaN flows, so
-    that it cannot be used by mistake; see `has_discrete_law`. The offset that a friction fit
-    estimates beside friction is left out: the base model has none, and an offset that is
-    only noise would push an open-loop position away (the effect `torque-offset` is for a
-    real one). Negative friction is taken for 0 (`negative_friction` says so). Raises InputError
-    where the rig file lacks a section, NotIdentifiedError where the bundle has no friction.
+    A valve without a discrete law gets NaN flows, so that it cannot be used by mistake; see
+    `has_discrete_law`. The offset that a friction fit estimates beside friction is left out: the
+    base model has none, and an offset that is only noise would push an open-loop position away
+    (the effect `torque-offset` is for a real one). Negative friction is taken for 0
+    (`negative_friction` says so). Raises InputError where the rig file lacks a section,
+    NotIdentifiedError where the bundle has no friction.
     """
-    inertia_key = "mass_kg" if rig.is_linear else "inertia_kg_m2"
-    friction = bundle.get("friction")
+    friction, where = bundle.friction, bundle.source
     if friction is None:
         raise NotIdentifiedError(
             f"{where}: holds no friction; fit friction-static and friction-sliding tests into it"
@@ -130,11 +127,13 @@ def parameters_from_bundle(
         static_effort=values["static"],
         coulomb_effort=values["coulomb"],
         viscous=values["viscous"],
-        valve_a=_discrete_law(bundle, "a", where),
-        valve_b=_discrete_law(bundle, "b", where),
+        valve_a=_discrete_law(bundle, "a"),
+        valve_b=_discrete_law(bundle, "b"),
     )
-    inertia = _value_or(friction.get(inertia_key), math.nan)
-    return parameters if math.isnan(inertia) else parameters.replace(inertia=inertia)
+    inertia = friction.mass_kg if rig.is_linear else friction.inertia_kg_m2
+    if inertia is None or not inertia.identified:
+        return parameters
+    return parameters.replace(inertia=inertia.value)
 
 
 def friction_keys(is_linear: bool) -> dict[str, str]:
@@ -147,67 +146,58 @@ def friction_keys(is_linear: bool) -> dict[str, str]:
     }
 
 
-def negative_friction(bundle: Mapping[str, Any], where: str = "bundle") -> list[str]:
+def negative_friction(bundle: Bundle) -> list[str]:
     """Notices of friction that tests gave a negative value, and that models take for 0."""
-    friction = bundle.get("friction", {})
-    values = {
-        key: _value_or(friction.get(key), 0.0) for key in friction_keys(_is_linear(bundle)).values()
+    if bundle.friction is None:
+        return []
+    estimates = {
+        key: getattr(bundle.friction, key) for key in friction_keys(bundle.is_linear).values()
     }
     return [
-        f"{where}: {key} is {value:.3g}, which no friction is: the model takes 0; the friction "
-        "tests hold an effect that it lacks"
-        for key, value in values.items()
-        if value < 0.0
+        f"{bundle.source}: {key} is {estimate.value:.3g}, which no friction is: the model takes "
+        "0; the friction tests hold an effect that it lacks"
+        for key, estimate in estimates.items()
+        if estimate is not None and estimate.value < 0.0
     ]
 
 
-def model_from_bundle(
-    bundle: Mapping[str, Any],
-    rig: Rig,
-    where: str = "bundle",
-    catalogue: Catalogue | None = None,
-) -> Model:
+def model_from_bundle(bundle: Bundle, rig: Rig, catalogue: Catalogue | None = None) -> Model:
     """The model with a bundle's parameters and effects, these in the bundle's order.
 
     `catalogue` maps ids to effects; None is the project's own. Raises as
     `parameters_from_bundle` and `effects_from_bundle` do.
     """
-    effects = effects_from_bundle(bundle, where, catalogue)
-    return Model(parameters_from_bundle(bundle, rig, where), effects)
+    effects = effects_from_bundle(bundle, catalogue)
+    return Model(parameters_from_bundle(bundle, rig), effects)
 
 
-def effects_from_bundle(
-    bundle: Mapping[str, Any], where: str = "bundle", catalogue: Catalogue | None = None
-) -> tuple[Effect, ...]:
+def effects_from_bundle(bundle: Bundle, catalogue: Catalogue | None = None) -> tuple[Effect, ...]:
     """The effects that a bundle lists, in its order.
 
     Raises InputError for an effect that `catalogue` lacks, one whose parameters are not its
-    own (`effect_from_dict`), and two that need the same state.
+    own (`effect_from_entry`), and two that need the same state.
     """
-    content = bundle.get("effects", [])
-    if not content:
+    if not bundle.effects:
         return ()
     if catalogue is None:
         catalogue = catalogue_with(None)
-    catalogue = for_rig(catalogue, _is_linear(bundle))
+    catalogue = for_rig(catalogue, bundle.is_linear)
     effects: list[Effect] = []
-    for entry in content:
-        effect = effect_from_dict(entry, where, catalogue)
+    for entry in bundle.effects:
+        effect = effect_from_entry(entry, bundle.source, catalogue)
         taken = {state for other in effects for state in other.states}
         if taken.intersection(effect.states):
             raise input_error(
-                f"{where}, effect {effect.id}", "is listed twice for one side", "take one out"
+                f"{bundle.source}, effect {effect.id}",
+                "is listed twice for one side",
+                "take one out",
             )
         effects.append(effect)
     return tuple(effects)
 
 
-def _is_linear(bundle: Mapping[str, Any]) -> bool:
-    return bool(bundle.get("rig", {}).get("rig", {}).get("motion") == "linear")
-
-
 def surfaces_from_bundle(
-    bundle: Mapping[str, Any], rig: Rig, kind: str, where: str = "bundle"
+    bundle: Bundle, rig: Rig, kind: str
 ) -> tuple[TabulatedSurfaces, TabulatedSurfaces] | None:
     """Valve A's and B's PWM surfaces of a kind ("bipolynomial" or "ann"), for `simulate`.
 
@@ -216,82 +206,73 @@ def surfaces_from_bundle(
     """
     found = []
     for side in SIDES:
-        pwm = bundle.get("valves", {}).get(side, {}).get("pwm", {})
-        parts = [pwm.get(direction, {}) for direction in DIRECTIONS]
-        if any(kind not in part for part in parts):
+        parts = [bundle.valve(side).surfaces(direction) for direction in DIRECTIONS]
+        held = [part for part in parts if part is not None and kind in part.given()]
+        if len(held) < len(DIRECTIONS):
             return None
-        for direction, part in zip(DIRECTIONS, parts, strict=True):
-            _check_period(part, rig, f"{where}, valves.{side}.pwm.{direction}")
-        fill, discharge = (part[kind] for part in parts)
-        found.append(_tabulated(fill, discharge, f"{where}, valves.{side}"))
+        where = f"{bundle.source}, valves.{side}"
+        for direction, part in zip(DIRECTIONS, held, strict=True):
+            _check_period(part, rig, f"{where}.pwm.{direction}")
+        found.append(_tabulated(held[0], held[1], kind, where))
     return found[0], found[1]
 
 
 def _tabulated(
-    fill: Mapping[str, Any], discharge: Mapping[str, Any], where: str
+    fill: PwmSurfaces, discharge: PwmSurfaces, kind: str, where: str
 ) -> TabulatedSurfaces:
-    from sysid.surfaces import surface_from_dict
-
     fields: dict[str, Any] = {}
-    for name, content in (("filling", fill), ("discharging", discharge)):
-        surface = surface_from_dict(dict(content), f"{where}, {name}")
-        duties = np.linspace(*surface.domain_.duty_range, _NODES)
-        pressures = np.linspace(*surface.domain_.pressure_range, _NODES)
+    for name, part in (("filling", fill), ("discharging", discharge)):
+        surface = _surface(part, kind, f"{where}, {name}")
+        (duty_low, duty_high), (low, high) = (
+            surface.domain_.duty_range,
+            surface.domain_.pressure_range,
+        )
+        duties, pressures = np.linspace(duty_low, duty_high, _NODES), np.linspace(low, high, _NODES)
         fields[name] = surface.flow(duties[:, None], pressures[None, :])[0]
         fields[f"{name}_duty_low"], fields[f"{name}_duty_high"] = duties[[0, -1]]
         fields[f"{name}_pressure_low"], fields[f"{name}_pressure_high"] = pressures[[0, -1]]
     return TabulatedSurfaces(**fields)
 
 
-def _check_period(part: Mapping[str, Any], rig: Rig, where: str) -> None:
-    fitted = part.get("pwm_period_s")
-    period = rig.pwm.period_s if rig.pwm else None
-    if fitted is None or period is None or abs(fitted / period - 1.0) < _SAME_PERIOD:
+def _surface(part: PwmSurfaces, kind: str, where: str) -> Any:
+    held = part.surface(kind)
+    if held is None:
+        raise input_error(where, f"{kind} is not a surface", "fit the surface again")
+    return held.model(where)
+
+
+def _check_period(part: PwmSurfaces, rig: Rig, where: str) -> None:
+    fitted, period = part.pwm_period_s, rig.pwm.period_s if rig.pwm else None
+    if not isinstance(fitted, int | float) or period is None:
         return
-    raise input_error(
-        where,
-        f"was fitted at a PWM period of {fitted:g} s, and {rig.source} says {period:g} s",
-        "fit valve-pwm tests at the rig's period",
-    )
+    if abs(fitted / period - 1.0) >= _SAME_PERIOD:
+        raise input_error(
+            where,
+            f"was fitted at a PWM period of {fitted:g} s, and {rig.source} says {period:g} s",
+            "fit valve-pwm tests at the rig's period",
+        )
 
 
-def _discrete_law(bundle: Mapping[str, Any], side: str, where: str) -> ValveParameters:
-    law = bundle.get("valves", {}).get(side, {}).get("discrete")
+def _discrete_law(bundle: Bundle, side: str) -> ValveParameters:
+    law = bundle.valve(side).discrete
     if law is None:
         return ValveParameters(math.nan, math.nan, math.nan, math.nan)
-    place = f"{where}, valves.{side}.discrete"
+    place = f"{bundle.source}, valves.{side}.discrete"
     test = f"valve-discrete tests of valve {side} (on and off again, piston held) would identify it"
-    values = {name: _identified(law, key, place, test) for name, key in _VALVE_KEYS.items()}
+    values = {name: _identified(law, key, place, test) for name, key in LAW_KEYS.items()}
     return ValveParameters(**values)
 
 
-def _identified(part: Mapping[str, Any], key: str, where: str, test: str) -> float:
-    estimate = part.get(key)
+def _identified(part: Part, key: str, where: str, test: str) -> float:
+    estimate = getattr(part, key)
     if estimate is None:
-        raise _missing(where, key)
-    if estimate["value"] is None:
-        raise NotIdentifiedError(f"{where}: {key} is not identified ({estimate['reason']}); {test}")
-    return float(estimate["value"])
+        raise input_error(where, f"{key} is missing", "fit again to write the bundle anew")
+    if not estimate.identified:
+        raise NotIdentifiedError(f"{where}: {key} is not identified ({estimate.reason}); {test}")
+    return float(estimate.value)
 
 
-def _missing(where: str, key: str) -> InputError:
-    return input_error(where, f"{key} is missing", "fit again to write the bundle anew")
-
-
-def _value_or(estimate: Mapping[str, Any] | None, default: float) -> float:
-    value = None if estimate is None else estimate["value"]
-    return default if value is None else float(value)
-
-
-DISCRETE = "discrete"
-
-
-VALVE_MODELS = (DISCRETE, "bipolynomial", "ann")
-
-
-def surfaces_for(
-    bundle: Mapping[str, Any], rig: Rig, valve_model: str, where: str = "bundle"
-) -> tuple[Any, ...]:
+def surfaces_for(bundle: Bundle, rig: Rig, valve_model: str) -> tuple[Any, ...]:
     """The surfaces of a valve model ("discrete": none) out of a bundle, for simulate_trials.
 
     Raises InputError for an unknown name, NotIdentifiedError where the bundle lacks one.
@@ -302,35 +283,41 @@ def surfaces_for(
         )
     if valve_model == DISCRETE:
         return ()
-    surfaces = surfaces_from_bundle(bundle, rig, valve_model, where)
+    surfaces = surfaces_from_bundle(bundle, rig, valve_model)
     if surfaces is None:
         raise NotIdentifiedError(
-            f"{where}: holds no {valve_model} surfaces for both valves and directions; "
+            f"{bundle.source}: holds no {valve_model} surfaces for both valves and directions; "
             "fit valve-pwm tests into it"
         )
     return surfaces
 
 
-def simulate_bundle(
-    trials: Sequence[Trial],
-    rig: Rig,
-    bundle: Mapping[str, Any],
-    valve_model: str = DISCRETE,
-    where: str = "bundle",
-    catalogue: Catalogue | None = None,
-) -> list[dict[str, FloatArray]]:
-    """simulate_trials with what a bundle holds; raises as it, surfaces_for and the bundle do."""
-    surfaces = surfaces_for(bundle, rig, valve_model, where)
-    return simulate_trials(trials, rig, model_from_bundle(bundle, rig, where, catalogue), surfaces)
+def first_valve_model(bundle: Bundle, rig: Rig, parameters: Parameters) -> str:
+    """The discrete law where the bundle has it of both valves, else the first of its surfaces.
+
+    Raises NotIdentifiedError where it has neither.
+    """
+    if has_discrete_law(parameters):
+        return DISCRETE
+    for name in SURFACE_KINDS:
+        if surfaces_from_bundle(bundle, rig, name) is not None:
+            return name
+    raise NotIdentifiedError(
+        f"{bundle.source}: holds no model of both valves; fit valve-discrete tests of both into it"
+    )
 
 
 __all__ = [
-    "SURFACE_KINDS",
+    "DISCRETE",
+    "LAW_KEYS",
+    "VALVE_MODELS",
     "TabulatedSurfaces",
     "effects_from_bundle",
+    "first_valve_model",
     "friction_keys",
     "model_from_bundle",
     "negative_friction",
     "parameters_from_bundle",
+    "surfaces_for",
     "surfaces_from_bundle",
 ]

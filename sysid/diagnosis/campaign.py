@@ -1,52 +1,43 @@
-"""From a campaign and a bundle to a diagnosis and the extended bundle: `sysid diagnose`."""
+"""From a campaign and a bundle to a diagnosis and the extended bundle."""
 
 from __future__ import annotations
 
-import copy
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from sysid.bundle.assembled_model import model_from_bundle, negative_friction
-from sysid.bundle.content import (
-    add_sources,
-    check_log_unchanged,
-    check_not_fitted,
-)
+from sysid.bundle import Bundle, EffectEntry, HeldOutError
+from sysid.bundle.assembled_model import LAW_KEYS, friction_keys, negative_friction
+from sysid.bundle.base import Part
+from sysid.bundle.effects import entry_of
 from sysid.diagnosis import Diagnosis, diagnose
+from sysid.diagnosis.actuator.result import FoundEffect
 from sysid.diagnosis.bench.registry import part_tested
 from sysid.diagnosis.bench.verdict import ComponentDiagnosis, diagnose_component
+from sysid.estimation.linear import Estimate
 from sysid.io.campaign import Campaign, CampaignLog
+from sysid.io.channels import SIDES
 from sysid.io.logs import Log
-from sysid.io.rig import Rig
 from sysid.model.effects.catalogue import catalogue_with
 from sysid.model.effects.linear import for_rig
-from sysid.model.effects.serialise import effect_to_dict
-from sysid.types import Progress
+from sysid.types import Progress, no_progress
 
-_LAWS = {
-    "choked_fill": "choked_flow_fill_kg_s",
-    "choked_dis": "choked_flow_dis_kg_s",
-    "c_fill": "c_fill",
-    "c_dis": "c_dis",
-}
+_Part = TypeVar("_Part", bound=Part)
 
 
 def diagnose_logs(
     campaign: Campaign,
-    bundle: Mapping[str, Any],
-    bundle_path: Path,
+    bundle: Bundle,
     *,
     effects: Path | None = None,
     seed: int = 0,
-    progress: Progress = lambda line: None,
+    progress: Progress = no_progress,
 ) -> tuple[Diagnosis | ComponentDiagnosis, tuple[str, ...]]:
     """The diagnosis of a campaign's logs, and what their readers want said.
 
     An effect that the bundle holds already is part of the model that is looked at.
     """
     catalogue = catalogue_with(effects)
-    taken = {entry["id"] for entry in bundle["effects"]}
+    taken = {entry.id for entry in bundle.effects}
     open_ones = for_rig(
         {name: effect for name, effect in catalogue.items() if name not in taken},
         campaign.rig.is_linear,
@@ -54,7 +45,7 @@ def diagnose_logs(
     logs: list[tuple[str, str, Log]] = []
     notices: list[str] = []
     for entry in campaign.logs:
-        log = _read(campaign, entry, bundle, bundle_path)
+        log = _read(campaign, entry, bundle)
         logs.append((entry.use, entry.kind, log))
         notices += log.notices
     kind = part_tested([entry.kind for entry in campaign.logs], bundle)
@@ -64,103 +55,92 @@ def diagnose_logs(
             for wanted in ("fit", "holdout")
         }
         found = diagnose_component(
-            kind,
-            trials["fit"],
-            trials["holdout"],
-            campaign.rig,
-            bundle,
-            open_ones,
-            progress,
+            kind, trials["fit"], trials["holdout"], campaign.rig, bundle, open_ones, progress
         )
         return found, tuple(notices)
-    model = model_from_bundle(bundle, campaign.rig, str(bundle_path), catalogue)
-    notices += negative_friction(bundle, str(bundle_path))
-    diagnosis = diagnose(
-        logs,
-        campaign.rig,
-        model,
-        open_ones,
-        seed=seed,
-        progress=progress,
-    )
+    model = bundle.model(campaign.rig, catalogue)
+    notices += negative_friction(bundle)
+    diagnosis = diagnose(logs, campaign.rig, model, open_ones, seed=seed, progress=progress)
     return diagnosis, tuple(notices)
 
 
-def _read(
-    campaign: Campaign, entry: CampaignLog, bundle: Mapping[str, Any], bundle_path: Path
-) -> Log:
+def _read(campaign: Campaign, entry: CampaignLog, bundle: Bundle) -> Log:
     log = campaign.read(entry)
-    check_log_unchanged(bundle, log, entry.kind, bundle_path)
+    bundle.check_log_unchanged(log, entry.kind)
     if entry.use == "holdout":
-        check_not_fitted(bundle, log, bundle_path)
+        bundle.check_not_fitted(log)
     return log
 
 
 def extended_bundle(
-    bundle: Mapping[str, Any], diagnosis: Diagnosis | ComponentDiagnosis, campaign: Campaign
-) -> dict[str, Any]:
+    bundle: Bundle, diagnosis: Diagnosis | ComponentDiagnosis, campaign: Campaign
+) -> Bundle:
     """The bundle with the effects that were found and the base parameters refitted beside them.
 
     PWM surfaces stay as they were fitted. Where no effect was found only the campaign's
     held-out logs are added to the provenance.
     """
-    found = copy.deepcopy(dict(bundle))
-    add_sources(found, campaign.sources(None if diagnosis.effects else "holdout"))
+    found = bundle.with_sources(campaign.sources(None if diagnosis.effects else "holdout"))
     if not diagnosis.effects:
         return found
-    found.pop("validation", None)
-    for effect in diagnosis.effects:
-        stds = {name: e.std for name, e in effect.estimates.items() if e.identified}
-        intervals = {name: e.interval for name, e in effect.estimates.items() if e.identified}
-        entry = effect_to_dict(effect.effect, stds, intervals)
-        entry |= {
-            "p_value": effect.p_value,
-            "holdout_rmse": {name: e.to_json() for name, e in effect.holdout.items()},
-            "ambiguous_with": list(effect.ambiguous_with),
-        }
-        found["effects"].append(entry)
+    found = found.with_effects(_entry(effect) for effect in diagnosis.effects)
     if isinstance(diagnosis, ComponentDiagnosis):
-        _renew_part(found, diagnosis.part)
+        found = _with_part(found, diagnosis)
     else:
-        _renew_model(found, diagnosis, campaign.rig)
-    found["provenance"]["options"] = {
-        **found["provenance"].get("options", {}),
-        "diagnosis": {"seed": diagnosis.seed, "verdict": diagnosis.verdict},
-    }
-    return found
+        found = _with_model(found, diagnosis)
+    made: dict[str, Any] = {"seed": diagnosis.seed, "verdict": diagnosis.verdict}
+    options = {**found.provenance.options, "diagnosis": made}
+    return found.replaced(provenance=found.provenance.replaced(options=options))
 
 
-def _renew_part(content: dict[str, Any], part: Mapping[str, Any]) -> None:
+def _entry(found: FoundEffect) -> EffectEntry:
+    """The effect as a bundle lists it, with the evidence for it."""
+    return entry_of(found.effect, found.estimates).replaced(
+        p_value=found.p_value,
+        holdout_rmse={name: HeldOutError(**e.to_json()) for name, e in found.holdout.items()},
+        ambiguous_with=list(found.ambiguous_with),
+    )
+
+
+def _with_part(bundle: Bundle, diagnosis: ComponentDiagnosis) -> Bundle:
     """A part's own numbers in place of those of the same name, level by level."""
-    for key, value in part.items():
-        if isinstance(value, dict) and "value" not in value and isinstance(content.get(key), dict):
-            _renew_part(content[key], value)
-        else:
-            content[key] = value
+    own = {key: part for key, part in vars(diagnosis.part).items() if part is not None}
+    return bundle.replaced(
+        **{
+            key: part if getattr(bundle, key) is None else getattr(bundle, key).overlaid(part)
+            for key, part in own.items()
+        }
+    )
 
 
-def _renew_model(found: dict[str, Any], diagnosis: Diagnosis, rig: Rig) -> None:
-    unit = ("n", "n_s_per_m") if rig.is_linear else ("nm", "nm_s_per_rad")
-    p, std = diagnosis.model.parameters, diagnosis.base_std
-    friction = {"coulomb_effort": f"coulomb_{unit[0]}", "viscous": f"viscous_{unit[1]}"}
-    for name, key in friction.items():
-        _renew(found["friction"], key, float(getattr(p, name)), std.get(name))
-    for side in ("a", "b"):
-        law = found.get("valves", {}).get(side, {}).get("discrete", {})
-        for name, key in _LAWS.items():
-            _renew(law, key, float(getattr(p, f"{name}_{side}")), std.get(f"{name}_{side}"))
+def _with_model(bundle: Bundle, diagnosis: Diagnosis) -> Bundle:
+    """The refitted base parameters in place of those that were given."""
+    keys = friction_keys(bundle.is_linear)
+    friction = {"coulomb_effort": keys["coulomb"], "viscous": keys["viscous"]}
+    fields: dict[str, Any] = {}
+    if bundle.friction is not None:
+        fields["friction"] = _renewed(bundle.friction, friction, diagnosis)
+    if bundle.valves is not None:
+        sides = {}
+        for side in SIDES:
+            law = bundle.valve(side).discrete
+            if law is not None:
+                names = {f"{name}_{side}": key for name, key in LAW_KEYS.items()}
+                renewed = _renewed(law, names, diagnosis)
+                sides[side] = bundle.valve(side).replaced(discrete=renewed)
+        fields["valves"] = bundle.valves.replaced(**sides)
+    return bundle.replaced(**fields)
 
 
-def _renew(part: dict[str, Any], key: str, value: float, std: float | None) -> None:
-    """A parameter's new value; its old interval belongs to the old one."""
-    if key not in part or std is None:
-        return
-    part[key] = {
-        "value": value,
-        "std": std,
-        "unit": part[key].get("unit", ""),
-        "interval": [value - 1.96 * std, value + 1.96 * std],
-    }
+def _renewed(part: _Part, names: dict[str, str], diagnosis: Diagnosis) -> _Part:
+    """New values of a part's keys by the model's names; old intervals belong to old values."""
+    fields = {}
+    for name, key in names.items():
+        old, std = getattr(part, key), diagnosis.base_std.get(name)
+        if old is not None and std is not None:
+            value = float(getattr(diagnosis.model.parameters, name))
+            fields[key] = Estimate.symmetric(value, std, old.unit, diagnosis.base_dof)
+    return part.replaced(**fields)
 
 
 __all__ = ["diagnose_logs", "extended_bundle"]

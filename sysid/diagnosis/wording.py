@@ -11,6 +11,7 @@ from typing import Any
 
 from sysid.display.channels import channel_of
 from sysid.display.numbers import number
+from sysid.estimation.linear import Estimate
 
 Content = Mapping[str, Any]
 
@@ -130,10 +131,11 @@ def regressor_name(name: str) -> str:
     return _REGRESSORS.get(name, name)
 
 
-def parameter_rows(effect: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any] | str]]:
+def parameter_rows(effect: Mapping[str, Any]) -> Iterator[tuple[str, Estimate | str]]:
     """An effect's parameters: estimates, and the side that it acts on as text."""
     for name, estimate in effect["parameters"].items():
-        yield name, estimate if isinstance(estimate, Mapping) else str(estimate)
+        is_number = isinstance(estimate, Mapping)
+        yield name, Estimate.from_json(estimate) if is_number else str(estimate)
 
 
 def errors_by_step(content: Content) -> dict[str, list[float]]:

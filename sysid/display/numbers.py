@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any
+
+from sysid.estimation.linear import Estimate
 
 DASH = "\N{EN DASH}"
 MINUS = "\N{MINUS SIGN}"
@@ -63,16 +63,15 @@ def percent(value: float | None, digits: int = 3) -> str:
     return MISSING if value is None else f"{number(value, digits)} %"
 
 
-def estimate_cells(estimate: Mapping[str, Any]) -> tuple[str, str, str, str]:
+def estimate_cells(estimate: Estimate) -> tuple[str, str, str, str]:
     """Value, standard error, 95 % interval and unit of a bundle's parameter.
 
     All are written with the value's power of ten, and to the second digit of the error.
     """
-    if estimate.get("value") is None:
-        return "not identified", MISSING, str(estimate.get("reason", "")), ""
-    value, std = float(estimate["value"]), estimate.get("std")
-    low, high = estimate.get("interval", (None, None))
-    name = unit(str(estimate.get("unit", "")))
+    if estimate.reason is not None:
+        return "not identified", MISSING, estimate.reason, ""
+    value, name = estimate.value, unit(estimate.unit)
+    std, low, high = (x if math.isfinite(x) else None for x in (estimate.std, *estimate.interval))
     if name == "s" and abs(value) < _SHORT_S:
         name = "ms"
         value = 1e3 * value

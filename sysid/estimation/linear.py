@@ -8,8 +8,8 @@ interval of a ratio. Intervals are 95 % unless a level is given.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -27,8 +27,9 @@ _RANK_TOLERANCE = 1e-9
 class Estimate:
     """One fitted number, as a bundle holds it (`spec/bundle.md`).
 
-    `interval` is the 95 % interval; a limit that the data do not set is infinite. A
-    parameter that the data do not identify has `value` NaN and says why in `reason`.
+    `interval` is the 95 % interval; a limit that the data do not set is infinite, and of a
+    number that a file gives without an interval both are NaN. A parameter that the data do not
+    identify has `value` NaN and says why in `reason`.
     """
 
     value: float
@@ -36,6 +37,7 @@ class Estimate:
     unit: str
     interval: tuple[float, float]
     reason: str | None = None
+    _written: Mapping[str, Any] | None = field(default=None, init=False, repr=False, compare=False)
 
     @classmethod
     def unidentified(cls, unit: str, reason: str) -> Estimate:
@@ -48,9 +50,33 @@ class Estimate:
         half = t_quantile(dof) * std
         return cls(value, std, unit, (value - half, value + half))
 
+    @classmethod
+    def from_json(cls, content: Mapping[str, Any]) -> Estimate:
+        """What a file's object says; ValueError for what is none."""
+        if not isinstance(content, Mapping) or "value" not in content:
+            raise ValueError("is not an object with a value")
+        value, std = content["value"], content.get("std")
+        unit = str(content.get("unit", ""))
+        if value is None:
+            made = cls.unidentified(unit, str(content.get("reason", "")))
+        else:
+            low, high = content.get("interval", (math.nan, math.nan))
+            limits = (
+                -math.inf if low is None else float(low),
+                math.inf if high is None else float(high),
+            )
+            made = cls(float(value), math.nan if std is None else float(std), unit, limits)
+        object.__setattr__(made, "_written", content)
+        return made
+
     @property
     def identified(self) -> bool:
         return self.reason is None
+
+    @property
+    def has_interval(self) -> bool:
+        """Whether an interval is known, be it open on one side."""
+        return self.identified and not math.isnan(self.interval[0])
 
     def holds(self, value: float) -> bool:
         """Whether the interval holds `value`."""
@@ -58,14 +84,31 @@ class Estimate:
 
     def to_json(self) -> dict[str, Any]:
         """The bundle's object; an infinite limit or error becomes null."""
+        if self._written is not None:
+            return dict(self._written)
         if self.reason is not None:
             return {"value": None, "identified": False, "reason": self.reason}
-        return {
-            "value": self.value,
-            "std": _finite(self.std),
-            "unit": self.unit,
-            "interval": [_finite(limit) for limit in self.interval],
-        }
+        written = {"value": self.value, "std": _finite(self.std), "unit": self.unit}
+        if self.has_interval:
+            return {**written, "interval": [_finite(limit) for limit in self.interval]}
+        return written
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: Any) -> Any:
+        """Lets a pydantic model have fields of this type (pydantic is not imported for it)."""
+        from pydantic_core import core_schema
+
+        def read(value: Any) -> Estimate:
+            return value if isinstance(value, Estimate) else cls.from_json(value)
+
+        return core_schema.no_info_plain_validator_function(
+            read,
+            serialization=core_schema.plain_serializer_function_ser_schema(cls.to_json),
+        )
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, source: Any, handler: Any) -> dict[str, Any]:
+        return {"x-ref": "parameter"}
 
 
 def _finite(value: float) -> float | None:

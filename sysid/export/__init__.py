@@ -10,8 +10,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from sysid.bundle import Bundle, bundle_text, read_bundle
 from sysid.bundle.assembled_model import effects_from_bundle
-from sysid.bundle.content import bundle_text, read_bundle
 from sysid.errors import input_error
 from sysid.export.flat import Flat, flatten
 from sysid.io.files import write_atomic
@@ -38,34 +38,32 @@ def export_file(
     effects that neither the catalogue nor `effects`, a user's file that is run, holds.
     """
     bundle = read_bundle(source)
-    effects_from_bundle(bundle, str(source), catalogue_with(effects) if effects else None)
+    effects_from_bundle(bundle, catalogue_with(effects) if effects else None)
     digest = hashlib.sha256(read_bytes(source, "a bundle")).hexdigest()
-    return export_bundle(bundle, path, fmt, prefix=prefix, sha256=digest, where=str(source))
+    return export_bundle(bundle, path, fmt, prefix=prefix, sha256=digest)
 
 
 def export_bundle(
-    bundle: Mapping[str, Any],
+    bundle: Bundle,
     path: Path,
     fmt: str,
     *,
     prefix: str = DEFAULT_PREFIX,
     sha256: str | None = None,
-    where: str = "bundle",
 ) -> list[str]:
     """Write a checked bundle for a controller, whole or not at all; returns notices.
 
     fmt: "c" (one C99 header whose names begin with `prefix`), "mat" (MAT 5, a struct
     `sysid`) or "json". `sha256` is the bundle file's, by default that of the file which
-    `sysid.bundle.content.write_bundle` makes of it; `where` names the bundle in messages. Notices
-    name every parameter that is absent, and effects whose laws the C header does not hold.
-    Raises InputError for an unknown format or prefix, for content that contradicts itself
+    `sysid.bundle.write_bundle` makes of it. Notices name every parameter that is absent, and
+    effects whose laws the C header does not hold. Raises InputError for an unknown format or prefix, for content that contradicts itself
     (units, PWM period), and where `path` cannot be written.
     """
     if fmt not in FORMATS:
         raise input_error("--format", f"{fmt!r} is unknown", f"use one of {', '.join(FORMATS)}")
     if sha256 is None:
         sha256 = _digest(bundle)
-    flat = flatten(bundle, sha256, where)
+    flat = flatten(bundle, sha256)
     data: bytes | str
     if fmt == "c":
         from sysid.export.c_header import absences, render
@@ -83,6 +81,6 @@ def export_bundle(
     return [*flat.notices, *notices]
 
 
-def _digest(bundle: Mapping[str, Any]) -> str:
-    """SHA-256 of the file that `sysid.bundle.content.write_bundle` makes of a bundle."""
+def _digest(bundle: Bundle) -> str:
+    """SHA-256 of the file that `sysid.bundle.write_bundle` makes of a bundle."""
     return hashlib.sha256(bundle_text(bundle).encode("utf-8", "surrogatepass")).hexdigest()

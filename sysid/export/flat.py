@@ -11,11 +11,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from sysid.bundle import Bundle, EffectEntry, Friction, PwmSurfaces, Unread, Valve
 from sysid.bundle.assembled_model import friction_keys
+from sysid.bundle.base import Part
+from sysid.bundle.friction import StaticAtPosition
 from sysid.errors import InputError, input_error
+from sysid.estimation.linear import Estimate
 from sysid.export.surface_tables import ExportedSurface, read_surface
 from sysid.io.channels import SIDES
-from sysid.io.rig import Rig, rig_from_content
+from sysid.io.rig import Rig
 from sysid.model.base import CRITICAL_RATIO
 
 DIRECTIONS = ("fill", "discharge")
@@ -47,7 +51,7 @@ class PwmMap:
 
 
 @dataclass(frozen=True)
-class Valve:
+class ExportedValve:
     """One valve: the on/off law with its delays, and PWM maps by direction."""
 
     discrete: NumberTable
@@ -76,7 +80,7 @@ class Flat:
     constants: NumberTable
     friction: NumberTable
     static_by_position: tuple[tuple[float, float | None], ...]
-    valves: dict[str, Valve]
+    valves: dict[str, ExportedValve]
     effects: tuple[ExportedEffect, ...]
     provenance: dict[str, str]
     missing: dict[str, str]
@@ -87,26 +91,23 @@ class Flat:
         return [f"{name}: {stands_as}, {why}" for name, why in self.missing.items()]
 
 
-def flatten(bundle: Mapping[str, Any], sha256: str, where: str = "bundle") -> Flat:
+def flatten(bundle: Bundle, sha256: str) -> Flat:
     """The content of a checked bundle whose file has this SHA-256.
 
     Raises InputError where numbers contradict their names' units, the rig's PWM period, or
     each other.
     """
-    rig = rig_from_content(dict(bundle["rig"]), f"{where}, rig")
+    rig, where = bundle.rig, bundle.source
     missing: dict[str, str] = {}
     notices: list[str] = []
     constants = _constants(rig, missing)
-    friction, by_position = _friction(bundle.get("friction"), rig, missing, where)
+    friction, by_position = _friction(bundle.friction, rig, missing, where)
     _take_identified_inertia(bundle, rig, constants, notices, where)
-    valves = {
-        side: _valve(bundle.get("valves", {}).get(side, {}), side, rig, missing, where)
-        for side in SIDES
-    }
+    valves = {side: _valve(bundle.valve(side), side, rig, missing, where) for side in SIDES}
     provenance = {
-        "bundle_schema": str(bundle["schema"]),
-        "bundle_created": clean_text(bundle["created"]),
-        "bundle_sysid_version": clean_text(bundle["sysid_version"]),
+        "bundle_schema": bundle.schema_id,
+        "bundle_created": clean_text(bundle.created),
+        "bundle_sysid_version": clean_text(bundle.sysid_version),
         "bundle_sha256": sha256,
     }
     return Flat(
@@ -115,7 +116,7 @@ def flatten(bundle: Mapping[str, Any], sha256: str, where: str = "bundle") -> Fl
         friction=friction,
         static_by_position=by_position,
         valves=valves,
-        effects=tuple(_effect(e, where) for e in bundle["effects"]),
+        effects=tuple(_effect(e, where) for e in bundle.effects),
         provenance=provenance,
         missing=missing,
         notices=tuple(notices),
@@ -229,12 +230,12 @@ def _add_load(table: NumberTable, rig: Rig, missing: dict[str, str]) -> None:
 
 
 def _take_identified_inertia(
-    bundle: Mapping[str, Any], rig: Rig, constants: NumberTable, notices: list[str], where: str
+    bundle: Bundle, rig: Rig, constants: NumberTable, notices: list[str], where: str
 ) -> None:
     """An identified inertia replaces the declared one, as in the simulation."""
     name, unit = inertia_name(rig)
-    estimate = bundle.get("friction", {}).get(name)
-    if estimate is None or estimate["value"] is None:
+    estimate = None if bundle.friction is None else getattr(bundle.friction, name)
+    if estimate is None or not estimate.identified:
         return
     declared = constants[name].value
     constants[name] = ExportedNumber(_number(estimate, unit, f"{where}, friction.{name}"), unit)
@@ -246,7 +247,7 @@ def _take_identified_inertia(
 
 
 def _friction(
-    part: Mapping[str, Any] | None, rig: Rig, missing: dict[str, str], where: str
+    part: Friction | None, rig: Rig, missing: dict[str, str], where: str
 ) -> tuple[NumberTable, tuple[tuple[float, float | None], ...]]:
     """Friction (3.4.1), and static friction by position."""
     suffix = effort_unit(rig)
@@ -270,25 +271,21 @@ def _friction(
         # As in the simulation, which takes negative friction for none.
         value = table[key].value
         table[key] = ExportedNumber(None if value is None else max(value, 0.0), units[key])
-    rows = () if part is None else part.get("static_by_position", ())
+    rows = () if part is None else part.static_by_position
     place = f"{where}, friction.static_by_position"
-    try:
-        return table, tuple(_static_row(row, effort, place) for row in rows)
-    except (KeyError, TypeError):
-        raise input_error(
-            place, "a row is not a position and its static friction", _AGAIN
-        ) from None
+    return table, tuple(_static_row(row, effort, place) for row in rows)
 
 
-def _static_row(row: Mapping[str, Any], unit: str, where: str) -> tuple[float, float | None]:
-    estimate = row["static"]
-    static = None if estimate["value"] is None else _number(estimate, unit, where)
-    return _finite(row["position"], where), static
+def _static_row(
+    row: StaticAtPosition | Unread, unit: str, where: str
+) -> tuple[float, float | None]:
+    if isinstance(row, Unread):
+        raise input_error(where, "a row is not a position and its static friction", _AGAIN)
+    static = _number(row.static, unit, where) if row.static.identified else None
+    return _finite(row.position, where), static
 
 
-def _valve(
-    part: Mapping[str, Any], side: str, rig: Rig, missing: dict[str, str], where: str
-) -> Valve:
+def _valve(part: Valve, side: str, rig: Rig, missing: dict[str, str], where: str) -> ExportedValve:
     """One valve's on/off law (3.6.6, 3.6.10) and PWM maps."""
     units = {
         "choked_flow_fill_kg_s": "kg/s",
@@ -298,67 +295,67 @@ def _valve(
         "on_delay_s": "s",
         "off_delay_s": "s",
     }
-    discrete = _estimates(part.get("discrete"), units, f"valves.{side}.discrete", missing, where)
-    maps = part.get("pwm", {})
+    discrete = _estimates(part.discrete, units, f"valves.{side}.discrete", missing, where)
     pwm = {}
     for direction in DIRECTIONS:
         name = f"valves.{side}.pwm.{direction}"
-        if direction not in maps:
+        held = part.surfaces(direction)
+        if held is None:
             missing[name] = _NO_PART
-        pwm[direction] = _pwm_map(maps.get(direction), name, rig, missing, where)
-    return Valve(discrete, pwm)
+        pwm[direction] = _pwm_map(held, name, rig, missing, where)
+    return ExportedValve(discrete, pwm)
 
 
 def _pwm_map(
-    found: Mapping[str, Any] | None,
+    found: PwmSurfaces | None,
     name: str,
     rig: Rig,
     missing: dict[str, str],
     where: str,
 ) -> PwmMap:
-    part = found or {}
+    part = found or PwmSurfaces()
     place = f"{where}, {name}"
-    period, declared = part.get("pwm_period_s"), rig.pwm.period_s if rig.pwm else None
-    if period is not None and declared and abs(_finite(period, place) / declared - 1.0) > 1e-6:
+    period, supply = (
+        None if value is None else _finite(value, place)
+        for value in (part.pwm_period_s, part.supply_pressure_pa)
+    )
+    declared = rig.pwm.period_s if rig.pwm else None
+    if period is not None and declared and abs(period / declared - 1.0) > 1e-6:
         raise input_error(
             place,
             f"was fitted at a PWM period of {period:g} s, and the rig says {declared:g} s",
             "fit valve-pwm tests at the rig's period",
         )
     conditions = {
-        key: ExportedNumber(None if part.get(key) is None else _finite(part[key], place), unit)
-        for key, unit in (("pwm_period_s", "s"), ("supply_pressure_pa", "Pa"))
+        "pwm_period_s": ExportedNumber(period, "s"),
+        "supply_pressure_pa": ExportedNumber(supply, "Pa"),
     }
     surfaces: dict[str, ExportedSurface | None] = {}
-    for kind in KINDS:
-        content = part.get(kind)
-        surfaces[kind] = None if content is None else read_surface(content, f"{place}.{kind}")
-        if content is None and found is not None:
+    for kind, held in (("bipolynomial", part.bipolynomial), ("ann", part.ann)):
+        surfaces[kind] = None if held is None else read_surface(held, f"{place}.{kind}")
+        if held is None and found is not None:
             missing[f"{name}.{kind}"] = _NO_PART
     return PwmMap(conditions, surfaces["bipolynomial"], surfaces["ann"])
 
 
-def _effect(effect: Mapping[str, Any], where: str) -> ExportedEffect:
-    name = clean_text(effect["id"])
+def _effect(effect: EffectEntry, where: str) -> ExportedEffect:
+    name = clean_text(effect.id)
     place = f"{where}, effect {name}"
     values: dict[str, float | str | None] = {}
     units: dict[str, str] = {}
-    for key, content in effect["parameters"].items():
-        value, unit = content, ""
-        if isinstance(content, Mapping):
-            value, unit = content.get("value"), clean_text(content.get("unit", ""))
+    for key, content in effect.parameters.items():
         if not key.isidentifier() or not key.isascii() or key.startswith("_"):
             raise input_error(place, f"{key!r} is not a parameter's name", _AGAIN)
-        if isinstance(value, str):
-            values[key] = clean_text(value)
+        if isinstance(content, Estimate):
+            values[key] = content.value if content.identified else None
+            units[key] = clean_text(content.unit)
         else:
-            values[key] = None if value is None else _finite(value, f"{place}, {key}")
-        units[key] = unit
+            values[key], units[key] = clean_text(content), ""
     return ExportedEffect(name, values, units)
 
 
 def _estimates(
-    part: Mapping[str, Any] | None,
+    part: Part | None,
     units: Mapping[str, str],
     name: str,
     missing: dict[str, str],
@@ -370,24 +367,27 @@ def _estimates(
         missing[name] = _NO_PART
         return table
     for key, unit in units.items():
-        estimate = part.get(key)
+        estimate = getattr(part, key)
         if estimate is None:
             missing[f"{name}.{key}"] = "the bundle does not hold it"
-        elif estimate["value"] is None:
-            missing[f"{name}.{key}"] = f"not identified ({clean_text(estimate['reason'])})"
+        elif isinstance(estimate, Unread):
+            raise input_error(f"{where}, {name}.{key}", "is not a parameter", _AGAIN)
+        elif not estimate.identified:
+            missing[f"{name}.{key}"] = f"not identified ({clean_text(estimate.reason)})"
         else:
             table[key] = ExportedNumber(_number(estimate, unit, f"{where}, {name}.{key}"), unit)
     return table
 
 
-def _number(estimate: Mapping[str, Any], unit: str, where: str) -> float:
+def _number(estimate: Estimate, unit: str, where: str) -> float:
     """An estimate's value, whose unit must be the one that its name stands for."""
-    if estimate["unit"] != unit:
-        raise input_error(where, f"is in {estimate['unit']!r}, not {unit!r}", _AGAIN)
-    return _finite(estimate["value"], where)
+    if estimate.unit != unit:
+        raise input_error(where, f"is in {estimate.unit!r}, not {unit!r}", _AGAIN)
+    return estimate.value
 
 
 def _finite(value: Any, where: str) -> float:
+    value = value.value if isinstance(value, Unread) else value
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise input_error(where, f"{str(value)[:40]!r} is not a finite number", _AGAIN)
     return float(value)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from sysid.bundle import Surface, Unread
 from sysid.errors import input_error
-from sysid.surfaces import surface_from_dict
 from sysid.surfaces.ann import DutyNetwork
 from sysid.surfaces.bipolynomial import EXPONENTS, Bipolynomial
 from sysid.surfaces.domain import Domain
@@ -38,31 +37,35 @@ class ExportedSurface:
     errors: dict[str, tuple[float, str]]
 
 
-def read_surface(content: Any, where: str) -> ExportedSurface:
-    """A surface from its bundle form. Raises InputError for one that cannot be evaluated."""
-    if not isinstance(content, Mapping):
+def read_surface(surface: Surface | Unread, where: str) -> ExportedSurface:
+    """A surface of a bundle, checked. Raises InputError for one that cannot be evaluated."""
+    if isinstance(surface, Unread):
         raise input_error(where, "is not a surface", _AGAIN)
-    terms = content.get("coefficients")
+    terms = surface.coefficients
     if terms is not None:
-        names = [t.get("term") if isinstance(t, Mapping) else None for t in terms]
+        names = [t.get("term") if isinstance(t, dict) else None for t in _items(terms)]
         if names != [f"u^{i} P^{j}" for i, j in EXPONENTS]:
             raise input_error(where, "coefficients are not in the thesis' order", _AGAIN)
-    activation = content.get("activation", "tanh")
-    if activation != "tanh":
-        raise input_error(where, f"activation {str(activation)[:40]!r} is unknown", _AGAIN)
+    if surface.activation not in (None, "tanh"):
+        name = str(surface.activation)[:40]
+        raise input_error(where, f"activation {name!r} is unknown", _AGAIN)
     try:
-        model = surface_from_dict(dict(content))
+        model = surface.model()
     except (TypeError, ValueError, AttributeError, IndexError, np.linalg.LinAlgError) as error:
         raise input_error(where, f"cannot be read ({error})", _AGAIN) from None
     _check_numbers(model, where)
     errors = {
-        name: (float(content[name]), unit)
+        name: (float(getattr(surface, name)), unit)
         for name, unit in _ERRORS.items()
-        if isinstance(content.get(name), int | float)
+        if isinstance(getattr(surface, name), int | float)
     }
     if not np.isfinite([value for value, _ in errors.values()]).all():
         raise input_error(where, "an error is not finite", _AGAIN)
     return ExportedSurface(model, errors)
+
+
+def _items(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else [value]
 
 
 def _check_numbers(model: Bipolynomial | DutyNetwork, where: str) -> None:

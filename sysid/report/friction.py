@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sysid.bundle import Friction, Unread
+from sysid.bundle.friction import StaticAtPosition, TestUse
 from sysid.display.numbers import MISSING, estimate_cells, fixed, number
 from sysid.errors import NotIdentifiedError
-from sysid.estimation.linear import t_quantile
+from sysid.estimation.linear import Estimate, t_quantile
 from sysid.report import svg
 from sysid.report.blocks import Block, Figure, FigureGroup, HtmlTable, Lines, Section, table
 from sysid.report.svg import COLOUR
@@ -41,20 +43,20 @@ class _Units:
     position: str
     speed: str
     effort_name: str
-    suffix: str
-    viscous: str
 
     @classmethod
     def of(cls, linear: bool) -> _Units:
         if linear:
-            return cls("N", "m", "m/s", "force", "n", "viscous_n_s_per_m")
-        return cls("N·m", "rad", "rad/s", "torque", "nm", "viscous_nm_s_per_rad")
+            return cls("N", "m", "m/s", "force")
+        return cls("N·m", "rad", "rad/s", "torque")
 
 
-def friction_section(friction: Mapping[str, Any], linear: bool) -> Section:
+def friction_section(friction: Friction, linear: bool) -> Section:
     """From the bundle's `friction`."""
     units = _Units.of(linear)
-    blocks: list[Block] = [parameters_table("Friction parameters", friction, _parameter_name)]
+    blocks: list[Block] = [
+        parameters_table("Friction parameters", friction.estimates(), _parameter_name)
+    ]
     blocks += _cross_check(friction)
     figures = _figures(friction, units)
     if figures:
@@ -70,61 +72,46 @@ def friction_section(friction: Mapping[str, Any], linear: bool) -> Section:
         "friction-sliding": "Coulomb and viscous friction come from the constant-effort tests.",
         "friction-motion": "Coulomb and viscous friction come from general motion, by inverse "
         "dynamics.",
-    }.get(str(friction.get("source")))
+    }.get(str(friction.source))
     intro = (source,) if source else ()
     return Section("friction", "Friction", intro, tuple(blocks))
 
 
 def parameters_table(
-    caption: str, content: Mapping[str, Any], name_of: Any, prefix: str = ""
+    caption: str, estimates: Mapping[str, Estimate], name_of: Any, prefix: str = ""
 ) -> HtmlTable:
     """One row a parameter of a part of the bundle, with its interval and its key there."""
     rows = [
-        (name_of(key), *estimate_cells(value), prefix + key)
-        for key, value in content.items()
-        if isinstance(value, dict) and "value" in value and _is_scalar(value)
+        (name_of(key), *estimate_cells(value), prefix + key) for key, value in estimates.items()
     ]
     return table(caption, _PARAMETER_COLUMNS, rows, text=(4, 5), code=(5,))
-
-
-def _is_scalar(estimate: Mapping[str, Any]) -> bool:
-    return not isinstance(estimate["value"], list)
 
 
 def _parameter_name(key: str) -> str:
     return _NAMES.get(key.partition("_")[0], key)
 
 
-def _cross_check(friction: Mapping[str, Any]) -> list[Block]:
-    check = friction.get("cross_check") or {}
-    if not check:
+def _cross_check(friction: Friction) -> list[Block]:
+    check = friction.cross_check
+    if isinstance(check, Unread) or not check:
         return []
     caption = "Cross-check: the same parameters from general motion"
     return [parameters_table(caption, check, _parameter_name)]
 
 
-def _position_table(friction: Mapping[str, Any], units: _Units) -> list[Block]:
+def _position_table(friction: Friction, units: _Units) -> list[Block]:
     rows = [
-        (fixed(_position(row) or 0.0, 3), str(row.get("tests", row.get("count", MISSING))),
-         *estimate_cells(row.get("static", row))[:3])
-        for row in friction.get("static_by_position", [])
-    ]  # fmt: skip
+        (fixed(row.position, 3), str(row.tests or MISSING), *estimate_cells(row.static)[:3])
+        for row in friction.positions()
+    ]
     if not rows:
         return []
     columns = (f"Position ({units.position})", "Tests", "Mean", "Std. error", "95 % interval")
     return [table(f"Static friction by position ({units.effort})", columns, rows)]
 
 
-def _position(row: Mapping[str, Any]) -> float | None:
-    return next((float(v) for k, v in row.items() if k.startswith("position")), None)
-
-
-def _left_out(friction: Mapping[str, Any]) -> list[Block]:
-    lines = [
-        f"{t['kind']}, test {t['test']}: {t.get('reason', '')}"
-        for t in friction.get("trials", [])
-        if not t.get("used", True)
-    ]
+def _left_out(friction: Friction) -> list[Block]:
+    lines = [f"{t.kind}, test {t.test}: {t.reason or ''}" for t in friction.tests() if not t.used]
     if not lines:
         return []
     return [Lines(tuple(lines), f"{len(lines)} tests left out")]
@@ -133,26 +120,20 @@ def _left_out(friction: Mapping[str, Any]) -> list[Block]:
 # --- figures ---------------------------------------------------------------------------
 
 
-def _figures(friction: Mapping[str, Any], units: _Units) -> list[Figure]:
-    used = [t for t in friction.get("trials", []) if t.get("used")]
+def _figures(friction: Friction, units: _Units) -> list[Figure]:
     figures = []
-    sliding = [t for t in used if t["kind"] == "friction-sliding"]
-    coulomb = friction.get(f"coulomb_{units.suffix}") or {}
-    if sliding and coulomb.get("value") is not None:
+    sliding, static = friction.used("friction-sliding"), friction.used("friction-static")
+    if sliding and friction.coulomb is not None and friction.coulomb.identified:
         figures.append(_sliding_figure(sliding, friction, units))
-    static = [t for t in used if t["kind"] == "friction-static"]
     if static:
         figures.append(_static_figure(static, friction, units))
     return figures
 
 
-def _sliding_figure(
-    trials: Sequence[Mapping[str, Any]], friction: Mapping[str, Any], units: _Units
-) -> Figure:
-    speed = np.array([t["speed"] for t in trials])
-    effort = np.array([t["friction"] for t in trials])
-    values = [_value(friction, k) for k in (f"coulomb_{units.suffix}", units.viscous,
-                                             f"offset_{units.suffix}")]  # fmt: skip
+def _sliding_figure(trials: Sequence[TestUse], friction: Friction, units: _Units) -> Figure:
+    speed, effort = _readings(trials, "speed"), _readings(trials, "friction")
+    law = (friction.coulomb, friction.viscous, friction.offset)
+    values = [e.value if e is not None and e.identified else 0.0 for e in law]
     figure, ax = svg.panel("Friction over speed")
     grid = np.linspace(0.0, 1.06 * float(np.abs(speed).max()), 60)
     spread = _jackknife(trials)
@@ -184,27 +165,26 @@ def _sliding_figure(
     return svg.to_figure(figure, "fig-sliding", "Friction over speed", description)
 
 
-def _value(friction: Mapping[str, Any], key: str) -> float:
-    value = (friction.get(key) or {}).get("value")
-    return 0.0 if value is None else float(value)
+def _readings(trials: Sequence[TestUse], name: str) -> FloatArray:
+    """What was read from each test, (n,); NaN where it was not."""
+    return np.array([t.reading(name) for t in trials], dtype=float)
 
 
-def _points(trials: Sequence[Mapping[str, Any]]) -> SlidingPoints:
+def _points(trials: Sequence[TestUse]) -> SlidingPoints:
     """The bundle's trials as the regression takes them (`sysid.friction`)."""
     from sysid.friction import SlidingPoints
 
-    table = {k: np.array([t[k] for t in trials]) for k in ("motor", "gravity", "cylinder")}
+    table = {k: _readings(trials, k) for k in ("motor", "gravity", "cylinder")}
     set_effort = table["motor"] - table["gravity"]
     applied = set_effort + table["cylinder"]
     if float(np.ptp(set_effort)) < 0.3 * float(np.ptp(applied)):
         set_effort = applied
-    speed = np.array([t["speed"] for t in trials])
-    effort = np.array([t["friction"] for t in trials])
-    labels = tuple(str(t["test"]) for t in trials)
+    speed, effort = _readings(trials, "speed"), _readings(trials, "friction")
+    labels = tuple(t.test for t in trials)
     return SlidingPoints(labels, np.sign(speed), set_effort, effort, speed)
 
 
-def _jackknife(trials: Sequence[Mapping[str, Any]]) -> FloatArray | None:
+def _jackknife(trials: Sequence[TestUse]) -> FloatArray | None:
     """Covariance (3, 3) of Coulomb, viscous, offset: the fit again without each test."""
     from sysid.friction import ROTARY, fit_sliding
 
@@ -213,7 +193,7 @@ def _jackknife(trials: Sequence[Mapping[str, Any]]) -> FloatArray | None:
         kept = [t for i, t in enumerate(trials) if i != left_out]
         try:
             fit = fit_sliding(_points(kept), ROTARY)
-        except (NotIdentifiedError, KeyError):
+        except NotIdentifiedError:
             return None
         offset = fit.offset.value if fit.offset.identified else 0.0
         found.append((fit.coulomb.value, fit.viscous.value, offset))
@@ -232,12 +212,9 @@ def _half_width(spread: FloatArray, speed: FloatArray, way: float, tests: int) -
     return np.asarray(half, dtype=float)
 
 
-def _static_figure(
-    trials: Sequence[Mapping[str, Any]], friction: Mapping[str, Any], units: _Units
-) -> Figure:
-    place = np.array([t["position"] for t in trials])
-    effort = np.abs([t["breakaway"] for t in trials])
-    way = np.array([t["direction"] for t in trials])
+def _static_figure(trials: Sequence[TestUse], friction: Friction, units: _Units) -> Figure:
+    place, way = _readings(trials, "position"), _readings(trials, "direction")
+    effort = np.abs(_readings(trials, "breakaway"))
     figure, ax = svg.panel("Breakaway by position")
     for direction, name, marker, role in _DIRECTIONS:
         rows = way == direction
@@ -246,7 +223,7 @@ def _static_figure(
                 place[rows], effort[rows], marker, color=COLOUR[role], markersize=3.5,
                 markerfacecolor="none", label=name,
             )  # fmt: skip
-    for row in friction.get("static_by_position", []):
+    for row in friction.positions():
         _mean_bar(ax, row)
     span = max(float(np.ptp(place)), 1e-9)
     ax.set_xlim(float(place.min()) - 0.12 * span, float(place.max()) + 0.12 * span)
@@ -256,22 +233,19 @@ def _static_figure(
     svg.legend(ax, loc="upper right", ncols=2)
     description = (
         f"Breakaway {units.effort_name} of {len(trials)} ramps from "
-        f"{len(friction.get('static_by_position', []))} positions, between "
+        f"{len(friction.positions())} positions, between "
         f"{number(float(effort.min()))} and {number(float(effort.max()))} {units.effort}."
     )
     return svg.to_figure(figure, "fig-static", "Breakaway by position", description)
 
 
-def _mean_bar(ax: Any, row: Mapping[str, Any]) -> None:
-    estimate, place = row.get("static", row), _position(row)
-    value = estimate.get("value")
-    low, high = estimate.get("interval", (None, None))
-    if value is None or place is None:
-        return
-    bars = [[value - low], [high - value]] if None not in (low, high) else [[0.0], [0.0]]
+def _mean_bar(ax: Any, row: StaticAtPosition) -> None:
+    value, (low, high) = row.static.value, row.static.interval
+    known = math.isfinite(low) and math.isfinite(high)
+    bars = [[value - low], [high - value]] if known else [[0.0], [0.0]]
     if math.isfinite(value):
         ax.errorbar(
-            [place], [value], yerr=bars, fmt="_", color=COLOUR["ink"], capsize=3, markersize=9,
+            [row.position], [value], yerr=bars, fmt="_", color=COLOUR["ink"], capsize=3, markersize=9,
             elinewidth=1.0,
         )  # fmt: skip
 

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sysid.bundle import Bundle, Valves
 from sysid.io.campaign import FRICTION_KINDS, MOTION_KINDS
 from sysid.io.files import write_atomic
 from sysid.report.blocks import Block, Fold, Plot, Section
@@ -28,7 +29,7 @@ def write_report(
     path: Path,
     *,
     campaign: Campaign,
-    bundle: Mapping[str, Any],
+    bundle: Bundle,
     validation: ValidationResult | None = None,
     checks: Sequence[LogCheck] = (),
     diagnosis: Mapping[str, Any] | None = None,
@@ -56,7 +57,7 @@ def write_report(
 def render_report(
     *,
     campaign: Campaign,
-    bundle: Mapping[str, Any],
+    bundle: Bundle,
     validation: ValidationResult | None = None,
     checks: Sequence[LogCheck] = (),
     diagnosis: Mapping[str, Any] | None = None,
@@ -79,7 +80,7 @@ _Part = tuple[str, str, Callable[[], Section | None]]
 
 def _sections(
     campaign: Campaign,
-    bundle: Mapping[str, Any],
+    bundle: Bundle,
     checks: Sequence[LogCheck],
     parts: Sequence[_Part],
     tell: Progress,
@@ -103,17 +104,17 @@ def _sections(
 
 def _parts(
     campaign: Campaign,
-    bundle: Mapping[str, Any],
+    bundle: Bundle,
     validation: ValidationResult | None,
     diagnosis: Mapping[str, Any] | None,
 ) -> list[_Part]:
     """Title, what to say if it is missing, and what makes it, of each section in turn."""
-    valves = bundle.get("valves", {})
+    valves = bundle.valves or Valves()
 
     def friction() -> Section | None:
         from sysid.report.friction import friction_section
 
-        part = bundle.get("friction")
+        part = bundle.friction
         return None if part is None else friction_section(part, campaign.rig.is_linear)
 
     def discrete() -> Section | None:
@@ -168,7 +169,7 @@ def _logs(campaign: Campaign, kind: str) -> list[tuple[str | None, Log]]:
 
 def _fill(
     campaign: Campaign,
-    bundle: Mapping[str, Any],
+    bundle: Bundle,
     judged: ReportVerdict,
     sections: Sequence[Section],
     left_out: Sequence[str],
@@ -186,7 +187,7 @@ def _fill(
         rig=rig,
         campaign=campaign.path.name,
         orientation=f"{rig.orientation}, {rig.motion}",
-        fitted=_moment(str(bundle.get("created", ""))),
+        fitted=_moment(bundle.created),
         verdict=judged,
         sections=sections,
         left_out=left_out,

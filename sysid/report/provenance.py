@@ -8,31 +8,31 @@ from collections.abc import Mapping
 from importlib import metadata
 from typing import Any
 
+from sysid.bundle import Bundle, Provenance
 from sysid.display.numbers import MISSING
 from sysid.report.blocks import Block, Fold, HtmlTable, Section, table
 
 _PACKAGES = ("numpy", "scipy", "jax", "torch", "matplotlib", "bokeh")
 
 
-def provenance_section(bundle: Mapping[str, Any]) -> Section:
+def provenance_section(bundle: Bundle) -> Section:
     """From the bundle's provenance, and this program's own versions."""
-    source = bundle["provenance"]
+    source = bundle.provenance
     blocks: list[Block] = [_made(bundle), _logs(source)]
-    seeds = _flat(source.get("seeds", {}))
-    options = _flat(source.get("options", {}))
+    seeds, options = _flat(source.seeds), _flat(source.options)
     if seeds:
         blocks.append(table("Seeds", ("Seed", "Value"), seeds))
     if options:
         blocks.append(table("Options", ("Option", "Value"), options, text=(1,)))
-    blocks.append(Fold("Rig file, as used", (_rig(bundle["rig"]),)))
+    blocks.append(Fold("Rig file, as used", (_rig(bundle.rig_content),)))
     return Section("provenance", "Provenance", (), tuple(blocks))
 
 
-def _made(bundle: Mapping[str, Any]) -> HtmlTable:
+def _made(bundle: Bundle) -> HtmlTable:
     rows = [
-        ("Bundle fitted", str(bundle.get("created", MISSING))),
-        ("By sysid", str(bundle.get("sysid_version", MISSING))),
-        ("Schema", str(bundle.get("schema", MISSING))),
+        ("Bundle fitted", bundle.created),
+        ("By sysid", bundle.sysid_version),
+        ("Schema", bundle.schema_id),
         ("Python", platform.python_version()),
     ]
     for name in _PACKAGES:
@@ -43,12 +43,11 @@ def _made(bundle: Mapping[str, Any]) -> HtmlTable:
     return table("Versions", ("What", "Version"), rows, text=(1,))
 
 
-def _logs(source: Mapping[str, Any]) -> HtmlTable:
+def _logs(source: Provenance) -> HtmlTable:
     rows = [
-        (e["file"], e.get("kind", MISSING), "held out" if e["use"] == "holdout" else "fit",
-         e["sha256"])
-        for e in source.get("logs", [])
-    ]  # fmt: skip
+        (e.file, e.kind or MISSING, "held out" if e.use == "holdout" else "fit", e.sha256)
+        for e in source.logs
+    ]
     columns = ("Log", "Kind", "Use", "SHA-256")
     return table(
         "Logs of the bundle's campaign",

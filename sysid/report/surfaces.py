@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sysid.bundle import PwmSurfaces, Valves
+from sysid.bundle.valves import DutyErrors, ResolutionRecord, SurfaceChoice
 from sysid.display.numbers import MISSING, estimate_cells, number
 from sysid.io.logs import Log
 from sysid.io.rig import Rig
@@ -32,9 +34,15 @@ class _Measured:
 
     side: str
     direction: str
-    content: Mapping[str, Any]
+    held: PwmSurfaces
     levels: LevelFlows | None
     surfaces: dict[str, Any]
+
+    @property
+    def choice(self) -> SurfaceChoice | None:
+        """Both surfaces next to each other, where both were fitted."""
+        made = self.held.comparison
+        return made if isinstance(made, SurfaceChoice) else None
 
     @property
     def tag(self) -> str:
@@ -46,7 +54,7 @@ class _Measured:
 
 
 def surfaces_section(
-    valves: Mapping[str, Any], logs: Sequence[tuple[str | None, Log]], rig: Rig
+    valves: Valves, logs: Sequence[tuple[str | None, Log]], rig: Rig
 ) -> Section | None:
     """From the bundle's `valves` and the valve-pwm logs; None where no surface is fitted."""
     parts = _parts(valves, logs, rig)
@@ -64,21 +72,16 @@ def surfaces_section(
     return Section("surfaces", "PWM surfaces", intro, tuple(blocks))
 
 
-def _parts(
-    valves: Mapping[str, Any], logs: Sequence[tuple[str | None, Log]], rig: Rig
-) -> list[_Measured]:
-    from sysid.surfaces import surface_from_dict
-
+def _parts(valves: Valves, logs: Sequence[tuple[str | None, Log]], rig: Rig) -> list[_Measured]:
     found = []
-    for side, valve in sorted(valves.items()):
-        pwm = valve.get("pwm", {})
-        levels = _levels(side, logs, rig) if pwm else {}
+    for side, valve in sorted(valves.sides().items()):
+        levels = _levels(side, logs, rig) if valve.pwm is not None else {}
         for direction in _DIRECTIONS:
-            content = pwm.get(direction)
-            if content is None or not any(k in content for k in _NAMES):
+            held = valve.surfaces(direction)
+            if held is None or not held.surfaces():
                 continue
-            surfaces = {k: surface_from_dict(content[k]) for k in _NAMES if k in content}
-            found.append(_Measured(side, direction, content, levels.get(direction), surfaces))
+            surfaces = {kind: surface.model() for kind, surface in held.surfaces().items()}
+            found.append(_Measured(side, direction, held, levels.get(direction), surfaces))
     return found
 
 
@@ -105,24 +108,21 @@ def _comparison(parts: Sequence[_Measured]) -> HtmlTable:
     """Tables 3.7.2 to 3.7.4 of the thesis for these data."""
     rows = []
     for part in parts:
-        comparison = part.content.get("comparison") or {}
-        for kind in part.surfaces:
-            errors = part.content[kind].get("errors_duty", {})
-            held = errors.get("held_out") or {}
-            fitted = errors.get("fitted") or {}
+        choice = part.choice
+        for kind, surface in part.held.surfaces().items():
+            held, fitted = surface.errors("held_out"), surface.errors("fitted")
             judged = held or fitted
-            chosen = comparison.get("recommended") == kind
             rows.append(
                 (
                     f"{part.title}: {_NAMES[kind].lower()}",
-                    str(judged.get("n_parameters", MISSING)),
-                    number(_points(fitted.get("rmse"))),
-                    number(_points(held.get("rmse"))),
-                    number(judged.get("p95_error_points")),
-                    number(judged.get("max_error_points")),
-                    number(judged.get("max_relative_error_percent")),
-                    number(_points(comparison.get("noise_rmse"))),
-                    "use this" if chosen else "",
+                    MISSING if judged is None else str(judged.n_parameters),
+                    number(_points(_figure(fitted, "rmse"))),
+                    number(_points(_figure(held, "rmse"))),
+                    number(_figure(judged, "p95_error_points")),
+                    number(_figure(judged, "max_error_points")),
+                    number(_figure(judged, "max_relative_error_percent")),
+                    number(_points(_figure(choice, "noise_rmse"))),
+                    "use this" if choice and choice.recommended == kind else "",
                 )
             )
     columns = (
@@ -131,6 +131,11 @@ def _comparison(parts: Sequence[_Measured]) -> HtmlTable:
     )  # fmt: skip
     caption = "Both surfaces compared (thesis, Tables 3.7.2 to 3.7.4); errors in duty points"
     return table(caption, (*columns[:-1], "Choice"), rows, text=(8,))
+
+
+def _figure(of: DutyErrors | SurfaceChoice | None, name: str) -> float | None:
+    value = None if of is None else getattr(of, name)
+    return None if value is None else float(value)
 
 
 def _points(duty: float | None) -> float | None:
@@ -147,19 +152,18 @@ def _part_blocks(part: _Measured) -> list[Block]:
             "3.18). Grey: not visited, or outside the domain."
         )
         blocks.append(FigureGroup(caption, tuple(figures)))
-    reason = (part.content.get("comparison") or {}).get("reason")
     folded: list[Block] = []
     if "bipolynomial" in part.surfaces:
         folded.append(_coefficients(part))
     if "ann" in part.surfaces:
         folded.append(_weights(part))
-    study = part.content.get("resolution_study")
-    if study:
+    study = part.held.resolution_study
+    if isinstance(study, ResolutionRecord):
         folded.append(_resolution(study))
-    if reason:
+    if part.choice is not None:
         from sysid.report.blocks import Lines
 
-        blocks.append(Lines((f"Choice: {reason}.",)))
+        blocks.append(Lines((f"Choice: {part.choice.reason}.",)))
     if folded:
         blocks.append(Fold(f"{part.title}: coefficients and weights", tuple(folded)))
     return blocks
@@ -167,9 +171,9 @@ def _part_blocks(part: _Measured) -> list[Block]:
 
 def _coefficients(part: _Measured) -> HtmlTable:
     rows = []
-    for term in part.content["bipolynomial"]["coefficients"]:
-        value, std, interval, unit = estimate_cells(term)
-        rows.append((_powers(term["term"]), value, std, interval, _powers(unit)))
+    for term, estimate in part.surfaces["bipolynomial"].terms().items():
+        value, std, interval, unit = estimate_cells(estimate)
+        rows.append((_powers(term), value, std, interval, _powers(unit)))
     caption = f"{part.title}: bipolynomial (3.7.1), flow in kg/s, P in Pa"
     columns = ("Term", "Coefficient", "Std. error", "95 % interval", "Unit")
     return table(caption, columns, rows, text=(4,))
@@ -182,14 +186,13 @@ def _powers(text: str) -> str:
 
 
 def _weights(part: _Measured) -> HtmlTable:
-    ann = part.content["ann"]
-    hidden = ann["hidden_weights"]["value"]
-    bias, output = ann["hidden_bias"]["value"], ann["output_weights"]["value"]
+    ann = part.surfaces["ann"]
+    hidden, bias, output = ann.hidden_weights_, ann.hidden_bias_, ann.output_weights_
     rows = [
         (str(i + 1), number(w[0], 5), number(w[1], 5), number(b, 5), number(o, 5))
         for i, (w, b, o) in enumerate(zip(hidden, bias, output, strict=True))
     ]
-    rows.append(("output bias", "", "", number(float(ann["output_bias"]["value"]), 5), ""))
+    rows.append(("output bias", "", "", number(float(ann.output_bias_), 5), ""))
     caption = (
         f"{part.title}: network, inputs and output scaled; single weights have no interval, as "
         "many sets of them give one surface"
@@ -197,14 +200,14 @@ def _weights(part: _Measured) -> HtmlTable:
     return table(caption, ("Neuron", "From flow", "From pressure", "Bias", "To output"), rows)
 
 
-def _resolution(study: Mapping[str, Any]) -> HtmlTable:
+def _resolution(study: ResolutionRecord) -> HtmlTable:
     rows = [
-        (number(step), number(flow), str(n), "coarsest that will do" if step == study["coarsest"]
+        (number(step), number(flow), str(n), "coarsest that will do" if step == study.coarsest
          else "")
-        for step, flow, n in zip(study["steps"], study["max_flow"], study["tests"], strict=True)
+        for step, flow, n in zip(study.steps, study.max_flow, study.tests, strict=True)
     ]  # fmt: skip
     columns = ("Step of duty", "Largest mean flow (kg/s)", "Tests", "Remark")
-    return table("Resolution of duty (thesis, HtmlTable 3.7.1)", columns, rows, text=(3,))
+    return table("Resolution of duty (thesis, Table 3.7.1)", columns, rows, text=(3,))
 
 
 # --- figures ---------------------------------------------------------------------------

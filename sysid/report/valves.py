@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from sysid.bundle import DiscreteLaw, Valves
+from sysid.bundle.base import read_number
 from sysid.display.numbers import number, percent
+from sysid.estimation.linear import Estimate
 from sysid.identification.valve_discrete.held_chamber import DiscreteValve, pressure_curve
 from sysid.identification.valve_discrete.trials import Piece, screen
 from sysid.io.logs import Log
@@ -56,18 +58,18 @@ class _Curve:
 
 
 def discrete_section(
-    valves: Mapping[str, Any], logs: Sequence[tuple[str | None, Log]], rig: Rig
+    valves: Valves, logs: Sequence[tuple[str | None, Log]], rig: Rig
 ) -> Section | None:
     """From the bundle's `valves` and the valve-discrete logs; None where neither is fitted."""
-    fitted = {side: v["discrete"] for side, v in sorted(valves.items()) if "discrete" in v}
+    fitted = valves.discrete_laws()
     if not fitted:
         return None
     blocks: list[Block] = [_fit_table(fitted)]
-    for side, content in fitted.items():
+    for side, law in fitted.items():
         blocks.append(
-            parameters_table(f"Valve {side.upper()}", content, lambda k: _NAMES.get(k, k))
+            parameters_table(f"Valve {side.upper()}", law.estimates(), lambda k: _NAMES.get(k, k))
         )
-        curves = _curves(side, content, logs, rig)
+        curves = _curves(side, law, logs, rig)
         if curves:
             blocks.append(_figures(side, curves))
     intro = (
@@ -77,26 +79,26 @@ def discrete_section(
     return Section("valves", "On/off valves", intro, tuple(blocks))
 
 
-def _fit_table(fitted: Mapping[str, Any]) -> HtmlTable:
+def _fit_table(fitted: Mapping[str, DiscreteLaw]) -> HtmlTable:
     rows = [
         (
             f"Valve {side.upper()}",
-            str(len(c.get("tests", []))),
-            number(c.get("rmse_pa")),
-            number(c.get("noise_pa")),
-            percent(c.get("fit_percent"), 4),
+            str(len(law.tests) if isinstance(law.tests, list) else 0),
+            number(read_number(law.rmse_pa)),
+            number(read_number(law.noise_pa)),
+            percent(read_number(law.fit_percent), 4),
         )
-        for side, c in fitted.items()
+        for side, law in fitted.items()
     ]
     columns = ("Valve", "Tests", "RMSE (Pa)", "Sensor noise (Pa)", "Fit")
     return table("Fit of the pressure curves", columns, rows)
 
 
 def _curves(
-    side: str, content: Mapping[str, Any], logs: Sequence[tuple[str | None, Log]], rig: Rig
+    side: str, law: DiscreteLaw, logs: Sequence[tuple[str | None, Log]], rig: Rig
 ) -> list[_Curve]:
     """The fit tests' curves, simulated again from the bundle; none without all four flows."""
-    valve = _valve(content, rig)
+    valve = _valve(law, rig)
     curves: list[_Curve] = []
     if valve is None:
         return curves
@@ -111,17 +113,20 @@ def _curves(
     return curves
 
 
-def _valve(content: Mapping[str, Any], rig: Rig) -> DiscreteValve | None:
+def _valve(law: DiscreteLaw, rig: Rig) -> DiscreteValve | None:
     """The law of the bundle; a delay that is not identified is the rig file's."""
     delays = (rig.valves.on_delay_s, rig.valves.off_delay_s) if rig.valves else (0.0, 0.0)
     declared = dict(zip(_DELAYS, delays, strict=True))
     values: dict[str, float] = {}
     # The critical ratios in the bundle are a check; the law itself has 0.53.
     for name in (*_FLOWS, *_DELAYS):
-        found = (content.get(name) or {}).get("value")
-        if found is None and name in _FLOWS:
+        found = getattr(law, name)
+        if isinstance(found, Estimate) and found.identified:
+            values[name] = found.value
+        elif name in _FLOWS:
             return None
-        values[name] = declared[name] if found is None else float(found)
+        else:
+            values[name] = declared[name]
     return DiscreteValve(**values)
 
 

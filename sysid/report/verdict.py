@@ -7,9 +7,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+from sysid.bundle import Bundle
+from sysid.bundle.base import Part
 from sysid.diagnosis.wording import sentence
 from sysid.display.channels import Channel
 from sysid.display.numbers import number, percent
+from sysid.estimation.linear import Estimate
 from sysid.report.blocks import HtmlTable, table
 from sysid.report.shown_tests import MODEL_NAMES, shown_channels
 
@@ -51,7 +54,7 @@ class _Pooled:
 
 
 def verdict(
-    bundle: Mapping[str, Any],
+    bundle: Bundle,
     validation: ValidationResult | None,
     diagnosis: Mapping[str, Any] | None = None,
 ) -> ReportVerdict:
@@ -62,10 +65,14 @@ def verdict(
     return replace(judged, diagnosis=sentence(diagnosis))
 
 
-def _validated(bundle: Mapping[str, Any], validation: ValidationResult | None) -> ReportVerdict:
+def _validated(bundle: Bundle, validation: ValidationResult | None) -> ReportVerdict:
     notes = tuple(_unidentified(bundle))
     if validation is None:
-        parts = [n for k, n in (("friction", "friction"), ("valves", "the valves")) if k in bundle]
+        parts = [
+            n
+            for k, n in (("friction", "friction"), ("valves", "the valves"))
+            if k in bundle.given()
+        ]
         said = (
             f"Parameters of {' and '.join(parts) or 'nothing'} were identified; whether the model "
             "follows the rig's motion has not been tried (sysid validate does)."
@@ -199,13 +206,24 @@ def _positions() -> list[Channel]:
     return [c for c in ACTUATOR_CHANNELS if not c.key.startswith("pressure")]
 
 
-def _unidentified(content: Any, path: str = "") -> Iterator[str]:
+def _unidentified(bundle: Bundle) -> Iterator[str]:
     """One line a parameter of the bundle that the data do not identify."""
-    if not isinstance(content, Mapping):
+    for name in bundle.given():
+        part = getattr(bundle, name, None)
+        if isinstance(part, Part) and name in ("friction", "valves"):
+            yield from _unidentified_in(part, name)
+
+
+def _unidentified_in(part: Part, path: str) -> Iterator[str]:
+    if getattr(part, "identified", None) is False:
+        yield f"Not identified: {path} ({getattr(part, 'reason', '')})"
         return
-    if content.get("identified") is False:
-        yield f"Not identified: {path} ({content.get('reason', '')})"
-        return
-    for key, value in content.items():
-        if path or key in ("friction", "valves"):
-            yield from _unidentified(value, f"{path}.{key}" if path else str(key))
+    for key in part.given():
+        value = getattr(part, key, None)
+        held = value if isinstance(value, dict) else {"": value}
+        for name, one in held.items():
+            place = ".".join(filter(None, (path, key, name)))
+            if isinstance(one, Part):
+                yield from _unidentified_in(one, place)
+            elif isinstance(one, Estimate) and not one.identified:
+                yield f"Not identified: {place} ({one.reason})"

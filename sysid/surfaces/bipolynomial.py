@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sysid.errors import NotIdentifiedError, input_error
+from sysid.estimation.linear import Estimate
 from sysid.surfaces.domain import ROUNDING, Domain, Saturation
 from sysid.surfaces.estimator import Regressor, checked_samples, checked_weights, columns
 from sysid.surfaces.inverse import FlagArray, broadcast_inputs, finish, invert_quadratic
@@ -185,21 +186,34 @@ class Bipolynomial(Regressor):
         c0, c1, c2 = _powers(self.scaling_[0]).T @ by_duty
         return c2, c1, c0
 
+    def terms(self) -> dict[str, Estimate]:
+        """The coefficients by their terms ("u^1 P^2"), in the thesis' order and units."""
+        self._require_fitted()
+        return {
+            f"u^{i} P^{j}": Estimate(
+                float(value),
+                float(std),
+                "kg/s" if j == 0 else f"kg/(s Pa^{j})",
+                (float(interval[0]), float(interval[1])),
+            )
+            for (i, j), value, std, interval in zip(
+                EXPONENTS, self.coefficients_, self.std_, self.interval_, strict=True
+            )
+        }
+
     def to_dict(self) -> dict[str, Any]:
         """JSON-able: coefficients in the thesis' units with std and interval, scaling,
         domain, RMSE of flow. `from_dict` reads it."""
         self._require_fitted()
         terms = [
             {
-                "term": f"u^{i} P^{j}",
-                "value": float(value),
-                "std": float(std),
-                "interval": [float(end) for end in interval],
-                "unit": "kg/s" if j == 0 else f"kg/(s Pa^{j})",
+                "term": term,
+                "value": estimate.value,
+                "std": estimate.std,
+                "interval": list(estimate.interval),
+                "unit": estimate.unit,
             }
-            for (i, j), value, std, interval in zip(
-                EXPONENTS, self.coefficients_, self.std_, self.interval_, strict=True
-            )
+            for term, estimate in self.terms().items()
         ]
         return {
             "kind": "bipolynomial",

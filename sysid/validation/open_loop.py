@@ -9,23 +9,24 @@ with the horizon, as an open-loop position drifts.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
+from sysid.bundle import Bundle
 from sysid.bundle.assembled_model import (
-    SURFACE_KINDS,
-    model_from_bundle,
+    DISCRETE,
+    VALVE_MODELS,
     negative_friction,
     surfaces_from_bundle,
 )
-from sysid.bundle.content import check_log_unchanged, check_not_fitted
+from sysid.bundle.valves import SURFACE_KINDS
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.io.campaign import MOTION_KINDS, Campaign, CampaignLog
 from sysid.io.logs import Log
 from sysid.io.rig import Rig
-from sysid.model.effects.serialise import Catalogue
+from sysid.model.effects.entry import Catalogue
 from sysid.model.ports import Model, has_discrete_law
 from sysid.types import Progress
 from sysid.validation.judging import judged
@@ -40,9 +41,7 @@ from sysid.validation.results import (
 from sysid.validation.simulation import simulate_segments
 
 VALIDATED_KINDS = (*MOTION_KINDS, "friction-motion")
-DISCRETE = "discrete"
 _OFFSET_EFFECT = "torque-offset"
-VALVE_MODELS = (DISCRETE, *SURFACE_KINDS)
 _NO_VALVES = "fit valve-discrete tests of both valves, or valve-pwm tests, into the bundle"
 
 
@@ -68,9 +67,8 @@ class _ValveModel:
 
 def validate(
     campaign: Campaign,
-    bundle: Mapping[str, Any],
+    bundle: Bundle,
     *,
-    bundle_path: Path = Path("bundle.json"),
     kinds: Iterable[str] = VALIDATED_KINDS,
     catalogue: Catalogue | None = None,
     progress: Progress | None = None,
@@ -78,16 +76,15 @@ def validate(
     """Simulate every motion log of a campaign open loop with a bundle's parameters.
 
     The rig is the campaign's: it says what the tests were run with (payload, supply).
-    `bundle_path` names the bundle in messages; `catalogue` knows its effects (None: the
-    project's own); `progress` is told what is being done. Raises InputError where a log cannot
+    `catalogue` knows the bundle's effects (None: the project's own); `progress` is told what
+    is being done. Raises InputError where a log cannot
     be validated (missing channels, gaps, a start in motion), has changed since it was fitted
     on, or is held out though it was fitted on, and for an effect that is not known; and
     NotIdentifiedError where the bundle holds no valve model that applies.
     """
     tell = progress or (lambda line: None)
     rig = campaign.rig
-    notices = [*_other_rig(bundle, rig, bundle_path), *_offset(bundle, rig, bundle_path)]
-    notices += negative_friction(bundle, str(bundle_path))
+    notices = [*_other_rig(bundle, rig), *_offset(bundle, rig), *negative_friction(bundle)]
     entries = campaign.select(tuple(kinds), use=None)
     if not entries:
         raise input_error(
@@ -95,12 +92,12 @@ def validate(
             "holds no motion log",
             f"add a [[log]] of kind {', '.join(MOTION_KINDS)} to validate on",
         )
-    model = model_from_bundle(bundle, rig, str(bundle_path), catalogue)
-    valve_models = _valve_models(bundle, rig, model, bundle_path, entries, notices)
+    model = bundle.model(rig, catalogue)
+    valve_models = _valve_models(bundle, rig, model, entries, notices)
     cases: list[_Case] = []
     for entry in entries:
         tell(f"reading {entry.file}")
-        cases += _read(campaign, entry, bundle, bundle_path, notices)
+        cases += _read(campaign, entry, bundle, notices)
     logs: list[LogResult] = []
     for valves in valve_models:
         chosen = [c for c in cases if valves.applies(c.entry.kind)]
@@ -114,37 +111,39 @@ def _in_order(logs: Sequence[LogResult], entries: Sequence[CampaignLog]) -> list
     return sorted(logs, key=lambda g: places[g.file, g.kind, g.use])
 
 
-def _other_rig(bundle: Mapping[str, Any], rig: Rig, path: Path) -> list[str]:
-    sections = sorted(set(bundle["rig"]) | set(rig.content))
-    other = [s for s in sections if bundle["rig"].get(s) != rig.content.get(s)]
+def _other_rig(bundle: Bundle, rig: Rig) -> list[str]:
+    fitted = bundle.rig_content
+    sections = sorted(set(fitted) | set(rig.content))
+    other = [s for s in sections if fitted.get(s) != rig.content.get(s)]
     if not other:
         return []
     return [
-        f"{path}: fitted with another rig file than {rig.source} "
+        f"{bundle.source}: fitted with another rig file than {rig.source} "
         f"({', '.join(f'[{s}]' for s in other)} differ); the campaign's is used"
     ]
 
 
-def _offset(bundle: Mapping[str, Any], rig: Rig, path: Path) -> list[str]:
+def _offset(bundle: Bundle, rig: Rig) -> list[str]:
     """A real offset that the friction fit found is an effect, and not in the base model."""
-    if any(effect["id"] == _OFFSET_EFFECT for effect in bundle["effects"]):
+    if any(effect.id == _OFFSET_EFFECT for effect in bundle.effects):
+        return []
+    friction = bundle.friction
+    if friction is None:
         return []
     unit = "N" if rig.is_linear else "Nm"
-    offset = bundle.get("friction", {}).get(f"offset_{unit.lower()}", {})
-    low, high = offset.get("interval", (None, None))
-    if low is None or high is None or low <= 0.0 <= high:
+    offset = friction.offset_n if rig.is_linear else friction.offset_nm
+    if offset is None or not all(map(math.isfinite, offset.interval)) or offset.holds(0.0):
         return []
     return [
-        f"{path}: the friction tests show an offset of {offset['value']:.3g} {unit}, which the "
-        "base model does not have: the position may drift by it"
+        f"{bundle.source}: the friction tests show an offset of {offset.value:.3g} {unit}, which "
+        "the base model does not have: the position may drift by it"
     ]
 
 
 def _valve_models(
-    bundle: Mapping[str, Any],
+    bundle: Bundle,
     rig: Rig,
     model: Model,
-    path: Path,
     entries: Sequence[CampaignLog],
     notices: list[str],
 ) -> list[_ValveModel]:
@@ -153,34 +152,33 @@ def _valve_models(
         found.append(_ValveModel(DISCRETE, ()))
     if any(e.kind == "motion-pwm" for e in entries):
         for kind in SURFACE_KINDS:
-            surfaces = surfaces_from_bundle(bundle, rig, kind, str(path))
+            surfaces = surfaces_from_bundle(bundle, rig, kind)
             if surfaces is not None:
                 found.append(_ValveModel(kind, surfaces))
     missing = sorted({e.file for e in entries if not any(m.applies(e.kind) for m in found)})
     if len(missing) == len({e.file for e in entries}):
         raise NotIdentifiedError(
-            f"{path}: holds no valve model of both valves to simulate {missing[0]} with; "
+            f"{bundle.source}: holds no valve model of both valves to simulate {missing[0]} with; "
             f"{_NO_VALVES}"
         )
     absent = [name for name in VALVE_MODELS if name not in {m.name for m in found}]
     if any(e.kind == "motion-pwm" for e in entries) and absent:
-        notices.append(f"{path}: holds no {' and no '.join(absent)} model of both valves")
+        notices.append(f"{bundle.source}: holds no {' and no '.join(absent)} model of both valves")
     if missing:
-        notices.append(f"{path}: no valve model for {', '.join(missing)}; {_NO_VALVES}")
+        notices.append(f"{bundle.source}: no valve model for {', '.join(missing)}; {_NO_VALVES}")
     return found
 
 
 def _read(
     campaign: Campaign,
     entry: CampaignLog,
-    bundle: Mapping[str, Any],
-    bundle_path: Path,
+    bundle: Bundle,
     notices: list[str],
 ) -> list[_Case]:
     log = campaign.read(entry)
-    check_log_unchanged(bundle, log, entry.kind, bundle_path)
+    bundle.check_log_unchanged(log, entry.kind)
     if entry.use == "holdout":
-        check_not_fitted(bundle, log, bundle_path)
+        bundle.check_not_fitted(log)
     notices += log.notices
     cases = []
     for trial in log.trials:

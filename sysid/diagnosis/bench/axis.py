@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from sysid import signals
+from sysid.bundle import Bundle, Friction, Parts
 from sysid.diagnosis.bench.component import Component, Law, bends, law_held, rmse, smallest_probe
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.linear import Estimate
@@ -187,15 +188,15 @@ class Axis(Component):
                 found.append(bends(left, lag)[near <= 3 * lag * step])
         return rmse(found)
 
-    def part(self, estimates: Mapping[str, Estimate]) -> dict[str, Any]:
-        return {"friction": {name: e.to_json() for name, e in estimates.items()}}
+    def part(self, estimates: Mapping[str, Estimate]) -> Parts:
+        return Parts(friction=Friction.model_validate(dict(estimates)))
 
-    def law_of(self, bundle: Mapping[str, Any]) -> Law:
+    def law_of(self, bundle: Bundle) -> Law:
         u = units_of(self.rig)
         tests = "friction-motion or friction-sliding tests"
         names = [p.name for p in self.parameters()]
         offset = {u.offset: 0.0} if u.offset in names else {}
-        return law_held("friction", bundle.get("friction", {}), names, tests, **offset)
+        return law_held("friction", bundle.friction, names, tests, **offset)
 
     def further_errors(self, law: Law) -> dict[str, tuple[float, float]]:
         """Of the position, simulated open loop over each whole trial from its first row.

@@ -7,10 +7,11 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from sysid.bundle import Bundle, Parts
+from sysid.bundle.base import Part
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import Parameter
@@ -70,14 +71,11 @@ class Component(ABC):
         """What a residual may depend on, by name, the tests end to end."""
 
     @abstractmethod
-    def part(self, estimates: Mapping[str, Estimate]) -> dict[str, Any]:
-        """What a bundle holds of the law: top-level keys with `Estimate.to_json` objects.
-
-        `estimates` are those of `parameters`, by name.
-        """
+    def part(self, estimates: Mapping[str, Estimate]) -> Parts:
+        """What a bundle holds of the law; `estimates` are those of `parameters`, by name."""
 
     @abstractmethod
-    def law_of(self, bundle: Mapping[str, Any]) -> Law:
+    def law_of(self, bundle: Bundle) -> Law:
         """The law that a bundle holds, without effects. Raises NotIdentifiedError."""
 
     @property
@@ -108,20 +106,22 @@ class Component(ABC):
 
 
 def law_held(
-    section: str, held: Mapping[str, Any], names: Sequence[str], tests: str, **absent: float
+    section: str, held: Part | None, names: Sequence[str], tests: str, **absent: float
 ) -> Law:
-    """The law of these names out of `held`, a bundle's `section` of `Estimate.to_json` objects.
+    """The law of these names out of `held`, a bundle's `section` (None: the bundle has none).
 
     `absent` holds what a name stands at where it is not there. Raises NotIdentifiedError that
     says which `tests` to fit.
     """
     values = dict(absent)
     for name in names:
-        content = held.get(name) or {}
-        if content.get("value") is not None:
-            values[name] = float(content["value"])
+        estimate = None if held is None else getattr(held, name, None)
+        if isinstance(estimate, Estimate) and estimate.identified:
+            values[name] = estimate.value
         elif name not in absent:
-            reason = content.get("reason", "the bundle does not hold it")
+            reason = "the bundle does not hold it"
+            if isinstance(estimate, Estimate):
+                reason = estimate.reason or ""
             raise NotIdentifiedError(
                 f"{section}: {name} is not identified ({reason}); fit {tests} into the bundle"
             )

@@ -15,10 +15,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
+from sysid.bundle import Bundle, Friction, Parts
 from sysid.diagnosis.bench.component import Component, Law, law_held, probes, shapes
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.estimation.linear import Estimate
@@ -241,7 +241,7 @@ class FrictionPoints(Component):
         steps = np.diff(left[np.argsort(cells)])
         return math.sqrt(0.5 * float(np.mean(steps**2))) if len(steps) else math.nan
 
-    def part(self, estimates: Mapping[str, Estimate]) -> dict[str, Any]:
+    def part(self, estimates: Mapping[str, Estimate]) -> Parts:
         u = self.units
         units = {u.static: u.effort, u.coulomb: u.effort, u.viscous: u.viscous_unit}
         wanted = "steady motion" if self.is_breakaway else "breakaway"
@@ -249,11 +249,11 @@ class FrictionPoints(Component):
         found = {
             n: estimates.get(n, Estimate.unidentified(unit, reason)) for n, unit in units.items()
         }
-        return {"friction": {name: estimate.to_json() for name, estimate in found.items()}}
+        return Parts(friction=Friction.model_validate(found))
 
-    def law_of(self, bundle: Mapping[str, Any]) -> Law:
+    def law_of(self, bundle: Bundle) -> Law:
         names = [p.name for p in self.parameters()]
-        return law_held("friction", bundle.get("friction", {}), names, f"{KIND} readings")
+        return law_held("friction", bundle.friction, names, f"{KIND} readings")
 
 
 def friction_points(trials: Sequence[Trial], rig: Rig) -> FrictionPoints:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
 
+from sysid.bundle import Bundle
 from sysid.diagnosis.bench.axis import axis
 from sysid.diagnosis.bench.component import Component
 from sysid.diagnosis.bench.friction_readings import KIND as FRICTION_POINTS
@@ -17,6 +17,7 @@ from sysid.diagnosis.bench.valve_time import KIND as VALVE_TIME
 from sysid.diagnosis.bench.valve_time import valve_time
 from sysid.errors import input_error
 from sysid.io.campaign import BENCH_KINDS, MOTION_KINDS
+from sysid.io.channels import SIDES
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 
@@ -30,7 +31,7 @@ _BUILDERS: dict[str, Callable[[Sequence[Trial], Rig], Component]] = {
 }
 
 
-def part_tested(kinds: Sequence[str], bundle: Mapping[str, Any]) -> str | None:
+def part_tested(kinds: Sequence[str], bundle: Bundle) -> str | None:
     """The kind of test by which a campaign is a part's; None: it is a whole actuator's.
 
     `kinds` of its logs. An axis is a part where the bundle lacks the flow law of a valve, so
@@ -44,8 +45,8 @@ def part_tested(kinds: Sequence[str], bundle: Mapping[str, Any]) -> str | None:
         )
     if bench:
         return bench[0]
-    laws = [bundle.get("valves", {}).get(side, {}) for side in ("a", "b")]
-    whole = all("discrete" in law for law in laws) or set(kinds) & set(MOTION_KINDS)
+    laws = [bundle.valve(side).discrete for side in SIDES]
+    whole = None not in laws or set(kinds) & set(MOTION_KINDS)
     return AXIS if AXIS in kinds and not whole else None
 
 

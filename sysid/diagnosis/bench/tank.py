@@ -10,10 +10,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from sysid.bundle import Bundle, DiscreteLaw, Parts, Valve, Valves
 from sysid.diagnosis.bench.component import Component, Law, law_held, smallest_probe
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.estimation.linear import Estimate
@@ -160,7 +160,7 @@ class TankComponent(Component):
             "pressure_a_pa": np.concatenate([d.pressure for d in chosen]),
         }
 
-    def part(self, estimates: Mapping[str, Estimate]) -> dict[str, Any]:
+    def part(self, estimates: Mapping[str, Estimate]) -> Parts:
         unasked = Estimate.unidentified(
             "", "a tank's discharge holds no flow through an open valve from a supply"
         )
@@ -175,11 +175,11 @@ class TankComponent(Component):
             "choked_flow_fill_kg_s": unasked,
             "choked_flow_dis_kg_s": estimates.get("choked_flow_dis_kg_s", unreached),
         }
-        return {"valves": {"a": {"discrete": {k: e.to_json() for k, e in law.items()}}}}
+        return Parts(valves=Valves(a=Valve(discrete=DiscreteLaw.model_validate(law))))
 
-    def law_of(self, bundle: Mapping[str, Any]) -> Law:
+    def law_of(self, bundle: Bundle) -> Law:
         names = [p.name for p in self.parameters()]
-        discrete = bundle.get("valves", {}).get("a", {}).get("discrete", {})
+        discrete = bundle.valve("a").discrete
         return law_held("valves.a.discrete", discrete, names, f"{KIND} tests")
 
 

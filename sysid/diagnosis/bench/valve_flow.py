@@ -11,11 +11,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sysid.bundle import Bundle, Parts, Valve, Valves
+from sysid.bundle.valves import SteadyLaw
 from sysid.diagnosis.bench.component import Component, Law, bends, law_held, probes, rmse
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.linear import Estimate
@@ -192,11 +193,12 @@ class ValveFlow(Component):
             if (way == sign).any()
         }
 
-    def part(self, estimates: Mapping[str, Estimate]) -> dict[str, Any]:
-        return {"valves": {"a": {"steady": {PARAMETER: estimates[PARAMETER].to_json()}}}}
+    def part(self, estimates: Mapping[str, Estimate]) -> Parts:
+        law = SteadyLaw(**{PARAMETER: estimates[PARAMETER]})
+        return Parts(valves=Valves(a=Valve(steady=law)))
 
-    def law_of(self, bundle: Mapping[str, Any]) -> Law:
-        steady = bundle.get("valves", {}).get("a", {}).get("steady", {})
+    def law_of(self, bundle: Bundle) -> Law:
+        steady = bundle.valve("a").steady
         return law_held("valves.a.steady", steady, [PARAMETER], f"{KIND} tests")
 
 

@@ -11,10 +11,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from sysid.bundle import Bundle, Parts, Valve, Valves
+from sysid.bundle.valves import TimingLaw
 from sysid.diagnosis.bench.component import Component, Law, bends, law_held, probes, rmse
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.estimation.linear import Estimate
@@ -160,15 +161,15 @@ class ValveTime(Component):
                 found[name] = rmse(self.residuals(law, tests)), floor
         return found
 
-    def part(self, estimates: Mapping[str, Estimate]) -> dict[str, Any]:
+    def part(self, estimates: Mapping[str, Estimate]) -> Parts:
         absent = Estimate.unidentified(
             "s", f"no {KIND} test in this direction; a sweep of its duty would identify it"
         )
-        timing = {name: estimates.get(name, absent).to_json() for name in PARAMETERS}
-        return {"valves": {"a": {"timing": timing}}}
+        law = TimingLaw(**{name: estimates.get(name, absent) for name in PARAMETERS})
+        return Parts(valves=Valves(a=Valve(timing=law)))
 
-    def law_of(self, bundle: Mapping[str, Any]) -> Law:
-        timing = bundle.get("valves", {}).get("a", {}).get("timing", {})
+    def law_of(self, bundle: Bundle) -> Law:
+        timing = bundle.valve("a").timing
         names = [p.name for p in self.parameters()]
         return law_held("valves.a.timing", timing, names, f"{KIND} tests in that direction")
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid.bundle import Bundle, Parts
 from sysid.diagnosis.actuator.result import BeforeAfter, FoundEffect, Verdict
 from sysid.diagnosis.bench.component import Component, Law, rmse
 from sysid.diagnosis.bench.registry import component_of
@@ -44,7 +45,7 @@ class ComponentDiagnosis:
     unexplained: tuple[BinnedResidual, ...]
     curves: tuple[BinnedResidual, ...]
     selection: Selection
-    part: Mapping[str, Any]
+    part: Parts
     notices: tuple[str, ...]
     seed: int = 0
 
@@ -87,7 +88,7 @@ def diagnose_component(
     fitted: Sequence[Trial],
     held_out: Sequence[Trial],
     rig: Rig,
-    bundle: Mapping[str, Any],
+    bundle: Bundle,
     catalogue: Mapping[str, type[CatalogueEffect]],
     progress: Callable[[str], None] = lambda line: None,
 ) -> ComponentDiagnosis:

@@ -12,8 +12,7 @@ from types import ModuleType
 
 from sysid.errors import input_error
 from sysid.model.effects import bench, chamber, friction, linkage, motor, sensor, supply, valve
-from sysid.model.effects.entry import CatalogueEffect, Quantity
-from sysid.model.effects.serialise import Catalogue
+from sysid.model.effects.entry import Catalogue, CatalogueEffect, Quantity
 
 AMBIGUOUS_CLASSES: tuple[frozenset[str], ...] = (
     frozenset(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, Self
 
@@ -86,6 +86,10 @@ class CatalogueEffect(Effect):
     def typical(cls, **fields: Any) -> Self:
         """The effect at its usual size, or as given."""
         return cls(**{q.name: q.typical for q in cls.quantities} | fields)
+
+
+Catalogue = Mapping[str, type[CatalogueEffect]]
+"""Effects by their ids."""
 
 
 def with_values(

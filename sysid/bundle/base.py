@@ -1,0 +1,159 @@
+"""What every part of a bundle has in common: typed fields, nothing lost, the file's own order."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any, Self, TypeAlias, TypeVar
+
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    GetCoreSchemaHandler,
+    PrivateAttr,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    WithJsonSchema,
+    model_serializer,
+    model_validator,
+)
+from pydantic.functional_validators import ModelWrapValidatorHandler
+from pydantic.json_schema import SkipJsonSchema
+from pydantic_core import core_schema
+
+from sysid.estimation.linear import Estimate
+
+Number = Annotated[int | float, WithJsonSchema({"type": "number"})]
+"""A number as the file has it: a whole one stays whole."""
+
+
+class Part(BaseModel):
+    """A part of a bundle. Keys that no field has are kept, and so is the order of all keys.
+
+    A field that was not given is None and is not written.
+    """
+
+    model_config = ConfigDict(
+        extra="allow", frozen=True, arbitrary_types_allowed=True, protected_namespaces=()
+    )
+
+    _order: tuple[str, ...] = PrivateAttr(())
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _remember_order(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        made = handler(data)
+        if isinstance(data, dict) and not made._order:
+            made._order = tuple(data)
+        return made
+
+    @model_serializer(mode="wrap")
+    def _in_order(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        content = handler(self)
+        return {key: content[key] for key in self.given()}
+
+    def given(self) -> tuple[str, ...]:
+        """The keys that were given, in the file's order, then those that were added since."""
+        names = {field.alias or name: name for name, field in type(self).model_fields.items()}
+        given = self.model_fields_set
+        kept = [key for key in self._order if names.get(key, key) in given]
+        added = [key for key, name in names.items() if name in given]
+        return tuple(dict.fromkeys([*kept, *added, *(self.model_extra or {})]))
+
+    def to_json(self) -> dict[str, Any]:
+        """The part as the file holds it."""
+        return self.model_dump(by_alias=True)
+
+    def replaced(self, **fields: Any) -> Self:
+        """A copy with other values in these fields; None takes one out."""
+        made = self.model_copy(update={k: v for k, v in fields.items() if v is not None})
+        for name in (k for k, v in fields.items() if v is None):
+            made.__dict__[name] = None
+            made.__pydantic_fields_set__.discard(name)
+        return made
+
+    def overlaid(self, other: Self) -> Self:
+        """A copy with everything that `other` holds, level by level."""
+        fields = {}
+        for key in other.given():
+            old, new = getattr(self, key, None), getattr(other, key)
+            if isinstance(old, Part) and isinstance(new, Part):
+                new = old.overlaid(new)
+            fields[key] = new
+        return self.replaced(**fields)
+
+    def estimates(self) -> dict[str, Estimate]:
+        """The fitted numbers of this part by key, in its order."""
+        values = {key: getattr(self, key) for key in self.given() if key.isidentifier()}
+        return {key: value for key, value in values.items() if isinstance(value, Estimate)}
+
+
+@dataclass(frozen=True)
+class Unread:
+    """Content of another form than the one that sysid writes, kept as it stands in the file."""
+
+    value: Any
+
+
+def read_number(value: int | float | Unread | None) -> float | None:
+    """The number of a lenient field; None where there is none."""
+    return float(value) if isinstance(value, int | float) else None
+
+
+@dataclass(frozen=True)
+class _OrUnread:
+    """Marks a field whose content, where it has not the field's form, is kept as `Unread`.
+
+    `form` is all that the JSON schema asks of it.
+    """
+
+    form: tuple[tuple[str, str], ...] = ()
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> core_schema.CoreSchema:
+        return core_schema.no_info_wrap_validator_function(
+            _or_unread,
+            handler(source),
+            serialization=core_schema.wrap_serializer_function_ser_schema(_written),
+        )
+
+    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
+        return dict(self.form)
+
+
+def _or_unread(value: Any, handler: Callable[[Any], Any]) -> Any:
+    if isinstance(value, Unread):
+        return value
+    try:
+        return handler(value)
+    except ValidationError:
+        return Unread(value)
+
+
+def _written(value: Any, handler: SerializerFunctionWrapHandler) -> Any:
+    return value.value if isinstance(value, Unread) else handler(value)
+
+
+if TYPE_CHECKING:
+    T = TypeVar("T")
+    Absent: TypeAlias = T | None
+    Lenient: TypeAlias = T | Unread
+else:
+
+    class Absent:
+        """`Absent[T]`: a T, or the key is not there; a null in its place is an error."""
+
+        def __class_getitem__(cls, kind: Any) -> Any:
+            return kind | SkipJsonSchema[None]
+
+    class Lenient:
+        """`Lenient[T]`: a T, or whatever else stands there, as `Unread`."""
+
+        def __class_getitem__(cls, kind: Any) -> Any:
+            is_part = isinstance(kind, type) and issubclass(kind, Part)
+            form = (("type", "object"),) if is_part else ()
+            return Annotated[kind, _OrUnread(form)]
+
+
+__all__ = ["Absent", "Lenient", "Number", "Part", "Unread", "read_number"]

@@ -1,0 +1,65 @@
+"""Where a bundle comes from: its logs with their digests, seeds and options."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Annotated, Literal
+
+from pydantic import Field, JsonValue, StringConstraints
+
+from sysid.bundle.base import Absent, Part
+from sysid.io.source import Source
+
+Digest = Annotated[str, StringConstraints(pattern="^[0-9a-f]{64}$")]
+
+
+class LogRecord(Part):
+    """A log of the bundle's campaign: the name of its file alone, SHA-256, use and kind."""
+
+    file: str
+    sha256: Digest
+    use: Literal["fit", "holdout"]
+    kind: Absent[str] = None
+
+    @property
+    def family(self) -> str:
+        """What its kind is fitted to: a partial fit of friction calls all its kinds so."""
+        return family(self.kind or "")
+
+
+class Provenance(Part):
+    """The logs that a bundle was fitted on or that its campaign holds out; seeds, options."""
+
+    logs: list[LogRecord]
+    seeds: dict[str, JsonValue] = Field(default_factory=dict)
+    options: dict[str, JsonValue] = Field(default_factory=dict)
+
+    def with_logs(self, logs: Iterable[LogRecord]) -> Provenance:
+        """With these logs too, each once."""
+        known = {(e.sha256, e.kind, e.use): e for e in [*self.logs, *logs]}
+        return self.replaced(logs=list(known.values()))
+
+    def merged(self, other: Provenance, *, other_has_friction: bool) -> Provenance:
+        """Of a bundle that takes in parts of another.
+
+        Friction is replaced whole, and its logs with it; valves may come one by one.
+        """
+        kept = [e for e in self.logs if not (other_has_friction and e.family == "friction")]
+        return Provenance(
+            logs=kept,
+            seeds={**self.seeds, **other.seeds},
+            options={**self.options, **other.options},
+        ).with_logs(other.logs)
+
+
+def family(kind: str) -> str:
+    """What a kind of log is fitted to."""
+    return "friction" if kind.startswith("friction") else kind
+
+
+def records(sources: Iterable[Source]) -> list[LogRecord]:
+    """Logs as a campaign or a reader gives them, as a bundle lists them."""
+    return [LogRecord.model_validate(s.to_json()) for s in sources]
+
+
+__all__ = ["LogRecord", "Provenance", "family", "records"]
