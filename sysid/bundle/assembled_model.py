@@ -23,8 +23,8 @@ from sysid.model.base import (
 from sysid.model.effects.catalogue import catalogue_with
 from sysid.model.effects.linear import for_rig
 from sysid.model.effects.serialise import Catalogue, effect_from_dict
-from sysid.model.ports import Effect, Model
-from sysid.model.trials import simulate_trials
+from sysid.model.ports import Effect, Model, has_discrete_law
+from sysid.model.trials import DISCRETE, simulate_trials
 from sysid.types import FloatArray
 
 SURFACE_KINDS = ("bipolynomial", "ann")
@@ -283,9 +283,6 @@ def _value_or(estimate: Mapping[str, Any] | None, default: float) -> float:
     return default if value is None else float(value)
 
 
-DISCRETE = "discrete"
-
-
 VALVE_MODELS = (DISCRETE, "bipolynomial", "ann")
 
 
@@ -311,6 +308,23 @@ def surfaces_for(
     return surfaces
 
 
+def first_valve_model(
+    bundle: Mapping[str, Any], rig: Rig, parameters: Parameters, where: str
+) -> str:
+    """The discrete law where the bundle has it, else the first kind of surface that it has.
+
+    Raises NotIdentifiedError where it holds no model of both valves.
+    """
+    if has_discrete_law(parameters):
+        return DISCRETE
+    for name in VALVE_MODELS[1:]:
+        if surfaces_from_bundle(bundle, rig, name, where) is not None:
+            return name
+    raise NotIdentifiedError(
+        f"{where}: holds no model of both valves; fit valve-discrete tests of both into it"
+    )
+
+
 def simulate_bundle(
     trials: Sequence[Trial],
     rig: Rig,
@@ -328,6 +342,7 @@ __all__ = [
     "SURFACE_KINDS",
     "TabulatedSurfaces",
     "effects_from_bundle",
+    "first_valve_model",
     "friction_keys",
     "model_from_bundle",
     "negative_friction",

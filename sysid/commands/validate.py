@@ -1,17 +1,42 @@
-"""From a campaign and a bundle to a validated bundle and its report: `sysid validate`."""
+"""`sysid validate`: a campaign and a bundle in, the validated bundle and its report out."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import click
+
 from sysid.bundle.content import add_sources, read_bundle, write_bundle
-from sysid.checks.log_check import check_log
+from sysid.checks.log_check import check_campaign
+from sysid.commands.options import (
+    PathArgument,
+    bundle_option,
+    campaign_argument,
+    effects_option,
+    json_option,
+    report_option,
+)
+from sysid.commands.printing import notices, print_json, print_written, progress, validation_table
+from sysid.display.terminal import console
 from sysid.io.campaign import read_campaign
 from sysid.model.effects.catalogue import catalogue_with
-from sysid.validation import validate
+from sysid.types import Progress, no_progress
+from sysid.validation import validate as validate_bundle
+
+
+@click.command()
+@campaign_argument
+@bundle_option
+@report_option
+@click.option("-o", "output", type=PathArgument, help="Write the bundle with its validation.")
+@effects_option
+@json_option
+def validate(campaign: Path, bundle: Path, as_json: bool, **options: Any) -> None:
+    """Open-loop simulation of a bundle's model against a campaign's motion logs."""
+    validated = validate_campaign(campaign, bundle, progress=progress(), **options)
+    _show(validated, as_json)
 
 
 @dataclass(frozen=True)
@@ -31,6 +56,16 @@ class Validated:
         }
 
 
+def _show(validated: Validated, as_json: bool) -> None:
+    """The errors of every log, and what was written."""
+    notices(validated.notices)
+    if as_json:
+        print_json(validated.to_json())
+        return
+    console().print(validation_table(validated.validation))
+    print_written(validated.written)
+
+
 def validate_campaign(
     campaign_path: Path,
     bundle_path: Path,
@@ -38,7 +73,7 @@ def validate_campaign(
     report: Path | None = None,
     output: Path | None = None,
     effects: Path | None = None,
-    progress: Callable[[str], None] = lambda line: None,
+    progress: Progress = no_progress,
 ) -> Validated:
     """Simulate a campaign's motion logs open loop with a bundle's model.
 
@@ -47,7 +82,7 @@ def validate_campaign(
     """
     campaign = read_campaign(campaign_path)
     bundle = read_bundle(bundle_path)
-    result = validate(
+    result = validate_bundle(
         campaign,
         bundle,
         bundle_path=bundle_path,
@@ -63,13 +98,12 @@ def validate_campaign(
     if report is not None:
         from sysid.report import write_report
 
-        checks = [check_log(campaign.read(entry), campaign.rig) for entry in campaign.logs]
         write_report(
             report,
             campaign=campaign,
             bundle=bundle,
             validation=result,
-            checks=checks,
+            checks=check_campaign(campaign),
             progress=progress,
         )
         written.append(report)
