@@ -16,6 +16,7 @@ from sysid.bundle.content import (
 from sysid.diagnosis import Diagnosis, diagnose
 from sysid.diagnosis.bench.registry import part_tested
 from sysid.diagnosis.bench.verdict import ComponentDiagnosis, diagnose_component
+from sysid.estimation.linear import Estimate
 from sysid.io.campaign import Campaign, CampaignLog
 from sysid.io.logs import Log
 from sysid.io.rig import Rig
@@ -142,25 +143,22 @@ def _renew_part(content: dict[str, Any], part: Mapping[str, Any]) -> None:
 def _renew_model(found: dict[str, Any], diagnosis: Diagnosis, rig: Rig) -> None:
     unit = ("n", "n_s_per_m") if rig.is_linear else ("nm", "nm_s_per_rad")
     p, std = diagnosis.model.parameters, diagnosis.base_std
+    dof = diagnosis.base_dof
     friction = {"coulomb_effort": f"coulomb_{unit[0]}", "viscous": f"viscous_{unit[1]}"}
     for name, key in friction.items():
-        _renew(found["friction"], key, float(getattr(p, name)), std.get(name))
+        _renew(found["friction"], key, float(getattr(p, name)), std.get(name), dof)
     for side in ("a", "b"):
         law = found.get("valves", {}).get(side, {}).get("discrete", {})
         for name, key in _LAWS.items():
-            _renew(law, key, float(getattr(p, f"{name}_{side}")), std.get(f"{name}_{side}"))
+            value = float(getattr(p, f"{name}_{side}"))
+            _renew(law, key, value, std.get(f"{name}_{side}"), dof)
 
 
-def _renew(part: dict[str, Any], key: str, value: float, std: float | None) -> None:
-    """A parameter's new value; its old interval belongs to the old one."""
+def _renew(part: dict[str, Any], key: str, value: float, std: float | None, dof: float) -> None:
+    """A parameter's new value with its 95 % interval; the old one belongs to the old value."""
     if key not in part or std is None:
         return
-    part[key] = {
-        "value": value,
-        "std": std,
-        "unit": part[key].get("unit", ""),
-        "interval": [value - 1.96 * std, value + 1.96 * std],
-    }
+    part[key] = Estimate.symmetric(value, std, part[key].get("unit", ""), dof).to_json()
 
 
 __all__ = ["diagnose_logs", "extended_bundle"]

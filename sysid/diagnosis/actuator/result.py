@@ -93,6 +93,11 @@ class Diagnosis:
         """Standard errors of the refitted base parameters, in their units."""
         return self.loop.search.base_std
 
+    @property
+    def base_dof(self) -> int:
+        """Degrees of freedom that these standard errors have."""
+        return self.loop.search.base_dof
+
     def to_json(self) -> dict[str, Any]:
         """What `sysid diagnose --json` prints (spec/cli.md)."""
         return {

@@ -112,6 +112,12 @@ class Search:
     base_std: Mapping[str, float]
     suspects: tuple[Suspect, ...]
 
+    @property
+    def base_dof(self) -> int:
+        """Degrees of freedom of `base_std`: rows less base parameters and effects' numbers."""
+        rows, columns = self.last.basis.shape
+        return rows - columns
+
     def estimates(self, place: int) -> dict[str, Estimate]:
         """An effect's numbers by name, with intervals from leaving out one test at a time."""
         assert self.joint is not None
