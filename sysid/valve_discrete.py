@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sysid.bundle import DiscreteLaw, Parts, Valve, Valves
+from sysid.bundle import DiscreteLaw, FittedValves, Parts, Valve
 from sysid.errors import InputError, NotIdentifiedError, input_error
 from sysid.estimation.linear import Estimate
 from sysid.identification.valve_discrete.curve import DELAYS, FLOWS, UNITS, CurveFit, fit_curves
@@ -100,7 +100,7 @@ class ValveDiscreteResult:
     def part(self) -> Parts:
         """The bundle's `valves`, each with its on/off law."""
         found = {name: Valve(discrete=fit.law()) for name, fit in self.valves.items()}
-        return Parts(valves=Valves(**found))
+        return Parts(valves=FittedValves(**found))
 
 
 def fit_valve_discrete(

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid.bundle import Parts, PwmSurfaces, Valve, Valves
-from sysid.bundle.valves import Pwm
+from sysid.bundle import FittedValves, Parts, PwmSurfaces, Valve
+from sysid.bundle.valves import PwmDirections
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.identification.valve_pwm.coverage import coverage, unseen_regimes
 from sysid.identification.valve_pwm.samples import FlowSamples, PwmTest, sample_tests
@@ -123,7 +123,11 @@ class ValvePwmFit:
             if valve in found:
                 missing = {"value": None, "identified": False, "reason": reason}
                 found[valve][direction] = PwmSurfaces.model_validate(missing)
-        return Parts(valves=Valves(**{v: Valve(pwm=Pwm(**held)) for v, held in found.items()}))
+        return Parts(
+            valves=FittedValves(
+                **{v: Valve(pwm=PwmDirections(**held)) for v, held in found.items()}
+            )
+        )
 
 
 def fit_valve_pwm(

@@ -74,10 +74,10 @@ class Folder:
 
 
 def masked(text: str, folder: Path) -> str:
-    """Text without what changes from run to run: the folder (and what its length cuts), the release."""
+    """Text without the folder (and what its length cuts) and the release."""
     for form in {str(folder), str(folder.resolve())}:
         text = text.replace(form, "<folder>")
-    text = re.sub(r"x{9,}\.\.\.", "x...", text)
+    text = re.sub(r"(<folder>/)x+\.\.\.", r"\1x...", text)
     return re.sub(r"sysid(,)? (version )?\d+\.\d+(\.\w+)*", r"sysid\1 \2<version>", text)
 
 

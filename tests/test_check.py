@@ -9,8 +9,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sysid.checks.log_check import LogCheck, check_logs
+from sysid.checks.log_check import LogCheck, check_log
 from sysid.commands.app import main
+from sysid.io.logs import read_log
+from sysid.io.rig import read_rig
 
 PERIOD = 1e-3
 QUANTUM_PA = 26.0
@@ -45,8 +47,8 @@ def motion_frame(noise: float = 200.0) -> pd.DataFrame:
 def checked(frame: pd.DataFrame, folder: Path) -> LogCheck:
     path = folder / "run.csv"
     frame.to_csv(path, index=False)
-    (check,) = check_logs([path], None)
-    return check
+    rig = read_rig(folder / "rig.toml")
+    return check_log(read_log(path, rig), rig)
 
 
 @pytest.mark.parametrize("noise", [30.0, 150.0, 600.0])
@@ -145,8 +147,42 @@ def test_the_command_prints_one_json_object(
     assert main(["check", str(path), "--json"]) == 0
     out = json.loads(capsys.readouterr().out)
     assert out["logs"][0]["rows"] == 4000
+    assert not {"declared", "use"} & set(out["logs"][0])
     assert main(["check", str(path)]) == 0
     assert "Coulomb friction" in capsys.readouterr().out
+
+
+def test_a_campaign_is_checked_log_by_log(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """With its rig and its maps, and next to what it declares each log to be."""
+    (folder / "rig.toml").rename(folder / "its_rig.toml")
+    motion_frame().to_csv(folder / "run.csv", index=False)
+    motion_frame().rename(columns={"theta_rad": "alpha"}).to_csv(folder / "two.csv", index=False)
+    path = folder / "campaign.toml"
+    path.write_text(
+        'rig = "its_rig.toml"\n'
+        '[[log]]\nkind = "motion-motor"\nfile = "run.csv"\nuse = "holdout"\n'
+        '[[log]]\nkind = "friction-motion"\nfile = "two.csv"\nmap = { theta_rad = "alpha" }\n'
+    )
+    assert main(["check", str(path), "--json"]) == 0
+    first, second = json.loads(capsys.readouterr().out)["logs"]
+    assert (first["declared"], first["use"]) == ("motion-motor", "holdout")
+    assert (second["declared"], second["use"]) == ("friction-motion", "fit")
+    assert Path(second["file"]).name == "two.csv" and second["rows"] == 4000
+    assert first["channels"] == second["channels"] and first["kinds"] == {"friction-motion": 1}
+    assert main(["check", str(path)]) == 0
+    assert "in the campaign: motion-motor, holdout" in capsys.readouterr().out
+    assert main(["check", str(folder / "run.csv"), "--rig", str(folder / "its_rig.toml")]) == 0
+    assert "in the campaign" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("option", [["--rig", "rig.toml"], ["--map", "theta_rad=alpha"]])
+def test_a_campaign_has_its_own_rig_and_maps(
+    option: list[str], folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = folder / "campaign.toml"
+    path.write_text('rig = "rig.toml"\n')
+    assert main(["check", str(path), *option]) == 2
+    assert f"{option[0]} is for logs" in capsys.readouterr().err
 
 
 def test_the_ripple_of_a_valve_under_pwm_is_no_noise(folder: Path) -> None:

@@ -8,13 +8,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import click
 import pytest
 
 from datasets.generator.campaign import GeneratedTests, make_friction_tests
 from datasets.generator.files import write_log
 from datasets.generator.rigs import rig_toml
 from sysid.bundle.content import read_bundle
-from sysid.commands.app import main
+from sysid.commands.app import COMMANDS, app, main
 
 BUNDLED = Path(__file__).resolve().parent.parent / "datasets" / "bundled"
 SEED = 7
@@ -75,6 +76,23 @@ def test_a_campaign_leaves_held_out_logs_alone(folder: Path, tmp_path: Path) -> 
     used = {(e["file"], e["use"]) for e in bundle["provenance"]["logs"]}
     fitted = {("friction-static.csv", "fit"), ("friction-sliding.csv", "fit")}
     assert used == fitted | {("friction-motion.csv", "holdout")}
+
+
+def test_the_list_of_commands_says_what_each_says_of_itself() -> None:
+    """`sysid --help` lists them from a table: it imports no command."""
+    context = click.Context(app)
+    assert {name: _first_line(app.get_command(context, name)) for name in COMMANDS} == COMMANDS
+    code = "import sys; from sysid.commands.app import main; main(['--help']); "
+    code += "print([m for m in sys.modules if m.split('.')[0] in ('numpy', 'rich', 'scipy')])"
+    command = [sys.executable, "-c", code]
+    listed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert listed.splitlines()[-1] == "[]"
+    assert all(f"\n  {name} " in listed for name in COMMANDS)
+
+
+def _first_line(command: click.Command | None) -> str:
+    assert command is not None and command.help is not None
+    return command.help.partition("\n")[0]
 
 
 def test_options_may_stand_before_the_campaign(folder: Path, tmp_path: Path) -> None:

@@ -6,13 +6,13 @@ import contextlib
 import io
 import json
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-import sysid.diagnosis.campaign
+import sysid.commands.diagnose
 from datasets.generator.campaign import Size, drawn_effects, make_campaign
 from datasets.generator.files import write_campaign
 from datasets.generator.rigs import reference_rig
@@ -20,6 +20,10 @@ from sysid.bundle.content import read_bundle
 from sysid.commands.app import main
 from sysid.commands.diagnose import Diagnosed
 from sysid.diagnosis import content as findings
+from sysid.diagnosis.actuator.result import Diagnosis
+from sysid.diagnosis.actuator.signatures import base_parameters
+from sysid.diagnosis.campaign import extended_bundle
+from sysid.io.campaign import read_campaign
 from sysid.report import svg
 from sysid.report.diagnosis import diagnosis_section
 
@@ -67,7 +71,7 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> Ran:
     write_campaign(folder, made, "made by a test")
     arguments = [str(folder / "campaign.toml"), "--bundle", str(folder / "bundle.json")]
     found: list[Diagnosed] = []
-    original = sysid.diagnosis.campaign.diagnose_campaign
+    original = sysid.commands.diagnose.diagnose_campaign
 
     def kept(*args: Any, **options: Any) -> Diagnosed:
         found.append(original(*args, **options))
@@ -76,7 +80,7 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> Ran:
     outputs = ["-o", str(folder / "extended.json"), "--report", str(folder / "report.html")]
     printed = io.StringIO()
     with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(io.StringIO()):
-        patch.setattr(sysid.diagnosis.campaign, "diagnose_campaign", kept)
+        patch.setattr(sysid.commands.diagnose, "diagnose_campaign", kept)
         assert main(["fit", arguments[0], "-o", arguments[2]]) == 0
         with contextlib.redirect_stdout(printed):
             code = main(["diagnose", *arguments, *outputs, "--json"])
@@ -118,7 +122,7 @@ def test_the_effect_is_the_one_that_was_put_in(ran: Ran) -> None:
 def test_summary_says_verdict_effects_errors_and_what_was_tried(
     ran: Ran, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from sysid.commands.printing import show_diagnosis
+    from sysid.commands.diagnose import show_diagnosis
 
     show_diagnosis(ran.diagnosed, as_json=False)
     lines = capsys.readouterr().out.splitlines()
@@ -149,6 +153,26 @@ def test_the_extended_bundle_is_a_bundle_that_simulates(ran: Ran, tmp_path: Path
         assert main([*arguments, "--json"]) == 0
         outputs.append(output.read_text())
     assert outputs[0] != outputs[1]
+
+
+def test_intervals_of_refitted_base_parameters_have_the_degrees_of_freedom(ran: Ran) -> None:
+    """As found, and as if three rows more than numbers had been fitted on."""
+    diagnosis = ran.diagnosed.diagnosis
+    assert isinstance(diagnosis, Diagnosis)
+    search = diagnosis.loop.search
+    assert search.joint is not None
+    numbers = len(base_parameters(search.model)) + 2  # Stribeck's strength and its velocity
+    assert diagnosis.base_dof == len(search.last.rest) - numbers
+    short = replace(search.last, basis=search.last.basis[: numbers + 3])
+    few = replace(diagnosis, loop=replace(diagnosis.loop, search=replace(search, last=short)))
+    campaign = read_campaign(ran.campaign)
+    for found, quantile in ((diagnosis, 1.96), (few, 3.182)):
+        content = extended_bundle(read_bundle(ran.bundle), found, campaign)
+        renewed = [content["friction"]["coulomb_nm"], content["valves"]["a"]["discrete"]["c_dis"]]
+        for entry in renewed:
+            low, high = entry["interval"]
+            assert high - entry["value"] == pytest.approx(quantile * entry["std"], rel=2e-3)
+            assert entry["value"] - low == pytest.approx(quantile * entry["std"], rel=2e-3)
 
 
 def test_the_report_shows_the_diagnosis(ran: Ran) -> None:

@@ -12,8 +12,7 @@ from scipy.signal import lfilter
 
 from datasets.generator.campaign import LAB, GeneratedCampaign, drawn_effects, make_campaign
 from sysid.diagnosis.actuator.diagnose import is_far_off
-from sysid.diagnosis.actuator.equation_error import CHANNELS, channels_of, equation_error
-from sysid.diagnosis.actuator.equation_error import EFFORT
+from sysid.diagnosis.actuator.equation_error import CHANNELS, EFFORT, channels_of, equation_error
 from sysid.diagnosis.actuator.loop import Loop, close_loop
 from sysid.diagnosis.actuator.refit import refit
 from sysid.diagnosis.actuator.samples import Traces, prepare

@@ -13,11 +13,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sysid.model.effects.serialise import effect_from_dict, effect_to_dict
 
 from datasets.generator.campaign import SMALL, make_campaign
 from datasets.generator.effects import Injected
-from sysid.bundle.assembled_model import effects_from_bundle, model_from_bundle, parameters_from_bundle
-from sysid.bundle.assembled_model import simulate_bundle
+from sysid.bundle.assembled_model import (
+    effects_from_bundle,
+    model_from_bundle,
+    parameters_from_bundle,
+    simulate_bundle,
+)
 from sysid.bundle.content import read_bundle, write_bundle
 from sysid.commands.app import main
 from sysid.errors import InputError
@@ -27,7 +32,6 @@ from sysid.io.logs import Trial
 from sysid.io.rig import Rig, rig_from_content
 from sysid.model.effects.catalogue import catalogue
 from sysid.model.effects.entry import CatalogueEffect, Quantity
-from sysid.model.effects.serialise import effect_from_dict, effect_to_dict
 from sysid.model.ports import Model
 from sysid.model.sensors import before_sensors, through_sensors
 from sysid.model.simulator import Inputs, ValveCommand, open_intervals, simulate

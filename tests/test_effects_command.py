@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from sysid.commands.app import main
-from sysid.commands.effects import CHANNELS, text_plot
+from sysid.display.text_plot import text_plot
 from sysid.model.effects import catalogue, load_user_effects, motor
-from sysid.model.effects.demonstration import demonstrate
+from sysid.model.effects.demonstration import CHANNELS, demonstrate
 
 README = Path(__file__).resolve().parent.parent / "README.md"
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 
 import pytest
+from sysid.model.effects.serialise import effect_from_dict, effect_to_dict
 
 from sysid.errors import InputError
 from sysid.model.effects import friction
@@ -15,7 +16,6 @@ from sysid.model.effects.linear import (
     linear_form,
     linear_name,
 )
-from sysid.model.effects.serialise import effect_from_dict, effect_to_dict
 
 EFFECTS = list(catalogue().values())
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from export_bundles import RISING, whole_bundle
 from export_compiler import Compiled, compile_c, header, macros
+from sysid.model.effects.serialise import effect_to_dict
 
 from sysid.bundle.assembled_model import parameters_from_bundle
 from sysid.io.rig import rig_from_content
@@ -25,7 +26,6 @@ from sysid.model.effects.friction import (
 from sysid.model.effects.linkage import CableSpring, GearMeshRipple, MountingTilt
 from sysid.model.effects.motor import TorqueConstantError, TorqueOffset
 from sysid.model.effects.sensor import PressureGain, PressureOffset
-from sysid.model.effects.serialise import effect_to_dict
 from sysid.model.effects.valve import ValveDelay
 from sysid.model.ports import Model, Point
 from sysid.model.sensors import through_sensors

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import signal
 import subprocess
@@ -15,7 +16,8 @@ import pytest
 
 from sysid.bundle.content import read_bundle, write_bundle
 from sysid.commands.app import main
-from sysid.commands.run import EXPORTS, RunReport, run_campaign
+from sysid.commands.run import RunReport, run_campaign, show_run
+from sysid.commands.stages import EXPORTS
 from sysid.io.bundled import bundled_campaign
 
 STAGES = ("check", "fit", "diagnose", "validate", "report", "export")
@@ -41,6 +43,19 @@ def done(run: RunReport) -> list[str]:
     return [stage.name for stage in run.stages if stage.why is not None]
 
 
+def rows(shown: str) -> dict[str, str]:
+    """What a summary's table says of each stage."""
+    found = (re.fullmatch(r"(\w+) +(\S.*?) +\d+\.\d *", line) for line in shown.splitlines())
+    return {match[1]: match[2] for match in found if match and match[1] in STAGES}
+
+
+def test_the_summary_says_what_was_done(
+    first: RunReport, capsys: pytest.CaptureFixture[str]
+) -> None:
+    show_run(first, as_json=False)
+    assert rows(capsys.readouterr().out) == dict.fromkeys(STAGES, "done")
+
+
 def test_a_first_run_does_every_stage(first: RunReport) -> None:
     assert tuple(done(first)) == STAGES
     assert first.report.stat().st_size < 6_000_000
@@ -61,8 +76,13 @@ def test_held_out_logs_are_only_validated_on(first: RunReport) -> None:
     assert not held_out & {e["sha256"] for e in fitted if e["use"] == "fit"}
 
 
-def test_a_second_run_does_nothing(first: RunReport, campaign: Path) -> None:
-    assert done(run_campaign(campaign, first.folder)) == []
+def test_a_second_run_does_nothing(
+    first: RunReport, campaign: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    again = run_campaign(campaign, first.folder)
+    assert done(again) == []
+    show_run(again, as_json=False)
+    assert rows(capsys.readouterr().out) == dict.fromkeys(STAGES, "up to date")
 
 
 def test_a_resumed_report_shows_the_diagnosis_without_diagnosing_again(
@@ -89,7 +109,7 @@ def test_an_effect_in_the_extended_bundle_reaches_the_later_stages(
     first: RunReport, campaign: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The stage's own work is put in the place of the diagnosis: a bundle with drag in it."""
-    from sysid.commands import run as pipeline
+    from sysid.commands import stages
 
     def with_drag(run: Any) -> None:
         bundle = read_bundle(run.path("fitted.json"))
@@ -98,7 +118,7 @@ def test_an_effect_in_the_extended_bundle_reaches_the_later_stages(
         write_bundle(bundle, run.path("extended.json"))
         run.path("diagnosis.json").write_text((first.folder / "diagnosis.json").read_text())
 
-    monkeypatch.setattr(pipeline, "_diagnose", with_drag)
+    monkeypatch.setattr(stages, "_diagnose", with_drag)
     run = run_campaign(campaign, tmp_path)
     assert [entry["id"] for entry in run.bundle["effects"]] == ["quadratic-drag"]
     assert "quadratic-drag" in (tmp_path / EXPORTS["json"]).read_text()
@@ -159,6 +179,25 @@ def test_what_is_missing_is_made_again(first: RunReport, campaign: Path) -> None
     assert "is missing" in (again.stages[-1].why or "")
 
 
+def test_a_stage_is_done_again_with_a_reason(
+    first: RunReport, campaign: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "results"
+    shutil.copytree(first.folder, folder)
+    (folder / EXPORTS["mat"]).unlink()
+    state = json.loads((folder / "run.json").read_text())
+    del state["report"]
+    (folder / "run.json").write_text(json.dumps(state))
+    said: list[str] = []
+    again = run_campaign(campaign, folder, progress=said.append)
+    assert [stage.outcome for stage in again.stages[-2:]] == [
+        "done",
+        f"{EXPORTS['mat']} is missing: done again",
+    ]
+    assert "check: up to date" in said and "report: starts" in said
+    assert f"export: {EXPORTS['mat']} is missing; starts again" in said
+
+
 def test_a_changed_log_makes_the_run_stale(
     first: RunReport, campaign: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -168,7 +207,7 @@ def test_a_changed_log_makes_the_run_stale(
     captured = capsys.readouterr()
     stages = json.loads(captured.out)["stages"]
     assert all("motion_motor_2.csv" in (stage["why"] or "") for stage in stages)
-    assert "sysid: check: stale" in captured.err
+    assert "sysid: check: stale, changed: motion_motor_2.csv; starts again\n" in captured.err
 
 
 def test_an_unusable_folder_is_one_line(

@@ -79,7 +79,7 @@ def _show(results: Mapping[str, Any]) -> None:
     """The overview on standard output, and whether the verdicts repeat."""
     from rich.text import Text
 
-    from sysid.commands.printing import console, new_table
+    from sysid.display.terminal import console, new_table
 
     out = console()
     table = new_table("Measured data, errors on held-out recordings", *COLUMNS)

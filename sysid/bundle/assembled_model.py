@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from sysid.bundle.base import Part
-from sysid.bundle.bundle import Bundle
+from sysid.bundle.content import BundleContent
 from sysid.bundle.effects import effect_from_entry
 from sysid.bundle.valves import DIRECTIONS, SURFACE_KINDS, PwmSurfaces
 from sysid.errors import NotIdentifiedError, input_error
@@ -26,8 +26,8 @@ from sysid.model.effects.catalogue import catalogue_with
 from sysid.model.effects.entry import Catalogue
 from sysid.model.effects.linear import for_rig
 from sysid.model.ports import Effect, Model, has_discrete_law
+from sysid.model.trials import DISCRETE
 
-DISCRETE = "discrete"
 VALVE_MODELS = (DISCRETE, *SURFACE_KINDS)
 # Nodes of a surface's table over duty and pressure. Between them the table is bilinear: a
 # bipolynomial's flow is then off by less than 1e-4 of its range (tested).
@@ -103,7 +103,7 @@ def _bilinear(table: Array, rows: _Axis, columns: _Axis) -> Array:
     return (1.0 - s) * lower + s * upper
 
 
-def parameters_from_bundle(bundle: Bundle, rig: Rig) -> Parameters:
+def parameters_from_bundle(bundle: BundleContent, rig: Rig) -> Parameters:
     """The base model's parameters: what was fitted from `bundle`, the rest from `rig`.
 
     A valve without a discrete law gets NaN flows, so that it cannot be used by mistake; see
@@ -146,7 +146,7 @@ def friction_keys(is_linear: bool) -> dict[str, str]:
     }
 
 
-def negative_friction(bundle: Bundle) -> list[str]:
+def negative_friction(bundle: BundleContent) -> list[str]:
     """Notices of friction that tests gave a negative value, and that models take for 0."""
     if bundle.friction is None:
         return []
@@ -161,7 +161,7 @@ def negative_friction(bundle: Bundle) -> list[str]:
     ]
 
 
-def model_from_bundle(bundle: Bundle, rig: Rig, catalogue: Catalogue | None = None) -> Model:
+def model_from_bundle(bundle: BundleContent, rig: Rig, catalogue: Catalogue | None = None) -> Model:
     """The model with a bundle's parameters and effects, these in the bundle's order.
 
     `catalogue` maps ids to effects; None is the project's own. Raises as
@@ -171,7 +171,9 @@ def model_from_bundle(bundle: Bundle, rig: Rig, catalogue: Catalogue | None = No
     return Model(parameters_from_bundle(bundle, rig), effects)
 
 
-def effects_from_bundle(bundle: Bundle, catalogue: Catalogue | None = None) -> tuple[Effect, ...]:
+def effects_from_bundle(
+    bundle: BundleContent, catalogue: Catalogue | None = None
+) -> tuple[Effect, ...]:
     """The effects that a bundle lists, in its order.
 
     Raises InputError for an effect that `catalogue` lacks, one whose parameters are not its
@@ -197,7 +199,7 @@ def effects_from_bundle(bundle: Bundle, catalogue: Catalogue | None = None) -> t
 
 
 def surfaces_from_bundle(
-    bundle: Bundle, rig: Rig, kind: str
+    bundle: BundleContent, rig: Rig, kind: str
 ) -> tuple[TabulatedSurfaces, TabulatedSurfaces] | None:
     """Valve A's and B's PWM surfaces of a kind ("bipolynomial" or "ann"), for `simulate`.
 
@@ -253,7 +255,7 @@ def _check_period(part: PwmSurfaces, rig: Rig, where: str) -> None:
         )
 
 
-def _discrete_law(bundle: Bundle, side: str) -> ValveParameters:
+def _discrete_law(bundle: BundleContent, side: str) -> ValveParameters:
     law = bundle.valve(side).discrete
     if law is None:
         return ValveParameters(math.nan, math.nan, math.nan, math.nan)
@@ -272,7 +274,7 @@ def _identified(part: Part, key: str, where: str, test: str) -> float:
     return float(estimate.value)
 
 
-def surfaces_for(bundle: Bundle, rig: Rig, valve_model: str) -> tuple[Any, ...]:
+def surfaces_for(bundle: BundleContent, rig: Rig, valve_model: str) -> tuple[Any, ...]:
     """The surfaces of a valve model ("discrete": none) out of a bundle, for simulate_trials.
 
     Raises InputError for an unknown name, NotIdentifiedError where the bundle lacks one.
@@ -292,7 +294,7 @@ def surfaces_for(bundle: Bundle, rig: Rig, valve_model: str) -> tuple[Any, ...]:
     return surfaces
 
 
-def first_valve_model(bundle: Bundle, rig: Rig, parameters: Parameters) -> str:
+def first_valve_model(bundle: BundleContent, rig: Rig, parameters: Parameters) -> str:
     """The discrete law where the bundle has it of both valves, else the first of its surfaces.
 
     Raises NotIdentifiedError where it has neither.

@@ -1,74 +1,28 @@
-"""The bundle as an object: the rig, what was fitted, the effects, and where it all comes from."""
+"""The bundle as an object: made, merged and extended, and the model that it describes."""
 
 from __future__ import annotations
 
 import datetime
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
-
-from pydantic import ConfigDict, Field, JsonValue, PrivateAttr
+from typing import TYPE_CHECKING, Any
 
 from sysid import __version__
-from sysid.bundle.base import Absent, Part
+from sysid.bundle.assembled_model import model_from_bundle
+from sysid.bundle.content import SCHEMA, BundleContent, Parts
 from sysid.bundle.effects import EffectEntry
-from sysid.bundle.friction import Friction
 from sysid.bundle.provenance import Provenance, family, records
-from sysid.bundle.validation import Validation
-from sysid.bundle.valves import Valve, Valves
 from sysid.errors import input_error
 from sysid.io.logs import Log
-from sysid.io.rig import Rig, rig_from_content
+from sysid.io.rig import Rig
 from sysid.io.source import Source
 
 if TYPE_CHECKING:
     from sysid.model.effects.entry import Catalogue
     from sysid.model.ports import Model
 
-SCHEMA: Literal["sysid-bundle/1"] = "sysid-bundle/1"
 
-
-@dataclass(frozen=True)
-class Parts:
-    """What the fits of a campaign give: friction, valves, either, or nothing."""
-
-    friction: Friction | None = None
-    valves: Valves | None = None
-
-    def __bool__(self) -> bool:
-        return self.friction is not None or self.valves is not None
-
-    def merged(self, other: Parts) -> Parts:
-        """With the parts of `other`; friction is replaced whole, valves by law."""
-        valves = other.valves or self.valves
-        if self.valves is not None and other.valves is not None:
-            valves = self.valves.merged(other.valves)
-        return Parts(other.friction or self.friction, valves)
-
-
-class Bundle(Part):
-    """Everything that was fitted of a rig (`spec/bundle.md`), as read from or written to JSON.
-
-    `rig_content` is the rig file's tables as used; `rig` the rig that they describe. `source`
-    names the file that it was read from, in messages.
-    """
-
-    model_config = ConfigDict(
-        title="Parameter bundle of a pneumatic or hybrid pneumatic-electric actuator",
-        populate_by_name=True,
-    )
-
-    schema_id: Literal["sysid-bundle/1"] = Field(alias="schema")
-    created: str
-    sysid_version: str
-    rig_content: dict[str, JsonValue] = Field(alias="rig", json_schema_extra={"required": ["rig"]})
-    friction: Absent[Friction] = None
-    valves: Absent[Valves] = None
-    effects: list[EffectEntry]
-    validation: Absent[Validation] = None
-    provenance: Provenance
-
-    _source: str = PrivateAttr("bundle")
+class Bundle(BundleContent):
+    """Everything that was fitted of a rig (`spec/bundle.md`), as read from or written to JSON."""
 
     @classmethod
     def new(
@@ -93,32 +47,6 @@ class Bundle(Part):
         )
         return cls(**fields, effects=[], provenance=provenance)
 
-    @property
-    def source(self) -> str:
-        """The file that the bundle was read from, for messages."""
-        return self._source
-
-    def named(self, source: str) -> Bundle:
-        """The same bundle under another name in messages."""
-        made = self.model_copy()
-        made._source = source
-        return made
-
-    @property
-    def rig(self) -> Rig:
-        """The rig that the bundle was fitted for. Raises InputError."""
-        return rig_from_content(self.rig_content, f"{self.source}, rig")
-
-    @property
-    def is_linear(self) -> bool:
-        """Whether its rig is declared linear."""
-        head = self.rig_content.get("rig")
-        return isinstance(head, dict) and head.get("motion") == "linear"
-
-    def valve(self, side: str) -> Valve:
-        """What is known of the valve of a side ("a" or "b")."""
-        return Valve() if self.valves is None else self.valves.side(side)
-
     def model(self, rig: Rig | None = None, catalogue: Catalogue | None = None) -> Model:
         """The model that can be simulated: the base model's parameters, and the effects.
 
@@ -126,8 +54,6 @@ class Bundle(Part):
         effects (None: the project's own). Raises InputError for what contradicts itself,
         NotIdentifiedError where the bundle has no friction.
         """
-        from sysid.bundle.assembled_model import model_from_bundle
-
         return model_from_bundle(self, rig or self.rig, catalogue)
 
     def with_effects(self, effects: Iterable[EffectEntry]) -> Bundle:
@@ -199,4 +125,4 @@ def _field(key: str) -> str:
     return {"schema": "schema_id", "rig": "rig_content"}.get(key, key)
 
 
-__all__ = ["SCHEMA", "Bundle", "Parts"]
+__all__ = ["Bundle"]

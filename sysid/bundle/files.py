@@ -16,7 +16,8 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from sysid.bundle.bundle import SCHEMA, Bundle
+from sysid.bundle.bundle import Bundle
+from sysid.bundle.content import SCHEMA
 from sysid.errors import InputError, input_error
 from sysid.io.files import write_atomic
 from sysid.io.tables import read_bytes

@@ -9,7 +9,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from sysid.bundle.bundle import SCHEMA, Bundle
+from sysid.bundle.bundle import Bundle
+from sysid.bundle.content import SCHEMA
 from sysid.bundle.files import SCHEMA_FILE
 
 _NUMBER_OR_NULL = {"type": ["number", "null"]}

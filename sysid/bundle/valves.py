@@ -146,7 +146,7 @@ class PwmSurfaces(Part):
         return {kind: surface for kind, surface in found.items() if surface is not None}
 
 
-class Pwm(Part):
+class PwmDirections(Part):
     """The PWM surfaces of one valve by direction."""
 
     fill: Absent[PwmSurfaces] = None
@@ -174,7 +174,7 @@ class Valve(Part):
     """Everything known of one valve."""
 
     discrete: Absent[DiscreteLaw] = None
-    pwm: Absent[Pwm] = None
+    pwm: Absent[PwmDirections] = None
     steady: Absent[SteadyLaw] = None
     timing: Absent[TimingLaw] = None
 
@@ -191,7 +191,7 @@ class Valve(Part):
         return self.replaced(**fields)
 
 
-class Valves(Part):
+class FittedValves(Part):
     """Valves A and B."""
 
     model_config = ConfigDict(extra="forbid")
@@ -213,7 +213,7 @@ class Valves(Part):
         laws = {side: valve.discrete for side, valve in sorted(self.sides().items())}
         return {side: law for side, law in laws.items() if law is not None}
 
-    def merged(self, other: Valves) -> Valves:
+    def merged(self, other: FittedValves) -> FittedValves:
         """With what `other` knows of each valve, by law, and of PWM by direction."""
         known = self.sides()
         return self.replaced(
@@ -227,7 +227,8 @@ __all__ = [
     "DiscreteLaw",
     "DomainRecord",
     "DutyErrors",
-    "Pwm",
+    "FittedValves",
+    "PwmDirections",
     "PwmSurfaces",
     "ResolutionRecord",
     "SteadyLaw",
@@ -235,5 +236,4 @@ __all__ = [
     "SurfaceChoice",
     "TimingLaw",
     "Valve",
-    "Valves",
 ]

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,11 +12,11 @@ from sysid import signals
 from sysid.checks import identifiability as identifiable
 from sysid.checks.identifiability import Identification
 from sysid.identification.friction.effort import classify_trial
+from sysid.io.campaign import Campaign
 from sysid.io.channels import PRESSURES
-from sysid.io.logs import Log, Trial, read_log
-from sysid.io.rig import Rig, find_rig_file, read_rig
+from sysid.io.logs import Log, Trial
+from sysid.io.rig import Rig
 from sysid.io.trial_kind import is_active, is_held, rows_per_ripple
-from sysid.io.units import parse_map
 from sysid.types import FloatArray
 
 # A sample is late when it comes this many periods after the one before.
@@ -49,7 +48,11 @@ class ChannelCheck:
 
 @dataclass(frozen=True)
 class LogCheck:
-    """What `sysid check` says of one log. Times in s."""
+    """What `sysid check` says of one log. Times in s.
+
+    `kinds` counts its tests by what their content says they are; `declared` is the kind and
+    `use` the use that a campaign gives the log, None of one that was checked alone.
+    """
 
     file: str
     kinds: dict[str, int]
@@ -64,10 +67,15 @@ class LogCheck:
     excitation: tuple[str, ...]
     identifies: tuple[Identification, ...]
     notices: tuple[str, ...]
+    declared: str | None = None
+    use: str | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """Plain dictionaries and lists."""
-        return asdict(self)
+        """Plain dictionaries and lists; `declared` and `use` only of a campaign's log."""
+        content = asdict(self)
+        if self.declared is None:
+            del content["declared"], content["use"]
+        return content
 
     @classmethod
     def from_json(cls, content: dict[str, Any]) -> LogCheck:
@@ -83,16 +91,12 @@ class LogCheck:
         )
 
 
-def check_logs(
-    paths: Sequence[Path], rig_path: Path | None, maps: Sequence[str] = ()
-) -> list[LogCheck]:
-    """Check each log with the rig file given, or the one nearest to it. Raises InputError."""
-    mapping = parse_map(maps)
-    checks = []
-    for path in paths:
-        rig = read_rig(rig_path or find_rig_file(path))
-        checks.append(check_log(read_log(path, rig, mapping), rig))
-    return checks
+def check_campaign(campaign: Campaign) -> list[LogCheck]:
+    """Check every log of a campaign, with its rig and maps. Raises InputError."""
+    return [
+        replace(check_log(campaign.read(entry), campaign.rig), declared=entry.kind, use=entry.use)
+        for entry in campaign.logs
+    ]
 
 
 def check_log(log: Log, rig: Rig) -> LogCheck:

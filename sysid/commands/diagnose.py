@@ -1,19 +1,56 @@
-"""`sysid diagnose`: files in, diagnosis, extended bundle and report out."""
+"""`sysid diagnose`: a campaign and a bundle in, the diagnosis, extended bundle and report out."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sysid.bundle.content import read_bundle, write_bundle
+import click
+from rich.table import Table
+from rich.text import Text
+
+from sysid.bundle import Bundle, read_bundle, write_bundle
+from sysid.checks.log_check import check_campaign
+from sysid.commands.options import (
+    SEED,
+    PathArgument,
+    bundle_option,
+    campaign_argument,
+    effects_option,
+    json_option,
+    report_option,
+)
+from sysid.commands.printing import estimate_cells, notices, print_json, progress
+from sysid.diagnosis import wording
 from sysid.diagnosis.actuator.result import Diagnosis
 from sysid.diagnosis.bench.verdict import ComponentDiagnosis
 from sysid.diagnosis.campaign import diagnose_logs, extended_bundle
+from sysid.diagnosis.content import content, looks
+from sysid.display.terminal import console, new_table
 from sysid.io.campaign import Campaign, read_campaign
 from sysid.model.effects.catalogue import catalogue_with
-from sysid.types import Progress
+from sysid.types import Progress, no_progress
+from sysid.validation import VALIDATED_KINDS, validate
+
+# Suspects of one look that a summary names.
+_MOST_SUSPECTS = 6
+
+
+@click.command()
+@campaign_argument
+@bundle_option
+@click.option("-o", "output", type=PathArgument, help="Write the extended bundle.")
+@report_option
+@effects_option
+@click.option("--seed", type=SEED, default=0, show_default=True, help="Of the simulated twins.")
+@json_option
+def diagnose(campaign: Path, bundle: Path, as_json: bool, **options: Any) -> None:
+    """What the model lacks: the residual's cause, and the errors with it and without."""
+    diagnosed = diagnose_campaign(campaign, bundle, progress=progress(), **options)
+    show_diagnosis(diagnosed, as_json)
 
 
 @dataclass(frozen=True)
@@ -21,7 +58,7 @@ class Diagnosed:
     """A diagnosis, the bundle extended by it, what to say, and the files that were written."""
 
     diagnosis: Diagnosis | ComponentDiagnosis
-    bundle: Mapping[str, Any]
+    bundle: Bundle
     notices: tuple[str, ...]
     written: tuple[Path, ...]
 
@@ -40,7 +77,7 @@ def diagnose_campaign(
     report: Path | None = None,
     effects: Path | None = None,
     seed: int = 0,
-    progress: Progress = lambda line: None,
+    progress: Progress = no_progress,
 ) -> Diagnosed:
     """Diagnose a campaign with its fitted bundle; write the extended bundle and the report.
 
@@ -50,7 +87,7 @@ def diagnose_campaign(
     campaign = read_campaign(campaign_path)
     bundle = read_bundle(bundle_path)
     diagnosis, notices = diagnose_logs(
-        campaign, bundle, bundle_path, effects=effects, seed=seed, progress=progress
+        campaign, bundle, effects=effects, seed=seed, progress=progress
     )
     extended = extended_bundle(bundle, diagnosis, campaign)
     written = []
@@ -58,7 +95,7 @@ def diagnose_campaign(
         write_bundle(extended, output)
         written.append(output)
     if report is not None:
-        _write_report(report, campaign, extended, bundle_path, diagnosis, effects, progress)
+        _write_report(report, campaign, extended, diagnosis, effects, progress)
         written.append(report)
     notices = (*campaign.notices, *campaign.rig.notices, *notices, *diagnosis.notices)
     return Diagnosed(diagnosis, extended, tuple(dict.fromkeys(notices)), tuple(written))
@@ -67,16 +104,12 @@ def diagnose_campaign(
 def _write_report(
     path: Path,
     campaign: Campaign,
-    bundle: Mapping[str, Any],
-    bundle_path: Path,
+    bundle: Bundle,
     diagnosis: Diagnosis | ComponentDiagnosis,
     effects: Path | None,
     progress: Progress,
 ) -> None:
-    from sysid.checks.log_check import check_log
-    from sysid.diagnosis.content import content
     from sysid.report import write_report
-    from sysid.validation import VALIDATED_KINDS, validate
 
     validation = None
     is_part = isinstance(diagnosis, ComponentDiagnosis)
@@ -84,17 +117,117 @@ def _write_report(
         validation = validate(
             campaign,
             bundle,
-            bundle_path=bundle_path,
             catalogue=catalogue_with(effects),
             progress=progress,
         )
-    checks = [check_log(campaign.read(entry), campaign.rig) for entry in campaign.logs]
     write_report(
         path,
         campaign=campaign,
         bundle=bundle,
         validation=validation,
-        checks=checks,
+        checks=check_campaign(campaign),
         diagnosis=content(diagnosis),
         progress=progress,
     )
+
+
+# --- printing ---------------------------------------------------------------------------
+
+
+def show_diagnosis(diagnosed: Diagnosed, as_json: bool) -> None:
+    """The verdict, the effects, the errors, what was tried, what to do next."""
+    notices(diagnosed.notices)
+    content = diagnosed.to_json()
+    if as_json:
+        print_json(content)
+        return
+    out = console()
+    out.print(Text(wording.sentence(content), style="bold"), soft_wrap=True)
+    tables = [*_effect_tables(content), *_before_after_tables(content)]
+    tables += _unexplained_tables(content)
+    found = diagnosed.diagnosis
+    if isinstance(found, ComponentDiagnosis):
+        tables += _tried_on_part(found.looks())
+    else:
+        tables += _tried_tables(looks(found))
+    for table in tables:
+        out.print("", table)
+    out.print()
+    written = (f"written: {path}" for path in diagnosed.written)
+    for line in (*wording.advice(content), *written):
+        out.print(Text(line), soft_wrap=True)
+
+
+def _effect_tables(content: dict[str, Any]) -> Iterable[Table]:
+    """One row a parameter; what is said of the effect as a whole stands in its first row."""
+    if not content["effects"]:
+        return
+    columns = ("parameter", "value", "95 % interval", "unit", "p", "share, %", "ambiguous with")
+    table = new_table("Effects", "effect", *columns)
+    for effect in content["effects"]:
+        head = effect["id"]
+        share = f"{100.0 * effect['share']:.3g}"
+        whole = (
+            wording.p_text(effect["p_value"]),
+            share,
+            wording.joined(effect["ambiguous_with"], "or") or "-",
+        )
+        for name, estimate in wording.parameter_rows(effect):
+            cells = (estimate, "", "") if isinstance(estimate, str) else estimate_cells(estimate)
+            table.add_row(*(Text(c) for c in (head, name, *cells, *whole)))
+            head, whole = "", ("", "", "")
+    yield table
+
+
+def _before_after_tables(content: dict[str, Any]) -> Iterable[Table]:
+    if not content["residual"]:
+        return
+    added = [f"+ {effect['id']}" for effect in content["effects"]]
+    how = "" if "component" in content else ", simulated open loop"
+    title = f"RMSE on held-out logs{how}"
+    table = new_table(title, "channel", "bundle given", *added, "noise floor")
+    for name, errors in wording.errors_by_step(content).items():
+        floor = content["residual"][name]["noise_floor"]
+        cells = ("-" if math.isnan(e) else f"{e:.4g}" for e in errors)
+        table.add_row(name, *cells, f"{floor:.4g}")
+    yield table
+
+
+def _unexplained_tables(content: dict[str, Any]) -> Iterable[Table]:
+    if content["unexplained"]:
+        table = new_table("Unexplained", "channel", "depends most on", "share of variance, %")
+        for entry in content["unexplained"]:
+            share = f"{100.0 * entry['share']:.3g}"
+            table.add_row(entry["channel"], wording.regressor_name(entry["regressor"]), share)
+        yield table
+
+
+def _tried_tables(looks: Sequence[dict[str, Any]]) -> Iterable[Table]:
+    """What each look at the residual tried besides the effect that it added."""
+    columns = ("look", "suspect", "gain", "most on a twin", "p", "what became of it")
+    table = new_table("Tried, and not added", *columns)
+    for place, look in enumerate(looks, start=1):
+        others = [s for s in look["suspects"] if s["id"] != look["added"]]
+        for suspect in others[:_MOST_SUSPECTS]:
+            gains = (f"{suspect['gain']:.3g}", f"{max(suspect['twins']):.3g}")
+            cells = (suspect["id"], *gains, wording.p_text(suspect["p_value"]), suspect["fate"])
+            table.add_row(str(place), *(Text(c) for c in cells))
+        if len(others) > _MOST_SUSPECTS:
+            table.add_row(str(place), f"{len(others) - _MOST_SUSPECTS} more that gain less")
+    if table.row_count:
+        yield table
+
+
+def _tried_on_part(looks: Sequence[dict[str, Any]]) -> Iterable[Table]:
+    """What each look at a part tried besides the effect that it added."""
+    columns = ("look", "suspect", "takes of the error of prediction, %", "p")
+    table = new_table("Tried, and not added", *columns)
+    for place, look in enumerate(looks, start=1):
+        others = [a for a in look["attempts"] if a["id"] != look["added"]]
+        for attempt in others[:_MOST_SUSPECTS]:
+            gain = f"{100.0 * attempt['gain']:.3g}"
+            table.add_row(str(place), Text(attempt["id"]), gain, wording.p_text(attempt["p_value"]))
+        if len(others) > _MOST_SUSPECTS:
+            table.add_row(str(place), f"{len(others) - _MOST_SUSPECTS} more that take less")
+    if table.row_count:
+        yield table

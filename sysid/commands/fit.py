@@ -2,13 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import click
+from rich.table import Table
+from rich.text import Text
+
 from sysid.assembly import PartResult, fit_campaign
-from sysid.bundle.content import merge, new_bundle, read_bundle, write_bundle
+from sysid.bundle import Bundle, FittedValves, Friction, read_bundle, write_bundle
+from sysid.bundle.base import read_number
+from sysid.commands.options import (
+    SEED,
+    PathArgument,
+    campaign_argument,
+    json_option,
+    logs_argument,
+    map_option,
+    options,
+    rig_option,
+)
+from sysid.commands.printing import (
+    estimate_cells,
+    notices,
+    parameter_table,
+    print_json,
+    print_written,
+    progress,
+)
+from sysid.display.terminal import console, new_table
 from sysid.errors import input_error
 from sysid.friction import fit_friction
 from sysid.io.campaign import read_campaign
@@ -16,16 +41,150 @@ from sysid.io.logs import Log, Trial, read_log
 from sysid.io.rig import Rig, find_rig_file, read_rig
 from sysid.io.source import Source
 from sysid.io.units import parse_map
-from sysid.types import Progress, no_progress
 from sysid.valve_discrete import fit_valve_discrete
 from sysid.valve_pwm import fit_valve_pwm
+
+Tables = Callable[["Fitted"], Iterable[Table]]
+
+
+class _FitGroup(click.Group):
+    """`sysid fit friction LOG...` beside `sysid fit CAMPAIGN.toml`: a path is a campaign."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        options_first = bool(args) and args[0] not in ctx.help_option_names
+        if options_first and args[0].startswith("-") and not set(args) & set(self.commands):
+            args = ["campaign", *args]
+        return super().parse_args(ctx, args)
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        first = args[0]
+        if self.get_command(ctx, first) is None and (
+            first.endswith(".toml") or os.sep in first or Path(first).exists()
+        ):
+            return "campaign", self.get_command(ctx, "campaign"), args
+        return super().resolve_command(ctx, args)
+
+
+@click.group(cls=_FitGroup)
+def fit() -> None:
+    """Identify parameters: one part from its logs, or a whole CAMPAIGN.toml."""
+
+
+_part_options = options(
+    rig_option,
+    map_option,
+    click.option("-o", "output", type=PathArgument, help="Write a bundle of this part."),
+    click.option("--into", type=PathArgument, help="Add this part to an existing bundle."),
+    json_option,
+)
+_valve_option = click.option(
+    "--valve", type=click.Choice(["a", "b"]), help="This valve only (else: by what moves)."
+)
+
+
+@fit.command("friction")
+@logs_argument
+@click.option(
+    "--kind",
+    type=click.Choice(["static", "sliding", "motion"]),
+    help="Take every test for this kind, whatever its content.",
+)
+@click.option("--inertia", "estimate_inertia", is_flag=True, help="Estimate the inertia too.")
+@click.option(
+    "--cutoff",
+    "cutoff_hz",
+    type=float,
+    help="Zero-phase low-pass, Hz; by default 50, or as low as sampling and noise ask for.",
+)
+@_part_options
+def _friction(
+    kind: str | None,
+    estimate_inertia: bool,
+    cutoff_hz: float | None,
+    as_json: bool,
+    **files: Any,
+) -> None:
+    """Static, Coulomb and viscous friction from ramped, constant or general motion tests."""
+    fitted = _fit_part(
+        "friction",
+        lambda trials, rig: fit_friction(
+            trials, rig, kind=kind, estimate_inertia=estimate_inertia, cutoff_hz=cutoff_hz
+        ),
+        _Files(**files),
+        options={"cutoff_hz": cutoff_hz, "kind": kind},
+    )
+    _show(fitted, as_json, _friction_tables)
+
+
+@fit.command("valve-discrete")
+@logs_argument
+@_valve_option
+@_part_options
+def _valve_discrete(valve: str | None, as_json: bool, **files: Any) -> None:
+    """Choked flows, unchoked coefficients and delays of on/off valves, piston held."""
+    fitted = _fit_part(
+        "valve-discrete",
+        lambda trials, rig: fit_valve_discrete(trials, rig, valve=valve),
+        _Files(**files),
+        options={"valve": valve},
+    )
+    _show(fitted, as_json, _valve_tables)
+
+
+@fit.command("valve-pwm")
+@logs_argument
+@_valve_option
+@click.option(
+    "--surface",
+    type=click.Choice(["bipolynomial", "ann", "both"]),
+    default="both",
+    show_default=True,
+    help="Which surface to fit; both are compared on held-out tests.",
+)
+@click.option(
+    "--seed", type=SEED, default=0, show_default=True, help="Of the folds and the restarts."
+)
+@click.option("--sweep", is_flag=True, help="Also find the smallest network that does (slow).")
+@_part_options
+def _valve_pwm(
+    valve: str | None, surface: str, seed: int, sweep: bool, as_json: bool, **files: Any
+) -> None:
+    """Mean flow over duty and pressure under PWM, and its inverse, piston held."""
+    fitted = _fit_part(
+        "valve-pwm",
+        lambda trials, rig: fit_valve_pwm(
+            trials, rig, valve=valve, surface=surface, seed=seed, sweep=sweep
+        ),
+        _Files(**files),
+        seeds={"valve-pwm": seed},
+        options={"valve": valve, "surface": surface},
+    )
+    _show(fitted, as_json, _valve_tables)
+
+
+@fit.command("campaign", hidden=True)
+@campaign_argument
+@click.option("-o", "output", type=PathArgument, help="Write the bundle here.")
+@json_option
+def _campaign(campaign: Path, output: Path | None, as_json: bool) -> None:
+    """All that a campaign's fit logs hold, assembled into one bundle."""
+    found = fit_campaign(read_campaign(campaign), progress=progress("fitting "))
+    if output is not None:
+        write_bundle(found.bundle, output)
+    fitted = Fitted(found.bundle, found.remarks, found.notices, output)
+    _show(fitted, as_json, _campaign_tables)
+
+
+# --- one part -----------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Fitted:
     """What a fit found: the bundle, what to say about it, and where it was written."""
 
-    bundle: dict[str, Any]
+    bundle: Bundle
     remarks: tuple[str, ...]
     notices: tuple[str, ...]
     written: Path | None = None
@@ -33,101 +192,18 @@ class Fitted:
     def to_json(self) -> dict[str, Any]:
         """What `--json` prints: the bundle, the remarks and the file."""
         return {
-            **self.bundle,
+            **self.bundle.to_json(),
             "remarks": list(self.remarks),
             "notices": list(self.notices),
             "written": None if self.written is None else str(self.written),
         }
 
 
-def read_logs(
-    paths: Sequence[Path], rig_path: Path | None, maps: Sequence[str]
-) -> tuple[Rig, list[Log]]:
-    """The logs of one rig: `rig_path`, or the one rig file nearest to all of them."""
-    files = {find_rig_file(p) for p in paths} if rig_path is None else {rig_path}
-    if len(files) > 1:
-        raise input_error(
-            " and ".join(sorted(map(str, files))),
-            "the logs belong to different rigs",
-            "fit them one by one, or name one rig file with --rig",
-        )
-    rig = read_rig(files.pop())
-    mapping = parse_map(maps)
-    return rig, [read_log(path, rig, mapping) for path in paths]
-
-
-def fit_friction_logs(
-    paths: Sequence[Path],
-    *,
-    rig: Path | None = None,
-    maps: Sequence[str] = (),
-    kind: str | None = None,
-    estimate_inertia: bool = False,
-    cutoff_hz: float | None = None,
-    output: Path | None = None,
-    into: Path | None = None,
-) -> Fitted:
-    """`sysid fit friction`: static, Coulomb and viscous friction from log files.
-
-    Raises InputError (unusable files) or NotIdentifiedError (the tests cannot identify it).
-    """
-    return _fit_part(
-        "friction",
-        lambda trials, the_rig: fit_friction(
-            trials, the_rig, kind=kind, estimate_inertia=estimate_inertia, cutoff_hz=cutoff_hz
-        ),
-        _Files(paths, rig, maps, output, into),
-        options={"cutoff_hz": cutoff_hz, "kind": kind},
-    )
-
-
-def fit_valve_discrete_logs(
-    paths: Sequence[Path],
-    *,
-    rig: Path | None = None,
-    maps: Sequence[str] = (),
-    valve: str | None = None,
-    output: Path | None = None,
-    into: Path | None = None,
-) -> Fitted:
-    """`sysid fit valve-discrete`: flows and delays of the on/off valves. Raises as friction."""
-    return _fit_part(
-        "valve-discrete",
-        lambda trials, the_rig: fit_valve_discrete(trials, the_rig, valve=valve),
-        _Files(paths, rig, maps, output, into),
-        options={"valve": valve},
-    )
-
-
-def fit_valve_pwm_logs(
-    paths: Sequence[Path],
-    *,
-    rig: Path | None = None,
-    maps: Sequence[str] = (),
-    valve: str | None = None,
-    surface: str = "both",
-    seed: int = 0,
-    sweep: bool = False,
-    output: Path | None = None,
-    into: Path | None = None,
-) -> Fitted:
-    """`sysid fit valve-pwm`: surfaces of mean flow over duty and pressure. Raises as friction."""
-    return _fit_part(
-        "valve-pwm",
-        lambda trials, the_rig: fit_valve_pwm(
-            trials, the_rig, valve=valve, surface=surface, seed=seed, sweep=sweep
-        ),
-        _Files(paths, rig, maps, output, into),
-        seeds={"valve-pwm": seed},
-        options={"valve": valve, "surface": surface},
-    )
-
-
 @dataclass(frozen=True)
 class _Files:
     """What a partial fit reads and writes."""
 
-    paths: Sequence[Path]
+    logs: Sequence[Path]
     rig: Path | None
     maps: Sequence[str]
     output: Path | None
@@ -143,19 +219,18 @@ def _fit_part(
     options: Mapping[str, Any] | None = None,
 ) -> Fitted:
     """Read the logs, fit, and write the part alone (`-o`) or added to a bundle (`--into`)."""
-    rig, logs = read_logs(files.paths, files.rig, files.maps)
+    rig, logs = _read_logs(files.logs, files.rig, files.maps)
     existing = None if files.into is None else read_bundle(files.into)
     result = fit([t for log in logs for t in log.trials], rig)
-    key = "friction" if kind == "friction" else "valves"
-    bundle = new_bundle(
+    bundle = Bundle.new(
         rig,
-        {key: result.to_json()},
+        result.part(),
         [Source.of(log, "fit", kind) for log in logs],
         seeds=seeds,
         options={kind: options or {}},
     )
-    if files.into is not None and existing is not None:
-        bundle = merge(existing, bundle, files.into)
+    if existing is not None:
+        bundle = existing.merged(bundle)
     target = files.output or files.into
     if target is not None:
         write_bundle(bundle, target)
@@ -163,19 +238,102 @@ def _fit_part(
     return Fitted(bundle, tuple(result.remarks), notices, target)
 
 
-def fit_campaign_file(
-    path: Path,
-    output: Path | None,
-    *,
-    surface: str = "both",
-    seed: int = 0,
-    progress: Progress = no_progress,
-) -> Fitted:
-    """`sysid fit CAMPAIGN.toml`: every part that the campaign's fit logs can identify.
+def _read_logs(
+    paths: Sequence[Path], rig_path: Path | None, maps: Sequence[str]
+) -> tuple[Rig, list[Log]]:
+    """The logs of one rig: `rig_path`, or the one rig file nearest to all of them."""
+    files = {find_rig_file(p) for p in paths} if rig_path is None else {rig_path}
+    if len(files) > 1:
+        raise input_error(
+            " and ".join(sorted(map(str, files))),
+            "the logs belong to different rigs",
+            "fit them one by one, or name one rig file with --rig",
+        )
+    rig = read_rig(files.pop())
+    mapping = parse_map(maps)
+    return rig, [read_log(path, rig, mapping) for path in paths]
 
-    Raises InputError for unusable files and as `sysid.assembly.fit_campaign` does.
-    """
-    found = fit_campaign(read_campaign(path), surface=surface, seed=seed, progress=progress)
-    if output is not None:
-        write_bundle(found.bundle, output)
-    return Fitted(found.bundle, found.remarks, found.notices, output)
+
+# --- printing -----------------------------------------------------------------------------
+
+
+def _show(fitted: Fitted, as_json: bool, tables: Tables) -> None:
+    """A fit's summary or its JSON, and where the bundle is."""
+    notices(fitted.notices)
+    if as_json:
+        print_json(fitted.to_json())
+        return
+    out = console()
+    for table in tables(fitted):
+        out.print(table)
+    if fitted.written is not None:
+        print_written([fitted.written])
+
+
+def _friction_tables(fitted: Fitted) -> Iterable[Table]:
+    """The friction parameters, and static friction by position."""
+    yield from _of_friction(fitted.bundle.friction)
+    yield from _remark_tables(fitted)
+
+
+def _of_friction(friction: Friction | None) -> Iterable[Table]:
+    if friction is not None:
+        yield parameter_table("Friction", friction.estimates())
+        yield from _position_tables(friction)
+
+
+def _position_tables(friction: Friction) -> Iterable[Table]:
+    rows = friction.positions()
+    if not rows:
+        return
+    table = new_table(
+        "Static friction by position", "position", "tests", "value", "95 % interval", "unit"
+    )
+    for row in rows:
+        table.add_row(f"{row.position:.4g}", str(row.tests), *estimate_cells(row.static))
+    yield table
+
+
+def _valve_tables(fitted: Fitted) -> Iterable[Table]:
+    """Each valve's flow parameters and delays, and its surfaces' errors."""
+    valves = fitted.bundle.valves or FittedValves()
+    for name, valve in valves.sides().items():
+        if valve.discrete is not None:
+            yield parameter_table(f"Valve {name.upper()}, on/off", valve.discrete.estimates())
+    yield from _surface_tables(valves)
+    yield from _remark_tables(fitted)
+
+
+def _surface_tables(valves: FittedValves) -> Iterable[Table]:
+    table = new_table(
+        "PWM surfaces, error in duty on tests left out of the fit",
+        "valve",
+        "direction",
+        "surface",
+        "RMSE",
+        "largest relative error, %",
+        "parameters",
+    )
+    for name, valve in valves.sides().items():
+        for direction, held in (valve.pwm.directions() if valve.pwm else {}).items():
+            for kind, surface in held.surfaces().items():
+                numbers = (surface.rmse_duty, surface.max_relative_error_duty_percent)
+                cells = [f"{read_number(n):.3g}" for n in numbers]
+                count = "41" if kind == "ann" else "9"
+                table.add_row(name.upper(), direction, kind, *cells, count)
+    if table.row_count:
+        yield table
+
+
+def _remark_tables(fitted: Fitted) -> Iterable[Table]:
+    if fitted.remarks:
+        table = new_table("Remarks", "")
+        for remark in fitted.remarks:
+            table.add_row(Text(remark))
+        yield table
+
+
+def _campaign_tables(fitted: Fitted) -> Iterable[Table]:
+    """Every part of a campaign's bundle."""
+    yield from _of_friction(fitted.bundle.friction)
+    yield from _valve_tables(fitted)

@@ -1,53 +1,68 @@
-"""`sysid run`: check, fit, diagnose, validate, report and export a campaign, stage by stage.
-
-Each stage writes its files whole and is then entered in `run.json` with the digests of all
-that it was made from. A later call does again what failed, what is missing and what is
-stale, and says why.
-"""
+"""`sysid run`: a campaign in; checks, bundle, diagnosis, validation, report and exports out."""
 
 from __future__ import annotations
 
-import hashlib
-import json
-import time
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from sysid import __version__
-from sysid.bundle.content import add_sources, read_bundle, write_bundle
-from sysid.checks.log_check import LogCheck, check_log
-from sysid.commands.fit import fit_campaign_file
-from sysid.diagnosis.bench.registry import part_tested
-from sysid.errors import NotIdentifiedError, input_error
-from sysid.io.campaign import Campaign, read_campaign
-from sysid.io.files import remove_leftovers, write_atomic
+import click
+from rich.text import Text
+
+from sysid.bundle import Bundle, read_bundle
+from sysid.commands.options import (
+    SEED,
+    PathArgument,
+    campaign_argument,
+    effects_option,
+    json_option,
+    options,
+)
+from sysid.commands.printing import notices, print_json, progress, validation_table
+from sysid.commands.stages import (
+    BUNDLE_FILE,
+    EXPORTS,
+    REPORT_FILE,
+    PipelineRun,
+    StageReport,
+    digests,
+    perform,
+    stages_of,
+)
+from sysid.diagnosis import wording
+from sysid.display.terminal import console, new_table
+from sysid.errors import input_error
+from sysid.io.campaign import read_campaign
+from sysid.io.files import remove_leftovers
 from sysid.model.effects.catalogue import catalogue_with
-from sysid.types import Progress
-from sysid.validation import VALIDATED_KINDS, validate
+from sysid.types import Progress, no_progress
 
-if TYPE_CHECKING:
-    from sysid.model.effects.serialise import Catalogue
-    from sysid.validation.results import ValidationResult
+run_options = options(
+    click.option(
+        "--surface",
+        type=click.Choice(["bipolynomial", "ann", "both"]),
+        default="both",
+        show_default=True,
+        help="Which PWM surfaces to fit.",
+    ),
+    click.option(
+        "--seed", type=SEED, default=0, show_default=True, help="Of folds, restarts and twins."
+    ),
+    click.option(
+        "--diagnose/--no-diagnose", default=True, help="Whether to look for what the model lacks."
+    ),
+    effects_option,
+    json_option,
+)
 
-STATE_FILE = "run.json"
-REPORT_FILE = "report.html"
-BUNDLE_FILE = "bundle.json"
-_FITTED_FILE = "fitted.json"
-_EXTENDED_FILE = "extended.json"
-_DIAGNOSIS_FILE = "diagnosis.json"
-_CHECKS_FILE = "checks.json"
-EXPORTS = {"c": "export/model.h", "mat": "export/model.mat", "json": "export/model.json"}
 
-
-@dataclass(frozen=True)
-class StageReport:
-    """What became of a stage: `why` it was done (None: it was up to date), and s it took."""
-
-    name: str
-    why: str | None
-    seconds: float
+@click.command()
+@campaign_argument
+@click.option("-o", "folder", required=True, type=PathArgument, help="Folder for all results.")
+@run_options
+def run(campaign: Path, folder: Path, as_json: bool, **options: Any) -> None:
+    """The whole pipeline, from checks to exports. Resumes where it stopped."""
+    show_run(run_campaign(campaign, folder, progress=progress(), **options), as_json)
 
 
 @dataclass(frozen=True)
@@ -59,7 +74,7 @@ class RunReport:
 
     folder: Path
     stages: tuple[StageReport, ...]
-    bundle: dict[str, Any]
+    bundle: Bundle
     notices: tuple[str, ...]
     diagnosis: dict[str, Any] | None = None
 
@@ -78,45 +93,9 @@ class RunReport:
             "exports": {kind: str(self.folder / name) for kind, name in EXPORTS.items()},
             "stages": [asdict(s) for s in self.stages],
             "diagnosis": diagnosis,
-            "validation": self.bundle.get("validation", {}),
+            "validation": self.bundle.to_json().get("validation", {}),
             "notices": list(self.notices),
         }
-
-
-@dataclass
-class _PipelineRun:
-    """A run under way."""
-
-    campaign: Campaign
-    folder: Path
-    surface: str
-    seed: int
-    tell: Progress
-    inputs: dict[str, str]
-    diagnose: bool = True
-    effects: Path | None = None
-    notices: list[str] = field(default_factory=list)
-    validation: ValidationResult | None = None
-
-    def path(self, name: str) -> Path:
-        return self.folder / name
-
-    @property
-    def model_file(self) -> str:
-        """The bundle that is validated: extended by the diagnosis where there is one."""
-        return _EXTENDED_FILE if self.diagnose else _FITTED_FILE
-
-    @property
-    def catalogue(self) -> Catalogue | None:
-        """The catalogue with the user's own effects; None is the project's."""
-        return catalogue_with(self.effects) if self.effects else None
-
-    def diagnosis(self) -> dict[str, Any] | None:
-        """What the diagnosis wrote: its result, or why it was `skipped`; None without one."""
-        if not self.diagnose:
-            return None
-        content: dict[str, Any] = json.loads(self.path(_DIAGNOSIS_FILE).read_text("utf-8"))
-        return content
 
 
 def run_campaign(
@@ -127,7 +106,7 @@ def run_campaign(
     seed: int = 0,
     diagnose: bool = True,
     effects: Path | None = None,
-    progress: Progress = lambda line: None,
+    progress: Progress = no_progress,
 ) -> RunReport:
     """Run every stage that is not up to date. Raises what the stages raise.
 
@@ -146,210 +125,30 @@ def run_campaign(
         ) from None
     remove_leftovers(folder)
     remove_leftovers(folder / "export")
-    run = _PipelineRun(
-        campaign, folder, surface, seed, progress, _digests(campaign), diagnose, effects
+    run = PipelineRun(
+        campaign, folder, surface, seed, progress, digests(campaign), diagnose, effects
     )
     run.notices += [*campaign.notices, *campaign.rig.notices]
-    stages = tuple(_perform(run, stage) for stage in _stages(run))
+    stages = tuple(perform(run, stage) for stage in stages_of(run))
     bundle = read_bundle(folder / BUNDLE_FILE)
     found = run.diagnosis()
     diagnosis = found if found and "verdict" in found else None
     return RunReport(folder, stages, bundle, tuple(dict.fromkeys(run.notices)), diagnosis)
 
 
-def _digests(campaign: Campaign) -> dict[str, str]:
-    """SHA-256 of the campaign file, the rig file and every log, by their names."""
-    paths = {campaign.path.name: campaign.path, "rig file": Path(campaign.rig.source)}
-    paths |= {entry.file: entry.path for entry in campaign.logs}
-    return {name: _digest(path) for name, path in paths.items()}
-
-
-def _digest(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-@dataclass(frozen=True)
-class _Stage:
-    """A stage: what it writes, what it is made from besides the logs, and what it does.
-
-    `reads_effects`: whether a user's file of effects plays a part in it.
-    """
-
-    name: str
-    outputs: tuple[str, ...]
-    made_from: tuple[str, ...]
-    perform: Callable[[_PipelineRun], None]
-    reads_effects: bool = True
-
-
-def _perform(run: _PipelineRun, stage: _Stage) -> StageReport:
-    made_from = {
-        **run.inputs,
-        **{name: _digest(run.path(name)) for name in stage.made_from},
-        "sysid": __version__,
-        "--surface": run.surface,
-        "--seed": str(run.seed),
-    }
-    if stage.reads_effects and run.effects is not None:
-        made_from["--effects"] = _digest(run.effects)
-    state = _read_state(run.folder)
-    why = _stale(run, stage, made_from, state.get(stage.name))
-    if why is None:
-        run.tell(f"{stage.name}: up to date")
-        return StageReport(stage.name, None, 0.0)
-    run.tell(f"{stage.name}: {why}")
-    start = time.perf_counter()
-    stage.perform(run)
-    seconds = time.perf_counter() - start
-    state[stage.name] = {
-        "made_from": made_from,
-        "outputs": {name: _digest(run.path(name)) for name in stage.outputs},
-        "seconds": round(seconds, 3),
-    }
-    write_atomic(run.path(STATE_FILE), json.dumps(state, indent=2) + "\n")
-    return StageReport(stage.name, why, seconds)
-
-
-def _read_state(folder: Path) -> dict[str, Any]:
-    """What earlier calls did; nothing where the file is missing or no longer readable."""
-    try:
-        state = json.loads((folder / STATE_FILE).read_text("utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return state if isinstance(state, dict) else {}
-
-
-def _stale(
-    run: _PipelineRun, stage: _Stage, made_from: Mapping[str, str], before: Mapping[str, Any] | None
-) -> str | None:
-    """Why a stage has to be done; None where its files stand and nothing has changed."""
-    if before is None:
-        return "not done yet"
-    old = before.get("made_from", {})
-    changed = [k for k in {**old, **made_from} if old.get(k) != made_from.get(k)]
-    if changed:
-        return f"stale, changed: {', '.join(changed)}"
-    for name, digest in before.get("outputs", {}).items():
-        path = run.path(name)
-        if not path.is_file():
-            return f"{name} is missing"
-        if _digest(path) != digest:
-            return f"{name} was changed by hand"
-    return None
-
-
-def _check(run: _PipelineRun) -> None:
-    checks = []
-    for entry in run.campaign.logs:
-        log = run.campaign.read(entry)
-        run.notices += log.notices
-        checks.append(check_log(log, run.campaign.rig).to_json())
-    write_atomic(run.path(_CHECKS_FILE), json.dumps({"logs": checks}, indent=2) + "\n")
-
-
-def _fit(run: _PipelineRun) -> None:
-    fitted = fit_campaign_file(
-        run.campaign.path,
-        run.path(_FITTED_FILE),
-        surface=run.surface,
-        seed=run.seed,
-        progress=lambda part: run.tell(f"fitting {part}"),
-    )
-    run.notices += fitted.notices
-
-
-def _diagnose(run: _PipelineRun) -> None:
-    """A campaign that cannot be diagnosed is gone on with as it was fitted, and says why."""
-    from sysid.diagnosis.campaign import diagnose_logs, extended_bundle
-    from sysid.diagnosis.content import content
-
-    bundle = read_bundle(run.path(_FITTED_FILE))
-    try:
-        diagnosis, notices = diagnose_logs(
-            run.campaign,
-            bundle,
-            Path(_FITTED_FILE),
-            effects=run.effects,
-            seed=run.seed,
-            progress=run.tell,
-        )
-    except NotIdentifiedError as error:
-        run.notices.append(f"not diagnosed: {error}")
-        found: dict[str, Any] = {"skipped": str(error)}
-    else:
-        run.notices += [*notices, *diagnosis.notices]
-        found = content(diagnosis)
-        bundle = extended_bundle(bundle, diagnosis, run.campaign)
-    text = json.dumps(found, indent=2, allow_nan=False, ensure_ascii=False)
-    write_atomic(run.path(_DIAGNOSIS_FILE), text + "\n")
-    write_bundle(bundle, run.path(_EXTENDED_FILE))
-
-
-def _validated(run: _PipelineRun) -> ValidationResult | None:
-    """The validation of the bundle that stands; None without motion logs of an actuator."""
-    kinds = [entry.kind for entry in run.campaign.logs]
-    if run.validation is None and set(kinds) & set(VALIDATED_KINDS):
-        bundle = read_bundle(run.path(run.model_file))
-        if part_tested(kinds, bundle):
-            return None
-        run.validation = validate(
-            run.campaign,
-            bundle,
-            # The name alone: what is said of it goes into a report that is sent to others.
-            bundle_path=Path(run.model_file),
-            catalogue=run.catalogue,
-            progress=run.tell,
-        )
-    return run.validation
-
-
-def _validate(run: _PipelineRun) -> None:
-    bundle = read_bundle(run.path(run.model_file))
-    result = _validated(run)
-    if result is None:
-        run.notices.append(
-            f"{run.campaign.path}: no motion log of an actuator: the bundle is not validated"
-        )
-    else:
-        run.notices += result.notices
-        bundle["validation"] = result.to_json()
-        add_sources(bundle, run.campaign.sources())
-    write_bundle(bundle, run.path(BUNDLE_FILE))
-
-
-def _report(run: _PipelineRun) -> None:
-    from sysid.report import write_report
-
-    content = json.loads(run.path(_CHECKS_FILE).read_text("utf-8"))
-    write_report(
-        run.path(REPORT_FILE),
-        campaign=run.campaign,
-        bundle=read_bundle(run.path(BUNDLE_FILE)),
-        validation=_validated(run),
-        checks=[LogCheck.from_json(c) for c in content["logs"]],
-        diagnosis=run.diagnosis(),
-        progress=run.tell,
-    )
-
-
-def _export(run: _PipelineRun) -> None:
-    from sysid.export import export_file
-
-    for kind, name in EXPORTS.items():
-        run.notices += export_file(run.path(BUNDLE_FILE), run.path(name), kind, effects=run.effects)
-
-
-def _stages(run: _PipelineRun) -> list[_Stage]:
-    """The stages of a run, in turn."""
-    diagnosed = (_DIAGNOSIS_FILE, _EXTENDED_FILE)
-    shown = (BUNDLE_FILE, _CHECKS_FILE, *([_DIAGNOSIS_FILE] if run.diagnose else []))
-    stages = [
-        _Stage("check", (_CHECKS_FILE,), (), _check, reads_effects=False),
-        _Stage("fit", (_FITTED_FILE,), (), _fit, reads_effects=False),
-        _Stage("diagnose", diagnosed, (_FITTED_FILE,), _diagnose),
-        _Stage("validate", (BUNDLE_FILE,), (run.model_file,), _validate),
-        _Stage("report", (REPORT_FILE,), shown, _report),
-        _Stage("export", tuple(EXPORTS.values()), (BUNDLE_FILE,), _export),
-    ]
-    return [stage for stage in stages if run.diagnose or stage.name != "diagnose"]
+def show_run(done: RunReport, as_json: bool) -> None:
+    """The validation, the diagnosis, what each stage did, and where the report is."""
+    notices(done.notices)
+    if as_json:
+        print_json(done.to_json())
+        return
+    out = console()
+    out.print(validation_table(done.bundle.validation))
+    if done.diagnosis is not None:
+        out.print(Text(f"Diagnosis: {wording.sentence(done.diagnosis)}"), soft_wrap=True)
+    table = new_table("Stages", "stage", "", "s")
+    for stage in done.stages:
+        table.add_row(stage.name, stage.outcome, f"{stage.seconds:.1f}")
+    out.print(table)
+    out.print(Text(f"bundle: {done.folder / BUNDLE_FILE}"), soft_wrap=True)
+    out.print(Text(f"report: {done.report}"), soft_wrap=True)

@@ -7,26 +7,53 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import click
+from rich.text import Text
+
+from sysid.bundle import read_bundle
 from sysid.bundle.assembled_model import (
-    DISCRETE,
-    VALVE_MODELS,
-    model_from_bundle,
+    first_valve_model,
     negative_friction,
     surfaces_for,
-    surfaces_from_bundle,
 )
-from sysid.bundle.content import bundle_rig, read_bundle
-from sysid.errors import NotIdentifiedError, input_error
-from sysid.io.channels import PRESSURES
-from sysid.io.logs import Log, Trial, read_log
-from sysid.io.rig import Rig
+from sysid.commands.options import (
+    PathArgument,
+    bundle_option,
+    effects_option,
+    json_option,
+    map_option,
+)
+from sysid.commands.printing import notices, print_json, print_written
+from sysid.display.terminal import console, new_table
+from sysid.io.logs import Trial, read_log
 from sysid.io.tables import write_table
 from sysid.io.units import parse_map
-from sysid.model.base import Parameters
 from sysid.model.effects.catalogue import catalogue_with
-from sysid.model.ports import has_discrete_law
-from sysid.model.trials import simulate_trials, starts_on_supply
+from sysid.model.trials import (
+    assumed_starts,
+    check_commands,
+    simulate_trials,
+    simulated_table,
+    starts_on_supply,
+)
 from sysid.types import FloatArray
+
+
+@click.command()
+@click.argument("inputs", type=PathArgument)
+@bundle_option
+@click.option("-o", "output", required=True, type=PathArgument, help="CSV or Parquet to write.")
+@click.option(
+    "--valve-model",
+    type=click.Choice(["discrete", "bipolynomial", "ann"]),
+    help="Else the on/off law where the bundle has it.",
+)
+@map_option
+@effects_option
+@json_option
+def simulate(inputs: Path, bundle: Path, output: Path, as_json: bool, **options: Any) -> None:
+    """Open-loop simulation of the commands in INPUTS, a log."""
+    _show(simulate_log(inputs, bundle, output, **options), as_json)
 
 
 @dataclass(frozen=True)
@@ -51,6 +78,24 @@ class Simulated:
         }
 
 
+def _show(simulated: Simulated, as_json: bool) -> None:
+    """How far each test went, and where the result is."""
+    notices(simulated.notices)
+    if as_json:
+        print_json(simulated.to_json())
+        return
+    table = new_table(
+        f"Simulated, {simulated.valve_model} valves", "test", "s", "position", "A, Pa", "B, Pa"
+    )
+    names = (simulated.position, "pressure_a_pa", "pressure_b_pa")
+    for trial, channels in zip(simulated.trials, simulated.channels, strict=True):
+        ranges = [channels[name] for name in names]
+        cells = [f"{float(r.min()):.4g} to {float(r.max()):.4g}" for r in ranges]
+        table.add_row(Text(trial.label or "-"), f"{trial.time[-1] - trial.time[0]:.3g}", *cells)
+    console().print(table)
+    print_written([simulated.written])
+
+
 def simulate_log(
     inputs: Path,
     bundle_path: Path,
@@ -70,23 +115,28 @@ def simulate_log(
     needs.
     """
     bundle = read_bundle(bundle_path)
-    rig = bundle_rig(bundle, bundle_path)
+    rig = bundle.rig
     log = read_log(inputs, rig, parse_map(maps))
     catalogue = catalogue_with(effects) if effects else None
-    model = model_from_bundle(bundle, rig, str(bundle_path), catalogue)
-    chosen = valve_model or _first_valve_model(bundle, rig, model.parameters, str(bundle_path))
-    notices = [*rig.notices, *log.notices, *negative_friction(bundle, str(bundle_path))]
+    model = bundle.model(rig, catalogue)
+    chosen = valve_model or first_valve_model(bundle, rig, model.parameters)
+    notices = [*rig.notices, *log.notices, *negative_friction(bundle)]
     for trial in log.trials:
-        _check_commands(trial, rig, chosen)
-        notices += _start_notices(trial, rig)
+        check_commands(trial, rig, chosen)
+        notices += assumed_starts(trial, rig)
     channels = simulate_trials(
         log.trials,
         rig,
         model,
-        surfaces_for(bundle, rig, chosen, str(bundle_path)),
+        surfaces_for(bundle, rig, chosen),
         [starts_on_supply(trial, rig) for trial in log.trials],
     )
-    _write(log, rig, channels, output, [f"bundle: {bundle_path.name}", f"valve model: {chosen}"])
+    source = f"simulated from: {log.path.name}, SHA-256 {log.sha256}"
+    write_table(
+        simulated_table(log.trials, channels, rig),
+        output,
+        [source, f"bundle: {bundle_path.name}", f"valve model: {chosen}"],
+    )
     return Simulated(
         log.trials,
         tuple(channels),
@@ -95,58 +145,3 @@ def simulate_log(
         tuple(dict.fromkeys(notices)),
         output,
     )
-
-
-def _first_valve_model(
-    bundle: Mapping[str, Any], rig: Rig, parameters: Parameters, where: str
-) -> str:
-    if has_discrete_law(parameters):
-        return DISCRETE
-    for name in VALVE_MODELS[1:]:
-        if surfaces_from_bundle(bundle, rig, name, where) is not None:
-            return name
-    raise NotIdentifiedError(
-        f"{where}: holds no model of both valves; fit valve-discrete tests of both into it"
-    )
-
-
-def _check_commands(trial: Trial, rig: Rig, valve_model: str) -> None:
-    duties = [n for n in ("duty_a", "duty_b") if n in trial]
-    if duties:
-        rig.require("pwm", "which holds the PWM period")
-    elif valve_model != DISCRETE:
-        raise input_error(
-            trial.source, f"holds no duty for the {valve_model} surfaces", "use discrete"
-        )
-    if duties or "valve_a" in trial or "valve_b" in trial:
-        rig.require("valves", "which holds the valves' delays")
-
-
-def _start_notices(trial: Trial, rig: Rig) -> list[str]:
-    starts = {rig.position_channel: "0"} | dict.fromkeys(PRESSURES[:2], "the atmosphere")
-    return [
-        f"{trial.source}: no {name}: it starts at {start}"
-        for name, start in starts.items()
-        if name not in trial
-    ]
-
-
-def _write(
-    log: Log,
-    rig: Rig,
-    channels: Sequence[Mapping[str, FloatArray]],
-    output: Path,
-    comments: Sequence[str],
-) -> None:
-    import pandas as pd
-
-    names = ("valve_a", "valve_b", "duty_a", "duty_b", rig.effort_channel)
-    frames = []
-    for trial, simulated in zip(log.trials, channels, strict=True):
-        columns: dict[str, Any] = {"time_s": trial.time}
-        if len(log.trials) > 1 or trial.label:
-            columns["test"] = trial.label
-        columns |= {name: trial[name] for name in names if name in trial}
-        frames.append(pd.DataFrame(columns | dict(simulated)))
-    source = f"simulated from: {log.path.name}, SHA-256 {log.sha256}"
-    write_table(pd.concat(frames, ignore_index=True), output, [source, *comments])

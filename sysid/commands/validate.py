@@ -1,34 +1,69 @@
-"""From a campaign and a bundle to a validated bundle and its report: `sysid validate`."""
+"""`sysid validate`: a campaign and a bundle in, the validated bundle and its report out."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sysid.bundle.content import add_sources, read_bundle, write_bundle
-from sysid.checks.log_check import check_log
+import click
+
+from sysid.bundle import Bundle, read_bundle, write_bundle
+from sysid.checks.log_check import check_campaign
+from sysid.commands.options import (
+    PathArgument,
+    bundle_option,
+    campaign_argument,
+    effects_option,
+    json_option,
+    report_option,
+)
+from sysid.commands.printing import notices, print_json, print_written, progress, validation_table
+from sysid.display.terminal import console
 from sysid.io.campaign import read_campaign
 from sysid.model.effects.catalogue import catalogue_with
-from sysid.validation import validate
+from sysid.types import Progress, no_progress
+from sysid.validation import validate as validate_bundle
+
+
+@click.command()
+@campaign_argument
+@bundle_option
+@report_option
+@click.option("-o", "output", type=PathArgument, help="Write the bundle with its validation.")
+@effects_option
+@json_option
+def validate(campaign: Path, bundle: Path, as_json: bool, **options: Any) -> None:
+    """Open-loop simulation of a bundle's model against a campaign's motion logs."""
+    validated = validate_campaign(campaign, bundle, progress=progress(), **options)
+    _show(validated, as_json)
 
 
 @dataclass(frozen=True)
 class Validated:
-    """The bundle's `validation`, what to say about it, and the files that were written."""
+    """The bundle with its validation, what to say about it, and the files that were written."""
 
-    validation: dict[str, Any]
+    bundle: Bundle
     notices: tuple[str, ...]
     written: tuple[Path, ...]
 
     def to_json(self) -> dict[str, Any]:
         """What `sysid validate --json` prints."""
         return {
-            "validation": self.validation,
+            "validation": self.bundle.to_json()["validation"],
             "notices": list(self.notices),
             "written": [str(path) for path in self.written],
         }
+
+
+def _show(validated: Validated, as_json: bool) -> None:
+    """The errors of every log, and what was written."""
+    notices(validated.notices)
+    if as_json:
+        print_json(validated.to_json())
+        return
+    console().print(validation_table(validated.bundle.validation))
+    print_written(validated.written)
 
 
 def validate_campaign(
@@ -38,7 +73,7 @@ def validate_campaign(
     report: Path | None = None,
     output: Path | None = None,
     effects: Path | None = None,
-    progress: Callable[[str], None] = lambda line: None,
+    progress: Progress = no_progress,
 ) -> Validated:
     """Simulate a campaign's motion logs open loop with a bundle's model.
 
@@ -47,15 +82,14 @@ def validate_campaign(
     """
     campaign = read_campaign(campaign_path)
     bundle = read_bundle(bundle_path)
-    result = validate(
+    result = validate_bundle(
         campaign,
         bundle,
-        bundle_path=bundle_path,
         catalogue=catalogue_with(effects) if effects else None,
         progress=progress,
     )
-    bundle["validation"] = result.to_json()
-    add_sources(bundle, campaign.sources("holdout"))
+    bundle = bundle.replaced(validation=result.record())
+    bundle = bundle.with_sources(campaign.sources("holdout"))
     written = []
     if output is not None:
         write_bundle(bundle, output)
@@ -63,15 +97,14 @@ def validate_campaign(
     if report is not None:
         from sysid.report import write_report
 
-        checks = [check_log(campaign.read(entry), campaign.rig) for entry in campaign.logs]
         write_report(
             report,
             campaign=campaign,
             bundle=bundle,
             validation=result,
-            checks=checks,
+            checks=check_campaign(campaign),
             progress=progress,
         )
         written.append(report)
     notices = (*campaign.notices, *campaign.rig.notices, *result.notices)
-    return Validated(bundle["validation"], notices, tuple(written))
+    return Validated(bundle, notices, tuple(written))

@@ -6,9 +6,7 @@ All three hold the same content, worked out once in `flat.py`.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from sysid.bundle import Bundle, bundle_text, read_bundle
 from sysid.bundle.assembled_model import effects_from_bundle
@@ -56,7 +54,8 @@ def export_bundle(
     fmt: "c" (one C99 header whose names begin with `prefix`), "mat" (MAT 5, a struct
     `sysid`) or "json". `sha256` is the bundle file's, by default that of the file which
     `sysid.bundle.write_bundle` makes of it. Notices name every parameter that is absent, and
-    effects whose laws the C header does not hold. Raises InputError for an unknown format or prefix, for content that contradicts itself
+    effects whose laws the C header does not hold.
+    Raises InputError for an unknown format or prefix, for content that contradicts itself
     (units, PWM period), and where `path` cannot be written.
     """
     if fmt not in FORMATS:

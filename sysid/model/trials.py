@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sysid.errors import input_error
-from sysid.io.channels import SIDES
+from sysid.io.channels import CHAMBER_PRESSURES, SIDES
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.io.trial_kind import is_held
@@ -19,7 +19,12 @@ from sysid.model.sensors import measured_channels, true_start
 from sysid.types import FloatArray
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from sysid.model.simulator import Inputs, ValveCommand
+
+DISCRETE = "discrete"
+"""The valve model that is the discrete law; the others are kinds of PWM surface."""
 
 
 def inputs_from_trial(
@@ -103,6 +108,50 @@ def starts_on_supply(trial: Trial, rig: Rig) -> tuple[bool, bool]:
     return on[0], on[1]
 
 
+def check_commands(trial: Trial, rig: Rig, valve_model: str) -> None:
+    """InputError where a test's commands need what the rig file lacks, or the model duties."""
+    duties = [n for n in ("duty_a", "duty_b") if n in trial]
+    if duties:
+        rig.require("pwm", "which holds the PWM period")
+    elif valve_model != DISCRETE:
+        raise input_error(
+            trial.source, f"holds no duty for the {valve_model} surfaces", "use discrete"
+        )
+    if duties or "valve_a" in trial or "valve_b" in trial:
+        rig.require("valves", "which holds the valves' delays")
+
+
+def assumed_starts(trial: Trial, rig: Rig) -> list[str]:
+    """Notices of the starting values that a test does not hold and that are assumed."""
+    starts = {rig.position_channel: "0"} | dict.fromkeys(CHAMBER_PRESSURES, "the atmosphere")
+    return [
+        f"{trial.source}: no {name}: it starts at {start}"
+        for name, start in starts.items()
+        if name not in trial
+    ]
+
+
+def simulated_table(
+    trials: Sequence[Trial], channels: Sequence[Mapping[str, FloatArray]], rig: Rig
+) -> pd.DataFrame:
+    """Trials' commands and their simulated channels, one row a sample, as a log has them.
+
+    `channels` is what `simulate_trials` returned; the column `test` is there where there are
+    several trials, or the one has a label.
+    """
+    import pandas as pd
+
+    names = ("valve_a", "valve_b", "duty_a", "duty_b", rig.effort_channel)
+    frames = []
+    for trial, simulated in zip(trials, channels, strict=True):
+        columns: dict[str, Any] = {"time_s": trial.time}
+        if len(trials) > 1 or trial.label:
+            columns["test"] = trial.label
+        columns |= {name: trial[name] for name in names if name in trial}
+        frames.append(pd.DataFrame(columns | dict(simulated)))
+    return pd.concat(frames, ignore_index=True)
+
+
 def _valve_command(trial: Trial, side: str, starts_on: bool) -> ValveCommand | None:
     from sysid.model.simulator import ValveCommand
 
@@ -153,4 +202,12 @@ def _first(trial: Trial, name: str) -> float | None:
     return value
 
 
-__all__ = ["inputs_from_trial", "simulate_trials", "starts_on_supply"]
+__all__ = [
+    "DISCRETE",
+    "assumed_starts",
+    "check_commands",
+    "inputs_from_trial",
+    "simulate_trials",
+    "simulated_table",
+    "starts_on_supply",
+]

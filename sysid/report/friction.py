@@ -245,8 +245,8 @@ def _mean_bar(ax: Any, row: StaticAtPosition) -> None:
     bars = [[value - low], [high - value]] if known else [[0.0], [0.0]]
     if math.isfinite(value):
         ax.errorbar(
-            [row.position], [value], yerr=bars, fmt="_", color=COLOUR["ink"], capsize=3, markersize=9,
-            elinewidth=1.0,
+            [row.position], [value], yerr=bars, fmt="_", color=COLOUR["ink"], capsize=3,
+            markersize=9, elinewidth=1.0,
         )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sysid.bundle import Bundle, Valves
+from sysid.bundle import Bundle, FittedValves
 from sysid.io.campaign import FRICTION_KINDS, MOTION_KINDS
 from sysid.io.files import write_atomic
 from sysid.report.blocks import Block, Fold, Plot, Section
@@ -109,7 +109,7 @@ def _parts(
     diagnosis: Mapping[str, Any] | None,
 ) -> list[_Part]:
     """Title, what to say if it is missing, and what makes it, of each section in turn."""
-    valves = bundle.valves or Valves()
+    valves = bundle.valves or FittedValves()
 
     def friction() -> Section | None:
         from sysid.report.friction import friction_section

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid.bundle import PwmSurfaces, Valves
+from sysid.bundle import FittedValves, PwmSurfaces
 from sysid.bundle.valves import DutyErrors, ResolutionRecord, SurfaceChoice
 from sysid.display.numbers import MISSING, estimate_cells, number
 from sysid.io.logs import Log
@@ -54,7 +54,7 @@ class _Measured:
 
 
 def surfaces_section(
-    valves: Valves, logs: Sequence[tuple[str | None, Log]], rig: Rig
+    valves: FittedValves, logs: Sequence[tuple[str | None, Log]], rig: Rig
 ) -> Section | None:
     """From the bundle's `valves` and the valve-pwm logs; None where no surface is fitted."""
     parts = _parts(valves, logs, rig)
@@ -72,7 +72,9 @@ def surfaces_section(
     return Section("surfaces", "PWM surfaces", intro, tuple(blocks))
 
 
-def _parts(valves: Valves, logs: Sequence[tuple[str | None, Log]], rig: Rig) -> list[_Measured]:
+def _parts(
+    valves: FittedValves, logs: Sequence[tuple[str | None, Log]], rig: Rig
+) -> list[_Measured]:
     found = []
     for side, valve in sorted(valves.sides().items()):
         levels = _levels(side, logs, rig) if valve.pwm is not None else {}

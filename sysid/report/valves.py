@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.bundle import DiscreteLaw, Valves
+from sysid.bundle import DiscreteLaw, FittedValves
 from sysid.bundle.base import read_number
 from sysid.display.numbers import number, percent
 from sysid.estimation.linear import Estimate
@@ -58,7 +58,7 @@ class _Curve:
 
 
 def discrete_section(
-    valves: Valves, logs: Sequence[tuple[str | None, Log]], rig: Rig
+    valves: FittedValves, logs: Sequence[tuple[str | None, Log]], rig: Rig
 ) -> Section | None:
     """From the bundle's `valves` and the valve-discrete logs; None where neither is fitted."""
     fitted = valves.discrete_laws()

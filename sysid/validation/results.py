@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid.bundle import Validation
 from sysid.types import FloatArray
 from sysid.validation import residual_tests
 from sysid.validation.residual_tests import CorrelationTest
@@ -187,12 +188,10 @@ class ValidationResult:
             log for log in self.logs if use in (None, log.use) and model in (None, log.model)
         )
 
-    def to_json(self) -> dict[str, Any]:
-        """The bundle's `validation` part."""
-        return {
-            "alarm_rate": residual_tests.ALARM_RATE,
-            "logs": [log.to_json() for log in self.logs],
-        }
+    def record(self) -> Validation:
+        """The bundle's `validation`."""
+        logs = [log.to_json() for log in self.logs]
+        return Validation.model_validate({"alarm_rate": residual_tests.ALARM_RATE, "logs": logs})
 
 
 def pooled_channels(tests: Sequence[TestResult]) -> dict[str, ChannelResult]:

@@ -217,11 +217,10 @@ def linear_step(columns: FloatArray, residual: FloatArray) -> FloatArray:
     return np.asarray(-np.linalg.lstsq(columns / size, residual, rcond=1e-6)[0] / size)
 
 
-def standard_errors(base: Projected, extra: FloatArray) -> tuple[dict[str, float], float]:
+def standard_errors(base: Projected, extra: FloatArray) -> dict[str, float]:
     """Standard errors of the base parameters beside `extra` columns (rows, k), in their units.
 
-    From the whitened squares that are left, so that what no effect explains widens them; and
-    the degrees of freedom of these squares.
+    From the whitened squares that are left, so that what no effect explains widens them.
     """
     names = base_parameters(base.model)
     jacobian = np.hstack([base_jacobian(base.frame, base.model, base.residual, names), extra])
@@ -230,8 +229,7 @@ def standard_errors(base: Projected, extra: FloatArray) -> tuple[dict[str, float
     spread = max(float(base.rest @ base.rest) / len(base.rest), 1.0)
     covariance = np.linalg.pinv((jacobian / size).T @ (jacobian / size), hermitian=True) * spread
     relative = np.sqrt(np.diag(covariance)) / size
-    stds = {
+    return {
         name: float(abs(getattr(base.model.parameters, name)) * relative[i])
         for i, name in enumerate(names)
     }
-    return stds, float(max(len(base.rest) - jacobian.shape[1], 0))

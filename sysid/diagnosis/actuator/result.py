@@ -94,8 +94,8 @@ class Diagnosis:
         return self.loop.search.base_std
 
     @property
-    def base_dof(self) -> float:
-        """Degrees of freedom of these standard errors."""
+    def base_dof(self) -> int:
+        """Degrees of freedom that these standard errors have."""
         return self.loop.search.base_dof
 
     def to_json(self) -> dict[str, Any]:

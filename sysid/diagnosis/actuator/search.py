@@ -100,8 +100,8 @@ class Search:
     """The steps, the model they end in, and its residual beside the base model's.
 
     `joint` holds all effects fitted together, None where there are none; `base_std` the
-    standard errors of the base parameters beside them, in the parameters' units, with
-    `base_dof` degrees of freedom; `suspects` are those of the last look.
+    standard errors of the base parameters beside them, in the parameters' units; `suspects`
+    are those of the last look.
     """
 
     steps: tuple[Step, ...]
@@ -110,8 +110,13 @@ class Search:
     last: Projected
     joint: Refit | None
     base_std: Mapping[str, float]
-    base_dof: float
     suspects: tuple[Suspect, ...]
+
+    @property
+    def base_dof(self) -> int:
+        """Degrees of freedom of `base_std`: rows less base parameters and effects' numbers."""
+        rows, columns = self.last.basis.shape
+        return int(rows - columns)
 
     def estimates(self, place: int) -> dict[str, Estimate]:
         """An effect's numbers by name, with intervals from leaving out one test at a time."""
@@ -197,16 +202,16 @@ def _finished(
 ) -> Search:
     """All effects fitted once more, together, from the base model on."""
     if not steps:
-        return Search((), first.model, first, last, None, {}, math.inf, tuple(suspects))
+        return Search((), first.model, first, last, None, {}, tuple(suspects))
     alone = steps[0].refit
     joint = refit(first, [s.refit.effect for s in steps]) if len(steps) > 1 else alone
     extended = Model(first.model.parameters, (*first.model.effects, *joint.effects))
     model = with_base_refitted(first, extended)
     own = own_columns(first.frame, model)
     last = projected(first.frame, model, extra=own)
-    base_std, base_dof = standard_errors(last, own)
+    base_std = standard_errors(last, own)
     steps = [*steps[:-1], replace(steps[-1], model=model)]
-    return Search(tuple(steps), model, first, last, joint, base_std, base_dof, tuple(suspects))
+    return Search(tuple(steps), model, first, last, joint, base_std, tuple(suspects))
 
 
 def _leaves_alone(first: Projected, steps: Sequence[Step], winner: Refit) -> bool:

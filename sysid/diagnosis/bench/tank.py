@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.bundle import Bundle, DiscreteLaw, Parts, Valve, Valves
+from sysid.bundle import Bundle, DiscreteLaw, FittedValves, Parts, Valve
 from sysid.diagnosis.bench.component import Component, Law, law_held, smallest_probe
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.estimation.linear import Estimate
@@ -175,7 +175,7 @@ class TankComponent(Component):
             "choked_flow_fill_kg_s": unasked,
             "choked_flow_dis_kg_s": estimates.get("choked_flow_dis_kg_s", unreached),
         }
-        return Parts(valves=Valves(a=Valve(discrete=DiscreteLaw.model_validate(law))))
+        return Parts(valves=FittedValves(a=Valve(discrete=DiscreteLaw.model_validate(law))))
 
     def law_of(self, bundle: Bundle) -> Law:
         names = [p.name for p in self.parameters()]

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sysid.bundle import Bundle, Parts, Valve, Valves
+from sysid.bundle import Bundle, FittedValves, Parts, Valve
 from sysid.bundle.valves import SteadyLaw
 from sysid.diagnosis.bench.component import Component, Law, bends, law_held, probes, rmse
 from sysid.errors import NotIdentifiedError
@@ -195,7 +195,7 @@ class ValveFlow(Component):
 
     def part(self, estimates: Mapping[str, Estimate]) -> Parts:
         law = SteadyLaw(**{PARAMETER: estimates[PARAMETER]})
-        return Parts(valves=Valves(a=Valve(steady=law)))
+        return Parts(valves=FittedValves(a=Valve(steady=law)))
 
     def law_of(self, bundle: Bundle) -> Law:
         steady = bundle.valve("a").steady

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.bundle import Bundle, Parts, Valve, Valves
+from sysid.bundle import Bundle, FittedValves, Parts, Valve
 from sysid.bundle.valves import TimingLaw
 from sysid.diagnosis.bench.component import Component, Law, bends, law_held, probes, rmse
 from sysid.errors import NotIdentifiedError, input_error
@@ -166,7 +166,7 @@ class ValveTime(Component):
             "s", f"no {KIND} test in this direction; a sweep of its duty would identify it"
         )
         law = TimingLaw(**{name: estimates.get(name, absent) for name in PARAMETERS})
-        return Parts(valves=Valves(a=Valve(timing=law)))
+        return Parts(valves=FittedValves(a=Valve(timing=law)))
 
     def law_of(self, bundle: Bundle) -> Law:
         timing = bundle.valve("a").timing

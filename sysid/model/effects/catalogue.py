@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import importlib.util
 import sys
 import traceback
 from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 from sysid.errors import input_error
 from sysid.model.effects import bench, chamber, friction, linkage, motor, sensor, supply, valve
@@ -58,6 +60,10 @@ def class_of(effect: str) -> frozenset[str]:
 
 def load_user_effects(path: Path) -> dict[str, type[CatalogueEffect]]:
     """The effects that a user's Python file defines, by id. Runs the file's code.
+
+    Each is a frozen dataclass derived from `CatalogueEffect`; README.md shows one. Its ports
+    (`sysid.model.ports.Effect`) get arrays of numpy and of jax, so they are written without
+    branches on values; `sysid.model.base.array_namespace` gives the module to call.
 
     Raises InputError where the file does not run, defines none, or defines one that is not
     complete or takes the id of another.
@@ -156,4 +162,55 @@ def catalogue_with(path: Path | None) -> Catalogue:
     return catalogue() if path is None else {**catalogue(), **load_user_effects(path)}
 
 
-__all__ = ["AMBIGUOUS_CLASSES", "catalogue", "catalogue_with", "class_of", "load_user_effects"]
+def effect_named(name: str, effects: Catalogue) -> type[CatalogueEffect]:
+    """The effect of an id; InputError, with the nearest one, where there is none."""
+    if name in effects:
+        return effects[name]
+    near = difflib.get_close_matches(name, effects, 1)
+    hint = f"did you mean {near[0]}?" if near else "`sysid effects` lists them"
+    raise input_error(f"effect {name}", "is not in the catalogue", hint)
+
+
+def entry_of(effect: type[CatalogueEffect]) -> dict[str, Any]:
+    """An effect's entry in the catalogue, as JSON holds it."""
+    parameters = [
+        {
+            "name": q.name,
+            "unit": q.unit,
+            "typical": q.typical,
+            "bounds": [q.lower, q.upper],
+            "is_strength": q.is_strength,
+            "meaning": q.meaning,
+        }
+        for q in effect.quantities
+    ]
+    return {
+        "id": effect.id,
+        "title": effect.title,
+        "subsystem": effect.subsystem,
+        "law": _law(effect),
+        "parameters": parameters,
+        "has_side": effect.has_side(),
+        "signature": effect.signature,
+        "rivals": list(effect.rivals),
+        "tie_breaker": effect.tie_breaker,
+        "ambiguous_with": sorted(class_of(effect.id) - {effect.id}),
+        "source": effect.source,
+    }
+
+
+def _law(effect: type[CatalogueEffect]) -> str:
+    """What the class says of itself; nothing where Python made up its docstring."""
+    text = (effect.__doc__ or "").partition("\n\n")[0]
+    return "" if text.startswith(f"{effect.__name__}(") else " ".join(text.split())
+
+
+__all__ = [
+    "AMBIGUOUS_CLASSES",
+    "catalogue",
+    "catalogue_with",
+    "class_of",
+    "effect_named",
+    "entry_of",
+    "load_user_effects",
+]

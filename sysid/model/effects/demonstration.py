@@ -46,6 +46,17 @@ class Demonstration:
         """What the effect changes, (n,), in the channel's unit."""
         return self.changed[channel] - self.base[channel]
 
+    def changes(self) -> dict[str, Any]:
+        """What the effect changes in each channel: rms and largest, in the channel's unit."""
+        return {
+            channel: {
+                "rms": float(np.sqrt(np.mean(self.difference(channel) ** 2))),
+                "largest": float(np.abs(self.difference(channel)).max()),
+                "unit": unit,
+            }
+            for channel, unit in CHANNELS
+        }
+
 
 def reference_parameters() -> Parameters:
     """The rig of a demonstration: the bundled campaign's, with the thesis' friction and valves."""

@@ -1,0 +1,90 @@
+"""What a bundle holds: the rig, what was fitted, the effects, and where it all comes from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, Self
+
+from pydantic import ConfigDict, Field, JsonValue, PrivateAttr
+
+from sysid.bundle.base import Absent, Part
+from sysid.bundle.effects import EffectEntry
+from sysid.bundle.friction import Friction
+from sysid.bundle.provenance import Provenance
+from sysid.bundle.validation import Validation
+from sysid.bundle.valves import FittedValves, Valve
+from sysid.io.rig import Rig, rig_from_content
+
+SCHEMA: Literal["sysid-bundle/1"] = "sysid-bundle/1"
+
+
+@dataclass(frozen=True)
+class Parts:
+    """What the fits of a campaign give: friction, valves, either, or nothing."""
+
+    friction: Friction | None = None
+    valves: FittedValves | None = None
+
+    def __bool__(self) -> bool:
+        return self.friction is not None or self.valves is not None
+
+    def merged(self, other: Parts) -> Parts:
+        """With the parts of `other`; friction is replaced whole, valves by law."""
+        valves = other.valves or self.valves
+        if self.valves is not None and other.valves is not None:
+            valves = self.valves.merged(other.valves)
+        return Parts(other.friction or self.friction, valves)
+
+
+class BundleContent(Part):
+    """Everything that was fitted of a rig (`spec/bundle.md`), as read from or written to JSON.
+
+    `rig_content` is the rig file's tables as used; `rig` the rig that they describe. `source`
+    names the file that it was read from, in messages.
+    """
+
+    model_config = ConfigDict(
+        title="Parameter bundle of a pneumatic or hybrid pneumatic-electric actuator",
+        populate_by_name=True,
+    )
+
+    schema_id: Literal["sysid-bundle/1"] = Field(alias="schema")
+    created: str
+    sysid_version: str
+    rig_content: dict[str, JsonValue] = Field(alias="rig", json_schema_extra={"required": ["rig"]})
+    friction: Absent[Friction] = None
+    valves: Absent[FittedValves] = None
+    effects: list[EffectEntry]
+    validation: Absent[Validation] = None
+    provenance: Provenance
+
+    _source: str = PrivateAttr("bundle")
+
+    @property
+    def source(self) -> str:
+        """The file that the bundle was read from, for messages."""
+        return self._source
+
+    def named(self, source: str) -> Self:
+        """The same bundle under another name in messages."""
+        made = self.model_copy()
+        made._source = source
+        return made
+
+    @property
+    def rig(self) -> Rig:
+        """The rig that the bundle was fitted for. Raises InputError."""
+        return rig_from_content(self.rig_content, f"{self.source}, rig")
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether its rig is declared linear."""
+        head = self.rig_content.get("rig")
+        return isinstance(head, dict) and head.get("motion") == "linear"
+
+    def valve(self, side: str) -> Valve:
+        """What is known of the valve of a side ("a" or "b")."""
+        return Valve() if self.valves is None else self.valves.side(side)
+
+
+__all__ = ["SCHEMA", "BundleContent", "Parts"]

@@ -1,0 +1,102 @@
+"""`sysid check`: what logs, or a campaign's logs, are good for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.text import Text
+
+from sysid.checks.log_check import LogCheck, check_campaign, check_log
+from sysid.commands.options import json_option, logs_argument, map_option, rig_option
+from sysid.commands.printing import notices, print_json
+from sysid.display.terminal import console, new_table
+from sysid.errors import input_error
+from sysid.io.campaign import read_campaign
+from sysid.io.logs import read_log
+from sysid.io.rig import find_rig_file, read_rig
+from sysid.io.units import parse_map
+
+
+@click.command()
+@logs_argument
+@rig_option
+@map_option
+@json_option
+def check(logs: Sequence[Path], rig: Path | None, maps: Sequence[str], as_json: bool) -> None:
+    """Data quality of each LOG, and what it can and cannot identify.
+
+    A campaign file in the place of a LOG stands for all logs that it lists.
+    """
+    checks: list[LogCheck] = []
+    said: list[str] = []
+    for path in logs:
+        if path.suffix == ".toml":
+            checks += _campaign_checks(path, rig, maps, said)
+        else:
+            known = read_rig(rig or find_rig_file(path))
+            checks.append(check_log(read_log(path, known, parse_map(maps)), known))
+    _show(checks, said, as_json)
+
+
+def _campaign_checks(
+    path: Path, rig: Path | None, maps: Sequence[str], said: list[str]
+) -> list[LogCheck]:
+    """The checks of a campaign's logs; what its reader wants said goes into `said`."""
+    if rig is not None or maps:
+        given = "--rig" if rig is not None else "--map"
+        raise input_error(
+            path, f"a campaign file names its own rig and maps, {given} is for logs", "leave it out"
+        )
+    campaign = read_campaign(path)
+    said += [*campaign.notices, *campaign.rig.notices]
+    return check_campaign(campaign)
+
+
+# --- printing -----------------------------------------------------------------------------
+
+
+def _show(checks: Sequence[LogCheck], said: Sequence[str], as_json: bool) -> None:
+    """A block a log."""
+    notices([*said, *(line for c in checks for line in c.notices)])
+    if as_json:
+        print_json({"logs": [c.to_json() for c in checks]})
+        return
+    out = console()
+    for check in checks:
+        for block in _blocks(check):
+            out.print(block)
+        out.print()
+
+
+def _blocks(check: LogCheck) -> Iterable[Any]:
+    kinds = ", ".join(f"{n} x {k}" for k, n in check.kinds.items())
+    yield Text(check.file, style="bold")
+    if check.declared is not None:
+        yield Text(f"in the campaign: {check.declared}, {check.use}")
+    yield Text(
+        f"{kinds}; {check.rows} rows, {check.duration_s:.4g} s, every {check.period_s:.4g} s "
+        f"(jitter {check.jitter_s:.2g} s)"
+    )
+    yield Text(
+        f"{check.gaps} gaps, the longest {check.longest_gap_s:.4g} s" if check.gaps else "no gaps"
+    )
+    table = new_table("Channels", "channel", "low", "high", "resolution", "noise", "remark")
+    for channel in check.channels:
+        remark = []
+        if channel.stuck_s:
+            remark.append(f"stuck for {channel.stuck_s:.3g} s")
+        if channel.saturated_share:
+            remark.append(f"saturated {100 * channel.saturated_share:.2g} %")
+        numbers = (channel.low, channel.high, channel.quantum or None, channel.noise_std)
+        cells = ("-" if n is None else f"{n:.5g}" for n in numbers)
+        table.add_row(channel.name, *cells, ", ".join(remark))
+    yield table
+    for line in check.excitation:
+        yield Text(f"excitation: {line}")
+    table = new_table("Identifies", "parameter", "", "why, or what would")
+    for item in check.identifies:
+        table.add_row(item.parameter, "yes" if item.identified else "no", Text(item.reason))
+    yield table

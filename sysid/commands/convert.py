@@ -1,0 +1,57 @@
+"""`sysid convert`: a lab's own files in, a log out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.text import Text
+
+from sysid.commands.options import PathArgument, json_option, map_option
+from sysid.commands.printing import notices, print_json
+from sysid.display.terminal import console
+from sysid.io import conversion
+from sysid.io.conversion import ConversionReport
+
+
+@click.command()
+@click.argument("foreign", nargs=-1, required=True, type=PathArgument, metavar="FOREIGN...")
+@click.option(
+    "-o", "output", required=True, type=PathArgument, help="log.csv or log.parquet to write."
+)
+@map_option
+@click.option(
+    "--set", "constants", multiple=True, metavar="TARGET=VALUE", help="A column of one value."
+)
+@click.option("--spec", "spec_file", type=PathArgument, help="A TOML with [map] and [options].")
+@click.option("--delimiter", help="Of a text file, where it is not told by its look.")
+@click.option("--decimal", help="Decimal sign of a text file: `.` or `,`.")
+@click.option("--thousands", help="Thousands separator of a text file.")
+@click.option("--skip-rows", type=int, help="Lines to leave out on top of a text file.")
+@click.option(
+    "--rows",
+    metavar="FIRST:LAST",
+    help='Rows of the table to keep, counted from 0, LAST not among them; also "::3, 2::3".',
+)
+@click.option("--no-header", is_flag=True, help="The first row is data; columns are #1, #2, ...")
+@click.option("--sheet", help="Sheet of an Excel workbook.")
+@click.option("--period", "period_s", type=float, help="Sampling period, s: no time column.")
+@click.option("--atmosphere", "atmosphere_pa", type=float, help="Pa, for gauge pressures.")
+@json_option
+def convert(foreign: Sequence[Path], output: Path, as_json: bool, **options: Any) -> None:
+    """Bring a lab's own file (.mat, text, Excel, TDMS, Parquet) into the log format."""
+    show_conversion(conversion.convert(foreign, output, **options), as_json)
+
+
+def show_conversion(report: ConversionReport, as_json: bool) -> None:
+    """What became of each column."""
+    notices(report.notices)
+    if as_json:
+        print_json(report.to_json())
+        return
+    out = console()
+    tests = f", {len(report.tests)} tests" if report.tests else ""
+    out.print(Text(f"written: {report.output}: {report.rows} rows{tests}"))
+    out.print(Text(f"columns: {', '.join(report.columns)}"))

@@ -1,0 +1,29 @@
+"""`sysid export`: a bundle in, what a controller consumes out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from sysid.commands.options import PathArgument, effects_option, json_option
+from sysid.commands.printing import notices, print_json, print_written
+from sysid.export import export_file
+
+
+@click.command()
+@click.argument("bundle", type=PathArgument)
+@click.option(
+    "--format", "kind", required=True, type=click.Choice(["c", "mat", "json"]), help="What for."
+)
+@click.option("-o", "output", required=True, type=PathArgument, help="File to write.")
+@effects_option
+@json_option
+def export(bundle: Path, kind: str, output: Path, effects: Path | None, as_json: bool) -> None:
+    """What a controller consumes: a C header, a MATLAB file or flat JSON."""
+    said = export_file(bundle, output, kind, effects=effects)
+    notices(said)
+    if as_json:
+        print_json({"written": str(output), "notices": list(said)})
+    else:
+        print_written([output])

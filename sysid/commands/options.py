@@ -1,0 +1,43 @@
+"""Options and arguments that several commands share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+PathArgument = click.Path(path_type=Path)
+SEED = click.IntRange(min=0)
+
+
+def options(*decorators: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """Several options as one decorator, in the order of the help text."""
+
+    def decorate(function: Any) -> Any:
+        for decorator in reversed(decorators):
+            function = decorator(function)
+        return function
+
+    return decorate
+
+
+logs_argument = click.argument("logs", nargs=-1, required=True, type=PathArgument, metavar="LOG...")
+campaign_argument = click.argument("campaign", type=PathArgument)
+bundle_option = click.option("--bundle", required=True, type=PathArgument, help="What was fitted.")
+report_option = click.option("--report", type=PathArgument, help="Write the HTML report here.")
+json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+rig_option = click.option(
+    "--rig", type=PathArgument, help="Rig file (else rig.toml in or above the log's folder)."
+)
+map_option = click.option(
+    "--map",
+    "maps",
+    multiple=True,
+    metavar="TARGET=COLUMN:UNIT",
+    help='Foreign column and unit, e.g. "pressure_a_pa=P1:kPa(g)"; may be repeated.',
+)
+effects_option = click.option(
+    "--effects", type=PathArgument, help="Python file of a user's own effects; it is run."
+)

@@ -1,0 +1,289 @@
+"""The stages of `sysid run`: check, fit, diagnose, validate, report and export.
+
+Each stage writes its files whole and is then entered in `run.json` with the digests of all
+that it was made from. A later call does again what failed, what is missing and what is
+stale, and says why.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sysid import __version__
+from sysid.assembly import fit_campaign
+from sysid.bundle import Bundle, read_bundle, write_bundle
+from sysid.checks.log_check import LogCheck, check_campaign
+from sysid.diagnosis.bench.registry import part_tested
+from sysid.diagnosis.campaign import diagnose_logs, extended_bundle
+from sysid.diagnosis.content import content
+from sysid.errors import NotIdentifiedError
+from sysid.export import export_file
+from sysid.io.campaign import Campaign
+from sysid.io.files import write_atomic
+from sysid.model.effects.catalogue import catalogue_with
+from sysid.types import Progress
+from sysid.validation import VALIDATED_KINDS, validate
+
+if TYPE_CHECKING:
+    from sysid.model.effects.entry import Catalogue
+    from sysid.validation.results import ValidationResult
+
+STATE_FILE = "run.json"
+REPORT_FILE = "report.html"
+BUNDLE_FILE = "bundle.json"
+_FITTED_FILE = "fitted.json"
+_EXTENDED_FILE = "extended.json"
+_DIAGNOSIS_FILE = "diagnosis.json"
+_CHECKS_FILE = "checks.json"
+_NOT_DONE_YET = "not done yet"
+EXPORTS = {"c": "export/model.h", "mat": "export/model.mat", "json": "export/model.json"}
+
+
+@dataclass(frozen=True)
+class StageReport:
+    """What became of a stage: `why` it was done (None: it was up to date), and s it took."""
+
+    name: str
+    why: str | None
+    seconds: float
+
+    @property
+    def outcome(self) -> str:
+        """What became of it, in words: done, up to date, or why it was done again."""
+        if self.why is None:
+            return "up to date"
+        return "done" if self.why == _NOT_DONE_YET else f"{self.why}: done again"
+
+
+@dataclass
+class PipelineRun:
+    """A run under way."""
+
+    campaign: Campaign
+    folder: Path
+    surface: str
+    seed: int
+    tell: Progress
+    inputs: dict[str, str]
+    diagnose: bool = True
+    effects: Path | None = None
+    notices: list[str] = field(default_factory=list)
+    validation: ValidationResult | None = None
+
+    def path(self, name: str) -> Path:
+        return self.folder / name
+
+    def bundle(self, name: str) -> Bundle:
+        """A bundle of this run, known by the name of its file alone: what is said of it goes
+        into a report that is sent to others."""
+        return read_bundle(self.path(name)).named(name)
+
+    @property
+    def model_file(self) -> str:
+        """The bundle that is validated: extended by the diagnosis where there is one."""
+        return _EXTENDED_FILE if self.diagnose else _FITTED_FILE
+
+    @property
+    def catalogue(self) -> Catalogue | None:
+        """The catalogue with the user's own effects; None is the project's."""
+        return catalogue_with(self.effects) if self.effects else None
+
+    def diagnosis(self) -> dict[str, Any] | None:
+        """What the diagnosis wrote: its result, or why it was `skipped`; None without one."""
+        if not self.diagnose:
+            return None
+        content: dict[str, Any] = json.loads(self.path(_DIAGNOSIS_FILE).read_text("utf-8"))
+        return content
+
+
+def digests(campaign: Campaign) -> dict[str, str]:
+    """SHA-256 of the campaign file, the rig file and every log, by their names."""
+    paths = {campaign.path.name: campaign.path, "rig file": Path(campaign.rig.source)}
+    paths |= {entry.file: entry.path for entry in campaign.logs}
+    return {name: _digest(path) for name, path in paths.items()}
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A stage: what it writes, what it is made from besides the logs, and what it does.
+
+    `reads_effects`: whether a user's file of effects plays a part in it.
+    """
+
+    name: str
+    outputs: tuple[str, ...]
+    made_from: tuple[str, ...]
+    perform: Callable[[PipelineRun], None]
+    reads_effects: bool = True
+
+
+def perform(run: PipelineRun, stage: Stage) -> StageReport:
+    made_from = {
+        **run.inputs,
+        **{name: _digest(run.path(name)) for name in stage.made_from},
+        "sysid": __version__,
+        "--surface": run.surface,
+        "--seed": str(run.seed),
+    }
+    if stage.reads_effects and run.effects is not None:
+        made_from["--effects"] = _digest(run.effects)
+    state = _read_state(run.folder)
+    why = _stale(run, stage, made_from, state.get(stage.name))
+    if why is None:
+        run.tell(f"{stage.name}: up to date")
+        return StageReport(stage.name, None, 0.0)
+    run.tell(f"{stage.name}: {'starts' if why == _NOT_DONE_YET else f'{why}; starts again'}")
+    start = time.perf_counter()
+    stage.perform(run)
+    seconds = time.perf_counter() - start
+    state[stage.name] = {
+        "made_from": made_from,
+        "outputs": {name: _digest(run.path(name)) for name in stage.outputs},
+        "seconds": round(seconds, 3),
+    }
+    write_atomic(run.path(STATE_FILE), json.dumps(state, indent=2) + "\n")
+    return StageReport(stage.name, why, seconds)
+
+
+def _read_state(folder: Path) -> dict[str, Any]:
+    """What earlier calls did; nothing where the file is missing or no longer readable."""
+    try:
+        state = json.loads((folder / STATE_FILE).read_text("utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return state if isinstance(state, dict) else {}
+
+
+def _stale(
+    run: PipelineRun, stage: Stage, made_from: Mapping[str, str], before: Mapping[str, Any] | None
+) -> str | None:
+    """Why a stage has to be done; None where its files stand and nothing has changed."""
+    if before is None:
+        return _NOT_DONE_YET
+    old = before.get("made_from", {})
+    changed = [k for k in {**old, **made_from} if old.get(k) != made_from.get(k)]
+    if changed:
+        return f"stale, changed: {', '.join(changed)}"
+    for name, digest in before.get("outputs", {}).items():
+        path = run.path(name)
+        if not path.is_file():
+            return f"{name} is missing"
+        if _digest(path) != digest:
+            return f"{name} was changed by hand"
+    return None
+
+
+def _check(run: PipelineRun) -> None:
+    checks = check_campaign(run.campaign)
+    run.notices += [line for check in checks for line in check.notices]
+    logs = [check.to_json() for check in checks]
+    write_atomic(run.path(_CHECKS_FILE), json.dumps({"logs": logs}, indent=2) + "\n")
+
+
+def _fit(run: PipelineRun) -> None:
+    fitted = fit_campaign(
+        run.campaign,
+        surface=run.surface,
+        seed=run.seed,
+        progress=lambda part: run.tell(f"fitting {part}"),
+    )
+    write_bundle(fitted.bundle, run.path(_FITTED_FILE))
+    run.notices += fitted.notices
+
+
+def _diagnose(run: PipelineRun) -> None:
+    """A campaign that cannot be diagnosed is gone on with as it was fitted, and says why."""
+    bundle = run.bundle(_FITTED_FILE)
+    try:
+        diagnosis, notices = diagnose_logs(
+            run.campaign,
+            bundle,
+            effects=run.effects,
+            seed=run.seed,
+            progress=run.tell,
+        )
+    except NotIdentifiedError as error:
+        run.notices.append(f"not diagnosed: {error}")
+        found: dict[str, Any] = {"skipped": str(error)}
+    else:
+        run.notices += [*notices, *diagnosis.notices]
+        found = content(diagnosis)
+        bundle = extended_bundle(bundle, diagnosis, run.campaign)
+    text = json.dumps(found, indent=2, allow_nan=False, ensure_ascii=False)
+    write_atomic(run.path(_DIAGNOSIS_FILE), text + "\n")
+    write_bundle(bundle, run.path(_EXTENDED_FILE))
+
+
+def _validated(run: PipelineRun) -> ValidationResult | None:
+    """The validation of the bundle that stands; None without motion logs of an actuator."""
+    kinds = [entry.kind for entry in run.campaign.logs]
+    if run.validation is None and set(kinds) & set(VALIDATED_KINDS):
+        bundle = run.bundle(run.model_file)
+        if part_tested(kinds, bundle):
+            return None
+        run.validation = validate(
+            run.campaign,
+            bundle,
+            catalogue=run.catalogue,
+            progress=run.tell,
+        )
+    return run.validation
+
+
+def _validate(run: PipelineRun) -> None:
+    bundle = run.bundle(run.model_file)
+    result = _validated(run)
+    if result is None:
+        run.notices.append(
+            f"{run.campaign.path}: no motion log of an actuator: the bundle is not validated"
+        )
+    else:
+        run.notices += result.notices
+        bundle = bundle.replaced(validation=result.record()).with_sources(run.campaign.sources())
+    write_bundle(bundle, run.path(BUNDLE_FILE))
+
+
+def _report(run: PipelineRun) -> None:
+    from sysid.report import write_report
+
+    content = json.loads(run.path(_CHECKS_FILE).read_text("utf-8"))
+    write_report(
+        run.path(REPORT_FILE),
+        campaign=run.campaign,
+        bundle=run.bundle(BUNDLE_FILE),
+        validation=_validated(run),
+        checks=[LogCheck.from_json(c) for c in content["logs"]],
+        diagnosis=run.diagnosis(),
+        progress=run.tell,
+    )
+
+
+def _export(run: PipelineRun) -> None:
+    for kind, name in EXPORTS.items():
+        run.notices += export_file(run.path(BUNDLE_FILE), run.path(name), kind, effects=run.effects)
+
+
+def stages_of(run: PipelineRun) -> list[Stage]:
+    """The stages of a run, in turn."""
+    diagnosed = (_DIAGNOSIS_FILE, _EXTENDED_FILE)
+    shown = (BUNDLE_FILE, _CHECKS_FILE, *([_DIAGNOSIS_FILE] if run.diagnose else []))
+    stages = [
+        Stage("check", (_CHECKS_FILE,), (), _check, reads_effects=False),
+        Stage("fit", (_FITTED_FILE,), (), _fit, reads_effects=False),
+        Stage("diagnose", diagnosed, (_FITTED_FILE,), _diagnose),
+        Stage("validate", (BUNDLE_FILE,), (run.model_file,), _validate),
+        Stage("report", (REPORT_FILE,), shown, _report),
+        Stage("export", tuple(EXPORTS.values()), (BUNDLE_FILE,), _export),
+    ]
+    return [stage for stage in stages if run.diagnose or stage.name != "diagnose"]
