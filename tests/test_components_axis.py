@@ -143,7 +143,9 @@ CYLINDER = Rig(
     "horizontal",
     "linear",
     air=None,
-    cylinder=Cylinder(5e-4, 5e-4, 0.1, 0.1, 0.12, 1.0),
+    cylinder=Cylinder(
+        area_a_m2=5e-4, area_b_m2=5e-4, offset_a_m=0.1, offset_b_m=0.1, stroke_m=0.12
+    ),
 )
 
 
@@ -171,7 +173,13 @@ def cylinder_rig() -> Rig:
 
     return replace(
         CYLINDER,
-        air=Air(287.0, 1.4, 293.15, 101325.0, 8e5),
+        air=Air(
+            gas_constant_j_per_kg_k=287.0,
+            heat_capacity_ratio=1.4,
+            temperature_k=293.15,
+            atmospheric_pressure_pa=101325.0,
+            supply_pressure_pa=8e5,
+        ),
         inertia=None,
     )
 

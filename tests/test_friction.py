@@ -33,7 +33,14 @@ PERIOD = 1e-3
 COUNT = 2.0 * np.pi / 80000
 INERTIA = 0.024
 RADIUS, STROKE = 0.0375, 0.127
-CYLINDER = Cylinder(4.5e-4, 4.2e-4, 0.075, 0.075, STROKE, RADIUS)
+CYLINDER = Cylinder(
+    area_a_m2=4.5e-4,
+    area_b_m2=4.2e-4,
+    offset_a_m=0.075,
+    offset_b_m=0.075,
+    stroke_m=STROKE,
+    pitch_radius_m=RADIUS,
+)
 RIG = Rig(
     "arm",
     "horizontal",

@@ -1,166 +1,38 @@
-"""The rig file: what is known about a rig before any test (`spec/log-format.md`).
+"""A rig as read from its file, and what follows from it (`spec/log-format.md`).
 
-Every value is SI and keeps the unit in its name. A section that a command does not
-need may be absent (a bare electric axis has no `[cylinder]`); a section that is there
-must be whole.
+The file's sections and keys are declared in `rig_file` and `rig_sections`.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import difflib
-import math
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from sysid.errors import InputError, input_error
+from sysid.io.declaration import TomlSection
+from sysid.io.rig_file import RIG_TABLES, RigFile, RigHead
+from sysid.io.rig_sections import (
+    Air,
+    Cylinder,
+    Inertia,
+    Motor,
+    Pwm,
+    Sampling,
+    Sensors,
+    Tank,
+    Valves,
+)
 
 GRAVITY_M_PER_S2 = 9.81
 RIG_FILE_NAME = "rig.toml"
 
 
-@dataclass(frozen=True)
-class Air:
-    """`[air]`: the gas, the ambient and the supply."""
-
-    gas_constant_j_per_kg_k: float
-    heat_capacity_ratio: float
-    temperature_k: float
-    atmospheric_pressure_pa: float
-    supply_pressure_pa: float
-
-
-@dataclass(frozen=True)
-class Cylinder:
-    """`[cylinder]`: chamber A is (offset_a + y) area_a, chamber B is (offset_b - y) area_b.
-
-    `pitch_radius_m` is 1 on a linear rig, so that y is the position itself.
-    """
-
-    area_a_m2: float
-    area_b_m2: float
-    offset_a_m: float
-    offset_b_m: float
-    stroke_m: float
-    pitch_radius_m: float = 1.0
-
-
-@dataclass(frozen=True)
-class Inertia:
-    """`[inertia]`: the equivalent inertia, or the masses and lengths that give it."""
-
-    equivalent_kg_m2: float | None = None
-    mass_kg: float | None = None
-    arm_mass_kg: float | None = None
-    arm_length_m: float | None = None
-    block_mass_kg: float | None = None
-    payload_mass_kg: float = 0.0
-    payload_length_m: float = 0.0
-
-
-@dataclass(frozen=True)
-class Motor:
-    """`[motor]`: torque (linear: force) at the output per volt of command, and its limit."""
-
-    torque_per_volt_nm: float | None = None
-    max_torque_nm: float | None = None
-    force_per_volt_n: float | None = None
-    max_force_n: float | None = None
-
-
-@dataclass(frozen=True)
-class Pwm:
-    """`[pwm]`: a period starts at every multiple of `period_s` from a test's first row."""
-
-    period_s: float
-
-
-@dataclass(frozen=True)
-class Valves:
-    """`[valves]`: declared delays from command to opening and to closing."""
-
-    on_delay_s: float
-    off_delay_s: float
-
-
-@dataclass(frozen=True)
-class Tank:
-    """`[tank]`: a vessel without a piston; where its volume is a guess, flows scale with it."""
-
-    volume_m3: float
-
-
-@dataclass(frozen=True)
-class Sampling:
-    """`[sampling]`: the declared sampling period."""
-
-    period_s: float
-
-
-@dataclass(frozen=True)
-class Sensors:
-    """`[sensors]`: optional; what is absent is taken from the data."""
-
-    encoder_counts_per_rev: float | None = None
-    encoder_counts_per_m: float | None = None
-    encoder_zero_counts: float = 0.0
-    pressure_noise_pa: float | None = None
-
-
-SECTIONS: dict[str, type] = {
-    "air": Air,
-    "cylinder": Cylinder,
-    "inertia": Inertia,
-    "motor": Motor,
-    "pwm": Pwm,
-    "valves": Valves,
-    "tank": Tank,
-    "sampling": Sampling,
-    "sensors": Sensors,
-}
-RIG_KEYS = ("name", "orientation", "motion")
-
-# Lowest and highest value that a real rig has; what lies outside is a slip of unit.
-# The hint names the slip that is made most.
-_PLAUSIBLE: dict[str, tuple[float, float, str]] = {
-    "gas_constant_j_per_kg_k": (50.0, 5000.0, "J/(kg K): 287.0 for air"),
-    "heat_capacity_ratio": (1.0, 1.7, "a ratio: 1.4 for air"),
-    "temperature_k": (200.0, 400.0, "kelvin: add 273.15 to degrees Celsius"),
-    "atmospheric_pressure_pa": (4e4, 1.2e5, "absolute Pa: about 101325, not kPa or bar"),
-    "supply_pressure_pa": (1.05e5, 5e6, "absolute Pa: 3 bar gauge is 400000"),
-    "area_a_m2": (1e-7, 0.5, "m2: 452 mm2 is 4.52e-4"),
-    "area_b_m2": (1e-7, 0.5, "m2: 452 mm2 is 4.52e-4"),
-    "offset_a_m": (1e-5, 10.0, "m: 75 mm is 0.075"),
-    "offset_b_m": (1e-5, 10.0, "m: 75 mm is 0.075"),
-    "stroke_m": (1e-4, 10.0, "m: 127 mm is 0.127"),
-    "pitch_radius_m": (1e-4, 2.0, "m: 37.5 mm is 0.0375"),
-    "equivalent_kg_m2": (1e-8, 1e4, "kg m2"),
-    "mass_kg": (1e-4, 1e5, "kg"),
-    "arm_mass_kg": (0.0, 1e4, "kg"),
-    "arm_length_m": (0.0, 20.0, "m"),
-    "block_mass_kg": (0.0, 1e4, "kg"),
-    "payload_mass_kg": (0.0, 1e4, "kg"),
-    "payload_length_m": (0.0, 20.0, "m"),
-    "torque_per_volt_nm": (1e-9, 1e6, "Nm/V, positive"),
-    "max_torque_nm": (1e-6, 1e6, "Nm, positive"),
-    "force_per_volt_n": (1e-9, 1e7, "N/V, positive"),
-    "max_force_n": (1e-6, 1e7, "N, positive"),
-    "volume_m3": (1e-9, 1e3, "m3: 1 litre is 0.001"),
-    "on_delay_s": (0.0, 0.5, "s: 1.7 ms is 0.0017"),
-    "off_delay_s": (0.0, 0.5, "s: 2 ms is 0.002"),
-    "encoder_counts_per_rev": (1.0, 1e9, "counts a revolution"),
-    "encoder_counts_per_m": (1.0, 1e12, "counts a metre"),
-    "encoder_zero_counts": (-1e12, 1e12, "counts"),
-    "pressure_noise_pa": (0.0, 1e5, "Pa"),
-}
-_PLAUSIBLE_PERIOD = {
-    "pwm": (1e-5, 5.0, "s: 5 ms is 0.005"),
-    "sampling": (1e-6, 10.0, "s: 1 ms is 0.001"),
-}
-
-_Section = TypeVar("_Section")
+_NO_INERTIA = Inertia.model_construct()
+_NO_SENSORS = Sensors.model_construct()
 
 
 @dataclass(frozen=True)
@@ -182,7 +54,7 @@ class Rig:
     valves: Valves | None = None
     tank: Tank | None = None
     sampling: Sampling | None = None
-    sensors: Sensors = Sensors()
+    sensors: Sensors = _NO_SENSORS
     source: str = "rig"
     content: dict[str, Any] = dataclasses.field(default_factory=dict, compare=False)
     notices: tuple[str, ...] = ()
@@ -264,7 +136,7 @@ class Rig:
         """
         if not self.is_vertical:
             return 0.0
-        i = self.inertia or Inertia()
+        i = self.inertia or _NO_INERTIA
         needed = ("mass_kg",) if self.is_linear else ("arm_mass_kg", "arm_length_m")
         values = [getattr(i, name) for name in needed]
         if None in values:
@@ -352,86 +224,36 @@ def reject_misspelt(given: Any, known: Any, where: str, source: str) -> list[str
 
 def rig_from_content(content: dict[str, Any], source: str) -> Rig:
     """Check a rig file's tables (also as kept in a bundle) and build the Rig."""
-    notices = reject_misspelt(content, ("rig", *SECTIONS), "section ", source)
-    head = content.get("rig")
-    if not isinstance(head, dict):
+    notices = reject_misspelt(content, RIG_TABLES, "section ", source)
+    if not isinstance(content.get("rig"), dict):
         raise input_error(source, "section [rig] is missing", 'add [rig] with name = "..."')
-    notices += reject_misspelt(head, RIG_KEYS, "[rig] ", source)
-    motion = _choice(head, "motion", ("rotary", "linear"), "rotary", source)
-    orientation = _choice(head, "orientation", ("horizontal", "vertical"), None, source)
-    name = head.get("name", "rig")
-    if not isinstance(name, str):
-        raise input_error(source, f"[rig] name = {name!r} is not text", "put it in quotes")
-    sections: dict[str, Any] = {}
-    for key, cls in SECTIONS.items():
-        if key in content:
-            table = content[key]
-            if not isinstance(table, dict):
-                raise input_error(source, f"{key} is not a section", f"write [{key}]")
-            sections[key] = _section(cls, key, table, source, notices)
+    found: dict[str, Any] = {
+        name: _section(cls, content, source, notices)
+        for name, cls in RIG_TABLES.items()
+        if name in content
+    }
+    head: RigHead = found.pop("rig")
     rig = Rig(
-        name=name,
-        orientation=orientation,
-        motion=motion,
+        name=head.name,
+        orientation=head.orientation,
+        motion=head.motion,
         source=source,
         content=content,
         notices=tuple(notices),
-        **sections,
+        **found,
     )
     _check_together(rig)
     return rig
 
 
-def _choice(
-    table: dict[str, Any], key: str, allowed: tuple[str, ...], default: str | None, source: str
-) -> str:
-    if key not in table and default is not None:
-        return default
-    value = table.get(key)
-    if value not in allowed:
-        what = f"[rig] {key} is missing" if value is None else f"[rig] {key} = {value!r} is unknown"
-        raise input_error(source, what, f"write one of {', '.join(map(repr, allowed))}")
-    return str(value)
-
-
 def _section(
-    cls: type[_Section], section: str, table: dict[str, Any], source: str, notices: list[str]
-) -> _Section:
-    fields = {f.name: f for f in dataclasses.fields(cls)}  # type: ignore[arg-type]
-    notices += reject_misspelt(table, fields, f"[{section}] ", source)
-    values: dict[str, float] = {}
-    for name, field in fields.items():
-        if name not in table:
-            if field.default is dataclasses.MISSING:
-                raise input_error(
-                    source,
-                    f"[{section}] {name} is missing",
-                    f"add `{name} = ...` under [{section}] ({_hint(section, name)})",
-                )
-            continue
-        values[name] = _number(table[name], section, name, source)
-    return cls(**values)
-
-
-def _hint(section: str, name: str) -> str:
-    if name == "period_s":
-        return _PLAUSIBLE_PERIOD[section][2]
-    return _PLAUSIBLE[name][2]
-
-
-def _number(value: Any, section: str, name: str, source: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise input_error(
-            source, f"[{section}] {name} = {value!r} is not a number", "write it without quotes"
-        )
-    low, high, hint = _PLAUSIBLE_PERIOD[section] if name == "period_s" else _PLAUSIBLE[name]
-    if not math.isfinite(value) or not low <= value <= high:
-        raise input_error(
-            source,
-            f"[{section}] {name} = {value:g} is not plausible (expected {low:g} to {high:g})",
-            f"give it in {hint}",
-        )
-    return float(value)
+    cls: type[TomlSection], content: dict[str, Any], source: str, notices: list[str]
+) -> TomlSection:
+    table = content[cls.table]
+    if not isinstance(table, dict):
+        raise input_error(source, f"{cls.table} is not a section", f"write [{cls.table}]")
+    notices += reject_misspelt(table, cls.model_fields, f"[{cls.table}] ", source)
+    return cls.from_table(table, source)
 
 
 def _check_together(rig: Rig) -> None:
@@ -491,6 +313,7 @@ __all__ = [
     "Motor",
     "Pwm",
     "Rig",
+    "RigFile",
     "Sampling",
     "Sensors",
     "Tank",

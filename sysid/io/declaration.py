@@ -1,0 +1,242 @@
+"""One declaration a key of the TOML files: unit, bounds, description, example, error lines.
+
+A file's tables are pydantic models whose fields carry a `Key` in their annotation. All that
+is said of a key follows from it: the check and its error line, the line of the template that
+`sysid init` writes, and the JSON schema (`model_json_schema()`).
+
+Reading a file does not use pydantic's validators: `checked` finds the first fault in the
+order of the fields, in our own words, and the values then need no second check. So the
+validators are built only where a model is constructed by its name, or validated.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal, Self
+
+from pydantic import BaseModel, ConfigDict
+from pydantic.fields import FieldInfo
+
+from sysid.errors import input_error
+
+Motion = Literal["rotary", "linear"]
+
+
+@dataclass(frozen=True)
+class TemplateLine:
+    """A key's line in the template: its value as written, and the comment behind it.
+
+    `motion` names the one template that it stands in, None both; `optional` lines are
+    themselves comments.
+    """
+
+    value: str
+    comment: str = ""
+    motion: Motion | None = None
+    optional: bool = False
+
+
+@dataclass(frozen=True)
+class Range:
+    """Lowest and highest value that a real rig has; what lies outside is a slip of unit.
+
+    `hint` names the slip that is made most, and is the unit alone where none stands out.
+    """
+
+    lower: float
+    upper: float
+    unit: str
+    hint: str = ""
+
+    @property
+    def mend(self) -> str:
+        """What to write in place of a value outside."""
+        return self.hint or self.unit
+
+    def holds(self, value: float) -> bool:
+        """Whether the value is finite and within."""
+        return math.isfinite(value) and self.lower <= value <= self.upper
+
+
+@dataclass(frozen=True)
+class Key:
+    """What is declared of a key: the base of numbers, choices and texts."""
+
+    description: str
+
+    def check(self, value: Any, where: str, source: str) -> Any:
+        """The value as kept. Raises InputError for one that cannot be used."""
+        raise NotImplementedError
+
+    def missing(self, name: str, table: str) -> tuple[str, str]:
+        """What is wrong where a required key is absent, and how to fix it."""
+        return f"[{table}] {name} is missing", f"add it under [{table}]"
+
+    def schema(self) -> dict[str, Any]:
+        """What the JSON schema says of it next to the type."""
+        return {"description": self.description}
+
+    def line(self, motion: Motion) -> TemplateLine | None:
+        """The line in the template for rigs of this motion; None where it has none."""
+        return None
+
+
+@dataclass(frozen=True)
+class NumberKey(Key):
+    """A number and its range; without `example` the template does without the key."""
+
+    range: Range
+    example: TemplateLine | None = None
+
+    def check(self, value: Any, where: str, source: str) -> float:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            what = f"{where} = {value!r} is not a number"
+            raise input_error(source, what, "write it without quotes")
+        number, limits = _as_float(value), self.range
+        if not limits.holds(number):
+            expected = f"(expected {limits.lower:g} to {limits.upper:g})"
+            what = f"{where} = {number:g} is not plausible {expected}"
+            raise input_error(source, what, f"give it in {limits.mend}")
+        return number
+
+    def missing(self, name: str, table: str) -> tuple[str, str]:
+        what, _ = super().missing(name, table)
+        return what, f"add `{name} = ...` under [{table}] ({self.range.mend})"
+
+    def schema(self) -> dict[str, Any]:
+        limits = self.range
+        said = {"unit": limits.unit, "minimum": limits.lower, "maximum": limits.upper}
+        shown = {"examples": [float(self.example.value)]} if self.example else {}
+        return super().schema() | said | shown
+
+    def line(self, motion: Motion) -> TemplateLine | None:
+        example = self.example
+        return example if example is not None and example.motion in (None, motion) else None
+
+
+@dataclass(frozen=True)
+class ChoiceKey(Key):
+    """One of several words."""
+
+    allowed: tuple[str, ...]
+    examples: tuple[TemplateLine, ...] = ()
+
+    def check(self, value: Any, where: str, source: str) -> str:
+        if value not in self.allowed:
+            raise input_error(source, f"{where} = {value!r} is unknown", self._choices())
+        return str(value)
+
+    def missing(self, name: str, table: str) -> tuple[str, str]:
+        return super().missing(name, table)[0], self._choices()
+
+    def line(self, motion: Motion) -> TemplateLine | None:
+        return next((one for one in self.examples if one.motion in (None, motion)), None)
+
+    def _choices(self) -> str:
+        return f"write one of {', '.join(map(repr, self.allowed))}"
+
+
+@dataclass(frozen=True)
+class TextKey(Key):
+    """Any text."""
+
+    example: TemplateLine | None = None
+
+    def check(self, value: Any, where: str, source: str) -> str:
+        if not isinstance(value, str):
+            raise input_error(source, f"{where} = {value!r} is not text", "put it in quotes")
+        return value
+
+    def line(self, motion: Motion) -> TemplateLine | None:
+        return self.example
+
+
+def _as_float(value: int | float) -> float:
+    try:
+        return float(value)
+    except OverflowError:  # TOML's integers have no limit here
+        return math.inf if value > 0 else -math.inf
+
+
+def _plain_schema(schema: dict[str, Any], model: type[BaseModel]) -> None:
+    """Each key as a file may hold it: TOML has no null, and a title only repeats the name."""
+    schema.pop("title", None)
+    for name, field in model.model_fields.items():
+        shown = schema["properties"][name]
+        shown.pop("title", None)
+        if shown.get("default", ...) is None:
+            del shown["default"]
+        choices = [c for c in shown.pop("anyOf", ()) if c.get("type") != "null"]
+        shown.update(*choices)
+        if (key := key_of(field)) is not None:
+            shown.update(key.schema())
+
+
+class TomlTable(BaseModel):
+    """A table of a TOML file."""
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", defer_build=True, json_schema_extra=_plain_schema
+    )
+
+
+class TomlSection(TomlTable):
+    """A section whose every key is declared by a `Key`; `table` is its name in the file."""
+
+    table: ClassVar[str]
+
+    def __init__(self, **values: Any) -> None:
+        """Keys by name; None stands for an absent one. Raises InputError as a file would."""
+        given = {name: value for name, value in values.items() if value is not None}
+        super().__init__(**given | checked(type(self), given, type(self).__name__))
+
+    @classmethod
+    def from_table(cls, table: dict[str, Any], source: str) -> Self:
+        """A section as read from `source`; keys that it does not know are passed over.
+
+        Raises InputError for the first key that is missing or cannot be used.
+        """
+        return cls.model_construct(**checked(cls, table, source))
+
+
+def key_of(field: FieldInfo) -> Key | None:
+    """What is declared of a field; None for one that holds a table."""
+    return next((m for m in field.metadata if isinstance(m, Key)), None)
+
+
+def declared_keys(model: type[BaseModel]) -> dict[str, Key]:
+    """The declaration of each key that has one, by name."""
+    found = {name: key_of(field) for name, field in model.model_fields.items()}
+    return {name: key for name, key in found.items() if key is not None}
+
+
+def checked(model: type[TomlSection], table: dict[str, Any], source: str) -> dict[str, Any]:
+    """A section's values, checked. Raises InputError for the first fault.
+
+    Choices go first: they decide how the rest is read.
+    """
+    keys = declared_keys(model)
+    values: dict[str, Any] = {}
+    for name in sorted(keys, key=lambda n: not isinstance(keys[n], ChoiceKey)):
+        if name in table:
+            values[name] = keys[name].check(table[name], f"[{model.table}] {name}", source)
+        elif model.model_fields[name].is_required():
+            raise input_error(source, *keys[name].missing(name, model.table))
+    return values
+
+
+__all__ = [
+    "ChoiceKey",
+    "Key",
+    "Motion",
+    "NumberKey",
+    "Range",
+    "TemplateLine",
+    "TextKey",
+    "TomlSection",
+    "TomlTable",
+    "checked",
+    "declared_keys",
+    "key_of",
+]

@@ -1,0 +1,351 @@
+"""The sections of the rig file, each key declared once (`spec/log-format.md`).
+
+Every value is SI and keeps the unit in its name. A section that a command does not need may
+be absent (a bare electric axis has no `[cylinder]`); a section that is there must be whole.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar
+
+from sysid.io.declaration import NumberKey, Range, TemplateLine, TomlSection
+
+
+class Air(TomlSection):
+    """`[air]`: the gas, the ambient and the supply."""
+
+    table: ClassVar[str] = "air"
+
+    gas_constant_j_per_kg_k: Annotated[
+        float,
+        NumberKey(
+            "Specific gas constant R.",
+            Range(50.0, 5000.0, "J/(kg K)", "J/(kg K): 287.0 for air"),
+            TemplateLine("287.0", "R of dry air"),
+        ),
+    ]
+    heat_capacity_ratio: Annotated[
+        float,
+        NumberKey(
+            "Ratio k of the heat capacities at constant pressure and at constant volume.",
+            Range(1.0, 1.7, "1", "a ratio: 1.4 for air"),
+            TemplateLine("1.4", "k"),
+        ),
+    ]
+    temperature_k: Annotated[
+        float,
+        NumberKey(
+            "Temperature of the room and the air supply.",
+            Range(200.0, 400.0, "K", "kelvin: add 273.15 to degrees Celsius"),
+            TemplateLine("293.15", "of the room and the air supply"),
+        ),
+    ]
+    atmospheric_pressure_pa: Annotated[
+        float,
+        NumberKey(
+            "Atmospheric pressure of the day, absolute.",
+            Range(4e4, 1.2e5, "Pa", "absolute Pa: about 101325, not kPa or bar"),
+            TemplateLine("101325.0", "of the day, absolute: read the barometer"),
+        ),
+    ]
+    supply_pressure_pa: Annotated[
+        float,
+        NumberKey(
+            "Supply pressure, absolute; above the atmosphere.",
+            Range(1.05e5, 5e6, "Pa", "absolute Pa: 3 bar gauge is 400000"),
+            TemplateLine("600000.0", "absolute: a gauge that shows 5 bar means about 600000"),
+        ),
+    ]
+
+
+class Cylinder(TomlSection):
+    """`[cylinder]`: chamber A is (offset_a + y) area_a, chamber B is (offset_b - y) area_b.
+
+    `pitch_radius_m` is 1 on a linear rig, so that y is the position itself.
+    """
+
+    table: ClassVar[str] = "cylinder"
+
+    area_a_m2: Annotated[
+        float,
+        NumberKey(
+            "Piston area of chamber A.",
+            Range(1e-7, 0.5, "m2", "m2: 452 mm2 is 4.52e-4"),
+            TemplateLine("4.524e-4", "piston area of chamber A (bore 24 mm)"),
+        ),
+    ]
+    area_b_m2: Annotated[
+        float,
+        NumberKey(
+            "Piston area of chamber B, without the rod's.",
+            Range(1e-7, 0.5, "m2", "m2: 452 mm2 is 4.52e-4"),
+            TemplateLine("4.207e-4", "of chamber B: a rod makes it smaller"),
+        ),
+    ]
+    offset_a_m: Annotated[
+        float,
+        NumberKey(
+            "Length of chamber A at y = 0, dead volume included; above half the stroke.",
+            Range(1e-5, 10.0, "m", "m: 75 mm is 0.075"),
+            TemplateLine("0.075", "chamber A is (offset_a + y) area_a, dead volume included"),
+        ),
+    ]
+    offset_b_m: Annotated[
+        float,
+        NumberKey(
+            "Length of chamber B at y = 0, dead volume included; above half the stroke.",
+            Range(1e-5, 10.0, "m", "m: 75 mm is 0.075"),
+            TemplateLine("0.075", "chamber B is (offset_b - y) area_b"),
+        ),
+    ]
+    stroke_m: Annotated[
+        float,
+        NumberKey(
+            "Whole stroke of the piston.",
+            Range(1e-4, 10.0, "m", "m: 127 mm is 0.127"),
+            TemplateLine("0.127", "y runs from -stroke/2 to +stroke/2"),
+        ),
+    ]
+    pitch_radius_m: Annotated[
+        float,
+        NumberKey(
+            "Radius that turns angle into piston travel, y = theta * pitch_radius; rotary rigs "
+            "only, and required there.",
+            Range(1e-4, 2.0, "m", "m: 37.5 mm is 0.0375"),
+            TemplateLine("0.0375", "y = theta * pitch_radius (radius, not diameter)", "rotary"),
+        ),
+    ] = 1.0
+
+
+class Inertia(TomlSection):
+    """`[inertia]`: the equivalent inertia, or the masses and lengths that give it."""
+
+    table: ClassVar[str] = "inertia"
+
+    equivalent_kg_m2: Annotated[
+        float | None,
+        NumberKey(
+            "Whole inertia at the output shaft without payload, in place of masses and lengths.",
+            Range(1e-8, 1e4, "kg m2"),
+            TemplateLine(
+                "0.02368",
+                "at the output shaft, without payload; or instead of it:",
+                motion="rotary",
+            ),
+        ),
+    ] = None
+    mass_kg: Annotated[
+        float | None,
+        NumberKey(
+            "Mass of all that moves, without payload; linear rigs.",
+            Range(1e-4, 1e5, "kg"),
+            TemplateLine("1.2", "all that moves, without payload", "linear"),
+        ),
+    ] = None
+    arm_mass_kg: Annotated[
+        float | None,
+        NumberKey(
+            "Mass of the arm, a uniform bar; needed for gravity in the vertical.",
+            Range(0.0, 1e4, "kg"),
+            TemplateLine(
+                "0.30",
+                "(these three are needed for gravity in the vertical)",
+                motion="rotary",
+                optional=True,
+            ),
+        ),
+    ] = None
+    arm_length_m: Annotated[
+        float | None,
+        NumberKey(
+            "Length of the arm; needed for gravity in the vertical.",
+            Range(0.0, 20.0, "m"),
+            TemplateLine("0.46", motion="rotary", optional=True),
+        ),
+    ] = None
+    block_mass_kg: Annotated[
+        float | None,
+        NumberKey(
+            "Mass of what slides with the piston, at the pitch radius.",
+            Range(0.0, 1e4, "kg"),
+            TemplateLine("0.50", motion="rotary", optional=True),
+        ),
+    ] = None
+    payload_mass_kg: Annotated[
+        float,
+        NumberKey(
+            "Mass of the payload.",
+            Range(0.0, 1e4, "kg"),
+            TemplateLine("0.0"),
+        ),
+    ] = 0.0
+    payload_length_m: Annotated[
+        float,
+        NumberKey(
+            "Distance of the payload from the shaft; required with a payload on a rotary rig.",
+            Range(0.0, 20.0, "m"),
+            TemplateLine("0.370", "from the shaft to the payload", "rotary"),
+        ),
+    ] = 0.0
+
+
+class Motor(TomlSection):
+    """`[motor]`: torque (linear: force) at the output per volt of command, and its limit."""
+
+    table: ClassVar[str] = "motor"
+
+    torque_per_volt_nm: Annotated[
+        float | None,
+        NumberKey(
+            "Torque at the output per volt of command; rotary rigs.",
+            Range(1e-9, 1e6, "Nm/V", "Nm/V, positive"),
+            TemplateLine(
+                "0.0795",
+                "torque constant x amplifier gain x gear ratio, at the output",
+                motion="rotary",
+            ),
+        ),
+    ] = None
+    max_torque_nm: Annotated[
+        float | None,
+        NumberKey(
+            "Largest torque that the drive gives at the output; rotary rigs.",
+            Range(1e-6, 1e6, "Nm", "Nm, positive"),
+            TemplateLine("0.795", "what the drive can give at the output", "rotary"),
+        ),
+    ] = None
+    force_per_volt_n: Annotated[
+        float | None,
+        NumberKey(
+            "Force at the output per volt of command; linear rigs.",
+            Range(1e-9, 1e7, "N/V", "N/V, positive"),
+            TemplateLine("35.0", motion="linear"),
+        ),
+    ] = None
+    max_force_n: Annotated[
+        float | None,
+        NumberKey(
+            "Largest force that the drive gives at the output; linear rigs.",
+            Range(1e-6, 1e7, "N", "N, positive"),
+            TemplateLine("200.0", motion="linear"),
+        ),
+    ] = None
+
+
+class Pwm(TomlSection):
+    """`[pwm]`: a period starts at every multiple of `period_s` from a test's first row."""
+
+    table: ClassVar[str] = "pwm"
+
+    period_s: Annotated[
+        float,
+        NumberKey(
+            "Period of the pulse-width modulation; the pulse is on for duty * period_s.",
+            Range(1e-5, 5.0, "s", "s: 5 ms is 0.005"),
+            TemplateLine("0.005", "starts at every multiple from a test's first row"),
+        ),
+    ]
+
+
+class Valves(TomlSection):
+    """`[valves]`: declared delays from command to opening and to closing."""
+
+    table: ClassVar[str] = "valves"
+
+    on_delay_s: Annotated[
+        float,
+        NumberKey(
+            "Delay from command to opening.",
+            Range(0.0, 0.5, "s", "s: 1.7 ms is 0.0017"),
+            TemplateLine("0.0017", "command to opening"),
+        ),
+    ]
+    off_delay_s: Annotated[
+        float,
+        NumberKey(
+            "Delay from command to closing.",
+            Range(0.0, 0.5, "s", "s: 2 ms is 0.002"),
+            TemplateLine("0.0020", "command to closing"),
+        ),
+    ]
+
+
+class Tank(TomlSection):
+    """`[tank]`: a vessel without a piston; where its volume is a guess, flows scale with it."""
+
+    table: ClassVar[str] = "tank"
+
+    volume_m3: Annotated[
+        float,
+        NumberKey(
+            "Volume of the vessel with its fittings.",
+            Range(1e-9, 1e3, "m3", "m3: 1 litre is 0.001"),
+        ),
+    ]
+
+
+class Sampling(TomlSection):
+    """`[sampling]`: the declared sampling period."""
+
+    table: ClassVar[str] = "sampling"
+
+    period_s: Annotated[
+        float,
+        NumberKey(
+            "Time from one row of a log to the next.",
+            Range(1e-6, 10.0, "s", "s: 1 ms is 0.001"),
+            TemplateLine("0.001"),
+        ),
+    ]
+
+
+class Sensors(TomlSection):
+    """`[sensors]`: optional; what is absent is taken from the data."""
+
+    table: ClassVar[str] = "sensors"
+
+    encoder_counts_per_rev: Annotated[
+        float | None,
+        NumberKey(
+            "Encoder counts per revolution of the output; rotary rigs.",
+            Range(1.0, 1e9, "count/rev", "counts a revolution"),
+            TemplateLine("80000", motion="rotary", optional=True),
+        ),
+    ] = None
+    encoder_counts_per_m: Annotated[
+        float | None,
+        NumberKey(
+            "Encoder counts per metre of travel; linear rigs.",
+            Range(1.0, 1e12, "count/m", "counts a metre"),
+            TemplateLine("200000", motion="linear", optional=True),
+        ),
+    ] = None
+    encoder_zero_counts: Annotated[
+        float,
+        NumberKey(
+            "Encoder reading at zero angle or position.",
+            Range(-1e12, 1e12, "count", "counts"),
+            TemplateLine("0", optional=True),
+        ),
+    ] = 0.0
+    pressure_noise_pa: Annotated[
+        float | None,
+        NumberKey(
+            "Standard deviation of the noise of the chamber pressures.",
+            Range(0.0, 1e5, "Pa"),
+            TemplateLine("250.0", "one standard deviation", optional=True),
+        ),
+    ] = None
+
+
+__all__ = [
+    "Air",
+    "Cylinder",
+    "Inertia",
+    "Motor",
+    "Pwm",
+    "Sampling",
+    "Sensors",
+    "Tank",
+    "Valves",
+]
