@@ -3,12 +3,23 @@
 from __future__ import annotations
 
 import hashlib
+import tomllib
 from pathlib import Path
 
+import jsonschema
 import pytest
 
 from sysid.errors import InputError
-from sysid.io.campaign import MOTION_KINDS, read_campaign
+from sysid.io.campaign import (
+    BENCH_KINDS,
+    FRICTION_KINDS,
+    KINDS,
+    MOTION_KINDS,
+    USES,
+    CampaignFile,
+    LogEntry,
+    read_campaign,
+)
 
 TEXT = """\
 rig = "rig.toml"
@@ -87,3 +98,26 @@ def test_samples(shared_samples: Path) -> None:
     assert len(campaign.logs) == 12
     assert [e.use for e in campaign.logs].count("holdout") == 3
     assert len(campaign.read(campaign.logs[0]).trials) == 18
+
+
+def test_kinds_and_uses_of_the_schema_are_those_that_are_read(campaign_file: Path) -> None:
+    keys = LogEntry.model_json_schema()["properties"]
+    assert keys["kind"]["enum"] == list(KINDS) and keys["use"]["enum"] == list(USES)
+    assert {*FRICTION_KINDS, *MOTION_KINDS, *BENCH_KINDS} < set(KINDS)
+    for kind in keys["kind"]["enum"]:
+        campaign_file.write_text(TEXT.replace("friction-static", kind))
+        assert read_campaign(campaign_file).logs[0].kind == kind
+    campaign_file.write_text(TEXT.replace("friction-static", "friction"))
+    with pytest.raises(InputError, match="kind = 'friction'; write one of friction-static, "):
+        read_campaign(campaign_file)
+
+
+def test_a_campaign_file_fits_the_schema_and_every_key_is_described(shared_samples: Path) -> None:
+    schema = CampaignFile.model_json_schema()
+    for properties in (schema["properties"], schema["$defs"]["LogEntry"]["properties"]):
+        assert all(key["description"].endswith(".") for key in properties.values())
+    jsonschema.validate(tomllib.loads(TEXT), schema)
+    path = shared_samples / "rig-1" / "campaign.toml"
+    jsonschema.validate(tomllib.loads(path.read_text("utf-8")), schema)
+    with pytest.raises(jsonschema.ValidationError, match="holdout"):
+        jsonschema.validate(tomllib.loads(TEXT.replace("holdout", "held")), schema)

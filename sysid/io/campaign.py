@@ -7,16 +7,19 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal, get_args
+
+from pydantic import Field
 
 from sysid.errors import input_error
+from sysid.io.declaration import ChoiceKey, TextKey, TomlTable, declared_keys
 from sysid.io.logs import Log, read_log
 from sysid.io.rig import Rig, read_rig, read_toml, reject_misspelt
 from sysid.io.source import Source
 from sysid.io.tables import read_bytes
-from sysid.io.units import ColumnMap, parse_map_table
+from sysid.io.units import CANONICAL_UNITS, ColumnMap, parse_map_table
 
-KINDS = (
+Kind = Literal[
     "friction-static",
     "friction-sliding",
     "friction-motion",
@@ -29,13 +32,48 @@ KINDS = (
     "valve-flow",
     "valve-time",
     "friction-points",
-)
+]
+Use = Literal["fit", "holdout"]
+KINDS: tuple[str, ...] = get_args(Kind)
 FRICTION_KINDS = KINDS[:3]
 MOTION_KINDS = KINDS[5:8]
 BENCH_KINDS = KINDS[8:]
-USES = ("fit", "holdout")
-_CAMPAIGN_KEYS = ("rig", "log", "map", "name")
-_LOG_KEYS = ("kind", "file", "valve", "use", "map")
+USES: tuple[str, ...] = get_args(Use)
+
+# A table that says which column of a log holds which column of the log format.
+ColumnTable = Annotated[
+    dict[str, str],
+    Field(json_schema_extra={"propertyNames": {"enum": [*CANONICAL_UNITS]}}),
+]
+
+
+class LogEntry(TomlTable):
+    """`[[log]]`: the file of one or more tests of a kind, and what it may be used for."""
+
+    file: Annotated[str, TextKey("Path of the log, relative to the campaign file.")]
+    kind: Annotated[Kind, ChoiceKey("What was done in the tests.", get_args(Kind))]
+    use: Annotated[
+        Use, ChoiceKey("Fitted on, or held out: never used to fit anything.", get_args(Use))
+    ] = "fit"
+    valve: Annotated[
+        Literal["a", "b"] | None, ChoiceKey("The valve that was tested.", ("a", "b"))
+    ] = None
+    map: ColumnTable = Field(
+        default_factory=dict,
+        description='This log\'s own columns, each as "column:unit"; it must have them.',
+    )
+
+
+class CampaignFile(TomlTable):
+    """The campaign file: a rig's tests together, and what each may be used for."""
+
+    rig: Annotated[str, TextKey("Path of the rig file, relative to the campaign file.")]
+    name: Annotated[str | None, TextKey("The campaign's name; for its readers.")] = None
+    log: Annotated[list[LogEntry], Field(description="One entry a log.", min_length=1)]
+    map: ColumnTable = Field(
+        default_factory=dict,
+        description='Columns of the logs that have them, each as "column:unit".',
+    )
 
 
 @dataclass(frozen=True)
@@ -84,7 +122,7 @@ def read_campaign(path: Path) -> Campaign:
     """Read and check a campaign file. Raises InputError naming the key or entry."""
     content = read_toml(path, "a campaign file")
     source = str(path)
-    notices = reject_misspelt(content, _CAMPAIGN_KEYS, "", source)
+    notices = reject_misspelt(content, CampaignFile.model_fields, "", source)
     rig_file = content.get("rig")
     if not isinstance(rig_file, str):
         raise input_error(path, "rig is missing", 'add rig = "rig.toml" on top')
@@ -114,16 +152,12 @@ def _entry(path: Path, number: int, table: Any, shared: Any, notices: list[str])
     where = f"[[log]] entry {number}"
     if not isinstance(table, dict):
         raise input_error(path, f"{where} is not a table", "write [[log]] with kind and file")
-    notices += reject_misspelt(table, _LOG_KEYS, f"{where}: ", str(path))
+    notices += reject_misspelt(table, LogEntry.model_fields, f"{where}: ", str(path))
     file = table.get("file")
     if not isinstance(file, str):
         raise input_error(path, f"{where}: file is missing", 'add file = "..."')
     where = f"{where} ({file})"
-    kind = _one_of(path, where, "kind", table.get("kind"), KINDS)
-    use = _one_of(path, where, "use", table.get("use", "fit"), USES)
-    valve = table.get("valve")
-    if valve is not None:
-        valve = _one_of(path, where, "valve", valve, ("a", "b"))
+    chosen = _choices(path, where, table)
     log_path = path.parent / file
     if not log_path.exists():
         raise input_error(path, f"{where}: no such file", "paths are relative to the campaign file")
@@ -131,7 +165,18 @@ def _entry(path: Path, number: int, table: Any, shared: Any, notices: list[str])
     if not isinstance(maps, dict) or not isinstance(shared, dict):
         raise input_error(path, f"{where}: map is not a table", 'write map = { time_s = "t:s" }')
     own, common = parse_map_table(maps, str(path)), parse_map_table(shared, str(path))
-    return CampaignLog(kind, file, log_path, use, valve, own, common)
+    entry = LogEntry.model_construct(file=file, map=maps, **chosen)
+    return CampaignLog(entry.kind, file, log_path, entry.use, entry.valve, own, common)
+
+
+def _choices(path: Path, where: str, table: dict[str, Any]) -> dict[str, Any]:
+    """The entry's words of which each is one of a few, in the order of `LogEntry`."""
+    return {
+        name: _one_of(path, where, name, table.get(name), key.allowed)
+        for name, key in declared_keys(LogEntry).items()
+        if isinstance(key, ChoiceKey)
+        and (name in table or LogEntry.model_fields[name].is_required())
+    }
 
 
 def _one_of(path: Path, where: str, key: str, value: Any, allowed: Sequence[str]) -> str:
@@ -159,6 +204,10 @@ __all__ = [
     "MOTION_KINDS",
     "USES",
     "Campaign",
+    "CampaignFile",
     "CampaignLog",
+    "Kind",
+    "LogEntry",
+    "Use",
     "read_campaign",
 ]
