@@ -1,0 +1,4 @@
+"""The steps of the fits: `friction/`, `valve_discrete/` and `valve_pwm/`, a folder a pipeline.
+
+`sysid.friction`, `sysid.valve_discrete` and `sysid.valve_pwm` are the pipelines that call them.
+"""
