@@ -1,0 +1,1 @@
+"""What logs are good for, before anything is fitted: quality, and what they can identify."""

@@ -1,0 +1,1 @@
+"""The command line: one file a command, called by the group in `app`."""

@@ -1,0 +1,1 @@
+"""What comes in: rig, logs and campaigns, files of any kind, units."""
