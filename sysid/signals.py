@@ -75,13 +75,6 @@ def second_derivative(values: FloatArray, period: float) -> FloatArray:
     return np.concatenate([inner[:1], inner, inner[-1:]])
 
 
-def jitter(time: FloatArray) -> float:
-    """Largest departure of a sampling interval from the median one, as a share of it."""
-    steps = np.diff(time)
-    median = float(np.median(steps))
-    return float(np.max(np.abs(steps - median)) / median)
-
-
 def uniform_grid(time: FloatArray) -> FloatArray:
     """Evenly spaced times (s) that span `time` in steps as near its median as fits."""
     span = float(time[-1] - time[0])

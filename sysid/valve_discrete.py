@@ -32,6 +32,7 @@ from sysid.identification.valve_discrete.notices import (
 from sysid.identification.valve_discrete.ratio import DISCHARGE, FILL, critical_ratio
 from sysid.identification.valve_discrete.regimes import Stretches, read_stretches
 from sysid.identification.valve_discrete.trials import Piece, Screened, screen
+from sysid.io.channels import SIDES
 from sysid.io.logs import Trial
 from sysid.io.rig import Air, Rig
 from sysid.model.base import CRITICAL_RATIO, exhaust_jump, filling_jump
@@ -133,7 +134,7 @@ def _valves(trials: Sequence[Trial], valve: str | None) -> list[str]:
     if not trials:
         raise NotIdentifiedError("no test at all: give a valve-discrete log")
     if valve is not None:
-        if valve not in ("a", "b"):
+        if valve not in SIDES:
             raise input_error("valve", f"{valve!r} is neither a nor b", "write a or b")
         return [valve]
     if not any(f"valve_{v}" in t for v in "ab" for t in trials):

@@ -160,8 +160,8 @@ def test_intervals_of_refitted_base_parameters_have_the_degrees_of_freedom(ran: 
     diagnosis = ran.diagnosed.diagnosis
     assert isinstance(diagnosis, Diagnosis)
     search = diagnosis.loop.search
-    assert search.joint is not None
-    numbers = len(base_parameters(search.model)) + 2  # Stribeck's strength and its velocity
+    (effect,) = diagnosis.effects
+    numbers = len(base_parameters(search.model)) + len(type(effect.effect).quantities)
     assert diagnosis.base_dof == len(search.last.rest) - numbers
     short = replace(search.last, basis=search.last.basis[: numbers + 3])
     few = replace(diagnosis, loop=replace(diagnosis.loop, search=replace(search, last=short)))

@@ -60,12 +60,6 @@ def test_friction_law(velocity: float, applied: float, expected: float) -> None:
     assert base.friction_effort(velocity, applied, 0.3, 0.2, 0.05) == pytest.approx(expected)
 
 
-def test_smooth_friction_tends_to_the_law() -> None:
-    w = np.array([-1.0, -0.1, 0.1, 1.0])
-    sharp = base.sliding_friction(w, 0.2, 0.05)
-    np.testing.assert_allclose(base.smooth_friction(w, 0.2, 0.05, 1e-3), sharp, rtol=1e-12)
-
-
 def test_pressure_rate_and_flow_are_inverse_and_adiabatic() -> None:
     air = (1.4, 287.0, 293.15)
     rate = base.pressure_rate(2e5, 4e-4, 3e-5, 1e-5, *air)
@@ -108,14 +102,6 @@ def test_exhaust_law_lets_air_in_below_the_atmosphere() -> None:
     pressure = np.array([0.9e5, 1e5, 1.5e5, 1e5 / 0.53 + 1.0, 3e5])
     flow = base.exhaust_flow(pressure, 1e5, 3.5e-4, 3.7e-9)
     np.testing.assert_allclose(flow, [3.7e-5, 0.0, -1.85e-4, -3.5e-4, -3.5e-4], rtol=1e-12)
-
-
-def test_smooth_laws_tend_to_the_laws_away_from_their_jumps() -> None:
-    pressure = np.array([1.2e5, 2.5e5, 3.2e5])
-    smooth = base.laminar_filling_flow(pressure, 3e5, 7.8e-4, 1.5e-6, 300.0)
-    np.testing.assert_allclose(smooth, base.filling_flow(pressure, 3e5, 7.8e-4, 1.5e-6), rtol=1e-4)
-    out = base.smooth_exhaust_flow(pressure, 1e5, 3.5e-4, 3.7e-9, 300.0)
-    np.testing.assert_allclose(out, base.exhaust_flow(pressure, 1e5, 3.5e-4, 3.7e-9), rtol=1e-9)
 
 
 @given(

@@ -650,7 +650,6 @@ class TestComparison:
         assert error.worst.duty == 0.001
         assert error.worst.flow_kg_s == 1e-4
         assert error.max_error_points == pytest.approx(5.0)
-        assert error.parameters_for(4) == 72  # Table 3.7.4, corrected
 
     def test_recommendation_has_a_reason(self) -> None:
         def errors(scale: float, size: int):  # type: ignore[no-untyped-def]

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid import signals
+from sysid.io.channels import SIDES
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.io.trial_kind import is_active, is_held
@@ -19,7 +20,6 @@ TrialsByKind = Mapping[str, Sequence[Trial]]
 _FRICTION_KINDS = ("friction-motion", "friction-sliding", "motion-pwm", "motion-discrete")
 # Regressors whose variance inflation is above this cannot be told apart in practice.
 _HIGHEST_VARIANCE_INFLATION = 25.0
-_TORQUE_LEVELS_APART = 0.02
 _FEWEST_DUTIES = 5
 
 
@@ -41,7 +41,7 @@ def identifications(by_kind: TrialsByKind, rig: Rig) -> Iterator[Identification]
     yield from _sliding_or_motion(by_kind, rig)
     if rig.cylinder is None:
         return
-    for valve in ("a", "b"):
+    for valve in SIDES:
         yield from _discrete(by_kind.get("valve-discrete", ()), rig, valve)
         yield from _pwm(by_kind.get("valve-pwm", ()), valve)
 

@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 
 from sysid import signals
-from sysid.checks import identifiability as identifiable
-from sysid.checks.identifiability import Identification
+from sysid.checks.identifiability import Identification, excitation, identifications
 from sysid.identification.friction.effort import classify_trial
 from sysid.io.campaign import Campaign
-from sysid.io.channels import PRESSURES
+from sysid.io.channels import DUTIES, PRESSURES, SWITCHES
 from sysid.io.logs import Log, Trial
 from sysid.io.rig import Rig
 from sysid.io.trial_kind import is_active, is_held, rows_per_ripple
@@ -123,8 +122,8 @@ def check_log(log: Log, rig: Rig) -> LogCheck:
         gaps=int(np.count_nonzero(late)),
         longest_gap_s=float(np.max(steps)) if late.any() else 0.0,
         channels=tuple(check_channel(log, name, rig) for name in channels),
-        excitation=tuple(identifiable.excitation(by_kind, rig)),
-        identifies=tuple(identifiable.identifications(by_kind, rig)),
+        excitation=tuple(excitation(by_kind, rig)),
+        identifies=tuple(identifications(by_kind, rig)),
         notices=log.notices,
     )
 
@@ -167,7 +166,7 @@ def _combs(trial: Trial, name: str, rig: Rig) -> list[FloatArray]:
     Rows a whole number of PWM periods apart see the same point of a pulse.
     """
     values = trial[name]
-    if name not in PRESSURES or rig.pwm is None or not is_active(trial, "duty_a", "duty_b"):
+    if name not in PRESSURES or rig.pwm is None or not is_active(trial, *DUTIES):
         return [values]
     stride = rows_per_ripple(trial, rig)
     combs = [values[start::stride] for start in {0, stride // 2}]
@@ -200,9 +199,9 @@ def kind_of(trial: Trial, rig: Rig) -> str | None:
     same as that of `motion-motor`.
     """
     held = is_held(trial, rig)
-    if is_active(trial, "duty_a", "duty_b"):
+    if is_active(trial, *DUTIES):
         return "valve-pwm" if held else "motion-pwm"
-    if is_active(trial, "valve_a", "valve_b"):
+    if is_active(trial, *SWITCHES):
         return "valve-discrete" if held else "motion-discrete"
     if is_active(trial, rig.effort_channel) and rig.position_channel in trial:
         return classify_trial(trial, rig)

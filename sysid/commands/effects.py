@@ -13,7 +13,7 @@ from sysid.display.terminal import console, new_table
 from sysid.display.text_plot import WIDTH, text_plot
 from sysid.errors import input_error
 from sysid.io.files import write_atomic
-from sysid.model.effects.catalogue import catalogue, catalogue_with, effect_named, entry_of
+from sysid.model.effects.catalogue import catalogue, catalogue_entry, catalogue_with, effect_named
 from sysid.model.effects.demonstration import CHANNELS, Demonstration, demonstrate, demonstrate_own
 from sysid.model.effects.entry import Catalogue, CatalogueEffect
 from sysid.model.effects.picture import PICTURES, picture
@@ -40,7 +40,7 @@ def effects(name: str | None, effects: Path | None, output: Path | None, as_json
         write_atomic(output, picture(effect, shown, output.suffix.lower()))
     if as_json:
         written = {} if output is None else {"written": str(output)}
-        print_json(entry_of(effect) | {"changes": shown.changes()} | written)
+        print_json(catalogue_entry(effect) | {"changes": shown.changes()} | written)
         return
     _show_entry(effect, shown, output)
 
@@ -54,7 +54,7 @@ def _check_picture(name: str | None, output: Path) -> None:
 
 def _show_list(effects: Catalogue, as_json: bool) -> None:
     if as_json:
-        print_json({"effects": [entry_of(effect) for effect in effects.values()]})
+        print_json({"effects": [catalogue_entry(effect) for effect in effects.values()]})
         return
     table = new_table(
         "Effects that the base model lacks", "id", "what", "parameter", "typical", "shows in"
@@ -73,7 +73,7 @@ def _show_list(effects: Catalogue, as_json: bool) -> None:
 def _show_entry(effect: type[CatalogueEffect], shown: Demonstration, output: Path | None) -> None:
     out = console()
     out.print(Text(f"{effect.id}: {effect.title}", style="bold"))
-    content = entry_of(effect)
+    content = catalogue_entry(effect)
     lines = {
         "law": content["law"],
         "shows in": effect.signature,

@@ -6,7 +6,6 @@ import math
 
 from sysid.estimation.linear import Estimate
 
-DASH = "\N{EN DASH}"
 MINUS = "\N{MINUS SIGN}"
 MISSING = "\N{EM DASH}"
 _SUPERSCRIPT = str.maketrans("-0123456789", "\N{SUPERSCRIPT MINUS}⁰¹²³⁴⁵⁶⁷⁸⁹")

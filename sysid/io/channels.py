@@ -10,3 +10,4 @@ PRESSURES = (*CHAMBER_PRESSURES, "supply_pressure_pa")
 
 DUTIES = ("duty_a", "duty_b")
 SWITCHES = ("valve_a", "valve_b")
+VALVE_COMMANDS = (*SWITCHES, *DUTIES)

@@ -13,15 +13,12 @@ from numpy.typing import NDArray
 
 from sysid.errors import InputError, input_error
 from sysid.io import plausibility
-from sysid.io.channels import PRESSURES
+from sysid.io.channels import PRESSURES, VALVE_COMMANDS
 from sysid.io.rig import Rig
 from sysid.io.tables import LogTable, read_table
 from sysid.io.units import CANONICAL_UNITS, ColumnMap, find_column, has_column, to_si
 from sysid.types import FloatArray
 
-_COMMANDS = ("valve_a", "valve_b", "duty_a", "duty_b")
-_MOTOR = ("motor_torque_nm", "motor_force_n", "motor_volts")
-_POSITIONS = ("theta_rad", "position_m", "encoder_counts")
 # Of kinds of test that the log format leaves open: elsewhere anyone's own columns.
 _SELDOM_NEEDED = (
     "velocity_rad_per_s",
@@ -278,7 +275,7 @@ def _check_values(reading: _Reading) -> None:
     for name in PRESSURES:
         if name in columns:
             plausibility.check_pressure(where, name, reading.origin[name], columns[name], rig)
-    for name in _COMMANDS:
+    for name in VALVE_COMMANDS:
         if name not in columns:
             continue
         if name.startswith("valve"):

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from sysid.errors import input_error
+from sysid.io.channels import SIDES
 from sysid.io.rig import Rig, require_inertia
 
 Array = Any
@@ -161,7 +162,7 @@ def parameters_from_rig(
 
 _FLOWS = tuple(
     f"{name}_{side}"
-    for side in ("a", "b")
+    for side in SIDES
     for name in ("choked_fill", "choked_dis", "c_fill", "c_dis", "on_delay", "off_delay")
 )
 
@@ -258,12 +259,6 @@ def friction_effort(
     at_rest = xp.minimum(xp.maximum(applied, -static_effort), static_effort)
     moving = sliding_friction(velocity, coulomb_effort, viscous)
     return xp.where(velocity == 0.0, at_rest, moving)
-
-
-def smooth_friction(velocity: Array, coulomb_effort: Array, viscous: Array, width: Array) -> Array:
-    """Sliding friction with tanh(w/width) for the sign: for derivatives only, Nm or N."""
-    xp = array_namespace(velocity, coulomb_effort, viscous, width)
-    return coulomb_effort * xp.tanh(velocity / width) + viscous * velocity
 
 
 # --- chambers --------------------------------------------------------------------------
@@ -393,30 +388,6 @@ def exhaust_flow(
         -choked_dis,
         unchoked_exhaust_flow(pressure, atmosphere, c_dis),
     )
-
-
-def laminar_filling_flow(
-    pressure: Array, supply: Array, choked_fill: Array, c_fill: Array, width: Array
-) -> Array:
-    """Filling law that is smooth everywhere, for derivatives only; kg/s.
-
-    `width` (Pa) is that of the logistic switch at the choked boundary and of the laminar
-    (linear) branch around P = Ps.
-    """
-    xp = array_namespace(pressure, supply, choked_fill, c_fill, width)
-    gap = supply - pressure
-    unchoked = c_fill * gap / (gap * gap + width * width) ** 0.25
-    share = 0.5 * (1.0 + xp.tanh((filling_boundary(supply) - pressure) / (0.5 * width)))
-    return share * choked_fill + (1.0 - share) * unchoked
-
-
-def smooth_exhaust_flow(
-    pressure: Array, atmosphere: Array, choked_dis: Array, c_dis: Array, width: Array
-) -> Array:
-    """Exhaust law with a logistic switch `width` Pa wide, for derivatives only; kg/s."""
-    xp = array_namespace(pressure, atmosphere, choked_dis, c_dis, width)
-    share = 0.5 * (1.0 + xp.tanh((pressure - exhaust_boundary(atmosphere)) / (0.5 * width)))
-    return -share * choked_dis + (1.0 - share) * c_dis * (atmosphere - pressure)
 
 
 def filling_jump(supply: Array, choked_fill: Array, c_fill: Array) -> Array:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.errors import input_error
-from sysid.io.channels import CHAMBER_PRESSURES, SIDES
+from sysid.io.channels import CHAMBER_PRESSURES, DUTIES, SIDES, SWITCHES, VALVE_COMMANDS
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.io.trial_kind import is_held
@@ -110,14 +110,14 @@ def starts_on_supply(trial: Trial, rig: Rig) -> tuple[bool, bool]:
 
 def check_commands(trial: Trial, rig: Rig, valve_model: str) -> None:
     """InputError where a test's commands need what the rig file lacks, or the model duties."""
-    duties = [n for n in ("duty_a", "duty_b") if n in trial]
+    duties = [n for n in DUTIES if n in trial]
     if duties:
         rig.require("pwm", "which holds the PWM period")
     elif valve_model != DISCRETE:
         raise input_error(
             trial.source, f"holds no duty for the {valve_model} surfaces", "use discrete"
         )
-    if duties or "valve_a" in trial or "valve_b" in trial:
+    if duties or any(name in trial for name in SWITCHES):
         rig.require("valves", "which holds the valves' delays")
 
 
@@ -141,7 +141,7 @@ def simulated_table(
     """
     import pandas as pd
 
-    names = ("valve_a", "valve_b", "duty_a", "duty_b", rig.effort_channel)
+    names = (*VALVE_COMMANDS, rig.effort_channel)
     frames = []
     for trial, simulated in zip(trials, channels, strict=True):
         columns: dict[str, Any] = {"time_s": trial.time}

@@ -51,10 +51,6 @@ class SurfaceError:
     n_parameters: int
     n_points: int
 
-    def parameters_for(self, valves: int) -> int:
-        """Parameters for so many valves, filling and discharging (Table 3.7.4)."""
-        return 2 * valves * self.n_parameters
-
 
 @dataclass(frozen=True)
 class SurfaceComparison:

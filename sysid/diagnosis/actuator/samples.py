@@ -17,6 +17,7 @@ import numpy as np
 
 from sysid import signals
 from sysid.errors import input_error
+from sysid.io.channels import VALVE_COMMANDS
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.io.trial_kind import is_held
@@ -170,7 +171,7 @@ def prepare(tests: Sequence[tuple[str, str, Trial]], rig: Rig, model: Model) -> 
 def _uniform(trial: Trial, rig: Rig) -> Trial:
     """The test on an even grid: commands held, signals joined by a spline."""
     grid = signals.uniform_grid(trial.time)
-    commands = ("valve_a", "valve_b", "duty_a", "duty_b", rig.effort_channel)
+    commands = (*VALVE_COMMANDS, rig.effort_channel)
     channels = {
         name: signals.resample(trial.time, values, grid, hold=name in commands)
         for name, values in trial.channels.items()

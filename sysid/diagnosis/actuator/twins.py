@@ -15,6 +15,7 @@ import numpy as np
 
 from sysid import signals
 from sysid.diagnosis.actuator.samples import TestRun, Traces
+from sysid.io.channels import CHAMBER_PRESSURES
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.model.ports import Model
@@ -61,7 +62,7 @@ def sensor_noise(tests: Sequence[tuple[str, str, Trial]], rig: Rig) -> SensorNoi
     Position: `signals.noise_floor`, white. Pressures: the autocovariance over the calmest
     blocks of all tests, where neither motion nor flow shows.
     """
-    pressures = ("pressure_a_pa", "pressure_b_pa")
+    pressures = CHAMBER_PRESSURES
     floors = [
         signals.noise_floor(t[rig.position_channel])
         for _, _, t in sorted(tests, key=lambda item: len(item[2]))[-24:]

@@ -49,7 +49,7 @@ class Attempt:
 class Addition:
     """An effect that was added: the fit with it and all before it, and what else was tried.
 
-    `ambiguous`: ids that these tests, or parts of them (`repeats`), put in its place.
+    `ambiguous`: ids that these tests, or parts of them (`stability`), put in its place.
     """
 
     kind: Kind

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from sysid import signals
 from sysid.errors import InputError
-from sysid.io.channels import CHAMBER_PRESSURES
+from sysid.io.channels import CHAMBER_PRESSURES, VALVE_COMMANDS
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.model.base import cylinder_effort, gravity_effort
@@ -27,7 +27,6 @@ KINDS = (STATIC, SLIDING, MOTION)
 # Samples this share of the stroke from an end are not part of the model (log-format.md).
 END_MARGIN = 0.01
 MIN_SAMPLES = 50
-_VALVES = ("valve_a", "valve_b", "duty_a", "duty_b")
 
 
 @dataclass(frozen=True)
@@ -169,7 +168,7 @@ def even_trial(trial: Trial, rig: Rig, notices: list[str]) -> EvenTrial:
         gravity=gravity,
         limit=math.inf if travel is None else (0.5 - END_MARGIN) * travel,
         travel=travel,
-        valves_move=any(name in trial and np.ptp(trial[name]) > 0.0 for name in _VALVES),
+        valves_move=any(name in trial and np.ptp(trial[name]) > 0.0 for name in VALVE_COMMANDS),
     )
 
 

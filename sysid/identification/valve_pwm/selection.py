@@ -13,6 +13,7 @@ import numpy as np
 
 from sysid import signals
 from sysid.identification.valve_pwm.samples import PwmTest, open_share, pulse_block, settled_after
+from sysid.io.channels import SIDES
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.model.base import chamber_volume_a, chamber_volume_b
@@ -71,7 +72,7 @@ def moved_valves(trials: Sequence[Trial]) -> list[str]:
     """The valves whose duty is ever other than zero."""
     return [
         v
-        for v in ("a", "b")
+        for v in SIDES
         if any(f"duty_{v}" in t and bool(np.any(t[f"duty_{v}"] != 0.0)) for t in trials)
     ]
 

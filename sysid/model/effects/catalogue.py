@@ -171,7 +171,7 @@ def effect_named(name: str, effects: Catalogue) -> type[CatalogueEffect]:
     raise input_error(f"effect {name}", "is not in the catalogue", hint)
 
 
-def entry_of(effect: type[CatalogueEffect]) -> dict[str, Any]:
+def catalogue_entry(effect: type[CatalogueEffect]) -> dict[str, Any]:
     """An effect's entry in the catalogue, as JSON holds it."""
     parameters = [
         {
@@ -208,9 +208,9 @@ def _law(effect: type[CatalogueEffect]) -> str:
 __all__ = [
     "AMBIGUOUS_CLASSES",
     "catalogue",
+    "catalogue_entry",
     "catalogue_with",
     "class_of",
     "effect_named",
-    "entry_of",
     "load_user_effects",
 ]
