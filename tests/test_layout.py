@@ -17,7 +17,8 @@ PACKAGE = Path(__file__).resolve().parent.parent / "sysid"
 FLOORS: tuple[tuple[str, ...], ...] = (
     ("errors", "types"),
     ("signals", "estimation"),
-    ("display", "io"),
+    ("display",),
+    ("io",),
     ("model",),
     ("surfaces",),
     ("bundle",),
