@@ -64,7 +64,8 @@ def bars(ax: Axes, groups: Sequence[str], heights: Mapping[str, Sequence[float]]
         places = [g - 0.4 + (i + 0.5) * width for g in range(len(groups))]
         ax.bar(places, values, width, label=label)
     ax.set_xticks(range(len(groups)), groups)
-    legend(ax)
+    if len(heights) > 1:
+        ax.legend(fontsize="small", loc="upper left", bbox_to_anchor=(1.0, 1.0))
 
 
 __all__ = ["bars", "flat", "legend", "one_axes", "some_axes"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -86,9 +87,11 @@ class DirectionFit(Shown):
         ax.scatter(1e-3 * s.pressure, 1e3 * s.flow, c=s.duty, s=4, vmin=0.0, vmax=1.0)
         duties = np.linspace(*self.domain.duty_range, _SHOWN_DUTIES)
         pressures = np.linspace(*self.domain.pressure_range)
+        lowest, highest = self.domain.duty_limits(pressures)
         for (name, surface), style in zip(self.by_kind.items(), ("-", "--"), strict=False):
             for i, duty in enumerate(duties):
                 flow = surface.flow(np.full_like(pressures, duty), pressures)[0]
+                flow = np.where((lowest <= duty) & (duty <= highest), flow, math.nan)
                 line = ax.plot(1e-3 * pressures, 1e3 * flow, style, color="0.3", linewidth=0.8)[0]
                 line.set_label(name if i == 0 else "_")
         ax.set_xlabel("pressure (kPa)")
