@@ -1,3 +1,132 @@
-"""sysid: from logged tests of a pneumatic actuator to a model that controllers can trust."""
+"""sysid: from logged tests of a pneumatic actuator to a model that controllers can trust.
+
+>>> import sysid as si
+
+Read what was measured (`read_campaign`, `read_rig`, `read_log`), see what it is good for
+(`check`), fit it (`fit`, or one part: `fit_friction`, `fit_valve_discrete`, `fit_valve_pwm`),
+use the model (`simulate`, `effects`), find what it lacks (`diagnose`), see how well it predicts
+(`validate`), and hand it on (`write_bundle`, `report`, `export`). Values are SI, pressures
+absolute. Results print as tables, show themselves in a notebook, become a DataFrame
+(`to_frame`) and draw themselves on axes of yours or new ones (`plot`).
+
+What a user can mend is an `InputError`, what the data cannot give a `NotIdentifiedError`; both
+are a `SysidError`. Long work takes `progress`, a function that is told each step in a line; by
+default a terminal or a notebook shows it, and a script nothing.
+
+The examples in the docstrings run as tests in a folder with the bundled campaign's files; there
+`campaign` is that campaign, `log` its friction tests in one file, `run.csv`, `bundle` what `fit`
+gives, and `checked` what `validate` gives.
+"""
+
+import sys
+from importlib import import_module
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from sysid.bundle import Bundle
+    from sysid.errors import InputError, NotIdentifiedError, SysidError
+    from sysid.io.campaign import Campaign
+    from sysid.io.rig import Rig
+    from sysid.io.samples import Log
+    from sysid.model import effects
+    from sysid.model.ports import Model
+    from sysid.workflows.diagnosing import diagnose
+    from sysid.workflows.fitting import fit, fit_friction, fit_valve_discrete, fit_valve_pwm
+    from sysid.workflows.judging import check, validate
+    from sysid.workflows.reading import (
+        read_bundle,
+        read_campaign,
+        read_log,
+        read_rig,
+        write_bundle,
+    )
+    from sysid.workflows.simulation import simulate
+    from sysid.workflows.writing import export, report
+
+__all__ = [
+    "Bundle",
+    "Campaign",
+    "InputError",
+    "Log",
+    "Model",
+    "NotIdentifiedError",
+    "Rig",
+    "SysidError",
+    "check",
+    "diagnose",
+    "effects",
+    "export",
+    "fit",
+    "fit_friction",
+    "fit_valve_discrete",
+    "fit_valve_pwm",
+    "read_bundle",
+    "read_campaign",
+    "read_log",
+    "read_rig",
+    "report",
+    "simulate",
+    "validate",
+    "write_bundle",
+]
+
+# Where each name is loaded from when it is first used: `import sysid` itself stays quick.
+_HOMES = {
+    "Bundle": "sysid.bundle",
+    "Campaign": "sysid.io.campaign",
+    "InputError": "sysid.errors",
+    "Log": "sysid.io.samples",
+    "Model": "sysid.model.ports",
+    "NotIdentifiedError": "sysid.errors",
+    "Rig": "sysid.io.rig",
+    "SysidError": "sysid.errors",
+    "check": "sysid.workflows.judging",
+    "diagnose": "sysid.workflows.diagnosing",
+    "export": "sysid.workflows.writing",
+    "fit": "sysid.workflows.fitting",
+    "fit_friction": "sysid.workflows.fitting",
+    "fit_valve_discrete": "sysid.workflows.fitting",
+    "fit_valve_pwm": "sysid.workflows.fitting",
+    "read_bundle": "sysid.workflows.reading",
+    "read_campaign": "sysid.workflows.reading",
+    "read_log": "sysid.workflows.reading",
+    "read_rig": "sysid.workflows.reading",
+    "report": "sysid.workflows.writing",
+    "simulate": "sysid.workflows.simulation",
+    "validate": "sysid.workflows.judging",
+    "write_bundle": "sysid.workflows.reading",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """A public name, loaded when it is first asked for."""
+    if name == "effects":
+        value: Any = import_module("sysid.model.effects")
+    elif name in _HOMES:
+        value = getattr(import_module(_HOMES[name]), name)
+    else:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
+
+
+class _Face(ModuleType):
+    """Keeps `report` and `export` functions.
+
+    Importing the rooms of these names would put them in the functions' place; the rooms are
+    imported from by their full names, `from sysid.report import write_report`.
+    """
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if not (name in _HOMES and isinstance(value, ModuleType)):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Face

@@ -9,19 +9,39 @@ from pathlib import Path
 
 
 class SysidError(Exception):
-    """Base of the errors that a user can mend; `exit_code` is the process' exit status."""
+    """Base of the errors that a user can mend; `exit_code` is the process' exit status.
+
+    >>> try:
+    ...     si.read_rig("no such file.toml")
+    ... except si.SysidError as error:
+    ...     print(type(error).__name__, error.exit_code)
+    InputError 2
+    """
 
     exit_code = 1
 
 
 class InputError(SysidError):
-    """Unusable input or arguments (exit 2): names the place and the mend."""
+    """Unusable input or arguments (exit 2): one line that names the place and the mend.
+
+    >>> si.read_log("campaign.csv", campaign.rig)
+    Traceback (most recent call last):
+    sysid.errors.InputError: campaign.csv: no such file; give the path of a log
+    """
 
     exit_code = 2
 
 
 class NotIdentifiedError(SysidError):
-    """The data were read, but cannot identify what was asked (exit 3)."""
+    """The data were read, but cannot identify what was asked (exit 3).
+
+    >>> valves_still = si.read_log("friction_static.parquet", campaign.rig)
+    >>> try:
+    ...     si.fit_valve_pwm(valves_still)
+    ... except si.NotIdentifiedError as error:
+    ...     print("never leaves zero" in str(error))
+    True
+    """
 
     exit_code = 3
 

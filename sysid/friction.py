@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import TypeVar
 
-from sysid.bundle import Friction, Parts
 from sysid.errors import NotIdentifiedError, input_error
-from sysid.estimation.linear import Estimate, FTest
+from sysid.estimation.linear import Estimate
 from sysid.identification.friction.clusters import Clusters, cluster_test
 from sysid.identification.friction.effort import (
     KINDS,
@@ -26,12 +25,12 @@ from sysid.identification.friction.effort import (
     units_of,
 )
 from sysid.identification.friction.motion import (
-    RULE,
     MotionFriction,
     default_cutoff,
     effort_rmse,
     fit_motion,
 )
+from sysid.identification.friction.result import FrictionResult
 from sysid.identification.friction.sliding import (
     ANOTHER_LEVEL,
     SlidingFriction,
@@ -39,7 +38,6 @@ from sysid.identification.friction.sliding import (
     fit_sliding,
 )
 from sysid.identification.friction.static import (
-    CRITERION,
     PositionMean,
     StaticFriction,
     fit_static,
@@ -79,103 +77,6 @@ _WANTED = {
 }
 
 Result = TypeVar("Result")
-
-
-@dataclass(frozen=True)
-class FrictionResult:
-    """Friction parameters by their names in the bundle, and how they were come by.
-
-    `parameters` holds `static_nm`, `coulomb_nm`, `viscous_nm_s_per_rad`, `offset_nm` and,
-    where estimated, `inertia_kg_m2` (linear: `static_n`, `coulomb_n`, `viscous_n_s_per_m`,
-    `offset_n`, `mass_kg`); one that the tests do not identify says so. Coulomb and viscous
-    friction come from `source` (the constant-effort tests where these identify them);
-    `cross_check` holds what the other kind of test says. `trials` tells of every test
-    whether it was used.
-    """
-
-    units: Units
-    parameters: dict[str, Estimate]
-    source: str
-    static: StaticFriction | None
-    sliding: SlidingFriction | None
-    motion: MotionFriction | None
-    cross_check: dict[str, Estimate]
-    trials: tuple[TrialUse, ...]
-    notices: tuple[str, ...]
-    cutoff_hz: float
-
-    def __getitem__(self, name: str) -> Estimate:
-        return self.parameters[name]
-
-    @property
-    def rmse(self) -> dict[str, float]:
-        """Of each fit, in units of effort; of static friction, its repeatability."""
-        found = {
-            STATIC: None if self.static is None else self.static.repeatability,
-            SLIDING: None if self.sliding is None else self.sliding.rmse,
-            MOTION: None if self.motion is None else self.motion.rmse,
-        }
-        return {k: v for k, v in found.items() if v is not None and math.isfinite(v)}
-
-    @property
-    def remarks(self) -> tuple[str, ...]:
-        """What a summary says beside the numbers, a line each."""
-        lines = []
-        for kind in KINDS:
-            uses = [use for use in self.trials if use.kind == kind]
-            if uses:
-                used = sum(use.used for use in uses)
-                lines.append(f"{kind}: {used} of {len(uses)} tests used")
-        if self.static is not None:
-            lines += [*self.static.remarks, f"breakaway: {CRITERION}"]
-        if self.sliding is not None:
-            lines.append(
-                f"sliding friction scatters by {100.0 * self.sliding.scatter:.2g} % from trial "
-                "to trial"
-            )
-        if self.motion is not None:
-            lines.append(f"friction from motion: {RULE}")
-        for name, estimate in self.cross_check.items():
-            if estimate.identified:
-                lines.append(
-                    f"cross-check, from motion: {name} {estimate.value:.4g} +- "
-                    f"{estimate.std:.2g} {estimate.unit}"
-                )
-        lines += [f"RMSE of the fit of {k}: {v:.3g} {self.units.effort}" for k, v in self._rmse()]
-        return tuple(lines)
-
-    def _rmse(self) -> list[tuple[str, float]]:
-        return [(k, v) for k, v in self.rmse.items() if k != STATIC]
-
-    def part(self) -> Parts:
-        """The bundle's `friction` (`spec/bundle.md`), with the tables behind it."""
-        table: dict[str, Any] = dict(self.parameters)
-        table["source"] = self.source
-        table[f"rmse_{self.units.effort.lower()}"] = self.rmse
-        table["cross_check"] = dict(self.cross_check)
-        table["trials"] = [use.to_json() for use in self.trials]
-        if self.static is not None:
-            table["static_by_position"] = [p.to_json() for p in self.static.by_position]
-            table["static_tests"] = {k: _test(t) for k, t in self.static.tests.items()}
-            table["static_criterion"] = CRITERION
-        if self.sliding is not None:
-            table["clusters"] = [c.to_json() for c in self.sliding.clusters]
-            table["offset_p_value"] = self.sliding.offset_p_value
-            curved = self.sliding.lack_of_fit
-            table["sliding_lack_of_fit"] = None if curved is None else _test(curved)
-        if self.motion is not None:
-            table["motion_rule"] = RULE
-            table["cutoff_hz"] = self.cutoff_hz
-        return Parts(friction=Friction(**table))
-
-
-def _test(test: FTest) -> dict[str, float]:
-    return {
-        "f": test.statistic,
-        "dof_numerator": test.dof_numerator,
-        "dof_denominator": test.dof_denominator,
-        "p_value": test.p_value,
-    }
 
 
 @dataclass

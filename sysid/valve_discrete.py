@@ -13,11 +13,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 
-from sysid.bundle import DiscreteLaw, FittedValves, Parts, Valve
 from sysid.errors import InputError, NotIdentifiedError, input_error
 from sysid.estimation.linear import Estimate
 from sysid.identification.valve_discrete.curve import DELAYS, FLOWS, UNITS, CurveFit, fit_curves
@@ -31,12 +29,16 @@ from sysid.identification.valve_discrete.notices import (
 )
 from sysid.identification.valve_discrete.ratio import DISCHARGE, FILL, critical_ratio
 from sysid.identification.valve_discrete.regimes import Stretches, read_stretches
+from sysid.identification.valve_discrete.result import (
+    DiscreteFit,
+    PressureCurve,
+    ValveDiscreteResult,
+)
 from sysid.identification.valve_discrete.trials import Piece, Screened, screen
 from sysid.io.channels import SIDES
 from sysid.io.logs import Trial
 from sysid.io.rig import Air, Rig
 from sysid.model.base import CRITICAL_RATIO, exhaust_jump, filling_jump
-from sysid.types import FloatArray
 
 __all__ = ["DiscreteFit", "PressureCurve", "ValveDiscreteResult", "fit_valve_discrete"]
 
@@ -44,64 +46,6 @@ __all__ = ["DiscreteFit", "PressureCurve", "ValveDiscreteResult", "fit_valve_dis
 _LARGEST_ERROR = 0.3
 # Tests whose scatter may stand for a supply that no test shows at rest.
 _FEWEST_RISES = 3
-
-
-@dataclass(frozen=True)
-class PressureCurve:
-    """One test's pressure, measured and simulated: `time` (n,) s, pressures (n,) Pa."""
-
-    test: str
-    time: FloatArray
-    measured: FloatArray
-    simulated: FloatArray
-
-
-@dataclass(frozen=True)
-class DiscreteFit:
-    """What one valve's tests give.
-
-    `estimates` by name: the four flow parameters, both delays, both critical ratios, both
-    jumps of the law at the choked boundary (percent, unchoked over choked less one).
-    `stretches`: the first values, by 3.5.3. `choked_flow_fill_kg_s` holds at `supply` Pa.
-    `rmse`, `noise` Pa; `fit_percent` 100 (1 - NRMSE) over all tests.
-    """
-
-    valve: str
-    estimates: Mapping[str, Estimate]
-    stretches: Mapping[str, float]
-    supply: float
-    rmse: float
-    noise: float
-    fit_percent: float
-    curves: tuple[PressureCurve, ...] = field(repr=False)
-
-    def __getitem__(self, name: str) -> Estimate:
-        return self.estimates[name]
-
-    def law(self) -> DiscreteLaw:
-        """`valves.<a|b>.discrete` of the bundle."""
-        return DiscreteLaw(
-            **self.estimates,
-            supply_pressure_pa=self.supply,
-            rmse_pa=self.rmse,
-            noise_pa=self.noise,
-            fit_percent=self.fit_percent,
-            tests=sorted({c.test for c in self.curves}),
-        )
-
-
-@dataclass(frozen=True)
-class ValveDiscreteResult:
-    """The fitted valves, "a" and "b" or one of them, and what to say about them."""
-
-    valves: Mapping[str, DiscreteFit]
-    remarks: tuple[str, ...]
-    notices: tuple[str, ...]
-
-    def part(self) -> Parts:
-        """The bundle's `valves`, each with its on/off law."""
-        found = {name: Valve(discrete=fit.law()) for name, fit in self.valves.items()}
-        return Parts(valves=FittedValves(**found))
 
 
 def fit_valve_discrete(

@@ -9,15 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sysid.bundle import FittedValves, Parts, PwmSurfaces, Valve
-from sysid.bundle.valves import PwmDirections
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.identification.valve_pwm.coverage import coverage, unseen_regimes
+from sysid.identification.valve_pwm.result import DIRECTIONS, DirectionFit, ValvePwmFit
 from sysid.identification.valve_pwm.samples import FlowSamples, PwmTest, sample_tests
 from sysid.identification.valve_pwm.selection import Remarks, moved_valves, select_tests
 from sysid.io.logs import Trial
@@ -25,7 +23,6 @@ from sysid.io.rig import Rig
 from sysid.surfaces.bipolynomial import N_TERMS, Bipolynomial
 from sysid.surfaces.comparison import (
     ResolutionStudy,
-    SurfaceComparison,
     SurfaceError,
     compare_surfaces,
     duty_errors,
@@ -36,98 +33,13 @@ from sysid.surfaces.left_out import group_folds
 from sysid.surfaces.samples import SurfacePoints, surface_points
 
 if TYPE_CHECKING:
-    from sysid.surfaces.ann import DutyNetwork, SizeSweep
+    from sysid.surfaces.ann import DutyNetwork
 
 SURFACES = ("bipolynomial", "ann", "both")
-DIRECTIONS = {"fill": "filling", "discharge": "discharging"}
 FOLDS = 4
 # A test that stays this close to where it started, as a share of the way from atmosphere to
 # supply, has no mean flow to measure: duties differ there by less than the pressure's noise.
 _LEAST_TRAVEL = 0.01
-
-
-@dataclass(frozen=True)
-class DirectionFit:
-    """Surfaces of one valve in one direction ("fill" or "discharge").
-
-    `samples` are the measured mean flows, `points` their even reduction that was fitted.
-    `bipolynomial` and `network` are None where not asked for. `errors` holds each surface's
-    error in duty by its name, on tests that it did not see (`held_out`) and on all that it
-    was fitted on (`fitted`). `comparison`: both on the same held-out tests. `resolution`:
-    Table 3.7.1, None for unevenly spaced duties. `sweep`: hidden sizes, where asked for.
-    """
-
-    valve: str
-    direction: str
-    supply_pressure_pa: float
-    pwm_period_s: float
-    samples: FlowSamples
-    points: SurfacePoints
-    domain: Domain
-    bipolynomial: Bipolynomial | None = None
-    network: DutyNetwork | None = None
-    errors: dict[str, dict[str, SurfaceError]] = field(default_factory=dict)
-    comparison: SurfaceComparison | None = None
-    resolution: ResolutionStudy | None = None
-    sweep: SizeSweep | None = None
-
-    def surfaces(self) -> PwmSurfaces:
-        """`valves.<v>.pwm.<direction>` of a bundle."""
-        content: dict[str, Any] = {
-            "supply_pressure_pa": self.supply_pressure_pa,
-            "pwm_period_s": self.pwm_period_s,
-            "n_tests": len(np.unique(self.samples.test)),
-            "n_samples": len(self.samples),
-        }
-        for name, surface in (("bipolynomial", self.bipolynomial), ("ann", self.network)):
-            if surface is not None:
-                content[name] = {**surface.to_dict(), **self._errors(name)}
-        if self.comparison is not None:
-            content["comparison"] = self.comparison.to_dict()
-        if self.resolution is not None:
-            content["resolution_study"] = asdict(self.resolution)
-        if self.sweep is not None:
-            content["hidden_size_sweep"] = asdict(self.sweep)
-        return PwmSurfaces(**content)
-
-    def _errors(self, name: str) -> dict[str, Any]:
-        found = self.errors[name]
-        judged = found.get("held_out", found["fitted"])
-        return {
-            "rmse_duty": judged.rmse,
-            "max_relative_error_duty_percent": judged.max_relative_error_percent,
-            "errors_duty": {use: asdict(error) for use, error in found.items()},
-        }
-
-
-@dataclass(frozen=True)
-class ValvePwmFit:
-    """Surfaces of every valve and direction that the tests hold.
-
-    `fits` by (valve, direction); `unidentified`: for each of the others, the reason.
-    `remarks` sum up, `notices` say what was left out or is doubtful.
-    """
-
-    fits: dict[tuple[str, str], DirectionFit]
-    unidentified: dict[tuple[str, str], str]
-    remarks: tuple[str, ...]
-    notices: tuple[str, ...]
-    seed: int
-
-    def part(self) -> Parts:
-        """The bundle's `valves`, each with its surfaces by direction."""
-        found: dict[str, dict[str, PwmSurfaces]] = {}
-        for (valve, direction), fit in self.fits.items():
-            found.setdefault(valve, {})[direction] = fit.surfaces()
-        for (valve, direction), reason in self.unidentified.items():
-            if valve in found:
-                missing = {"value": None, "identified": False, "reason": reason}
-                found[valve][direction] = PwmSurfaces.model_validate(missing)
-        return Parts(
-            valves=FittedValves(
-                **{v: Valve(pwm=PwmDirections(**held)) for v, held in found.items()}
-            )
-        )
 
 
 def fit_valve_pwm(

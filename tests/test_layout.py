@@ -17,7 +17,8 @@ PACKAGE = Path(__file__).resolve().parent.parent / "sysid"
 FLOORS: tuple[tuple[str, ...], ...] = (
     ("errors", "types"),
     ("signals", "estimation"),
-    ("display", "io"),
+    ("display",),
+    ("io",),
     ("model",),
     ("surfaces",),
     ("bundle",),
@@ -27,6 +28,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("diagnosis",),
     ("assembly", "checks", "export"),
     ("report",),
+    ("workflows",),
     ("commands",),
 )
 FLOOR_OF = {room: number for number, rooms in enumerate(FLOORS) for room in rooms}

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sysid import signals
 from sysid.checks.identifiability import Identification, excitation, identifications
+from sysid.display.plots import bars, one_axes
+from sysid.display.tables import Shown, ShownTable, record_table
 from sysid.identification.friction.effort import classify_trial
 from sysid.io.campaign import Campaign
 from sysid.io.channels import DUTIES, PRESSURES, SWITCHES
@@ -17,6 +20,9 @@ from sysid.io.logs import Log, Trial
 from sysid.io.rig import Rig
 from sysid.io.trial_kind import is_active, is_held, rows_per_ripple
 from sysid.types import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 # A sample is late when it comes this many periods after the one before.
 _GAP_PERIODS = 1.5
@@ -45,8 +51,8 @@ class ChannelCheck:
     saturated_share: float
 
 
-@dataclass(frozen=True)
-class LogCheck:
+@dataclass(frozen=True, repr=False)
+class LogCheck(Shown):
     """What `sysid check` says of one log. Times in s.
 
     `kinds` counts its tests by what their content says they are; `declared` is the kind and
@@ -76,6 +82,36 @@ class LogCheck:
             del content["declared"], content["use"]
         return content
 
+    def headline(self) -> str:
+        """The file, what it holds and how it is sampled."""
+        kinds = ", ".join(f"{count} x {kind}" for kind, count in self.kinds.items())
+        gaps = f"{self.gaps} gaps" if self.gaps else "no gaps"
+        return (
+            f"{self.file}: {kinds}; {self.rows} rows, {self.duration_s:.4g} s, every "
+            f"{self.period_s:.4g} s, {gaps}"
+        )
+
+    def records(self) -> list[dict[str, Any]]:
+        """One a measured channel: range, resolution and noise in its own unit."""
+        return [asdict(channel) for channel in self.channels]
+
+    def tables(self) -> Iterable[ShownTable]:
+        """The channels, and what the log can identify."""
+        yield record_table("Channels", self.records())
+        found = ((i.parameter, "yes" if i.identified else "no", i.reason) for i in self.identifies)
+        yield ShownTable("Identifies", ("parameter", "", "why, or what would"), tuple(found))
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """How much larger each channel's range is than its noise and its resolution."""
+        ax = one_axes(ax)
+        shares = {
+            "range over noise": [_ratio(c, c.noise_std) for c in self.channels],
+            "range over resolution": [_ratio(c, c.quantum) for c in self.channels],
+        }
+        bars(ax, [c.name for c in self.channels], shares)
+        ax.set_yscale("log")
+        return ax
+
     @classmethod
     def from_json(cls, content: dict[str, Any]) -> LogCheck:
         """What `to_json` gave."""
@@ -88,6 +124,11 @@ class LogCheck:
                 "notices": tuple(content["notices"]),
             }
         )
+
+
+def _ratio(channel: ChannelCheck, size: float | None) -> float:
+    """A channel's range in units of `size`; NaN where that is 0 or not known."""
+    return (channel.high - channel.low) / size if size else math.nan
 
 
 def check_campaign(campaign: Campaign) -> list[LogCheck]:

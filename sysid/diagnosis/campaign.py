@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any, TypeVar
 
 from sysid.bundle import Bundle, EffectEntry, HeldOutError
@@ -17,7 +16,7 @@ from sysid.estimation.linear import Estimate
 from sysid.io.campaign import Campaign, CampaignLog
 from sysid.io.channels import SIDES
 from sysid.io.logs import Log
-from sysid.model.effects.catalogue import catalogue_with
+from sysid.model.effects.catalogue import EffectSource, catalogue_from
 from sysid.model.effects.linear import for_rig
 from sysid.types import Progress, no_progress
 
@@ -28,7 +27,7 @@ def diagnose_logs(
     campaign: Campaign,
     bundle: Bundle,
     *,
-    effects: Path | None = None,
+    effects: EffectSource = None,
     seed: int = 0,
     progress: Progress = no_progress,
 ) -> tuple[Diagnosis | ComponentDiagnosis, tuple[str, ...]]:
@@ -36,7 +35,7 @@ def diagnose_logs(
 
     An effect that the bundle holds already is part of the model that is looked at.
     """
-    catalogue = catalogue_with(effects)
+    catalogue = catalogue_from(effects)
     taken = {entry.id for entry in bundle.effects}
     open_ones = for_rig(
         {name: effect for name, effect in catalogue.items() if name not in taken},

@@ -1,11 +1,11 @@
-"""One test's samples, and the log file that holds them (`spec/log-format.md`)."""
+"""Reading a log file (`spec/log-format.md`): checked, and converted to SI."""
 
 from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,7 @@ from sysid.errors import InputError, input_error
 from sysid.io import plausibility
 from sysid.io.channels import PRESSURES, VALVE_COMMANDS
 from sysid.io.rig import Rig
+from sysid.io.samples import Log, Trial, with_channels
 from sysid.io.tables import LogTable, read_table
 from sysid.io.units import CANONICAL_UNITS, ColumnMap, find_column, has_column, to_si
 from sysid.types import FloatArray
@@ -30,60 +31,6 @@ _SELDOM_NEEDED = (
 # Rows of a second sampling period that stand together before the test is called mixed.
 _MIXED_RUN = 10
 _MIXED_DEVIATION = 0.25
-
-
-@dataclass(frozen=True)
-class Trial:
-    """One test (`test` of the log format): its samples, SI, absolute pressures.
-
-    `time` (n,) s, strictly increasing, as in the file. `channels` holds (n,) arrays by
-    their names in the log format; position is always `theta_rad` (linear: `position_m`),
-    and the motor command always `motor_torque_nm` (linear: `motor_force_n`) at the output
-    shaft, whatever column the file gave. `source` names file and test for messages.
-    `unusable` says what is wrong with columns that few kinds of test need, where they have it.
-    """
-
-    label: str
-    time: FloatArray
-    channels: Mapping[str, FloatArray]
-    source: str
-    unusable: Mapping[str, str] = field(default_factory=dict)
-
-    def __contains__(self, name: str) -> bool:
-        return name in self.channels
-
-    def __getitem__(self, name: str) -> FloatArray:
-        return self.channels[name]
-
-    def __len__(self) -> int:
-        return len(self.time)
-
-    @property
-    def period(self) -> float:
-        """Median sampling period, s."""
-        return float(np.median(np.diff(self.time)))
-
-    def require(self, names: Sequence[str], why: str) -> None:
-        """InputError that names the first channel of `names` which the log does not hold."""
-        for name in names:
-            if name in self.unusable:
-                raise InputError(self.unusable[name])
-            if name not in self.channels:
-                raise input_error(
-                    self.source,
-                    f"column {name} is missing, {why}",
-                    f'add it, or name it with --map "{name}=COLUMN:UNIT"',
-                )
-
-
-@dataclass(frozen=True)
-class Log:
-    """A log file as read: its trials, its SHA-256, and what the reader wants said."""
-
-    path: Path
-    sha256: str
-    trials: tuple[Trial, ...]
-    notices: tuple[str, ...] = field(default=())
 
 
 @dataclass
@@ -134,7 +81,7 @@ def read_log(
     _check_values(reading)
     _check_time(reading, groups)
     trials = tuple(_trial(reading, label, rows) for label, rows in groups)
-    return Log(path, table.sha256, trials, tuple(reading.notices))
+    return Log(path, table.sha256, trials, tuple(reading.notices), rig)
 
 
 def _take_columns(reading: _Reading, maps: Mapping[str, ColumnMap]) -> None:
@@ -380,6 +327,4 @@ def _trial(reading: _Reading, label: str, rows: NDArray[np.int64] | slice) -> Tr
     return Trial(label, reading.columns["time_s"][rows], channels, source, reading.unusable)
 
 
-def with_channels(trial: Trial, **channels: FloatArray) -> Trial:
-    """A copy of a trial with channels replaced or added, each (n,)."""
-    return replace(trial, channels={**trial.channels, **channels})
+__all__ = ["Log", "Trial", "read_log", "smallest_step", "with_channels"]

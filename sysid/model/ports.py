@@ -145,7 +145,14 @@ def overrides(effect: Effect | type[Effect], *ports: str) -> bool:
 
 @dataclass(frozen=True)
 class Model:
-    """The base model with its parameters and effects: `Model(p) + Stribeck(0.1, 0.05)`."""
+    """The base model with its parameters (SI) and effects; `+` adds an effect.
+
+    Raises ValueError where two effects add the same state.
+
+    >>> model = bundle.model() + si.effects.TorqueOffset(0.01)
+    >>> [effect.id for effect in model.effects], model.parameters.stroke
+    (['torque-offset'], 0.127)
+    """
 
     parameters: Parameters
     effects: tuple[Effect, ...] = ()

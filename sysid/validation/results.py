@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sysid.bundle import Validation
+from sysid.display.plots import bars, legend, one_axes, some_axes
+from sysid.display.tables import Shown
 from sysid.types import FloatArray
 from sysid.validation import residual_tests
 from sysid.validation.residual_tests import CorrelationTest
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
 
 HORIZONS_S = (0.1, 1.0)
 """Horizons beside the whole log, s."""
@@ -141,6 +147,29 @@ class TestResult:
         """Measured less simulated, (n,)."""
         return self.measured[channel] - self.simulated[channel]
 
+    @property
+    def frame(self) -> pd.DataFrame:
+        """`time_s`, and of each channel `..._measured` and `..._simulated`, a row a sample."""
+        import pandas as pd
+
+        columns = {"time_s": self.time}
+        for name in self.measured:
+            columns[f"{name}_measured"] = self.measured[name]
+            columns[f"{name}_simulated"] = self.simulated[name]
+        return pd.DataFrame(columns)
+
+    def plot(self, axes: Axes | Iterable[Axes] | None = None) -> list[Axes]:
+        """Each channel as measured and as simulated, a panel each; returns the axes."""
+        panels = some_axes(len(self.measured), axes)
+        for ax, name in zip(panels, self.measured, strict=True):
+            ax.plot(self.time, self.measured[name], color="0.5", label="measured")
+            ax.plot(self.time, self.simulated[name], label="simulated")
+            ax.set_ylabel(name)
+        panels[0].set_title(f"{self.file}, test {self.test}, {self.model} valves")
+        legend(panels[0])
+        panels[-1].set_xlabel("time_s")
+        return panels
+
     def to_json(self) -> dict[str, Any]:
         return {
             "test": self.test,
@@ -175,9 +204,13 @@ class LogResult:
         }
 
 
-@dataclass(frozen=True)
-class ValidationResult:
-    """Every motion log under every valve model that applies, in the campaign's order."""
+@dataclass(frozen=True, repr=False)
+class ValidationResult(Shown):
+    """Every motion log under every valve model that applies, in the campaign's order.
+
+    Fit percentage: 100 (1 - NRMSE), 100 where simulation and measurement agree. The curves
+    behind it: `result.logs[0].tests[0].plot()`.
+    """
 
     logs: tuple[LogResult, ...]
     notices: tuple[str, ...]
@@ -187,6 +220,57 @@ class ValidationResult:
         return tuple(
             log for log in self.logs if use in (None, log.use) and model in (None, log.model)
         )
+
+    @property
+    def fit_percent(self) -> pd.DataFrame:
+        """Fit percentage: a row a log and valve model, a column a channel."""
+        import pandas as pd
+
+        rows = {
+            (log.file, log.use, log.model): {
+                name: channel.errors.fit_percentage for name, channel in log.channels.items()
+            }
+            for log in self.logs
+        }
+        frame = pd.DataFrame.from_records(list(rows.values()))
+        frame.index = pd.MultiIndex.from_tuples(rows, names=["file", "use", "valve_model"])
+        return frame
+
+    def headline(self) -> str:
+        """How much was simulated."""
+        tests = sum(len(log.tests) for log in self.logs)
+        return f"open-loop validation: {tests} tests of {len(self.logs)} logs and valve models"
+
+    def records(self) -> list[dict[str, Any]]:
+        """One a log, valve model and channel; errors in the channel's unit."""
+        return [
+            {
+                "file": log.file,
+                "use": log.use,
+                "valve_model": log.model,
+                "channel": name,
+                "rmse": channel.errors.rmse,
+                "fit_percent": channel.errors.fit_percentage,
+                "noise_floor": channel.noise_floor,
+                "max_error": channel.errors.largest,
+                "samples": channel.errors.samples,
+            }
+            for log in self.logs
+            for name, channel in log.channels.items()
+        ]
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Fit percentage by channel, a bar a log and valve model; returns the axes."""
+        ax = one_axes(ax)
+        names = list(dict.fromkeys(name for log in self.logs for name in log.channels))
+        fits: dict[str, list[float]] = {}
+        for log in self.logs:
+            found = [log.channels.get(name) for name in names]
+            known = [None if c is None else c.errors.fit_percentage for c in found]
+            fits[f"{log.file}, {log.model}"] = [math.nan if v is None else v for v in known]
+        bars(ax, names, fits)
+        ax.set_ylabel("fit (%)")
+        return ax
 
     def record(self) -> Validation:
         """The bundle's `validation`."""

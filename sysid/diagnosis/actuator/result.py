@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
 from sysid.diagnosis.actuator.loop import Loop
 from sysid.diagnosis.actuator.search import Suspect
 from sysid.diagnosis.actuator.unexplained import Unexplained
+from sysid.diagnosis.wording import p_text
+from sysid.display.tables import Shown, ShownTable, estimate_records, estimate_table
 from sysid.estimation.linear import Estimate
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import Model
@@ -29,8 +31,8 @@ class BeforeAfter:
         return {k: v for k, v in vars(self).items() if v is not None}
 
 
-@dataclass(frozen=True)
-class FoundEffect:
+@dataclass(frozen=True, repr=False)
+class FoundEffect(Shown):
     """An effect that was added: its numbers, what it gained, and what may be it as well.
 
     `share`: of the residual's excess over noise on the fitted logs; `holdout` by channel,
@@ -50,12 +52,27 @@ class FoundEffect:
     def id(self) -> str:
         return self.effect.id
 
+    def headline(self) -> str:
+        """Its id, and what may be it as well."""
+        rivals = ", ".join(self.ambiguous_with)
+        return f"{self.id}{f' (or {rivals})' if rivals else ''}, p {p_text(self.p_value)}"
+
+    def records(self) -> list[dict[str, Any]]:
+        """One a parameter: its value, std, limits of the 95 % interval and unit."""
+        return estimate_records(self.by_label(), effect=self.id)
+
+    def tables(self) -> Iterable[ShownTable]:
+        """The parameters."""
+        yield estimate_table("", self.by_label())
+
+    def by_label(self) -> dict[str, Estimate]:
+        """The estimates, by the names that files and reports use."""
+        labels = {q.name: q.label for q in type(self.effect).quantities}
+        return {labels[name]: estimate for name, estimate in self.estimates.items()}
+
     def to_json(self) -> dict[str, Any]:
         """As `sysid diagnose --json` prints it (spec/cli.md)."""
-        labels = {q.name: q.label for q in type(self.effect).quantities}
-        parameters: dict[str, Any] = {
-            labels[name]: estimate.to_json() for name, estimate in self.estimates.items()
-        }
+        parameters: dict[str, Any] = {k: e.to_json() for k, e in self.by_label().items()}
         if type(self.effect).has_side():
             parameters["side"] = getattr(self.effect, "side")  # noqa: B009
         return {

@@ -1,6 +1,135 @@
-"""The catalogue of effects that the base model lacks, one class each, by subsystem."""
+"""The catalogue of effects that the base model lacks, one class each, by subsystem.
 
+`import sysid as si` shows it as `si.effects`. An effect's arguments are its numbers, SI, in the
+order of `quantities`; a model takes it with `+`:
+
+>>> stribeck = si.effects.StribeckFriction(0.1, 0.05)
+>>> (bundle.model() + stribeck).effects[-1].stribeck_velocity_rad_per_s
+0.05
+>>> si.effects.catalogue()["stribeck-friction"] is si.effects.StribeckFriction
+True
+>>> for quantity in stribeck.quantities[:2]:
+...     print(quantity.name, quantity.unit, quantity.typical)
+stribeck_torque_nm Nm 0.12
+stribeck_velocity_rad_per_s rad/s 0.07
+
+An effect of one's own is a frozen dataclass that derives from `CatalogueEffect`, with a
+`Quantity` a number; README.md has one.
+"""
+
+from sysid.model.effects.bench import (
+    PartialOpening,
+    SeriesRestriction,
+    ValveDeadBand,
+    ValveHysteresis,
+)
 from sysid.model.effects.catalogue import catalogue, class_of, load_user_effects
+from sysid.model.effects.chamber import (
+    AtmosphereLeakage,
+    DeadVolumeError,
+    PistonLeakage,
+    PolytropicExponent,
+    TemperatureDrift,
+    TubeLag,
+    WallHeatTransfer,
+)
 from sysid.model.effects.entry import CatalogueEffect, Quantity
+from sysid.model.effects.friction import (
+    AsymmetricCoulombFriction,
+    AsymmetricViscousFriction,
+    PositionDependentFriction,
+    PowerLawFriction,
+    Presliding,
+    QuadraticDrag,
+    SealFriction,
+    StribeckFriction,
+)
+from sysid.model.effects.linkage import (
+    AreaError,
+    Backlash,
+    CableSpring,
+    GearMeshRipple,
+    InertiaMismatch,
+    LinkFlexibility,
+    MountingTilt,
+    PitchEccentricity,
+)
+from sysid.model.effects.motor import (
+    AmplifierLag,
+    TorqueConstantError,
+    TorqueOffset,
+    TorqueRipple,
+    TorqueSaturation,
+)
+from sysid.model.effects.sensor import (
+    AmbientPressureError,
+    EncoderEccentricity,
+    PressureGain,
+    PressureLag,
+    PressureOffset,
+    TimeSkew,
+)
+from sysid.model.effects.supply import (
+    ExhaustBackPressure,
+    SupplyDroop,
+)
+from sysid.model.effects.valve import (
+    ChokedExhaustScaling,
+    CoilHeating,
+    DutyDeadZone,
+    SubsonicFlowShape,
+    ValveDelay,
+)
 
-__all__ = ["CatalogueEffect", "Quantity", "catalogue", "class_of", "load_user_effects"]
+__all__ = [
+    "AmbientPressureError",
+    "AmplifierLag",
+    "AreaError",
+    "AsymmetricCoulombFriction",
+    "AsymmetricViscousFriction",
+    "AtmosphereLeakage",
+    "Backlash",
+    "CableSpring",
+    "CatalogueEffect",
+    "ChokedExhaustScaling",
+    "CoilHeating",
+    "DeadVolumeError",
+    "DutyDeadZone",
+    "EncoderEccentricity",
+    "ExhaustBackPressure",
+    "GearMeshRipple",
+    "InertiaMismatch",
+    "LinkFlexibility",
+    "MountingTilt",
+    "PartialOpening",
+    "PistonLeakage",
+    "PitchEccentricity",
+    "PolytropicExponent",
+    "PositionDependentFriction",
+    "PowerLawFriction",
+    "Presliding",
+    "PressureGain",
+    "PressureLag",
+    "PressureOffset",
+    "QuadraticDrag",
+    "Quantity",
+    "SealFriction",
+    "SeriesRestriction",
+    "StribeckFriction",
+    "SubsonicFlowShape",
+    "SupplyDroop",
+    "TemperatureDrift",
+    "TimeSkew",
+    "TorqueConstantError",
+    "TorqueOffset",
+    "TorqueRipple",
+    "TorqueSaturation",
+    "TubeLag",
+    "ValveDeadBand",
+    "ValveDelay",
+    "ValveHysteresis",
+    "WallHeatTransfer",
+    "catalogue",
+    "class_of",
+    "load_user_effects",
+]

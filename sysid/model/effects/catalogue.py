@@ -7,6 +7,7 @@ import difflib
 import importlib.util
 import sys
 import traceback
+from collections.abc import Iterable
 from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from types import ModuleType
@@ -80,14 +81,21 @@ def load_user_effects(path: Path) -> dict[str, type[CatalogueEffect]]:
         raise input_error(
             path, "defines no effect", "derive one from sysid.model.effects.CatalogueEffect"
         )
+    return _checked(found, f"{path}, ", "another class of this file")
+
+
+def _checked(
+    found: Iterable[type[CatalogueEffect]], where: str, others: str
+) -> dict[str, type[CatalogueEffect]]:
+    """A user's effects by id. Raises InputError for one that is not complete or not alone."""
     effects: dict[str, type[CatalogueEffect]] = {}
     own = catalogue()
     for effect in found:
-        where = f"{path}, class {effect.__name__}"
-        _check_entry(where, effect)
+        place = f"{where}class {effect.__name__}"
+        _check_entry(place, effect)
         if effect.id in own or effect.id in effects:
-            of = "the catalogue" if effect.id in own else "another class of this file"
-            raise input_error(where, f"takes the id {effect.id} of {of}", "choose another id")
+            of = "the catalogue" if effect.id in own else others
+            raise input_error(place, f"takes the id {effect.id} of {of}", "choose another id")
         effects[effect.id] = effect
     return effects
 
@@ -162,6 +170,20 @@ def catalogue_with(path: Path | None) -> Catalogue:
     return catalogue() if path is None else {**catalogue(), **load_user_effects(path)}
 
 
+EffectSource = str | Path | Iterable[type[CatalogueEffect]] | None
+"""A user's own effects: the Python file that defines them, or the classes themselves."""
+
+
+def catalogue_from(effects: EffectSource) -> Catalogue:
+    """The catalogue with a user's own effects, from a file or as classes, beside it.
+
+    Raises InputError where they cannot be used.
+    """
+    if effects is None or isinstance(effects, str | Path):
+        return catalogue_with(None if effects is None else Path(effects))
+    return {**catalogue(), **_checked(effects, "effects, ", "another class")}
+
+
 def effect_named(name: str, effects: Catalogue) -> type[CatalogueEffect]:
     """The effect of an id; InputError, with the nearest one, where there is none."""
     if name in effects:
@@ -207,8 +229,10 @@ def _law(effect: type[CatalogueEffect]) -> str:
 
 __all__ = [
     "AMBIGUOUS_CLASSES",
+    "EffectSource",
     "catalogue",
     "catalogue_entry",
+    "catalogue_from",
     "catalogue_with",
     "class_of",
     "effect_named",

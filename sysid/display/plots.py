@@ -1,0 +1,71 @@
+"""Axes to draw on: those that a caller passes, or new ones. Matplotlib is imported when used."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from sysid.errors import input_error
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_WIDTH, _HEIGHT = 7.0, 2.2
+# A legend of more lines than this hides what it is about.
+_MOST_IN_LEGEND = 12
+
+
+def one_axes(ax: Axes | None) -> Axes:
+    """The axes given, or those of a new figure."""
+    if ax is not None:
+        return ax
+    import matplotlib.pyplot as plt
+
+    return plt.subplots(figsize=(_WIDTH, 1.6 * _HEIGHT), layout="constrained")[1]
+
+
+def some_axes(count: int, axes: Axes | Iterable[Axes] | None, share_x: bool = True) -> list[Axes]:
+    """`count` axes: those given, or new ones below each other.
+
+    Raises InputError where another number is given.
+    """
+    if axes is None:
+        import matplotlib.pyplot as plt
+
+        size = (_WIDTH, _HEIGHT * count)
+        made = plt.subplots(
+            count, 1, figsize=size, sharex=share_x, squeeze=False, layout="constrained"
+        )
+        return list(made[1][:, 0])
+    given = flat(axes)
+    if len(given) != count:
+        raise input_error("axes", f"{len(given)} for {count} panels", f"pass {count} axes, or none")
+    return given
+
+
+def flat(axes: Axes | Iterable[Axes]) -> list[Axes]:
+    """Axes one after the other, from one, a sequence, or what `plt.subplots` gives."""
+    import numpy as np
+
+    return list(np.ravel(np.asarray(axes, dtype=object)))
+
+
+def legend(ax: Axes) -> None:
+    """A legend, where it has lines to tell apart and few enough of them."""
+    labels = ax.get_legend_handles_labels()[1]
+    if 1 < len(labels) <= _MOST_IN_LEGEND:
+        ax.legend(fontsize="small")
+
+
+def bars(ax: Axes, groups: Sequence[str], heights: Mapping[str, Sequence[float]]) -> None:
+    """Bars side by side: a place along x for each group, a colour for each series in it."""
+    width = 0.8 / max(len(heights), 1)
+    for i, (label, values) in enumerate(heights.items()):
+        places = [g - 0.4 + (i + 0.5) * width for g in range(len(groups))]
+        ax.bar(places, values, width, label=label)
+    ax.set_xticks(range(len(groups)), groups)
+    if len(heights) > 1:
+        ax.legend(fontsize="small", loc="upper left", bbox_to_anchor=(1.0, 1.0))
+
+
+__all__ = ["bars", "flat", "legend", "one_axes", "some_axes"]

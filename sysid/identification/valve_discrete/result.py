@@ -1,0 +1,125 @@
+"""What on/off valve tests give: estimates by name, and the curves that they were fitted to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from sysid.bundle import DiscreteLaw, FittedValves, Parts, Valve
+from sysid.display.numbers import number
+from sysid.display.plots import legend, one_axes, some_axes
+from sysid.display.tables import Shown, ShownTable, estimate_records, estimate_table
+from sysid.estimation.linear import Estimate
+from sysid.estimation.named import NamedEstimates
+from sysid.types import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+@dataclass(frozen=True)
+class PressureCurve:
+    """One test's pressure, measured and simulated: `time` (n,) s, pressures (n,) Pa."""
+
+    test: str
+    time: FloatArray
+    measured: FloatArray
+    simulated: FloatArray
+
+
+@dataclass(frozen=True, repr=False)
+class DiscreteFit(NamedEstimates, Shown):
+    """What one valve's tests give.
+
+    `estimates` by name: the four flow parameters, both delays, both critical ratios, both
+    jumps of the law at the choked boundary (percent, unchoked over choked less one).
+    `stretches`: the first values, by 3.5.3. `choked_flow_fill_kg_s` holds at `supply` Pa.
+    `rmse`, `noise` Pa; `fit_percent` 100 (1 - NRMSE) over all tests.
+    """
+
+    valve: str
+    estimates: Mapping[str, Estimate]
+    stretches: Mapping[str, float]
+    supply: float
+    rmse: float
+    noise: float
+    fit_percent: float
+    curves: tuple[PressureCurve, ...] = field(repr=False)
+
+    def by_name(self) -> Mapping[str, Estimate]:
+        """The estimates."""
+        return self.estimates
+
+    def headline(self) -> str:
+        """Which valve, and how well its law follows the tests."""
+        return f"valve {self.valve.upper()}, on/off, fit {number(self.fit_percent)} %"
+
+    def records(self) -> list[dict[str, Any]]:
+        """One an estimate: its value, std, limits of the 95 % interval and unit."""
+        return estimate_records(self.estimates, valve=self.valve)
+
+    def tables(self) -> Iterable[ShownTable]:
+        """The estimates."""
+        yield estimate_table(f"Valve {self.valve.upper()}", self.estimates)
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Chamber pressure over time, each test as measured and as fitted; returns the axes."""
+        ax = one_axes(ax)
+        for i, curve in enumerate(self.curves):
+            names = ("measured", "fitted") if i == 0 else (None, None)
+            since = curve.time - curve.time[0]
+            ax.plot(since, 1e-3 * curve.measured, ".", color="0.6", markersize=2, label=names[0])
+            ax.plot(since, 1e-3 * curve.simulated, color="C0", linewidth=0.8, label=names[1])
+        ax.set_xlabel("time (s)")
+        ax.set_ylabel(f"pressure {self.valve.upper()} (kPa)")
+        legend(ax)
+        return ax
+
+    def law(self) -> DiscreteLaw:
+        """`valves.<a|b>.discrete` of the bundle."""
+        return DiscreteLaw(
+            **self.estimates,
+            supply_pressure_pa=self.supply,
+            rmse_pa=self.rmse,
+            noise_pa=self.noise,
+            fit_percent=self.fit_percent,
+            tests=sorted({c.test for c in self.curves}),
+        )
+
+
+@dataclass(frozen=True, repr=False)
+class ValveDiscreteResult(Shown):
+    """The fitted valves, "a" and "b" or one of them, and what to say about them."""
+
+    valves: Mapping[str, DiscreteFit]
+    remarks: tuple[str, ...]
+    notices: tuple[str, ...]
+
+    def __getitem__(self, valve: str) -> DiscreteFit:
+        return self.valves[valve]
+
+    def headline(self) -> str:
+        """Which valves."""
+        return f"on/off law of valve {' and '.join(v.upper() for v in self.valves)}"
+
+    def records(self) -> list[dict[str, Any]]:
+        """One an estimate of each valve."""
+        return [record for fit in self.valves.values() for record in fit.records()]
+
+    def tables(self) -> Iterable[ShownTable]:
+        """The estimates, a table a valve."""
+        return (table for fit in self.valves.values() for table in fit.tables())
+
+    def plot(self, axes: Axes | Iterable[Axes] | None = None) -> list[Axes]:
+        """Chamber pressures as measured and as fitted, a panel a valve; returns the axes."""
+        panels = some_axes(len(self.valves), axes)
+        return [fit.plot(ax) for fit, ax in zip(self.valves.values(), panels, strict=True)]
+
+    def part(self) -> Parts:
+        """The bundle's `valves`, each with its on/off law."""
+        found = {name: Valve(discrete=fit.law()) for name, fit in self.valves.items()}
+        return Parts(valves=FittedValves(**found))
+
+
+__all__ = ["DiscreteFit", "PressureCurve", "ValveDiscreteResult"]

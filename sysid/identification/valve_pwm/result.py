@@ -1,0 +1,175 @@
+"""What PWM valve tests give: mean-flow surfaces, a pair a valve, and their errors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sysid.bundle import FittedValves, Parts, PwmSurfaces, Valve
+from sysid.bundle.valves import PwmDirections
+from sysid.display.plots import legend, one_axes, some_axes
+from sysid.display.tables import Shown
+from sysid.identification.valve_pwm.samples import FlowSamples
+from sysid.surfaces.bipolynomial import Bipolynomial
+from sysid.surfaces.comparison import ResolutionStudy, SurfaceComparison, SurfaceError
+from sysid.surfaces.domain import Domain
+from sysid.surfaces.samples import SurfacePoints
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from sysid.surfaces.ann import DutyNetwork, SizeSweep
+
+DIRECTIONS = {"fill": "filling", "discharge": "discharging"}
+# Duties at which a plot draws a surface.
+_SHOWN_DUTIES = 7
+
+
+@dataclass(frozen=True, repr=False)
+class DirectionFit(Shown):
+    """Surfaces of one valve in one direction ("fill" or "discharge").
+
+    `samples` are the measured mean flows, `points` their even reduction that was fitted.
+    `bipolynomial` and `network` are None where not asked for. `errors` holds each surface's
+    error in duty by its name, on tests that it did not see (`held_out`) and on all that it
+    was fitted on (`fitted`). `comparison`: both on the same held-out tests. `resolution`:
+    Table 3.7.1, None for unevenly spaced duties. `sweep`: hidden sizes, where asked for.
+    """
+
+    valve: str
+    direction: str
+    supply_pressure_pa: float
+    pwm_period_s: float
+    samples: FlowSamples
+    points: SurfacePoints
+    domain: Domain
+    bipolynomial: Bipolynomial | None = None
+    network: DutyNetwork | None = None
+    errors: dict[str, dict[str, SurfaceError]] = field(default_factory=dict)
+    comparison: SurfaceComparison | None = None
+    resolution: ResolutionStudy | None = None
+    sweep: SizeSweep | None = None
+
+    @property
+    def by_kind(self) -> dict[str, Bipolynomial | DutyNetwork]:
+        """The fitted surfaces by name, `bipolynomial` and `ann`."""
+        both = {"bipolynomial": self.bipolynomial, "ann": self.network}
+        return {name: surface for name, surface in both.items() if surface is not None}
+
+    def headline(self) -> str:
+        """Which valve and direction, from how many tests."""
+        tests = len(np.unique(self.samples.test))
+        return f"valve {self.valve.upper()}, {DIRECTIONS[self.direction]}, {tests} tests"
+
+    def records(self) -> list[dict[str, Any]]:
+        """One a surface: its error in duty on tests left out of the fit (else: in it)."""
+        return [
+            {
+                "valve": self.valve,
+                "direction": self.direction,
+                "surface": name,
+                "rmse_duty": error.rmse,
+                "max_relative_error_percent": error.max_relative_error_percent,
+                "judged_on": "held-out tests" if "held_out" in errors else "fitted tests",
+            }
+            for name, errors in self.errors.items()
+            for error in [errors.get("held_out", errors["fitted"])]
+        ]
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Mean flow over pressure: samples by duty, and the surfaces at some of the duties."""
+        ax = one_axes(ax)
+        s = self.samples
+        ax.scatter(1e-3 * s.pressure, 1e3 * s.flow, c=s.duty, s=4, vmin=0.0, vmax=1.0)
+        duties = np.linspace(*self.domain.duty_range, _SHOWN_DUTIES)
+        pressures = np.linspace(*self.domain.pressure_range)
+        lowest, highest = self.domain.duty_limits(pressures)
+        for (name, surface), style in zip(self.by_kind.items(), ("-", "--"), strict=False):
+            for i, duty in enumerate(duties):
+                flow = surface.flow(np.full_like(pressures, duty), pressures)[0]
+                flow = np.where((lowest <= duty) & (duty <= highest), flow, math.nan)
+                line = ax.plot(1e-3 * pressures, 1e3 * flow, style, color="0.3", linewidth=0.8)[0]
+                line.set_label(name if i == 0 else "_")
+        ax.set_xlabel("pressure (kPa)")
+        ax.set_ylabel("mean flow (g/s)")
+        ax.set_title(f"valve {self.valve.upper()}, {DIRECTIONS[self.direction]}")
+        legend(ax)
+        return ax
+
+    def surfaces(self) -> PwmSurfaces:
+        """`valves.<v>.pwm.<direction>` of a bundle."""
+        content: dict[str, Any] = {
+            "supply_pressure_pa": self.supply_pressure_pa,
+            "pwm_period_s": self.pwm_period_s,
+            "n_tests": len(np.unique(self.samples.test)),
+            "n_samples": len(self.samples),
+        }
+        for name, surface in self.by_kind.items():
+            content[name] = {**surface.to_dict(), **self._errors(name)}
+        if self.comparison is not None:
+            content["comparison"] = self.comparison.to_dict()
+        if self.resolution is not None:
+            content["resolution_study"] = asdict(self.resolution)
+        if self.sweep is not None:
+            content["hidden_size_sweep"] = asdict(self.sweep)
+        return PwmSurfaces(**content)
+
+    def _errors(self, name: str) -> dict[str, Any]:
+        found = self.errors[name]
+        judged = found.get("held_out", found["fitted"])
+        return {
+            "rmse_duty": judged.rmse,
+            "max_relative_error_duty_percent": judged.max_relative_error_percent,
+            "errors_duty": {use: asdict(error) for use, error in found.items()},
+        }
+
+
+@dataclass(frozen=True, repr=False)
+class ValvePwmFit(Shown):
+    """Surfaces of every valve and direction that the tests hold.
+
+    `fits` by (valve, direction); `unidentified`: for each of the others, the reason.
+    `remarks` sum up, `notices` say what was left out or is doubtful.
+    """
+
+    fits: dict[tuple[str, str], DirectionFit]
+    unidentified: dict[tuple[str, str], str]
+    remarks: tuple[str, ...]
+    notices: tuple[str, ...]
+    seed: int
+
+    def headline(self) -> str:
+        """Which valves and directions."""
+        fitted = (f"{v.upper()} {DIRECTIONS[direction]}" for v, direction in self.fits)
+        return f"PWM surfaces of valve {', '.join(fitted)}"
+
+    def records(self) -> list[dict[str, Any]]:
+        """One a valve, direction and surface."""
+        return [record for fit in self.fits.values() for record in fit.records()]
+
+    def plot(self, axes: Axes | Iterable[Axes] | None = None) -> list[Axes]:
+        """Mean flow over pressure, a panel a valve and direction; returns the axes."""
+        panels = some_axes(len(self.fits), axes)
+        return [fit.plot(ax) for fit, ax in zip(self.fits.values(), panels, strict=True)]
+
+    def part(self) -> Parts:
+        """The bundle's `valves`, each with its surfaces by direction."""
+        found: dict[str, dict[str, PwmSurfaces]] = {}
+        for (valve, direction), fit in self.fits.items():
+            found.setdefault(valve, {})[direction] = fit.surfaces()
+        for (valve, direction), reason in self.unidentified.items():
+            if valve in found:
+                missing = {"value": None, "identified": False, "reason": reason}
+                found[valve][direction] = PwmSurfaces.model_validate(missing)
+        return Parts(
+            valves=FittedValves(
+                **{v: Valve(pwm=PwmDirections(**held)) for v, held in found.items()}
+            )
+        )
+
+
+__all__ = ["DIRECTIONS", "DirectionFit", "ValvePwmFit"]

@@ -1,0 +1,156 @@
+"""One test's samples, and the log that holds them (`spec/log-format.md`)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sysid.display.plots import legend, some_axes
+from sysid.display.tables import Shown
+from sysid.errors import InputError, input_error
+from sysid.io.rig import Rig
+from sysid.types import FloatArray
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One test (`test` of the log format): its samples, SI, absolute pressures.
+
+    `time` (n,) s, strictly increasing, as in the file. `channels` holds (n,) arrays by
+    their names in the log format; position is always `theta_rad` (linear: `position_m`),
+    and the motor command always `motor_torque_nm` (linear: `motor_force_n`) at the output
+    shaft, whatever column the file gave. `source` names file and test for messages.
+    `unusable` says what is wrong with columns that few kinds of test need, where they have it.
+    """
+
+    label: str
+    time: FloatArray
+    channels: Mapping[str, FloatArray]
+    source: str
+    unusable: Mapping[str, str] = field(default_factory=dict)
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.channels
+
+    def __getitem__(self, name: str) -> FloatArray:
+        return self.channels[name]
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def period(self) -> float:
+        """Median sampling period, s."""
+        return float(np.median(np.diff(self.time)))
+
+    @property
+    def frame(self) -> pd.DataFrame:
+        """The samples as a new DataFrame: `time_s` and a column a channel, a row a sample."""
+        import pandas as pd
+
+        return pd.DataFrame({"time_s": self.time, **self.channels})
+
+    def require(self, names: Sequence[str], why: str) -> None:
+        """InputError that names the first channel of `names` which the log does not hold."""
+        for name in names:
+            if name in self.unusable:
+                raise InputError(self.unusable[name])
+            if name not in self.channels:
+                raise input_error(
+                    self.source,
+                    f"column {name} is missing, {why}",
+                    f'add it, or name it with --map "{name}=COLUMN:UNIT"',
+                )
+
+
+@dataclass(frozen=True, repr=False)
+class Log(Shown):
+    """A log file as read: its trials, its SHA-256, and what the reader wants said.
+
+    `rig` is what it was read with. Values are SI, pressures absolute. `len(log)` counts its
+    tests, `log[label]` is one of them.
+
+    >>> log.frame.columns[:3].tolist()
+    ['test', 'time_s', 'motor_torque_nm']
+    >>> log.trials[0]["motor_torque_nm"].shape == log.trials[0].time.shape
+    True
+    """
+
+    path: Path
+    sha256: str
+    trials: tuple[Trial, ...]
+    notices: tuple[str, ...] = field(default=())
+    rig: Rig | None = None
+
+    def __len__(self) -> int:
+        return len(self.trials)
+
+    def __getitem__(self, label: str) -> Trial:
+        for trial in self.trials:
+            if trial.label == label:
+                return trial
+        raise KeyError(label)
+
+    @property
+    def frame(self) -> pd.DataFrame:
+        """All samples as a new DataFrame: `test` (its label), `time_s`, a column a channel."""
+        import pandas as pd
+
+        return pd.concat([t.frame.assign(test=t.label) for t in self.trials], ignore_index=True)[
+            ["test", "time_s", *self.channels]
+        ]
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The names of all channels that its tests hold, as in the log format."""
+        return tuple(dict.fromkeys(name for t in self.trials for name in t.channels))
+
+    def to_frame(self) -> pd.DataFrame:
+        """The samples, as `frame`."""
+        return self.frame
+
+    def headline(self) -> str:
+        """The file, and how much it holds."""
+        rows, tests = sum(map(len, self.trials)), len(self.trials)
+        return f"{self.path.name}, {tests} test{'s' * (tests > 1)}, {rows} samples"
+
+    def records(self) -> list[dict[str, Any]]:
+        """One a test: its label, samples, length, period and channels."""
+        return [
+            {
+                "test": t.label,
+                "samples": len(t),
+                "length_s": float(t.time[-1] - t.time[0]),
+                "period_s": t.period,
+                "channels": ", ".join(t.channels),
+            }
+            for t in self.trials
+        ]
+
+    def plot(self, axes: Axes | Iterable[Axes] | None = None) -> list[Axes]:
+        """Every channel over time, a panel each, the tests over each other; returns the axes."""
+        panels = some_axes(len(self.channels), axes)
+        for ax, name in zip(panels, self.channels, strict=True):
+            for t in self.trials:
+                if name in t:
+                    ax.plot(t.time, t[name], linewidth=0.8, label=t.label)
+            ax.set_ylabel(name)
+        legend(panels[0])
+        panels[-1].set_xlabel("time_s")
+        return panels
+
+
+def with_channels(trial: Trial, **channels: FloatArray) -> Trial:
+    """A copy of a trial with channels replaced or added, each (n,)."""
+    return replace(trial, channels={**trial.channels, **channels})
+
+
+__all__ = ["Log", "Trial", "with_channels"]

@@ -1,0 +1,129 @@
+"""What a fitted model lacks, and the bundle extended by it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from sysid.bundle import Bundle
+from sysid.diagnosis import content, wording
+from sysid.diagnosis.actuator.result import BeforeAfter, Diagnosis, FoundEffect, Verdict
+from sysid.diagnosis.bench.verdict import ComponentDiagnosis
+from sysid.diagnosis.campaign import diagnose_logs, extended_bundle
+from sysid.display.numbers import number
+from sysid.display.plots import bars, one_axes
+from sysid.display.progress import progress_or_shown
+from sysid.display.tables import Shown, ShownTable, estimate_table
+from sysid.io.campaign import Campaign
+from sysid.model.effects.catalogue import EffectSource
+from sysid.types import Progress
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+@dataclass(frozen=True, repr=False)
+class CampaignDiagnosis(Shown):
+    """What `diagnose` found: `verdict`, `effects`, errors before and after, the longer `bundle`.
+
+    `detail` holds all that led to it.
+    """
+
+    detail: Diagnosis | ComponentDiagnosis
+    bundle: Bundle
+    notices: tuple[str, ...]
+
+    @property
+    def verdict(self) -> Verdict:
+        """ "adequate", "effects-found" or "unexplained"."""
+        return self.detail.verdict
+
+    @property
+    def effects(self) -> tuple[FoundEffect, ...]:
+        """The effects that were added, in turn, each with its estimates."""
+        return self.detail.effects
+
+    @property
+    def residual(self) -> Mapping[str, BeforeAfter]:
+        """RMSE on the held-out logs by channel, in its unit: before, after, noise floor."""
+        return self.detail.residual
+
+    def headline(self) -> str:
+        """The verdict in one sentence."""
+        return wording.sentence(self.detail.to_json())
+
+    def records(self) -> list[dict[str, Any]]:
+        """One a parameter of an effect: its value, std, limits of the 95 % interval and unit."""
+        return [record for effect in self.effects for record in effect.records()]
+
+    def tables(self) -> Iterable[ShownTable]:
+        """The effects' parameters, and the errors on held-out logs after each effect."""
+        for effect in self.effects:
+            yield estimate_table(effect.headline(), effect.by_label())
+        steps = ("bundle given", *(f"+ {effect.id}" for effect in self.effects))
+        rows = []
+        for name, errors in self._errors().items():
+            floor = self.residual[name].noise_floor
+            rows.append((name, *(number(e) for e in (*errors, floor))))
+        yield ShownTable("RMSE on held-out logs", ("channel", *steps, "noise floor"), tuple(rows))
+
+    def footnotes(self) -> Iterable[str]:
+        """What to do next, and the notices."""
+        return (*wording.advice(self.detail.to_json()), *super().footnotes())
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """RMSE on held-out logs over each channel's noise floor, as given and after each effect."""
+        ax = one_axes(ax)
+        errors = self._errors()
+        floors = {name: self.residual[name].noise_floor or math.nan for name in errors}
+        steps = ["bundle given", *(f"+ {effect.id}" for effect in self.effects)]
+        heights = {
+            step: [errors[name][i] / floors[name] for name in errors]
+            for i, step in enumerate(steps)
+        }
+        bars(ax, list(errors), heights)
+        ax.axhline(1.0, color="0.5", linewidth=0.8)
+        ax.set_yscale("log")
+        ax.set_ylabel("RMSE / noise floor")
+        return ax
+
+    def _errors(self) -> dict[str, list[float]]:
+        return wording.errors_by_step(self.detail.to_json())
+
+    def content(self) -> dict[str, Any]:
+        """All that a report shows of it, as JSON holds it."""
+        return content.content(self.detail)
+
+
+def diagnose(
+    campaign: Campaign,
+    bundle: Bundle,
+    *,
+    effects: EffectSource = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> CampaignDiagnosis:
+    """What a bundle's model lacks, from a campaign's training logs; errors on held-out ones.
+
+    `effects`: a user's own beside the catalogue, a Python file of them or the classes; `seed` of
+    the simulated twins. Takes from seconds (a part tested alone) to minutes. Raises InputError
+    for logs that cannot be used or have changed since the fit, NotIdentifiedError where bundle
+    or campaign do not suffice.
+
+    >>> part = si.read_campaign("bench/campaign.toml")
+    >>> found = si.diagnose(part, si.fit(part))
+    >>> found.verdict, [effect.id for effect in found.effects]
+    ('effects-found', ['valve-dead-band'])
+    >>> sorted(found.residual["flow_a_kg_s"].to_json())
+    ['after', 'before', 'noise_floor']
+    """
+    with progress_or_shown(progress, "diagnosing") as tell:
+        found, notices = diagnose_logs(campaign, bundle, effects=effects, seed=seed, progress=tell)
+    longer = extended_bundle(bundle, found, campaign)
+    said = tuple(dict.fromkeys((*notices, *found.notices)))
+    return CampaignDiagnosis(found, longer, said)
+
+
+__all__ = ["CampaignDiagnosis", "diagnose"]

@@ -1,0 +1,41 @@
+"""What fits and simulations work on: logs or single tests, and the rig that they belong to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from sysid.errors import input_error
+from sysid.io.rig import Rig
+from sysid.io.samples import Log, Trial
+
+Tests = Log | Trial | Iterable[Log | Trial]
+"""A log, a test of one, or several of either."""
+
+
+def trials_of(tests: Tests) -> list[Trial]:
+    """All single tests, in order."""
+    return [trial for part in _parts(tests) for trial in _trials(part)]
+
+
+def rig_of(tests: Tests, rig: Rig | None) -> Rig:
+    """The rig given, else that of the logs. Raises InputError where they do not agree on one."""
+    if rig is not None:
+        return rig
+    known = [part.rig for part in _parts(tests) if isinstance(part, Log) and part.rig is not None]
+    if not known:
+        raise input_error("rig", "is not given, and single tests do not know theirs", "pass a rig")
+    if any(other != known[0] for other in known):
+        names = " and ".join(sorted({r.source for r in known}))
+        raise input_error(names, "the logs belong to different rigs", "pass the rig that is meant")
+    return known[0]
+
+
+def _parts(tests: Tests) -> list[Log | Trial]:
+    return [tests] if isinstance(tests, Log | Trial) else list(tests)
+
+
+def _trials(part: Log | Trial) -> tuple[Trial, ...]:
+    return part.trials if isinstance(part, Log) else (part,)
+
+
+__all__ = ["Tests", "rig_of", "trials_of"]

@@ -1,0 +1,81 @@
+"""What is handed on: the report, and a controller's files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from sysid.bundle import Bundle
+from sysid.bundle.assembled_model import effects_from_bundle
+from sysid.checks.log_check import LogCheck, check_log
+from sysid.display.progress import progress_or_shown
+from sysid.errors import input_error
+from sysid.export import DEFAULT_PREFIX, FORMATS, export_bundle
+from sysid.io.campaign import Campaign
+from sysid.model.effects.catalogue import EffectSource, catalogue_from
+from sysid.report import write_report
+from sysid.types import Progress
+from sysid.validation.results import ValidationResult
+from sysid.workflows.diagnosing import CampaignDiagnosis
+
+_FORMAT_OF = {".h": "c", ".mat": "mat", ".json": "json"}
+
+
+def report(
+    path: str | Path,
+    campaign: Campaign,
+    found: CampaignDiagnosis | Bundle,
+    checked: ValidationResult | None = None,
+    *,
+    checks: Sequence[LogCheck] | None = None,
+    progress: Progress | None = None,
+) -> None:
+    """Write one self-contained HTML page about a campaign, whole or not at all.
+
+    `found`: a diagnosis, or a bundle where none was made; `checked` a validation. Sections
+    without content are left out, and the page says so. `checks` None: every log is checked
+    anew. Raises InputError where a log cannot be read or the file not be written.
+
+    >>> si.report("out.html", campaign, bundle, checked)
+    """
+    diagnosis = None if isinstance(found, Bundle) else found.content()
+    with progress_or_shown(progress, "writing the report") as tell:
+        if checks is None:
+            checks = [check_log(campaign.read(entry), campaign.rig) for entry in campaign.logs]
+        write_report(
+            Path(path),
+            campaign=campaign,
+            bundle=found if isinstance(found, Bundle) else found.bundle,
+            validation=checked,
+            checks=checks,
+            diagnosis=diagnosis,
+            progress=tell,
+        )
+
+
+def export(
+    bundle: Bundle,
+    path: str | Path,
+    *,
+    format: str | None = None,
+    prefix: str = DEFAULT_PREFIX,
+    effects: EffectSource = None,
+) -> tuple[str, ...]:
+    """Write what a controller consumes: a C header, a MATLAB file or flat JSON.
+
+    `format` "c", "mat" or "json"; None: by the suffix of `path` (.h, .mat, .json). Names in the
+    header begin with `prefix`; `effects` are a user's own that the bundle lists. Returns
+    notices: parameters that are absent, effects whose law the header does not hold. Raises
+    InputError for a format that is not known or a file that cannot be written.
+
+    >>> notices = si.export(bundle, "model.h")
+    """
+    chosen = format or _FORMAT_OF.get(Path(path).suffix.lower())
+    if chosen is None:
+        known = ", ".join(FORMATS)
+        raise input_error(path, "has no suffix that says the format", f"pass format, of {known}")
+    effects_from_bundle(bundle, catalogue_from(effects))
+    return tuple(export_bundle(bundle, Path(path), chosen, prefix=prefix))
+
+
+__all__ = ["export", "report"]

@@ -1,0 +1,137 @@
+"""Tables as text and HTML, and progress in a terminal, a notebook and a script."""
+
+from __future__ import annotations
+
+import io
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+from sysid.display.progress import in_notebook, progress_or_shown
+from sysid.display.tables import Shown, ShownTable, estimate_table, record_table
+from sysid.estimation.linear import Estimate
+
+
+@dataclass(frozen=True, repr=False)
+class Bolts(Shown):
+    rows: tuple[tuple[str, float | None], ...]
+    notices: tuple[str, ...] = ()
+
+    def headline(self) -> str:
+        return "bolts <M5>"
+
+    def records(self) -> Sequence[Mapping[str, Any]]:
+        return [{"name": name, "length_m": length} for name, length in self.rows]
+
+
+BOLTS = Bolts((("short", 0.012), ("a & b", None)), ("two are <loose>",))
+
+
+def test_text_is_aligned() -> None:
+    assert str(BOLTS).splitlines() == [
+        "bolts <M5>",
+        "",
+        "name   length_m",
+        "short  0.01200",
+        "a & b  —",
+        "",
+        "notice: two are <loose>",
+    ]
+    assert repr(BOLTS) == "<Bolts: bolts <M5>>"
+
+
+def test_html_is_escaped() -> None:
+    html = BOLTS._repr_html_()
+    assert "bolts &lt;M5&gt;" in html and "a &amp; b" in html and "&lt;loose&gt;" in html
+    assert "<M5>" not in html and "<loose>" not in html
+    title = ShownTable("<i>", ("<u>",), (("<b>",),)).html()
+    assert not any(tag in title for tag in ("<i>", "<u>", "<b>"))
+
+
+def test_a_frame_holds_numbers() -> None:
+    frame = BOLTS.to_frame()
+    assert frame["length_m"].dtype.kind == "f" and frame["length_m"][0] == 0.012
+
+
+def test_a_record_without_a_column_leaves_it_empty() -> None:
+    table = record_table("", [{"a": 1}, {"b": "x"}])
+    assert table.columns == ("a", "b") and table.rows == (("1", ""), ("", "x"))
+
+
+def test_estimates_show_their_error_and_why_there_is_none() -> None:
+    known = Estimate.symmetric(0.12346, 0.001, "Nm", 10.0)
+    rows = estimate_table("", {"x": known, "y": Estimate.unidentified("N", "no test")}).rows
+    assert rows[0][:4] == ("x", "0.1235", "0.0010", "N·m")
+    assert rows[1][1] == "not identified" and "no test" in rows[1]
+
+
+# --- progress --------------------------------------------------------------------------
+
+
+def test_a_callback_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    told: list[str] = []
+    with progress_or_shown(told.append, "working") as tell:
+        tell("half")
+    assert told == ["half"]
+    assert capsys.readouterr() == ("", "")
+
+
+def test_a_script_says_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    with progress_or_shown(None, "working") as tell:
+        tell("half")
+    assert capsys.readouterr() == ("", "")
+
+
+class _Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def test_a_terminal_shows_a_bar_on_standard_error(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    screen = _Terminal()
+    monkeypatch.setattr(sys, "stderr", screen)
+    monkeypatch.setenv("TERM", "xterm")
+    with progress_or_shown(None, "working") as tell:
+        tell("half [way]")
+    assert "half [way]" in screen.getvalue()
+    assert capsys.readouterr().out == ""
+
+
+class _Handle:
+    def __init__(self, lines: list[str]) -> None:
+        self.lines = lines
+
+    def update(self, content: dict[str, str], raw: bool) -> None:
+        assert raw
+        self.lines.append(content["text/plain"])
+
+
+def test_a_notebook_shows_a_line_that_changes(monkeypatch: pytest.MonkeyPatch) -> None:
+    lines: list[str] = []
+    shell, output = ModuleType("IPython"), ModuleType("IPython.display")
+
+    class Kernel:
+        kernel = object()
+
+    def display(content: dict[str, str], raw: bool, display_id: bool) -> _Handle:
+        assert raw and display_id
+        lines.append(content["text/plain"])
+        return _Handle(lines)
+
+    setattr(shell, "get_ipython", Kernel)  # noqa: B010
+    setattr(output, "display", display)  # noqa: B010
+    assert not in_notebook()
+    for name, module in {
+        "IPython": shell, "IPython.display": output, "ipykernel": ModuleType("ipykernel"),
+    }.items():  # fmt: skip
+        monkeypatch.setitem(sys.modules, name, module)
+    assert in_notebook()
+    with progress_or_shown(None, "working") as tell:
+        tell("half")
+    assert lines == ["working", "half", ""]
