@@ -45,7 +45,7 @@ class Provenance(Part):
         Friction is replaced whole, and its logs with it; valves may come one by one.
         """
         kept = [e for e in self.logs if not (other_has_friction and e.family == "friction")]
-        return Provenance(
+        return self.replaced(
             logs=kept,
             seeds={**self.seeds, **other.seeds},
             options={**self.options, **other.options},

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field, JsonValue
 
 from sysid.bundle.base import Absent, Lenient, Number, Part, Unread
 from sysid.estimation.linear import Estimate
 
+Range = Annotated[list[Number], Field(min_length=2, max_length=2)]
 DIRECTIONS = ("fill", "discharge")
 SURFACE_KINDS = ("bipolynomial", "ann")
 
@@ -40,8 +41,8 @@ class DiscreteLaw(Part):
 class DomainRecord(Part):
     """Where a surface holds: duty and pressure (Pa) ranges, and limits at nodes of pressure."""
 
-    duty: tuple[Number, Number]
-    pressure_pa: tuple[Number, Number]
+    duty: Range
+    pressure_pa: Range
     nodes: dict[str, list[Number]]
 
 
