@@ -14,7 +14,7 @@ import pytest
 from datasets.generator.campaign import GeneratedTests, make_friction_tests
 from datasets.generator.files import write_log
 from datasets.generator.rigs import rig_toml
-from sysid.bundle.content import read_bundle
+from sysid.bundle import read_bundle
 from sysid.commands.app import COMMANDS, app, main
 
 BUNDLED = Path(__file__).resolve().parent.parent / "datasets" / "bundled"
@@ -47,16 +47,18 @@ def test_friction_from_the_command_line(
     bundle_path = tmp_path / "bundle.json"
     assert main(["fit", "friction", *logs, "-o", str(bundle_path), "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
-    friction = read_bundle(bundle_path)["friction"]
-    assert printed["friction"] == friction
+    bundle = read_bundle(bundle_path)
+    assert bundle.friction is not None
+    assert printed["friction"] == bundle.friction.to_json()
+    friction = bundle.friction.estimates()
     truth = generated.truth["friction"]
     for name, share in (("static_nm", 0.05), ("coulomb_nm", 0.05), ("viscous_nm_s_per_rad", 0.2)):
-        assert friction[name]["value"] == pytest.approx(truth[name], rel=share)
-        assert friction[name]["unit"]
-        low, high = friction[name]["interval"]
-        assert low < friction[name]["value"] < high
-    files = {e["file"]: e for e in read_bundle(bundle_path)["provenance"]["logs"]}
-    assert set(files) == {"friction-static.csv", "friction-sliding.csv"}
+        assert friction[name].value == pytest.approx(truth[name], rel=share)
+        assert friction[name].unit
+        low, high = friction[name].interval
+        assert low < friction[name].value < high
+    files = {e.file for e in bundle.provenance.logs}
+    assert files == {"friction-static.csv", "friction-sliding.csv"}
 
 
 def test_summary_and_notices_go_to_their_streams(
@@ -72,8 +74,7 @@ def test_summary_and_notices_go_to_their_streams(
 def test_a_campaign_leaves_held_out_logs_alone(folder: Path, tmp_path: Path) -> None:
     path = tmp_path / "bundle.json"
     assert main(["fit", str(folder / "campaign.toml"), "-o", str(path)]) == 0
-    bundle = read_bundle(path)
-    used = {(e["file"], e["use"]) for e in bundle["provenance"]["logs"]}
+    used = {(e.file, e.use) for e in read_bundle(path).provenance.logs}
     fitted = {("friction-static.csv", "fit"), ("friction-sliding.csv", "fit")}
     assert used == fitted | {("friction-motion.csv", "holdout")}
 
@@ -98,7 +99,7 @@ def _first_line(command: click.Command | None) -> str:
 def test_options_may_stand_before_the_campaign(folder: Path, tmp_path: Path) -> None:
     path = tmp_path / "bundle.json"
     assert main(["fit", "-o", str(path), str(folder / "campaign.toml")]) == 0
-    assert "friction" in read_bundle(path)
+    assert read_bundle(path).friction is not None
 
 
 def test_a_reader_that_goes_away_is_no_fault(folder: Path) -> None:
@@ -121,11 +122,13 @@ def test_into_replaces_one_part_only(folder: Path, tmp_path: Path) -> None:
     path = tmp_path / "bundle.json"
     first, second = str(folder / "friction-sliding.csv"), str(folder / "friction-static.csv")
     assert main(["fit", "friction", first, "-o", str(path)]) == 0
-    before = read_bundle(path)
+    before = read_bundle(path).friction
     assert main(["fit", "friction", first, second, "--into", str(path)]) == 0
-    after = read_bundle(path)
-    assert before["friction"]["static_nm"]["value"] is None
-    assert after["friction"]["static_nm"]["value"] is not None
+    after = read_bundle(path).friction
+    assert before is not None and before.static_nm is not None
+    assert before.static_nm.to_json()["value"] is None
+    assert after is not None and after.static_nm is not None
+    assert after.static_nm.to_json()["value"] is not None
 
 
 def test_kind_overrules_the_content(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from sysid.bundle import read_bundle
 from sysid.bundle.assembled_model import effects_from_bundle
-from sysid.bundle.content import read_bundle
 from sysid.commands.app import main
 from sysid.diagnosis.bench.axis import Axis, axis
 from sysid.diagnosis.bench.component import Law, rmse
@@ -268,7 +268,8 @@ def test_the_commands(campaign: Path, capsys: pytest.CaptureFixture[str]) -> Non
     found = read_bundle(extended)
     (effect,) = effects_from_bundle(found)
     assert getattr(effect, "viscous_asymmetry_nm_s_per_rad") == value["value"]  # noqa: B009
-    assert found["friction"]["mass_kg"]["value"] == pytest.approx(MASS, rel=0.01)
+    assert found.friction is not None and found.friction.mass_kg is not None
+    assert found.friction.mass_kg.value == pytest.approx(MASS, rel=0.01)
     page = (folder / "r.html").read_text()
     assert "asymmetric-viscous-friction" in page and "tested alone" in page
     assert main(words) == 0

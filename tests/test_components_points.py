@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,8 @@ import pytest
 
 from datasets.measured.sets import PROJECT, SETS_FOLDER, read_set
 from datasets.thesis.recompute import sliding_friction, static_friction
-from sysid import bundle as bundles
+from sysid.bundle import Bundle, Parts
+from sysid.bundle.files import shipped_schema
 from sysid.diagnosis.bench.component import Law
 from sysid.diagnosis.bench.fitting import fit_law
 from sysid.diagnosis.bench.friction_readings import (
@@ -163,15 +163,16 @@ def test_the_part_is_in_the_schema_and_gives_the_law_back(component: FrictionPoi
 
     values = {p.name: p.value for p in component.parameters()}
     part = component.part({n: Estimate(v, 0.1, "Nm", (0.0, 1.0)) for n, v in values.items()})
-    whole = json.loads(Path(bundles.__file__).with_name("bundle.schema.json").read_text())
+    assert part.friction is not None
+    whole = shipped_schema()
     schema = {"$defs": whole["$defs"], **whole["properties"]["friction"]}
-    jsonschema.validate(part["friction"], schema)
-    assert component.law_of(part).values == values
+    jsonschema.validate(part.friction.to_json(), schema)
+    assert component.law_of(Bundle.new(AXIS, part, [])).values == values
     absent = {"static_nm", "coulomb_nm", "viscous_nm_s_per_rad"} - values.keys()
     for name in absent:
-        assert "no reading is of it" in part["friction"][name]["reason"]
+        assert "no reading is of it" in str(part.friction.estimates()[name].reason)
     with pytest.raises(NotIdentifiedError, match="fit friction-points"):
-        component.law_of({})
+        component.law_of(Bundle.new(AXIS, Parts(), []))
 
 
 @pytest.mark.parametrize(
@@ -257,8 +258,8 @@ def test_three_parts_share_no_reading(tables: Path) -> None:
 def diagnosed(path: Path) -> Any:
     component = component_at(path)
     fitted = fit_law(component, (), range(len(component.tests)))
-    bundle = component.part(fitted.base_estimates())
     rig = read_campaign(path).rig
+    bundle = Bundle.new(rig, component.part(fitted.base_estimates()), [])
     return diagnose_component(KIND, trials_of(path), [], rig, bundle, catalogue())
 
 

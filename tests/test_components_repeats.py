@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sysid.bundle import Bundle, Parts
 from sysid.diagnosis.bench.component import Component, Law
 from sysid.diagnosis.bench.fitting import fit_law
 from sysid.diagnosis.bench.selection import select
@@ -92,10 +93,10 @@ class Line(Component):
     def regressors(self, tests: Sequence[int]) -> dict[str, FloatArray]:
         return {"x": np.concatenate([self.x[t] for t in tests])}
 
-    def part(self, estimates: Mapping[str, Estimate]) -> dict[str, Any]:
-        return {}
+    def part(self, estimates: Mapping[str, Estimate]) -> Parts:
+        return Parts()
 
-    def law_of(self, bundle: Mapping[str, Any]) -> Law:
+    def law_of(self, bundle: Bundle) -> Law:
         raise NotIdentifiedError("none")
 
 

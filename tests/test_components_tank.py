@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import tomllib
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from sysid.bundle import Bundle, FittedValves, Valve
+from sysid.bundle.files import shipped_schema
 from sysid.diagnosis.bench.component import Law, rmse
 from sysid.diagnosis.bench.fitting import fit_law
 from sysid.diagnosis.bench.selection import select
@@ -216,18 +216,20 @@ def test_bundle_holds_the_law_and_gives_it_back() -> None:
 
     part = made(1)
     fitted = fit_law(part, (), range(4))
-    content = part.part(fitted.base_estimates())
-    schema = json.loads(
-        resources.files("sysid.bundle").joinpath("bundle.schema.json").read_text("utf-8")
-    )
-    valve = {**schema["$defs"]["valve"], "$defs": schema["$defs"]}
-    jsonschema.validate(content["valves"]["a"], valve)
-    assert part.law_of(content) == Law(fitted.law.values)
-    discrete = content["valves"]["a"]["discrete"]
-    assert "choked boundary" in discrete["choked_flow_dis_kg_s"]["reason"]
-    discrete["c_dis"] = discrete["choked_flow_dis_kg_s"]
+    found = part.part(fitted.base_estimates())
+    assert found.valves is not None
+    schema = shipped_schema()
+    valve = {**schema["$defs"]["Valve"], "$defs": schema["$defs"]}
+    jsonschema.validate(found.valves.side("a").to_json(), valve)
+    bundle = Bundle.new(rig(), found, [])
+    assert part.law_of(bundle) == Law(fitted.law.values)
+    discrete = bundle.valve("a").discrete
+    assert discrete is not None
+    assert "choked boundary" in str(discrete.choked_flow_dis_kg_s.reason)
+    lacking = discrete.replaced(c_dis=discrete.choked_flow_dis_kg_s)
+    spoilt = bundle.replaced(valves=FittedValves(a=Valve(discrete=lacking)))
     with pytest.raises(NotIdentifiedError, match="c_dis is not identified"):
-        part.law_of(content)
+        part.law_of(spoilt)
 
 
 def test_regressors_match_the_residuals() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-import json
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -14,6 +13,8 @@ import numpy as np
 import pytest
 
 from benchmarks.rigs import REFERENCE, random_runs
+from sysid.bundle import Bundle, Parts
+from sysid.bundle.files import shipped_schema
 from sysid.diagnosis.bench.component import Component, Law, rmse
 from sysid.diagnosis.bench.selection import Selection, select
 from sysid.diagnosis.bench.valve_flow import PARAMETER, ValveFlow, valve_flow
@@ -288,22 +289,26 @@ def test_the_part_is_in_the_schema_and_gives_the_law_back(
     values = {p.name: p.value for p in component.parameters()}
     estimates = {n: Estimate(v, 0.1 * v, "s", (0.8 * v, 1.2 * v)) for n, v in values.items()}
     part = component.part(estimates)
-    whole = json.loads((Path(bench.__file__).parents[2] / "bundle.schema.json").read_text())
+    assert part.valves is not None
+    whole = shipped_schema()
     schema = {"$defs": whole["$defs"], **whole["properties"]["valves"]}
-    jsonschema.validate(part["valves"], schema)
+    jsonschema.validate(part.valves.to_json(), schema)
     broken = {"a": {section: dict.fromkeys(values, 1.0)}}
     with pytest.raises(jsonschema.ValidationError):
         jsonschema.validate(broken, schema)
-    assert component.law_of(part).values == pytest.approx(values)
+    assert component.law_of(Bundle.new(BENCH, part, [])).values == pytest.approx(values)
     with pytest.raises(NotIdentifiedError, match=f"valves.a.{section}.*fit valve-"):
-        component.law_of({})
+        component.law_of(Bundle.new(BENCH, Parts(), []))
 
 
 def test_a_direction_without_a_test_is_said_to_be_unidentified() -> None:
     component = valve_time([sweep(0.005, True, (), 0, 0.0)], BENCH)
     assert [p.name for p in component.parameters()] == ["filling_time_s"]
     part = component.part({"filling_time_s": Estimate(3.0, 0.1, "s", (2.8, 3.2))})
-    assert "sweep of its duty" in part["valves"]["a"]["timing"]["emptying_time_s"]["reason"]
+    assert part.valves is not None
+    timing = part.valves.side("a").timing
+    assert timing is not None and not timing.emptying_time_s.identified
+    assert "sweep of its duty" in str(timing.emptying_time_s.reason)
 
 
 def changed(trial: Trial, **channels: Any) -> Trial:

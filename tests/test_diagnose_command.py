@@ -16,7 +16,7 @@ import sysid.commands.diagnose
 from datasets.generator.campaign import Size, drawn_effects, make_campaign
 from datasets.generator.files import write_campaign
 from datasets.generator.rigs import reference_rig
-from sysid.bundle.content import read_bundle
+from sysid.bundle import read_bundle
 from sysid.commands.app import main
 from sysid.commands.diagnose import Diagnosed
 from sysid.diagnosis import content as findings
@@ -142,9 +142,10 @@ def test_summary_says_verdict_effects_errors_and_what_was_tried(
 
 def test_the_extended_bundle_is_a_bundle_that_simulates(ran: Ran, tmp_path: Path) -> None:
     given, extended = read_bundle(ran.bundle), read_bundle(ran.extended)
-    assert [entry["id"] for entry in extended["effects"]] == ["stribeck-friction"]
-    assert given["effects"] == []
-    assert extended["friction"]["coulomb_nm"] != given["friction"]["coulomb_nm"]
+    assert [entry.id for entry in extended.effects] == ["stribeck-friction"]
+    assert given.effects == []
+    assert extended.friction is not None and given.friction is not None
+    assert extended.friction.coulomb_nm != given.friction.coulomb_nm
     inputs = ran.folder / "motion_discrete_2.csv"
     outputs = []
     for bundle in (ran.bundle, ran.extended):
@@ -167,12 +168,14 @@ def test_intervals_of_refitted_base_parameters_have_the_degrees_of_freedom(ran: 
     few = replace(diagnosis, loop=replace(diagnosis.loop, search=replace(search, last=short)))
     campaign = read_campaign(ran.campaign)
     for found, quantile in ((diagnosis, 1.96), (few, 3.182)):
-        content = extended_bundle(read_bundle(ran.bundle), found, campaign)
-        renewed = [content["friction"]["coulomb_nm"], content["valves"]["a"]["discrete"]["c_dis"]]
-        for entry in renewed:
-            low, high = entry["interval"]
-            assert high - entry["value"] == pytest.approx(quantile * entry["std"], rel=2e-3)
-            assert entry["value"] - low == pytest.approx(quantile * entry["std"], rel=2e-3)
+        extended = extended_bundle(read_bundle(ran.bundle), found, campaign)
+        law = extended.valve("a").discrete
+        assert extended.friction is not None and law is not None
+        for renewed in (extended.friction.coulomb_nm, law.c_dis):
+            assert renewed is not None
+            low, high = renewed.interval
+            assert high - renewed.value == pytest.approx(quantile * renewed.std, rel=2e-3)
+            assert renewed.value - low == pytest.approx(quantile * renewed.std, rel=2e-3)
 
 
 def test_the_report_shows_the_diagnosis(ran: Ran) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 import json
 import math
@@ -13,19 +12,20 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sysid.model.effects.serialise import effect_from_dict, effect_to_dict
 
 from datasets.generator.campaign import SMALL, make_campaign
 from datasets.generator.effects import Injected
+from sysid.bundle import Bundle, HeldOutError, bundle_text, read_bundle, write_bundle
 from sysid.bundle.assembled_model import (
     effects_from_bundle,
     model_from_bundle,
     parameters_from_bundle,
-    simulate_bundle,
 )
-from sysid.bundle.content import read_bundle, write_bundle
+from sysid.bundle.effects import effect_from_entry, entry_of
+from sysid.bundle.files import bundle_from_json
 from sysid.commands.app import main
 from sysid.errors import InputError
+from sysid.estimation.linear import Estimate
 from sysid.export import export_bundle
 from sysid.io.campaign import MOTION_KINDS
 from sysid.io.logs import Trial
@@ -40,8 +40,6 @@ from sysid.validation import simulate_segments, validate
 from sysid.validation.motion_tests import ChannelNoise, MotionTest, Segment
 from tests.export_bundles import RISING, whole_bundle
 from tests.test_validation import true_bundle, written
-
-Bundle = dict[str, Any]
 
 
 class Described(CatalogueEffect):
@@ -118,14 +116,25 @@ class Late(Described):
 CATALOGUE = {e.id: e for e in (Push, Sensor, Late)}
 
 
+def fitted(value: float, std: float, unit: str) -> Estimate:
+    """A number with its standard error, and no interval."""
+    return Estimate(value, std, unit, (math.nan, math.nan))
+
+
 @pytest.fixture
 def bundle(rig_text: str) -> Bundle:
     """A whole bundle, with two effects."""
-    effects = [
-        effect_to_dict(Push(0.25, 0.0), {"push_nm": 0.01}, {"push_nm": (0.24, math.inf)}),
-        effect_to_dict(Sensor(2e3, 0.01, side="a"), {"offset_pa": 5.0, "gain_error": math.nan}),
-    ]
-    return {**whole_bundle(rig_text, [RISING] * 4), "effects": effects}
+    push = {"push_nm": Estimate(0.25, 0.01, "Nm", (0.24, math.inf))}
+    sensor = {"offset_pa": fitted(2e3, 5.0, "Pa"), "gain_error": fitted(0.01, math.nan, "-")}
+    effects = [entry_of(Push(0.25, 0.0), push), entry_of(Sensor(2e3, 0.01, side="a"), sensor)]
+    return whole_bundle(rig_text, [RISING] * 4).replaced(effects=effects)
+
+
+@pytest.fixture
+def content(bundle: Bundle) -> dict[str, Any]:
+    """The bundle as its file holds it."""
+    found: dict[str, Any] = json.loads(bundle_text(bundle))
+    return found
 
 
 @pytest.fixture
@@ -136,21 +145,23 @@ def rig(rig_text: str) -> Rig:
 # --- there and back -----------------------------------------------------------------------
 
 
-def test_round_trip_through_a_file(bundle: Bundle, tmp_path: Path) -> None:
-    bundle["effects"][0] |= {
+def test_round_trip_through_a_file(content: dict[str, Any], tmp_path: Path) -> None:
+    content["effects"][0] |= {
         "p_value": 1e-40,
         "holdout_rmse": {"theta_rad": {"before": 0.021, "after": 0.0031}},
         "ambiguous_with": ["cable-spring"],
     }
     path = tmp_path / "bundle.json"
-    write_bundle(bundle, path)
+    write_bundle(bundle_from_json(content, path), path)
     found = read_bundle(path)
-    assert found == bundle
-    assert effects_from_bundle(found, str(path), CATALOGUE) == (
+    assert found.to_json() == content
+    assert effects_from_bundle(found, CATALOGUE) == (
         Push(0.25, 0.0),
         Sensor(2e3, 0.01, 0.0, "a"),
     )
-    push, sensor = (e["parameters"] for e in found["effects"])
+    assert (found.effects[0].p_value, found.effects[0].ambiguous_with) == (1e-40, ["cable-spring"])
+    assert found.effects[0].holdout_rmse == {"theta_rad": HeldOutError(before=0.021, after=0.0031)}
+    push, sensor = (e["parameters"] for e in found.to_json()["effects"])
     assert push["push_nm"] == {"value": 0.25, "std": 0.01, "unit": "Nm", "interval": [0.24, None]}
     assert push["push_rate_nm_per_s"] == {"value": 0.0, "std": None, "unit": "Nm/s"}
     assert sensor["gain_error"]["std"] is None
@@ -159,38 +170,64 @@ def test_round_trip_through_a_file(bundle: Bundle, tmp_path: Path) -> None:
 
 def test_an_effect_of_arrays_or_with_unknown_names_is_not_written() -> None:
     with pytest.raises(ValueError, match="pull_nm"):
-        effect_to_dict(Push(0.1, 0.0), {"pull_nm": 0.1})
+        entry_of(Push(0.1, 0.0), {"pull_nm": fitted(0.1, 0.1, "Nm")})
     with pytest.raises(ValueError, match="push_nm is not finite"):
-        effect_to_dict(Push(math.nan, 0.0), {})
+        entry_of(Push(math.nan, 0.0))
 
 
 def test_the_project_s_catalogue_is_the_default(bundle: Bundle, rig: Rig) -> None:
-    effects = []
     for cls in catalogue().values():
         effect = cls.typical(**({"side": "b"} if cls.has_side() else {}))
-        content = effect_to_dict(effect, {q.name: 0.1 for q in cls.quantities})
-        assert model_from_bundle({**bundle, "effects": [content]}, rig).effects == (effect,)
-        effects.append(content)
-    # What is not one-to-one in JSON would be lost here.
-    assert json.loads(json.dumps(effects)) == effects
+        estimates = {q.name: fitted(getattr(effect, q.name), 0.1, q.unit) for q in cls.quantities}
+        made = bundle.replaced(effects=[entry_of(effect, estimates)])
+        assert model_from_bundle(made, rig).effects == (effect,)
+        # What is not one-to-one in JSON would be lost here.
+        content = made.to_json()
+        assert json.loads(json.dumps(content)) == content
+        assert effects_from_bundle(bundle_from_json(content, Path("b.json"))) == (effect,)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda e: e.pop("id"), "'id' is a required property"),
+        (lambda e: e.pop("parameters"), "'parameters' is a required property"),
+        (
+            lambda e: e["parameters"].update(side="c"),
+            r"side: 'c' is not one of \['a', 'b', 'both'\]",
+        ),
+        (lambda e: e["parameters"].update(side={"value": 1.0}), "side: .* is not one of"),
+        (lambda e: e["parameters"].update(offset_pa=2.0), "offset_pa: 2.0 is not of type 'object'"),
+        (lambda e: e["parameters"].update(offset_pa={"std": 2.0}), "offset_pa: 'value' is a req"),
+        (
+            lambda e: e["parameters"]["offset_pa"].update(value="2"),
+            "offset_pa.value: '2' is not of",
+        ),
+        (lambda e: e["parameters"]["offset_pa"].update(value=True), "value: True is not of type"),
+        (lambda e: e["parameters"]["offset_pa"].update(std=-1.0), "offset_pa.std: -1.0 is less"),
+        (
+            lambda e: e["parameters"]["offset_pa"].update(interval=[1.0]),
+            r"interval: \[1.0\] is too",
+        ),
+    ],
+)
+def test_an_entry_that_is_none_is_one_clear_line(
+    content: dict[str, Any], spoil: Any, message: str
+) -> None:
+    spoil(content["effects"][1])
+    with pytest.raises(InputError, match=message) as caught:
+        bundle_from_json(content, Path("b.json"))
+    assert str(caught.value).startswith("b.json: effects.1") and "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
         (lambda e: e.update(id="other"), r"b\.json, effect other: .*--effects FILE"),
-        (lambda e: e.pop("id"), "effect None: is not in the catalogue"),
-        (lambda e: e.pop("parameters"), "effect sensor: .* is missing"),
         (lambda e: e["parameters"].pop("offset_pa"), "sensor: offset_pa is missing; its param"),
         (lambda e: e["parameters"].pop("side"), "sensor: side is missing"),
-        (lambda e: e["parameters"].update(side="c"), 'side: \'c\' is no side; use "a", "b"'),
-        (lambda e: e["parameters"].update(side={"value": 1.0}), "side: .* is no side"),
         (lambda e: e["parameters"].update(more={"value": 1.0}), "has no parameter more"),
-        (lambda e: e["parameters"].update(offset_pa=2.0), "offset_pa: is not an object"),
-        (lambda e: e["parameters"].update(offset_pa={"std": 2.0}), "offset_pa: is not an object"),
-        (lambda e: e["parameters"]["offset_pa"].update(value="2"), "'2' is not a finite number"),
-        (lambda e: e["parameters"]["offset_pa"].update(value=True), "'True' is not a finite"),
-        (lambda e: e["parameters"]["offset_pa"].update(value=math.nan), "'nan' is not a finite"),
+        (lambda e: e["parameters"]["offset_pa"].update(value=math.nan), "nan is out of its bounds"),
         (lambda e: e["parameters"]["offset_pa"].update(value=2e5), "200000 is out of its bounds"),
         (lambda e: e["parameters"]["offset_pa"].update(unit="bar"), "is in 'bar', not 'Pa'"),
         (
@@ -199,19 +236,34 @@ def test_the_project_s_catalogue_is_the_default(bundle: Bundle, rig: Rig) -> Non
             ),
             r"offset_pa: is not identified \(one pressure only\)",
         ),
+        (
+            lambda e: e["parameters"].update(offset_pa={"value": None}),
+            "offset_pa: is not identified: its value is null",
+        ),
     ],
 )
-def test_a_bad_effect_is_one_clear_line(bundle: Bundle, rig: Rig, spoil: Any, message: str) -> None:
-    spoil(bundle["effects"][1])
+def test_a_bad_effect_is_one_clear_line(
+    content: dict[str, Any], rig: Rig, spoil: Any, message: str
+) -> None:
+    spoil(content["effects"][1])
+    bundle = bundle_from_json(content, Path("b.json"))
     with pytest.raises(InputError, match=message) as caught:
-        model_from_bundle(bundle, rig, "b.json", CATALOGUE)
+        model_from_bundle(bundle, rig, CATALOGUE)
     assert str(caught.value).startswith("b.json, effect ") and "\n" not in str(caught.value)
 
 
+def test_a_side_in_a_number_s_place_is_refused(bundle: Bundle, rig: Rig) -> None:
+    """A file cannot hold it: the schema refuses it first."""
+    entry = bundle.effects[1]
+    spoilt = entry.replaced(parameters={**entry.parameters, "offset_pa": "a"})
+    with pytest.raises(InputError, match='sensor, offset_pa: is not an object with a "value"'):
+        model_from_bundle(bundle.replaced(effects=[spoilt]), rig, CATALOGUE)
+
+
 def test_two_effects_that_share_a_state_are_refused(bundle: Bundle, rig: Rig) -> None:
-    bundle["effects"] = [effect_to_dict(Late(0.1), {})] * 2
+    twice = bundle.replaced(effects=[entry_of(Late(0.1))] * 2)
     with pytest.raises(InputError, match="effect late: is listed twice"):
-        model_from_bundle(bundle, rig, catalogue=CATALOGUE)
+        model_from_bundle(twice, rig, CATALOGUE)
 
 
 @pytest.mark.parametrize(
@@ -224,10 +276,12 @@ def test_two_effects_that_share_a_state_are_refused(bundle: Bundle, rig: Rig) ->
         ("offset_pa", {"value": 1.0, "std": 0.1, "interval": [1.0]}),
     ],
 )
-def test_the_schema_knows_an_effect(bundle: Bundle, key: str, value: Any, tmp_path: Path) -> None:
+def test_the_schema_knows_an_effect(
+    content: dict[str, Any], key: str, value: Any, tmp_path: Path
+) -> None:
     path = tmp_path / "bundle.json"
-    bundle["effects"][1]["parameters"][key] = value
-    path.write_text(json.dumps(bundle))
+    content["effects"][1]["parameters"][key] = value
+    path.write_text(json.dumps(content))
     with pytest.raises(InputError, match=rf"effects\.1\.parameters\.{key}"):
         read_bundle(path)
 
@@ -289,7 +343,7 @@ def test_simulation_with_a_bundle_s_effects_is_the_model_plus_effects(
     bundle: Bundle, rig: Rig
 ) -> None:
     trial = _trial(duty_a=0.4, pressure_a_pa=1.2e5, theta_rad=0.1)
-    found = simulate_bundle([trial], rig, bundle, catalogue=CATALOGUE)[0]
+    found = simulate_trials([trial], rig, bundle.model(rig, CATALOGUE))[0]
     base = Model(parameters_from_bundle(bundle, rig))
     composed = simulate_trials([trial], rig, base + Push(0.25) + Sensor(2e3, 0.01, 0.0, "a"))[0]
     plain = simulate_trials([trial], rig, base)[0]
@@ -299,8 +353,7 @@ def test_simulation_with_a_bundle_s_effects_is_the_model_plus_effects(
     # The first row is what was measured; an unlogged chamber is shown through its sensor too.
     assert found["pressure_a_pa"][0] == pytest.approx(1.2e5, abs=1.0)
     assert found["pressure_b_pa"][0] == 1e5
-    bundle["effects"] = []
-    neutral = simulate_bundle([trial], rig, bundle)[0]
+    neutral = simulate_trials([trial], rig, bundle.replaced(effects=[]).model(rig))[0]
     for name, values in plain.items():
         np.testing.assert_array_equal(neutral[name], values)
 
@@ -371,9 +424,9 @@ def test_an_undeclared_offset_is_mended_by_its_effect(tmp_path: Path) -> None:
     )
     campaign = written(made, tmp_path)
     plain = true_bundle(made, campaign.rig)
-    effect = effect_to_dict(Sensor(4e3, side="a"), {"offset_pa": 5.0})
+    effect = entry_of(Sensor(4e3, side="a"), {"offset_pa": fitted(4e3, 5.0, "Pa")})
     before = validate(campaign, plain).logs[0].channels
-    extended = {**plain, "effects": [effect]}
+    extended = plain.with_effects([effect])
     after = validate(campaign, extended, catalogue=CATALOGUE).logs[0].channels
     assert before["pressure_a_pa"].errors.rmse > 4.0 * after["pressure_a_pa"].errors.rmse
     # Segments start from measured pressures, whose offset would push the arm.
@@ -410,12 +463,12 @@ class Wind(CatalogueEffect):
 
 
 def test_a_user_s_effect_is_given_by_its_file(
-    bundle: Bundle, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    content: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     wind = {"wind_nm": {"value": 0.5, "std": 0.1, "unit": "Nm"}}
-    bundle["effects"] = [{"id": "wind", "parameters": wind}]
+    content["effects"] = [{"id": "wind", "parameters": wind}]
     source, user = tmp_path / "bundle.json", tmp_path / "user.py"
-    write_bundle(bundle, source)
+    write_bundle(bundle_from_json(content, source), source)
     user.write_text(USER_EFFECT)
     log = tmp_path / "commands.csv"
     rows = [f"{k * 1e-3:.3f},0.0,0.0" for k in range(300)]
@@ -453,7 +506,8 @@ def test_sides_survive_the_export(bundle: Bundle, tmp_path: Path) -> None:
     assert cells[1]["id"] == "sensor" and cells[1]["parameters"]["side"] == "a"
 
 
-def test_an_effect_is_read_from_a_copy_of_its_entry(bundle: Bundle) -> None:
-    entry = copy.deepcopy(bundle["effects"][1])
-    assert effect_from_dict(entry, "b.json", CATALOGUE) == Sensor(2e3, 0.01, 0.0, "a")
-    assert entry == bundle["effects"][1]
+def test_an_entry_is_as_it_was_after_its_effect_was_read(bundle: Bundle) -> None:
+    entry = bundle.effects[1]
+    before = entry.to_json()
+    assert effect_from_entry(entry, "b.json", CATALOGUE) == Sensor(2e3, 0.01, 0.0, "a")
+    assert bundle.effects[1].to_json() == before

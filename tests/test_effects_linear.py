@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import pickle
 
 import pytest
-from sysid.model.effects.serialise import effect_from_dict, effect_to_dict
 
+from sysid.bundle.effects import effect_from_entry, entry_of
 from sysid.errors import InputError
+from sysid.estimation.linear import Estimate
 from sysid.model.effects import friction
 from sysid.model.effects.catalogue import catalogue
 from sysid.model.effects.linear import (
@@ -59,9 +61,11 @@ def test_sizes_come_over_at_the_reference_radius() -> None:
 def test_a_bundle_holds_linear_names() -> None:
     linear = for_rig(catalogue(), is_linear=True)
     effect = linear["stribeck-friction"](5.0, 0.003, 1.0)
-    content = effect_to_dict(effect, {"stribeck_torque_nm": 0.1})
-    assert content["parameters"]["stribeck_force_n"] == {"value": 5.0, "std": 0.1, "unit": "N"}
-    assert effect_from_dict(content, "bundle", linear) == effect
+    fitted = Estimate(5.0, 0.1, "N", (math.nan, math.nan))
+    entry = entry_of(effect, {"stribeck_torque_nm": fitted})
+    parameters = entry.to_json()["parameters"]
+    assert parameters["stribeck_force_n"] == {"value": 5.0, "std": 0.1, "unit": "N"}
+    assert effect_from_entry(entry, "bundle", linear) == effect
     with pytest.raises(InputError, match="is missing; its parameters are"):
-        effect_from_dict(content, "bundle", catalogue())
+        effect_from_entry(entry, "bundle", catalogue())
     assert for_rig(catalogue(), is_linear=False) == catalogue()

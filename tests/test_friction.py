@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,8 +12,10 @@ import pytest
 from benchmarks.friction import PUBLISHED, emps_trial, generated_fit
 from datasets.generator.campaign import make_friction_tests
 from datasets.thesis import recompute
+from sysid.bundle import Friction
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.friction import (
+    FrictionResult,
     SlidingPoints,
     classify_trial,
     cluster_test,
@@ -49,6 +50,13 @@ RIG = Rig(
     inertia=Inertia(equivalent_kg_m2=INERTIA),
 )
 BARE = Rig("axis", "horizontal", "rotary")
+
+
+def bundled(result: FrictionResult) -> Friction:
+    """What the bundle gets of a result."""
+    friction = result.part().friction
+    assert friction is not None
+    return friction
 
 
 def trial(label: str, effort: FloatArray, theta: FloatArray) -> Trial:
@@ -122,7 +130,7 @@ def test_presliding_is_not_breakaway() -> None:
     assert first_count < 0.9 * 0.333
     result = fit_friction([moved], RIG)
     assert result["static_nm"].value == pytest.approx(0.333, rel=0.01)
-    assert "onset of sustained motion" in result.to_json()["static_criterion"]
+    assert "onset of sustained motion" in bundled(result).to_json()["static_criterion"]
 
 
 def test_a_slip_that_stops_again_is_not_sustained_motion() -> None:
@@ -365,7 +373,7 @@ def test_motion_gives_friction_and_inertia() -> None:
     ):
         assert result[name].value == pytest.approx(truth, rel=within)
         assert result[name].holds(truth)
-    assert "5 times its own noise" in result.to_json()["motion_rule"]
+    assert "5 times its own noise" in bundled(result).to_json()["motion_rule"]
 
 
 def test_motion_with_the_rigs_inertia_leaves_it_alone() -> None:
@@ -435,7 +443,7 @@ def test_a_shaft_at_rest_identifies_nothing(kind: str, n: int) -> None:
 
 def test_the_result_goes_into_a_bundle() -> None:
     trials = [ramp(0.333, 0.208, x, w) for x in (-1.0, 1.0) for w in (1, -1)]
-    table: dict[str, Any] = fit_friction([*trials, swing()], RIG).to_json()
+    table = bundled(fit_friction([*trials, swing()], RIG)).to_json()
     json.dumps(table, allow_nan=False)
     for name in ("static_nm", "coulomb_nm", "viscous_nm_s_per_rad", "offset_nm"):
         assert set(table[name]) == {"value", "std", "unit", "interval"}

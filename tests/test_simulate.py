@@ -14,6 +14,7 @@ import pytest
 
 from benchmarks.reference_plant import integrate
 from benchmarks.rigs import REFERENCE, random_runs
+from sysid.bundle import Bundle, Parts
 from sysid.bundle.assembled_model import surfaces_for
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.io.logs import Trial, with_channels
@@ -439,11 +440,12 @@ def test_inputs_that_cannot_be_simulated(
 
 def test_valve_models_by_name(rig_text: str) -> None:
     rig = _rig(rig_text)
-    assert surfaces_for({}, rig, "discrete") == ()
+    empty = Bundle.new(rig, Parts(), [])
+    assert surfaces_for(empty, rig, "discrete") == ()
     with pytest.raises(InputError, match="bipolynomial"):
-        surfaces_for({}, rig, "cubic")
+        surfaces_for(empty, rig, "cubic")
     with pytest.raises(NotIdentifiedError, match="ann"):
-        surfaces_for({}, rig, "ann")
+        surfaces_for(empty, rig, "ann")
 
 
 def test_only_a_held_test_under_pwm_may_start_on_the_supply(rig_text: str) -> None:

@@ -386,7 +386,9 @@ def test_stretches_alone_come_near(rig: Rig) -> None:
 
 
 def test_bundle_part_is_json_and_complete(rig: Rig) -> None:
-    part = fit_valve_discrete(Bench().trials(6, 1), rig).to_json()["a"]["discrete"]
+    valves = fit_valve_discrete(Bench().trials(6, 1), rig).part().valves
+    assert valves is not None
+    part = valves.to_json()["a"]["discrete"]
     assert json.loads(json.dumps(part, allow_nan=False)) == part
     units = {"c_fill": "kg/(s Pa^0.5)", "c_dis": "kg/(s Pa)", "choked_flow_fill_kg_s": "kg/s"}
     for name, unit in units.items():
@@ -526,7 +528,7 @@ def test_pressure_clipped_below_the_choked_boundary(rig: Rig) -> None:
 def test_filling_too_short_for_the_unchoked_stretch(rig: Rig) -> None:
     result = fit_quickly(Bench(off=1.035).trials(1), rig)
     fit = result.valves["a"]
-    assert fit.to_json()["c_fill"] == {
+    assert fit.law().to_json()["c_fill"] == {
         "value": None,
         "identified": False,
         "reason": fit["c_fill"].reason,
