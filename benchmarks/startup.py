@@ -18,7 +18,7 @@ from pathlib import Path
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(REPOSITORY))
-RUNS = 9
+RUNS = 15
 LOG_BYTES = 2_000_000
 
 
@@ -55,8 +55,9 @@ def two_megabyte_log(folder: Path) -> Path:
 
 
 def main() -> None:
-    """Both figures of issue 2's item 5."""
+    """The figures of issue 2's item 5, and issue 13's point 6."""
     python, sysid = sys.executable, str(Path(sys.executable).with_name("sysid"))
+    compare("import sysid", [python, "-c", "import sysid"], [python, "-c", "import numpy"], 1.1)
     compare("sysid --help", [sysid, "--help"], [python, "-c", "import numpy"], 3.0)
     with tempfile.TemporaryDirectory() as folder:
         log = two_megabyte_log(Path(folder))

@@ -9,9 +9,9 @@ use the model (`simulate`, `effects`), find what it lacks (`diagnose`), see how 
 absolute. Results print as tables, show themselves in a notebook, become a DataFrame
 (`to_frame`) and draw themselves on axes of yours or new ones (`plot`).
 
-What a user can mend is an `InputError`, what the data cannot give a `NotIdentifiedError`; both
-are a `SysidError`. Long work takes `progress`, a function that is told each step in a line; by
-default a terminal or a notebook shows it, and a script nothing.
+An error that a user can fix is an `InputError`, data that cannot identify what was asked a
+`NotIdentifiedError`; both are `SysidError`s. Long work takes `progress`, a function that is called
+with one line for each step; by default a terminal or a notebook shows it, and a script does not.
 
 The examples in the docstrings run as tests in a folder with the bundled campaign's files; there
 `campaign` is that campaign, `log` its friction tests in one file, `run.csv`, `bundle` what `fit`

@@ -37,11 +37,22 @@ def test_text_is_aligned() -> None:
         "",
         "name   length_m",
         "short  0.01200",
-        "a & b  —",
+        "a & b  -",
         "",
         "notice: two are <loose>",
     ]
     assert repr(BOLTS) == "<Bolts: bolts <M5>>"
+
+
+def test_text_is_ascii_and_html_is_not() -> None:
+    estimate = Estimate.symmetric(6.5168e-4, 4.2e-7, "kg/(s Pa^0.5)", 20.0)
+    table = estimate_table(
+        "", {"c_fill": estimate, "offset": Estimate.symmetric(-2.0, 1.0, "Nm", 9.0)}
+    )
+    assert table.text().isascii()
+    assert "6.5168e-4" in table.text() and "kg/(s Pa^0.5)" in table.text()
+    assert "(6.5080 to 6.5256) x 1e-4" in table.text() and "-2.0" in table.text()
+    assert "6.5168 × 10⁻⁴" in table.html() and "−2.0" in table.html()
 
 
 def test_html_is_escaped() -> None:

@@ -22,7 +22,14 @@ if TYPE_CHECKING:
 
 
 class Bundle(BundleContent):
-    """Everything that was fitted of a rig (`spec/bundle.md`), as read from or written to JSON."""
+    """Everything that was fitted of a rig (`spec/bundle.md`), as read from or written to JSON.
+
+    >>> bundle.friction.coulomb_nm.unit, bundle.valve("a").discrete.on_delay_s.unit
+    ('Nm', 's')
+    >>> bundle.rig.name == campaign.rig.name
+    True
+    >>> model = bundle.model()
+    """
 
     @classmethod
     def new(

@@ -1,1 +1,3 @@
-"""How numbers, channels and tables are shown, in the report and in a terminal."""
+"""How things are shown: `numbers` and `channels` with their units, `tables` (and the results that
+show themselves), `plots` (axes to draw on), `progress`, `terminal` and `text_plot`.
+"""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 from sysid.estimation.linear import Estimate
 
@@ -103,6 +104,23 @@ def _decimals(value: float, std: float | None) -> int:
     if std is None or std <= 0.0:
         return max(3 - size, 0)
     return max(min(1 - _exponent(std, 2), 5 - size), 0)
+
+
+_ASCII = str.maketrans(
+    {MINUS: "-", DASH: "-", MISSING: "-", "∞": "inf", "·": " ", "²": "2", "³": "3"}
+)
+_DIGITS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
+
+
+def ascii_text(text: str) -> str:
+    """Text of this module as terminals and files have it: `6.5e-4`, `kg/(s Pa)`."""
+
+    def power(found: re.Match[str]) -> str:
+        exponent = f"e{found[2].translate(_DIGITS)}"
+        return f"{found[1]}{exponent}" if found[1].isdigit() else f"{found[1]} x 1{exponent}"
+
+    text = re.sub("(.) × 10([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)", power, text)
+    return text.replace("⁰·⁵", "^0.5").translate(_ASCII)
 
 
 def duration(seconds: float) -> str:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-from sysid.display.numbers import estimate_cells, number
+from sysid.display.numbers import ascii_text, estimate_cells, number
 from sysid.estimation.linear import Estimate
 
 if TYPE_CHECKING:
@@ -27,8 +27,8 @@ class ShownTable:
     rows: tuple[tuple[str, ...], ...]
 
     def text(self) -> str:
-        """Columns aligned by blanks, the title and the names of the columns above them."""
-        lines = (self.columns, *self.rows)
+        """Columns aligned by blanks, the title and the names of the columns above; in ASCII."""
+        lines = [tuple(map(ascii_text, line)) for line in (self.columns, *self.rows)]
         widths = [max(len(line[i]) for line in lines) for i in range(len(self.columns))]
         aligned = (
             _GAP.join(c.ljust(w) for c, w in zip(line, widths, strict=True)).rstrip()
@@ -80,7 +80,7 @@ class Shown(ABC):
 
     def __str__(self) -> str:
         tables = [table.text() for table in self.tables() if table.rows]
-        blocks = (self.headline(), *tables, "\n".join(self.footnotes()))
+        blocks = (ascii_text(self.headline()), *tables, "\n".join(self.footnotes()))
         return "\n\n".join(block for block in blocks if block)
 
     def _repr_html_(self) -> str:

@@ -94,7 +94,12 @@ class CampaignLog:
 
 @dataclass(frozen=True)
 class Campaign:
-    """A campaign file as read; its logs are read when asked for."""
+    """A campaign file as read; its logs are read when they are used.
+
+    >>> entry = campaign.select(["friction-sliding"], use="fit")[0]
+    >>> campaign.read(entry).trials[0].label
+    '1'
+    """
 
     path: Path
     rig: Rig

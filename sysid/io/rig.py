@@ -41,6 +41,9 @@ class Rig:
 
     `source` is the file that it was read from; `content` the file's tables as read, which
     go into a bundle; `notices` what the reader wants said.
+
+    >>> campaign.rig.air.supply_pressure_pa, campaign.rig.effort_channel
+    (312000.0, 'motor_torque_nm')
     """
 
     name: str
