@@ -2,5 +2,6 @@
 
 `rig` (declared in `rig_file` and `rig_sections`, template in `rig_template`), `logs` (reading;
 `samples`: a `Log` and its `Trial`s), `campaign`, `channels`, `trial_kind`; `tables` and `files`
-read and write, `units` and `plausibility` find slips, `foreign/` and `conversion` bring a lab's own files into the format.
+read and write, `units` and `plausibility` find slips, `foreign/` and `conversion` bring a lab's
+own files into the format.
 """
