@@ -271,7 +271,7 @@ def results(names: dict[str, Any]) -> dict[str, Any]:
     """A result of each kind, those that the example has not made among them."""
     part = si.read_campaign("bench/campaign.toml")
     return {
-        **{name: names[name] for name in ("log", "friction", "runs", "found", "checked")},
+        **{name: names[name] for name in ("log", "friction", "bundle", "runs", "found", "checked")},
         "check": si.check(names["log"]),
         "part": si.diagnose(part, si.fit(part)),
         "valves": si.fit_valve_discrete(si.read_log("valve_discrete_a.parquet"), find_ratio=False),
@@ -284,10 +284,10 @@ def shown(namespace: dict[str, Any]) -> dict[str, Any]:
     return results(namespace)
 
 
-NAMES = ("log", "friction", "runs", "found", "checked", "check", "part", "valves", "surfaces")
+DRAWN = ("log", "friction", "runs", "found", "checked", "check", "part", "valves", "surfaces")
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [*DRAWN, "bundle"])
 def test_a_result_is_one_line_text_html_and_a_frame(name: str, shown: dict[str, Any]) -> None:
     result = shown[name]
     assert isinstance(result, Shown)
@@ -303,7 +303,7 @@ def test_a_result_is_one_line_text_html_and_a_frame(name: str, shown: dict[str, 
     assert len(frame) or not result.records()
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", DRAWN)
 def test_a_result_draws_itself_on_new_axes_or_those_given(name: str, shown: dict[str, Any]) -> None:
     drawn = shown[name].plot()
     axes = drawn if isinstance(drawn, list) else [drawn]

@@ -8,10 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 from sysid import __version__
 from sysid.bundle.assembled_model import model_from_bundle
+from sysid.bundle.base import Part
 from sysid.bundle.content import SCHEMA, BundleContent, Parts
 from sysid.bundle.effects import EffectEntry
 from sysid.bundle.provenance import Provenance, family, records
+from sysid.display.tables import Shown, ShownTable, estimate_records, estimate_table
 from sysid.errors import input_error
+from sysid.estimation.linear import Estimate
+from sysid.io.channels import SIDES
 from sysid.io.logs import Log
 from sysid.io.rig import Rig
 from sysid.io.source import Source
@@ -21,7 +25,7 @@ if TYPE_CHECKING:
     from sysid.model.ports import Model
 
 
-class Bundle(BundleContent):
+class Bundle(Shown, BundleContent):
     """Everything that was fitted of a rig (`spec/bundle.md`), as read from or written to JSON.
 
     >>> bundle.friction.coulomb_nm.unit, bundle.valve("a").discrete.on_delay_s.unit
@@ -53,6 +57,37 @@ class Bundle(BundleContent):
             logs=records(sources), seeds=dict(seeds or {}), options=dict(options or {})
         )
         return cls(**fields, effects=[], provenance=provenance)
+
+    def headline(self) -> str:
+        """Whose it is, and what it holds."""
+        effects = [effect.id for effect in self.effects]
+        held = ", ".join([*self._parts(), *(f"effect {name}" for name in effects)])
+        return f"bundle of {self.rig.name}: {held or 'nothing fitted'}"
+
+    def records(self) -> list[dict[str, Any]]:
+        """One an estimate: the part that it belongs to, its value, std, limits and unit."""
+        return [
+            record
+            for name, estimates in self._estimates().items()
+            for record in estimate_records(estimates, part=name)
+        ]
+
+    def tables(self) -> Iterable[ShownTable]:
+        """The estimates, a table a part."""
+        return (estimate_table(name, found) for name, found in self._estimates().items())
+
+    def _parts(self) -> dict[str, Part]:
+        """Friction and every valve law, by their keys in the file."""
+        found: dict[str, Part] = {} if self.friction is None else {"friction": self.friction}
+        for side in SIDES:
+            valve = self.valve(side)
+            laws = ((name, getattr(valve, name)) for name in valve.given())
+            found |= {f"valves.{side}.{n}": law for n, law in laws if isinstance(law, Part)}
+        return found
+
+    def _estimates(self) -> dict[str, dict[str, Estimate]]:
+        found = {name: part.estimates() for name, part in self._parts().items()}
+        return found | {f"effect {effect.id}": effect.numbers() for effect in self.effects}
 
     def model(self, rig: Rig | None = None, catalogue: Catalogue | None = None) -> Model:
         """The model that can be simulated: the base model's parameters, and the effects.

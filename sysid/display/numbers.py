@@ -107,7 +107,7 @@ def _decimals(value: float, std: float | None) -> int:
 
 
 _ASCII = str.maketrans(
-    {MINUS: "-", DASH: "-", MISSING: "-", "∞": "inf", "·": " ", "²": "2", "³": "3"}
+    {MINUS: "-", "\N{EN DASH}": "-", MISSING: "-", "∞": "inf", "·": " ", "²": "2", "³": "3"}
 )
 _DIGITS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 
