@@ -332,9 +332,7 @@ def test_a_rig_name_cannot_break_the_comment(
 
 
 @pytest.mark.parametrize("prefix", ["", "1a", "a-b", "_x", "a b", "é", "x" * 40, "a;\n"])
-def test_a_prefix_that_is_no_name_is_refused(
-    bundle: Bundle, prefix: str, tmp_path: Path
-) -> None:
+def test_a_prefix_that_is_no_name_is_refused(bundle: Bundle, prefix: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="--prefix"):
         header(bundle, tmp_path, prefix=prefix)
     assert list(tmp_path.iterdir()) == []

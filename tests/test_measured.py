@@ -164,8 +164,9 @@ def test_a_set_that_fails_says_so_and_the_others_go_on(
 
 
 def test_the_law_is_read_out_of_a_bundle() -> None:
-    coulomb = {"value": 12.0, "unit": "N"}
+    coulomb = {"value": 12.0, "std": 0.1, "unit": "N"}
     static = {"value": None, "identified": False, "reason": "no test at rest", "unit": "N"}
+    flow = {"value": 1e-3, "std": 1e-5, "unit": "kg/s"}
     bundle = {
         "schema": "sysid-bundle/1",
         "created": "2026-01-02T03:04:05+00:00",
@@ -174,10 +175,10 @@ def test_the_law_is_read_out_of_a_bundle() -> None:
         "friction": {
             "coulomb_n": coulomb,
             "static_n": static,
-            "viscous_n_s_per_m": {"value": 3.0, "unit": "N s/m"},
+            "viscous_n_s_per_m": {"value": 3.0, "std": 0.2, "unit": "N s/m"},
             "static_by_position": [],
         },
-        "valves": {"a": {"steady": {"full_flow_kg_s": {"value": 1e-3, "unit": "kg/s"}}}},
+        "valves": {"a": {"steady": {"full_flow_kg_s": flow}}},
         "effects": [{"id": "x", "parameters": {"x": {"value": 1.0, "unit": "-"}}}],
         "provenance": {"logs": [], "options": {"value": 3, "unit": "-"}},
     }
