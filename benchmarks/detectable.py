@@ -38,8 +38,7 @@ sys.path.insert(0, str(REPOSITORY))
 from benchmarks.attribution import call, found_names, is_detected, read, wilson  # noqa: E402
 from benchmarks.true_model import SAME_LAW, true_effects  # noqa: E402
 from datasets.generator.campaign import drawn_effects  # noqa: E402
-from sysid.bundle.assembled_model import model_from_bundle  # noqa: E402
-from sysid.bundle.content import read_bundle  # noqa: E402
+from sysid.bundle import read_bundle  # noqa: E402
 from sysid.diagnosis.actuator.equation_error import channels_of  # noqa: E402
 from sysid.diagnosis.actuator.loop import close_loop  # noqa: E402
 from sysid.diagnosis.actuator.null_distribution import MARGIN, Null  # noqa: E402
@@ -96,7 +95,7 @@ def standard(seed: int) -> Standard:
         generate(seed, Path(folder))
         command("sysid", "fit", str(path), "-o", str(bundle))
         campaign = read_campaign(path)
-        model = model_from_bundle(read_bundle(bundle), campaign.rig)
+        model = read_bundle(bundle).model(campaign.rig)
         tests = [
             (entry.file, entry.kind, trial)
             for entry in campaign.select(KINDS)

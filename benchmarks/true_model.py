@@ -124,13 +124,12 @@ def main(campaign_path: Path, bundle_path: Path, truth_path: Path) -> None:
     """Print the errors."""
     import numpy as np
 
-    from sysid.bundle.assembled_model import model_from_bundle
-    from sysid.bundle.content import read_bundle
+    from sysid.bundle import read_bundle
     from sysid.diagnosis.actuator.holdout import held_out
     from sysid.io.campaign import read_campaign
 
     campaign = read_campaign(campaign_path)
-    fitted = model_from_bundle(read_bundle(bundle_path), campaign.rig, str(bundle_path))
+    fitted = read_bundle(bundle_path).model(campaign.rig)
     model = true_model(json.loads(truth_path.read_text()), fitted)
     if model is None:
         print("null")

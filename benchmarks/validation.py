@@ -32,7 +32,8 @@ sys.path.insert(0, str(REPOSITORY))
 from datasets.generator.campaign import GeneratedCampaign, Size, make_campaign, size_of  # noqa: E402
 from datasets.generator.files import Dialect, write_log  # noqa: E402
 from datasets.generator.rigs import rig_toml  # noqa: E402
-from sysid.bundle.content import new_bundle  # noqa: E402
+from sysid.bundle import Bundle, FittedValves, Friction, Parts  # noqa: E402
+from sysid.estimation.linear import Estimate  # noqa: E402
 from sysid.friction import fit_friction  # noqa: E402
 from sysid.io.campaign import FRICTION_KINDS, Campaign, read_campaign  # noqa: E402
 from sysid.io.logs import Trial  # noqa: E402
@@ -66,7 +67,7 @@ def written(generated: GeneratedCampaign, folder: Path) -> Campaign:
     return read_campaign(folder / "campaign.toml")
 
 
-def fitted_bundle(campaign: Campaign) -> dict[str, Any]:
+def fitted_bundle(campaign: Campaign) -> Bundle:
     """Friction and both discrete valves, fitted on the campaign's fit logs."""
     sources: list[Source] = []
 
@@ -81,24 +82,25 @@ def fitted_bundle(campaign: Campaign) -> dict[str, Any]:
 
     friction = trials(*FRICTION_KINDS)
     fit = fit_friction([t for _, t in friction], campaign.rig, kind=[k for k, _ in friction])
-    valves: dict[str, Any] = {}
+    parts = fit.part()
     for side in "ab":
         tests = [t for _, t in trials("valve-discrete", valve=side)]
-        valves |= fit_valve_discrete(tests, campaign.rig, valve=side).to_json()
-    return new_bundle(campaign.rig, {"friction": fit.to_json(), "valves": valves}, sources)
+        parts = parts.merged(fit_valve_discrete(tests, campaign.rig, valve=side).part())
+    return Bundle.new(campaign.rig, parts, sources)
 
 
-def true_bundle(generated: GeneratedCampaign, campaign: Campaign) -> dict[str, Any]:
+def true_bundle(generated: GeneratedCampaign, campaign: Campaign) -> Bundle:
     """A bundle of the generator's own parameters."""
 
-    def known(values: dict[str, float]) -> dict[str, Any]:
-        return {
-            k: {"value": v, "std": 0.0, "unit": k.rsplit("_", 1)[-1]} for k, v in values.items()
-        }
+    def known(values: dict[str, float]) -> dict[str, Estimate]:
+        return {k: Estimate(v, 0.0, k.rsplit("_", 1)[-1], (v, v)) for k, v in values.items()}
 
     truth = generated.truth
     valves = {side: {"discrete": known(truth["valves"][side])} for side in "ab"}
-    return new_bundle(campaign.rig, {"friction": known(truth["friction"]), "valves": valves}, [])
+    parts = Parts(
+        Friction.model_validate(known(truth["friction"])), FittedValves.model_validate(valves)
+    )
+    return Bundle.new(campaign.rig, parts, [])
 
 
 def pooled(result: ValidationResult) -> dict[str, dict[str, float]]:

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from sysid.bundle.content import new_bundle
-from sysid.io.logs import Log
+from sysid import __version__
+from sysid.bundle import Bundle
+from sysid.bundle.content import SCHEMA
+from sysid.bundle.files import bundle_from_json
 from sysid.io.rig import rig_from_content
-from sysid.io.source import Source
 from sysid.types import FloatArray
 
 DUTY = (0.5, 0.45)
@@ -138,10 +139,20 @@ def valves(shapes: list[FloatArray], seed: int = 0) -> dict[str, Any]:
     return content
 
 
-def whole_bundle(
+def whole_bundle(rig_text: str, shapes: list[FloatArray] | None = None, seed: int = 0) -> Bundle:
+    """A bundle that holds everything, for the rig of this text."""
+    return as_bundle(whole_content(rig_text, shapes, seed))
+
+
+def as_bundle(content: dict[str, Any]) -> Bundle:
+    """The bundle of a file with this content."""
+    return bundle_from_json(content, Path("bundle.json"))
+
+
+def whole_content(
     rig_text: str, shapes: list[FloatArray] | None = None, seed: int = 0
 ) -> dict[str, Any]:
-    """A bundle that holds everything, for the rig of this text."""
+    """The file of a bundle that holds everything, for the rig of this text."""
     rig = rig_from_content(tomllib.loads(rig_text), "rig")
     friction: dict[str, Any] = {
         "static_nm": estimate(0.333, "Nm"),
@@ -161,10 +172,17 @@ def whole_bundle(
             "viscous_n_s_per_m": estimate(34.0, "N s/m"),
         }
     shapes = [RISING, VERTEX, FALLING, LINEAR] if shapes is None else shapes
-    parts = {"friction": friction, "valves": valves(shapes, seed)}
-    log = Log(Path("somewhere/run.csv"), "ab" * 32, ())
-    bundle = new_bundle(rig, parts, [Source.of(log, "fit", "friction")])
-    return {**bundle, "created": "2026-01-02T03:04:05+00:00"}
+    log = {"file": "run.csv", "sha256": "ab" * 32, "use": "fit", "kind": "friction"}
+    return {
+        "schema": SCHEMA,
+        "created": "2026-01-02T03:04:05+00:00",
+        "sysid_version": __version__,
+        "rig": rig.content,
+        "friction": friction,
+        "valves": valves(shapes, seed),
+        "effects": [],
+        "provenance": {"logs": [log], "seeds": {}, "options": {}},
+    }
 
 
 _VERTICAL = """

@@ -12,13 +12,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from sysid.bundle import Bundle
 from sysid.export import export_bundle
 from sysid.types import FloatArray
 
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wshadow", "-Wconversion"]
 
 
-def header(bundle: dict[str, Any], folder: Path, **options: Any) -> tuple[Path, list[str]]:
+def header(bundle: Bundle, folder: Path, **options: Any) -> tuple[Path, list[str]]:
     path = folder / "controller.h"
     return path, export_bundle(bundle, path, "c", **options)
 

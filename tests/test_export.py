@@ -11,32 +11,43 @@ from typing import Any
 
 import numpy as np
 import pytest
-from export_bundles import RISING, estimate, unidentified, upright, whole_bundle
+from export_bundles import (
+    RISING,
+    as_bundle,
+    estimate,
+    unidentified,
+    upright,
+    whole_bundle,
+    whole_content,
+)
 from export_compiler import compile_c, header, macros
 from scipy.io import loadmat
 
+from sysid.bundle import Bundle, write_bundle
 from sysid.bundle.assembled_model import parameters_from_bundle
-from sysid.bundle.content import write_bundle
 from sysid.errors import InputError
 from sysid.export import export_bundle, export_file
-from sysid.io.rig import rig_from_content
-from sysid.surfaces import DutyNetwork, surface_from_dict
 
 
 @pytest.fixture
-def bundle(rig_text: str) -> dict[str, Any]:
+def bundle(rig_text: str) -> Bundle:
     return whole_bundle(rig_text)
+
+
+@pytest.fixture
+def content(rig_text: str) -> dict[str, Any]:
+    return whole_content(rig_text)
 
 
 # --- JSON and MAT ------------------------------------------------------------------------
 
 
-def as_json(bundle: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[str]]:
+def as_json(bundle: Bundle, folder: Path) -> tuple[dict[str, Any], list[str]]:
     notices = export_bundle(bundle, folder / "controller.json", "json")
     return json.loads((folder / "controller.json").read_text("utf-8")), notices
 
 
-def as_mat(bundle: dict[str, Any], folder: Path) -> tuple[Any, list[str]]:
+def as_mat(bundle: Bundle, folder: Path) -> tuple[Any, list[str]]:
     notices = export_bundle(bundle, folder / "controller.mat", "mat")
     loaded = loadmat(io.BytesIO((folder / "controller.mat").read_bytes()), simplify_cells=True)
     return loaded["sysid"], notices
@@ -45,7 +56,7 @@ def as_mat(bundle: dict[str, Any], folder: Path) -> tuple[Any, list[str]]:
 def test_json_holds_the_models_parameters(rig_text: str, tmp_path: Path) -> None:
     bundle = whole_bundle(upright(rig_text))
     found, notices = as_json(bundle, tmp_path)
-    p = parameters_from_bundle(bundle, rig_from_content(bundle["rig"], "rig"))
+    p = parameters_from_bundle(bundle, bundle.rig)
     constants = found["constants"]
     assert constants["inertia_kg_m2"] == p.inertia == pytest.approx(0.02368 + 0.5 * 0.37**2)
     assert constants["gravity_moment_nm"] == p.gravity_moment
@@ -61,9 +72,9 @@ def test_json_holds_the_models_parameters(rig_text: str, tmp_path: Path) -> None
     assert notices == [] and found["not_identified"] == {} and found["effects"] == []
 
 
-def test_json_surfaces_are_those_of_the_bundle(bundle: dict[str, Any], tmp_path: Path) -> None:
-    found, _ = as_json(bundle, tmp_path)
-    part = bundle["valves"]["a"]["pwm"]["fill"]
+def test_json_surfaces_are_those_of_the_bundle(content: dict[str, Any], tmp_path: Path) -> None:
+    found, _ = as_json(as_bundle(content), tmp_path)
+    part = content["valves"]["a"]["pwm"]["fill"]
     surface = found["valves"]["a"]["pwm"]["fill"]["bipolynomial"]
     assert surface["coefficients"] == [t["value"] for t in part["bipolynomial"]["coefficients"]]
     assert surface["exponents"][5] == [1, 2]
@@ -73,9 +84,9 @@ def test_json_surfaces_are_those_of_the_bundle(bundle: dict[str, Any], tmp_path:
     assert net["scaling"]["flow_kg_s"] == {"centre": 1.0e-4, "half_range": 5.0e-4}
 
 
-def test_every_number_has_a_unit(bundle: dict[str, Any], tmp_path: Path) -> None:
-    bundle["effects"] = EFFECTS
-    found, _ = as_json(bundle, tmp_path)
+def test_every_number_has_a_unit(content: dict[str, Any], tmp_path: Path) -> None:
+    content["effects"] = EFFECTS
+    found, _ = as_json(as_bundle(content), tmp_path)
 
     def check(numbers: Any, units: Any, place: str) -> None:
         if isinstance(numbers, dict):
@@ -91,14 +102,15 @@ def test_every_number_has_a_unit(bundle: dict[str, Any], tmp_path: Path) -> None
         check(found[key], found["units"][key], key)
 
 
-def test_mat_has_natural_shapes(bundle: dict[str, Any], tmp_path: Path) -> None:
+def test_mat_has_natural_shapes(bundle: Bundle, tmp_path: Path) -> None:
     found, notices = as_mat(bundle, tmp_path)
-    surface = surface_from_dict(bundle["valves"]["b"]["pwm"]["fill"]["bipolynomial"])
+    held = bundle.valve("b").surfaces("fill")
+    assert held is not None and held.surfaces().keys() == {"bipolynomial", "ann"}
+    surface, net = (part.model() for part in held.surfaces().values())
     part = found["valves"]["b"]["pwm"]["fill"]
     u, p = 0.6, 2.2e5
     flow = np.array([1.0, u, u * u]) @ part["bipolynomial"]["C"] @ np.array([1.0, p, p * p])
     assert flow == pytest.approx(float(surface.flow(u, p)[0]), rel=1e-9)
-    net = DutyNetwork.from_dict(bundle["valves"]["b"]["pwm"]["fill"]["ann"])
     raw = loadmat(tmp_path / "controller.mat")["sysid"][0, 0]
     ann = raw["valves"][0, 0]["b"][0, 0]["pwm"][0, 0]["fill"][0, 0]["ann"][0, 0]
     shapes = {key: ann[key].shape for key in ("W1", "b1", "W2", "b2")}
@@ -115,9 +127,10 @@ def test_mat_has_natural_shapes(bundle: dict[str, Any], tmp_path: Path) -> None:
     assert notices == []
 
 
-def test_mat_says_the_same_as_json(bundle: dict[str, Any], tmp_path: Path) -> None:
-    bundle["valves"]["a"]["discrete"]["c_dis"] = unidentified()
-    del bundle["valves"]["b"]
+def test_mat_says_the_same_as_json(content: dict[str, Any], tmp_path: Path) -> None:
+    content["valves"]["a"]["discrete"]["c_dis"] = unidentified()
+    del content["valves"]["b"]
+    bundle = as_bundle(content)
     numbers, _ = as_json(bundle, tmp_path)
     struct, _ = as_mat(bundle, tmp_path)
     for part in ("constants", "friction"):
@@ -133,7 +146,7 @@ def test_mat_says_the_same_as_json(bundle: dict[str, Any], tmp_path: Path) -> No
     assert np.isnan(struct["friction"]["static_by_position"]["static_nm"][1])
 
 
-def test_the_mat_file_is_version_5_and_reproducible(bundle: dict[str, Any], tmp_path: Path) -> None:
+def test_the_mat_file_is_version_5_and_reproducible(bundle: Bundle, tmp_path: Path) -> None:
     export_bundle(bundle, tmp_path / "one.mat", "mat")
     export_bundle(bundle, tmp_path / "two.mat", "mat")
     data = (tmp_path / "one.mat").read_bytes()
@@ -144,11 +157,11 @@ def test_the_mat_file_is_version_5_and_reproducible(bundle: dict[str, Any], tmp_
 
 @pytest.mark.parametrize(("fmt", "word"), [("json", "null"), ("mat", "NaN"), ("c", "left out")])
 def test_what_is_not_identified_is_said(
-    bundle: dict[str, Any], tmp_path: Path, fmt: str, word: str
+    content: dict[str, Any], tmp_path: Path, fmt: str, word: str
 ) -> None:
-    bundle["friction"]["static_nm"] = unidentified("no ramp moves")
-    del bundle["rig"]["motor"]
-    notices = export_bundle(bundle, tmp_path / "out", fmt)
+    content["friction"]["static_nm"] = unidentified("no ramp moves")
+    del content["rig"]["motor"]
+    notices = export_bundle(as_bundle(content), tmp_path / "out", fmt)
     assert f"friction.static_nm: {word}, not identified (no ramp moves)" in notices
     assert any("max_torque_nm" in line and "no [motor]" in line for line in notices)
 
@@ -162,10 +175,10 @@ def test_gravity_without_masses_is_not_zero(rig_text: str, tmp_path: Path) -> No
 
 
 def test_an_identified_inertia_replaces_the_declared(
-    bundle: dict[str, Any], tmp_path: Path
+    content: dict[str, Any], tmp_path: Path
 ) -> None:
-    bundle["friction"]["inertia_kg_m2"] = estimate(0.031, "kg m2")
-    found, notices = as_json(bundle, tmp_path)
+    content["friction"]["inertia_kg_m2"] = estimate(0.031, "kg m2")
+    found, notices = as_json(as_bundle(content), tmp_path)
     assert found["constants"]["inertia_kg_m2"] == 0.031
     assert any("0.031" in line and "0.02368" in line for line in notices)
 
@@ -177,14 +190,22 @@ EFFECTS: list[dict[str, Any]] = [
         "id": "stribeck-friction",
         "parameters": {"stribeck_torque_nm": {"value": 0.11, "std": 0.004, "unit": "Nm"}},
     },
-    {"id": "pressure-lag", "parameters": {"side": "a", "lag_s": 0.002, "shape": {"value": None}}},
+    {
+        "id": "pressure-lag",
+        "parameters": {
+            "side": "a",
+            "lag_s": {"value": 0.002, "unit": "s"},
+            "shape": {"value": None, "identified": False, "reason": "no step"},
+        },
+    },
 ]
 
 
 def test_effects_are_data_and_the_header_does_not_pretend(
-    bundle: dict[str, Any], tmp_path: Path
+    content: dict[str, Any], tmp_path: Path
 ) -> None:
-    bundle["effects"] = EFFECTS
+    content["effects"] = EFFECTS
+    bundle = as_bundle(content)
     found, notices = as_json(bundle, tmp_path)
     assert notices == []
     assert found["effects"][0]["parameters"] == {"stribeck_torque_nm": 0.11}
@@ -199,7 +220,7 @@ def test_effects_are_data_and_the_header_does_not_pretend(
     assert macros(path)["SYSID_EFFECTS_NOT_CONTAINED"] == 2
 
 
-def test_provenance_names_the_bundle_file(bundle: dict[str, Any], tmp_path: Path) -> None:
+def test_provenance_names_the_bundle_file(bundle: Bundle, tmp_path: Path) -> None:
     source = tmp_path / "bundle.json"
     write_bundle(bundle, source)
     digest = hashlib.sha256(source.read_bytes()).hexdigest()
@@ -207,7 +228,7 @@ def test_provenance_names_the_bundle_file(bundle: dict[str, Any], tmp_path: Path
     assert found["provenance"]["bundle_sha256"] == digest
     assert found["provenance"]["bundle_created"] == "2026-01-02T03:04:05+00:00"
     # A file that was laid out anew has a hash of its own.
-    source.write_text(json.dumps(bundle))
+    source.write_text(json.dumps(bundle.to_json()))
     export_file(source, tmp_path / "out.h", "c")
     text = (tmp_path / "out.h").read_text()
     assert hashlib.sha256(source.read_bytes()).hexdigest() in text and digest not in text
@@ -246,6 +267,10 @@ def spoil_effect(b: dict[str, Any]) -> None:
     b["effects"] = [{"id": "x", "parameters": {"no name": 1.0}}]
 
 
+def spoil_effect_value(b: dict[str, Any]) -> None:
+    b["effects"] = [{"id": "x", "parameters": {"gain": {"value": float("nan"), "unit": "1"}}}]
+
+
 def spoil_row(b: dict[str, Any]) -> None:
     b["friction"]["static_by_position"][0] = {"position": 1.0}
 
@@ -262,11 +287,12 @@ def spoil_row(b: dict[str, Any]) -> None:
         (spoil_activation, "relu"),
         (spoil_value, "c_dis"),
         (spoil_effect, "no name"),
+        (spoil_effect_value, "effect x, gain: 'nan' is not a finite number"),
         (spoil_row, "static_by_position"),
     ],
 )
 def test_content_that_is_wrong_writes_nothing(
-    bundle: dict[str, Any],
+    content: dict[str, Any],
     spoil: Callable[[dict[str, Any]], None],
     message: str,
     fmt: str,
@@ -274,14 +300,14 @@ def test_content_that_is_wrong_writes_nothing(
 ) -> None:
     path = tmp_path / "out"
     path.write_text("before")
-    spoil(bundle)
+    spoil(content)
     with pytest.raises(InputError, match=message):
-        export_bundle(bundle, path, fmt, sha256="00" * 32)
+        export_bundle(as_bundle(content), path, fmt, sha256="00" * 32)
     assert path.read_text() == "before"
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
 
 
-def test_an_unknown_format_and_a_missing_folder(bundle: dict[str, Any], tmp_path: Path) -> None:
+def test_an_unknown_format_and_a_missing_folder(bundle: Bundle, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="--format"):
         export_bundle(bundle, tmp_path / "out", "xml")
     with pytest.raises(InputError, match="does not exist"):
@@ -290,9 +316,10 @@ def test_an_unknown_format_and_a_missing_folder(bundle: dict[str, Any], tmp_path
 
 
 def test_a_bundle_of_one_part_is_exported(rig_text: str, tmp_path: Path) -> None:
-    bundle = whole_bundle(rig_text, [RISING] * 4)
-    del bundle["friction"]
-    del bundle["rig"]["cylinder"], bundle["rig"]["inertia"]
+    content = whole_content(rig_text, [RISING] * 4)
+    del content["friction"]
+    del content["rig"]["cylinder"], content["rig"]["inertia"]
+    bundle = as_bundle(content)
     found, notices = as_json(bundle, tmp_path)
     assert found["friction"]["coulomb_nm"] is None and found["constants"]["area_a_m2"] is None
     assert any(line.startswith("friction: null") for line in notices)

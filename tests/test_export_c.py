@@ -2,30 +2,55 @@
 
 from __future__ import annotations
 
-import copy
 import subprocess
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from export_bundles import FLAT, LINEAR_RIG, unidentified, upright, whole_bundle
+from export_bundles import (
+    FLAT,
+    LINEAR_RIG,
+    as_bundle,
+    unidentified,
+    upright,
+    whole_bundle,
+    whole_content,
+)
 from export_compiler import Compiled, compile_c, compiler, header, macros
 
+from sysid.bundle import Bundle, PwmSurfaces
 from sysid.bundle.assembled_model import parameters_from_bundle
 from sysid.errors import InputError
 from sysid.export import export_bundle
-from sysid.io.rig import rig_from_content
 from sysid.model import base
-from sysid.surfaces import Bipolynomial, DutyNetwork, Saturation, surface_from_dict
+from sysid.surfaces import Saturation
 
 N = 4000
 SLOTS = [(side, direction) for side in "ab" for direction in ("fill", "discharge")]
 
 
 @pytest.fixture
-def bundle(rig_text: str) -> dict[str, Any]:
+def bundle(rig_text: str) -> Bundle:
     return whole_bundle(rig_text)
+
+
+@pytest.fixture
+def content(rig_text: str) -> dict[str, Any]:
+    return whole_content(rig_text)
+
+
+def pwm(bundle: Bundle, side: str, direction: str) -> PwmSurfaces:
+    held = bundle.valve(side).surfaces(direction)
+    assert held is not None
+    return held
+
+
+def model(bundle: Bundle, side: str, direction: str, kind: str) -> Any:
+    """The surface that the bundle holds, evaluated in Python."""
+    surface = pwm(bundle, side, direction).surface(kind)
+    assert surface is not None
+    return surface.model()
 
 
 def assert_same(found: Any, wanted: Any, scale: Any = 0.0) -> None:
@@ -58,7 +83,7 @@ def test_laws_agree_with_python(rig_text: str, tmp_path: Path) -> None:
     _, notices = header(bundle, tmp_path)
     assert notices == []
     c = Compiled(tmp_path, LAWS, ())
-    p = parameters_from_bundle(bundle, rig_from_content(bundle["rig"], "rig"))
+    p = parameters_from_bundle(bundle, bundle.rig)
     rng = np.random.default_rng(1)
     pa, pb = rng.uniform(8e4, 3.3e5, (2, N))
     theta, w = rng.uniform(-1.6, 1.6, N), rng.normal(0.0, 2.0, N)
@@ -75,10 +100,10 @@ def test_laws_agree_with_python(rig_text: str, tmp_path: Path) -> None:
     assert_same(c("motor_torque", volts)[0], base.motor_effort(volts, 0.0795, p.max_effort))
 
 
-def test_valve_laws_agree_with_python(bundle: dict[str, Any], tmp_path: Path) -> None:
+def test_valve_laws_agree_with_python(bundle: Bundle, tmp_path: Path) -> None:
     header(bundle, tmp_path)
     c = Compiled(tmp_path, LAWS, ())
-    p = parameters_from_bundle(bundle, rig_from_content(bundle["rig"], "rig"))
+    p = parameters_from_bundle(bundle, bundle.rig)
     rng = np.random.default_rng(2)
     pressure, supply = rng.uniform(7e4, 3.5e5, N), rng.uniform(2e5, 3.2e5, N)
     atmosphere = rng.uniform(9.5e4, 1.05e5, N)
@@ -98,10 +123,10 @@ def test_valve_laws_agree_with_python(bundle: dict[str, Any], tmp_path: Path) ->
         assert choked.any() and not choked.all()
 
 
-def test_chamber_equations_agree_with_python(bundle: dict[str, Any], tmp_path: Path) -> None:
+def test_chamber_equations_agree_with_python(bundle: Bundle, tmp_path: Path) -> None:
     header(bundle, tmp_path)
     c = Compiled(tmp_path, LAWS, ())
-    p = parameters_from_bundle(bundle, rig_from_content(bundle["rig"], "rig"))
+    p = parameters_from_bundle(bundle, bundle.rig)
     rng = np.random.default_rng(3)
     pressure, theta = rng.uniform(8e4, 3.3e5, N), rng.uniform(-1.6, 1.6, N)
     w, flow, rate = rng.normal(0, 2, N), rng.normal(0, 5e-4, N), rng.normal(0, 1e6, N)
@@ -124,7 +149,7 @@ def test_chamber_equations_agree_with_python(bundle: dict[str, Any], tmp_path: P
         assert np.isnan(c(f"pressure_rate_{side}", 1e5, beyond, 0.0, 0.0)[0])
 
 
-def test_an_input_that_is_not_a_number_gives_none(bundle: dict[str, Any], tmp_path: Path) -> None:
+def test_an_input_that_is_not_a_number_gives_none(bundle: Bundle, tmp_path: Path) -> None:
     header(bundle, tmp_path)
     c = Compiled(tmp_path, LAWS, ())
     for name, count in LAWS.items():
@@ -141,15 +166,14 @@ FLAGGED = tuple(
 )
 
 
-def compare_surfaces(bundle: dict[str, Any], folder: Path, seed: int) -> set[int]:
+def compare_surfaces(bundle: Bundle, folder: Path, seed: int) -> set[int]:
     """Every surface against Python on random points in and out of its domain; flags seen."""
     header(bundle, folder)
     c = Compiled(folder, dict.fromkeys(FLAGGED, 2), FLAGGED)
     rng = np.random.default_rng(seed)
     seen: set[int] = set()
     for side, direction in SLOTS:
-        part = bundle["valves"][side]["pwm"][direction]
-        surface = Bipolynomial.from_dict(part["bipolynomial"])
+        surface = model(bundle, side, direction, "bipolynomial")
         name = f"pwm_{side}_{direction}"
         duty, pressure = rng.uniform(-0.1, 1.1, N), rng.uniform(0.8e5, 3.3e5, N)
         flow = rng.uniform(-9e-4, 1.2e-3, N)
@@ -164,7 +188,7 @@ def compare_surfaces(bundle: dict[str, Any], folder: Path, seed: int) -> set[int
         np.testing.assert_allclose(found[0], wanted, rtol=1e-9, atol=1e-9)
         np.testing.assert_array_equal(found[1], flags)
         seen |= set(flags.tolist())
-        net = DutyNetwork.from_dict(part["ann"])
+        net = model(bundle, side, direction, "ann")
         wanted, flags = net.duty(flow, pressure)
         found = c(f"{name}_network_duty", flow, pressure)
         assert_same(found[0], wanted, scale=float(np.abs(net.output_weights_).sum()))
@@ -172,7 +196,7 @@ def compare_surfaces(bundle: dict[str, Any], folder: Path, seed: int) -> set[int
     return seen
 
 
-def test_surfaces_agree_with_python_on_every_branch(bundle: dict[str, Any], tmp_path: Path) -> None:
+def test_surfaces_agree_with_python_on_every_branch(bundle: Bundle, tmp_path: Path) -> None:
     seen = compare_surfaces(bundle, tmp_path, seed=4)
     for flag in Saturation:
         assert any(value & flag for value in seen), flag
@@ -191,7 +215,7 @@ def test_a_flow_that_every_duty_gives_has_the_lowest(rig_text: str, tmp_path: Pa
     header(bundle, tmp_path)
     c = Compiled(tmp_path, {"pwm_a_fill_duty": 2}, FLAGGED)
     pressure = np.linspace(1.1e5, 3.0e5, 20)
-    surface = Bipolynomial.from_dict(bundle["valves"]["a"]["pwm"]["fill"]["bipolynomial"])
+    surface = model(bundle, "a", "fill", "bipolynomial")
     wanted, flags = surface.duty(0.0, pressure)
     found = c("pwm_a_fill_duty", 0.0, pressure)
     assert_same(found[0], wanted)
@@ -199,7 +223,7 @@ def test_a_flow_that_every_duty_gives_has_the_lowest(rig_text: str, tmp_path: Pa
     assert (flags == Saturation.DECREASING).all()
 
 
-def test_the_inverse_inverts_the_flow(bundle: dict[str, Any], tmp_path: Path) -> None:
+def test_the_inverse_inverts_the_flow(bundle: Bundle, tmp_path: Path) -> None:
     header(bundle, tmp_path)
     c = Compiled(tmp_path, {"pwm_a_fill_flow": 2, "pwm_a_fill_duty": 2}, FLAGGED)
     rng = np.random.default_rng(5)
@@ -212,13 +236,13 @@ def test_the_inverse_inverts_the_flow(bundle: dict[str, Any], tmp_path: Path) ->
 # --- C: what is absent, names, units of translation --------------------------------------
 
 
-def test_what_is_not_identified_is_absent(bundle: dict[str, Any], tmp_path: Path) -> None:
-    bundle["friction"]["static_nm"] = unidentified("no ramp moves")
-    bundle["valves"]["a"]["discrete"]["c_dis"] = unidentified("always choked")
-    del bundle["valves"]["b"]["discrete"]
-    del bundle["valves"]["b"]["pwm"]["fill"]["ann"]
-    del bundle["valves"]["a"]["pwm"]["discharge"]
-    path, notices = header(bundle, tmp_path)
+def test_what_is_not_identified_is_absent(content: dict[str, Any], tmp_path: Path) -> None:
+    content["friction"]["static_nm"] = unidentified("no ramp moves")
+    content["valves"]["a"]["discrete"]["c_dis"] = unidentified("always choked")
+    del content["valves"]["b"]["discrete"]
+    del content["valves"]["b"]["pwm"]["fill"]["ann"]
+    del content["valves"]["a"]["pwm"]["discharge"]
+    path, notices = header(as_bundle(content), tmp_path)
     found = macros(path)
     absent = {
         "SYSID_HAS_FRICTION",
@@ -246,9 +270,8 @@ def test_what_is_not_identified_is_absent(bundle: dict[str, Any], tmp_path: Path
     )
 
 
-def test_a_bundle_of_friction_alone_compiles(bundle: dict[str, Any], tmp_path: Path) -> None:
-    del bundle["valves"]
-    path, _ = header(bundle, tmp_path)
+def test_a_bundle_of_friction_alone_compiles(bundle: Bundle, tmp_path: Path) -> None:
+    path, _ = header(bundle.replaced(valves=None), tmp_path)
     assert "network" not in path.read_text().replace("NETWORK", "")
     source = (
         '#include "controller.h"\nint main(void) { return sysid_cylinder_torque(1e5, 1e5) > 0; }'
@@ -256,7 +279,7 @@ def test_a_bundle_of_friction_alone_compiles(bundle: dict[str, Any], tmp_path: P
     subprocess.run([compile_c(tmp_path, source + "\n")], check=True)
 
 
-def test_two_translation_units_and_two_rigs(bundle: dict[str, Any], tmp_path: Path) -> None:
+def test_two_translation_units_and_two_rigs(bundle: Bundle, tmp_path: Path) -> None:
     header(bundle, tmp_path)
     export_bundle(bundle, tmp_path / "leg.h", "c", prefix="leg_")
     (tmp_path / "other.c").write_text(
@@ -271,12 +294,12 @@ def test_two_translation_units_and_two_rigs(bundle: dict[str, Any], tmp_path: Pa
         "other.c",
     )
     run = subprocess.run([program], capture_output=True, text=True, check=True)
-    surface = surface_from_dict(bundle["valves"]["a"]["pwm"]["fill"]["bipolynomial"])
+    surface = model(bundle, "a", "fill", "bipolynomial")
     wanted = float(surface.duty(1e-4, 2e5)[0])
     np.testing.assert_allclose([float(x) for x in run.stdout.split()], wanted, rtol=1e-12)
 
 
-def test_it_is_cplusplus_too(bundle: dict[str, Any], tmp_path: Path) -> None:
+def test_it_is_cplusplus_too(bundle: Bundle, tmp_path: Path) -> None:
     header(bundle, tmp_path)
     (tmp_path / "main.cpp").write_text('#include "controller.h"\nint main() { return 0; }\n')
     command = [compiler("g++"), "-std=c++11", "-Wall", "-Wextra", "-Werror", "-pedantic"]
@@ -298,21 +321,18 @@ def test_it_is_cplusplus_too(bundle: dict[str, Any], tmp_path: Path) -> None:
     ],
 )
 def test_a_rig_name_cannot_break_the_comment(
-    bundle: dict[str, Any], name: str, tmp_path: Path
+    content: dict[str, Any], name: str, tmp_path: Path
 ) -> None:
-    spoilt = copy.deepcopy(bundle)
-    spoilt["rig"]["rig"]["name"] = spoilt["created"] = name
-    spoilt["effects"] = [{"id": name, "parameters": {}}]
-    path, _ = header(spoilt, tmp_path)
+    content["rig"]["rig"]["name"] = content["created"] = name
+    content["effects"] = [{"id": name, "parameters": {}}]
+    path, _ = header(as_bundle(content), tmp_path)
     text = path.read_text("ascii")
     assert "#error" not in [line.strip()[:6] for line in text.splitlines()]
     compile_c(tmp_path, '#include "controller.h"\nint main(void) { return 0; }\n')
 
 
 @pytest.mark.parametrize("prefix", ["", "1a", "a-b", "_x", "a b", "é", "x" * 40, "a;\n"])
-def test_a_prefix_that_is_no_name_is_refused(
-    bundle: dict[str, Any], prefix: str, tmp_path: Path
-) -> None:
+def test_a_prefix_that_is_no_name_is_refused(bundle: Bundle, prefix: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="--prefix"):
         header(bundle, tmp_path, prefix=prefix)
     assert list(tmp_path.iterdir()) == []
@@ -324,7 +344,7 @@ def test_a_linear_rig_has_forces(tmp_path: Path) -> None:
     assert any("max_force_n" in line for line in notices)
     functions = {"cylinder_force": 2, "gravity_force": 1, "friction_force": 2, "motor_force": 1}
     c = Compiled(tmp_path, {**functions, "pressure_rate_b": 4}, ())
-    p = parameters_from_bundle(bundle, rig_from_content(bundle["rig"], "rig"))
+    p = parameters_from_bundle(bundle, bundle.rig)
     rng = np.random.default_rng(6)
     pa, pb = rng.uniform(1e5, 6e5, (2, N))
     wanted = base.cylinder_effort(pa, pb, p.area_a, p.area_b, p.atmosphere)

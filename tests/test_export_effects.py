@@ -8,11 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from export_bundles import RISING, whole_bundle
+from export_bundles import RISING, as_bundle, whole_bundle
 from export_compiler import Compiled, compile_c, header, macros
-from sysid.model.effects.serialise import effect_to_dict
 
+from sysid.bundle import Bundle, EffectEntry
 from sysid.bundle.assembled_model import parameters_from_bundle
+from sysid.bundle.effects import entry_of
+from sysid.errors import InputError
 from sysid.io.rig import rig_from_content
 from sysid.model.effects.chamber import AtmosphereLeakage, PistonLeakage, TubeLag
 from sysid.model.effects.entry import CatalogueEffect
@@ -63,9 +65,8 @@ FUNCTIONS = {
 }
 
 
-def with_effects(rig_text: str, effects: tuple[CatalogueEffect, ...]) -> dict[str, Any]:
-    content = [effect_to_dict(effect, {}) for effect in effects]
-    return {**whole_bundle(rig_text, [RISING] * 4), "effects": content}
+def with_effects(rig_text: str, effects: tuple[CatalogueEffect, ...]) -> Bundle:
+    return whole_bundle(rig_text, [RISING] * 4).with_effects(entry_of(e) for e in effects)
 
 
 def test_the_laws_agree_with_the_ports(rig_text: str, tmp_path: Path) -> None:
@@ -133,9 +134,9 @@ def test_the_laws_of_mechanics_agree_with_the_ports(
 
 
 def test_what_has_no_law_in_c_is_said(rig_text: str, tmp_path: Path) -> None:
-    bundle = with_effects(rig_text, (PressureOffset(2e3, "a"), TubeLag(1e-3), PressureGain(0.01)))
-    del bundle["effects"][2]["parameters"]["pressure_gain_error"]
-    path, notices = header(bundle, tmp_path)
+    bundle = with_effects(rig_text, (PressureOffset(2e3, "a"), TubeLag(1e-3)))
+    gain = EffectEntry(id="pressure-gain", parameters={"side": "both"})
+    path, notices = header(bundle.with_effects([gain]), tmp_path)
     assert [line for line in notices if "tube-lag, pressure-gain;" in line] == notices
     text, found = path.read_text(), macros(path)
     assert "NOT CONTAINED: the laws of these effects of the bundle: tube-lag, pressure-gain" in text
@@ -149,10 +150,18 @@ def test_what_has_no_law_in_c_is_said(rig_text: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("side", ["c", 1.0, "*/ int broken; /*"])
-def test_a_side_that_is_none_is_not_contained(rig_text: str, side: Any, tmp_path: Path) -> None:
+def test_a_side_that_is_none_is_refused_and_not_contained(
+    rig_text: str, side: Any, tmp_path: Path
+) -> None:
+    """No file gets past the reading; an entry that was made unchecked adds no law."""
     bundle = with_effects(rig_text, (PressureOffset(2e3, "a"),))
-    bundle["effects"][0]["parameters"]["side"] = side
-    path, _ = header(bundle, tmp_path)
+    content = bundle.to_json()
+    content["effects"][0]["parameters"]["side"] = side
+    with pytest.raises(InputError, match="side"):
+        as_bundle(content)
+    (entry,) = bundle.effects
+    unchecked = entry.replaced(parameters={**entry.parameters, "side": side})
+    path, _ = header(bundle.replaced(effects=[unchecked]), tmp_path, sha256="00" * 32)
     assert macros(path)["SYSID_EFFECTS_NOT_CONTAINED"] == 1
     compile_c(tmp_path, '#include "controller.h"\nint main(void) { return 0; }\n')
 

@@ -108,3 +108,15 @@ def test_a_class_name_has_one_meaning() -> None:
                 owners.setdefault(node.name, []).append(module)
     twice = {name: modules for name, modules in owners.items() if len(modules) > 1}
     assert not twice
+
+
+OUTSIDE = [
+    path for room in ("datasets", "benchmarks") for path in (PACKAGE.parent / room).rglob("*.py")
+]
+
+
+@pytest.mark.parametrize("path", OUTSIDE, ids=lambda path: f"{path.parent.name}/{path.name}")
+def test_data_and_benchmarks_use_the_library_not_the_commands(path: Path) -> None:
+    """What they want of a command they start as a process, as a user does."""
+    rooms = {target.split(".")[1] for target, _ in imported(path) if target.startswith("sysid.")}
+    assert "commands" not in rooms

@@ -40,6 +40,7 @@ from datasets.measured.findings import (
 from datasets.measured.page import render_page
 from datasets.measured.run import failed, law_of, run_sets
 from datasets.measured.sets import SETS_FOLDER
+from sysid.bundle.files import bundle_from_json
 from sysid.errors import InputError
 from sysid.io.tables import read_table
 
@@ -163,18 +164,34 @@ def test_a_set_that_fails_says_so_and_the_others_go_on(
 
 
 def test_the_law_is_read_out_of_a_bundle() -> None:
-    coulomb = {"value": 12.0, "unit": "N"}
-    static = {"value": None, "reason": "no test at rest", "unit": "N"}
+    coulomb = {"value": 12.0, "std": 0.1, "unit": "N"}
+    static = {"value": None, "identified": False, "reason": "no test at rest", "unit": "N"}
+    flow = {"value": 1e-3, "std": 1e-5, "unit": "kg/s"}
     bundle = {
         "schema": "sysid-bundle/1",
-        "friction": {"coulomb_n": coulomb, "static_n": static, "static_by_position": []},
-        "valves": {"a": {"discrete": {"c_fill": {"value": 1e-9, "unit": "kg/(s Pa)"}}}},
-        "effects": [{"parameters": {"x": {"value": 1.0, "unit": "-"}}}],
-        "provenance": {"options": {"value": 3, "unit": "-"}},
+        "created": "2026-01-02T03:04:05+00:00",
+        "sysid_version": "0",
+        "rig": {"rig": {"name": "axis", "motion": "linear"}},
+        "friction": {
+            "coulomb_n": coulomb,
+            "static_n": static,
+            "viscous_n_s_per_m": {"value": 3.0, "std": 0.2, "unit": "N s/m"},
+            "static_by_position": [],
+        },
+        "valves": {"a": {"steady": {"full_flow_kg_s": flow}}},
+        "effects": [{"id": "x", "parameters": {"x": {"value": 1.0, "unit": "-"}}}],
+        "provenance": {"logs": [], "options": {"value": 3, "unit": "-"}},
     }
-    law = law_of(bundle)
-    assert list(law) == ["friction.coulomb_n", "friction.static_n", "valves.a.discrete.c_fill"]
-    assert base_text(law) == "friction: coulomb_n; valves.a.discrete: c_fill"
+    law = law_of(bundle_from_json(bundle, Path("bundle.json")))
+    assert list(law) == [
+        "friction.coulomb_n",
+        "friction.static_n",
+        "friction.viscous_n_s_per_m",
+        "valves.a.steady.full_flow_kg_s",
+    ]
+    assert law["friction.coulomb_n"] == coulomb and law["friction.static_n"] == static
+    said = "friction: coulomb_n, viscous_n_s_per_m; valves.a.steady: full_flow_kg_s"
+    assert base_text(law) == said
 
 
 def test_repeats_are_counted() -> None:

@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from sysid.bundle.content import read_bundle, write_bundle
+from sysid.bundle import Bundle, EffectEntry, read_bundle, write_bundle
 from sysid.commands.app import main
 from sysid.commands.run import RunReport, run_campaign, show_run
 from sysid.commands.stages import EXPORTS
@@ -61,19 +61,21 @@ def test_a_first_run_does_every_stage(first: RunReport) -> None:
     assert first.report.stat().st_size < 6_000_000
     for name in EXPORTS.values():
         assert (first.folder / name).stat().st_size > 1000
-    uses = {log["file"]: log["use"] for log in first.bundle["validation"]["logs"]}
+    assert first.bundle.validation is not None
+    uses = {log.file: log.use for log in first.bundle.validation.validated()}
     assert uses["motion_pwm_2.parquet"] == "holdout"
     assert uses["motion_pwm.parquet"] == "fit"
 
 
 def test_held_out_logs_are_only_validated_on(first: RunReport) -> None:
-    fitted = read_bundle(first.folder / "fitted.json")["provenance"]["logs"]
-    assert not [e for e in fitted if e["use"] == "fit" and e["kind"].startswith("motion-")]
-    listed = {e["sha256"] for e in first.bundle["provenance"]["logs"]}
-    assert {e["sha256"] for e in fitted} < listed
-    held_out = {e["sha256"] for e in fitted if e["use"] == "holdout"}
+    fitted = read_bundle(first.folder / "fitted.json").provenance.logs
+    assert all(e.kind for e in fitted)
+    assert not [e for e in fitted if e.use == "fit" and e.family.startswith("motion-")]
+    listed = {e.sha256 for e in first.bundle.provenance.logs}
+    assert {e.sha256 for e in fitted} < listed
+    held_out = {e.sha256 for e in fitted if e.use == "holdout"}
     assert len(held_out) == 3
-    assert not held_out & {e["sha256"] for e in fitted if e["use"] == "fit"}
+    assert not held_out & {e.sha256 for e in fitted if e.use == "fit"}
 
 
 def test_a_second_run_does_nothing(
@@ -99,7 +101,7 @@ def test_a_resumed_report_shows_the_diagnosis_without_diagnosing_again(
 def test_the_extended_bundle_is_what_is_validated(first: RunReport) -> None:
     """Effects that a diagnosis file says were found are in the bundle that the run ends in."""
     diagnosis = json.loads((first.folder / "diagnosis.json").read_text())
-    effects = [entry["id"] for entry in read_bundle(first.folder / "bundle.json")["effects"]]
+    effects = [entry.id for entry in read_bundle(first.folder / "bundle.json").effects]
     assert effects == [effect["id"] for effect in diagnosis["effects"]]
     assert first.to_json()["diagnosis"]["verdict"] == diagnosis["verdict"]
     assert "figures" not in first.to_json()["diagnosis"]
@@ -114,18 +116,18 @@ def test_an_effect_in_the_extended_bundle_reaches_the_later_stages(
     def with_drag(run: Any) -> None:
         bundle = read_bundle(run.path("fitted.json"))
         parameters = {"drag_nm_s2_per_rad2": {"value": 0.02, "unit": "Nm s2/rad2"}}
-        bundle["effects"].append({"id": "quadratic-drag", "parameters": parameters})
-        write_bundle(bundle, run.path("extended.json"))
+        drag = EffectEntry.model_validate({"id": "quadratic-drag", "parameters": parameters})
+        write_bundle(bundle.with_effects([drag]), run.path("extended.json"))
         run.path("diagnosis.json").write_text((first.folder / "diagnosis.json").read_text())
 
     monkeypatch.setattr(stages, "_diagnose", with_drag)
     run = run_campaign(campaign, tmp_path)
-    assert [entry["id"] for entry in run.bundle["effects"]] == ["quadratic-drag"]
+    assert [entry.id for entry in run.bundle.effects] == ["quadratic-drag"]
     assert "quadratic-drag" in (tmp_path / EXPORTS["json"]).read_text()
 
-    def error(bundle: Any) -> float:
-        logs = bundle["validation"]["logs"]
-        return float(logs[0]["channels"]["theta_rad"]["rmse"])
+    def error(bundle: Bundle) -> float:
+        assert bundle.validation is not None
+        return float(bundle.validation.validated()[0].channels["theta_rad"].rmse)
 
     assert error(run.bundle) > 1.2 * error(first.bundle)
 

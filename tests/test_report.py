@@ -17,15 +17,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sysid.bundle.content import new_bundle
+from sysid.bundle import Bundle, FittedValves, Parts, Surface, Valve, bundle_text
+from sysid.bundle.files import bundle_from_json
+from sysid.bundle.validation import Validation
+from sysid.bundle.valves import PwmDirections
 from sysid.checks.log_check import check_log
 from sysid.display import numbers
+from sysid.estimation.linear import Estimate
 from sysid.io.campaign import FRICTION_KINDS, Campaign, read_campaign
 from sysid.io.source import Source
 from sysid.report import render_report, svg, write_report
 from sysid.report.interactive import packed
 from sysid.report.page import _json
 from sysid.report.verdict import verdict
+from sysid.valve_pwm import ValvePwmFit
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 BUNDLED = REPOSITORY / "datasets" / "bundled" / "campaign.toml"
@@ -113,7 +118,7 @@ class Made:
     """A campaign with all that the report is made from, and the page."""
 
     campaign: Campaign
-    bundle: dict[str, Any]
+    bundle: Bundle
     validation: Any
     checks: list[Any]
     path: Path
@@ -137,16 +142,12 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
     def trials(*kinds: str) -> list[Any]:
         return [t for e in campaign.select(kinds) for t in logs[e.file].trials]
 
-    friction = fit_friction(trials(*FRICTION_KINDS), campaign.rig).to_json()
-    valves: dict[str, Any] = fit_valve_discrete(trials("valve-discrete"), campaign.rig).to_json()
+    parts = fit_friction(trials(*FRICTION_KINDS), campaign.rig).part()
+    parts = parts.merged(fit_valve_discrete(trials("valve-discrete"), campaign.rig).part())
     pwm = fit_valve_pwm(trials("valve-pwm"), campaign.rig)
-    for side, part in pwm.to_json().items():
-        valves.setdefault(side, {}).update(part)
-    for (side, direction), fit in pwm.fits.items():
-        valves[side]["pwm"][direction]["ann"] = quick_network(fit)
-    bundle = new_bundle(
+    bundle = Bundle.new(
         campaign.rig,
-        {"friction": friction, "valves": valves},
+        parts.merged(with_quick_networks(pwm)),
         [Source.of(logs[e.file], e.use, e.kind) for e in campaign.logs],
         seeds={"surfaces": 0},
     )
@@ -164,15 +165,26 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
     return Made(campaign, bundle, validation, checks, path)
 
 
-def quick_network(fit: Any) -> dict[str, Any]:
+def with_quick_networks(pwm: ValvePwmFit) -> Parts:
+    """The surfaces of a fit, with a network in each."""
+    valves = pwm.part().valves
+    assert valves is not None
+    for (side, direction), fit in pwm.fits.items():
+        held = valves.side(side).surfaces(direction)
+        assert held is not None
+        directions = PwmDirections(**{direction: held.replaced(ann=quick_network(fit))})
+        valves = valves.merged(FittedValves(**{side: Valve(pwm=directions)}))
+    return Parts(valves=valves)
+
+
+def quick_network(fit: Any) -> Surface:
     """A network of one short training: as large on the page as a good one."""
     from sysid.surfaces import DutyNetwork
 
     points = fit.points
     network = DutyNetwork(domain=fit.domain, restarts=1, max_iter=40)
     network.fit(np.column_stack((points.flow, points.pressure)), points.duty, groups=points.test)
-    content: dict[str, Any] = network.to_dict()
-    return content
+    return Surface.model_validate(network.to_dict())
 
 
 @pytest.fixture(scope="module")
@@ -194,9 +206,10 @@ def hostile(made: Made, tmp_path_factory: pytest.TempPathFactory) -> Path:
         logs=(dataclasses.replace(log, file=HOSTILE_FILE, tests=(test,)),),
         notices=(HOSTILE_FILE,),
     )
-    bundle = json.loads(json.dumps({k: v for k, v in made.bundle.items() if k != "valves"}))
-    bundle["provenance"]["options"] = {HOSTILE_NAME: HOSTILE_FILE}
-    bundle["friction"]["trials"][0].update(used=False, test=HOSTILE_NAME, reason=HOSTILE_FILE)
+    content = json.loads(bundle_text(made.bundle.replaced(valves=None)))
+    content["provenance"]["options"] = {HOSTILE_NAME: HOSTILE_FILE}
+    content["friction"]["trials"][0].update(used=False, test=HOSTILE_NAME, reason=HOSTILE_FILE)
+    bundle = bundle_from_json(content, Path(HOSTILE_FILE))
     text = json.dumps(DIAGNOSIS).replace("backlash", HOSTILE_NAME)
     diagnosis = json.loads(text.replace("pressure-gain", HOSTILE_NAME))
     diagnosis["notices"] = [HOSTILE_FILE]
@@ -300,8 +313,8 @@ def test_json_cannot_end_its_script() -> None:
 
 
 def test_sections_without_their_part_are_left_out_and_said_so(made: Made) -> None:
-    bundle = {k: v for k, v in made.bundle.items() if k != "friction"}
-    bundle["valves"] = {"a": {"discrete": made.bundle["valves"]["a"]["discrete"]}}
+    valves = FittedValves(a=Valve(discrete=made.bundle.valve("a").discrete))
+    bundle = made.bundle.replaced(friction=None, valves=valves)
     html = render_report(campaign=made.campaign, bundle=bundle)
     sections = [a["id"] for a in outline(html).of("section")]
     assert sections == ["verdict", "data", "valves", "provenance"]
@@ -312,8 +325,9 @@ def test_sections_without_their_part_are_left_out_and_said_so(made: Made) -> Non
 
 
 def test_provenance_holds_every_checksum(made: Made) -> None:
-    for entry in made.bundle["provenance"]["logs"]:
-        assert entry["sha256"] in made.html
+    assert made.bundle.provenance.logs
+    for entry in made.bundle.provenance.logs:
+        assert entry.sha256 in made.html
 
 
 # --- what it says -----------------------------------------------------------------------
@@ -356,9 +370,10 @@ def test_verdict_falls_with_the_fit(made: Made) -> None:
 
 
 def test_unidentified_parameters_are_named(made: Made) -> None:
-    bundle = json.loads(json.dumps(made.bundle))
+    assert made.bundle.friction is not None
     reason = "no ramp reaches motion"
-    bundle["friction"]["static_nm"] = {"value": None, "identified": False, "reason": reason}
+    static = Estimate.unidentified("Nm", reason)
+    bundle = made.bundle.replaced(friction=made.bundle.friction.replaced(static_nm=static))
     notes = verdict(bundle, made.validation).notes
     assert any("friction.static_nm" in n and reason in n for n in notes)
 
@@ -416,7 +431,8 @@ def test_a_channel_that_never_varies_has_no_fit_percentage() -> None:
 
     channel = {"rmse": 1.0, "fit_percent": None, "noise_floor": 0.5}
     log = {"file": "still.csv", "use": "holdout", "valve_model": "discrete"}
-    table = validation_table({"logs": [{**log, "channels": {"theta_rad": channel}}]})
+    content = {"logs": [{**log, "channels": {"theta_rad": channel}}]}
+    table = validation_table(Validation.model_validate(content))
     assert [list(column.cells) for column in table.columns][5] == ["-"]
 
 
@@ -451,12 +467,12 @@ def test_friction_band_agrees_with_the_fit_s_errors(made: Made) -> None:
     """The jackknife's standard errors against those of the regression itself."""
     from sysid.report.friction import _jackknife
 
-    friction = made.bundle["friction"]
-    trials = [t for t in friction["trials"] if t["used"] and t["kind"] == "friction-sliding"]
-    spread = _jackknife(trials)
+    friction = made.bundle.friction
+    assert friction is not None
+    spread = _jackknife(friction.used("friction-sliding"))
     assert spread is not None
     for i, key in enumerate(("coulomb_nm", "viscous_nm_s_per_rad", "offset_nm")):
-        ratio = math.sqrt(spread[i, i]) / friction[key]["std"]
+        ratio = math.sqrt(spread[i, i]) / friction.estimates()[key].std
         assert 0.4 < ratio < 2.5, key
 
 
@@ -483,15 +499,13 @@ def test_numbers(value: float | None, digits: int, text: str) -> None:
 
 
 def test_estimates_show_two_digits_of_their_error() -> None:
-    estimate = {
-        "value": 6.51631e-4, "std": 4.2026e-7, "unit": "kg/s", "interval": [6.5080e-4, 6.5246e-4],
-    }  # fmt: skip
+    estimate = Estimate(6.51631e-4, 4.2026e-7, "kg/s", (6.5080e-4, 6.5246e-4))
     assert numbers.estimate_cells(estimate) == (
         "6.5163 × 10⁻⁴", "0.0042 × 10⁻⁴", "(6.5080 to 6.5246) × 10⁻⁴", "kg/s",
     )  # fmt: skip
-    delay = {"value": 0.00151, "std": 2.1e-5, "unit": "s", "interval": [None, 0.00155]}
+    delay = Estimate(0.00151, 2.1e-5, "s", (-math.inf, 0.00155))
     assert numbers.estimate_cells(delay) == ("1.510", "0.021", "−∞ to 1.550", "ms")
-    missing = {"value": None, "identified": False, "reason": "no test"}
+    missing = Estimate.unidentified("Nm", "no test")
     assert numbers.estimate_cells(missing)[::2] == ("not identified", "no test")
 
 

@@ -7,6 +7,7 @@ scatter of friction from test to test: with the true parameters only the sensors
 from __future__ import annotations
 
 import dataclasses
+import math
 from pathlib import Path
 from typing import Any
 
@@ -17,14 +18,17 @@ from datasets.generator.campaign import SMALL, GeneratedCampaign, make_campaign
 from datasets.generator.files import write_log
 from datasets.generator.rigs import rig_toml
 from datasets.generator.runs import Commands, GeneratedTest, at_atmosphere, simulated
+from sysid.bundle import Bundle, EffectEntry, LogRecord, Parts, read_bundle, write_bundle
 from sysid.bundle.assembled_model import (
     TabulatedSurfaces,
     model_from_bundle,
     parameters_from_bundle,
     surfaces_from_bundle,
 )
-from sysid.bundle.content import new_bundle, read_bundle, write_bundle
+from sysid.bundle.friction import Friction
+from sysid.bundle.valves import FittedValves, PwmDirections, PwmSurfaces
 from sysid.errors import InputError, NotIdentifiedError
+from sysid.estimation.linear import Estimate
 from sysid.io.campaign import MOTION_KINDS, Campaign, read_campaign
 from sysid.io.logs import Trial, with_channels
 from sysid.io.rig import Rig, rig_from_content
@@ -34,8 +38,6 @@ from sysid.validation import simulate_segments, validate
 from sysid.validation.motion_tests import MotionTest, channel_noise, prepare
 from sysid.validation.residual_tests import fit_percentage
 from sysid.validation.results import Errors, LogResult, ValidationResult
-
-Bundle = dict[str, Any]
 
 SEED = 1
 STEMS = ("motion_motor_2", "motion_pwm_2", "motion_discrete_2")
@@ -63,8 +65,8 @@ def written(made: GeneratedCampaign, folder: Path) -> Campaign:
     return read_campaign(folder / "campaign.toml")
 
 
-def estimate(value: float) -> dict[str, Any]:
-    return {"value": value, "std": 0.0, "unit": "SI"}
+def estimate(value: float, unit: str = "SI", interval: Any = None) -> Estimate:
+    return Estimate(value, 0.0, unit, interval or (math.nan, math.nan))
 
 
 def true_bundle(made: GeneratedCampaign, rig: Rig) -> Bundle:
@@ -73,7 +75,14 @@ def true_bundle(made: GeneratedCampaign, rig: Rig) -> Bundle:
         side: {"discrete": {k: estimate(v) for k, v in law.items()}}
         for side, law in made.truth["valves"].items()
     }
-    return new_bundle(rig, {"friction": friction, "valves": valves}, [])
+    parts = Parts(Friction.model_validate(friction), FittedValves.model_validate(valves))
+    return Bundle.new(rig, parts, [])
+
+
+def with_friction(bundle: Bundle, **fields: Estimate) -> Bundle:
+    """The bundle with other numbers in its friction."""
+    assert bundle.friction is not None
+    return bundle.replaced(friction=bundle.friction.replaced(**fields))
 
 
 @pytest.fixture(scope="module")
@@ -143,9 +152,9 @@ def test_white_pressure_residuals_pass_as_often_as_they_should(result: Validatio
 def test_a_wrong_friction_shows(
     campaign: Campaign, bundle: Bundle, result: ValidationResult
 ) -> None:
-    friction = dict(bundle["friction"])
-    friction["coulomb_nm"] = estimate(1.3 * friction["coulomb_nm"]["value"])
-    wrong = validate(campaign, {**bundle, "friction": friction}, kinds=("motion-motor",))
+    assert bundle.friction is not None and bundle.friction.coulomb_nm is not None
+    more = estimate(1.3 * bundle.friction.coulomb_nm.value)
+    wrong = validate(campaign, with_friction(bundle, coulomb_nm=more), kinds=("motion-motor",))
     right = result.logs[0]
     assert wrong.logs[0].file == right.file
     error, least = (r.channels["theta_rad"].horizons[1].rmse for r in (wrong.logs[0], right))
@@ -184,14 +193,17 @@ def test_the_result_goes_into_a_bundle(
     result: ValidationResult, bundle: Bundle, tmp_path: Path
 ) -> None:
     path = tmp_path / "bundle.json"
-    write_bundle({**bundle, "validation": result.to_json()}, path)
-    logs = read_bundle(path)["validation"]["logs"]
+    write_bundle(bundle.replaced(validation=result.record()), path)
+    read = read_bundle(path).validation
+    assert read is not None
+    logs = read.validated()
     assert len(logs) == 3
     for log in logs:
-        assert {"file", "sha256", "use", "kind", "valve_model"} <= set(log)
-        for channel in log["channels"].values():
-            assert {"rmse", "fit_percent", "noise_floor", "rmse_to_noise"} <= set(channel)
-        for test in log["tests"]:
+        assert {"file", "sha256", "use", "kind", "valve_model"} <= set(log.given())
+        for channel in log.channels.values():
+            assert {"rmse", "fit_percent", "noise_floor", "rmse_to_noise"} <= set(channel.given())
+        assert isinstance(log.tests, list)
+        for test in log.tests:
             assert test["channels"]["theta_rad"]["whiteness"]["band"] > 0.0
 
 
@@ -223,7 +235,8 @@ def test_pooled_errors_are_those_of_all_samples() -> None:
 
 def with_source(bundle: Bundle, log: LogResult, **changes: str) -> Bundle:
     entry = {"file": log.file, "sha256": log.sha256, "use": "fit", "kind": log.kind} | changes
-    return {**bundle, "provenance": {**bundle["provenance"], "logs": [entry]}}
+    logs = [LogRecord.model_validate(entry)]
+    return bundle.replaced(provenance=bundle.provenance.replaced(logs=logs))
 
 
 def test_a_holdout_log_that_was_fitted_on_is_refused(
@@ -243,8 +256,9 @@ def test_a_changed_log_is_refused(
 
 
 def test_another_rig_file_is_said(campaign: Campaign, bundle: Bundle) -> None:
-    other = {**bundle["rig"], "air": {**bundle["rig"]["air"], "temperature_k": 280.0}}
-    found = validate(campaign, {**bundle, "rig": other}, kinds=("motion-motor",))
+    air = {**campaign.rig.content["air"], "temperature_k": 280.0}
+    other = bundle.replaced(rig_content={**bundle.rig_content, "air": air})
+    found = validate(campaign, other, kinds=("motion-motor",))
     assert any("[air] differ" in notice for notice in found.notices)
 
 
@@ -253,27 +267,28 @@ def test_another_rig_file_is_said(campaign: Campaign, bundle: Bundle) -> None:
 
 def test_parameters_are_the_bundles(bundle: Bundle, campaign: Campaign) -> None:
     p = parameters_from_bundle(bundle, campaign.rig)
-    assert p.coulomb_effort == bundle["friction"]["coulomb_nm"]["value"]
-    assert p.c_dis_b == bundle["valves"]["b"]["discrete"]["c_dis"]["value"]
+    assert bundle.friction is not None and bundle.friction.coulomb_nm is not None
+    assert p.coulomb_effort == bundle.friction.coulomb_nm.value
+    law = bundle.valve("b").discrete
+    assert law is not None
+    assert p.c_dis_b == law.c_dis.value
     assert (p.inertia, p.offset) == (campaign.rig.total_inertia(), 0.0)
-    friction = {**bundle["friction"], "inertia_kg_m2": estimate(0.5), "offset_nm": estimate(0.01)}
-    p = parameters_from_bundle({**bundle, "friction": friction}, campaign.rig)
+    more = with_friction(bundle, inertia_kg_m2=estimate(0.5), offset_nm=estimate(0.01))
+    p = parameters_from_bundle(more, campaign.rig)
     # The base model has no offset: what a fit estimates beside friction is not part of it.
     assert (p.inertia, p.offset) == (0.5, 0.0)
 
 
 def test_an_offset_of_the_friction_fit_is_said(campaign: Campaign, bundle: Bundle) -> None:
     for low, said in ((-0.01, False), (0.005, True)):
-        offset = {**estimate(0.01), "interval": [low, 0.02]}
-        with_offset = {**bundle, "friction": {**bundle["friction"], "offset_nm": offset}}
+        with_offset = with_friction(bundle, offset_nm=estimate(0.01, interval=(low, 0.02)))
         found = validate(campaign, with_offset, kinds=("motion-motor",))
         assert any("offset of 0.01 Nm" in notice for notice in found.notices) == said
 
 
 def test_negative_friction_is_said_and_taken_for_none(campaign: Campaign, bundle: Bundle) -> None:
     """What a lacking effect made of it is no reason to refuse to look for the effect."""
-    friction = {**bundle["friction"], "coulomb_nm": {**estimate(-0.02), "unit": "Nm"}}
-    spoilt = {**bundle, "friction": friction}
+    spoilt = with_friction(bundle, coulomb_nm=estimate(-0.02, "Nm"))
     assert parameters_from_bundle(spoilt, campaign.rig).coulomb_effort == 0.0
     found = validate(campaign, spoilt, kinds=("motion-motor",))
     assert any("coulomb_nm is -0.02, which no friction is" in n for n in found.notices)
@@ -281,15 +296,15 @@ def test_negative_friction_is_said_and_taken_for_none(campaign: Campaign, bundle
 
 def test_an_incomplete_bundle_is_refused(bundle: Bundle, campaign: Campaign) -> None:
     with pytest.raises(NotIdentifiedError, match="holds no valve model"):
-        validate(campaign, {**bundle, "valves": {}})
+        validate(campaign, bundle.replaced(valves=FittedValves()))
     with pytest.raises(NotIdentifiedError, match="holds no friction"):
-        validate(campaign, {k: v for k, v in bundle.items() if k != "friction"})
-    unknown = {"value": None, "identified": False, "reason": "one level only"}
-    friction = {**bundle["friction"], "viscous_nm_s_per_rad": unknown}
+        validate(campaign, bundle.replaced(friction=None))
+    unknown = Estimate.unidentified("Nm s/rad", "one level only")
     with pytest.raises(NotIdentifiedError, match=r"one level only.*friction-sliding"):
-        model_from_bundle({**bundle, "friction": friction}, campaign.rig)
+        model_from_bundle(with_friction(bundle, viscous_nm_s_per_rad=unknown), campaign.rig)
+    stribeck = EffectEntry(id="stribeck-friction", parameters={})
     with pytest.raises(InputError, match="stribeck"):
-        model_from_bundle({**bundle, "effects": [{"id": "stribeck-friction"}]}, campaign.rig)
+        bundle.with_effects([stribeck]).model(campaign.rig)
 
 
 # --- PWM surfaces -------------------------------------------------------------------------
@@ -321,7 +336,7 @@ def exact_table(rig: Rig, law: dict[str, float]) -> TabulatedSurfaces:
     return TabulatedSurfaces(np.maximum(flow, 0.0), *ends, np.minimum(flow, 0.0), *ends)
 
 
-def fitted_surfaces(rig: Rig, law: dict[str, float]) -> dict[str, Any]:
+def fitted_surfaces(rig: Rig, law: dict[str, float]) -> PwmDirections:
     """A bundle's `pwm` part: bipolynomials fitted to the mean of the discrete law."""
     assert rig.air is not None
     assert rig.pwm is not None
@@ -337,24 +352,28 @@ def fitted_surfaces(rig: Rig, law: dict[str, float]) -> dict[str, Any]:
     parts = {}
     for direction, rows in (("fill", flow > 0.0), ("discharge", flow < 0.0)):
         surface = Bipolynomial().fit(np.column_stack([duty, pressure])[rows], flow[rows])
-        parts[direction] = {"pwm_period_s": rig.pwm.period_s, "bipolynomial": surface.to_dict()}
-    return parts
+        content = {"pwm_period_s": rig.pwm.period_s, "bipolynomial": surface.to_dict()}
+        parts[direction] = PwmSurfaces.model_validate(content)
+    return PwmDirections(**parts)
 
 
 @pytest.fixture(scope="module")
 def with_surfaces(made: GeneratedCampaign, campaign: Campaign, bundle: Bundle) -> Bundle:
     valves = {
-        side: {**bundle["valves"][side], "pwm": fitted_surfaces(campaign.rig, law)}
+        side: bundle.valve(side).replaced(pwm=fitted_surfaces(campaign.rig, law))
         for side, law in made.truth["valves"].items()
     }
-    return {**bundle, "valves": valves}
+    return bundle.replaced(valves=FittedValves(**valves))
 
 
 def test_the_table_is_the_surface(campaign: Campaign, with_surfaces: Bundle) -> None:
     found = surfaces_from_bundle(with_surfaces, campaign.rig, "bipolynomial")
     assert found is not None
-    content = with_surfaces["valves"]["b"]["pwm"]["fill"]["bipolynomial"]
-    surface = Bipolynomial.from_dict(content)
+    filling = with_surfaces.valve("b").surfaces("fill")
+    assert filling is not None
+    held = filling.surface("bipolynomial")
+    assert held is not None
+    surface = held.model()
     rng = np.random.default_rng(0)
     # Beyond the domain too, where both saturate.
     duty, pressure = rng.uniform(0.0, 1.0, 2000), rng.uniform(0.8e5, 3.4e5, 2000)

@@ -1,7 +1,7 @@
 """Runs measured sets with the ordinary command line, each command in a process of its own.
 
     sysid convert SOURCE --spec recipe.toml -o WORK/set/log.csv [--rows FIRST:LAST]
-    sysid fit CAMPAIGN -o bundle.json --json
+    sysid fit CAMPAIGN -o bundle.json
     sysid diagnose CAMPAIGN --bundle bundle.json -o extended.json --report report.html --json
 
 Nothing here knows of any set. What the commands print is kept, without paths of this machine.
@@ -15,7 +15,7 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,24 +29,14 @@ from datasets.measured.sets import (
     set_folders,
 )
 from sysid import __version__
+from sysid.bundle import Bundle, read_bundle
+from sysid.bundle.base import Part
 from sysid.errors import InputError, SysidError, input_error
+from sysid.estimation.linear import Estimate
 from sysid.types import Progress
 
 # Conversions at a time.
 _PROCESSES = 2
-# What a bundle holds besides laws.
-_NO_LAW = (
-    "schema",
-    "created",
-    "sysid_version",
-    "rig",
-    "effects",
-    "validation",
-    "provenance",
-    "remarks",
-    "notices",
-    "written",
-)
 
 
 class CommandFailedError(SysidError):
@@ -186,7 +176,8 @@ def _run_campaign(
     bundle, extended = str(results / "bundle.json"), str(results / "extended.json")
     try:
         progress(f"{measured.name}: fitting {campaign.file} ({campaign.name})")
-        said["law"] = law_of(_sysid(["fit", campaign.file, "-o", bundle, "--json"], work))
+        _sysid(["fit", campaign.file, "-o", bundle], work)
+        said["law"] = law_of(read_bundle(work / bundle))
         progress(f"{measured.name}: diagnosing {campaign.file}")
         report = str(results / "report.html")
         options = ["--bundle", bundle, "-o", extended, "--report", report, "--json"]
@@ -232,21 +223,26 @@ def _sysid(arguments: Sequence[str], folder: Path) -> dict[str, Any]:
     return content
 
 
-def law_of(bundle: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+def law_of(bundle: Bundle) -> dict[str, dict[str, Any]]:
     """The estimates of a bundle's laws by their dotted names, as `Estimate.to_json` has them."""
-    found: dict[str, dict[str, Any]] = {}
+    laws = {"friction": bundle.friction, "valves": bundle.valves}
+    return {
+        name: estimate.to_json()
+        for key in bundle.given()
+        for name, estimate in _estimates(laws.get(key), key)
+    }
 
-    def walk(part: Any, name: str) -> None:
-        if not isinstance(part, Mapping):
-            return
-        if "value" in part and ("unit" in part or "reason" in part):
-            found[name] = dict(part)
-            return
+
+def _estimates(part: Any, name: str) -> Iterator[tuple[str, Estimate]]:
+    """The estimates of a part and of the parts in it, in the file's order."""
+    if isinstance(part, Estimate):
+        yield name, part
+    elif isinstance(part, Part):
+        for key in part.given():
+            yield from _estimates(getattr(part, key), f"{name}.{key}")
+    elif isinstance(part, Mapping):
         for key, inner in part.items():
-            walk(inner, f"{name}.{key}" if name else str(key))
-
-    walk({key: part for key, part in bundle.items() if key not in _NO_LAW}, "")
-    return found
+            yield from _estimates(inner, f"{name}.{key}")
 
 
 def _without_paths(line: str, folders: Sequence[Path]) -> str:

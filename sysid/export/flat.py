@@ -347,7 +347,8 @@ def _effect(effect: EffectEntry, where: str) -> ExportedEffect:
         if not key.isidentifier() or not key.isascii() or key.startswith("_"):
             raise input_error(place, f"{key!r} is not a parameter's name", _AGAIN)
         if isinstance(content, Estimate):
-            values[key] = content.value if content.identified else None
+            known = content.identified
+            values[key] = _finite(content.value, f"{place}, {key}") if known else None
             units[key] = clean_text(content.unit)
         else:
             values[key], units[key] = clean_text(content), ""
@@ -383,7 +384,7 @@ def _number(estimate: Estimate, unit: str, where: str) -> float:
     """An estimate's value, whose unit must be the one that its name stands for."""
     if estimate.unit != unit:
         raise input_error(where, f"is in {estimate.unit!r}, not {unit!r}", _AGAIN)
-    return estimate.value
+    return _finite(estimate.value, where)
 
 
 def _finite(value: Any, where: str) -> float:
