@@ -14,6 +14,7 @@ from datasets.thesis.recompute import sliding_friction, static_friction
 from sysid.bundle import Bundle, Parts
 from sysid.bundle.files import shipped_schema
 from sysid.diagnosis.bench.component import Law
+from sysid.diagnosis.bench.diagnose import diagnose_component
 from sysid.diagnosis.bench.fitting import fit_law
 from sysid.diagnosis.bench.friction_readings import (
     KIND,
@@ -24,7 +25,6 @@ from sysid.diagnosis.bench.friction_readings import (
 )
 from sysid.diagnosis.bench.registry import component_of
 from sysid.diagnosis.bench.selection import Selection, folds_of, select
-from sysid.diagnosis.bench.verdict import diagnose_component
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import BENCH_KINDS, read_campaign

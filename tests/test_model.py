@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from benchmarks.rigs import REFERENCE
 from sysid.errors import InputError
 from sysid.io.rig import rig_from_content
-from sysid.model import base, flow_control, plant, timing
+from sysid.model import base, flow_control, plant, valve_timing
 from sysid.model.ports import Effect, Model, Point, join, split, stack_models
 
 # Table 3.6.1 with the supply pressures of figures 3.7 and 3.8.
@@ -28,7 +28,7 @@ THESIS_VALVES = {
 
 def test_importing_the_model_does_not_import_jax_or_scipy() -> None:
     code = (
-        "import sys, sysid.model, sysid.model.base, sysid.model.timing, sysid.model.ports;"
+        "import sys, sysid.model, sysid.model.base, sysid.model.valve_timing, sysid.model.ports;"
         "print([m for m in ('jax', 'scipy', 'torch') if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -359,7 +359,7 @@ ON, OFF = 0.0017, 0.0020
 
 
 def _open(opens: list[float], closes: list[float], on: float = ON, off: float = OFF) -> Any:
-    return timing.delayed(np.array(opens), np.array(closes), on, off)
+    return valve_timing.delayed(np.array(opens), np.array(closes), on, off)
 
 
 def test_edges_take_effect_after_their_delays() -> None:
@@ -381,7 +381,7 @@ def test_a_pulse_too_short_never_opens_the_valve() -> None:
 def test_the_duty_in_force_when_a_period_starts_holds_for_it() -> None:
     time = 10.0 + np.arange(20) / 1000.0
     duty = np.where(np.arange(20) < 7, 0.5, 0.2)  # changes within the second period
-    on, off = timing.pwm_intervals(time, duty, 0.005)
+    on, off = valve_timing.pwm_intervals(time, duty, 0.005)
     np.testing.assert_allclose(on, 10.0 + np.array([0.0, 0.005, 0.010, 0.015]))
     np.testing.assert_allclose(off - on, [0.0025, 0.0025, 0.001, 0.001], atol=1e-12)
 
@@ -389,14 +389,14 @@ def test_the_duty_in_force_when_a_period_starts_holds_for_it() -> None:
 def test_full_and_zero_duty_have_no_edges_in_between() -> None:
     time = np.arange(0, 100) / 1000.0
     duty = np.where(time < 0.0499, 1.0, 0.0)
-    on, off = timing.pwm_intervals(time, duty, 0.005)
+    on, off = valve_timing.pwm_intervals(time, duty, 0.005)
     np.testing.assert_allclose([on, off], [[0.0], [0.05]])
 
 
 def test_a_valve_that_was_on_before_the_first_row_stays_on_until_it_is_closed() -> None:
     time = np.arange(0, 10) / 1000.0
-    on, off = timing.switched_intervals(time, np.zeros(10), starts_on=True)
-    found = timing.delayed(on, off, ON, OFF)
+    on, off = valve_timing.switched_intervals(time, np.zeros(10), starts_on=True)
+    found = valve_timing.delayed(on, off, ON, OFF)
     assert found.is_open(np.array([0.0, 0.0019, 0.0021])).tolist() == [True, True, False]
 
 
@@ -411,13 +411,13 @@ def test_open_time_matches_a_valve_stepped_through_its_edges(
 ) -> None:
     period, rows = 0.005, 5
     time = np.arange(len(duties) * rows) / 1000.0
-    opens, closes = timing.pwm_intervals(time, np.repeat(duties, rows), period)
-    found = timing.delayed(opens, closes, on, off)
+    opens, closes = valve_timing.pwm_intervals(time, np.repeat(duties, rows), period)
+    found = valve_timing.delayed(opens, closes, on, off)
     # Edge by edge: one that overtakes the one before it takes it back.
     queue: list[tuple[float, bool]] = []
     for start, end in zip(opens, closes, strict=True):
         for at, is_open in ((start + on, True), (end + off, False)):
-            if queue and at - queue[-1][0] <= timing.TIME_TOLERANCE:
+            if queue and at - queue[-1][0] <= valve_timing.TIME_TOLERANCE:
                 queue.pop()
             else:
                 queue.append((at, is_open))
@@ -436,7 +436,7 @@ def test_open_fraction_of_a_sample_is_exact() -> None:
 
 def test_the_grid_splits_samples_at_edges_and_at_the_longest_step() -> None:
     time = np.arange(4) / 250.0
-    grid = timing.split_at(time, np.array([0.0005, 0.004, 0.00402]), 1e-3)
+    grid = valve_timing.split_at(time, np.array([0.0005, 0.004, 0.00402]), 1e-3)
     assert grid.duration.max() <= 1e-3 * (1 + 1e-6)
     ends = grid.start + grid.duration
     np.testing.assert_allclose(ends[grid.ends_sample], time[1:], atol=1e-12)
@@ -467,9 +467,9 @@ def test_the_grid_knows_where_the_valve_is_open(edges: list[float], jitter: floa
         with np.errstate(invalid="ignore"):
             ordered = ordered[np.concatenate(([True], np.diff(ordered) > 3e-9))]
     ordered = ordered[: len(ordered) // 2 * 2]
-    intervals = timing.OpenIntervals(ordered[0::2], ordered[1::2])
+    intervals = valve_timing.OpenIntervals(ordered[0::2], ordered[1::2])
     half = len(ordered) // 2
-    grid = timing.split_at(time, np.concatenate((ordered[0::2], ordered[1::2])), 1e-3)
+    grid = valve_timing.split_at(time, np.concatenate((ordered[0::2], ordered[1::2])), 1e-3)
     middle = time[0] + grid.start + 0.5 * grid.duration
     found = grid.is_open(slice(0, half), slice(half, 2 * half))
     long = grid.duration > 1e-8

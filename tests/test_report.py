@@ -28,8 +28,8 @@ from sysid.io.campaign import FRICTION_KINDS, Campaign, read_campaign
 from sysid.io.source import Source
 from sysid.report import render_report, svg, write_report
 from sysid.report.interactive import packed
+from sysid.report.opening import verdict
 from sysid.report.page import _json
-from sysid.report.verdict import verdict
 from sysid.valve_pwm import ValvePwmFit
 
 REPOSITORY = Path(__file__).resolve().parent.parent

@@ -26,7 +26,7 @@ from sysid.commands.options import (
 from sysid.commands.printing import estimate_cells, notices, print_json, progress
 from sysid.diagnosis import wording
 from sysid.diagnosis.actuator.result import Diagnosis
-from sysid.diagnosis.bench.verdict import ComponentDiagnosis
+from sysid.diagnosis.bench.diagnose import ComponentDiagnosis
 from sysid.diagnosis.campaign import diagnose_logs, extended_bundle
 from sysid.diagnosis.content import content, looks
 from sysid.display.terminal import console, new_table

@@ -1,4 +1,9 @@
-"""What a fitted model lacks: residuals, twins, screening, refit, verdict."""
+"""What a fitted model lacks: residuals, twins, screening, refit, verdict.
+
+`actuator/` and `bench/` diagnose, `campaign` chooses between them and extends the bundle,
+`thresholds` holds what both are judged by, `wording` the verdict in words, `content` what a
+report shows.
+"""
 
 from sysid.diagnosis.actuator.diagnose import diagnose
 from sysid.diagnosis.actuator.result import BeforeAfter, Diagnosis, FoundEffect

@@ -10,8 +10,8 @@ from sysid.bundle.base import Part
 from sysid.bundle.effects import entry_of
 from sysid.diagnosis import Diagnosis, diagnose
 from sysid.diagnosis.actuator.result import FoundEffect
+from sysid.diagnosis.bench.diagnose import ComponentDiagnosis, diagnose_component
 from sysid.diagnosis.bench.registry import part_tested
-from sysid.diagnosis.bench.verdict import ComponentDiagnosis, diagnose_component
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import Campaign, CampaignLog
 from sysid.io.channels import SIDES

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from sysid.diagnosis import Diagnosis
     from sysid.diagnosis.actuator.search import Search, Step, Suspect
     from sysid.diagnosis.actuator.unexplained import ResidualCurve
-    from sysid.diagnosis.bench.verdict import ComponentDiagnosis
+    from sysid.diagnosis.bench.diagnose import ComponentDiagnosis
 
 
 # Of each channel's regressors, those that the residual depends on most.
@@ -34,7 +34,7 @@ _FINE = 0.04
 
 def content(diagnosis: Diagnosis | ComponentDiagnosis) -> dict[str, Any]:
     """What `sysid diagnose --json` says (spec/cli.md), and under `figures` what is drawn."""
-    from sysid.diagnosis.bench.verdict import ComponentDiagnosis
+    from sysid.diagnosis.bench.diagnose import ComponentDiagnosis
 
     if isinstance(diagnosis, ComponentDiagnosis):
         drawn = {"looks": diagnosis.looks(), **_words(diagnosis), "unit": diagnosis.unit}

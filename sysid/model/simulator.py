@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from sysid.errors import NotIdentifiedError, SimulationError
 from sysid.io.channels import SIDES
-from sysid.model import plant, timing
+from sysid.model import plant, valve_timing
 from sysid.model._jax import jax, jnp
 from sysid.model.ports import Model, Point, Structure, join, split, stack_models
 from sysid.model.stepper import EventTable, Lanes, advance
@@ -88,7 +88,7 @@ class Trajectory:
 class _PreparedRun:
     """One run prepared: its sub-steps and commands on them."""
 
-    grid: timing.Grid
+    grid: valve_timing.Grid
     motor: FloatArray
     opens: dict[str, FloatArray]
 
@@ -96,18 +96,18 @@ class _PreparedRun:
         return len(self.motor)
 
 
-def open_intervals(inputs: Inputs, side: str, model: Model) -> timing.OpenIntervals:
+def open_intervals(inputs: Inputs, side: str, model: Model) -> valve_timing.OpenIntervals:
     """When a valve is really open, through the timing ports of the model's effects."""
     command = inputs.valve(side)
     if command is None:
-        return timing.OpenIntervals(np.zeros(0), np.zeros(0))
+        return valve_timing.OpenIntervals(np.zeros(0), np.zeros(0))
     p = model.parameters
     if command.is_duty:
-        on, off = timing.pwm_intervals(
+        on, off = valve_timing.pwm_intervals(
             inputs.time, command.values, float(p.pwm_period), command.starts_on
         )
     else:
-        on, off = timing.switched_intervals(inputs.time, command.values, command.starts_on)
+        on, off = valve_timing.switched_intervals(inputs.time, command.values, command.starts_on)
     for effect in model.effects:
         on, off = effect.pulses(on, off, side)
 
@@ -119,7 +119,7 @@ def open_intervals(inputs: Inputs, side: str, model: Model) -> timing.OpenInterv
 
     on_delay = float(getattr(p, f"on_delay_{side}"))
     off_delay = float(getattr(p, f"off_delay_{side}"))
-    return timing.delayed(on, off, on_delay, off_delay, port)
+    return valve_timing.delayed(on, off, on_delay, off_delay, port)
 
 
 def _prepare(inputs: Inputs, model: Model, averaged: bool, max_step: float) -> _PreparedRun:
@@ -128,7 +128,7 @@ def _prepare(inputs: Inputs, model: Model, averaged: bool, max_step: float) -> _
         return _prepare_averaged(inputs, model, max_step)
     intervals = {side: open_intervals(inputs, side, model) for side in SIDES}
     edges = [e for i in intervals.values() for e in (i.opens, i.closes)]
-    grid = timing.split_at(time, np.concatenate(edges), max_step)
+    grid = valve_timing.split_at(time, np.concatenate(edges), max_step)
     end = np.cumsum([len(e) for e in edges])
     opens = {
         "a": grid.is_open(slice(0, end[0]), slice(end[0], end[1])),
@@ -141,16 +141,16 @@ def _prepare_averaged(inputs: Inputs, model: Model, max_step: float) -> _Prepare
     """Sub-steps for an averaged valve model: split where a PWM period starts, not at edges."""
     time = np.asarray(inputs.time, dtype=float)
     period = float(model.parameters.pwm_period)
-    starts = timing.period_duties(time, np.zeros_like(time), period)[0]
-    grid = timing.split_at(time, starts, max_step)
-    after = grid.start + time[0] + timing.TIME_TOLERANCE
+    starts = valve_timing.period_duties(time, np.zeros_like(time), period)[0]
+    grid = valve_timing.split_at(time, starts, max_step)
+    after = grid.start + time[0] + valve_timing.TIME_TOLERANCE
     opens = {}
     for side in SIDES:
         command = inputs.valve(side)
         if command is None:
             opens[side] = np.zeros(len(grid.start))
         elif command.is_duty:
-            held = timing.period_duties(time, command.values, period)[1]
+            held = valve_timing.period_duties(time, command.values, period)[1]
             opens[side] = held[np.searchsorted(starts, after) - 1]
         else:
             opens[side] = np.asarray(command.values, dtype=float)[grid.row]
@@ -380,8 +380,8 @@ def simulate(
     return [Trajectory(np.asarray(one.time), *states[i]) for i, (one, _) in enumerate(pairs)]
 
 
-def _no_steps() -> timing.Grid:
-    return timing.Grid(
+def _no_steps() -> valve_timing.Grid:
+    return valve_timing.Grid(
         np.zeros(0), np.zeros(0), np.zeros(0, np.intp), np.zeros(0, bool), np.zeros(0, np.intp)
     )
 

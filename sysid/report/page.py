@@ -12,7 +12,7 @@ from sysid.bundle import Bundle, FittedValves
 from sysid.io.campaign import FRICTION_KINDS, MOTION_KINDS
 from sysid.io.files import write_atomic
 from sysid.report.blocks import Block, Fold, Plot, Section
-from sysid.report.verdict import ReportVerdict, verdict
+from sysid.report.opening import ReportVerdict, verdict
 from sysid.types import Progress
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from sysid.io.channels import CHAMBER_PRESSURES, SIDES
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.io.trial_kind import rows_per_ripple
-from sysid.model import timing
+from sysid.model import valve_timing
 from sysid.types import FloatArray, IntArray
 from sysid.validation.motion_checks import (
     MIN_ROWS,
@@ -231,7 +231,7 @@ def _allowed_starts(test: MotionTest, rig: Rig) -> IntArray:
     if not test.pulsed:
         return np.arange(len(test.time))
     period = rig.require("pwm", "which a test under PWM needs").period_s
-    starts, _ = timing.period_duties(test.time, np.zeros(len(test.time)), period)
+    starts, _ = valve_timing.period_duties(test.time, np.zeros(len(test.time)), period)
     row = np.searchsorted(test.time, starts - 1e-3 * test.period)
     row = np.minimum(row, len(test.time) - 1)
     return np.unique(row[np.abs(test.time[row] - starts) < 1e-3 * test.period])

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.io.rig import Rig
-from sysid.model import timing
+from sysid.model import valve_timing
 from sysid.types import FloatArray, IntArray
 
 # A test's rest is averaged over at most this time, s.
@@ -56,11 +56,11 @@ class ValveEdges:
 
     effective: FloatArray
     commanded: FloatArray
-    open: timing.OpenIntervals
+    open: valve_timing.OpenIntervals
 
     def pending(self, at: float) -> bool:
         """Whether an edge commanded before `at` takes effect only after it."""
-        tolerance = timing.TIME_TOLERANCE
+        tolerance = valve_timing.TIME_TOLERANCE
         under_way = (self.commanded < at - tolerance) & (self.effective > at + tolerance)
         return bool(under_way.any())
 
@@ -70,20 +70,20 @@ class ValveEdges:
 
     def was_open(self, at: float) -> bool:
         """Whether the valve is open just before a time."""
-        return bool(self.open.is_open(np.array([at - timing.TIME_TOLERANCE]))[0])
+        return bool(self.open.is_open(np.array([at - valve_timing.TIME_TOLERANCE]))[0])
 
 
 def valve_edges(time: FloatArray, command: FloatArray | None, pulsed: bool, rig: Rig) -> ValveEdges:
     """A valve's edges over a test, by the declared delays; `command` (n,), None: stays off."""
     if command is None:
-        return ValveEdges(_NO_TIMES, _NO_TIMES, timing.OpenIntervals(_NO_TIMES, _NO_TIMES))
+        return ValveEdges(_NO_TIMES, _NO_TIMES, valve_timing.OpenIntervals(_NO_TIMES, _NO_TIMES))
     on_delay, off_delay = (rig.valves.on_delay_s, rig.valves.off_delay_s) if rig.valves else (0, 0)
     if pulsed:
         period = rig.require("pwm", "which a test under PWM needs").period_s
-        on, off = timing.pwm_intervals(time, command, period)
+        on, off = valve_timing.pwm_intervals(time, command, period)
     else:
-        on, off = timing.switched_intervals(time, command)
-    is_open = timing.delayed(on, off, on_delay, off_delay)
+        on, off = valve_timing.switched_intervals(time, command)
+    is_open = valve_timing.delayed(on, off, on_delay, off_delay)
     effective = np.concatenate([is_open.opens, is_open.closes])
     commanded = np.concatenate([is_open.opens - on_delay, is_open.closes - off_delay])
     return ValveEdges(effective, commanded, is_open)
@@ -166,7 +166,7 @@ def state_within(
 
 def _between_edges(edges: ValveEdges, at: float, time: FloatArray) -> NDArray[np.bool_]:
     """Rows on the same side of every edge of the valve as the start."""
-    tolerance = timing.TIME_TOLERANCE
+    tolerance = valve_timing.TIME_TOLERANCE
     before = edges.effective[edges.effective <= at + tolerance]
     after = edges.effective[edges.effective > at + tolerance]
     low = before.max() if before.size else -math.inf

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from sysid.bundle import Bundle
 from sysid.diagnosis import content, wording
 from sysid.diagnosis.actuator.result import BeforeAfter, Diagnosis, FoundEffect, Verdict
-from sysid.diagnosis.bench.verdict import ComponentDiagnosis
+from sysid.diagnosis.bench.diagnose import ComponentDiagnosis
 from sysid.diagnosis.campaign import diagnose_logs, extended_bundle
 from sysid.display.numbers import number
 from sysid.display.plots import bars, one_axes

@@ -1,0 +1,6 @@
+"""What the model of a whole actuator lacks, judged against simulated twins.
+
+`diagnose` runs the loop (`loop`): `samples` of the logs, `equation_error` and its `whitening`,
+`signatures` of the effects, `twins` and what they score (`null_distribution`), `screening`,
+`refit` and `search`, `bias_correction`, `holdout` errors, `unexplained` structure, `result`.
+"""

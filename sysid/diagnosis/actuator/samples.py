@@ -22,7 +22,7 @@ from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.io.trial_kind import is_held
 from sysid.model.ports import Model
-from sysid.model.timing import OpenIntervals
+from sysid.model.valve_timing import OpenIntervals
 from sysid.types import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:

@@ -1,6 +1,8 @@
-"""Parts of a rig tested alone: an axis, a cylinder, a tank, a valve. Law, lack, verdict.
+"""Parts of a rig tested alone: an axis, a cylinder, a tank, a valve.
 
-Where a campaign holds no whole actuator (an axis without chambers, a tank without a piston,
-a valve on a bench) there is nothing to simulate a twin of. What the part's law lacks is then
-told by predicting tests that were left out.
+Where a campaign holds no whole actuator there is nothing to simulate a twin of: what the part's
+law lacks is judged by predicting held-out tests. The components are `axis`, `friction_readings`,
+`tank`, `valve_flow` and `valve_time`, entered in `registry`; `component` is what they have in
+common, and `diagnose` the loop over `fitting`, `starting_points`, `selection`, `stability` and
+`unexplained`.
 """

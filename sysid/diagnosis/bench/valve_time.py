@@ -26,7 +26,7 @@ from sysid.model import base
 from sysid.model.base import Parameters
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import Effect, Model, Point, overrides
-from sysid.model.timing import TIME_TOLERANCE, delayed
+from sysid.model.valve_timing import TIME_TOLERANCE, delayed
 from sysid.types import FloatArray
 
 KIND = "valve-time"

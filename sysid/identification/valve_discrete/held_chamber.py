@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.model.base import CRITICAL_RATIO
-from sysid.model.timing import delayed
+from sysid.model.valve_timing import delayed
 from sysid.types import FloatArray
 
 

@@ -13,7 +13,7 @@ from sysid.model import base
 from sysid.model.base import Array, array_namespace
 from sysid.model.effects.entry import CatalogueEffect, Quantity, of_side
 from sysid.model.ports import Point
-from sysid.model.timing import TIME_TOLERANCE
+from sysid.model.valve_timing import TIME_TOLERANCE
 
 
 def iso6358_share(ratio: Array, critical_ratio: Array, exponent: Array) -> Array:
