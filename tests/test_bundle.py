@@ -247,7 +247,7 @@ def test_unknown_keys_and_the_order_of_all_keys_are_kept(foreign: Bundle) -> Non
 def test_a_replaced_value_stands_where_the_old_one_stood(foreign: Bundle) -> None:
     assert foreign.friction is not None
     new, offset = (Estimate.symmetric(v, 0.01, "Nm", 8.0) for v in (0.3, 0.01))
-    friction = foreign.friction.replaced(coulomb_nm=new, offset_nm=offset, static_nm=None)
+    friction = foreign.friction.replaced(coulomb_nm=new, offset_nm=offset).without("static_nm")
     found = foreign.replaced(friction=friction)
     wanted = foreign.to_json()
     del wanted["friction"]["static_nm"]

@@ -271,7 +271,7 @@ def test_what_is_not_identified_is_absent(content: dict[str, Any], tmp_path: Pat
 
 
 def test_a_bundle_of_friction_alone_compiles(bundle: Bundle, tmp_path: Path) -> None:
-    path, _ = header(bundle.replaced(valves=None), tmp_path)
+    path, _ = header(bundle.without("valves"), tmp_path)
     assert "network" not in path.read_text().replace("NETWORK", "")
     source = (
         '#include "controller.h"\nint main(void) { return sysid_cylinder_torque(1e5, 1e5) > 0; }'

@@ -7,6 +7,7 @@ from its own room and from floors below it.
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -98,6 +99,13 @@ def test_no_circle_of_modules() -> None:
         free = {m for m, targets in arrows.items() if m not in done and targets <= done}
         assert free, f"a circle among {sorted(set(arrows) - done)}"
         done |= free
+
+
+def test_a_bundle_is_not_walked_by_keys() -> None:
+    """A bundle's content has types: text keys are for reading and writing its file."""
+    walked = re.compile(r"""\bbundle(\.get\(|\[)["']""")
+    found = {m: walked.findall(p.read_text("utf-8")) for m, p in MODULES.items()}
+    assert not {m: hits for m, hits in found.items() if hits}
 
 
 def test_a_class_name_has_one_meaning() -> None:

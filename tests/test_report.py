@@ -206,7 +206,7 @@ def hostile(made: Made, tmp_path_factory: pytest.TempPathFactory) -> Path:
         logs=(dataclasses.replace(log, file=HOSTILE_FILE, tests=(test,)),),
         notices=(HOSTILE_FILE,),
     )
-    content = json.loads(bundle_text(made.bundle.replaced(valves=None)))
+    content = json.loads(bundle_text(made.bundle.without("valves")))
     content["provenance"]["options"] = {HOSTILE_NAME: HOSTILE_FILE}
     content["friction"]["trials"][0].update(used=False, test=HOSTILE_NAME, reason=HOSTILE_FILE)
     bundle = bundle_from_json(content, Path(HOSTILE_FILE))
@@ -314,7 +314,7 @@ def test_json_cannot_end_its_script() -> None:
 
 def test_sections_without_their_part_are_left_out_and_said_so(made: Made) -> None:
     valves = FittedValves(a=Valve(discrete=made.bundle.valve("a").discrete))
-    bundle = made.bundle.replaced(friction=None, valves=valves)
+    bundle = made.bundle.without("friction").replaced(valves=valves)
     html = render_report(campaign=made.campaign, bundle=bundle)
     sections = [a["id"] for a in outline(html).of("section")]
     assert sections == ["verdict", "data", "valves", "provenance"]

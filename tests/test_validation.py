@@ -298,7 +298,7 @@ def test_an_incomplete_bundle_is_refused(bundle: Bundle, campaign: Campaign) -> 
     with pytest.raises(NotIdentifiedError, match="holds no valve model"):
         validate(campaign, bundle.replaced(valves=FittedValves()))
     with pytest.raises(NotIdentifiedError, match="holds no friction"):
-        validate(campaign, bundle.replaced(friction=None))
+        validate(campaign, bundle.without("friction"))
     unknown = Estimate.unidentified("Nm s/rad", "one level only")
     with pytest.raises(NotIdentifiedError, match=r"one level only.*friction-sliding"):
         model_from_bundle(with_friction(bundle, viscous_nm_s_per_rad=unknown), campaign.rig)

@@ -65,11 +65,13 @@ class Part(BaseModel):
         return self.model_dump(by_alias=True)
 
     def replaced(self, **fields: Any) -> Self:
-        """A copy with other values in these fields; None takes one out."""
-        made = self.model_copy(update={k: v for k, v in fields.items() if v is not None})
-        for name in (k for k, v in fields.items() if v is None):
-            made.__dict__[name] = None
-            made.__pydantic_fields_set__.discard(name)
+        """A copy with other values in these fields."""
+        return self.model_copy(update=fields)
+
+    def without(self, *names: str) -> Self:
+        """A copy that lacks these fields."""
+        made = self.model_copy(update=dict.fromkeys(names))
+        made.__pydantic_fields_set__.difference_update(names)
         return made
 
     def overlaid(self, other: Self) -> Self:

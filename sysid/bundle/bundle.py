@@ -25,6 +25,10 @@ if TYPE_CHECKING:
     from sysid.model.ports import Model
 
 
+# Parts that merging does not take over as they are.
+_OWN = ("effects", "validation")
+
+
 class Bundle(Shown, BundleContent):
     """Everything that was fitted of a rig (`spec/bundle.md`), as read from or written to JSON.
 
@@ -100,7 +104,7 @@ class Bundle(Shown, BundleContent):
 
     def with_effects(self, effects: Iterable[EffectEntry]) -> Bundle:
         """With these effects after those that it holds; its validation no longer holds."""
-        return self.replaced(effects=[*self.effects, *effects], validation=None)
+        return self.without("validation").replaced(effects=[*self.effects, *effects])
 
     def with_sources(self, sources: Iterable[Source]) -> Bundle:
         """With these logs in its provenance too."""
@@ -120,14 +124,13 @@ class Bundle(Shown, BundleContent):
                     f"was fitted with another rig file ([{section}] differs)",
                     "fit both with the same rig file, or write a new bundle with -o",
                 )
-        fields = {key: getattr(other, _field(key)) for key in other.given() if key != "effects"}
+        fields = {key: getattr(other, _field(key)) for key in other.given() if key not in _OWN}
         if self.valves is not None and other.valves is not None:
             fields["valves"] = self.valves.merged(other.valves)
-        return self.replaced(
+        return self.without("validation").replaced(
             **{_field(key): value for key, value in fields.items()}
             | {
                 "effects": other.effects or self.effects,
-                "validation": None,
                 "provenance": self.provenance.merged(
                     other.provenance, other_has_friction=other.friction is not None
                 ),
