@@ -9,7 +9,7 @@ from pathlib import Path
 
 
 class SysidError(Exception):
-    """Base of the errors that a user can mend; `exit_code` is the process' exit status.
+    """Base of the errors that a user can fix; `exit_code` is the process' exit status.
 
     >>> try:
     ...     si.read_rig("no such file.toml")
@@ -22,7 +22,7 @@ class SysidError(Exception):
 
 
 class InputError(SysidError):
-    """Unusable input or arguments (exit 2): one line that names the place and the mend.
+    """Unusable input or arguments (exit 2): one line that names the place and the fix.
 
     >>> si.read_log("campaign.csv", campaign.rig)
     Traceback (most recent call last):

@@ -15,7 +15,7 @@ def progress_or_shown(progress: Progress | None, doing: str) -> Iterator[Progres
     """The callback given; else one that shows each line while the work goes on.
 
     In a notebook the line below the cell changes, in a terminal a bar on standard error runs
-    beside it; both are gone at the end. A script whose output is piped shows nothing. `doing`
+    next to it; both are gone at the end. A script whose output is piped shows nothing. `doing`
     is what stands there first.
     """
     if progress is not None:

@@ -33,7 +33,7 @@ def report(
     """Write one self-contained HTML page about a campaign, whole or not at all.
 
     `found`: a diagnosis, or a bundle where none was made; `checked` a validation. Sections
-    without content are left out, and the page says so. `checks` None: every log is checked
+    without content are missing, and the page says so. `checks` None: every log is checked
     anew. Raises InputError where a log cannot be read or the file not be written.
 
     >>> si.report("out.html", campaign, bundle, checked)

@@ -66,7 +66,7 @@ class DirectionFit(Shown):
         return f"valve {self.valve.upper()}, {DIRECTIONS[self.direction]}, {tests} tests"
 
     def records(self) -> list[dict[str, Any]]:
-        """One a surface: its error in duty on tests left out of the fit (else: in it)."""
+        """One a surface: its error in duty on held-out tests (else: on the training tests)."""
         return [
             {
                 "valve": self.valve,
@@ -74,7 +74,7 @@ class DirectionFit(Shown):
                 "surface": name,
                 "rmse_duty": error.rmse,
                 "max_relative_error_percent": error.max_relative_error_percent,
-                "judged_on": "held-out tests" if "held_out" in errors else "fitted tests",
+                "judged_on": "held-out tests" if "held_out" in errors else "training tests",
             }
             for name, errors in self.errors.items()
             for error in [errors.get("held_out", errors["fitted"])]
