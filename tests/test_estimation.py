@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from benchmarks.coverage import first_order, linear_holds
+from benchmarks.interval_coverage import first_order, linear_holds
 from sysid.errors import NotIdentifiedError
 from sysid.estimation import linear as estimation
 from sysid.estimation.linear import Estimate

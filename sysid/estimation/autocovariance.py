@@ -5,7 +5,7 @@ One estimator for all fits: an autoregression of the residuals, its order by Aka
 method over all runs at once (de Waele, Broersen 2000, The Burg algorithm for segments), freed
 of what the fit itself took out of the residuals. Kernel estimates need far longer records: at
 200 samples of first-order noise with correlation 0.9 their 95 % intervals hold in 80 to 90 %
-of cases (`benchmarks/coverage.py`).
+of cases (`benchmarks/interval_coverage.py`).
 """
 
 from __future__ import annotations

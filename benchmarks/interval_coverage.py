@@ -1,6 +1,6 @@
 """How often 95 % intervals hold the truth, by estimator, errors and number of samples.
 
-    python benchmarks/coverage.py [--draws 1500] [--seed 1]
+    python benchmarks/interval_coverage.py [--draws 1500] [--seed 1]
 
 Series: errors of first order (correlation 0, 0.5, 0.9) on a constant and one more regressor:
 persistent noise, a sine of five periods, a ramp, white noise; and an exponential response

@@ -1,4 +1,4 @@
-"""How often intervals hold the truth: a short run of `benchmarks/coverage.py`.
+"""How often intervals hold the truth: a short run of `benchmarks/interval_coverage.py`.
 
 Bands are the share asked there, 92 to 98 %, and four standard errors of the run's own length.
 """
@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy import linalg, signal
 
-from benchmarks.coverage import (
+from benchmarks.interval_coverage import (
     ASKED,
     CLUSTERS,
     CORRELATIONS,
