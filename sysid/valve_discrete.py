@@ -256,10 +256,11 @@ def _jumps(curves: CurveFit, estimates: Mapping[str, Estimate], air: Air) -> dic
             else float(exhaust_jump(atmosphere, m.value, c.value))
         )
         i, k = (curves.fit.names.index(n) for n in (choked, unchoked))
-        shared = float(curves.covariance[i, k]) / (m.value * c.value)
+        shared = float(curves.covariance.matrix[i, k]) / (m.value * c.value)
         variance = (m.std / m.value) ** 2 + (c.std / c.value) ** 2 - 2.0 * shared
         std = 100.0 * (1.0 + value) * math.sqrt(max(variance, 0.0))
-        found[name] = Estimate.symmetric(100.0 * value, std, "%", curves.fit.dof)
+        dof = float(min(curves.covariance.dof[i], curves.covariance.dof[k]))
+        found[name] = Estimate.symmetric(100.0 * value, std, "%", dof)
     return found
 
 

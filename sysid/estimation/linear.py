@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.errors import NotIdentifiedError
+from sysid.estimation.autocovariance import correlated_covariance
+from sysid.estimation.covariance import Covariance
 from sysid.types import FloatArray
 
 LEVEL = 0.95
@@ -168,6 +170,17 @@ class LinearFit:
     def covariance(self) -> FloatArray:
         """(p, p), for independent errors of variance proportional to 1/weight."""
         return self.variance * self.unscaled
+
+    def correlated_covariance(self, groups: NDArray[np.intp] | None = None) -> Covariance:
+        """For errors that follow one another in time, relative to 1/sqrt(weight).
+
+        `groups` (n,) numbers the runs of rows that follow one another
+        (`sysid.estimation.autocovariance`).
+        """
+        root = np.sqrt(self.weights)
+        return correlated_covariance(
+            self.regressors * root[:, None], self.residuals * root, self.unscaled, groups
+        )
 
     @property
     def influence(self) -> FloatArray:
@@ -327,29 +340,3 @@ def _edge(rejected: Callable[[float], float], start: float, step: float) -> floa
         middle = 0.5 * (inside + outside)
         inside, outside = (middle, outside) if rejected(middle) <= 0.0 else (inside, middle)
     return 0.5 * (inside + outside)
-
-
-def long_run_covariance(fit: LinearFit) -> tuple[FloatArray, float]:
-    """Covariance of the coefficients (p, p) when the errors follow one another in time.
-
-    Newey and West's (1987) estimate with the Bartlett kernel; its bandwidth is the plug-in
-    of Andrews (1991) from first-order autoregressions of the scores. Returns it, and the
-    number of independent stretches less p, as degrees of freedom.
-    """
-    scores = fit.regressors * (fit.weights * fit.residuals)[:, None]
-    n, size = scores.shape
-    spread = np.sum(scores**2, axis=0)
-    spread[spread == 0.0] = 1.0
-    rho = np.clip(np.sum(scores[1:] * scores[:-1], axis=0) / spread, 0.0, 0.999)
-    innovation = (1.0 - rho**2) * spread / n
-    share = innovation**2 / np.sum(innovation**2 / (1.0 - rho) ** 4)
-    alpha = float(np.sum(4.0 * rho**2 / ((1.0 - rho) ** 6 * (1.0 + rho) ** 2) * share))
-    bandwidth = min(1.1447 * (alpha * n) ** (1.0 / 3.0), 0.2 * n)
-    covariance = scores.T @ scores
-    for lag in range(1, int(bandwidth) + 1):
-        shifted = scores[lag:].T @ scores[:-lag]
-        covariance += (1.0 - lag / (bandwidth + 1.0)) * (shifted + shifted.T)
-    dof = max(1.0, n / (bandwidth + 1.0) - size)
-    stretches = dof + size
-    covariance *= stretches / dof
-    return np.asarray(fit.unscaled @ covariance @ fit.unscaled), dof

@@ -17,7 +17,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.estimation.autocovariance import runs_of, tapered_autocovariance, toeplitz_product
+from sysid.estimation.autocovariance import correlated_covariance
+from sysid.estimation.covariance import Covariance
 from sysid.estimation.linear import Estimate
 from sysid.types import FloatArray
 
@@ -154,37 +155,34 @@ class LeastSquaresFit:
         """(p, p), for independent residuals of one variance."""
         return self.residual_std**2 * self._unscaled
 
-    def correlated_covariance(self, groups: NDArray[np.intp] | None = None) -> FloatArray:
-        """(p, p), for stationary residuals that are correlated from sample to sample.
+    def correlated_covariance(self, groups: NDArray[np.intp] | None = None) -> Covariance:
+        """For stationary residuals that are correlated from sample to sample.
 
-        (J'J)^-1 J' Omega J (J'J)^-1, Omega from the residuals' autocovariance with the
-        flat-top taper and the automatic bandwidth of Politis (2003, Adaptive bandwidth
-        choice). `groups` (n,) numbers the runs of residuals that follow one another in
-        time: there is no correlation between runs.
+        `groups` (n,) numbers the runs of residuals that follow one another in time: there is
+        no correlation between runs (`sysid.estimation.autocovariance`).
         """
-        runs = runs_of(len(self.residuals), groups)
-        gamma = tapered_autocovariance(self.residuals, runs, self.dof)
-        weighted = np.concatenate([toeplitz_product(self.jacobian[run], gamma) for run in runs])
-        meat = self.jacobian.T @ weighted
-        covariance = self._unscaled @ (0.5 * (meat + meat.T)) @ self._unscaled
-        # The taper may leave a tiny or negative variance where errors alternate in sign.
-        floor = 0.25 * np.diag(self.covariance)
-        low = np.diag(covariance) < floor
-        covariance[low, low] = floor[low]
-        return np.asarray(covariance)
+        free = self._free
+        place = np.ix_(free, free)
+        found = correlated_covariance(
+            self.jacobian[:, free], self.residuals, self._unscaled[place], groups
+        )
+        matrix, dof = np.zeros((len(free), len(free))), np.full(len(free), float(self.dof))
+        matrix[place], dof[free] = found.matrix, found.dof
+        return Covariance(matrix, dof)
 
-    def jackknife_covariance(self, groups: NDArray[np.intp]) -> FloatArray:
-        """(p, p), for parameters that differ from group to group (trial to trial).
+    def jackknife_covariance(self, groups: NDArray[np.intp]) -> Covariance:
+        """For parameters that differ from group to group (trial to trial).
 
         Leave-one-group-out jackknife (MacKinnon, White 1985: HC3 by cluster), each step
-        linearised at the minimum. Its intervals have as many degrees of freedom as there
-        are groups less one.
+        linearised at the minimum. It has as many degrees of freedom as there are groups less
+        one.
         """
         labels = np.unique(groups)
         moves = np.array([self._move_without(groups == g) for g in labels])
         moves -= moves.mean(axis=0)
         count = len(labels)
-        return np.asarray((count - 1) / count * moves.T @ moves)
+        matrix = np.asarray((count - 1) / count * moves.T @ moves)
+        return Covariance(matrix, np.full(len(matrix), count - 1.0))
 
     def _move_without(self, rows: NDArray[np.bool_]) -> FloatArray:
         """Change of the parameters (p,) when `rows` are left out."""
@@ -195,11 +193,11 @@ class LeastSquaresFit:
         move[self._free] = step / scale
         return move
 
-    def estimate(self, name: str, covariance: FloatArray | None = None) -> Estimate:
+    def estimate(self, name: str, covariance: Covariance | None = None) -> Estimate:
         """Value, standard error and Student's 95 % interval of one parameter.
 
-        `covariance` (p, p) overrules that of independent residuals. A parameter that is
-        stuck at a bound, or has no influence of its own, is not identified.
+        `covariance`, with its degrees of freedom, overrules that of independent residuals. A
+        parameter that is stuck at a bound, or has no influence of its own, is not identified.
         """
         i = self.names.index(name)
         parameter, d = self.parameters[i], self.diagnosis
@@ -213,9 +211,10 @@ class LeastSquaresFit:
             return Estimate.unidentified(
                 parameter.unit, f"the data cannot tell {name} from {others}"
             )
-        used = self.covariance if covariance is None else covariance
-        std = math.sqrt(max(float(used[i, i]), 0.0))
-        return Estimate.symmetric(float(self.values[i]), std, parameter.unit, self.dof)
+        if covariance is None:
+            covariance = Covariance(self.covariance, np.full(len(self.values), float(self.dof)))
+        dof = float(covariance.dof[i])
+        return Estimate.symmetric(float(self.values[i]), covariance.std(i), parameter.unit, dof)
 
     def report(self) -> str:
         """One line a parameter, and a remark on each that is stuck."""

@@ -84,7 +84,7 @@ class Refit:
             return (won - lost) * abs(won - lost) / max(won + lost, 1)
         shapes = {f"{self.id}/{q.name}" for q in type(self.effect).shapes()}
         fit = self.fit.holding(shapes)
-        covariance = fit.jackknife_covariance(tests)
+        covariance = fit.jackknife_covariance(tests).matrix
         places = [fit.names.index(f"{self.id}/{q.name}") for q in strong]
         strengths = fit.values[places]
         inverse = np.linalg.pinv(covariance[np.ix_(places, places)], hermitian=True)

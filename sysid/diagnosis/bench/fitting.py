@@ -17,7 +17,8 @@ from sysid.diagnosis.bench.starting_points import (
     residuals_of,
     side_of,
 )
-from sysid.estimation.autocovariance import runs_of, tapered_autocovariance
+from sysid.estimation.autocovariance import error_model
+from sysid.estimation.covariance import Covariance
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import LeastSquaresFit, Parameter, central_jacobian_of_all, minimise
 from sysid.model.effects.entry import CatalogueEffect, Quantity, with_values
@@ -78,14 +79,12 @@ class FittedLaw:
     @property
     def independent_samples(self) -> float:
         """As many as say as much of a mean as the residuals that follow one another do."""
-        gamma = tapered_autocovariance(
-            self.fit.residuals, runs_of(len(self.fit.residuals), self._groups), self.fit.dof
-        )
-        spread = float(gamma[0] + 2.0 * np.sum(gamma[1:]))
-        return len(self.fit.residuals) * min(float(gamma[0]) / max(spread, 1e-300), 1.0)
+        errors = error_model(self.fit.jacobian, self.fit.residuals, self._groups)
+        share = errors.variance / max(errors.long_run_variance, 1e-300)
+        return len(self.fit.residuals) * min(share, 1.0)
 
     @cached_property
-    def _covariance(self) -> FloatArray:
+    def _covariance(self) -> Covariance:
         return self.fit.correlated_covariance(self._groups)
 
     @cached_property

@@ -27,8 +27,6 @@ from sysid.estimation.linear import (
     Estimate,
     LinearFit,
     linear_fit,
-    long_run_covariance,
-    t_quantile,
 )
 from sysid.identification.friction.effort import MIN_SAMPLES, MOTION, EvenTrial, TrialUse, Units
 from sysid.types import FloatArray
@@ -241,19 +239,18 @@ def _fit_samples(
     if fits is not None:
         table = np.array([fit.coefficients for fit in fits])
         values, n = table.mean(axis=0), len(fits)
-        stds, dof = table.std(axis=0, ddof=1) / math.sqrt(n), float(n - 1)
+        stds, dofs = table.std(axis=0, ddof=1) / math.sqrt(n), np.full(table.shape[1], n - 1.0)
     else:
         values = pooled.coefficients
-        covariance, dof = long_run_covariance(pooled)
-        stds = np.sqrt(np.diag(covariance))
+        covariance = pooled.correlated_covariance(_trial_numbers(samples))
+        stds, dofs = np.sqrt(np.diag(covariance.matrix)), covariance.dof
         notices.append(
             "friction from motion: the intervals hold for these tests; what changes from one "
             f"test to the next shows only in {MIN_TRIALS_APART} tests or more"
         )
-    half = t_quantile(dof) * stds
     estimates = [
-        Estimate(float(v), float(s), unit, (float(v - h), float(v + h)))
-        for v, s, h, unit in zip(values, stds, half, names, strict=False)
+        Estimate.symmetric(float(v), float(s), unit, float(dof))
+        for v, s, unit, dof in zip(values, stds, names, dofs, strict=False)
     ]
     rmse, count = _rmse(samples, values, inertia)
     return MotionFriction(
@@ -281,9 +278,9 @@ def _coulomb_alone(
     x = np.concatenate([s.regressors[:, COULOMB] for s in samples])[:, None]
     y = np.concatenate([s.effort - inertia * s.regressors[:, INERTIA] for s in samples])
     fit = linear_fit(x, y, names=NAMES[:1])
-    covariance, dof = long_run_covariance(fit)
+    covariance = fit.correlated_covariance(_trial_numbers(samples))
     coulomb = Estimate.symmetric(
-        float(fit.coefficients[0]), math.sqrt(float(covariance[0, 0])), units.effort, dof
+        float(fit.coefficients[0]), covariance.std(0), units.effort, float(covariance.dof[0])
     )
     reason = "the axis slides at one speed each way: give motion at two speeds or more"
     values = np.array([coulomb.value, 0.0, 0.0])
@@ -298,6 +295,11 @@ def _coulomb_alone(
         False,
         (f"friction from motion: {reason}; the Coulomb friction holds at that speed",),
     )
+
+
+def _trial_numbers(samples: Sequence[MotionSamples]) -> NDArray[np.intp]:
+    """(n,): which trial each row of all samples belongs to."""
+    return np.repeat(np.arange(len(samples)), [len(s.effort) for s in samples])
 
 
 def _fit_apart(samples: Sequence[MotionSamples], inertia: float | None) -> list[LinearFit] | None:

@@ -7,7 +7,6 @@ pressure, and where it shows them the supply and the atmosphere that it settles 
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,6 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.estimation.covariance import Covariance
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import LeastSquaresFit, Parameter, central_jacobian, minimise
 from sysid.identification.valve_discrete.held_chamber import DiscreteValve, pressure_curve
@@ -57,8 +57,8 @@ class CurveFit:
         return groups
 
     @cached_property
-    def covariance(self) -> FloatArray:
-        """(p, p): sensors' noise may be coloured, so the residuals' own correlation is used."""
+    def covariance(self) -> Covariance:
+        """Sensors' noise may be coloured, so the residuals' own correlation is used."""
         return self.fit.correlated_covariance(self.groups)
 
     def residuals(self, index: int) -> FloatArray:
@@ -77,14 +77,17 @@ class CurveFit:
         """
         plain = self.fit.estimate(name, self.covariance)
         labels = np.array([p.source for p in self.problem.pieces])
-        count = len(np.unique(labels))
         if not plain.identified or not self._scatters(name):
             return plain, False
         _, trial = np.unique(labels, return_inverse=True)
         i = self.fit.names.index(name)
-        wide = math.sqrt(self.fit.jackknife_covariance(trial[self.groups])[i, i])
-        std = max(wide, plain.std)
-        return Estimate.symmetric(plain.value, std, plain.unit, count - 1), True
+        wide = self.fit.jackknife_covariance(trial[self.groups])
+        std = max(wide.std(i), plain.std)
+        return Estimate.symmetric(plain.value, std, plain.unit, float(wide.dof[i])), True
+
+    def inflation(self, column: int) -> float:
+        """What the noise's correlation adds to the variance of a parameter, as a factor."""
+        return float(self.covariance.matrix[column, column] / self.fit.covariance[column, column])
 
     def _scatters(self, name: str) -> bool:
         """Cochran's test of each piece's own estimate (one Gauss-Newton step) against their mean.
@@ -94,7 +97,7 @@ class CurveFit:
         from scipy.special import chdtrc
 
         column = self.fit.names.index(name)
-        inflation = self.covariance[column, column] / self.fit.covariance[column, column]
+        inflation = self.inflation(column)
         values, variances = [], []
         for index in range(len(self.problem.pieces)):
             columns = self.problem.columns[index]

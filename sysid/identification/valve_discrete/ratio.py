@@ -71,7 +71,9 @@ def critical_ratio(curves: CurveFit, direction: Direction) -> Estimate:
     )
     value, least = float(found.x), float(found.fun)
     rows = sum(len(p.pressure) for p in pieces)
-    limit = least + _inflation(curves, direction) * least / rows * t_quantile(rows) ** 2
+    column = curves.fit.names.index(direction.free[0])
+    quantile = t_quantile(float(curves.covariance.dof[column]))
+    limit = least + curves.inflation(column) * least / rows * quantile**2
     points = sorted(profile.items())
     lower = _crossing(sums, value, points, limit)
     upper = _crossing(sums, value, points[::-1], limit)
@@ -80,12 +82,6 @@ def critical_ratio(curves: CurveFit, direction: Direction) -> Estimate:
         return Estimate.unidentified("-", why)
     std = (upper - lower) / (2.0 * t_quantile(math.inf))
     return Estimate(value, std, "-", (lower, upper))
-
-
-def _inflation(curves: CurveFit, direction: Direction) -> float:
-    """What the noise's correlation adds to the variance of the direction's choked flow."""
-    i = curves.fit.names.index(direction.free[0])
-    return float(curves.covariance[i, i] / curves.fit.covariance[i, i])
 
 
 def _profile(
