@@ -26,6 +26,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("identification",),
     ("friction", "valve_discrete", "valve_pwm"),
     ("validation",),
+    ("control",),
     ("diagnosis",),
     ("assembly", "checks", "export"),
     ("report",),

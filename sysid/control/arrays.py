@@ -1,0 +1,99 @@
+"""Loops and branches that serve numpy and jax alike, and dataclasses taken apart into numbers.
+
+A controller is written once: called with numpy arrays it runs as it stands, called with jax
+arrays it becomes part of a compiled loop.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, TypeVar
+
+import numpy as np
+
+from sysid.model.base import Array, array_namespace
+
+Carry = TypeVar("Carry")
+
+
+def _is_compiled(value: Array) -> bool:
+    return array_namespace(value) is not np
+
+
+def repeat(count: int, body: Callable[[Any, Carry], Carry], carry: Carry, like: Array) -> Carry:
+    """body(i, carry) for i = 0 to count - 1; `like` is an array of the library in use."""
+    if not _is_compiled(like):
+        for i in range(count):
+            carry = body(i, carry)
+        return carry
+    from sysid.model.period_step import jax
+
+    result: Carry = jax.lax.fori_loop(0, count, body, carry)
+    return result
+
+
+def when(condition: Array, then: Callable[[], Carry], otherwise: Carry, like: Array) -> Carry:
+    """then() if the scalar `condition` holds, else `otherwise`; both of the same shapes."""
+    if not _is_compiled(like):
+        return then() if condition else otherwise
+    from sysid.model.period_step import jax
+
+    result: Carry = jax.lax.cond(condition, then, lambda: otherwise)
+    return result
+
+
+# --- dataclasses as structure and numbers ------------------------------------------------
+
+_NUMBER = (float, np.floating, np.ndarray)
+
+
+def take_apart(value: Any) -> tuple[Any, list[Array]]:
+    """A hashable structure of `value` and its numbers, in order.
+
+    Dataclasses and tuples are followed into; floats and arrays are numbers; anything else,
+    whole numbers and strings among it, belongs to the structure. `put_together` is the
+    inverse.
+    """
+    numbers: list[Array] = []
+
+    def walk(value: Any) -> Any:
+        if isinstance(value, _NUMBER):
+            numbers.append(value)
+            return "number"
+        if dataclasses.is_dataclass(value) and not isinstance(value, type):
+            fields = dataclasses.fields(value)
+            return (type(value), tuple((f.name, walk(getattr(value, f.name))) for f in fields))
+        if isinstance(value, tuple):
+            return ("tuple", tuple(walk(v) for v in value))
+        return ("fixed", value)
+
+    return walk(value), numbers
+
+
+def put_together(structure: Any, numbers: Sequence[Array]) -> Any:
+    """Rebuild what `take_apart` took apart."""
+    rest = iter(numbers)
+
+    def build(structure: Any, rest: Iterator[Array]) -> Any:
+        if structure == "number":
+            return next(rest)
+        kind, content = structure
+        if kind == "fixed":
+            return content
+        if kind == "tuple":
+            return tuple(build(part, rest) for part in content)
+        return kind(**{name: build(part, rest) for name, part in content})
+
+    return build(structure, rest)
+
+
+def stacked(values: Sequence[list[Array]]) -> list[Array]:
+    """Numbers of several instances of one structure, each with the lanes as its first axis."""
+    return [
+        np.stack([np.asarray(v, dtype=float) for v in column])
+        for column in zip(*values, strict=True)
+    ]
+
+
+__all__ = ["put_together", "repeat", "stacked", "take_apart", "when"]
