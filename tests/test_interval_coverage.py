@@ -22,7 +22,11 @@ from benchmarks.interval_coverage import (
     first_order,
     linear_coverage,
 )
-from sysid.estimation.autocovariance import correlated_covariance, error_model
+from sysid.estimation.autocovariance import (
+    Autoregression,
+    correlated_covariance,
+    error_model,
+)
 from sysid.estimation.linear import linear_fit
 from sysid.types import FloatArray
 
@@ -74,11 +78,20 @@ def test_errors_that_a_zero_phase_filter_made() -> None:
     assert in_band(held / 150, 150)
 
 
-def test_errors_that_alternate_make_a_mean_surer() -> None:
+def test_errors_that_alternate_do_not_make_a_mean_surer() -> None:
     noise = first_order(np.random.default_rng(16), 500, -0.8)
     fit = linear_fit(np.ones((500, 1)), noise)
     found = float(fit.correlated_covariance().matrix[0, 0])
-    assert found / fit.covariance[0, 0] == pytest.approx(1.0 / 9.0, rel=0.35)
+    assert found / fit.covariance[0, 0] == pytest.approx(1.0, rel=0.05)
+
+
+def test_independent_samples_of_persistent_errors() -> None:
+    """(1 + r)/(1 - r) samples count for one in a long run; two short ones count for two."""
+    shown = np.array([1.0, 0.8])
+    model = Autoregression(np.array([0.8]), 0.36, shown)
+    assert model.independent_samples([5000]) == pytest.approx(5000 / 9.0, rel=0.01)
+    assert model.independent_samples([2, 2]) == pytest.approx(2.0 * 2.0 / 1.8)
+    assert model.independent_samples([1, 1, 1]) == 3.0
 
 
 def test_covariance_is_the_one_of_the_model_written_out() -> None:

@@ -56,6 +56,14 @@ class Autoregression:
     def variance(self) -> float:
         return float(self.start[0])
 
+    def independent_samples(self, lengths: Sequence[int]) -> float:
+        """As many as say as much of a mean as runs of these lengths do; at most their sum."""
+        gamma = self.autocovariance(max(lengths))
+        lags = np.arange(len(gamma))
+        sums = [float(2.0 * np.maximum(n - lags, 0) @ gamma) - n * gamma[0] for n in lengths]
+        count = sum(lengths)
+        return float(count * min(count * self.variance / max(sum(sums), 1e-300), 1.0))
+
     @property
     def long_run_variance(self) -> float:
         """Sum of the autocovariance over all lags, both ways."""
@@ -119,7 +127,9 @@ def correlated_covariance(
 
     Omega is the covariance of the errors by `error_model`. The degrees of freedom are each
     coefficient's own (Satterthwaite 1946), two over the relative variance of its variance: a
-    mean of persistent errors has few, a contrast of neighbours has nearly n - p.
+    mean of persistent errors has few, a contrast of neighbours has nearly n - p. That errors
+    alternate, so that they cancel in a mean, is not counted on: what a law leaves of noiseless
+    data alternates too, and does not cancel.
     """
     count, columns = regressors.shape
     left = float(count - columns)
@@ -134,7 +144,12 @@ def correlated_covariance(
         part, change = _share_of(influence[run], model, spectrum, size)
         matrix += part
         changes += change
-    return Covariance(matrix, left / (1.0 + 0.5 * _relative_variance(model, matrix, changes)))
+    dof = left / (1.0 + 0.5 * _relative_variance(model, matrix, changes))
+    if model.long_run_variance < model.variance:
+        floor = model.variance * np.sum(influence**2, axis=0)
+        raised = np.sqrt(np.maximum(floor / np.maximum(np.diag(matrix), 1e-300), 1.0))
+        matrix *= np.outer(raised, raised)
+    return Covariance(matrix, dof)
 
 
 def _relative_variance(
@@ -189,7 +204,8 @@ def _burg(residuals: FloatArray, runs: Sequence[slice], most: int) -> tuple[Floa
             break
         found.append(2.0 * float(x @ y) / power)
         gain = math.log(max(1.0 - found[-1] ** 2, 1e-300))
-        criteria.append(criteria[-1] + count * gain + 2.0)
+        # Short runs have few pairs this far apart, and only these speak for a higher order.
+        criteria.append(criteria[-1] + int(np.count_nonzero(within)) * gain + 2.0)
         ahead, behind = (ahead - found[-1] * behind)[1:], (behind - found[-1] * ahead)[:-1]
     return np.array(found[: int(np.argmin(criteria))]), variance
 

@@ -79,9 +79,10 @@ class FittedLaw:
     @property
     def independent_samples(self) -> float:
         """As many as say as much of a mean as the residuals that follow one another do."""
-        errors = error_model(self.fit.jacobian, self.fit.residuals, self._groups)
-        share = errors.variance / max(errors.long_run_variance, 1e-300)
-        return len(self.fit.residuals) * min(share, 1.0)
+        # The residuals as they are: what the fit took out counts as its parameters (`p_value`).
+        nothing = np.zeros((len(self.fit.residuals), 0))
+        errors = error_model(nothing, self.fit.residuals, self._groups)
+        return errors.independent_samples(np.unique_counts(self._groups).counts.tolist())
 
     @cached_property
     def _covariance(self) -> Covariance:
