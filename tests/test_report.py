@@ -98,7 +98,7 @@ DIAGNOSIS: dict[str, Any] = {
             look("stribeck-friction", ("stribeck-friction", 5e4, 5.5e4, "added"),
                  ("quadratic-drag", 3e3, 2e3, "refitted, takes less")),
             look("pressure-gain", ("pressure-gain", 900.0, 1e3, "added")),
-            look(None, ("backlash", 12.0, None, "gains no more than chance may")),
+            look(None, ("backlash", 12.0, None, "gains no more than chance would")),
         ],
         "excess": {"effort": {"before": 6e4, "after": -12.0}},
         "curves": [
@@ -397,7 +397,7 @@ def test_diagnosis_is_told_on_top_and_in_its_section(made: Made) -> None:
     assert "not identified" in text and "no span" in text
     assert "pressure-gain may as well be pressure-offset" in text
     assert "A test that would tell: two known pressures" in text
-    assert "gains no more than chance may" in text
+    assert "gains no more than chance would" in text
     assert "--effects FILE" in text
     assert "a notice of the diagnosis" in text
 
