@@ -16,17 +16,17 @@ test: $(STAMP) browser
 	$(BIN)/mypy
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist worksteal
 
-# The report is tested in Debian's Chromium; where it cannot be installed those tests skip.
+# The report is tested in Debian's Chromium; where it cannot be installed those tests are skipped.
 browser:
 	@command -v chromium >/dev/null || { [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null \
 		&& apt-get update -qq && apt-get install -y -qq chromium >/dev/null; } \
-		|| echo "chromium is not here: the tests of the report in a browser will be skipped"
+		|| echo "chromium is not installed: the browser tests of the report will be skipped"
 
-# The example report, made again from the bundled campaign.
+# The example report, regenerated from the bundled campaign.
 reports: $(STAMP)
 	$(BIN)/python reports/make.py
 
-# Every measured set beside the project: its report, and the table in README.md.
+# Every measured set next to the project: its report, and the table in README.md.
 measured: $(STAMP)
 	$(BIN)/python -m datasets.measured --readme README.md
 

@@ -6,8 +6,8 @@
 `run` draws a campaign for each seed (nothing missing, one effect of the catalogue, one that
 no catalogue holds, two effects), in the size of a lab's, writes it to files, and runs
 `sysid fit` and `sysid diagnose --json` on it. One line of JSON a campaign is appended to
-the results; seeds that are there already are passed over, so that runs add up and can be
-spread over machines. `table` prints the figures with Wilson's 95 % intervals and the
+the results; seeds already present are skipped, so that runs accumulate and can be
+distributed over machines. `table` prints the figures with Wilson's 95 % intervals and the
 confusion of names. Seeds 1000 to 1999 are for development, 5000 on for the report: nothing
 is tuned on the latter. The program under test sees the campaign's files only; the model with
 the true parameters is simulated afterwards (`true_model.py`).
@@ -44,7 +44,7 @@ SECONDS = 900
 
 
 def draw(seed: int) -> dict[str, Any]:
-    """What a seed's campaign has: kind, effects as the generator's options, scatter."""
+    """A seed's campaign: kind, effects as the generator's options, scatter."""
     rng = np.random.default_rng([seed, 77])
     kind = str(rng.choice(KINDS, p=SHARES))
     names = {
@@ -121,7 +121,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def guarded(seed: int) -> dict[str, Any]:
-    """`one`, with what went wrong as a result."""
+    """`one`, with an error as its result if it fails."""
     try:
         return one(seed)
     except (subprocess.TimeoutExpired, OSError, ValueError) as error:
@@ -176,7 +176,7 @@ def names_class(result: dict[str, Any]) -> bool:
 
 
 def is_confidently_wrong(result: dict[str, Any]) -> bool:
-    """One name, no rival, no reservation, and wrong."""
+    """A single wrong name, without rivals or reservations."""
     found = result["diagnosis"]
     effects = found["effects"]
     alone = len(effects) == 1 and not effects[0]["ambiguous_with"]
@@ -185,7 +185,7 @@ def is_confidently_wrong(result: dict[str, Any]) -> bool:
 
 
 def intervals_hold(result: dict[str, Any]) -> list[bool]:
-    """Whether the interval of each strength that was found by its own law holds the truth."""
+    """Whether the interval of each strength found by its own law contains the truth."""
     found = {e["id"]: e["parameters"] for e in result["diagnosis"]["effects"]}
     held = []
     for drawn, truth in zip(result["effects"], result["truth"], strict=True):
@@ -250,7 +250,7 @@ def table(options: argparse.Namespace) -> None:
             "70 %",
         ),
         (
-            "intervals that hold the strength, form the catalogue's",
+            "intervals that contain the strength, form the catalogue's",
             [held for r in results for held in intervals_hold(r)],
             "90 to 98 %",
         ),

@@ -1,19 +1,19 @@
-"""The smallest size at which each effect of the catalogue would be seen, and three times it.
+"""The smallest size at which each effect of the catalogue is detectable, and three times it.
 
     python benchmarks/detectable.py table [--seed 4000]
     python benchmarks/detectable.py check RESULTS.jsonl [--seeds 4000 4001] [--times 3] [--jobs 2]
 
 `table`, on a generated campaign of a lab's size with nothing missing: the size at which an
-effect would be added, for its gain passes the twins' test and is a fair share of the excess
-over noise. From the length of its signature with the base parameters projected out, from
-what the twins gain and from the excess (gains go with the square of the size).
-Beside it the usual size on such a rig. Effects whose strengths come with a grid (thresholds)
-are given at the form that shows most.
+effect would be added, that is, its gain passes the twins' test and is a fair share of the
+excess over noise. It is computed from the length of the effect's signature with the base
+parameters projected out, from the twins' gains and from the excess (gains grow with the
+square of the size), and printed next to the usual size on such a rig. Effects whose
+strengths have a grid (thresholds) are given in the form with the largest gain.
 
-`check` makes the campaign of each seed again with each effect whose injected form is the
-catalogue's own law, so many `--times` as large as that law would just be seen on it, runs
-`sysid fit` and `sysid diagnose`, and prints which of them were detected. One line of JSON a
-campaign is appended to the results; what is there already is passed over.
+`check` generates the campaign of each seed with each effect whose injected form is the
+catalogue's own law, at `--times` its smallest detectable size there, runs `sysid fit` and
+`sysid diagnose`, and prints which of them were detected. One line of JSON per campaign is
+appended to the results; those already present are skipped.
 """
 
 from __future__ import annotations
@@ -49,13 +49,13 @@ from sysid.io.campaign import KINDS, read_campaign  # noqa: E402
 from sysid.model.effects import catalogue  # noqa: E402
 
 EFFECTS = {name: effect for name, effect in catalogue().items() if not effect.averaged_only}
-# Of its usual size: where an injected law's signature is taken.
+# Share of the usual size at which an injected law's signature is computed.
 PROBE = 0.1
 
 
 @dataclass(frozen=True)
 class Standard:
-    """A campaign with nothing missing as `sysid diagnose` looks at it: residual and twins."""
+    """A campaign with nothing missing as `sysid diagnose` sees it: residual and twins."""
 
     base: Projected
     null: Null
@@ -63,8 +63,8 @@ class Standard:
     def length_to_pass(self, name: str) -> float:
         """Length of a projected signature at which an effect would be added.
 
-        Its gain has to pass the twins' test, and to be a fair share of what is left beyond
-        noise, of which a rig's own numerics have some with nothing missing.
+        Its gain must pass the twins' test and be a fair share of the remainder beyond noise;
+        some of that is due to a rig's own numerics even with nothing missing.
         """
         excess = self.null.excess(self.base)
         own = sum(max(excess[c], 0.0) for c in channels_of(EFFECTS[name].neutral()))
@@ -77,7 +77,7 @@ class Standard:
 
 
 class CommandFailedError(Exception):
-    """A command did not end well: its last line."""
+    """A failed command: its last line."""
 
 
 def command(*words: str) -> str:
@@ -122,7 +122,7 @@ def table(options: argparse.Namespace) -> None:
     seen = standard(options.seed)
     base = seen.base
     signatures = Signatures(base.frame, base.model, base.residual)
-    print("| effect | strength | usual size | smallest size seen | usual / smallest |")
+    print("| effect | strength | usual size | smallest detectable | usual / smallest |")
     print("| --- | --- | --- | --- | --- |")
     for name, effect in EFFECTS.items():
         enough = seen.length_to_pass(name)
@@ -141,11 +141,11 @@ def table(options: argparse.Namespace) -> None:
         )
 
 
-# --- so many times the smallest size ----------------------------------------------------
+# --- a multiple of the smallest size -----------------------------------------------------
 
 
 def smallest_scale(seen: Standard, seed: int, form: str) -> float:
-    """Of its usual size: the scale at which an injected law would just be seen."""
+    """The share of its usual size at which an injected law is just detectable."""
     name, _, law = form.partition(":")
     injected = [e.content() for e in drawn_effects(seed, [(name, law, PROBE)])]
     base = seen.base
@@ -155,7 +155,7 @@ def smallest_scale(seen: Standard, seed: int, form: str) -> float:
 
 
 def check(options: argparse.Namespace) -> None:
-    """Append a line for every seed and law that the results do not hold yet, then the table."""
+    """Append a line for every seed and law missing from the results, then print the table."""
     path: Path = options.results
     known = {(r["seed"], r["form"], r["times"]) for r in read(path)} if path.exists() else set()
     with ThreadPoolExecutor(options.jobs) as pool, path.open("a") as file:
@@ -186,7 +186,7 @@ def check(options: argparse.Namespace) -> None:
 def jobs_of(
     seed: int, times: float, known: set[tuple[int, str, float]]
 ) -> Iterator[tuple[int, str, float, float]]:
-    """Seed, form, its smallest scale and by how many times it is injected."""
+    """Seed, form, its smallest scale and the factor by which it is injected."""
     forms = [form for form in SAME_LAW if (seed, form, times) not in known]
     if forms:
         seen = standard(seed)
@@ -195,7 +195,7 @@ def jobs_of(
 
 
 def diagnosed(seed: int, form: str, smallest: float, times: float) -> dict[str, Any]:
-    """Generate, fit and diagnose, as a user would; what went wrong is a result too."""
+    """Generate, fit and diagnose, as a user would; an error is a result too."""
     drawn = {"seed": seed, "form": form, "smallest": smallest, "times": times}
     with tempfile.TemporaryDirectory() as folder:
         campaign, bundle = str(Path(folder) / "campaign.toml"), str(Path(folder) / "bundle.json")

@@ -1,4 +1,4 @@
-"""`sysid run` on many times the bundled campaign's data: time and memory beside the original.
+"""`sysid run` on many times the bundled campaign's data: time and memory against the original.
 
     python benchmarks/growth.py [--times 20]
 

@@ -3,7 +3,7 @@
     python benchmarks/interruption.py [--kills 30] [--seed 0]
 
 Each kill is a SIGKILL at a moment drawn evenly over the run's own length, then the same
-folder is looked at: every file must be whole (JSON parses, HTML ends, the C header closes).
+folder is checked: every file must be complete (JSON parses, HTML ends, the C header closes).
 At the end one more call must finish.
 """
 
@@ -37,7 +37,7 @@ def is_whole(path: Path) -> bool:
 
 
 def main() -> None:
-    """Kill, look, and finish."""
+    """Kill, check, and finish."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--kills", type=int, default=30)
     parser.add_argument("--seed", type=int, default=0)

@@ -1,4 +1,4 @@
-"""Training the duty network beside scikit-learn's MLPRegressor, in one run.
+"""Training the duty network compared with scikit-learn's MLPRegressor, in one run.
 
 Both get the same 5,000 samples of filling tests at 96 duties (valve A of Table 3.6.1, 200 Hz,
 filtered as logs are, without noise so that its floor hides nothing), 10 tanh neurons and 20
@@ -42,7 +42,7 @@ def filling_samples() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def clocks() -> np.ndarray:
-    """Wall and processor time, s; on a machine with other work only the second is steady."""
+    """Wall and processor time, s; on a machine with other work only the second is reliable."""
     return np.array([time.perf_counter(), time.process_time()])
 
 

@@ -1,8 +1,8 @@
-"""The plant by scipy's solve_ivp, with events: slow, general, and shares no step with sysid.
+"""The plant by scipy's solve_ivp, with events: slow, general, and independent of sysid's steps.
 
 Between two valve edges or motor changes the equations of `sysid.model.base` are integrated
 with the regime (choked or not, sliding or sticking) frozen; every boundary of the regime is a
-terminal event, after which the regime is looked up anew.
+terminal event, after which the regime is determined again.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from sysid.model.simulator import Inputs, open_intervals
 from sysid.types import FloatArray
 
 SIDES = ("a", "b")
-# Within this of the supply, Pa, a chamber's law is so steep that only Radau gets through;
+# Within this of the supply, Pa, a chamber's law is so steep that only Radau succeeds;
 # within the second, its square root is a straight line.
 _STIFF_PA = 3000.0
 _LINEAR_PA = 1e-3

@@ -7,8 +7,8 @@
 accuracy: random rigs (seed 1) under PWM against 64 times finer steps, and the first
 `--solve-ivp` seconds of each against scipy's solve_ivp with events (rtol 1e-9). speed: a batch
 of 64 ten-second runs, a single one, and solve_ivp at equal error. compile: one process with an
-empty cache, then more with it filled. Other work on the machine spoils wall times: CPU time is
-beside them.
+empty cache, then more with it filled. Other work on the machine distorts wall times: CPU time
+is printed next to them.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ def timed(function: Callable[[], Any], times: int) -> tuple[list[float], list[fl
 
 
 def report(name: str, simulated: float, wall: list[float], cpu: list[float]) -> None:
-    """A line: times real time, fastest and median; the machine's load tells the two apart."""
+    """A line: times real time, fastest and median; they differ with the machine's load."""
     cores = min(2, len(os.sched_getaffinity(0)))
     best, median, busy = min(wall), statistics.median(wall), min(cpu)
     print(

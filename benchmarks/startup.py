@@ -1,4 +1,4 @@
-"""How quickly the commands start: whole processes, side by side, median of several.
+"""How quickly the commands start: whole processes, in turn, median of several.
 
     python benchmarks/startup.py
 

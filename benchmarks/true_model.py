@@ -1,4 +1,4 @@
-"""Held-out errors of the model with the true parameters, beside what a diagnosis reaches.
+"""Held-out errors of the model with the true parameters, for comparison with a diagnosis.
 
     python benchmarks/true_model.py CAMPAIGN BUNDLE TRUTH
 
@@ -72,13 +72,13 @@ SAME_LAW: dict[str, dict[str, str | float]] = {
 
 
 def true_value(form: str, parameter: str, values: dict[str, float]) -> float:
-    """A parameter of the catalogue's law from the truth's values of a form that is the same."""
+    """A parameter of the catalogue's law from the true values of the same form."""
     key = SAME_LAW[form][parameter]
     return values[key] if isinstance(key, str) else key
 
 
 def true_effects(truth: Sequence[dict[str, Any]]) -> tuple[Any, ...]:
-    """The injected effects by the catalogue's laws. KeyError for a form that is no such law."""
+    """The injected effects by the catalogue's laws. KeyError for a form that is not one."""
     from sysid.model.effects import catalogue
 
     effects = []

@@ -50,7 +50,7 @@ LENGTHS = (200, 1000, 6000)
 ORIENTATIONS = ("horizontal", "vertical")
 
 
-# --- open-loop error beside that of the true parameters ---------------------------------
+# --- open-loop error against that of the true parameters --------------------------------
 
 
 def written(generated: GeneratedCampaign, folder: Path) -> Campaign:

@@ -5,7 +5,7 @@ delays. Printed: RMSE in duty on held-out tests of the bipolynomial and of the n
 ratio, and the largest error of the round trip duty -> flow -> duty inside the domain.
 Targets: ratio at most 0.4, the network's RMSE at most 0.025, round trip within 0.5 points.
 
-Speed: `sysid fit valve-pwm` on 480,000 rows, the whole process, beside a process that only
+Speed: `sysid fit valve-pwm` on 480,000 rows, the whole process, against a process that only
 imports pandas and scipy.signal and reads the same CSV file. Target: at most 3 times its time.
 
     python benchmarks/valve_pwm.py surfaces [--seeds 1 2] [--hertz 200 250 300]
@@ -75,7 +75,7 @@ def round_trip(fit: DirectionFit) -> dict[str, tuple[float, float]]:
 
 
 def surfaces(seeds: list[int], frequencies: list[float]) -> None:
-    """Print one line a surface, and the worst of all."""
+    """Print one line per surface, and the worst of all."""
     print("seed   Hz valve direction  bipolynomial  network  ratio  round trip, points (left out)")
     worst = np.zeros(4)
     for seed in seeds:

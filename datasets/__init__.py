@@ -1,1 +1,1 @@
-"""Data that the project keeps, and what generates it."""
+"""The project's data, and the programs that generate them."""

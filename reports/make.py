@@ -1,8 +1,8 @@
-"""Make the example report and its picture again: `make reports` calls this.
+"""Regenerate the example report and its picture: `make reports` calls this.
 
     python reports/make.py
 
-The picture is left as it is, with a notice, where Chromium is not installed.
+The picture is not changed, with a notice, if Chromium is not installed.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def picture(page: Path, target: Path) -> None:
 
     chromium = shutil.which("chromium")
     if chromium is None:
-        print("chromium is not here: the picture is not made again", file=sys.stderr)
+        print("chromium is not installed: the picture is not regenerated", file=sys.stderr)
         return
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=CHROMIUM_OPTIONS)

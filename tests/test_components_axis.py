@@ -309,4 +309,4 @@ def test_kinds_of_two_parts_do_not_mix(campaign: Path, capsys: pytest.CaptureFix
     campaign.write_text(text)
     capsys.readouterr()
     assert main(["diagnose", str(campaign), "--bundle", bundle]) == 2
-    assert "give each a campaign" in capsys.readouterr().err
+    assert "give each kind its own campaign" in capsys.readouterr().err

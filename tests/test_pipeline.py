@@ -142,7 +142,7 @@ def test_without_a_diagnosis_the_fitted_bundle_stands(
     assert [stage["name"] for stage in printed["stages"]] == [s for s in STAGES if s != "diagnose"]
     assert printed["diagnosis"] is None
     html = (tmp_path / "report.html").read_text("utf-8")
-    assert '<section id="diagnosis"' not in html and "was not looked for" in html
+    assert '<section id="diagnosis"' not in html and "the model was not diagnosed" in html
 
 
 def test_a_campaign_that_cannot_be_diagnosed_goes_on_without(

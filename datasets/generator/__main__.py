@@ -24,13 +24,13 @@ from datasets.generator.files import Dialect, write_campaign, write_text
 from datasets.generator.rigs import GeneratedRig, random_rig, reference_rig
 
 _FLAGS = {
-    "counts": "encoder counts in place of the position",
+    "counts": "encoder counts instead of the position",
     "volts": "the motor's command in volts",
     "text_labels": "t1, t2 in place of test numbers",
     "comments": "comment lines on top of each CSV file",
-    "running_time": "time runs on from test to test",
+    "running_time": "time continues from test to test",
     "supply": "the measured supply pressure as a column",
-    "parquet": "Parquet in place of CSV",
+    "parquet": "Parquet instead of CSV",
 }
 
 
@@ -97,7 +97,9 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--scatter", type=_not_negative, default=0.02, help="of friction, trial to trial"
     )
-    p.add_argument("--noise", type=_not_negative, metavar="PA", help="pressure noise; else drawn")
+    p.add_argument(
+        "--noise", type=_not_negative, metavar="PA", help="pressure noise; default: drawn"
+    )
     p.add_argument("--pwm-frequency", type=_pwm_frequency, default=200.0, metavar="HZ")
     p.add_argument("--truth", type=Path, metavar="FILE", help="write the truth there, as JSON")
     p.add_argument(
@@ -108,7 +110,7 @@ def parser() -> argparse.ArgumentParser:
         metavar="ID[:FORM][*SCALE]",
         help="an undeclared effect, its size times SCALE; may be repeated",
     )
-    p.add_argument("--bundled", action="store_true", help="make datasets/bundled/ again")
+    p.add_argument("--bundled", action="store_true", help="regenerate datasets/bundled/")
     for name, text in _FLAGS.items():
         p.add_argument("--" + name.replace("_", "-"), action="store_true", help=text)
     return p
@@ -137,7 +139,7 @@ def _generate(p: argparse.ArgumentParser, a: argparse.Namespace, command: str) -
             kinds=a.kinds,
             effects=drawn_effects(a.seed, a.effect),
         )
-    except (ValueError, RuntimeError) as fault:  # effects that clash, a rig that does not move
+    except (ValueError, RuntimeError) as fault:  # conflicting effects, a rig that does not move
         p.error(str(fault))
     dialect = Dialect(**{name: getattr(a, name) for name in _FLAGS})
     written = write_campaign(a.output, campaign, command, dialect)
@@ -162,7 +164,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _without_places(given: list[str]) -> list[str]:
-    """The arguments without the paths of this machine, for the record."""
+    """The arguments without machine paths, for the record."""
     kept, skip = [], False
     for text in given:
         if not skip and text not in ("-o", "--output", "--truth"):

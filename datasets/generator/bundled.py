@@ -1,4 +1,4 @@
-"""The small campaign that ships in `datasets/bundled/`, and how it is made again bit for bit."""
+"""The small campaign that ships in `datasets/bundled/`, and how to regenerate it bit for bit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whole campaigns in memory, each test from its own seed, so that any part can be made alone."""
+"""Whole campaigns in memory, each test with its own seed, so that any part can be made alone."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _STREAMS = (
 
 @dataclass(frozen=True)
 class Size:
-    """How much is measured: trials, tests and the step between duties."""
+    """The size of a campaign: trials, tests and the step between duties."""
 
     repeats: int  # friction trials per position (or level) and direction
     friction_motions: int
@@ -58,7 +58,7 @@ class Size:
 SMALL = Size(2, 2, 2, 0.04, (2, 1), (3, 2), (2, 1))
 STANDARD = Size(3, 3, 3, 0.02, (3, 1), (4, 2), (3, 1))
 LARGE = Size(6, 6, 6, 0.01, (6, 2), (8, 4), (6, 2))
-# As much as a lab's usual campaign: the friction motions are left to the motion logs.
+# The size of a lab's usual campaign: the friction motions are left to the motion logs.
 LAB = Size(3, 0, 3, 0.04, (3, 1), (4, 2), (3, 1), slidings=14)
 _SIZES = {"small": SMALL, "standard": STANDARD, "lab": LAB, "large": LARGE}
 
@@ -145,7 +145,7 @@ class _Maker:
         ]
 
     def sliding(self, repeats: int, count: int | None) -> list[GeneratedTest]:
-        """All levels in both directions, `repeats` times, or `count` trials of them in turn."""
+        """All levels in both directions, `repeats` times, or `count` trials in a cycle."""
         speeds = friction_tests.SPEEDS
         plan = [(s, d) for s in speeds for d in (1, -1) for _ in range(repeats)]
         if count is not None:
@@ -255,7 +255,7 @@ def make_friction_tests(
 
 
 def with_pwm_frequency(rig: GeneratedRig, frequency: float) -> GeneratedRig:
-    """The same rig, its valves pulsed at another frequency, Hz."""
+    """The same rig with its valves pulsed at another frequency, Hz."""
     content = {**rig.content, "pwm": {"period_s": round(1.0 / frequency, 12)}}
     return dataclasses.replace(rig, content=content)
 

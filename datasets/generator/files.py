@@ -116,7 +116,7 @@ def _write_csv(path: Path, frame: pd.DataFrame, rig: GeneratedRig, dialect: Dial
 
 @contextlib.contextmanager
 def _whole(path: Path) -> Iterator[Path]:
-    """A temporary name beside `path`, which takes its name only when all is written."""
+    """A temporary name next to `path`, renamed to it only when everything is written."""
     partial = path.with_name(f".{path.name}.partial")
     try:
         yield partial

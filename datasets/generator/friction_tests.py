@@ -23,8 +23,8 @@ RAMP_S = 4.2  # from zero to the motor's limit
 STATIC_LIMIT = 0.9  # of the half travel, where a ramp is ended at the latest
 SLIDING_START, SLIDING_END = 0.76, 0.83
 SLIDING_LIMIT_S = 4.0
-CLEAR_MOTION = 0.006  # half travels that no one takes for elasticity, 10 mrad
-FIRMER, MOST_FIRMER = 0.03, 8  # of the limit: a level that stalls is raised so, so many times
+CLEAR_MOTION = 0.006  # half travels that are not mistaken for elasticity, 10 mrad
+FIRMER, MOST_FIRMER = 0.03, 8  # of the limit: raise of a level that stalls, and how often
 SPEEDS = (0.25, 0.5, 0.9)  # half travels a second at which the levels aim
 KICK_S = 0.06
 
@@ -83,7 +83,7 @@ def static_test(
         rig, rig.plant(*factors), commands, at_atmosphere(rig, position), (-limit, limit)
     )
     counts = position_counts(states[:, POSITION], rig)
-    # Bristles and gaps give a little before the shaft moves: there the operator waits for more.
+    # Bristles and gaps yield slightly before the shaft moves: there the operator waits for more.
     least = CLEAR_MOTION * rig.half_travel / rig.position_per_count if rig.effects else 0.0
     moved = np.flatnonzero(np.abs(counts - counts[0]) > least)
     if moved.size == 0:

@@ -1,4 +1,4 @@
-"""The plant's equations, written independently of `sysid.model`, so that a slip in one shows.
+"""The plant's equations, written independently of `sysid.model`, so that an error in one shows.
 
 Thesis chapter 3 with the corrections of its equations: torque balance (3.3.1-3.3.11), proper
 Coulomb and viscous friction with breakaway (3.4.1), adiabatic chambers (3.3.6), and the
@@ -262,7 +262,7 @@ def next_regime(x: FloatArray, channel: int, opened: int, regime: int, c: Chambe
 
 @compiled
 def margins(x: FloatArray, mode: IntArray, command: float, p: Plant, out: FloatArray) -> float:
-    """What is left before each event, negative once it has passed; returns the least."""
+    """The margin before each event, negative once it has passed; returns the least."""
     out[:] = 1.0
     if mode[HELD] == 0:
         if mode[SLIDE] == 0:

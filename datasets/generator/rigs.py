@@ -1,6 +1,6 @@
 """Rigs: the thesis' reference machine, and random ones around it.
 
-A rig is what `rig.toml` declares (`content`) and what no file tells (`Truth`). In the base model
+A rig is what `rig.toml` declares (`content`) and what no file contains (`Truth`). In the base model
 the two agree; an undeclared effect is in the truth alone (`effects`).
 """
 
@@ -212,7 +212,7 @@ def reference_rig(
     }
     if linear:
         content["rig"]["motion"] = "linear"
-        # In the vertical a rotary rig's pendulum has no like: a mass that the friction can hold.
+        # A vertical linear rig has no pendulum: its mass is one that the friction can hold.
         mass = 0.6 if orientation == "vertical" else _digits(0.02368 / r**2)
         content["inertia"] = {"mass_kg": mass, "payload_mass_kg": payload_kg}
         content["motor"] = {"force_per_volt_n": 2.12, "max_force_n": 21.2}

@@ -112,7 +112,7 @@ def simulated(
         tolerance,
     )
     if rows == 0:
-        raise RuntimeError("the integration's steps ran away: is the rig plausible?")
+        raise RuntimeError("the integration needs too many steps: is the rig plausible?")
     return np.asarray(states[:rows])
 
 

@@ -1,5 +1,5 @@
-"""Measured sets: what turns each into campaigns, and the one command that runs them all.
+"""Measured sets: recipes that turn each into campaigns, and one command that runs them all.
 
-The data are not here: they lie in ../shared/data, and nothing of them is copied into the
+The data are not here: they are in ../shared/data, and nothing of them is copied into the
 project. See README.md.
 """

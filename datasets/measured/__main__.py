@@ -43,14 +43,16 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--work", type=Path, default=PROJECT / "out" / "measured")
     parser.add_argument("--only", action="append", default=[], metavar="SET", help="repeatable")
     parser.add_argument(
-        "--readme", type=Path, help="put the overview between the markers of this file too"
+        "--readme", type=Path, help="also put the overview between the markers of this file"
     )
     return parser
 
 
 def _run(options: argparse.Namespace) -> int:
     if options.output.suffix == ".json":
-        raise input_error(options.output, "is to be a page", "name a .html (JSON goes beside it)")
+        raise input_error(
+            options.output, "is not an HTML page", "name a .html file (JSON is written next to it)"
+        )
     folders = chosen(options.sets, options.only, options.data)
     options.output.parent.mkdir(parents=True, exist_ok=True)
     results = run_sets(folders, options.data, options.work, _say)
@@ -63,7 +65,7 @@ def _run(options: argparse.Namespace) -> int:
         print(f"written: {path}")
     if failed(results):
         if options.readme is not None:
-            _say(f"{options.readme} stays as it is, since a set failed")
+            _say(f"{options.readme} is unchanged, since a set failed")
         return 1
     if options.readme is not None:
         write_readme_table(options.readme, markdown_table(results))
@@ -76,7 +78,7 @@ def _say(line: str) -> None:
 
 
 def _show(results: Mapping[str, Any]) -> None:
-    """The overview on standard output, and whether the verdicts repeat."""
+    """Print the overview, and whether the verdicts repeat."""
     from rich.text import Text
 
     from sysid.display.terminal import console, new_table

@@ -1,4 +1,4 @@
-"""The pictures of the measured sets' page, drawn as `sysid.report.svg` draws.
+"""The figures of the measured sets' page, in the style of `sysid.report.svg`.
 
 All functions are to be called within `sysid.report.svg.styled()`.
 """
@@ -29,7 +29,7 @@ _BARS = (
 )
 # Room above the bars for the legend.
 _HEADROOM = 1.32
-# Prefixes of the units that take one.
+# Prefixes of the units that accept one.
 _PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"))
 _SCALED = ("Pa", "N", "V", "m", "s", "W", "A")
 _NAME = re.compile(r"[^\w .,;:/()+-]")
@@ -115,7 +115,7 @@ def title_of(channel: str) -> str:
 
 
 def _suffix(words: Sequence[str]) -> Sequence[str]:
-    """The words at the end that say the unit: `kg_s` of flow_kg_s, `n` of motor_force_n."""
+    """The words at the end that give the unit: `kg_s` of flow_kg_s, `n` of motor_force_n."""
     return words[-2:] if len(words) > 2 and words[-2] == "kg" else words[-1:]
 
 

@@ -1,4 +1,4 @@
-"""What the runs of measured sets say together: one line a campaign, and whether it repeats.
+"""The combined results of the measured sets: one line per campaign, and whether it repeats.
 
 Everything is computed from the result of `datasets.measured.run.run_sets`.
 """
@@ -29,7 +29,7 @@ COLUMNS = (
     "Down by",
     "Remains",
 )
-# Names of parameters that a line names before it counts the rest.
+# Number of parameters that a line names before it counts the others.
 _MOST_NAMES = 4
 
 
@@ -47,7 +47,7 @@ class Errors:
 
     @property
     def percent_down(self) -> float | None:
-        """How much of `before` is gone, %; negative where the error grew."""
+        """Reduction relative to `before`, %; negative where the error grew."""
         if not self.before or self.after is None:
             return None
         return 100.0 * (1.0 - self.after / self.before)
@@ -55,11 +55,11 @@ class Errors:
 
 @dataclass(frozen=True)
 class Naming:
-    """How many of `repeats` name an effect: `same` by its id, `ambiguous` by one like it.
+    """How many of `repeats` name an effect: `same` by its id, `ambiguous` by an equivalent one.
 
-    `id` None asks for repeats that name no effect at all. `undecided`: repeats that do not
-    name it, but say that it is ambiguous. `unsteady`: the campaign's own verdict says
-    `ambiguous`, for parts of its fitted tests do not name the effect.
+    `id` None: repeats that name no effect at all. `undecided`: repeats that do not name it,
+    but say that it is ambiguous. `unsteady`: the campaign's own verdict says `ambiguous`,
+    because parts of its training tests do not name the effect.
     """
 
     id: str | None
@@ -71,7 +71,7 @@ class Naming:
 
     @property
     def agree(self) -> int:
-        """Repeats that name it, or an effect that the data cannot tell from it."""
+        """Repeats that name it, or an effect indistinguishable from it."""
         return self.same + self.ambiguous
 
     @property
@@ -89,10 +89,10 @@ class Naming:
 
 @dataclass(frozen=True)
 class Agreement:
-    """Of one campaign: `agree` of `repeats` name all its effects; `namings` one by one.
+    """Of one campaign: `agree` of `repeats` name all its effects; `namings` per effect.
 
     `others` counts the repeats that name an effect besides, by its id; `failed` those that
-    came to no verdict (they are among `repeats`, and agree with nothing).
+    gave no verdict (they are among `repeats`, and agree with nothing).
     """
 
     of: str
@@ -118,7 +118,7 @@ class Agreement:
             named = joined([f"{id} ({count})" for id, count in self.others.items()])
             text += f"; besides, repeats name {named}"
         if self.failed:
-            text += f"; {self.failed} came to no verdict"
+            text += f"; {self.failed} gave no verdict"
         missed = [n for n in self.namings if n.id is not None and n.agree < n.repeats]
         said = {
             "The verdict itself says ambiguous of": [n for n in missed if n.unsteady],
@@ -139,10 +139,10 @@ class Agreement:
 
 
 def _by_likes(naming: Naming) -> str:
-    """How many of those that agree name a like effect."""
+    """How many of those that agree name an equivalent effect."""
     if not naming.ambiguous:
         return ""
-    return f" ({naming.ambiguous} by one that the recordings cannot tell from it)"
+    return f" ({naming.ambiguous} by one indistinguishable from it in the recordings)"
 
 
 def errors_of(campaign: Content) -> list[Errors]:
@@ -155,12 +155,12 @@ def errors_of(campaign: Content) -> list[Errors]:
 
 
 def mains(measured: Content) -> list[Content]:
-    """The campaigns of a set that repeat no other."""
+    """The campaigns of a set that are not repeats."""
     return [campaign for campaign in measured["campaigns"] if not campaign["repeat"]]
 
 
 def repeats_of(measured: Content, main: Content) -> list[Content]:
-    """The campaigns that ask whether the verdict of `main` returns."""
+    """The repeats of `main`."""
     return [c for c in measured["campaigns"] if c["repeat"] and c["of"] == main["file"]]
 
 
@@ -191,7 +191,7 @@ def agreement(measured: Content, main: Content) -> Agreement | None:
 
 
 def _is_unsteady(effect: Content) -> bool:
-    """Whether parts of the fitted tests do not name an effect that all of them name."""
+    """Whether parts of the training tests do not name an effect that all of them together name."""
     parts = effect.get("repeats", {})
     return bool(parts) and parts["agree"] < parts["parts"]
 
@@ -203,14 +203,14 @@ def _leaves_open(diagnosis: Content, effect: Content) -> bool:
 
 
 def _names(named: Sequence[Content], effect: Content) -> str:
-    """`same` where an effect is among those named, `ambiguous` where one like it is, or ''."""
+    """`same` if an effect is among those named, `ambiguous` if an equivalent one is, else ''."""
     if any(other["id"] == effect["id"] for other in named):
         return "same"
     return "ambiguous" if any(_alike(other, effect) for other in named) else ""
 
 
 def _alike(one: Content, other: Content) -> bool:
-    """Whether either's recordings cannot tell the two effects apart."""
+    """Whether the recordings of either cannot distinguish the two effects."""
     return (
         one["id"] == other["id"]
         or one["id"] in other["ambiguous_with"]
@@ -259,7 +259,7 @@ def base_text(law: Mapping[str, Content], most: int | None = None) -> str:
 
 
 def found_text(diagnosis: Content) -> str:
-    """The effects that were added, each with what the data cannot tell from it."""
+    """The effects that were added, each with those indistinguishable from it."""
     said = []
     for effect in diagnosis["effects"]:
         rivals = effect["ambiguous_with"]
@@ -268,16 +268,16 @@ def found_text(diagnosis: Content) -> str:
 
 
 def remains_text(diagnosis: Content) -> str:
-    """What no effect explains, with its share of the residual's variance."""
+    """The unexplained structure, with its share of the residual's variance."""
     said = [
-        f"{e['channel']} follows {e['regressor']} ({number(100.0 * e['share'], 2)} %)"
+        f"{e['channel']} over {e['regressor']} ({number(100.0 * e['share'], 2)} %)"
         for e in diagnosis["unexplained"]
     ]
     return "; ".join(said) or "no structure found"
 
 
 def overview(results: Content) -> list[tuple[str, ...]]:
-    """A row of `COLUMNS` for each campaign that repeats no other; failures say why."""
+    """A row of `COLUMNS` for each campaign that is not a repeat; failures say why."""
     return [row for measured in results["sets"] for row in _rows(measured)]
 
 
@@ -316,7 +316,7 @@ def markdown_table(results: Content) -> str:
 
 
 def _markdown_cell(text: str) -> str:
-    """A cell that stays one: no line ends, no bars, no markup."""
+    """A safe table cell: no line ends, no bars, no markup."""
     line = " ".join(text.split())
     for sign in "\\|<>*`":
         line = line.replace(sign, f"\\{sign}")
@@ -326,7 +326,7 @@ def _markdown_cell(text: str) -> str:
 def write_readme_table(path: Path, table: str) -> None:
     """Put `table` between the two markers of a Markdown file, whole or not at all.
 
-    Raises InputError where the markers do not stand there once each, in order.
+    Raises InputError unless each marker occurs exactly once, in order.
     """
     try:
         text = path.read_text("utf-8")
@@ -336,7 +336,7 @@ def write_readme_table(path: Path, table: str) -> None:
     _, end, tail = rest.partition(END)
     if not begin or not end or BEGIN in rest or END in tail or END in head:
         raise input_error(
-            path, f"{BEGIN} and {END} do not stand there once each", "write both, a line each"
+            path, f"{BEGIN} and {END} do not occur once each", "write both, each on its own line"
         )
     write_atomic(path, f"{head}{BEGIN}\n\n{table}\n\n{END}{tail}")
 

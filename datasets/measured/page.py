@@ -1,6 +1,6 @@
-"""The page of the measured sets: what each lacked, the errors before and after, what remains.
+"""The page of the measured sets: what each lacked, errors before and after, the remainder.
 
-It has the frame, the style, the tables and the figures of a campaign's own report
+It uses the frame, style, tables and figures of a campaign's report
 (`sysid.report`).
 """
 
@@ -34,12 +34,12 @@ from sysid.report.html import fill
 Content = Mapping[str, Any]
 
 _TEMPLATE = Path(__file__).with_name("page.html")
-# Curves of one campaign that are drawn.
+# Curves drawn per campaign.
 _MOST_CURVES = 6
 
 
 def write_page(path: Path, results: Content) -> None:
-    """Write the page of what `run_sets` gave: one self-contained file, whole or not at all.
+    """Write the page of the results of `run_sets`: one self-contained file, whole or not at all.
 
     Raises InputError where the file cannot be written.
     """
@@ -51,8 +51,7 @@ def render_page(results: Content) -> str:
     with svg.styled():
         sections = [_section(measured) for measured in results["sets"]]
     summary = table(
-        "The campaigns fitted and diagnosed, with the errors on recordings that nothing was "
-        "fitted on (SI units)",
+        "The campaigns fitted and diagnosed, with the errors on held-out recordings (SI units)",
         _without_base(COLUMNS),
         [_without_base(row) for row in overview(results)],
         text=(1, 2, 7),
@@ -74,7 +73,7 @@ def _without_base(row: Sequence[str]) -> tuple[str, ...]:
 
 
 def _sentence(results: Content) -> str:
-    """How many sets and campaigns ran, and what came of them."""
+    """How many sets and campaigns ran, and their outcome."""
     campaigns = [c for measured in results["sets"] for c in measured["campaigns"]]
     verdicts: dict[str, int] = {}
     for campaign in campaigns:
@@ -118,7 +117,7 @@ def _section(measured: Content) -> Section:
 
 
 def _id(name: str) -> str:
-    """An id that is the set's own: letters, digits and dashes."""
+    """An id unique to the set: letters, digits and dashes."""
     return "set-" + "".join(c if c.isascii() and c.isalnum() else "-" for c in name)
 
 
@@ -178,7 +177,7 @@ def _diagnosis_blocks(main: Content, diagnosis: Content) -> list[Block]:
             for e in diagnosis["unexplained"]
         ]
         columns = ("Channel", "Follows most", "Share of the residual's variance")
-        blocks.append(table("What remains unexplained", columns, rows, text=(1,)))
+        blocks.append(table("Unexplained remainder", columns, rows, text=(1,)))
     return blocks
 
 
@@ -207,16 +206,16 @@ def _effects_table(diagnosis: Content) -> Block:
         "95 % interval",
         "Unit",
         "p",
-        "May as well be",
+        "Indistinguishable from",
     )
-    return table("Effects that were added, in this order", columns, rows, text=(1, 5, 7))
+    return table("Effects added, in this order", columns, rows, text=(1, 5, 7))
 
 
 # --- pictures ---------------------------------------------------------------------------
 
 
 def _bars(measured: Content) -> list[Block]:
-    """The errors of a set's campaigns but the repeats, a picture a channel."""
+    """The errors of a set's campaigns without the repeats, one figure per channel."""
     errors: dict[str, dict[int, Errors]] = {}
     for campaign in mains(measured):
         for error in errors_of(campaign):
@@ -232,7 +231,7 @@ def _bars(measured: Content) -> list[Block]:
 
 
 def _curves(main: Content, id: str) -> list[Block]:
-    """The mean residual over what it may depend on, where the diagnosis gives it."""
+    """The mean residual over possible regressors, if the diagnosis gives it."""
     curves = main["diagnosis"].get("curves") or []
     if not curves:
         return []
@@ -240,7 +239,7 @@ def _curves(main: Content, id: str) -> list[Block]:
         figures.curve(f"{id}-curve-{place}", content)
         for place, content in enumerate(curves[:_MOST_CURVES], start=1)
     )
-    caption = "Mean residual over what it may depend on, before and after."
+    caption = "Mean residual over possible regressors, before and after."
     return [FigureGroup(caption, panels)]
 
 
@@ -267,7 +266,7 @@ def _repeat_blocks(measured: Content, main: Content) -> list[Block]:
     answer = agreement(measured, main)
     if answer is not None:
         counted = (
-            " An effect that a repeat's recordings, or the campaign's, cannot tell from it "
+            " An effect indistinguishable from it in a repeat's recordings, or in the campaign's, "
             "counts as the same."
         )
         blocks.append(Lines((answer.sentence + counted,)))

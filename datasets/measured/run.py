@@ -1,10 +1,10 @@
-"""Runs measured sets with the ordinary command line, each command in a process of its own.
+"""Runs measured sets with the ordinary command line, each command in a separate process.
 
     sysid convert SOURCE --spec recipe.toml -o WORK/set/log.csv [--rows FIRST:LAST]
     sysid fit CAMPAIGN -o bundle.json
     sysid diagnose CAMPAIGN --bundle bundle.json -o extended.json --report report.html --json
 
-Nothing here knows of any set. What the commands print is kept, without paths of this machine.
+Nothing here depends on a particular set. The commands' output is kept, without machine paths.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _PROCESSES = 2
 
 
 class CommandFailedError(SysidError):
-    """A `sysid` command did not end well: its own line, and its exit status."""
+    """A failed `sysid` command: its error line and exit status."""
 
     def __init__(self, line: str, status: int) -> None:
         super().__init__(line)
@@ -48,24 +48,23 @@ class CommandFailedError(SysidError):
 
 
 def chosen(root: Path, only: Sequence[str], data: Path) -> list[Path]:
-    """The sets' folders under `root` that are to run: all, or those named.
+    """The folders under `root` of the sets to run: all, or those named.
 
-    Raises InputError for a name that is no set, and where the data folder is absent though a
-    set needs it.
+    Raises InputError for an unknown set, and if a set needs the data folder and it is missing.
     """
     folders = set_folders(root)
     names = [folder.name for folder in folders]
     for name in only:
         if name not in names:
             known = ", ".join(names) or "none"
-            raise input_error(f"--only {name}", "is no measured set", f"there are: {known}")
+            raise input_error(f"--only {name}", "is not a measured set", f"there are: {known}")
     picked = [folder for folder in folders if not only or folder.name in only]
     if not picked:
         raise input_error(root, f"no folder with a {SET_FILE}", "add a set (see README.md)")
     if not data.is_dir() and any(_needs_shared(folder) for folder in picked):
         raise input_error(
             data,
-            "the folder of the measured data is absent",
+            "the folder of the measured data is missing",
             "name it with --data (the data are not part of the project)",
         )
     return picked
@@ -75,7 +74,7 @@ def _needs_shared(folder: Path) -> bool:
     try:
         return read_set(folder).data == "shared"
     except InputError:
-        return False  # says so itself when it is run
+        return False  # reports the error itself when it is run
 
 
 def run_sets(
@@ -84,7 +83,7 @@ def run_sets(
     """Run sets one after another: `version` and, under `sets`, what `run_set` gives of each."""
     root = work.resolve()
     if root.is_relative_to(PROJECT / "datasets"):
-        raise input_error(work, "lies among the project's own files", "name a folder outside")
+        raise input_error(work, "is inside the project", "name a folder outside it")
     found = []
     for folder in folders:
         start = time.monotonic()
@@ -94,9 +93,9 @@ def run_sets(
 
 
 def run_set(folder: Path, data: Path, work: Path, progress: Progress) -> dict[str, Any]:
-    """One set in the folder `work`: what it is, `problem` or None, and its campaigns.
+    """One set in the folder `work`: its description, `problem` or None, and its campaigns.
 
-    What fails is said under `problem` (of the set, or of one campaign); the rest goes on.
+    A failure is reported under `problem` (of the set, or of one campaign); the others continue.
     """
     try:
         measured = read_set(folder)
@@ -126,7 +125,7 @@ def run_set(folder: Path, data: Path, work: Path, progress: Progress) -> dict[st
 
 
 def _convert_all(measured: MeasuredSet, base: Path, work: Path, progress: Progress) -> None:
-    """Every log of a set, some at a time: most of a conversion is the start of its process."""
+    """Every log of a set, several at a time: most of a conversion is process start-up."""
     from concurrent.futures import ThreadPoolExecutor
 
     def convert(conversion: Conversion) -> None:
@@ -192,7 +191,7 @@ def _run_campaign(
 
 
 def _sysid(arguments: Sequence[str], folder: Path) -> dict[str, Any]:
-    """The JSON that a `sysid` command prints, run in `folder`; {} where it prints none.
+    """The JSON that a `sysid` command prints, run in `folder`; {} if it prints none.
 
     Raises CommandFailedError with the command's own line.
     """
@@ -209,7 +208,7 @@ def _sysid(arguments: Sequence[str], folder: Path) -> dict[str, Any]:
     if done.returncode:
         lines = [line for line in done.stderr.splitlines() if line.strip()]
         said = [line for line in lines if line.startswith(("sysid: error:", "sysid: fault:"))]
-        line = (said or lines or ["no word on standard error"])[-1]
+        line = (said or lines or ["nothing on standard error"])[-1]
         line = line.removeprefix("sysid: ").strip()
         raise CommandFailedError(f"{command}: {line}", done.returncode)
     if "--json" not in arguments:
@@ -246,7 +245,7 @@ def _estimates(part: Any, name: str) -> Iterator[tuple[str, Estimate]]:
 
 
 def _without_paths(line: str, folders: Sequence[Path]) -> str:
-    """A line in which files are named from a set's or the data's folder."""
+    """A line in which file names are relative to the set's or the data's folder."""
     for folder in folders:
         line = line.replace(f"{folder}{os.sep}", "").replace(str(folder), folder.name)
     return " ".join(line.split())

@@ -1,4 +1,4 @@
-"""A measured set as its folder describes it: `set.toml` and the files beside it."""
+"""A measured set as its folder describes it: `set.toml` and the files next to it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _SET_KEYS = ("title", "source", "licence", "folder", "question", "data", "conver
 _TEXTS = ("title", "source", "licence", "folder", "question")
 _CONVERT_KEYS = ("source", "recipe", "log", "folder", "test", "rows")
 _CAMPAIGN_KEYS = ("file", "name", "repeat", "of")
-# Where `folder` is looked for: beside the project, or in it (tables that are its own).
+# Where `folder` is searched: next to the project, or in it (the project's own tables).
 _PLACES = ("shared", "project")
 
 
@@ -39,7 +39,7 @@ class Conversion:
 
 @dataclass(frozen=True)
 class SetCampaign:
-    """One `[[campaign]]`. A repeat asks whether the verdict of the campaign `of` returns."""
+    """One `[[campaign]]`. A repeat checks whether the verdict of the campaign `of` recurs."""
 
     file: str
     name: str
@@ -74,7 +74,7 @@ def set_folders(root: Path = SETS_FOLDER) -> list[Path]:
 
 
 def read_set(path: Path) -> MeasuredSet:
-    """The set of a folder. Raises InputError naming the key of its set.toml and the mend."""
+    """The set of a folder. Raises InputError naming the key of its set.toml and the fix."""
     file = path / SET_FILE
     content = read_toml(file, "a measured set's file")
     notices = reject_misspelt(content, _SET_KEYS, "", str(file))
@@ -103,7 +103,7 @@ def _tables(content: Mapping[str, Any], key: str, file: Path) -> list[tuple[str,
     """The entries of an array of tables, each with where it stands."""
     entries = content.get(key)
     if not isinstance(entries, list) or not entries:
-        raise input_error(file, f"no [[{key}]] entry", f"add one [[{key}]] at least")
+        raise input_error(file, f"no [[{key}]] entry", f"add at least one [[{key}]]")
     found = []
     for number, table in enumerate(entries, start=1):
         where = f"{file}: [[{key}]] entry {number}"
@@ -136,20 +136,22 @@ def _campaign(
     notices += reject_misspelt(table, _CAMPAIGN_KEYS, f"{where}: ", where)
     file, name = _text(table, "file", where), _text(table, "name", where)
     if file in [entry.file for entry in before]:
-        raise input_error(where, f"file = {file!r} stands twice", "keep one of the two")
+        raise input_error(where, f"file = {file!r} occurs twice", "keep one of the two")
     repeat = table.get("repeat", False)
     if not isinstance(repeat, bool):
         raise input_error(where, f"repeat = {repeat!r}", "write true or false")
     if not repeat:
         if "of" in table:
-            raise input_error(where, "of is given, but no repeat = true", "add it, or drop of")
+            raise input_error(where, "of is given without repeat = true", "add it, or drop of")
         return SetCampaign(file, name)
     mains = [entry.file for entry in before if not entry.repeat]
     of = table.get("of", mains[-1] if mains else None)
     if of not in mains:
         known = ", ".join(mains) or "none"
         raise input_error(
-            where, f"repeats {of!r}, no campaign before it", f"put that first (there are: {known})"
+            where,
+            f"repeats {of!r}, which is no campaign before it",
+            f"put that first (there are: {known})",
         )
     return SetCampaign(file, name, True, str(of))
 
@@ -157,7 +159,7 @@ def _campaign(
 def _text(table: Mapping[str, Any], key: str, where: str) -> str:
     value = table.get(key)
     if not _is_text(value):
-        what = f"{key} is missing" if value is None else f"{key} = {value!r} is no text"
+        what = f"{key} is missing" if value is None else f"{key} = {value!r} is not text"
         raise input_error(where, what, f'write {key} = "..."')
     return str(value)
 

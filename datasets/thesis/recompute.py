@@ -1,7 +1,7 @@
-"""Recompute what the thesis derives from its tables, and set it beside what it prints.
+"""Recompute what the thesis derives from its tables, and compare it with the printed values.
 
-Run from the repository: `python -m datasets.thesis.recompute` prints `derived.csv` anew,
-`--write` writes it, `--check` compares with the one that is there (exit status 1 if they
+Run from the repository: `python -m datasets.thesis.recompute` prints `derived.csv`,
+`--write` writes it, `--check` compares it with the existing file (exit status 1 if they
 differ).
 """
 

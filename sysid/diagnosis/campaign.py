@@ -31,9 +31,9 @@ def diagnose_logs(
     seed: int = 0,
     progress: Progress = no_progress,
 ) -> tuple[Diagnosis | ComponentDiagnosis, tuple[str, ...]]:
-    """The diagnosis of a campaign's logs, and what their readers want said.
+    """The diagnosis of a campaign's logs, and the readers' notices.
 
-    An effect that the bundle holds already is part of the model that is looked at.
+    An effect that the bundle already holds is part of the model under diagnosis.
     """
     catalogue = catalogue_from(effects)
     taken = {entry.id for entry in bundle.effects}
@@ -74,7 +74,7 @@ def _read(campaign: Campaign, entry: CampaignLog, bundle: Bundle) -> Log:
 def extended_bundle(
     bundle: Bundle, diagnosis: Diagnosis | ComponentDiagnosis, campaign: Campaign
 ) -> Bundle:
-    """The bundle with the effects that were found and the base parameters refitted beside them.
+    """The bundle with the effects found, and the base parameters refitted together with them.
 
     PWM surfaces stay as they were fitted. Where no effect was found only the campaign's
     held-out logs are added to the provenance.
@@ -102,7 +102,7 @@ def _entry(found: FoundEffect) -> EffectEntry:
 
 
 def _with_part(bundle: Bundle, diagnosis: ComponentDiagnosis) -> Bundle:
-    """A part's own numbers in place of those of the same name, level by level."""
+    """A part with the given numbers in place of those of the same name, level by level."""
     own = {key: part for key, part in vars(diagnosis.part).items() if part is not None}
     return bundle.replaced(
         **{
@@ -113,7 +113,7 @@ def _with_part(bundle: Bundle, diagnosis: ComponentDiagnosis) -> Bundle:
 
 
 def _with_model(bundle: Bundle, diagnosis: Diagnosis) -> Bundle:
-    """The refitted base parameters in place of those that were given."""
+    """The refitted base parameters in place of the original ones."""
     keys = friction_keys(bundle.is_linear)
     friction = {"coulomb_effort": keys["coulomb"], "viscous": keys["viscous"]}
     fields: dict[str, Any] = {}
@@ -132,7 +132,7 @@ def _with_model(bundle: Bundle, diagnosis: Diagnosis) -> Bundle:
 
 
 def _renewed(part: _Part, names: dict[str, str], diagnosis: Diagnosis) -> _Part:
-    """New values of a part's keys by the model's names; old intervals belong to old values."""
+    """New values of a part's keys by the model's names; the old intervals no longer apply."""
     fields = {}
     for name, key in names.items():
         old, std = getattr(part, key), diagnosis.base_std.get(name)

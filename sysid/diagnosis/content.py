@@ -1,4 +1,4 @@
-"""What of a diagnosis is kept for its report: plain numbers and text, as JSON holds them.
+"""The content of a diagnosis as its report needs it: plain numbers and text, as in JSON.
 
 A later process draws the same section from `diagnosis.json`, without diagnosing again.
 """
@@ -33,7 +33,7 @@ _FINE = 0.04
 
 
 def content(diagnosis: Diagnosis | ComponentDiagnosis) -> dict[str, Any]:
-    """What `sysid diagnose --json` says (spec/cli.md), and under `figures` what is drawn."""
+    """The output of `sysid diagnose --json` (spec/cli.md), and the data drawn under `figures`."""
     from sysid.diagnosis.bench.diagnose import ComponentDiagnosis
 
     if isinstance(diagnosis, ComponentDiagnosis):
@@ -43,7 +43,7 @@ def content(diagnosis: Diagnosis | ComponentDiagnosis) -> dict[str, Any]:
 
 
 def _words(diagnosis: Diagnosis | ComponentDiagnosis) -> dict[str, Any]:
-    """What the effects that were found and their parameters mean."""
+    """Titles of the effects found, and the meanings of their parameters."""
     return {
         "titles": {found.id: type(found.effect).title for found in diagnosis.effects},
         "meanings": {
@@ -77,11 +77,11 @@ def figures(diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 def looks(diagnosis: Diagnosis) -> list[dict[str, Any]]:
-    """What each look at the residual tried: `added` (an id, or None in the last) and `suspects`.
+    """What each round of the diagnosis tried: `added` (an id, None in the last) and `suspects`.
 
     A suspect: `id`, `gain` and `refitted` (whitened squares that its signature and its refit
-    take off the residual; None where it was not refitted), `twins` (the gains on those that
-    were asked), `p_value`, and `fate`, in words.
+    remove from the residual; None where it was not refitted), `twins` (the gains on the twins
+    that were screened), `p_value`, and `fate`, in words.
     """
     search, null = diagnosis.loop.search, diagnosis.loop.null
     found: list[dict[str, Any]] = []
@@ -119,29 +119,29 @@ def _fate(suspect: Suspect, step: Step | None, suspects: Sequence[Suspect], sear
         return "added"
     if step is not None and suspect.refitted is not None:
         share = 100.0 * suspect.refitted / step.refit.gain
-        equal = ": these data cannot tell them apart" if suspect.id in step.ambiguous else ""
-        return f"refitted, takes {share:.3g} % of what {step.refit.id} takes{equal}"
+        equal = ": indistinguishable in these data" if suspect.id in step.ambiguous else ""
+        return f"refitted, explains {share:.3g} % of what {step.refit.id} explains{equal}"
     if suspect.p_value >= SIGNIFICANCE:
-        return "gains no more than chance may"
+        return "gains no more than chance would"
     if suspect.ratio <= CLEAR_RATIO:
-        return "stands out too little from the twins"
+        return "gains too little more than on the twins"
     if step is None and len(search.steps) >= MOST_EFFECTS:
-        return f"not tried: {MOST_EFFECTS} effects are the most that are added"
+        return f"not tried: at most {MOST_EFFECTS} effects are added"
     if suspect.gain <= WORTH_REFITTING * suspects[0].gain:
-        return f"not refitted: takes far less than {suspects[0].id}"
+        return f"not refitted: explains far less than {suspects[0].id}"
     clear = [s for s in suspects if s.p_value < SIGNIFICANCE and s.ratio > CLEAR_RATIO]
     if suspect not in clear[:MOST_SUSPECTS]:
         return f"not refitted: {MOST_SUSPECTS} others gain more"
     if step is None:
-        return "takes too small a share of the rest, or differs from test to test"
+        return "explains too small a share of the remainder, or differs from test to test"
     return "refitted: its strength differs from test to test"
 
 
 def _curves(search: Search) -> list[dict[str, Any]]:
     """Each residual over the regressors along which the effects change it most.
 
-    Without effects over those that it follows most, other than the derivative that it is
-    made from, whose noise it shares.
+    Without effects, over those that it depends on most, other than the derivative from which
+    it is computed, whose noise it shares.
     """
     from sysid.diagnosis.actuator.equation_error import CHANNELS, equation_error
     from sysid.diagnosis.actuator.unexplained import regressors
@@ -186,7 +186,7 @@ def _bins(x: FloatArray) -> tuple[IntArray, float | None] | None:
     else:
         edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, _BINS + 1)))
     place = np.searchsorted(edges[1:-1], x, side="right")
-    # Thin bins join the next one up, the last of them the one below.
+    # Sparse bins are merged with the next one up, the last with the one below.
     joined, held, bins = np.zeros(len(edges), dtype=np.intp), 0, 0
     for i, count in enumerate(np.bincount(place, minlength=len(edges))):
         joined[i] = bins
@@ -197,10 +197,10 @@ def _bins(x: FloatArray) -> tuple[IntArray, float | None] | None:
 
 
 def _means(place: IntArray, values: FloatArray, stretch: IntArray) -> dict[str, Any]:
-    """Means in the bins, their standard errors, and the mean square and share that they take.
+    """Means in the bins, their standard errors, and the mean square and share they explain.
 
     Neighbouring windows are correlated: the errors take each unbroken stretch of a test
-    within a bin for one observation. The share is adjusted for the number of bins.
+    within a bin as one observation. The share is adjusted for the number of bins.
     """
     count = np.bincount(place)
     means = np.bincount(place, values) / count

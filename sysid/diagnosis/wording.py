@@ -16,7 +16,7 @@ from sysid.estimation.linear import Estimate
 Content = Mapping[str, Any]
 
 SMALLEST_P = 1e-20
-"""A p-value carries few twins far on: how small it is below this says nothing."""
+"""P-values extrapolate from a few twins: below this their size means nothing."""
 _REGRESSORS = {
     "velocity": "velocity",
     "angle": "position",
@@ -38,7 +38,7 @@ def sentence(content: Content) -> str:
     ids = [effect["id"] for effect in content["effects"]]
     gained = f"; {_gained(content)}" if content["residual"] else ""
     if content["verdict"] == "adequate":
-        return f"Adequate: no structure above the noise that any test could find{gained}."
+        return f"Adequate: no test found structure above the noise{gained}."
     if content["verdict"] == "effects-found":
         return f"Effects found: {joined(ids)}{gained}."
     helped = f"; {joined(ids)} {'helps' if len(ids) == 1 else 'help'}" if ids else ""
@@ -46,7 +46,7 @@ def sentence(content: Content) -> str:
 
 
 def _gained(content: Content) -> str:
-    """Held-out errors before and after: the position's, and that of which most goes.
+    """Held-out errors before and after: the position's, and the one that falls most.
 
     Empty where nothing is held out.
     """
@@ -75,25 +75,25 @@ def _gained(content: Content) -> str:
 def _remaining(content: Content) -> Iterator[str]:
     for entry in content["unexplained"]:
         yield (
-            f"structure remains in {balance_of(entry['channel'])}, which follows "
-            f"{regressor_name(entry['regressor'])} most "
+            f"structure remains in {balance_of(entry['channel'])}, strongest over "
+            f"{regressor_name(entry['regressor'])} "
             f"({number(100.0 * entry['share'], 2)} % of the residual's variance)"
         )
 
 
 def advice(content: Content) -> tuple[str, ...]:
-    """What to do next: the tests that would tell rivals apart, and what to do with a rest."""
+    """What to do next: the tests that would distinguish rivals, and how to treat a remainder."""
     lines = []
     for effect in content["effects"]:
         if effect["ambiguous_with"]:
             rivals = joined(effect["ambiguous_with"], "or")
-            test = f" A test that would tell: {effect['advice']}." if effect["advice"] else ""
-            lines.append(f"{effect['id']} may as well be {rivals} by these data.{test}")
+            test = f" To distinguish them: {effect['advice']}." if effect["advice"] else ""
+            lines.append(f"{effect['id']} is indistinguishable from {rivals} in these data.{test}")
     if content["unexplained"]:
         lines.append(
-            "No effect of the catalogue explains what remains. Its curve says what an effect of "
-            "one's own has to give (--effects FILE); tests that move its regressor further, one "
-            "at a time, would say more."
+            "No effect in the catalogue explains the remainder. Its curve shows what a user effect "
+            "would have to produce (--effects FILE); tests that vary its regressor over a "
+            "wider range, one at a time, would show more."
         )
     if not content["residual"]:
         lines.append(
@@ -139,7 +139,7 @@ def parameter_rows(effect: Mapping[str, Any]) -> Iterator[tuple[str, Estimate | 
 
 
 def errors_by_step(content: Content) -> dict[str, list[float]]:
-    """Held-out RMSE by channel: of the bundle that was given, then after each effect.
+    """Held-out RMSE by channel: of the original bundle, then after each effect.
 
     NaN after an effect that could not be simulated without the next.
     """

@@ -1,6 +1,6 @@
-"""What a controller consumes: a bundle as a C header, a MAT file or flat JSON.
+"""A bundle for a controller: as a C header, a MAT file or flat JSON.
 
-All three hold the same content, worked out once in `flat.py`.
+All three hold the same content, computed once in `flat.py`.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""The laws of a bundle's effects in C, where they are plain algebraic ones.
+"""The laws of a bundle's effects in C, as far as they are plain algebraic ones.
 
-A table of snippets, one or more an effect, each at one port of the model: a C expression of
+A table of snippets, one or more per effect, each at one port of the model: a C expression of
 `value`, the port's value so far, of the port's inputs and of the effect's parameters, in
 braces. The effects of one port act in the bundle's order, as in the model. An effect that has
-a state, or a parameter that is not known, is not contained.
+a state, or an unknown parameter, is not contained.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from sysid.model.effects.linear import linear_name
 
 @dataclass(frozen=True)
 class _Port:
-    """A function of the header: its name without prefix, arguments, and what it gives.
+    """A function of the header: its name without prefix, arguments, and result.
 
     The first argument is the value without effects. `local` (name, C expression) is worked
-    out first. `backward`: the effects are taken back, the last one first.
+    out first. `backward`: the effects are undone, the last one first.
     """
 
     name: str
@@ -36,7 +36,7 @@ class _Port:
 
 @dataclass(frozen=True)
 class _Snippet:
-    """What an effect does at a port. `side` "a" or "b" where the effect has a side."""
+    """An effect's action at a port. `side` "a" or "b" if the effect has a side."""
 
     port: str
     law: str
@@ -82,7 +82,7 @@ def _ports() -> Iterable[_Port]:
 
 
 def _both_sides(port: str, law: str) -> tuple[_Snippet, ...]:
-    """One snippet a side; `law` with <s> for the side."""
+    """One snippet per side; `law` with <s> for the side."""
     return tuple(_Snippet(port.replace("<s>", s), law.replace("<s>", s), s) for s in SIDES)
 
 
@@ -172,12 +172,12 @@ def contained(flat: Flat) -> tuple[ExportedEffect, ...]:
 
 
 def not_contained(flat: Flat) -> tuple[ExportedEffect, ...]:
-    """The effects whose laws it does not hold."""
+    """The effects whose laws the header does not hold."""
     return tuple(effect for effect in flat.effects if not _is_contained(effect, flat))
 
 
 def features(flat: Flat, n: Names) -> list[str]:
-    """One macro a port, 1 where an effect acts there and its function exists, and two counts."""
+    """One macro per port, 1 if an effect acts there and its function exists, and two counts."""
     lines = [has(f"{n.upper}{_feature(port)}", bool(_acting(port, flat))) for port in _ports()]
     lines.append(f"#define {n.upper}EFFECTS_CONTAINED {len(contained(flat))}")
     lines.append(f"#define {n.upper}EFFECTS_NOT_CONTAINED {len(not_contained(flat))}")
@@ -189,7 +189,7 @@ def effects(flat: Flat, n: Names) -> str:
     held = contained(flat)
     if not held:
         return ""
-    parts = ["/* --- effects, which the laws above lack --- */\n"]
+    parts = ["/* --- effects that the laws above do not include --- */\n"]
     for effect in held:
         parts.append(_constants(effect, flat, n))
     parts += [
@@ -215,7 +215,7 @@ def _is_contained(effect: ExportedEffect, flat: Flat) -> bool:
 
 
 def _base_constants(flat: Flat) -> dict[str, str]:
-    """What laws need beside their own parameters -> C name without prefix; the known ones."""
+    """Quantities that laws need besides their own parameters -> C name; the known ones."""
     coulomb = "coulomb_n" if flat.rig.is_linear else "coulomb_nm"
     found = {}
     if flat.constants["atmospheric_pressure_pa"].value is not None:

@@ -37,7 +37,7 @@ _MEANING = {
 
 @dataclass(frozen=True)
 class _Law:
-    """What needs some constants: feature macro (no prefix), what it needs, its functions."""
+    """A feature: its macro (no prefix), the constants it needs, its functions."""
 
     feature: str
     needs: tuple[str, ...]
@@ -45,7 +45,7 @@ class _Law:
 
 
 def render(flat: Flat, prefix: str) -> str:
-    """The header's text. Raises InputError for a prefix that is no C name."""
+    """The header's text. Raises InputError for a prefix that is not a C name."""
     n = names(prefix)
     laws = _laws(flat, n)
     features = _features(flat, laws)
@@ -64,7 +64,7 @@ def render(flat: Flat, prefix: str) -> str:
 
 
 def absences(flat: Flat, prefix: str) -> list[str]:
-    """Notices: what the header leaves out, and effects that it does not hold."""
+    """Notices: what the header omits, and effects that it does not hold."""
     n = names(prefix)
     notices = flat.absences("left out")
     absent = [k for k, present in _features(flat, _laws(flat, n)).items() if not present]
@@ -74,7 +74,7 @@ def absences(flat: Flat, prefix: str) -> list[str]:
     if ids:
         notices.append(
             f"the C header does not hold the laws of these effects of the bundle: {ids};"
-            " a controller that uses it neglects them"
+            " a controller that uses it ignores them"
         )
     return notices
 
@@ -98,7 +98,7 @@ def _features(flat: Flat, laws: Iterable[_Law]) -> dict[str, bool]:
 
 
 def _title(flat: Flat) -> str:
-    """The opening comment: what, from which bundle, for which rig."""
+    """The opening comment: contents, bundle and rig."""
     made = flat.provenance
     held, absent = (
         ", ".join(effect.id for effect in part)
@@ -111,8 +111,8 @@ def _title(flat: Flat) -> str:
         f"by sysid {made['bundle_sysid_version']}",
         f"bundle SHA-256: {made['bundle_sha256']}",
         "SI, absolute pressures. Equation numbers are those of the thesis, as corrected.",
-        "What is not known is absent, and its HAS macro is 0. C99, link with the maths library;",
-        "not to be compiled with -ffast-math, which drops the checks for NaN.",
+        "Unknown numbers are absent, and their HAS macros are 0. C99, link with the maths library;",
+        "do not compile with -ffast-math, which drops the checks for NaN.",
     ]
     if held:
         lines.append(f"Effects, in the functions whose names end with _with_effects: {held}")
@@ -123,7 +123,7 @@ def _title(flat: Flat) -> str:
 
 
 def _feature_lines(flat: Flat, features: dict[str, bool], n: Names) -> str:
-    lines = ["/* --- what this header holds (1) and lacks (0) --- */", ""]
+    lines = ["/* --- contained (1) or absent (0) in this header --- */", ""]
     lines += [has(f"{n.upper}{feature}", present) for feature, present in features.items()]
     lines += c_effects.features(flat, n)
     return "\n".join(lines) + "\n"

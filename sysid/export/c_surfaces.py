@@ -1,4 +1,4 @@
-"""The surfaces' part of the C header: their numbers, and one function a use."""
+"""The surfaces' part of the C header: their numbers, and one function per use."""
 
 from __future__ import annotations
 
@@ -138,5 +138,5 @@ def _matrix(values: NDArray[np.float64]) -> str:
 
 
 def _wrapped(items: list[str]) -> list[str]:
-    """Initialisers, one a line."""
+    """Initialisers, one per line."""
     return [f"    {item}," for item in items[:-1]] + [f"    {items[-1]}"]

@@ -1,4 +1,4 @@
-"""Pieces of C text: names, numbers, comments that no file's content can break."""
+"""Pieces of C text: names, numbers, and comments that no file content can break."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Names:
 
 
 def names(prefix: str) -> Names:
-    """Checked prefixes. Raises InputError for one that would not be a C name."""
+    """Checked prefixes. Raises InputError for one that is not a C name."""
     if not _PREFIX.fullmatch(prefix):
         raise input_error(
             "--prefix", f"{prefix[:40]!r} does not begin a C name", "use letters, digits and _"
@@ -36,7 +36,7 @@ def number(value: float) -> str:
 
 
 def comment_text(text: str) -> str:
-    """Text for a comment: ASCII on one line, with nothing that ends or opens a comment."""
+    """Text for a comment: one line of ASCII that neither ends nor opens a comment."""
     short = text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "..."
     return re.sub(r"/(?=/)", "_", _UNSAFE.sub("_", short))
 
@@ -47,7 +47,7 @@ def constant(name: str, value: float, comment: str) -> str:
 
 
 def array(name: str, values: Iterable[float]) -> str:
-    """A named array, four numbers a line."""
+    """A named array, four numbers per line."""
     items = [number(v) for v in values]
     lines = [", ".join(items[k : k + 4]) for k in range(0, len(items), 4)]
     body = ",\n    ".join(lines)

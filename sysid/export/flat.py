@@ -1,7 +1,7 @@
-"""The constants that a controller needs, worked out from a bundle: plain numbers and units.
+"""The constants that a controller needs, computed from a bundle: plain numbers and units.
 
-Every format of `sysid.export` writes this content. What the bundle or its rig file does
-not hold is None, and `Flat.missing` says why: an export never makes up a number.
+Every format of `sysid.export` writes this content. A number that the bundle or its rig file
+does not hold is None, and `Flat.missing` says why: an export never invents a number.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ DIRECTIONS = ("fill", "discharge")
 KINDS = ("bipolynomial", "ann")
 FORMAT = "sysid-controller/1"
 
-_AGAIN = "fit again to write the bundle anew"
+_AGAIN = "fit again to rewrite the bundle"
 _NO_PART = "the bundle does not hold this part"
 
 
@@ -73,7 +73,7 @@ class Flat:
 
     `constants`: of the rig, derived ones among them (inertia with payload, gravity moment,
     k R T). `static_by_position`: static friction (unit of effort) at positions (rad or m).
-    `missing`: dotted name of what is None -> why. `notices`: what else should be said.
+    `missing`: dotted name of what is None -> why. `notices`: other remarks.
     """
 
     rig: Rig
@@ -87,7 +87,7 @@ class Flat:
     notices: tuple[str, ...]
 
     def absences(self, stands_as: str) -> list[str]:
-        """One notice for each missing number or part, which the file holds as `stands_as`."""
+        """One notice for each missing number or part, which the file shows as `stands_as`."""
         return [f"{name}: {stands_as}, {why}" for name, why in self.missing.items()]
 
 
@@ -124,7 +124,7 @@ def flatten(bundle: Bundle, sha256: str) -> Flat:
 
 
 def clean_text(value: Any) -> str:
-    """Text that can be written as UTF-8, whatever a file put into it."""
+    """Text that can be written as UTF-8, whatever a file contained."""
     return str(value).encode("utf-8", "replace").decode("utf-8")
 
 
@@ -137,7 +137,7 @@ def effort_unit(rig: Rig) -> str:
 
 
 def _constants(rig: Rig, missing: dict[str, str]) -> NumberTable:
-    """Rig constants (thesis 3.3.3-3.3.10), with what is derived from them."""
+    """Rig constants (thesis 3.3.3-3.3.10), and those derived from them."""
     table: NumberTable = {"critical_ratio": ExportedNumber(CRITICAL_RATIO, "1")}
     for section, keys in _rig_keys(rig).items():
         part = getattr(rig, section)
@@ -268,7 +268,7 @@ def _friction(
     }
     table = _estimates(part, units, "friction", missing, where)
     for key in friction_keys(rig.is_linear).values():
-        # As in the simulation, which takes negative friction for none.
+        # As in the simulation, which treats negative friction as zero.
         value = table[key].value
         table[key] = ExportedNumber(None if value is None else max(value, 0.0), units[key])
     rows = () if part is None else part.static_by_position
@@ -323,7 +323,7 @@ def _pwm_map(
     if period is not None and declared and abs(period / declared - 1.0) > 1e-6:
         raise input_error(
             place,
-            f"was fitted at a PWM period of {period:g} s, and the rig says {declared:g} s",
+            f"was fitted at a PWM period of {period:g} s, but the rig file gives {declared:g} s",
             "fit valve-pwm tests at the rig's period",
         )
     conditions = {
@@ -381,7 +381,7 @@ def _estimates(
 
 
 def _number(estimate: Estimate, unit: str, where: str) -> float:
-    """An estimate's value, whose unit must be the one that its name stands for."""
+    """An estimate's value, whose unit must be the one that its name implies."""
     if estimate.unit != unit:
         raise input_error(where, f"is in {estimate.unit!r}, not {unit!r}", _AGAIN)
     return _finite(estimate.value, where)

@@ -18,7 +18,7 @@ _STATIC = "static_by_position"
 
 
 def render(flat: Flat) -> str:
-    """The file's text (UTF-8, no NaN). What is not known is null; `not_identified` says why."""
+    """The file's text (UTF-8, no NaN). Unknown numbers are null; `not_identified` says why."""
     return json.dumps(content(flat), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
 
 

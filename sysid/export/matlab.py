@@ -1,7 +1,7 @@
 """A bundle's content as a MAT 5 file: one struct `sysid`, matrices in their natural shape.
 
-What is not known is NaN (a surface: an empty matrix); `sysid.not_identified` says why. The
-same names as in the JSON, but for the surfaces: of a bipolynomial `C` (3, 3), C(i, j)
+Unknown numbers are NaN (a surface: an empty matrix); `sysid.not_identified` says why. The
+same names as in the JSON, except for the surfaces: of a bipolynomial `C` (3, 3), C(i, j)
 multiplying u^(i-1) P^(j-1), and `C_scaled` (3, 3) over Chebyshev polynomials of the scaled
 inputs; of a network `W1` (H, 2), `b1` (H, 1), `W2` (1, H) and `b2`, for
 u = centre + half (W2 tanh(W1 x + b1) + b2), x the scaled (flow; pressure).
@@ -92,7 +92,7 @@ def _cells(items: list[Any]) -> Any:
 
 
 def _matlab(value: Any) -> Any:
-    """A value that savemat takes: NaN for None, columns for lists, structs for objects."""
+    """A value that savemat accepts: NaN for None, columns for lists, structs for objects."""
     if value is None:
         return np.nan
     if isinstance(value, dict):

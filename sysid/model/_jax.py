@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 # A simulation is one loop of many small operations. Below this size of its buffers XLA
-# compiles the whole loop to one function; above, it schedules each operation in every turn,
+# compiles the whole loop to one function; above, it schedules each operation in every pass,
 # which costs ten times the arithmetic. XLA ignores an extra option that it does not know.
 _ONE_FUNCTION = "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=1000000000"
 if "xla_backend_extra_options" not in os.environ.get("XLA_FLAGS", ""):

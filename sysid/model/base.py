@@ -1,11 +1,11 @@
 """The thesis' equations (chapter 3, corrected) as pure functions of state, inputs, parameters.
 
 Every function takes floats, numpy arrays or jax arrays, of any shapes that broadcast, and
-answers in the same kind: nothing here imports an array library but numpy. SI, absolute
+returns the same kind: numpy is the only array library imported here. SI, absolute
 pressures. "Effort" is torque (Nm) on a rotary rig and force (N) on a linear one, whose
 pitch radius is 1; "position" is rad or m accordingly.
 
-Equation numbers are the thesis'; where its print is wrong, the corrected form stands.
+Equation numbers are those of the thesis; where it is printed wrongly, the corrected form is used.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ CRITICAL_RATIO = 0.53
 
 
 def array_namespace(*values: Array) -> Any:
-    """The module whose functions take these values: numpy, unless one is of another library."""
+    """The module whose functions take these values: numpy unless one belongs to another library."""
     for value in values:
         if isinstance(value, float | int | np.ndarray | np.generic):
             continue
@@ -168,9 +168,9 @@ _FLOWS = tuple(
 
 
 def bare_parameters(rig: Rig) -> Parameters:
-    """The rig's constants where no flow matters; without a cylinder its pistons have no area.
+    """The rig's constants where flow does not matter; without a cylinder the piston area is 0.
 
-    What the rig file does not say is neutral: the atmosphere is 1e5 Pa, the travel endless.
+    What the rig file does not give is neutral: an atmosphere of 1e5 Pa, unlimited travel.
     """
     a, c, gravity = rig.air, rig.cylinder, rig.gravity_moment()
     atmosphere = a.atmospheric_pressure_pa if a else 1e5
@@ -183,7 +183,7 @@ def bare_parameters(rig: Rig) -> Parameters:
         weight=gravity if rig.is_linear else 0.0,
         offset=0.0,
         max_effort=np.inf if rig.max_effort is None else rig.max_effort,
-        # A chamber's volume is divided by; its force is nothing.
+        # Equations divide by a chamber's volume; the chamber exerts no force.
         area_a=c.area_a_m2 if c else 1e-15,
         area_b=c.area_b_m2 if c else 1e-15,
         offset_a=c.offset_a_m if c else 1e9,
@@ -359,7 +359,7 @@ def filling_flow(
     Choked: `choked_fill`, which holds at `supply_reference` (default: the supply itself)
     and is proportional to the supply; unchoked: see unchoked_filling_flow. The law jumps
     at the boundary, as the thesis' fitted constants do. An integrator that has located
-    the boundary says itself on which side of it the law is taken (`choked`).
+    the boundary chooses the side on which the law is taken (`choked`).
     """
     xp = array_namespace(pressure, supply, choked_fill, c_fill)
     reference = supply if supply_reference is None else supply_reference

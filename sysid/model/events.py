@@ -15,7 +15,7 @@ _TINY = 1e-300
 
 
 def apart(always: Array, function: Callable[[], _Result], like: _Result) -> _Result:
-    """function(), compiled apart from what uses its results, which are shaped `like` this.
+    """function(), compiled separately from the code that uses its results, shaped `like` this.
 
     XLA computes a value that several expressions share anew in each of them, stage upon
     stage, which makes a step several times slower. It does not look through a branch:

@@ -1,4 +1,4 @@
-"""The plant's right-hand side: the equations of `base` put together through the ports.
+"""The plant's right-hand side: the equations of `base` combined through the ports.
 
 Pure functions of (point, model) for numpy and jax alike. The discontinuities are not
 decided here: a `Regime` says on which side of each the plant is, so that an integrator
@@ -106,9 +106,9 @@ def sliding_friction(point: Point, model: Model) -> Array:
 
 
 def breakaway_effort(applied: Array, point: Point, model: Model) -> Array:
-    """Effort up to which the plant at rest holds, Nm or N (3.4.1).
+    """Effort up to which the plant stays at rest, Nm or N (3.4.1).
 
-    Never below the friction at which it would start to slide: else neither law holds.
+    Never below the friction at which it would start to slide: otherwise neither law holds.
     """
     xp = array_namespace(applied, point.velocity)
     static = model.through("static_effort", point.parameters.static_effort, point)

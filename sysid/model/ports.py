@@ -22,7 +22,7 @@ from sysid.model.base import Array, Parameters
 
 @dataclass(frozen=True)
 class Point:
-    """Where the model is: what every port may read. Fields broadcast over runs.
+    """The state of the model: what every port may read. Fields broadcast over runs.
 
     `motor` is the commanded effort; `open_a`, `open_b` whether a valve is on (with an
     averaged valve model: the duty); `direction` -1, 0 (at rest) or 1, to be used in place
@@ -187,7 +187,7 @@ Structure = tuple[tuple[type, tuple[tuple[str, Any], ...]], ...]
 
 
 def split(parts: tuple[Any, ...]) -> tuple[Structure, list[dict[str, Any]]]:
-    """Dataclass instances as a hashable structure and their numbers, apart.
+    """Dataclass instances split into a hashable structure and their numbers.
 
     The structure (classes and fields that are not numbers) decides what is compiled; the
     numbers are its inputs. `join` is the inverse.

@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
 
 VELOCITY_CHANNELS = {"theta_rad": "velocity_rad_per_s", "position_m": "velocity_m_per_s"}
-"""Name of the simulated velocity beside a log's position channel."""
+"""Name of the simulated velocity that goes with a log's position channel."""
 
 _STATE = ("position", "velocity", "pressure_a", "pressure_b")
-# Each round leaves the error times the slope of the sensor's error, some 1e-2 or less.
+# Each iteration multiplies the error by the slope of the sensor's error, about 1e-2 or less.
 _ROUNDS = 2
 _ROW_S = 1e-3
 
@@ -44,7 +44,7 @@ def before_sensors(
 
     `channels` by log-format names (rad or m, Pa), `elapsed` s since the test's start. A fixed
     point of true = measured - (shown(true) - true) on two rows of a constant: offsets and
-    gains are taken back; a lag and a delay show nothing of a constant.
+    gains are undone; a lag and a delay do not change a constant.
     """
     if not model.effects:
         return dict(channels)
@@ -70,14 +70,14 @@ def measured_channels(
 
 
 def true_start(inputs: Inputs, position: str, model: Model) -> Inputs:
-    """Inputs whose start state was measured, with what the sensors show instead taken back.
+    """Inputs whose start state was measured, with the sensors' errors undone.
 
     A pressure that is None, which starts at the atmosphere, was not measured. `position` as
     in `measured_channels`.
     """
     fields = dict(zip(_names(position), _STATE, strict=True))
     given = {name: getattr(inputs, field) for name, field in fields.items()}
-    # An effect may read any channel: one that was not measured stands in with the atmosphere.
+    # An effect may read any channel: one that was not measured is set to the atmosphere.
     atmosphere = float(model.parameters.atmosphere)
     start = {name: atmosphere if value is None else value for name, value in given.items()}
     true = before_sensors(start, model, inputs.elapsed)

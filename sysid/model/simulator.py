@@ -24,8 +24,8 @@ from sysid.types import FloatArray
 MAX_STEP = 1e-3
 """Longest step, s: samples further apart are split (accuracy: `benchmarks/simulation.py`)."""
 
-# Runs side by side in one compiled call. A batch is cut into blocks of one of these widths,
-# filled up with idle runs, so that few shapes are ever compiled.
+# Runs simulated together in one compiled call. A batch is cut into blocks of these widths,
+# padded with idle runs, so that few shapes are ever compiled.
 _WIDTHS = (1, 8, 32)
 # Sub-steps in one compiled call: the compiled shapes do not depend on a log's length.
 _CHUNK = 4096
@@ -33,7 +33,7 @@ _CHUNK = 4096
 _EVENT_ROOM = 512
 # Half the compile time of the default level, and no slower.
 _COMPILER_OPTIONS = {"xla_backend_optimization_level": 2}
-# No run needs nearly as many continuations; more would be an endless loop.
+# No run needs nearly as many continuations: more would be an endless loop.
 _MOST_CALLS = 1000
 
 
@@ -247,7 +247,7 @@ _STATE = ("position", "velocity", "pressure_a", "pressure_b")
 
 
 def _table(runs: list[_PreparedRun], start: int, count: NDArray[np.intp]) -> EventTable:
-    """The runs' sub-steps from `start` on side by side, as many as a chunk holds."""
+    """The runs' sub-steps from `start` on, next to each other, as many as a chunk holds."""
     numbers = np.zeros((4, len(runs), _CHUNK))
     ends_sample = np.zeros((len(runs), _CHUNK), dtype=bool)
     for i, (run, n) in enumerate(zip(runs, count, strict=True)):
@@ -302,7 +302,7 @@ def _start(inputs: list[Inputs], model: Model) -> Lanes:
 
 
 def _check_known(model: Model, inputs: Inputs, averaged: bool) -> None:
-    """Refuse a parameter that is not a number: a simulation would pass it on in silence."""
+    """Refuse a parameter that is not a number: a simulation would propagate it silently."""
     laws = ("choked_fill", "choked_dis", "c_fill", "c_dis")
     unused = {f"{law}_{side}" for law in laws for side in SIDES} if averaged else set()
     unknown = [
@@ -317,10 +317,10 @@ def _check_known(model: Model, inputs: Inputs, averaged: bool) -> None:
         )
     n = len(inputs.time)
     if n < 2:
-        raise ValueError("a run needs two rows at least")
+        raise ValueError("a run needs at least two rows")
     columns = [inputs.motor] + [c.values for c in (inputs.valve_a, inputs.valve_b) if c]
     if any(len(c) != n or not np.isfinite(c).all() for c in columns):
-        raise ValueError("motor and valve commands must be finite and as long as time")
+        raise ValueError("motor and valve commands must be finite and have the length of time")
 
 
 def _cores() -> int:
@@ -352,7 +352,7 @@ def simulate(
     cores = _cores()
     share = -(-len(pairs) // cores)
     width = next((w for w in _WIDTHS if w >= share), _WIDTHS[-1])
-    # Runs of like length go together: in a block the short ones wait for the longest.
+    # Runs of similar length go together: in a block the short ones wait for the longest.
     order = sorted(range(len(pairs)), key=lambda i: len(pairs[i][0].time))
     blocks = [order[i : i + width] for i in range(0, len(order), width)]
 

@@ -35,7 +35,7 @@ _Result = TypeVar("_Result")
 _ON_BOUNDARY = 1e-10
 # One that moves with the other chamber's flow leaves a pressure behind within a step.
 _ON_MOVING_BOUNDARY = 1e-4
-# A cut step advances by at least this share, so that events cannot stop the clock.
+# A cut step advances by at least this share, so that events cannot stall the time.
 _LEAST_SHARE = 1e-4
 # Implicit where sqrt(D) is below this many h K: the explicit method is exact enough above.
 _STIFF_STEPS = 1.0
@@ -331,7 +331,7 @@ def advance(lanes: Lanes, table: EventTable, model: Model, surfaces: tuple[Any, 
         lambda: [kutta_cubic(*of, step) for of in zip(state, k1, k2, k3, strict=True)],
         [Cubic(y, y, y, y) for y in state],
     )
-    # The stages lie at first order only; this parabola takes out what they are off.
+    # The stages are accurate to first order only; this parabola removes their error.
     bend = 0.5 * (margin_3 - 2.0 * margin_2 + margin_1)
     margin = Cubic(margin_1, 2.0 * (margin_2 - margin_1), bend, jnp.zeros_like(bend))
     return _cut(lanes, setting, cubics, (step, margin, way, active))

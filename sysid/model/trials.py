@@ -136,8 +136,8 @@ def simulated_table(
 ) -> pd.DataFrame:
     """Trials' commands and their simulated channels, one row a sample, as a log has them.
 
-    `channels` is what `simulate_trials` returned; the column `test` is there where there are
-    several trials, or the one has a label.
+    `channels` is what `simulate_trials` returned; the column `test` is present where there
+    are several trials, or the only one has a label.
     """
     import pandas as pd
 

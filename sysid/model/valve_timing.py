@@ -21,7 +21,7 @@ TIME_TOLERANCE = 1e-9
 
 @dataclass(frozen=True)
 class OpenIntervals:
-    """A valve is open in [opens[i], closes[i]); sorted, apart, of positive length."""
+    """A valve is open in [opens[i], closes[i]); sorted, disjoint, of positive length."""
 
     opens: FloatArray
     closes: FloatArray
@@ -102,7 +102,7 @@ def pwm_intervals(
     switched_intervals.
     """
     starts, held = period_duties(time, duty, period)
-    # The last period is cut nowhere: what it would do after the last row is not simulated.
+    # The last period is not cut: what it would do after the last row is not simulated.
     ends = starts + held * period
     on = held > 0.0
     opens, closes = starts[on], ends[on]
@@ -142,7 +142,7 @@ def delayed(
         overtaken = np.diff(edges) <= TIME_TOLERANCE
         if not overtaken.any():
             return OpenIntervals(edges[0::2].copy(), edges[1::2].copy())
-        # In a run of overtaken edges the first pair cancels; the rest is judged anew.
+        # In a run of overtaken edges the first pair cancels; the remaining ones are checked again.
         first = overtaken & ~np.concatenate(([False], overtaken[:-1]))
         keep = np.ones(len(edges), dtype=bool)
         keep[:-1] &= ~first

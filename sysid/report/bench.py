@@ -1,4 +1,4 @@
-"""The diagnosis of a part tested alone: what its law lacked, what was gained, what remains."""
+"""The diagnosis of a part tested alone: what its law lacked, the gain, and the remainder."""
 
 from __future__ import annotations
 
@@ -24,29 +24,29 @@ Content = Mapping[str, Any]
 
 
 def component_section(content: Content) -> Section:
-    """The section of what `sysid.diagnosis.content.content` made of a part's diagnosis.
+    """The section of a part's diagnosis, from `sysid.diagnosis.content.content`.
 
     To be called within `sysid.report.svg.styled()`. Texts are escaped by the template.
     """
     blocks: list[Block] = []
     if content["effects"]:
-        share = "Share of the error of prediction, %"
+        share = "Share of the prediction error, %"
         blocks.append(effects_table(content, share))
-        caption = "Their parameters; errors allow for residuals that follow one another"
+        caption = "Their parameters; standard errors allow for correlated residuals"
         blocks.append(parameters_table(content, caption))
     if content["residual"]:
         blocks.append(errors_table(content, "RMSE on the held-out tests"))
         caption = (
-            "From the law that was given to the extended one: error on the held-out tests, and "
-            "what each effect takes off it. The noise floor (thin line) is what changes from one "
-            "sample to the next, which no law in the logged quantities explains."
+            "From the original law to the extended one: error on the held-out tests, and how much "
+            "each effect reduces it. The noise floor (thin line) is the change from one sample to "
+            "the next, which no law in the logged quantities explains."
         )
         blocks.append(waterfall(content, caption))
     if content["curves"]:
         blocks += [
-            Heading("diagnosis-residuals", "Residual over what it follows most"),
+            Heading("diagnosis-residuals", "Residual over its strongest regressors"),
             FigureGroup(
-                "Mean residual on the tests to fit on, in bins of equal count. Measured less "
+                "Mean residual on the training tests, in bins of equal count. Measured less "
                 "modelled.",
                 tuple(_curve(i, c) for i, c in enumerate(content["curves"])),
             ),
@@ -60,9 +60,10 @@ def component_section(content: Content) -> Section:
     intro = (
         sentence(content),
         "The part was tested alone, so there is no actuator to simulate. Each effect of the "
-        "catalogue that acts on it was fitted beside its law and had to predict tests that were "
-        "left out; it was added where it is off 0 beyond doubt and takes a real share of the "
-        "error of prediction. The errors below are of tests that nothing was fitted on.",
+        "catalogue that acts on it was fitted together with its law and had to predict tests left "
+        "out of that fit; it was added if its strength differs significantly from 0 and it removes "
+        "a substantial share of the prediction error. The errors below are those of tests that "
+        "were left out of the fit.",
     )
     return Section("diagnosis", "Diagnosis", intro, tuple(blocks))
 
@@ -82,7 +83,7 @@ def _curve(place: int, entry: Mapping[str, Any]) -> Figure:
     reach = {k: float(np.max(np.abs(entry[k]))) for k in ("before", "after")}
     description = (
         f"Mean residual by {name}: it reaches {number(reach['before'])} {entry['unit']} before and "
-        f"{number(reach['after'])} after; what is left of it predicts "
+        f"{number(reach['after'])} after; the remaining curve predicts "
         f"{number(100.0 * entry['share'], 2)} % of the squares of tests left out."
     )
     title = f"Residual over {name}, before and after"
@@ -103,11 +104,11 @@ def _tried(content: Content) -> list[Block]:
     ]
     if not rows:
         return []
-    columns = ("Suspect", "Look", "Takes of the error of prediction, %", "p", "What became of it")
+    columns = ("Suspect", "Round", "Prediction error removed, %", "p", "Outcome")
     details = table("Every suspect", columns, rows, text=(4,))
     return [
         Heading("diagnosis-tried", "What was tried"),
-        Fold("Every suspect, and what became of it", (details,)),
+        Fold("Every suspect and its outcome", (details,)),
     ]
 
 

@@ -1,4 +1,4 @@
-"""What a section of the report is made of: tables, figures, plots, lines of text.
+"""The elements of a section of the report: tables, figures, plots, lines of text.
 
 Everything is plain text that the template escapes; the only markup is a figure's SVG, which
 `sysid.report.svg` makes and which holds no text from a file.
@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-# Text that is longer than this may be broken.
+# Longer text may be wrapped.
 _LONGEST_CELL = 36
 
 
@@ -18,7 +18,7 @@ _LONGEST_CELL = 36
 class HtmlTable:
     """A table: the first cell of each row is its header.
 
-    `numeric` columns are set to the right, `code` in a fixed width; only `prose` may wrap.
+    `numeric` columns are right-aligned, `code` is monospaced; only `prose` may wrap.
     """
 
     caption: str
@@ -32,7 +32,7 @@ class HtmlTable:
 
 @dataclass(frozen=True)
 class Figure:
-    """A static figure. `svg` is safe markup; `title` names it, `description` tells it in words."""
+    """A static figure. `svg` is safe markup; `title` names it, `description` puts it in words."""
 
     id: str
     title: str
@@ -42,7 +42,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class FigureGroup:
-    """Figures side by side under one caption, which may say which of the thesis' they match."""
+    """Figures next to each other under one caption, which may name the matching thesis figures."""
 
     caption: str
     figures: tuple[Figure, ...]
@@ -51,7 +51,7 @@ class FigureGroup:
 
 @dataclass(frozen=True)
 class Plot:
-    """An interactive plot, and the static figures that stand in for it.
+    """An interactive plot, and the static figures shown in its place.
 
     `document` is Bokeh's JSON, which plots may share; `samples` are this plot's own.
     """
@@ -68,7 +68,7 @@ class Plot:
 
 @dataclass(frozen=True)
 class Lines:
-    """Lines of text; with a `summary` they fold away behind it."""
+    """Lines of text; with a `summary` they are collapsed behind it."""
 
     lines: tuple[str, ...]
     summary: str = ""
@@ -86,7 +86,7 @@ class Heading:
 
 @dataclass(frozen=True)
 class Fold:
-    """Blocks that fold away behind a summary."""
+    """Blocks collapsed behind a summary."""
 
     summary: str
     blocks: tuple[Block, ...]
@@ -114,7 +114,7 @@ def table(
     text: Sequence[int] = (),
     code: Sequence[int] = (),
 ) -> HtmlTable:
-    """A table whose columns are numbers but for the first and those in `text` and `code`."""
+    """A table whose columns are numbers except the first and those in `text` and `code`."""
     words = {0, *text, *code}
     numeric = frozenset(i for i in range(len(columns)) if i not in words)
     prose = frozenset(

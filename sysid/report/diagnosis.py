@@ -1,4 +1,4 @@
-"""The diagnosis: what the model lacked, what adding it gained, what was tried, what remains."""
+"""The diagnosis: what the model lacked, the gain, what was tried, and the remainder."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ Content = Mapping[str, Any]
 
 
 def diagnosis_section(content: Content, is_linear: bool) -> Section:
-    """The section of what `sysid.diagnosis.content.content` made of a diagnosis.
+    """The section of a diagnosis, from `sysid.diagnosis.content.content`.
 
     To be called within `sysid.report.svg.styled()`. Texts are escaped by the template.
     """
@@ -51,17 +51,17 @@ def diagnosis_section(content: Content, is_linear: bool) -> Section:
         blocks.append(Lines(tuple(content["notices"]), "Notices of the diagnosis"))
     intro = (
         sentence(content),
-        "What the fitted equations leave of the measured torque and pressure rates was compared "
-        "with twins: the same tests simulated with the model as fitted and passed through the "
-        "same filters and fits. An effect was added where it explains more than any twin shows, "
-        "and a fair share of what is left; it was fitted on the tests to fit on, and the errors "
-        "below are of tests that nothing was fitted on.",
+        "The residuals of the fitted equations, in torque and pressure rates, were compared with "
+        "those of twins: the same tests simulated with the fitted model and passed through the "
+        "same filters and fits. An effect was added if it explains more than on any twin, and a "
+        "fair share of the remainder. It was fitted on the training tests; the errors below are "
+        "those of held-out tests.",
     )
     return Section("diagnosis", "Diagnosis", intro, tuple(blocks))
 
 
 def effects_table(content: Content, share: str = "Share of the excess, %") -> HtmlTable:
-    """Every effect that was added; `share` heads the column of what each took."""
+    """Every effect that was added; `share` heads the column of what each explained."""
     titles = content["figures"]["titles"]
     rows = [
         (
@@ -73,8 +73,8 @@ def effects_table(content: Content, share: str = "Share of the excess, %") -> Ht
         )
         for effect in content["effects"]
     ]
-    columns = ("Effect", "Title", "p", share, "May as well be")
-    return table("Effects that were added, in this order", columns, rows, text=(1, 4))
+    columns = ("Effect", "Title", "p", share, "Indistinguishable from")
+    return table("Effects added, in this order", columns, rows, text=(1, 4))
 
 
 def short_p(value: float) -> str:
@@ -84,7 +84,7 @@ def short_p(value: float) -> str:
 
 def parameters_table(
     content: Content,
-    caption: str = "Their parameters; errors from leaving out one test at a time",
+    caption: str = "Their parameters; standard errors by leaving out one test at a time",
 ) -> HtmlTable:
     """The parameters of every effect, with their intervals."""
     rows = []
@@ -102,7 +102,7 @@ def parameters_table(
 
 
 def errors_table(
-    content: Content, caption: str = "Open-loop RMSE on the held-out tests, whole tests"
+    content: Content, caption: str = "Open-loop RMSE over whole held-out tests"
 ) -> HtmlTable:
     """Held-out errors by channel, effect by effect."""
     rows = []
@@ -112,7 +112,7 @@ def errors_table(
         cells = [number(channel.residual(e)) for e in (*errors, floor)]
         rows.append((f"{channel.title} ({channel.residual_unit})", *cells))
     added = [f"+ {effect['id']}" for effect in content["effects"]]
-    columns = ("Channel", "Bundle given", *added, "Noise floor")
+    columns = ("Channel", "Original bundle", *added, "Noise floor")
     return table(caption, columns, rows)
 
 
@@ -126,16 +126,16 @@ def waterfall(content: Content, caption: str = "") -> FigureGroup:
         for name, errors in errors_by_step(content).items()
     ]
     caption = caption or (
-        "From the bundle that was given to the extended model: error in open-loop simulation of "
-        "the held-out tests, and what each effect takes off it, the base parameters refitted "
-        "beside it. The noise floor (thin line) is what a right model would show: sensor noise, "
-        "quantisation and the rig's own scatter from test to test."
+        "From the original bundle to the extended model: error in open-loop simulation of the "
+        "held-out tests, and how much each effect reduces it, with the base parameters refitted. "
+        "The noise floor (thin line) is the error of a correct model: sensor noise, quantisation "
+        "and the rig's own scatter from test to test."
     )
     return FigureGroup(caption, tuple(figures))
 
 
 def _residuals(content: Content, is_linear: bool) -> list[Block]:
-    """Each balance over the regressor that it follows most; further ones fold away."""
+    """Each balance over its strongest regressor; further ones are collapsed."""
     drawn = content["figures"]["curves"]
     if not drawn:
         return []
@@ -147,19 +147,21 @@ def _residuals(content: Content, is_linear: bool) -> list[Block]:
         figure = panels.curve(f"fig-diagnosis-curve-{place}", entry, is_linear, extended)
         (further if entry["channel"] in seen else first).append(figure)
         seen.add(entry["channel"])
-    which = "the bundle given (before) and the extended model (after)" if extended else "the bundle"
-    along = "along which the effects change it most" if extended else "that it follows most"
+    which = (
+        "the original bundle (before) and the extended model (after)" if extended else "the bundle"
+    )
+    along = "along which the effects change it most" if extended else "on which it depends most"
     caption = (
-        f"What {which} leave{'' if extended else 's'} of the balances on the tests to fit on: "
-        f"means in bins with their 95 % band, over the regressor {along}. About 0 the axis and the "
-        "bins are stretched. Measured less modelled."
+        f"Residuals of the balances on the training tests under {which}: means in bins with their "
+        f"95 % band, over the regressor {along}. Around 0 the axis is stretched and the bins are "
+        "finer. Measured less modelled."
     )
     blocks: list[Block] = [
         Heading("diagnosis-residuals", "Residuals of the balances"),
         FigureGroup(caption, tuple(first)),
     ]
     if further:
-        group = FigureGroup("The regressors that come next.", tuple(further))
+        group = FigureGroup("The next strongest regressors.", tuple(further))
         blocks.append(Fold("Over further regressors", (group,)))
     return [*blocks, _excess_table(content, is_linear)]
 
@@ -168,7 +170,7 @@ def _excess_table(content: Content, is_linear: bool) -> HtmlTable:
     def shown(value: float) -> str:
         return number(value) if value > 0.0 else "none"
 
-    columns = ["Balance", "Bundle given"]
+    columns = ["Balance", "Original bundle"]
     rows = [
         [panels.residual_title(name, is_linear), shown(e["before"])]
         for name, e in content["figures"]["excess"].items()
@@ -177,19 +179,19 @@ def _excess_table(content: Content, is_linear: bool) -> HtmlTable:
         columns.append("Extended model")
         for row, e in zip(rows, content["figures"]["excess"].values(), strict=True):
             row.append(shown(e["after"]))
-    return table("Whitened squares beyond what the twins show", columns, rows)
+    return table("Whitened sum of squares in excess of the twins'", columns, rows)
 
 
 def _tried(content: Content) -> list[Block]:
-    """Gains beside the twins', and what became of every suspect."""
+    """Gains next to the twins', and the outcome for every suspect."""
     looks = content["figures"]["looks"]
     shown = [(i, look) for i, look in enumerate(looks, start=1) if look["suspects"]]
     if not shown:
         return []
     caption = (
-        "What the suspects of each look at the residual gain, on a logarithmic axis. Circles: on "
-        f"twins, where nothing is missing ({number(panels.LEAST_GAIN)} and less at the left "
-        "edge); diamonds: on the logs; crosses: refitted with the base parameters."
+        "Gains of the suspects in each round, on a logarithmic axis. Circles: on twins, where "
+        f"nothing is missing (values up to {number(panels.LEAST_GAIN)} at the left edge); "
+        "diamonds: on the logs; crosses: after refitting with the base parameters."
     )
     rows = [
         (
@@ -204,12 +206,12 @@ def _tried(content: Content) -> list[Block]:
         for place, look in shown
         for suspect in look["suspects"]
     ]
-    columns = ("Suspect", "Look", "Gain", "Most on a twin", "p", "Refitted", "What became of it")
+    columns = ("Suspect", "Round", "Gain", "Largest on a twin", "p", "Refitted", "Outcome")
     details = table("Every suspect", columns, rows, text=(6,))
     return [
         Heading("diagnosis-tried", "What was tried"),
         FigureGroup(caption, tuple(panels.suspects(place, look) for place, look in shown)),
-        Fold("Every suspect, and what became of it", (details,)),
+        Fold("Every suspect and its outcome", (details,)),
     ]
 
 
@@ -223,10 +225,10 @@ def _remaining(content: Content, is_linear: bool) -> list[Block]:
         for place, entry in enumerate(left)
     )
     caption = (
-        "What remains and no effect of the catalogue explains: means with their 95 % band over "
-        "the regressor that the residual follows most."
+        "The remainder, which no effect in the catalogue explains: means with their 95 % band over "
+        "the regressor on which the residual depends most."
     )
-    return [Heading("diagnosis-left", "What remains unexplained"), FigureGroup(caption, figures)]
+    return [Heading("diagnosis-left", "Unexplained remainder"), FigureGroup(caption, figures)]
 
 
 __all__ = [

@@ -1,7 +1,7 @@
-"""The diagnosis' figures: errors step by step, residuals over regressors, gains beside twins'.
+"""The diagnosis' figures: errors step by step, residuals over regressors, gains next to twins'.
 
-Every panel draws numbers that `sysid.diagnosis.content.figures` kept. Ids of a user's own
-effects are drawn without the characters that no id needs.
+Every panel draws numbers from `sysid.diagnosis.content.figures`. Ids of user-defined effects
+are drawn without unusual characters.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ if TYPE_CHECKING:
 
 
 MOST_SUSPECTS = 8
-"""Suspects of one look that are drawn; the table holds all of them."""
+"""Suspects of one round that are drawn; the table holds all of them."""
 _WIDTH = svg.PANEL[0]
 _ROW = 0.33  # inches
 _FRAME = 0.83  # inches above and below the rows
 _LEFT = 0.16  # inches: rows carry their names inside
 LEAST_GAIN = 0.1
-"""Gains are drawn at this where they are smaller."""
+"""Smaller gains are drawn at this value."""
 _NAME = re.compile(r"[^A-Za-z0-9 ._+-]")
 _LONGEST_NAME = 40
 
@@ -72,14 +72,14 @@ def residual_title(residual: str, is_linear: bool) -> str:
 def waterfall(
     channel: Channel, errors: Sequence[float], added: Sequence[str], floor: float
 ) -> Figure:
-    """Held-out RMSE of the bundle given, what each effect takes off it, and the noise floor.
+    """Held-out RMSE of the original bundle, its reduction by each effect, and the noise floor.
 
     `errors` (1 + effects,) and `floor` in the channel's SI unit.
     """
     shown = [channel.residual_scale * e for e in errors]
     low = channel.residual_scale * floor
     unit = channel.residual_unit
-    rows = [("bundle given", 0.0, shown[0], "measured", number(shown[0]))]
+    rows = [("original bundle", 0.0, shown[0], "measured", number(shown[0]))]
     for name, before, after in zip(added, shown, shown[1:], strict=False):
         role = "third" if after <= before else "model"
         sign = MINUS if after <= before else "+"
@@ -98,7 +98,7 @@ def waterfall(
     ax.set_xlabel(f"RMSE on held-out tests ({unit})")
     steps = "; ".join(f"after {n} {number(e)}" for n, e in zip(added, shown[1:], strict=True))
     description = (
-        f"The bundle given has {number(shown[0])} {unit}{'; ' + steps if steps else ''}; the "
+        f"The original bundle has {number(shown[0])} {unit}{'; ' + steps if steps else ''}; the "
         f"noise floor is {number(low)} {unit}."
     )
     title = f"Error of {channel.title} on held-out tests, effect by effect"
@@ -106,9 +106,9 @@ def waterfall(
 
 
 def suspects(place: int, look: Mapping[str, Any]) -> Figure:
-    """Gains of one look's suspects on a logarithmic axis, beside the gains on the twins."""
+    """Gains of one round's suspects on a logarithmic axis, next to the gains on the twins."""
     rows = look["suspects"][:MOST_SUSPECTS]
-    figure, ax = _rows_panel(f"Look {place}", len(rows))
+    figure, ax = _rows_panel(f"Round {place}", len(rows))
     for i, suspect in enumerate(rows):
         y = -i - 0.14
         twins = np.maximum(suspect["twins"], LEAST_GAIN)
@@ -130,8 +130,8 @@ def suspects(place: int, look: Mapping[str, Any]) -> Figure:
     told = "; ".join(
         f"{s['id']} {number(s['gain'])} against {number(max(s['twins']))}" for s in rows
     )
-    title = f"Gains of the suspects, look {place}"
-    description = f"On the logs, against the most on a twin: {told}."
+    title = f"Gains of the suspects, round {place}"
+    description = f"On the logs, against the largest on a twin: {told}."
     return svg.to_figure(figure, f"fig-diagnosis-suspects-{place}", title, description)
 
 
@@ -153,7 +153,7 @@ def curve(id: str, content: Mapping[str, Any], is_linear: bool, extended: bool) 
     if extended:
         svg.legend(ax)
     told = "; ".join(
-        f"{label} it takes {number(100.0 * part['share'], 2)} % of the residual's variance and "
+        f"{label}, it explains {number(100.0 * part['share'], 2)} % of the residual's variance and "
         f"reaches {number(scale * max(abs(m) for m in part['means']))} {unit}"
         for label, _, part in parts
     )
@@ -162,7 +162,7 @@ def curve(id: str, content: Mapping[str, Any], is_linear: bool, extended: bool) 
 
 
 def leftover(id: str, content: Mapping[str, Any], is_linear: bool) -> Figure:
-    """The mean of a residual that nothing explains over the regressor that it follows most."""
+    """The mean of an unexplained residual over the regressor on which it depends most."""
     unit, scale = _residual_unit(content["residual"], is_linear, content["means"])
     title = residual_title(content["residual"], is_linear)
     x, x_unit, name = _regressor(content, is_linear)

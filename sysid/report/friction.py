@@ -61,7 +61,7 @@ def friction_section(friction: Friction, linear: bool) -> Section:
     figures = _figures(friction, units)
     if figures:
         caption = (
-            "Friction over speed, one point a constant-effort test, with the fit and its 95 % "
+            "Friction over speed, one point per constant-effort test, with the fit and its 95 % "
             "band (jackknife over the tests); breakaway by starting position, with each "
             "position's mean and its 95 % interval."
         )
@@ -80,7 +80,7 @@ def friction_section(friction: Friction, linear: bool) -> Section:
 def parameters_table(
     caption: str, estimates: Mapping[str, Estimate], name_of: Any, prefix: str = ""
 ) -> HtmlTable:
-    """One row a parameter of a part of the bundle, with its interval and its key there."""
+    """One row per parameter of a part of the bundle, with its interval and its key there."""
     rows = [
         (name_of(key), *estimate_cells(value), prefix + key) for key, value in estimates.items()
     ]

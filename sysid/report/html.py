@@ -15,7 +15,7 @@ _TEMPLATES = resources.files("sysid.report") / "templates"
 def fill(template: str, *, folder: Path | None = None, **content: Any) -> str:
     """The page of a template that extends `frame.html`, the report's own or one in `folder`.
 
-    `content` is what the template speaks of; texts in it are escaped.
+    `content` is what the template uses; texts in it are escaped.
     """
     import jinja2
     from markupsafe import Markup
@@ -44,7 +44,7 @@ def moment(time: datetime.datetime) -> str:
 
 
 def template_text(name: str) -> str:
-    """A file of the report's templates as it stands."""
+    """A file of the report's templates, unchanged."""
     return (_TEMPLATES / name).read_text("utf-8")
 
 

@@ -2,7 +2,7 @@
 
 Colours are set again by the script, from the page's scheme, by the role in a model's tags.
 Everything that is drawn comes from numbers and from names in this package; text from a file
-stays outside, in what the template escapes.
+stays outside, in text that the template escapes.
 
 One document serves all tests with the same channels and valve models; the script puts each
 test's samples into it. They travel whole, so that zooming in shows every one: 16-bit whole
@@ -31,7 +31,7 @@ BokehModel = Any
 
 # A longer test is thinned to its extremes: this many samples.
 _MOST_SAMPLES = 12_000
-# Sixteen bits, but for the least value, which stands for "not a number".
+# Sixteen bits, except the least value, which means "not a number".
 _LARGEST, _NOT_A_NUMBER = 32_767, -32_768
 _HEIGHTS = (176, 104)
 _LEFT = 78
@@ -48,7 +48,7 @@ _DASHES = {"discrete": "solid", "bipolynomial": [6, 2], "ann": [2, 2]}
 
 
 def bokeh_script() -> str:
-    """BokehJS, to stand inside a script element."""
+    """BokehJS, for use inside a script element."""
     from bokeh.resources import Resources
 
     text = "\n".join(Resources(mode="inline", components=["bokeh"]).js_raw)

@@ -39,7 +39,7 @@ _THESIS = {"motion-motor": "3.19", "friction-motion": "3.19", "motion-pwm": "3.2
 
 
 def validation_section(validation: ValidationResult) -> Section:
-    """Every motion log, simulated from its first row with nothing but its commands."""
+    """Every motion log, simulated from its first row given only its commands."""
     blocks: list[Block] = [_table(validation, c) for c in shown_channels(validation)]
     blocks.append(_structure_table(validation))
     blocks.append(_growth(validation))
@@ -49,14 +49,14 @@ def validation_section(validation: ValidationResult) -> Section:
     if validation.notices:
         blocks.append(Lines(tuple(dict.fromkeys(validation.notices)), "Notices"))
     intro = [
-        "Each test is simulated open loop from an estimated start, with nothing but its "
-        "commands: no measurement corrects the model on the way, so that an error in position "
-        "adds up. Over one second the simulation starts afresh from the measured state.",
+        "Each test is simulated open loop from an estimated start, given only its commands: no "
+        "measurement corrects the model along the way, so that errors in position accumulate. "
+        "The errors over one second are of simulations restarted from the measured state.",
     ]
     if len(shown) < len(tests):
         intro.append(
-            f"Of {len(tests)} tests {len(shown)} are drawn: those held out, and of each kind of "
-            "which none is, the one that is followed worst."
+            f"Of {len(tests)} tests {len(shown)} are drawn: those held out, and of each kind "
+            "without held-out tests the one with the worst fit."
         )
     return Section("validation", "Open-loop validation", tuple(intro), tuple(blocks))
 
@@ -72,7 +72,7 @@ def _table(validation: ValidationResult, channel: Channel) -> HtmlTable:
         rows.append(
             (
                 log.file,
-                "held out" if log.use == "holdout" else "fitted on",
+                "held out" if log.use == "holdout" else "training",
                 MODEL_NAMES[log.model],
                 *horizons,
                 number(channel.residual(result.errors.rmse)),
@@ -114,13 +114,20 @@ def _structure_table(validation: ValidationResult) -> Fold:
                     _loudest(log, channel.key),
                 )
             )
-    columns = ("Log", "Valve model", "Channel", "White", "Free of the inputs", "Strongest input")
+    columns = (
+        "Log",
+        "Valve model",
+        "Channel",
+        "White",
+        "Uncorrelated with inputs",
+        "Strongest input",
+    )
     caption = "Tests whose residual is white, and uncorrelated with every input (5 % false alarms)"
-    return Fold("Structure left in the residuals", (table(caption, columns, rows, text=(1, 2, 5)),))
+    return Fold("Structure in the residuals", (table(caption, columns, rows, text=(1, 2, 5)),))
 
 
 def _loudest(log: LogResult, channel: str) -> str:
-    """The input that the residual follows most, where it does."""
+    """The input on which the residual depends most, if on any."""
     found = [
         (float(np.max(np.abs(test.correlations) / test.band)), name)
         for result in log.tests
@@ -144,12 +151,12 @@ def _growth(validation: ValidationResult) -> FigureGroup:
         ax.set_ylim(0.0, 1.5 * ax.get_ylim()[1])
         ax.set_xlim(left=0.0)
         svg.legend(ax, loc="upper left")
-        description = f"{channel.title}, RMS over the starts within the tests: " + "; ".join(used)
+        description = f"{channel.title}, RMS over all starts within the tests: " + "; ".join(used)
         title = f"{channel.title}: how the error grows"
         figures.append(svg.to_figure(figure, f"fig-growth-{channel.key}", title, description))
     caption = (
         "How the open-loop error grows with the time since the simulation last started from the "
-        "measured state; one line a valve model, over the logs held out (all, where none is)."
+        "measured state; one line per valve model, over the held-out logs (all logs if none is)."
     )
     return FigureGroup(caption, tuple(figures))
 
@@ -169,7 +176,7 @@ def _growth_lines(ax: Axes, validation: ValidationResult, channel: Channel) -> l
             continue
         rows = min(len(c) for c in curves)
         square = np.mean([c[:rows] ** 2 for c in curves], axis=0)
-        # Means over stretches that hold whole PWM periods: the ripple's phase says nothing.
+        # Means over whole PWM periods: the ripple's phase is irrelevant.
         edges = np.unique(np.linspace(0, rows, _GROWTH_POINTS + 1).astype(int))
         shown = channel.residual_scale * np.sqrt(
             np.add.reduceat(square, edges[:-1]) / np.diff(edges)

@@ -19,13 +19,13 @@ from sysid.report.shown_tests import MODEL_NAMES, shown_channels
 if TYPE_CHECKING:
     from sysid.validation import ChannelResult, LogResult, ValidationResult
 
-# Fit percentage over whole open-loop tests of the channel that is followed worst.
+# Fit percentage over whole open-loop tests of the channel with the worst fit.
 _WELL, _ROUGHLY = 90.0, 70.0
 
 
 @dataclass(frozen=True)
 class ReportVerdict:
-    """`level` ("good", "fair", "poor" or "none") goes with `sentence`; `notes` say what to mind.
+    """`level` ("good", "fair", "poor" or "none") goes with `sentence`; `notes` are reservations.
 
     `diagnosis` is its verdict in one sentence, empty where there is none.
     """
@@ -58,7 +58,7 @@ def verdict(
     validation: ValidationResult | None,
     diagnosis: Mapping[str, Any] | None = None,
 ) -> ReportVerdict:
-    """Judged on the held-out logs; on those that were fitted, and said so, where none is."""
+    """Judged on the held-out logs; if there are none, on the training logs, and it says so."""
     judged = _validated(bundle, validation)
     if diagnosis is None or "verdict" not in diagnosis:
         return judged
@@ -75,7 +75,7 @@ def _validated(bundle: Bundle, validation: ValidationResult | None) -> ReportVer
         ]
         said = (
             f"Parameters of {' and '.join(parts) or 'nothing'} were identified; whether the model "
-            "follows the rig's motion has not been tried (sysid validate does)."
+            "follows the rig's motion was not tested (run sysid validate)."
         )
         return ReportVerdict("none", said, None, notes)
     held = validation.select("holdout")
@@ -86,8 +86,8 @@ def _validated(bundle: Bundle, validation: ValidationResult | None) -> ReportVer
         return ReportVerdict("none", "No motion log could be simulated.", None, notes)
     level = _level(pooled)
     tests = sum(len(log.tests) for log in logs)
-    basis = f"{tests} test{'s' * (tests != 1)} " + (
-        "that nothing was fitted on" if held else "(all of them fitted on: none is held out)"
+    basis = f"{tests} {'held-out ' if held else ''}test{'s' * (tests != 1)}" + (
+        "" if held else " (all used for training: none is held out)"
     )
     said = f"{_opening(level)} on {basis}, simulated open loop, {_figures(pooled)}."
     models = sorted({MODEL_NAMES[log.model] for log in logs})
@@ -182,7 +182,7 @@ def _table(pooled: Sequence[_Pooled], models: Sequence[str]) -> HtmlTable:
 
 
 def _other_models(logs: Sequence[LogResult], primary: Sequence[LogResult]) -> Iterator[str]:
-    """How the position fares under the other valve models, on the logs that they simulate."""
+    """The position's fit under the other valve models, on the logs that they simulate."""
     for model, name in MODEL_NAMES.items():
         own = [g for g in logs if g.model == model and not any(g is p for p in primary)]
         channels = [c for g in own for c in g.channels]

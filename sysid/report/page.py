@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from sysid.validation import ValidationResult
 
 
-_NOT_DIAGNOSED = "what the model lacks was not looked for (sysid diagnose does)"
+_NOT_DIAGNOSED = "the model was not diagnosed (run sysid diagnose)"
 
 
 def write_report(
@@ -40,7 +40,7 @@ def write_report(
     Curves are computed anew from the campaign's fit logs and the bundle, so that a later
     process can rebuild the report; `validation` and `checks` are what `sysid.validation` and
     `sysid.checks.log_check` found, `diagnosis` what `sysid.diagnosis.content.content` made of one.
-    Sections whose part is missing are left out, and the page says so.
+    Sections whose part is missing are omitted, and the page says so.
     Raises InputError where a log cannot be read or the file not be written.
     """
     html = render_report(
@@ -85,7 +85,7 @@ def _sections(
     parts: Sequence[_Part],
     tell: Progress,
 ) -> tuple[list[Section], list[str]]:
-    """The sections that there is something for, and a line for each that is left out."""
+    """The sections with content, and a line for each that is omitted."""
     from sysid.report.provenance import provenance_section
     from sysid.report.quality import quality_section
 
@@ -108,7 +108,7 @@ def _parts(
     validation: ValidationResult | None,
     diagnosis: Mapping[str, Any] | None,
 ) -> list[_Part]:
-    """Title, what to say if it is missing, and what makes it, of each section in turn."""
+    """Of each section in turn: title, the line if it is missing, and its builder."""
     valves = bundle.valves or FittedValves()
 
     def friction() -> Section | None:
@@ -160,7 +160,7 @@ def _parts(
 
 
 def _logs(campaign: Campaign, kind: str) -> list[tuple[str | None, Log]]:
-    """The fit logs of a kind with the valve that each is said to be of."""
+    """The training logs of a kind, each with its declared valve."""
     return [(entry.valve, campaign.read(entry)) for entry in campaign.select((kind,))]
 
 
@@ -220,7 +220,7 @@ def _plots(blocks: Sequence[Block]) -> list[Plot]:
 
 
 def _plot_data(plots: Sequence[Plot]) -> tuple[dict[str, str], list[tuple[str, Any]]]:
-    """The id of each plot's document, and everything that the script reads, by id."""
+    """The id of each plot's document, and all data that the script reads, by id."""
     shared: list[dict[str, Any]] = []
     documents: dict[str, str] = {}
     data: list[tuple[str, Any]] = []
@@ -235,7 +235,7 @@ def _plot_data(plots: Sequence[Plot]) -> tuple[dict[str, str], list[tuple[str, A
 
 
 def _json(item: Mapping[str, Any]) -> str:
-    """JSON that may stand inside a script element: no tag can begin or end in it."""
+    """JSON that is safe inside a script element: no tag can begin or end in it."""
     text = json.dumps(item, separators=(",", ":"), allow_nan=False)
     for sign in "<>&\u2028\u2029":
         text = text.replace(sign, f"\\u{ord(sign):04x}")

@@ -1,4 +1,4 @@
-"""Where it all comes from: checksums, seeds, options, versions, the rig file."""
+"""Provenance: checksums, seeds, options, versions, the rig file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The data: every log, what its tests are good for, and what was said about it."""
+"""The data: every log, what its tests can identify, and the notices about it."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _SHOWN_UNITS = {
 
 
 def quality_section(campaign: Campaign, checks: Sequence[LogCheck]) -> Section:
-    """Every log of the campaign, with its check where there is one."""
+    """Every log of the campaign, with its check if there is one."""
     by_path = {Path(check.file).resolve(): check for check in checks}
     pairs = [(entry, by_path.get(entry.path.resolve())) for entry in campaign.logs]
     blocks: list[Block] = [_logs_table(pairs)]
@@ -39,10 +39,10 @@ def quality_section(campaign: Campaign, checks: Sequence[LogCheck]) -> Section:
         blocks.append(Lines(tuple(dict.fromkeys(said)), "Notices of the readers"))
     held = sum(e.use == "holdout" for e in campaign.logs)
     intro = (
-        f"{len(campaign.logs)} logs; {held} of them are held out: no parameter was fitted on them."
+        f"{len(campaign.logs)} logs, {held} of them held out: no parameter was fitted on these."
         if held
-        else f"{len(campaign.logs)} logs; none is held out, so that errors below are those of the "
-        "data that were fitted.",
+        else f"{len(campaign.logs)} logs; none is held out, so that the errors below are those on "
+        "the training data.",
     )
     return Section("data", "Data and their quality", intro, tuple(blocks))
 
@@ -111,7 +111,7 @@ def _channels_table(pairs: Sequence[tuple[CampaignLog, LogCheck]]) -> HtmlTable:
 
 
 def _identifies_table(pairs: Sequence[tuple[CampaignLog, LogCheck]]) -> HtmlTable:
-    """What a log identifies in one cell; what it does not is not said of each kind of test."""
+    """What each log identifies, in one cell; what it does not identify is omitted."""
     rows = []
     for entry, check in pairs:
         good = [i for i in check.identifies if i.identified]

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 _BINS = 28
 _FEWEST = 20
 _CLOUD = 3000
-_CLOUD_COLOUR = "#8a96a3"  # drawn into a picture: it must do on light and dark alike
+_CLOUD_COLOUR = "#8a96a3"  # drawn into a bitmap: it must work on light and dark backgrounds
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class _Regressor:
 
 
 def residuals_section(validation: ValidationResult) -> Section:
-    """Residuals of the held-out tests (all, where none is held out) over what they may follow."""
+    """Residuals of the held-out tests (all if none is held out) over possible regressors."""
     tests = tests_of(validation)
     held = [t for t in tests if t.use == "holdout"] or tests
     blocks = []
@@ -44,11 +44,11 @@ def residuals_section(validation: ValidationResult) -> Section:
         if usable:
             blocks.append(_group(usable, channel))
     model = MODEL_NAMES[held[0].first.model]
-    used = "held-out tests" if held[0].use == "holdout" else "tests, all of which were fitted on"
+    used = "held-out tests" if held[0].use == "holdout" else "tests, all used for training"
     intro = (
         f"Measured less simulated, over the whole of {len(held)} {used}, under the {model} valve "
         "model. Line: median; shaded: the middle 90 %; dots: a sample of the data; dashed: the "
-        "95 % band of the noise. A median that follows something is an effect that the model "
+        "95 % band of the noise. A median that varies systematically is an effect that the model "
         "lacks.",
     )
     return Section("residuals", "Residuals", intro, tuple(blocks))
@@ -63,7 +63,7 @@ def _group(tests: Sequence[ShownTest], channel: Channel) -> FigureGroup:
             x, y = (np.concatenate(c) for c in zip(*known, strict=True))
             noise = float(np.median([t.first.channels[channel.key].noise_floor for t in tests]))
             figures.append(_panel(channel, regressor, x, y, noise * channel.residual_scale))
-    return FigureGroup(f"{channel.title}: residual over what it may depend on.", tuple(figures))
+    return FigureGroup(f"{channel.title}: residual over possible regressors.", tuple(figures))
 
 
 def _regressors(test: ShownTest, channel: Channel) -> list[_Regressor]:

@@ -1,4 +1,4 @@
-"""Validated tests as the report draws them: by test, every valve model beside the others."""
+"""Validated tests as the report draws them: by test, all valve models together."""
 
 from __future__ import annotations
 
@@ -39,22 +39,22 @@ class ShownTest:
     def title(self) -> str:
         """File, test and use; text from a file, to be escaped."""
         test = f", test {self.test}" if self.test else ""
-        used = "held out" if self.use == "holdout" else "fitted on"
+        used = "held out" if self.use == "holdout" else "training"
         return f"{self.file}{test} ({self.kind}, {used})"
 
     def channels(self) -> list[Channel]:
-        """Those that were measured, position first."""
+        """The measured channels, position first."""
         return [c for c in ACTUATOR_CHANNELS if c.key in self.first.measured]
 
     def misfit(self) -> float:
-        """What is left of the position (else of any channel), as a share of its variation."""
+        """The position's residual (else any channel's), as a share of its variation."""
         fits = [r.errors.fit_percentage for r in self.first.channels.values()]
         known = [f for f in fits if f is not None]
         return 100.0 - known[0] if known else 0.0
 
 
 def shown_channels(validation: ValidationResult) -> list[Channel]:
-    """The channels that any log has, position first."""
+    """The channels present in any log, position first."""
     present = {name for log in validation.logs for name in log.channels}
     return [c for c in ACTUATOR_CHANNELS if c.key in present]
 
@@ -74,9 +74,9 @@ def tests_of(validation: ValidationResult) -> list[ShownTest]:
 
 
 def tests_to_show(tests: Sequence[ShownTest]) -> list[ShownTest]:
-    """Held-out tests, and of each kind of which none is held out the one followed worst.
+    """Held-out tests, and of each kind without held-out tests the one with the worst fit.
 
-    At most `MAX_SHOWN`; where there are more, the ones that are followed worst in each kind.
+    At most `MAX_SHOWN`; if there are more, those with the worst fit in each kind.
     """
     held = {test.kind for test in tests if test.use == "holdout"}
     ranked: dict[tuple[str, str], list[ShownTest]] = {}

@@ -65,9 +65,9 @@ def surfaces_section(
         blocks += _part_blocks(part)
     intro = (
         "Mean mass flow of a pulsed valve over duty and chamber pressure, from constant-duty "
-        "tests with the piston held. Errors are in duty, the quantity that a controller asks "
-        "for: in points (hundredths), and relative to the duty as in the thesis, where small "
-        "duties weigh most.",
+        "tests with the piston held. Errors are in duty, the quantity that a controller needs: in "
+        "points (hundredths), and relative to the duty as in the thesis, where small duties weigh "
+        "most.",
     )
     return Section("surfaces", "PWM surfaces", intro, tuple(blocks))
 
@@ -196,15 +196,15 @@ def _weights(part: _Measured) -> HtmlTable:
     ]
     rows.append(("output bias", "", "", number(float(ann.output_bias_), 5), ""))
     caption = (
-        f"{part.title}: network, inputs and output scaled; single weights have no interval, as "
-        "many sets of them give one surface"
+        f"{part.title}: network, inputs and output scaled; single weights have no interval, since "
+        "many sets of weights give the same surface"
     )
     return table(caption, ("Neuron", "From flow", "From pressure", "Bias", "To output"), rows)
 
 
 def _resolution(study: ResolutionRecord) -> HtmlTable:
     rows = [
-        (number(step), number(flow), str(n), "coarsest that will do" if step == study.coarsest
+        (number(step), number(flow), str(n), "coarsest that suffices" if step == study.coarsest
          else "")
         for step, flow, n in zip(study.steps, study.max_flow, study.tests, strict=True)
     ]  # fmt: skip

@@ -1,4 +1,4 @@
-"""Static figures: matplotlib's SVG, made fit to stand inside a page.
+"""Static figures: matplotlib's SVG, prepared for embedding in a page.
 
 Colours are placeholders that become CSS custom properties, so that a figure follows the
 page's scheme (light, dark, print); text stays text in the page's font. Each figure is named
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as MatplotlibFigure
 
 
-# A placeholder a role; style.css gives each its colour in either scheme.
+# One placeholder per role; style.css gives each its colour in either scheme.
 _ROLES = ("ink", "muted", "grid", "measured", "model", "second", "third", "fourth", "band")
 COLOUR = {role: f"#fe{i:02x}01" for i, role in enumerate(_ROLES)}
 MODEL_STYLES: tuple[tuple[str, Any], ...] = (
@@ -35,9 +35,9 @@ MODEL_STYLES: tuple[tuple[str, Any], ...] = (
     (COLOUR["third"], (0, (1.5, 1))),
 )
 
-PANEL = (3.5, 2.6)  # inches: three abreast on a desk, one on a phone
+PANEL = (3.5, 2.6)  # inches: three in a row on a desktop, one on a phone
 TALL_PANEL = (3.5, 3.35)
-SMALL_PANEL = (2.62, 2.3)  # four abreast
+SMALL_PANEL = (2.62, 2.3)  # four in a row
 _MARGIN = {"left": 0.64, "right": 0.12, "top": 0.31, "bottom": 0.48}  # inches
 _FONT_PT = 8.6
 _STYLE: Any = {
@@ -96,7 +96,7 @@ def styled() -> Any:
 
 
 def panel(title: str, size: tuple[float, float] = PANEL) -> tuple[MatplotlibFigure, Axes]:
-    """A figure with one axes, its margins fixed in inches, so that panels line up."""
+    """A figure with one axes, its margins fixed in inches so that panels line up."""
     figure, axes = panels(title, (1.0,), size)
     return figure, axes[0]
 
@@ -143,13 +143,13 @@ def panels(
 
 
 def legend(ax: Axes, **options: Any) -> None:
-    """A legend that does not hide what lies beneath it, where there is something to tell."""
+    """A legend that does not hide the data beneath it, if there is anything to label."""
     if ax.get_legend_handles_labels()[0]:
         ax.legend(**{"loc": "best", **options})
 
 
 def to_figure(figure: MatplotlibFigure, id: str, title: str, description: str) -> Figure:
-    """The matplotlib figure as inline SVG, named `title` and told by `description`.
+    """The matplotlib figure as inline SVG, with its `title` and `description`.
 
     `id` must be the figure's own in the page. To be called within `styled()`.
     """
@@ -172,7 +172,7 @@ _VARIABLE = {value: f"var(--{role})" for role, value in COLOUR.items()}
 
 
 def inline(text: str, id: str, title: str, description: str) -> str:
-    """A whole SVG document made into an element of a page."""
+    """A whole SVG document turned into an element of a page."""
     body = text[text.index("<svg ") :]
     body = _STYLE_BLOCK.sub("", re.sub(r"<metadata>.*?</metadata>", "", body, flags=re.DOTALL))
     used = {match.group(2) for match in _REFERENCE.finditer(body)}

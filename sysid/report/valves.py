@@ -73,8 +73,8 @@ def discrete_section(
         if curves:
             blocks.append(_figures(side, curves))
     intro = (
-        "The piston is held, the valve is switched on and off again; flows, coefficients and "
-        "delays are those whose pressure curve comes closest to the measured one.",
+        "The piston is held, and the valve is switched on and off again; flows, coefficients and "
+        "delays are those whose simulated pressure is closest to the measured one.",
     )
     return Section("valves", "On/off valves", intro, tuple(blocks))
 
@@ -97,7 +97,7 @@ def _fit_table(fitted: Mapping[str, DiscreteLaw]) -> HtmlTable:
 def _curves(
     side: str, law: DiscreteLaw, logs: Sequence[tuple[str | None, Log]], rig: Rig
 ) -> list[_Curve]:
-    """The fit tests' curves, simulated again from the bundle; none without all four flows."""
+    """The training tests' curves, simulated from the bundle; none without all four flows."""
     valve = _valve(law, rig)
     curves: list[_Curve] = []
     if valve is None:
@@ -142,7 +142,7 @@ def _curve(piece: Piece, valve: DiscreteValve) -> _Curve:
 
 
 def _figures(side: str, curves: Sequence[_Curve]) -> FigureGroup:
-    """The test that fits worst: whole, and close-ups of one filling and one discharge."""
+    """The test with the worst fit: whole, and close-ups of one filling and one discharge."""
     worst = max(curves, key=lambda c: c.rmse)
     figures = [_panel(side, worst, "whole test", None, "whole")]
     for edges, name in ((worst.opens, "filling"), (worst.closes, "discharge")):
@@ -151,7 +151,7 @@ def _figures(side: str, curves: Sequence[_Curve]) -> FigureGroup:
     shown = f"test {worst.label}" if worst.label else "the test"
     caption = (
         f"Valve {side.upper()}, measured and fitted pressure, residual below (thesis, Figure "
-        f"{_THESIS[side]}). Of {len(curves)} tests the one that fits worst is shown: {shown}."
+        f"{_THESIS[side]}). Of {len(curves)} tests the one with the worst fit is shown: {shown}."
         if len(curves) > 1
         else f"Valve {side.upper()}, measured and fitted pressure, residual below (thesis, "
         f"Figure {_THESIS[side]})."

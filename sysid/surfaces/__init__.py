@@ -74,9 +74,9 @@ def __getattr__(name: str) -> Any:
 def surface_from_dict(
     content: dict[str, Any], where: str = "PWM surface"
 ) -> Bipolynomial | DutyNetwork:
-    """The surface that `to_dict` of either estimator wrote; needs numpy only.
+    """The surface that `to_dict` of either estimator wrote; needs only numpy.
 
-    Raises InputError, which begins with `where`, for content that neither of the two wrote.
+    Raises InputError, which begins with `where`, for content that neither estimator wrote.
     """
     kind = content.get("kind")
     if kind not in ("bipolynomial", "ann"):
@@ -92,4 +92,6 @@ def surface_from_dict(
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
     except (TypeError, ValueError, IndexError) as error:
-        raise input_error(where, f"is no surface ({error})", "fit valve-pwm tests again") from None
+        raise input_error(
+            where, f"is not a surface ({error})", "fit valve-pwm tests again"
+        ) from None

@@ -22,7 +22,7 @@ class DutyNetwork(Regressor):
     """duty = c + v tanh(W x + b), x the scaled (flow, pressure), for one valve, one direction.
 
     X (n, 2) is mean flow [kg/s] and absolute chamber pressure [Pa], y (n,) the duty.
-    Samples at duties to which the flow does not answer take no part (see
+    Samples at duties to which the flow does not respond are not used (see
     `sysid.surfaces.domain`); prediction saturates flow, pressure and duty at the domain.
 
     hidden: tanh neurons (10 in the thesis: 41 weights). restarts: random starts, all
@@ -202,7 +202,7 @@ class DutyNetwork(Regressor):
         self._require_fitted()
 
         def dimensionless(value: Any) -> dict[str, Any]:
-            # Weights of a network are not identified one by one: no standard error has a use.
+            # Single weights of a network are not identified: their errors would mean nothing.
             return {"value": value, "std": None, "unit": "1"}
 
         return {

@@ -19,7 +19,7 @@ N_TERMS = 9
 EXPONENTS = tuple((i, j) for i in range(3) for j in range(3))
 _CHUNK = 8192
 _MAX_CONDITION = 1e10
-# Slope that a monotone fit keeps, as a share of its median; and pressures at which it is held.
+# Slope that a monotone fit keeps, as a share of its median; pressures at which it is enforced.
 _LEAST_SLOPE = 0.05
 _SLOPE_NODES = 101
 # Rows: Chebyshev polynomials T0, T1, T2 in powers of their argument.
@@ -30,8 +30,8 @@ class Bipolynomial(Regressor):
     """m(u, P) = sum c_ij u^i P^j, i, j = 0..2, for one valve in one direction.
 
     X (n, 2) is duty (0 to 1) and absolute chamber pressure [Pa], y (n,) the mean flow
-    [kg/s], negative when discharging. Duties at which the flow does not answer (see
-    `sysid.surfaces.domain`) take no part in the fit; beyond the domain the inputs are
+    [kg/s], negative when discharging. Duties to which the flow does not respond (see
+    `sysid.surfaces.domain`) are left out of the fit; beyond the domain the inputs are
     saturated, so that the flow stays at its value at the edge.
 
     domain: a `Domain` to use in place of the one found in the samples. monotone: where least
@@ -106,7 +106,7 @@ class Bipolynomial(Regressor):
         inverse = np.linalg.inv(correlation) / np.outer(size, size)
         c = np.linalg.solve(correlation, moment / size) / size
         squares, meat = power - float(c @ moment), np.zeros((N_TERMS, N_TERMS))
-        # The difference has lost its digits where the fit is all but exact.
+        # The difference has lost its digits where the fit is nearly exact.
         if label is not None or squares < 1e-6 * power:
             squares, meat = _residual_sums(self.scaling_, c, duty, pressure, flow, weight, label)
         n = len(flow) if weight is None else int(np.count_nonzero(weight))
@@ -269,7 +269,7 @@ def _scaling(values: FloatArray) -> tuple[float, float]:
 
 def _not_enough_spread() -> NotIdentifiedError:
     return NotIdentifiedError(
-        "the samples cannot tell the nine terms of the surface apart; valve-pwm tests at three "
+        "the samples cannot distinguish the nine terms of the surface; valve-pwm tests at three "
         "or more duties over the whole pressure range would"
     )
 
@@ -320,7 +320,9 @@ def _rising(scaling: FloatArray, domain: Domain, c: FloatArray, gram: FloatArray
     slope = _slope_rows(scaling, edges, np.tile(pressure, 2))
     least = _LEAST_SLOPE * float(np.median(slope @ c))
     gap = least - slope @ c
-    if least <= 0.0 or not (gap > 0).any():  # a surface that falls throughout is no slip
+    if (
+        least <= 0.0 or not (gap > 0).any()
+    ):  # a surface that falls throughout is no accident of the fit
         return c
     from scipy.linalg import solve_triangular
     from scipy.optimize import nnls

@@ -1,4 +1,4 @@
-"""Which surface to use: Tables 3.7.1 to 3.7.4 of the thesis for one's own data."""
+"""Which surface to use: Tables 3.7.1 to 3.7.4 of the thesis for the data at hand."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ RESOLUTION_TOLERANCE = 0.01
 
 @dataclass(frozen=True)
 class WorstPoint:
-    """Where the largest relative error sits: duty, fitted duty, pressure [Pa], flow [kg/s]."""
+    """Where the largest relative error occurs: duty, fitted duty, pressure [Pa], flow [kg/s]."""
 
     duty: float
     fitted_duty: float
@@ -36,10 +36,10 @@ class WorstPoint:
 
 @dataclass(frozen=True)
 class SurfaceError:
-    """Error of one surface in duty, over `n_points` points of tests that it did not see.
+    """Error of one surface in duty, over `n_points` points of tests held out from it.
 
     `rmse` (thesis 3.7.4) in duty; `max_relative_error_percent` (3.7.5), which grows without
-    bound as the duty goes to 0, and `worst`, where it sits; beside it the largest and the
+    bound as the duty goes to 0, and `worst`, where it occurs; also the largest and the
     95th percentile of the absolute error in points of duty (0.01).
     """
 
@@ -119,7 +119,7 @@ def compare_surfaces(
     """Compare both surfaces on samples (n,) of one valve in one direction.
 
     Both get the same domain, are fitted on the same even points (`surface_points`) and are
-    judged on points of tests that they did not see: every test once, in `folds` folds, but
+    judged on points of held-out tests: every test once, in `folds` folds, except
     those at the ends of the duty range, which always train. `network` gives the network's
     parameters. Raises as `Domain.from_samples` does.
     """
@@ -163,7 +163,7 @@ def _noise_in_duty(surface: Bipolynomial, points: SurfacePoints) -> float:
 def recommend(
     polynomial: SurfaceError, network: SurfaceError, noise_rmse: float
 ) -> tuple[str, str]:
-    """Which surface to use, and why, from the errors on tests that neither saw.
+    """Which surface to use, and why, from the errors on tests held out from both.
 
     The bipolynomial where its error is negligible (half a point of duty, or the noise), or
     where the network gains less than a quarter of the RMSE or loses at the 95th percentile;
@@ -178,7 +178,10 @@ def recommend(
     if polynomial.rmse <= NEGLIGIBLE_DUTY:
         return "bipolynomial", f"{figures}: the bipolynomial's error is under half a duty point"
     if np.isfinite(noise_rmse) and polynomial.rmse <= 1.1 * noise_rmse:
-        return "bipolynomial", f"{figures}: the bipolynomial is at the noise, {noise_rmse:.4f}"
+        return (
+            "bipolynomial",
+            f"{figures}: the bipolynomial is at the noise level, {noise_rmse:.4f}",
+        )
     if ratio > WORTHWHILE_RATIO:
         return "bipolynomial", f"{figures}: the network gains less than a quarter"
     if network.p95_error_points > polynomial.p95_error_points:

@@ -1,17 +1,17 @@
-"""Where a surface holds: the duties that the flow answers to, and the hull of the data.
+"""Where a surface is valid: the duties that the flow responds to, and the hull of the data.
 
-The rule is the same for both surfaces and takes nothing but the samples:
+The rule is the same for both surfaces and uses only the samples:
 
 1. A test has one duty. Tests of equal duty (to 1e-4) form a level; a level's flow as a
    function of pressure is its mean in each of 64 pressure bins.
 2. The local slope dm/du between levels at least 0.02 apart (median over 12 pressure bins of
    the range that both visited), as a fraction of the typical (median) slope at the same
-   pressure, says whether the valve still answers. From each end of the duty range inward,
+   pressure, shows whether the valve still responds. From each end of the duty range inward,
    levels are left out while that fraction is below one half: there (pulses that vanish, a
    valve that never closes, a chamber that stays within the noise of the supply pressure)
-   the duty cannot be told from flow and pressure. The level at which the flat stretch
+   flow and pressure do not determine the duty. The level at which the flat stretch
    begins is kept.
-3. The hull of what remains: duty and pressure range, and as functions of pressure the
+3. The hull of the remaining levels: duty and pressure range, and as functions of pressure the
    lowest and highest duty and flow that were seen, widened by one grid step.
 """
 
@@ -69,7 +69,7 @@ class LevelFlows:
 
 @dataclass(frozen=True, eq=False)
 class Domain:
-    """The hull in which a surface holds.
+    """The hull in which a surface is valid.
 
     `duty_range`, `pressure_range` [Pa]: (low, high). On the nodes `pressure` (G,) [Pa]:
     `duty_low`, `duty_high` and `flow_low`, `flow_high` [kg/s], all (G,); linear between.
@@ -179,7 +179,7 @@ class Domain:
 def duty_levels(duty: FloatArray) -> tuple[FloatArray, IntArray]:
     """Duty of each level (L,) and the level of each sample (n,).
 
-    Duties are told apart to 1e-4, or to 0.01 where that gives more than 400 levels.
+    Duties are distinguished to 1e-4, or to 0.01 where that gives more than 400 levels.
     """
     resolution = DUTY_RESOLUTION
     while True:
@@ -236,7 +236,7 @@ def level_flows(duty: FloatArray, pressure: FloatArray, flow: FloatArray) -> Lev
 def _answering_levels(
     levels: LevelFlows, pressure: FloatArray, flow: FloatArray
 ) -> tuple[int, int]:
-    """First and last level at which the flow answers to the duty (rule 2 above)."""
+    """First and last level at which the flow responds to the duty (rule 2 above)."""
     held, slope = _typical_slope(levels)
 
     def samples(index: int) -> tuple[FloatArray, FloatArray]:
@@ -250,7 +250,7 @@ def _answering_levels(
             far += step
             gap = levels.duty[far] - levels.duty[near]
         centre, difference = _flow_difference(samples(near), samples(far))
-        if difference.size == 0:  # never at the same pressure: nothing says that it is dead
+        if difference.size == 0:  # never at the same pressure: no evidence that it is dead
             return True
         rise = difference / (gap * np.interp(centre, held, slope))
         return float(np.median(rise)) >= DEAD_FRACTION

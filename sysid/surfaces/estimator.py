@@ -33,7 +33,7 @@ class Regressor:
         return {name: getattr(self, name) for name in self._parameter_names()}
 
     def set_params(self: _Self, **params: Any) -> _Self:
-        """Set constructor arguments. Raises ValueError for a name that is none."""
+        """Set constructor arguments. Raises ValueError for an unknown name."""
         names = self._parameter_names()
         for name, value in params.items():
             if name not in names:
@@ -100,7 +100,7 @@ def checked_samples(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Samples to fit on: (n,) each, duty 0 to 1, absolute pressure [Pa], flow [kg/s].
 
-    Raises InputError for other lengths, values that are not finite, or a slip of unit.
+    Raises InputError for other lengths, values that are not finite, or a mistaken unit.
     """
     u, p, m = (np.ascontiguousarray(a, dtype=float) for a in (duty, pressure, flow))
     if u.ndim != 1 or u.shape != p.shape or u.shape != m.shape:
@@ -109,7 +109,7 @@ def checked_samples(
     if u.size == 0:
         raise input_error("surface samples", "there are none", "give samples of a valve-pwm test")
     for name, values in (("duty", u), ("pressure", p), ("flow", m)):
-        # A sum is finite when all its terms are; an overflow of finite terms is a slip anyway.
+        # A sum is finite when all its terms are; an overflow of finite terms is an error anyway.
         if not np.isfinite(values.sum()):
             row = int(np.argmin(np.isfinite(values)))
             raise input_error(

@@ -80,7 +80,7 @@ def invert_rising(
     scan: int = 33,
     steps: int = 45,
 ) -> tuple[FloatArray, FlagArray]:
-    """x in [low, high] at which an on the whole rising function(x) = target; all (n,).
+    """x in [low, high] at which a mostly increasing function(x) = target; all (n,).
 
     A scan of `scan` points finds the first interval in which the target is crossed upward,
     `steps` bisections find it there (to (high - low)/scan/2^steps). A target never reached
@@ -113,8 +113,8 @@ def broadcast_inputs(
 ) -> tuple[FloatArray, FloatArray, FlagArray, tuple[int, ...]]:
     """Both as flat float64 of one length, flags for what is not finite, and the shape.
 
-    What is not finite is replaced by 0 on the way and must be turned into NaN at the end
-    (`finish`), so that no warning arises between.
+    Values that are not finite are replaced by 0 and must be turned into NaN at the end
+    (`finish`), so that no warning arises in between.
     """
     a, p = np.broadcast_arrays(np.asarray(first, dtype=float), np.asarray(pressure, dtype=float))
     shape = a.shape

@@ -25,7 +25,7 @@ def hold_out_groups(
     """(n,) True for samples of held-out tests: a random `share` of the groups.
 
     Groups at the ends of the duty range stay in training. Raises InputError where fewer
-    than one group would remain to be held out.
+    than one group would be held out.
     """
     codes = np.unique(np.asarray(groups), return_inverse=True)[1].astype(np.intp)
     inner = np.setdiff1d(np.arange(codes.max() + 1), end_groups(codes, duty))
@@ -49,7 +49,7 @@ def group_folds(
 ) -> list[NDArray[np.bool_]]:
     """`folds` masks (n,): every test but those at the ends of the duty range is held out once.
 
-    A held-out end would ask the surfaces to extrapolate, which they refuse. Neighbouring
+    A held-out end would require extrapolation, which the surfaces refuse. Neighbouring
     duties go to different folds. Raises InputError for fewer inner tests than folds.
     """
     codes = np.unique(np.asarray(groups), return_inverse=True)[1].astype(np.intp)
@@ -57,8 +57,8 @@ def group_folds(
     if folds < 2 or len(inner) < folds:
         raise input_error(
             "held-out comparison",
-            f"{len(inner)} tests inside the duty range make no {folds} folds",
-            "give more tests, or ask for fewer folds (2 at least)",
+            f"{len(inner)} tests inside the duty range are too few for {folds} folds",
+            "give more tests, or ask for fewer folds (at least 2)",
         )
     mean = np.bincount(codes, duty) / np.bincount(codes)
     ordered = inner[np.argsort(mean[inner], kind="stable")]

@@ -145,9 +145,9 @@ def _squares(weights: Tensor, data: Samples) -> Tensor:
 class _State:
     """The restarts under way; every tensor has one row a restart.
 
-    Loss and gradient are of all samples, so that the minimum is theirs; J'J, most of
-    the work, is of every few samples (at least 12 a weight), which is close enough to
-    the curvature to step by.
+    Loss and gradient use all samples, so that the minimum is exact; J'J, most of the work,
+    uses a subset (at least 12 samples per weight), which gives the curvature closely enough
+    for a step.
     """
 
     def __init__(self, weights: Tensor, data: Samples, held_out: Samples) -> None:
@@ -196,7 +196,7 @@ class _State:
 
     def _keep_best(self, moved: Tensor) -> None:
         held_out = _squares(self.weights[moved], self.held_out)
-        # A thousandth better at least: creeping along a flat valley is not progress.
+        # Better by at least a thousandth: creeping along a flat valley is not progress.
         gained = held_out < self.best_held_out[moved] * (1.0 - 1e-3)
         better = moved[held_out < self.best_held_out[moved]]
         self.stale[moved[gained]] = 0
@@ -224,8 +224,8 @@ def train(
 
     Most restarts show early, on few samples, that they will not win. So they run in rounds
     (successive halving, Jamieson and Talwalkar 2016): each round takes the best of the one
-    before, by held-out error, with more samples and more steps. A restart that was left
-    behind keeps the errors that it had.
+    before, by held-out error, with more samples and more steps. A restart that was dropped
+    keeps the errors that it had.
     """
     generator = torch.Generator().manual_seed(seed)
     order = torch.randperm(len(data.y), generator=generator)

@@ -57,7 +57,7 @@ def surface_points(
     A logged test rests at its equilibrium for most of its time; sample by sample, a fit
     and its RMSE would be about that one pressure. The mean over a bin of 1/32 of the
     pressure range counts every stretch of the surface once, and averages noise that would
-    otherwise enter the network as noise of its input. `test` (n,) labels tests (absent: one
+    otherwise enter the network as input noise. `test` (n,) labels tests (absent: one
     test a duty), `std` (n,) is each sample's standard error of flow; absent, the spread
     inside the bin stands for it (NaN where one sample is alone).
     """

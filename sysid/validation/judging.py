@@ -1,4 +1,4 @@
-"""A simulated test against what was measured: errors, structure, growth with the horizon."""
+"""A simulated test compared with the measurement: errors, structure, growth with the horizon."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ def judged(
     whole: FloatArray,
     parts: Sequence[FloatArray],
 ) -> TestResult:
-    """The result of a test that was simulated with a valve model.
+    """The result of a test simulated with a valve model.
 
-    `whole` (3, rows) is the simulation of all of it: position and pressures; `parts` those
+    `whole` (3, rows) is the simulation of the whole test: position and pressures; `parts` those
     of its segments.
     """
     names = (rig.position_channel, *CHAMBER_PRESSURES)

@@ -24,7 +24,7 @@ _GAP = 1.5
 # The PWM grid may wander by this share of a period against the rows, over a whole test.
 _PWM_WANDER = 0.5
 _START_S = 0.05
-# How much the cylinder and motor may exceed what the log and the rig file say.
+# Factor by which the efforts of cylinder and motor may exceed the log and the rig file.
 _EFFORT_MARGIN = 1.2
 
 
@@ -39,7 +39,7 @@ def check_channels(trial: Trial, kind: str, rig: Rig) -> None:
     trial.require(needed, f"which simulating a {kind} test needs")
     if len(trial) < MIN_ROWS:
         raise input_error(
-            trial.source, f"holds {len(trial)} rows", f"a motion test needs {MIN_ROWS} or more"
+            trial.source, f"holds {len(trial)} rows", f"a motion test needs at least {MIN_ROWS}"
         )
 
 
@@ -53,8 +53,8 @@ def check_sampling(trial: Trial, kind: str, rig: Rig) -> None:
             f"{trial.source}, at {trial.time[gap]:.6g} s",
             f"no sample for {steps[gap]:.4g} s (elsewhere every {period:.4g} s), and the commands "
             "in between are unknown",
-            "leave the test out, or give what precedes and follows the gap labels of their own "
-            "in the column `test` if each starts at rest",
+            "leave the test out, or label the parts before and after the gap differently in the "
+            "column `test` if each starts at rest",
         )
     if kind != "motion-pwm":
         return
@@ -62,7 +62,7 @@ def check_sampling(trial: Trial, kind: str, rig: Rig) -> None:
     span = float(trial.time[-1] - trial.time[0])
     mean = span / len(steps)
     ratio = rows_per_period(pwm, mean)
-    # What the nearest simple ratio leaves adds up from period to period.
+    # The deviation from the nearest simple ratio adds up from period to period.
     wander = abs(pwm / mean / float(ratio) - 1.0) * span / pwm if ratio else math.inf
     if mean > pwm * (1.0 + 1e-6) or wander > _PWM_WANDER:
         raise input_error(
@@ -81,7 +81,7 @@ def check_at_rest(
     tolerance: float,
     rig: Rig,
 ) -> None:
-    """InputError where the shaft moves in the first 50 ms as nothing at rest could.
+    """InputError where the shaft moves in the first 50 ms further than it could from rest.
 
     From rest it cannot have gone further than the logged effort, friction aside, would have
     driven it: the double integral of |effort|/inertia. `measured` (3, n) position and
@@ -91,7 +91,7 @@ def check_at_rest(
     time, measured = time[:rows] - time[0], measured[:, :rows]
     effort = np.abs(_applied_effort(motor[:rows], measured, rig))
     rate = _EFFORT_MARGIN * effort / require_inertia(rig)
-    # The greater of two neighbours: what happens between rows is not known.
+    # The greater of two neighbours: what happens between rows is unknown.
     rate = np.maximum(rate[:-1], rate[1:]) * np.diff(time)
     speed = np.cumsum(rate)
     reach = np.concatenate([[0.0], np.cumsum(speed * np.diff(time))])
@@ -104,7 +104,7 @@ def check_at_rest(
         source,
         f"starts while moving: the position changes by {gone[at]:.3g} in its first "
         f"{1000.0 * time[at]:.3g} ms, and from rest the logged effort explains {reach[at]:.2g}",
-        "start each test at rest, or cut off its beginning up to a rest",
+        "start each test at rest, or cut off its beginning up to a standstill",
     )
 
 

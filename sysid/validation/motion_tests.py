@@ -2,7 +2,7 @@
 
 A test is simulated open loop from its first row, and in segments that start within it. Every
 start state is estimated from the samples around it; that a test starts at rest
-(`spec/log-format.md`) is checked against them.
+(`spec/log-format.md`) is checked against these samples.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Segment:
     """Rows [start, stop) of a test, the state at its start, and which valves were open there.
 
     `settled`: no valve had an edge under way at the start, so that the commands from there
-    on say all about the valves.
+    on determine the valves.
     """
 
     start: int
@@ -175,8 +175,8 @@ def channel_noise(
 
     Where the rig file declares the pressure sensors' noise (`declared_pa`), that is taken.
     Under PWM the pressures ripple with the pulses, which is no noise: `stride` rows apart
-    it is always the same point of a pulse. Two such combs, half a period apart, are looked
-    at. NaN for a channel that is not logged.
+    it is always the same point of a pulse. Two such combs, half a period apart, are used.
+    NaN for a channel that is not logged.
     """
     totals = [signals.noise_floor(measured[0]).total]
     for row in measured[1:]:
@@ -227,7 +227,7 @@ def _segments(
 
 
 def _allowed_starts(test: MotionTest, rig: Rig) -> IntArray:
-    """Rows at which a run of its own may start: under PWM, those that start a period."""
+    """Rows at which a separate run may start: under PWM, those that start a period."""
     if not test.pulsed:
         return np.arange(len(test.time))
     period = rig.require("pwm", "which a test under PWM needs").period_s
@@ -243,7 +243,7 @@ def _best_start(
     """The first of these rows with no valve edge under way; None if there are no rows.
 
     Valves that do not pulse should not move within the smoothing window either, where the
-    pressures bend; that is given up before the other.
+    pressures bend; this second condition is dropped first.
     """
     clearances = (0.0,) if test.pulsed else (window, 0.25 * window, 0.0)
     for clearance in clearances:

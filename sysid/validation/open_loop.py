@@ -1,6 +1,6 @@
-"""Open-loop simulation of the motion logs against what was measured.
+"""Open-loop simulation of the motion logs compared with the measurements.
 
-Every test of every motion log is simulated from an estimated start state with nothing but its
+Every test of every motion log is simulated from an estimated start state, given only its
 commands, by each valve model that applies: the discrete law under the real pulses and, for
 tests under PWM, the mean flow of the two surfaces (thesis 3.8). The residual is judged per
 channel: against the channel's own noise, for structure (`residual_tests`), and for how it grows
@@ -75,7 +75,7 @@ def validate(
 ) -> ValidationResult:
     """Simulate every motion log of a campaign open loop with a bundle's parameters.
 
-    The rig is the campaign's: it says what the tests were run with (payload, supply).
+    The rig is the campaign's: it describes the tests' conditions (payload, supply).
     `catalogue` knows the bundle's effects (None: the project's own); `progress` is told what
     is being done. Raises InputError where a log cannot
     be validated (missing channels, gaps, a start in motion), has changed since it was fitted
@@ -124,7 +124,7 @@ def _other_rig(bundle: Bundle, rig: Rig) -> list[str]:
 
 
 def _offset(bundle: Bundle, rig: Rig) -> list[str]:
-    """A real offset that the friction fit found is an effect, and not in the base model."""
+    """A significant offset in the friction fit is an effect, which the base model lacks."""
     if any(effect.id == _OFFSET_EFFECT for effect in bundle.effects):
         return []
     friction = bundle.friction
@@ -136,7 +136,7 @@ def _offset(bundle: Bundle, rig: Rig) -> list[str]:
         return []
     return [
         f"{bundle.source}: the friction tests show an offset of {offset.value:.3g} {unit}, which "
-        "the base model does not have: the position may drift by it"
+        "the base model does not have: the position may drift because of it"
     ]
 
 

@@ -1,8 +1,7 @@
-"""What a residual says about a model: fit percentage, whiteness, correlation with the inputs.
+"""What a residual shows about a model: fit percentage, whiteness, correlation with the inputs.
 
-Both tests look at many lags and answer for all of them together: `band` is drawn so that a
-residual with nothing left in it has a correlation outside it, at any lag of any input, in
-`alarm_rate` of the cases (5 % unless told).
+Both tests examine many lags jointly: `band` is drawn so that a residual without structure has a
+correlation outside it, at any lag of any input, in `alarm_rate` of the cases (default 5 %).
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ _CROSS_LAGS = 24
 _DRAWS = 20_000
 # A lagged input with no more than this share of its squares about its mean is constant.
 _RANK_TOLERANCE = 1e-9
-# Directions with less than this share of the largest one's variance do not move the maximum.
+# Directions with less than this share of the largest one's variance do not affect the maximum.
 _SMALL_DIRECTION = 1e-7
 _CHUNK_ROWS = 32_768
 
@@ -256,7 +255,7 @@ def autoregressive_filter(values: FloatArray, max_order: int = MAX_AR_ORDER) -> 
 
 
 def _filtered(values: FloatArray, coefficients: FloatArray) -> FloatArray:
-    """A(q) x without the rows that the start spoils; the mean is removed first."""
+    """A(q) x without the rows affected by the start; the mean is removed first."""
     from scipy.signal import lfilter
 
     x = np.asarray(values, dtype=float) - np.mean(values)
@@ -300,7 +299,7 @@ class _Family:
         rank = int(kept.sum())
         directions = (vectors[:, kept] * np.sqrt(values[kept])).astype(np.float32)
         inside = _standard_normal(-(-rank // 16) * 16, seed)[:rank]
-        # The rest of the noise, at right angles to every input, only adds to its length.
+        # The part of the noise orthogonal to every input only adds to its length.
         rest = np.random.default_rng([seed, 1]).chisquare(max(self.samples - 1 - rank, 1), _DRAWS)
         length = np.sqrt(np.sum(np.square(inside), axis=0) + rest)
         projected = directions @ inside
@@ -310,7 +309,7 @@ class _Family:
 
 @functools.lru_cache(maxsize=8)
 def _standard_normal(rows: int, seed: int) -> NDArray[np.float32]:
-    """(rows, draws), the same at every call."""
+    """(rows, draws), the same in every call."""
     rng = np.random.default_rng([seed, 0])
     return rng.standard_normal((rows, _DRAWS), dtype=np.float32)
 

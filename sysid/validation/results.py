@@ -1,4 +1,4 @@
-"""What a validation found: errors per channel, test, log and valve model, and their pooling."""
+"""The results of a validation: errors per channel, test, log and valve model, and their pooling."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 HORIZONS_S = (0.1, 1.0)
-"""Horizons beside the whole log, s."""
+"""Horizons in addition to the whole log, s."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ class ChannelResult:
 
     @property
     def ratio(self) -> float | None:
-        """RMSE over the noise floor; None where no noise was seen."""
+        """RMSE over the noise floor; None where no noise shows."""
         return self.errors.rmse / self.noise_floor if self.noise_floor > 0.0 else None
 
     def to_json(self, tests: bool = True) -> dict[str, Any]:
@@ -126,7 +126,7 @@ class TestResult:
     standard error of the start state: position, velocity, pressures A and B.
     """
 
-    # pytest must not take this for a test.
+    # Keeps pytest from collecting this as a test.
     __test__ = False
 
     file: str
@@ -149,7 +149,7 @@ class TestResult:
 
     @property
     def frame(self) -> pd.DataFrame:
-        """`time_s`, and of each channel `..._measured` and `..._simulated`, a row a sample."""
+        """`time_s`, and `..._measured` and `..._simulated` of each channel, one row per sample."""
         import pandas as pd
 
         columns = {"time_s": self.time}
@@ -159,7 +159,7 @@ class TestResult:
         return pd.DataFrame(columns)
 
     def plot(self, axes: Axes | Iterable[Axes] | None = None) -> list[Axes]:
-        """Each channel as measured and as simulated, a panel each; returns the axes."""
+        """Each channel as measured and as simulated, one panel each; returns the axes."""
         panels = some_axes(len(self.measured), axes)
         for ax, name in zip(panels, self.measured, strict=True):
             ax.plot(self.time, self.measured[name], color="0.5", label="measured")
@@ -223,7 +223,7 @@ class ValidationResult(Shown):
 
     @property
     def fit_percent(self) -> pd.DataFrame:
-        """Fit percentage: a row a log and valve model, a column a channel."""
+        """Fit percentage: one row per log and valve model, one column per channel."""
         import pandas as pd
 
         rows = {
@@ -237,12 +237,12 @@ class ValidationResult(Shown):
         return frame
 
     def headline(self) -> str:
-        """How much was simulated."""
+        """The number of tests, logs and valve models."""
         tests = sum(len(log.tests) for log in self.logs)
         return f"open-loop validation: {tests} tests of {len(self.logs)} logs and valve models"
 
     def records(self) -> list[dict[str, Any]]:
-        """One a log, valve model and channel; errors in the channel's unit."""
+        """One row per log, valve model and channel; errors in the channel's unit."""
         return [
             {
                 "file": log.file,
@@ -260,7 +260,7 @@ class ValidationResult(Shown):
         ]
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Fit percentage by channel, a bar a log and valve model; returns the axes."""
+        """Fit percentage by channel, one bar per log and valve model; returns the axes."""
         ax = one_axes(ax)
         names = list(dict.fromkeys(name for log in self.logs for name in log.channels))
         fits: dict[str, list[float]] = {}

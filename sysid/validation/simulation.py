@@ -33,7 +33,7 @@ def simulate_segments(
     sensors show them, and so is the start state, which was measured: both go through the
     `measure` ports of the model's effects, which know the position by the name `position`.
     Effects count time from the test's start.
-    Raises RuntimeError where a simulation does not stay finite: never a number in silence.
+    Raises RuntimeError where a simulation does not stay finite, instead of returning a number.
     """
     from sysid.model.simulator import simulate
 
@@ -42,7 +42,7 @@ def simulate_segments(
         true_start(_inputs(test, s), position, own)
         for (test, s), own in zip(segments, models, strict=True)
     ]
-    # Runs of like length share a call: a short one would wait for the longest.
+    # Runs of similar length share a call: a short one would wait for the longest.
     order = sorted(range(len(inputs)), key=lambda i: len(inputs[i].time))
     found: dict[int, FloatArray] = {}
     for first in range(0, len(order), _LANES):

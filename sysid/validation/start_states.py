@@ -46,7 +46,7 @@ class ChannelNoise:
 
     @property
     def still(self) -> float:
-        """How far a position may differ from another and be the same."""
+        """How far two positions may differ and still count as the same."""
         return max(1.01 * self.quantum, 4.0 * float(self.total[0]))
 
 
@@ -186,7 +186,7 @@ class _LocalFit:
 def _position(
     since: FloatArray, position: FloatArray, noise: ChannelNoise, halves: list[float]
 ) -> _LocalFit:
-    """Position and velocity; a shaft that shows no motion at all is at rest."""
+    """Position and velocity; a shaft without any visible motion is at rest."""
     near = np.abs(since) < halves[0]
     if np.ptp(position[near]) <= 1.01 * noise.quantum:
         error = noise.quantum / math.sqrt(12.0)
@@ -201,7 +201,7 @@ def _local_fit(
     """A cubic around time 0 over the widest of the windows (half-widths, s) that it follows.
 
     The order is lower where samples are few; a single sample is its own value. Under PWM
-    each place within the pulses has an offset of its own beside the cubic; place 0 is the
+    each place within the pulses has its own offset in addition to the cubic; place 0 is the
     start's own, whose offset is part of the value that is wanted. Where even the last window
     shows more than noise, the errors grow accordingly.
     """

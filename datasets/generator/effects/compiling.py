@@ -1,8 +1,8 @@
 """How the effects' laws are compiled: as the plant's, and in division as C does it.
 
-A division by zero gives inf or nan in place of an exception, and every law is compiled into its
-caller: together twice as fast. The copy of the integrator that is kept on disk holds the laws' code
-and does not see a law change: after an edit delete `__pycache__/*.nb*` of this folder.
+A division by zero gives inf or nan instead of an exception, and every law is compiled into its
+caller: together this is twice as fast. The copy of the integrator cached on disk contains the laws'
+code and does not notice that a law changed: after an edit delete this folder's `__pycache__/*.nb*`.
 """
 
 from __future__ import annotations

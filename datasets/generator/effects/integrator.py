@@ -1,7 +1,7 @@
 """Fixed steps of Heun's method for a plant with undeclared effects.
 
 Steps of 25 or 50 us end at every valve edge. Friction's direction is held over a step: where the
-velocity changes sign the shaft is at rest and sticks or goes on, as effort and static friction say.
+velocity changes sign the shaft is at rest and sticks or moves on, by effort and static friction.
 """
 
 from __future__ import annotations

@@ -32,7 +32,7 @@ N_MECHANICAL = 13
 STATIC_SPEED_RAD_S = 0.02  # over which a bristle law falls from static to sliding friction
 SLOPE_ANGLE_RAD = 0.6
 MAINS_HZ = 50.0
-ARM_MOMENT_NM = 0.30 * 0.23 * 9.81  # of the arm that a horizontal rig's file does not tell
+ARM_MOMENT_NM = 0.30 * 0.23 * 9.81  # of the arm, which a horizontal rig's file does not contain
 
 
 @compiled

@@ -61,7 +61,7 @@ def simulated(
         start, opened_array, held, np.array(band),
     )  # fmt: skip
     if count == 0:
-        raise RuntimeError("the integration with effects ran away: are their sizes plausible?")
+        raise RuntimeError("the integration with effects diverged: are their sizes plausible?")
     return sensed(np.asarray(rows[:count]), motor[:count], plant, k)
 
 

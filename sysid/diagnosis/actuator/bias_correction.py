@@ -1,7 +1,7 @@
-"""What the equation error's own approximations do to the numbers, taken out again.
+"""Correction of the bias that the equation error's approximations put into the numbers.
 
-Smoothing, windows and the sensors' undoing bias the estimates a little. Twins of the
-extended model, whose numbers are known, take the same way; how far their estimates lie off
+Smoothing, windows and undoing the sensors bias the estimates a little. Twins of the extended
+model, whose numbers are known, go through the same steps; the deviation of their estimates
 is subtracted (indirect inference: Gourieroux, Monfort, Renault 1993).
 """
 
@@ -20,15 +20,15 @@ from sysid.model.effects.entry import with_values
 from sysid.model.ports import Model
 from sysid.types import FloatArray
 
-# A correction beyond this share of a number says that the twins went elsewhere.
+# A correction beyond this share of a number means that the twins' fits went elsewhere.
 _MOST = 0.3
 
 
 def corrected(search: Search, twins: Sequence[Frame]) -> Search:
     """The search with its effects' and base parameters' numbers corrected by twins' frames.
 
-    `twins` are of the extended model as the search left it. A number whose twins lie far off
-    stays as it is.
+    `twins` are of the extended model as the search left it. A number whose twins deviate
+    widely is not corrected.
     """
     if search.joint is None or not twins:
         return search

@@ -21,13 +21,13 @@ from sysid.model.ports import Model, has_discrete_law
 from sysid.types import FloatArray
 from sysid.validation.motion_tests import CHAMBER_PRESSURES
 
-# Times the noise floor: a base model whose every channel is off by more lacks something.
-# Those of development campaigns with nothing missing come to 1.8 at most.
+# Times the noise floor: a base model whose every channel exceeds this lacks something.
+# On development campaigns with nothing missing the ratio is at most 1.8.
 _FAR_OFF = 3.0
 _FAR_OFF_NOTICE = (
     "the held-out tests are simulated far worse than noise and scatter explain, though no "
-    "balance holds structure enough to say why (what shows most is listed): rest, reversals and "
-    "pressures at the atmosphere are left out of them, so look at what happens there (breakaway, "
+    "balance shows enough structure to say why (the strongest is listed): the balances leave out "
+    "rest, reversals and pressures at the atmosphere, so check what happens there (breakaway, "
     "friction at standstill)"
 )
 
@@ -43,7 +43,7 @@ def diagnose(
 ) -> Diagnosis:
     """Find what a fitted model lacks, and measure what adding it gains.
 
-    `logs` are (use, kind, log): those to `fit` on are looked at and fitted on, the motion
+    `logs` are (use, kind, log): those with use `fit` are diagnosed and fitted on, the motion
     logs among those held out are only simulated, before and after. Raises InputError for
     logs that cannot be used, NotIdentifiedError where the model or the logs do not suffice.
     """
@@ -63,7 +63,7 @@ def diagnose(
     outside = held_out(rig, [(kind, log) for use, kind, log in logs if use == "holdout"])
     notices = []
     if not outside.tests:
-        notices.append("no held-out motion log: errors before and after are not known")
+        notices.append("no held-out motion log: errors before and after are unknown")
     inside = held_out(rig, [(kind, log) for use, kind, log in logs if use == "fit"])
     found = close_loop(
         tests,
@@ -109,7 +109,7 @@ def diagnose(
 
 
 def is_far_off(errors: FloatArray, floor: FloatArray) -> bool:
-    """Whether every channel of the held-out tests, (3,), is simulated far worse than noise is."""
+    """Whether the error of every channel of the held-out tests, (3,), is far above its noise."""
     known = ~np.isnan(errors) & ~np.isnan(floor)
     return bool(known.any() and np.all(errors[known] > _FAR_OFF * floor[known]))
 

@@ -1,8 +1,8 @@
 """Equation errors of a model along measured traces: torque balance and chamber balances.
 
-Every term comes from `sysid.model` through its ports, so that an effect of any kind shows
+Every term comes from `sysid.model` through its ports, so that an effect of any kind acts
 here as it does in a simulation. Extra states are integrated along the measured trace;
-what a sensor does is undone before the equations see its channel.
+sensor effects are undone before the equations use a channel.
 """
 
 from __future__ import annotations
@@ -44,9 +44,9 @@ _FITTED = FRICTION_PARAMETERS + FLOW_PARAMETERS
 class EquationError:
     """Residuals sample by sample, measured less modelled: effort in Nm or N, rates in Pa/s.
 
-    (n,) each, or as many as the rows that were asked for. `effort` is what acts beyond the
-    model, in the direction of positive motion; `rate_a` and `rate_b` are what the pressures
-    rise beyond it.
+    (n,) each, or one per requested row. `effort` is the effort that the model does not
+    explain, in the direction of positive motion; `rate_a` and `rate_b` are the pressure rates
+    that it does not explain.
     """
 
     effort: FloatArray
@@ -73,14 +73,14 @@ _RATE_PORTS = (
 _BOTH_PORTS = ("parameters", "pitch_radius", "displacement", "measure")
 
 
-# Through these an effect without a side passes what one side does on to the other.
+# Through these an effect without a side couples one side to the other.
 _COUPLING_PORTS = ("supply_pressure", "exhaust_pressure", "chamber_flow")
 
 
 def channels_of(effect: Effect, beside: Sequence[Effect] = ()) -> tuple[str, ...]:
-    """The channels whose residual an effect can change, `beside` other effects.
+    """The channels whose residual an effect can change, given the effects in `beside`.
 
-    One of a side leaves the other's rate, unless another effect couples the sides.
+    An effect of one side does not change the other's rate, unless another couples the sides.
     """
     effort = overrides(effect, *_EFFORT_PORTS, *_BOTH_PORTS)
     rates = overrides(effect, *_RATE_PORTS, *_BOTH_PORTS)
@@ -98,21 +98,21 @@ def equation_error(
 ) -> EquationError:
     """Residuals of a model at every sample of the traces, or at a channel's own `rows`.
 
-    Zeros where not asked for. At rest friction is whatever holds the shaft: the effort
+    Zeros where not requested. At rest friction is whatever holds the shaft: the effort
     residual means nothing there, and `Traces.direction` is 0.
     """
     sensors = tuple(e for e in model.effects if overrides(e, "measure"))
     timing = tuple(e for e in model.effects if overrides(e, *_TIMING_PORTS))
     seen = _without_sensors(traces, sensors)
     if timing:
-        # What a fit moves has no part in the timing: with it no opening would be known again.
+        # Fitted numbers do not affect the timing; as part of the key they would defeat the cache.
         fixed = model.parameters.replace(**dict.fromkeys(_FITTED, 0.0))
         seen = _with_timing(seen, traces, Model(fixed, timing))
     states = _states(seen, _with_part_in_states(model)) if model.state_names else {}
     found = {name: np.zeros(len(rows[name].index) if rows else len(traces)) for name in CHANNELS}
     for name in channels:
         own = rows[name] if rows else None
-        # A sensor with a memory needs what it is shown without a gap.
+        # A sensor with memory needs its input without gaps.
         gaps = None if sensors and name != EFFORT else own
         here, extra = seen, states
         if gaps is not None:
@@ -202,13 +202,13 @@ def _as_shown(
 
 
 def forget() -> None:
-    """Let go of what is kept for the traces of a diagnosis."""
+    """Drop the caches kept for the traces of a diagnosis."""
     for kept in (_without_sensors, _with_timing, _states, Traces.at):
         kept.cache_clear()
 
 
 def _with_part_in_states(model: Model) -> Model:
-    """The model with those of its effects that have a part in the extra states."""
+    """The model with only those effects that influence the extra states."""
     ports = ("parameters", "pitch_radius", "displacement")
     return Model(
         model.parameters, tuple(e for e in model.effects if e.states or overrides(e, *ports))
@@ -229,8 +229,8 @@ def _with_timing(seen: Traces, traces: Traces, model: Model) -> Traces:
 def _without_sensors(traces: Traces, sensors: tuple[Effect, ...]) -> Traces:
     """The traces as they were before the sensors: the `measure` ports undone by iteration.
 
-    What a sensor takes away is given back up to a cut-off, above which undoing it would
-    raise the noise without bound.
+    The sensors' attenuation is undone up to a cut-off, above which this would amplify the
+    noise without bound.
     """
     if not sensors:
         return traces
@@ -261,9 +261,9 @@ def integrate_states(traces: Traces, model: Model) -> dict[str, FloatArray]:
     """Extra states along the measured traces, (n,) by name.
 
     The tests are cut into pieces that are integrated side by side by Heun's method; each
-    begins with a run-up, at a test's own start or from the states at rest, so that what it
-    holds has forgotten where it began. Where only the torque balance is concerned, held
-    tests are left out.
+    begins with a run-up, at a test's own start or from the states at rest, so that its states
+    have forgotten their start. Where only the torque balance is concerned, held tests are
+    left out.
     """
     found = {name: np.zeros(len(traces)) for name in model.state_names}
     owners = [e for e in model.effects if e.states]
@@ -279,7 +279,7 @@ def integrate_states(traces: Traces, model: Model) -> dict[str, FloatArray]:
 
 
 def measured_flow(side: str, traces: Traces, point: Point, model: Model) -> FloatArray:
-    """Mass flow into a chamber that its measured pressure tells, kg/s (n,).
+    """Mass flow into a chamber that follows from its measured pressure, kg/s (n,).
 
     Unlike the valve's law it does not jump with noise near a boundary.
     """
@@ -298,7 +298,7 @@ def measured_flow(side: str, traces: Traces, point: Point, model: Model) -> Floa
 
 @dataclass(frozen=True)
 class _Pieces:
-    """Pieces of tests, side by side: (pieces,) rows at which each begins to count and ends.
+    """Pieces of tests in parallel: (pieces,) rows at which each begins to count and ends.
 
     `low` is where its run-up begins, `last` its test's last row; `steps` from there on.
     """

@@ -1,4 +1,4 @@
-"""Before and after: open-loop simulation of the motion logs that nothing was fitted on."""
+"""Before and after: open-loop simulation of the held-out motion logs."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class HeldOut:
             n = test.counted(test.whole)
             gap = (test.measured - run)[:, :n]
             logged = np.isfinite(test.measured[:, :n]).all(axis=1)
-            # A simulation that runs away has an error without bound, not an unknown one.
+            # A simulation that diverges has an infinite error, not an unknown one.
             off = np.nan_to_num(gap[logged], nan=np.inf)
             squares[logged] += np.sum(off**2, axis=1)
             count[logged] += n
@@ -53,10 +53,10 @@ class HeldOut:
     def noise_floor(
         self, model: Model, noise: SensorNoise, scatter: Scatter, seed: int
     ) -> FloatArray:
-        """RMSE of each channel, (3,), that the model would show if it were right.
+        """RMSE of each channel, (3,), that a correct model would show.
 
-        Sensor noise and quantisation, and what the scatter of friction from test to test
-        makes of an open-loop simulation.
+        Sensor noise and quantisation, and the open-loop error due to friction's scatter from
+        test to test.
         """
         if scatter.static == scatter.sliding == 0.0:
             return noise.total

@@ -26,7 +26,7 @@ _SCATTER_LIMIT = 0.1
 
 @dataclass(frozen=True)
 class Loop:
-    """Everything that the loop found on the logs to fit on.
+    """Everything that the loop found on the training logs.
 
     `scatter` is friction's from test to test as the twins have it, `scatter_after` as the
     extended model leaves it.
@@ -50,15 +50,15 @@ def close_loop(
     seed: int = 0,
     progress: Callable[[str], None] = lambda line: None,
 ) -> Loop:
-    """Find what a fitted model lacks on tests given as (file, kind, trial), `fit` ones only.
+    """Find what a fitted model lacks on training tests, given as (file, kind, trial).
 
     `simulation_error` is the logarithm of a model's error on the fitted motion logs: of the
-    numbers with and without the twins' correction, those that simulate better are kept.
+    numbers with and without the twins' correction, the better-simulating ones are kept.
     """
     noise = sensor_noise(tests, rig)
     traces = prepare(tests, rig, model)
     forms = candidates(effect for effect in catalogue if not effect.averaged_only)
-    # The noise's colour in the residuals comes from a twin; scatter does not matter to it.
+    # The noise's colour in the residuals comes from a twin; scatter does not affect it.
     pilot = next(iter(simulate_twins(traces, model, noise, Scatter(), 1, seed + 1, rig)))
     colour = noise_of(pilot, model)
     bare = projected(build_frame(traces, model, colour, 0.0), model)
@@ -77,7 +77,7 @@ def close_loop(
     null = Null(judged, forms)
     found = search(frame_of(traces), model, forms, null, progress, simulation_error)
     if found.steps:
-        progress("correcting the numbers by twins of the extended model")
+        progress("correcting the numbers with twins of the extended model")
         found = _corrected(found, traces, noise, rig, frame_of, simulation_error, seed + 2)
     after = build_frame(traces, found.model, colour, 0.0)
     left = min(friction_scatter(after, projected(after, found.model).rest), spread)

@@ -1,4 +1,4 @@
-"""What scores and sums look like where nothing is missing: the twins' screening."""
+"""The distribution of scores and sums where nothing is missing: screening the twins."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from sysid.types import FloatArray
 _SMALLEST_P = 1e-300
 # Real noise may be this much stronger than the twins' before it counts as structure.
 _NOISIEST = 1.6
-# A gain beyond this many times the first twin's is worth asking the others.
+# Only a gain beyond this many times the first twin's warrants screening the others.
 _ASK_AGAIN = 2.0
 # A rig's numerics may bias a gain's root by this factor against its twins'.
 MARGIN = 1.3
 
 
 class Null:
-    """Twins' residuals, and what each effect gains on them where it is asked for.
+    """Twins' residuals, and the gain of each effect on them where it is needed.
 
     `sums` maps a channel to the twins' whitened sums of squares a row, (twins,), `typical`
-    to those of the middling stretch. `family` is the number of forms that are looked at.
+    to those of the median stretch. `family` is the number of forms screened.
     """
 
     def __init__(self, twins: Sequence[Projected], forms: Sequence[Candidate]) -> None:
@@ -41,10 +41,10 @@ class Null:
         }
 
     def calibrate(self, gains: Mapping[str, float], least: float) -> None:
-        """Screen the twins for these effects, given with what they gain on the logs.
+        """Screen the twins for these effects, given with their gains on the logs.
 
-        Where the first twin shows as much, or the gain is below `least`, the others need not
-        be asked.
+        Where the first twin gains as much, or the gain is below `least`, the others are not
+        screened.
         """
         self._screen(gains, self._twins[:1])
         clear = [e for e, g in gains.items() if g > max(_ASK_AGAIN * self._gains[e][0], least)]
@@ -63,13 +63,13 @@ class Null:
             self._gains[e] = np.append(self._gains.get(e, np.zeros(0)), best)
 
     def gains(self, effect: str) -> FloatArray:
-        """The best gain of an effect on each twin that was asked, (twins,)."""
+        """The best gain of an effect on each screened twin, (twins,)."""
         return self._gains[effect]
 
     def p_value(self, effect: str, gain: float, strengths: int) -> float:
-        """Chance that any form in the catalogue gains so much where nothing is missing.
+        """Probability that any form in the catalogue gains as much where nothing is missing.
 
-        The root of an effect's gain is taken for normal about its mean among the twins,
+        The root of an effect's gain is taken as normal about its mean among the twins,
         which a real rig's own numerics may exceed by some share; the family is controlled by
         Bonferroni's bound.
         """
@@ -95,7 +95,7 @@ class Null:
         return found
 
     def spread(self, base: Projected, channel: str) -> float:
-        """How far twins' sums of squares lie apart in a channel: one standard deviation."""
+        """Spread of the twins' sums of squares in a channel: one standard deviation."""
         rows = base.frame.rows(channel)
         count = rows.stop - rows.start
         sums = self.sums[channel]
@@ -104,7 +104,7 @@ class Null:
 
 
 def typical_square(base: Projected, channel: str) -> float:
-    """Whitened square a row in the middling stretch of a channel: noise, where most are calm."""
+    """Whitened square per row in the median stretch of a channel: noise, where most are calm."""
     view = base.frame.windows[channel]
     if len(view) == 0:
         return 1.0

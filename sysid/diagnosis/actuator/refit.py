@@ -1,6 +1,6 @@
-"""Effects' own numbers: nonlinear least squares of the whitened equation error.
+"""Effects' numbers: nonlinear least squares of the whitened equation error.
 
-The base parameters go along, each in the balance that it belongs to.
+The base parameters are fitted along, each in the balance that it belongs to.
 """
 
 from __future__ import annotations
@@ -22,25 +22,25 @@ from sysid.types import FloatArray, IntArray
 
 _EVALUATIONS = 20
 _TOLERANCE = 1e-4
-# One-sided differences: half the evaluations, and a fit to 1e-4 needs no more.
+# One-sided differences: half the evaluations, and accurate enough for a fit to 1e-4.
 _STEP = 1e-5
-# What a threshold does goes in steps, pulse by pulse: its slope is that of a chord.
+# A threshold acts in steps, pulse by pulse: its slope is that of a chord.
 THRESHOLD_STEP = 0.05
 _MOST_FACTOR = 5.0
-# Whitened squares: what noise alone hardly gives one test.
+# Whitened squares: more than noise alone is likely to give one test.
 _CLEAR_GAIN = 20.0
 _BASE_STEPS = 6
 _MOST_STEP = 0.5
 _SMALL_STEP = 1e-4
-# Of the length of its column without effects: what a base parameter has to keep to be refitted.
+# Share of its column's length without effects that a base parameter must keep to be refitted.
 _LEAST_REACH = 0.02
 
 
 @dataclass(frozen=True)
 class Refit:
-    """Effects with their numbers fitted, and what they take of a residual.
+    """Effects with their numbers fitted, and their share of a residual.
 
-    `before` (rows,) is the residual without them, `rest` (rows,) what is left of it; `fit`
+    `before` (rows,) is the residual without them, `rest` (rows,) the remainder; `fit`
     holds the effects' parameters by "id/name", in the effects' order, then the base
     parameters' factors.
     """
@@ -67,11 +67,11 @@ class Refit:
     def wald(self, tests: IntArray) -> float:
         """How clearly the last effect's strengths differ from 0: s' C^-1 s over their number.
 
-        C is the jackknife's over the tests (rows,): what one test alone shows does not count.
-        The shape stays as fitted: where there is no effect it is nothing, and short tests of a
-        drift tell no more than its slope. A strength that is stuck at a bound other than 0 is
-        clear of it. A threshold has no slope that C could come from: there it is the squared z
-        of a sign test, of the tests that gain or lose clearly.
+        C is the jackknife's over the tests (rows,): evidence from one test alone does not count.
+        The shape stays as fitted: without an effect it has no meaning, and short tests of a
+        drift show no more than its slope. A strength stuck at a bound other than 0 counts as
+        clear. A threshold has no slope from which C could be computed: there the result is the
+        squared z of a sign test on the tests that gain or lose clearly.
         """
         stuck = self.fit.diagnosis.at_bound
         strong = [q for q in type(self.effect).quantities if q.is_strength]
@@ -92,10 +92,10 @@ class Refit:
 
 
 def refit(base: Projected, starts: Sequence[CatalogueEffect]) -> Refit:
-    """Fit the effects' strengths and shapes from a start, beside the model's own effects.
+    """Fit the effects' strengths and shapes from a start, in addition to the model's effects.
 
     The base parameters of the balances that the effects reach are fitted along: an effect
-    that replaces a law changes what they do.
+    that replaces a law changes their role.
     """
     others = (*base.model.effects, *starts)
     channels = tuple(c for c in CHANNELS if any(c in channels_of(e, others) for e in starts))
@@ -143,7 +143,7 @@ def refit(base: Projected, starts: Sequence[CatalogueEffect]) -> Refit:
 
 
 def is_threshold(quantity: Quantity) -> bool:
-    """Whether an effect is not proportional to it: screening tries it at sizes of its own."""
+    """Whether the effect is not proportional to it: screening then tries a grid of sizes."""
     return quantity.is_strength and bool(quantity.grid)
 
 
@@ -163,17 +163,17 @@ def _own_parameters(effects: Sequence[CatalogueEffect]) -> list[Parameter]:
 
 
 def _relative(name: str) -> Parameter:
-    """A base parameter over what the bundle says."""
+    """A base parameter relative to the bundle's value."""
     return Parameter(name, 1.0, "-", 1.0 / _MOST_FACTOR, _MOST_FACTOR, 1.0)
 
 
 def with_base_refitted(base: Projected, model: Model) -> Model:
-    """A model whose base parameters take what is left of the residual: Gauss-Newton steps.
+    """A model whose base parameters are refitted to the remaining residual: Gauss-Newton steps.
 
-    `base` is the model's without its effects. For as long as they lower it, and to within a
-    factor of 5 of what they were. One that an effect leaves hardly any influence stays: it
-    would step anywhere, and where the effect does not act (a flow that runs backwards) it
-    still counts.
+    `base` is the Jacobian without effects. Steps go on as long as they lower the residual, and
+    stay within a factor of 5 of the original values. A parameter that keeps hardly any
+    influence beside an effect is not moved: its step would be arbitrary, and where the effect
+    does not act (a flow that runs backwards) it still counts.
     """
     names = base_parameters(model)
     given = np.array([float(getattr(model.parameters, n)) for n in names])
@@ -198,7 +198,7 @@ def with_base_refitted(base: Projected, model: Model) -> Model:
 def reaching_columns(
     base: Projected, frame: Frame, model: Model, residual: FloatArray
 ) -> FloatArray:
-    """`base_jacobian` (rows, p) of a model with effects, 0 where they leave hardly anything.
+    """`base_jacobian` (rows, p) of a model with effects, 0 where hardly any influence remains.
 
     `base` is the model's without them, on any frame.
     """
@@ -208,7 +208,7 @@ def reaching_columns(
 
 
 def linear_step(columns: FloatArray, residual: FloatArray) -> FloatArray:
-    """The step (k,) along columns (rows, k) that takes most of a residual (rows,).
+    """The step (k,) along columns (rows, k) that reduces a residual (rows,) most.
 
     0 along a column of zeros.
     """
@@ -218,9 +218,9 @@ def linear_step(columns: FloatArray, residual: FloatArray) -> FloatArray:
 
 
 def standard_errors(base: Projected, extra: FloatArray) -> dict[str, float]:
-    """Standard errors of the base parameters beside `extra` columns (rows, k), in their units.
+    """Standard errors of the base parameters, with `extra` columns (rows, k), in their units.
 
-    From the whitened squares that are left, so that what no effect explains widens them.
+    From the remaining whitened squares, so that unexplained structure widens them.
     """
     names = base_parameters(base.model)
     jacobian = np.hstack([base_jacobian(base.frame, base.model, base.residual, names), extra])

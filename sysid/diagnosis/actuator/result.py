@@ -1,4 +1,4 @@
-"""What a diagnosis says: verdict, effects, errors before and after, and what was tried."""
+"""The result of a diagnosis: verdict, effects, errors before and after, and what was tried."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ Verdict = Literal["adequate", "effects-found", "unexplained"]
 
 @dataclass(frozen=True)
 class BeforeAfter:
-    """RMSE on the held-out logs, in the channel's unit; `noise_floor` if the model were right."""
+    """RMSE on the held-out logs, in the channel's unit; `noise_floor`: that of a correct model."""
 
     before: float
     after: float
     noise_floor: float | None = None
 
     def to_json(self) -> dict[str, float]:
-        """The numbers by name, those that are known."""
+        """The known numbers by name."""
         return {k: v for k, v in vars(self).items() if v is not None}
 
 
 @dataclass(frozen=True, repr=False)
 class FoundEffect(Shown):
-    """An effect that was added: its numbers, what it gained, and what may be it as well.
+    """An effect that was added: its numbers, its gain, and what is indistinguishable from it.
 
     `share`: of the residual's excess over noise on the fitted logs; `holdout` by channel,
-    before and after this effect was added; `advice` says which test would settle it.
+    before and after this effect was added; `advice` names the test that would decide.
     """
 
     effect: CatalogueEffect
@@ -53,12 +53,12 @@ class FoundEffect(Shown):
         return self.effect.id
 
     def headline(self) -> str:
-        """Its id, and what may be it as well."""
+        """Its id, and the effects indistinguishable from it."""
         rivals = ", ".join(self.ambiguous_with)
         return f"{self.id}{f' (or {rivals})' if rivals else ''}, p {p_text(self.p_value)}"
 
     def records(self) -> list[dict[str, Any]]:
-        """One a parameter: its value, std, limits of the 95 % interval and unit."""
+        """One row per parameter: its value, std, limits of the 95 % interval and unit."""
         return estimate_records(self.by_label(), effect=self.id)
 
     def tables(self) -> Iterable[ShownTable]:
@@ -88,11 +88,11 @@ class FoundEffect(Shown):
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """The verdict on a campaign and a bundle, with all that led to it.
+    """The verdict on a campaign and a bundle, with all its evidence.
 
     `residual`: pooled RMSE on the held-out logs by channel. `model`: the extended model.
-    `rejected`: suspects of the last look, none of which was added. `loop`: what was found
-    on the logs that were fitted on, step by step.
+    `rejected`: suspects of the last round, none of which was added. `loop`: what was found on
+    the training logs, step by step.
     """
 
     verdict: Verdict
@@ -112,7 +112,7 @@ class Diagnosis:
 
     @property
     def base_dof(self) -> int:
-        """Degrees of freedom that these standard errors have."""
+        """Degrees of freedom of these standard errors."""
         return self.loop.search.base_dof
 
     def to_json(self) -> dict[str, Any]:

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 # Smoothing of the channels before they enter the equations, Hz. The commands are not
-# smoothed: what is nonlinear in pressure or velocity has to see the true ones.
+# smoothed: laws that are nonlinear in pressure or velocity need the true ones.
 PRESSURE_CUTOFF_HZ = 350.0
 POSITION_CUTOFF_HZ = 150.0
 VELOCITY_CUTOFF_HZ = 60.0
@@ -48,7 +48,7 @@ _SEAM_S = 0.015
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Samples to be looked at: `index` (m,) into the arrays of traces; equal only to itself."""
+    """A selection of samples: `index` (m,) into the arrays of traces; equal only to itself."""
 
     index: IntArray
 
@@ -69,7 +69,7 @@ class TestRun:
     moves: bool
 
 
-# Equal only to itself: what is derived from traces is kept by them.
+# Equal only to itself: results derived from traces are cached under them.
 @dataclass(frozen=True, eq=False)
 class Traces:
     """Samples of all tests end to end, arrays (n,), SI; what the ports are evaluated at.
@@ -180,7 +180,7 @@ def _uniform(trial: Trial, rig: Rig) -> Trial:
 
 
 def _channels(trial: Trial, rig: Rig, inputs: Inputs) -> dict[str, FloatArray]:
-    """What a test logs, as logged; what it does not log, as the log format says."""
+    """A test's channels as logged; missing ones as the log format defines them."""
     air = rig.require("air", "which the chamber equations need")
     defaults = {
         rig.position_channel: 0.0,

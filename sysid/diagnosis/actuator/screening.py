@@ -19,17 +19,17 @@ from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import Model
 from sysid.types import FloatArray
 
-# Below this share of its length a signature is what the base parameters can do as well.
+# Below this remaining share of its length a signature is one the base parameters can imitate.
 _OWN_SHARE = 1e-3
 
 
 @dataclass(frozen=True)
 class Projected:
-    """A residual with all that the model's own parameters can do taken out of it.
+    """A residual after projecting out everything that the model's own parameters explain.
 
-    `residual` (rows,) as it is, `rest` (rows,) what is left of it, `basis` (rows, m)
-    orthonormal; `extra` (rows, k), orthonormal too, are those of it that are not the base
-    parameters'. `reach` (p,): length of each base parameter's column.
+    `residual` (rows,) is unprojected, `rest` (rows,) the remainder, `basis` (rows, m)
+    orthonormal; `extra` (rows, k), also orthonormal, are its columns that do not belong to the
+    base parameters. `reach` (p,): length of each base parameter's column.
     """
 
     frame: Frame
@@ -41,11 +41,11 @@ class Projected:
     reach: FloatArray
 
     def beside_extra(self, values: FloatArray) -> FloatArray:
-        """`values` (rows,) or (rows, k) without what `extra` holds."""
+        """`values` (rows,) or (rows, k) with `extra` projected out."""
         return values - self.extra @ (self.extra.T @ values)
 
     def project(self, values: FloatArray) -> FloatArray:
-        """`values` (rows,) or (rows, k) without what the basis holds."""
+        """`values` (rows,) or (rows, k) with the basis projected out."""
         return values - self.basis @ (self.basis.T @ values)
 
 
@@ -75,7 +75,7 @@ def _orthonormal(columns: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Explained:
-    """How much of a residual a candidate takes: a fall of the whitened sum of squares.
+    """How much of a residual a candidate explains: a fall of the whitened sum of squares.
 
     `coefficients` (k,) in probing sizes. `probed`, `probed_gain`: the same with every limit
     and dead gap at the size that was probed; its effect is not proportional to it, so that
@@ -90,7 +90,7 @@ class Explained:
 
 
 def screen(base: Projected, forms: Sequence[Candidate]) -> list[Explained]:
-    """Every form against a residual, spread over the machine's cores."""
+    """Every form against a residual, in parallel on the machine's cores."""
     from joblib import Parallel, delayed
 
     # The forms of one effect stay together: those on both sides build on those on either.
@@ -149,8 +149,8 @@ def best_by_effect(results: Sequence[Explained]) -> dict[str, Explained]:
 def starting_points(results: Sequence[Explained]) -> dict[str, list[CatalogueEffect]]:
     """Where refits of each effect begin: its form that gains most as probed.
 
-    Where that is of one side, the best on both sides too: what is proportional on one side
-    need not be on the other.
+    Where that acts on one side, the best form on both sides too: an effect that is proportional
+    on one side need not be so on the other.
     """
     ranked = sorted(results, key=lambda r: -r.probed_gain)
     found: dict[str, list[CatalogueEffect]] = {}

@@ -1,4 +1,4 @@
-"""One effect after another: screen, refit the suspects, add the best, look again."""
+"""One effect after another: screen, refit the suspects, add the best, repeat."""
 
 from __future__ import annotations
 
@@ -39,37 +39,37 @@ from sysid.types import FloatArray
 SIGNIFICANCE = 1e-3
 MOST_EFFECTS = 3
 MOST_SUSPECTS = 5
-# A suspect whose signature takes less than this share of the best one's is not refitted.
+# A suspect whose signature explains less than this share of the best one's is not refitted.
 WORTH_REFITTING = 0.15
 # The twins are screened for this many effects at most, those that gain most.
 _CALIBRATED = 14
 CLEAR_RATIO = 2.5
-# A strength that the tests agree on lies this many squared standard errors off 0; of a
+# A strength that the tests agree on differs from 0 by this many squared standard errors; of a
 # threshold that is the squared z of a sign test (`Refit.wald`).
 _CLEAR_WALD = 16.0
-# One that takes nearly all of the rest may show in few tests: a drift in the longest ones.
+# One that explains nearly all of the remainder may show in few tests: a drift in the longest.
 _MAIN_SHARE = 0.75
 _MAIN_WALD = 4.0
-# Of what is left beyond noise, an effect that is added has to take this share.
+# Share of the remainder beyond noise that an effect must explain to be added.
 LEAST_SHARE = 0.35
-# What is small beside the effects so far is their form's misfit, unless it is all of the rest
-# and not smaller still.
+# A remainder that is small against the effects so far is a misfit of their form, unless a new
+# effect explains all of it and it is not smaller still.
 _LEAST_PART = 0.05
 _WHOLE_SHARE = 0.8
 _LEAST_WHOLE = 0.004
-# An effect that changes by this factor beside the next one was not what it seemed.
+# An effect whose size changes by this factor when the next is added was not what it seemed.
 _MOST_CHANGE = 2.5
-# By how much the logarithm of the simulation error may rise with an effect beside another.
+# By how much the logarithm of the simulation error may rise with a further effect.
 _TOLERATED_RISE = 0.01
-# A rival that takes almost as much as the winner cannot be told from it: nature's own form
-# of an effect seldom is the catalogue's, and costs the right one as much.
+# A rival that explains almost as much as the winner is indistinguishable from it: the real form
+# of an effect is seldom the catalogue's, which costs the right one as much.
 _RIVAL_SHARE = 0.9
 _CLEAR_BIC = 10.0
 
 
 @dataclass(frozen=True)
 class Suspect:
-    """An effect that screening looked at: its gain, over the twins' largest, and p-value."""
+    """An effect that was screened: its gain, also over the twins' largest, and p-value."""
 
     id: str
     gain: float
@@ -80,11 +80,11 @@ class Suspect:
 
 @dataclass(frozen=True)
 class Step:
-    """One effect that was added: its numbers, what it took, and what else was tried.
+    """One effect that was added: its numbers, its gain, and what else was tried.
 
-    `model` holds it, all before it, and the base parameters refitted beside them. `share`:
-    of the excess over noise that it found in the balances that it reaches, how much it took.
-    `ambiguous`: ids that take as much. `suspects` in descending order.
+    `model` holds it, all before it, and the base parameters refitted with them. `share`: how
+    much it explained of the excess over noise in the balances that it reaches. `ambiguous`:
+    ids that explain as much. `suspects` in descending order.
     """
 
     refit: Refit
@@ -97,11 +97,11 @@ class Step:
 
 @dataclass(frozen=True)
 class Search:
-    """The steps, the model they end in, and its residual beside the base model's.
+    """The steps, the resulting model, and its residual next to the base model's.
 
     `joint` holds all effects fitted together, None where there are none; `base_std` the
-    standard errors of the base parameters beside them, in the parameters' units; `suspects`
-    are those of the last look.
+    standard errors of the base parameters with them, in the parameters' units; `suspects`
+    are those of the last round.
     """
 
     steps: tuple[Step, ...]
@@ -138,10 +138,10 @@ def search(
     progress: Callable[[str], None],
     simulation_error: Callable[[Model], float],
 ) -> Search:
-    """Add effects while one passes the twins' test and takes a fair share of the excess.
+    """Add effects while one passes the twins' test and explains a fair share of the excess.
 
-    One beside another must not raise `simulation_error`, the logarithm of a model's error
-    on the fitted motion logs: what only fills up the misfit of the first may.
+    A further effect must not raise `simulation_error`, the logarithm of a model's error on the
+    fitted motion logs: one that only absorbs the misfit of the first may raise it.
     """
     first = base = projected(frame, model)
     before = null.excess(first)
@@ -174,7 +174,7 @@ def search(
         progress(f"{winner.id}: tried {', '.join(r.id for r in refits)}")
         share = _share(winner, excess)
         least = _LEAST_PART if share < _WHOLE_SHARE else _LEAST_WHOLE
-        # Where the effects so far do not reach, nothing is their form's misfit.
+        # Where the effects so far do not act, nothing can be a misfit of their form.
         gone = sum(max(before[c] - excess[c], 0.0) for c in channels_of(winner.effect))
         small = winner.gain < least * gone
         if share < LEAST_SHARE or small or not _leaves_alone(first, steps, winner):
@@ -215,9 +215,9 @@ def _finished(
 
 
 def _leaves_alone(first: Projected, steps: Sequence[Step], winner: Refit) -> bool:
-    """Whether the effects so far keep their size beside another one.
+    """Whether the effects so far keep their size when another one is added.
 
-    Two effects that grow against each other are neither: they make up a curve together.
+    Two effects that grow against each other are not real: together they imitate a curve.
     """
     if not steps:
         return True
@@ -247,7 +247,7 @@ def _composes(model: Model, candidate: Candidate) -> bool:
 
 
 def _suspects(best: dict[str, Explained], null: Null) -> list[Suspect]:
-    """Effects whose gain noise alone would hardly give, judged by the twins."""
+    """Effects whose gain noise alone is unlikely to give, judged by the twins."""
     remarkable = [
         name
         for name, result in best.items()
@@ -268,13 +268,13 @@ def _suspects(best: dict[str, Explained], null: Null) -> list[Suspect]:
 
 
 def _share(found: Refit, excess: Mapping[str, float]) -> float:
-    """How much an effect takes of the excess over noise in the balances that it reaches."""
+    """How much an effect explains of the excess over noise in the balances that it reaches."""
     own = sum(max(excess[channel], 0.0) for channel in channels_of(found.effect))
     return found.gain / max(own, found.gain)
 
 
 def _least_wald(found: Refit, excess: Mapping[str, float]) -> float:
-    """How far off 0 the tests have to agree that an effect's strengths are."""
+    """How far from 0 the tests must agree that an effect's strengths are."""
     return _MAIN_WALD if _share(found, excess) > _MAIN_SHARE else _CLEAR_WALD
 
 
@@ -292,7 +292,7 @@ def _refit(base: Projected, starts: Sequence[Sequence[CatalogueEffect]]) -> list
 
 
 def _penalty(found: Refit, base: Projected) -> float:
-    """BIC's price of an effect's parameters, in whitened squares."""
+    """BIC's penalty for an effect's parameters, in whitened squares."""
     rows = len(base.rest)
     scale = max(float(found.rest @ found.rest) / rows, 1.0)
     count = sum(len(type(effect).quantities) for effect in found.effects)

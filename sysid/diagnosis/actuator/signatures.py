@@ -22,7 +22,7 @@ from sysid.model.ports import Model
 from sysid.types import FloatArray
 
 _BASE_STEP = 0.01
-# A strength whose effect is proportional to it is tried at this share of its usual size.
+# A strength whose effect is proportional to it is probed at this share of its usual size.
 _PROBE = 0.3
 
 
@@ -81,7 +81,7 @@ def candidates(catalogue: Iterable[type[CatalogueEffect]]) -> list[Candidate]:
 class Signatures:
     """Signatures of forms along one frame, each computed once.
 
-    An effect on both sides is, to first order, the sum of it on either.
+    To first order an effect on both sides is the sum of the effects on either side.
     """
 
     def __init__(self, frame: Frame, model: Model, base: FloatArray) -> None:

@@ -1,9 +1,9 @@
 """Twins: the same tests on a rig that is the fitted model and nothing more.
 
 A twin is the model's simulation of a campaign's own commands, with the noise, quantisation
-and test-to-test friction scatter that the logs show. It takes the way that the logs take
-(smoothing, windows, screening), and so tells what a residual looks like where nothing is
-missing.
+and test-to-test friction scatter that the logs show. It goes through the same steps as the
+logs (smoothing, windows, screening), and so shows what a residual looks like where nothing
+is missing.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from sysid.io.rig import Rig
 from sysid.model.ports import Model
 from sysid.types import FloatArray
 
-# Noise is read off blocks of this many rows, those within this factor of the calmest fifth.
+# Noise is estimated from blocks of this many rows, those within this factor of the calmest fifth.
 _BLOCK = 128
 _CALM = 1.6
 _NOISE_LAGS = 6
@@ -99,7 +99,7 @@ def _noise_kernel(channels: Sequence[FloatArray], quantum: float) -> FloatArray:
     covariance = np.array(
         [np.mean(calm[: _BLOCK - lag] * calm[lag:]) if calm.size else 0.0 for lag in lags]
     )
-    # The cubic has taken four of the block's degrees of freedom, the converter its own share.
+    # The cubic has used four of the block's degrees of freedom, and quantisation adds variance.
     covariance[0] = max(covariance[0] * _BLOCK / (_BLOCK - 4) - quantum**2 / 12.0, 0.0)
     covariance[np.abs(covariance) < _UNCORRELATED * covariance[0]] = 0.0
     spectrum = np.fft.rfft(np.concatenate((covariance, np.zeros(33), covariance[:0:-1]))).real
@@ -127,8 +127,8 @@ def simulate_twins(
 ) -> Iterator[Traces]:
     """`count` twins of the traces of a campaign's tests.
 
-    A test in which nothing can move depends on no scatter and is simulated once. The seed
-    fixes every draw.
+    A test in which nothing can move does not depend on scatter and is simulated once. The
+    seed determines every draw.
     """
     from sysid.model.simulator import simulate
 
@@ -154,7 +154,7 @@ def _channels(trajectory: object) -> FloatArray:
 
 
 def _held(model: Model) -> Model:
-    """The model with a shaft that nothing moves, as in the valve tests."""
+    """The model with a fixed shaft, as in the valve tests."""
     p = model.parameters
     return Model(p.replace(static_effort=1e6, coulomb_effort=1e6), model.effects)
 

@@ -1,4 +1,4 @@
-"""What no effect explains: the regressor that a residual depends on most, and its curve."""
+"""The remainder that no effect explains: the regressor it depends on most, and its curve."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 
 
 BINS = 12
-# Windows that are averaged before a curve is looked for: noise falls, slow structure stays.
+# Windows averaged before searching for a curve: noise falls, slow structure stays.
 _GROUP = 4
 _LEAST_IN_BIN = 8
 # A channel's excess counts beyond this many of the twins' spreads, and beyond this share of
-# what the effects took there.
+# what the effects explained there.
 _SPREADS = 8.0
 _TOLERATED = 0.2
 
@@ -48,7 +48,7 @@ class ResidualCurve:
 
 @dataclass(frozen=True)
 class Unexplained:
-    """Structure that stays: channel (log format), regressor, share of the residual's variance."""
+    """Remaining structure: channel (log format), regressor, share of the residual's variance."""
 
     channel: str
     regressor: str
@@ -63,8 +63,8 @@ class Unexplained:
 def leftover(found: Loop, rig: Rig) -> tuple[Unexplained, ...]:
     """Channels whose residual still holds structure, each with its strongest regressor.
 
-    Nature's own form of an effect is seldom the catalogue's: a rest that is small beside
-    what the effects took is that difference, and not another effect.
+    The real form of an effect is seldom the catalogue's: a remainder that is small against
+    what the effects explained is that difference, and not another effect.
     """
     search, null = found.search, found.null
     before, after = null.excess(search.first), null.excess(search.last)
@@ -77,13 +77,13 @@ def leftover(found: Loop, rig: Rig) -> tuple[Unexplained, ...]:
 
 
 def faintest(found: Loop, rig: Rig) -> tuple[Unexplained, ...]:
-    """The dependence that shows most in any channel, where none of them has enough to count."""
+    """The strongest dependence in any channel, where none is large enough to count."""
     entries = _strongest(found, rig, CHANNELS)
     return tuple(sorted(entries, key=lambda e: -e.share)[:1])
 
 
 def _strongest(found: Loop, rig: Rig, channels: Sequence[str]) -> tuple[Unexplained, ...]:
-    """Each channel's dependence on the regressor that it follows most."""
+    """Each channel's dependence on its strongest regressor."""
     if not channels:
         return ()
     last = found.search.last

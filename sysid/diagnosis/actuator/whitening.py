@@ -22,14 +22,14 @@ from sysid.model.ports import Model
 from sysid.types import BoolArray, FloatArray, IntArray
 
 ORDER = 6
-# Share of white noise added to the autocovariance: what the model of the noise does not know.
+# Share of white noise added to the autocovariance: what the noise model does not describe.
 _RIDGE = 0.02
 _END_SHARE = 0.01
 _NEAR_SUPPLY = 0.01
 _NEAR_ATMOSPHERE = 0.01
 _RUNAWAY = 1e4
 _NEAR_BOUNDARY = 0.02
-# Tests that tell their own friction to 3 %, and how many of them a spread needs.
+# Tests that determine their own friction to 3 %, and how many of them a spread needs.
 _LEAST_POWER = 1e3
 _LEAST_TESTS = 4
 
@@ -70,7 +70,7 @@ class Frame:
     def residual(self, model: Model, channels: tuple[str, ...] = CHANNELS) -> FloatArray:
         """The whitened equation error of a model, (rows,).
 
-        A trial model whose states run away has a large one, not an undefined one.
+        A trial model whose states diverge has a large one, not an undefined one.
         """
         with np.errstate(over="ignore", invalid="ignore"):
             error = equation_error(self.traces, model, channels, self.rows_used)
@@ -117,8 +117,8 @@ class Frame:
 def build_windows(traces: Traces, model: Model) -> dict[str, Windows]:
     """Windows of every channel.
 
-    Effort: where the shaft moves, off its end stops. Rates: off the stops, and where the
-    flow's law is not in doubt.
+    Effort: where the shaft moves, away from its end stops. Rates: away from the stops, and
+    where the flow law is not uncertain.
     """
     p = model.parameters
     stop = 0.5 * float(p.stroke) / float(p.pitch_radius)
@@ -132,7 +132,7 @@ def build_windows(traces: Traces, model: Model) -> dict[str, Windows]:
 
 
 def _in_doubt(traces: Traces, model: Model, side: str) -> BoolArray:
-    """Samples at which noise decides what the valve's law gives, (n,).
+    """Samples at which noise determines the result of the valve's law, (n,).
 
     Flow near the supply pressure or the atmosphere may go with the root of a difference that
     is mostly noise; at the choked boundaries the law jumps.
@@ -147,7 +147,7 @@ def _in_doubt(traces: Traces, model: Model, side: str) -> BoolArray:
         base.filling_boundary(traces.supply),
         base.exhaust_boundary(atmosphere),
     )
-    # A boundary that is crossed between two samples is in doubt at both.
+    # A boundary crossed between two samples is uncertain at both.
     travel = np.abs(np.gradient(pressure))
     at_fill = np.abs(pressure - fill) < _NEAR_BOUNDARY * fill + travel
     at_exhaust = np.abs(pressure - exhaust) < _NEAR_BOUNDARY * exhaust + travel
@@ -260,7 +260,7 @@ def friction_scatter(frame: Frame, rest: FloatArray) -> float:
     """Relative spread of sliding friction from test to test, one standard deviation.
 
     `rest` (rows,) is a whitened residual of a frame without scatter. The median over the
-    tests, so that an effect that shows in some of them is not taken for scatter.
+    tests, so that an effect that shows in some of them is not mistaken for scatter.
     """
     values = rest[frame.rows(EFFORT)]
     run = frame.windows[EFFORT].run

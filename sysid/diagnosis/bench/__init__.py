@@ -1,6 +1,6 @@
 """Parts of a rig tested alone: an axis, a cylinder, a tank, a valve.
 
-Where a campaign holds no whole actuator there is nothing to simulate a twin of: what the part's
+Where a campaign holds no whole actuator, no twin can be simulated: what the part's
 law lacks is judged by predicting held-out tests. The components are `axis`, `friction_readings`,
 `tank`, `valve_flow` and `valve_time`, entered in `registry`; `component` is what they have in
 common, and `diagnose` the loop over `fitting`, `starting_points`, `selection`, `stability` and

@@ -37,13 +37,13 @@ from sysid.types import FloatArray, IntArray
 FASTEST_CUTOFF_HZ = 20.0
 # Kinematics that nonlinear laws see pass a wider filter than the balance.
 _WIDER = 3.0
-# Tests at the least: fewer trials are cut into stretches.
+# Fewest tests: fewer trials than this are cut into stretches.
 _FEWEST_TESTS = 3
 _STRETCHES = 6
 _SAMPLES_A_TEST = 4000
 _LEAST_CHANGE = 1e-9
 _LEAST_SCALE = 1e-3
-# A linear axis has no pinion, and weighs the same everywhere: an offset.
+# A linear axis has no pinion, and its weight is the same everywhere: an offset.
 _ROTARY_ONLY = ("pitch-eccentricity", "mounting-tilt")
 _PORTS = ("parameters", "motor_effort", "friction_effort", "external_effort", "pitch_radius")
 
@@ -136,7 +136,7 @@ class Axis(Component):
         point = dataclasses.replace(case.point, parameters=parameters)
         driven = plant.applied_effort(point, model)
         resisted = plant.sliding_friction(point, model) + parameters.inertia * case.acceleration
-        # In the logged command's own units: else a motor's gain of 0 would explain everything.
+        # In the logged command's own units: otherwise a motor gain of 0 would explain everything.
         given, taken = case.point.motor, plant.motor_effort(point, model)
         power = float(given @ given)
         scale = float(taken @ given) / power if power > 0.0 else 1.0
@@ -177,7 +177,7 @@ class Axis(Component):
     def noise_floor(self, law: Law) -> float:
         """What changes over more than the filter's length, beyond a straight line (N or Nm).
 
-        Samples that lie nearer together share the filter's noise.
+        Samples closer together share the filter's noise.
         """
         found = []
         for case, left in zip(self.cases, self.residuals(law, range(len(self.cases))), strict=True):
@@ -201,14 +201,14 @@ class Axis(Component):
     def further_errors(self, law: Law) -> dict[str, tuple[float, float]]:
         """Of the position, simulated open loop over each whole trial from its first row.
 
-        Only where no pressure acts: that of a logged chamber is not the simulator's.
+        Only where no pressure acts: a logged chamber's pressure is not the simulator's.
         """
         from sysid.model.simulator import Inputs, simulate
 
         if self.rig.cylinder is not None:
             return {}
         model = self._model(law)
-        # Breakaway is not told by motion: as much as sliding friction.
+        # Motion does not determine breakaway: it is set to sliding friction.
         model = Model(
             model.parameters.replace(static_effort=model.parameters.coulomb_effort), model.effects
         )
@@ -226,7 +226,7 @@ class Axis(Component):
 
 
 def _depends_on_speed(effect: CatalogueEffect, point: Point) -> bool:
-    """Whether an effect's friction is another one at a higher speed, all else equal."""
+    """Whether an effect's friction changes with speed, all else equal."""
     faster = dataclasses.replace(point, velocity=1.5 * np.asarray(point.velocity))
     nothing = np.zeros(len(np.asarray(point.time)))
     slow, fast = (np.asarray(effect.friction_effort(nothing, p)) for p in (point, faster))
@@ -236,12 +236,12 @@ def _depends_on_speed(effect: CatalogueEffect, point: Point) -> bool:
 def axis(trials: Sequence[Trial], rig: Rig) -> Axis:
     """An axis from friction-motion trials. Raises InputError, NotIdentifiedError.
 
-    Three trials or more are left out one by one; fewer are cut into stretches.
+    Three or more trials are left out one by one; fewer are cut into stretches.
     """
     cases: list[_Test] = []
     pieces = 1 if len(trials) >= _FEWEST_TESTS else math.ceil(_STRETCHES / max(len(trials), 1))
     for trial in trials:
-        # What there is to say of its channels the fit of the friction has said.
+        # The friction fit has already reported notices about its channels.
         cases += _cases(trial, even_trial(trial, rig, []), rig, pieces)
     if not cases:
         raise NotIdentifiedError(

@@ -1,4 +1,4 @@
-"""What the search for a missing effect needs to know of a part that was tested alone."""
+"""The interface of a part tested alone to the search for a missing effect."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ class Law:
 class Component(ABC):
     """One part, the tests of it, and its law with or without effects.
 
-    A test is what is left out as a whole: a trial, or a stretch of a long one. Residuals
+    A test is left out as a whole: a trial, or a stretch of a long one. Residuals
     are measured less modelled, in `unit`.
     """
 
     channel: str
-    """What is predicted, in the log format's terms."""
+    """The predicted channel, in the log format's terms."""
     unit: str
 
     @property
@@ -47,32 +47,32 @@ class Component(ABC):
 
     @abstractmethod
     def parameters(self) -> list[Parameter]:
-        """The law's own parameters, with where a fit starts and bounds."""
+        """The law's own parameters, with their starting values and bounds."""
 
     @abstractmethod
     def effects(
         self, catalogue: Mapping[str, type[CatalogueEffect]]
     ) -> tuple[type[CatalogueEffect], ...]:
-        """Those effects of the catalogue that act on this part."""
+        """The effects of the catalogue that act on this part."""
 
     @abstractmethod
     def residuals(self, law: Law, tests: Sequence[int]) -> list[FloatArray]:
         """Measured less modelled, (n,) for each of `tests` (indices), in `unit`."""
 
     def residuals_of(self, laws: Sequence[Law], tests: Sequence[int]) -> list[list[FloatArray]]:
-        """`residuals` of several laws, which differ in nothing but their numbers.
+        """`residuals` of several laws that differ only in their numbers.
 
-        A part that simulates overrides this, where many at once cost little more than one.
+        A part that simulates overrides this if many laws at once cost little more than one.
         """
         return [self.residuals(law, tests) for law in laws]
 
     @abstractmethod
     def regressors(self, tests: Sequence[int]) -> dict[str, FloatArray]:
-        """What a residual may depend on, by name, the tests end to end."""
+        """Regressors that a residual may depend on, by name, the tests end to end."""
 
     @abstractmethod
     def part(self, estimates: Mapping[str, Estimate]) -> Parts:
-        """What a bundle holds of the law; `estimates` are those of `parameters`, by name."""
+        """The law's section of a bundle; `estimates` are those of `parameters`, by name."""
 
     @abstractmethod
     def law_of(self, bundle: Bundle) -> Law:
@@ -80,7 +80,7 @@ class Component(ABC):
 
     @property
     def most_folds(self) -> int:
-        """Into how many parts the tests are cut for those left out together."""
+        """The number of folds: tests of one fold are left out together."""
         return 6
 
     def side(self) -> str:
@@ -88,17 +88,17 @@ class Component(ABC):
         return "a"
 
     def noise_floor(self, law: Law) -> float:
-        """RMSE that a law would leave if it were right, in `unit`.
+        """RMSE of a correct law, in `unit`.
 
-        What changes from one sample to the next, unless a part knows better: no law in the
-        quantities that were logged explains it.
+        By default the change from one sample to the next, which no law in the logged
+        quantities explains.
         """
         steps = [np.diff(part) for part in self.residuals(law, range(len(self.tests)))]
         squares = np.concatenate([step**2 for step in steps]) if steps else np.zeros(0)
         return math.sqrt(0.5 * float(np.mean(squares))) if len(squares) else math.nan
 
     def further_errors(self, law: Law) -> dict[str, tuple[float, float]]:
-        """By channel, RMSE and noise floor of what else a law is judged by; by default none.
+        """RMSE and noise floor of further channels that a law is judged by; by default none.
 
         An axis' position, simulated open loop; one branch of a valve's loop.
         """
@@ -110,8 +110,8 @@ def law_held(
 ) -> Law:
     """The law of these names out of `held`, a bundle's `section` (None: the bundle has none).
 
-    `absent` holds what a name stands at where it is not there. Raises NotIdentifiedError that
-    says which `tests` to fit.
+    `absent` holds the values of names that may be missing. Raises NotIdentifiedError that says
+    which `tests` to fit.
     """
     values = dict(absent)
     for name in names:
@@ -129,7 +129,7 @@ def law_held(
 
 
 PROBE = 0.3
-"""Share of a strength's usual size at which an effect is probed, where no grid says another."""
+"""Share of a strength's usual size at which an effect is probed, unless a grid gives others."""
 
 
 def probes(
@@ -137,7 +137,7 @@ def probes(
 ) -> list[CatalogueEffect]:
     """The effect with one strength at a time, at its probing size, in each form (shapes).
 
-    One at a time: two delays of one size do nothing together.
+    One at a time: two delays of the same size cancel out.
     """
     fields = {"side": side} if kind.has_side() else {}
     return [

@@ -1,4 +1,4 @@
-"""The diagnosis of a part: what its law lacks, and the error on what was held out."""
+"""The diagnosis of a part: what its law lacks, and the error on held-out tests."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ from sysid.io.rig import Rig
 from sysid.model.effects.entry import CatalogueEffect
 
 _LEFT_OUT = (
-    "no held-out log: errors before and after are of tests that were left out of the fit in turn"
+    "no held-out log: errors before and after are those of tests left out of the fit in turn"
 )
-# An error this near to the noise floor leaves nothing to explain.
+# An error this close to the noise floor leaves nothing to explain.
 _AT_FLOOR = 1.1
 
 
 @dataclass(frozen=True)
 class ComponentDiagnosis:
-    """The verdict on a part and its law, with all that led to it.
+    """The verdict on a part and its law, with all its evidence.
 
     `residual`: pooled RMSE on the held-out tests by channel, what is predicted first, then
-    what else the law is judged by (`Component.further_errors`). `part`: what a bundle holds
-    of the law refitted beside the effects. `curves`: the residual over the regressors that
-    it follows most.
+    further channels (`Component.further_errors`). `part`: the bundle's section of the law
+    refitted together with the effects. `curves`: the residual over the regressors that it
+    depends on most.
     """
 
     kind: str
@@ -71,7 +71,7 @@ class ComponentDiagnosis:
         }
 
     def looks(self) -> list[dict[str, Any]]:
-        """What each look tried: `added` (an id, or None in the last) and `attempts`."""
+        """What each round tried: `added` (an id, or None in the last) and `attempts`."""
         steps: list[tuple[str | None, Sequence[Attempt]]] = [
             *((a.kind.id, a.attempts) for a in self.selection.additions),
             (None, self.selection.rejected),
@@ -92,7 +92,7 @@ def diagnose_component(
     catalogue: Mapping[str, type[CatalogueEffect]],
     progress: Callable[[str], None] = lambda line: None,
 ) -> ComponentDiagnosis:
-    """Find what a part's law lacks on tests to fit on, and measure it on those held out.
+    """Find what a part's law lacks on training tests, and measure it on held-out ones.
 
     Raises InputError for tests that cannot be used, NotIdentifiedError where the bundle or
     the tests do not hold the law.

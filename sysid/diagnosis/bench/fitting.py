@@ -1,4 +1,4 @@
-"""A part's law fitted on some of its tests, with effects of given kinds beside it."""
+"""A part's law fitted on some of its tests, together with effects of given kinds."""
 
 from __future__ import annotations
 
@@ -44,13 +44,13 @@ class FittedLaw:
         tests: Sequence[int],
         fit: LeastSquaresFit,
     ) -> FittedLaw:
-        """What a fit of effects of these kinds says, its numbers put back into the law."""
+        """The result of a fit of effects of these kinds, its numbers put back into the law."""
         effects = [kind.neutral(**side_of(kind, component)) for kind in kinds]
         law = law_at(component.parameters(), effects, fit.values)
         return FittedLaw(component, tuple(tests), law, fit)
 
     def estimates(self, effect: CatalogueEffect) -> dict[str, Estimate]:
-        """An effect's numbers by field, intervals for residuals that follow one another."""
+        """An effect's numbers by field, intervals that allow for correlated residuals."""
         return {
             q.name: self.fit.estimate(_key(type(effect), q), self._covariance)
             for q in type(effect).quantities
@@ -62,9 +62,9 @@ class FittedLaw:
         return {p.name: self.fit.estimate(p.name, self._covariance) for p in own}
 
     def p_value(self, without: FittedLaw) -> float:
-        """Whether what this fit has beyond `without` is nothing: F test of nested models.
+        """p-value of what this fit has beyond `without`: F test of nested models.
 
-        Residuals that follow one another count for as many as are independent. Wald's test
+        Correlated residuals count as the equivalent number of independent ones. Wald's test
         fails where a strength's shape makes it much like the law's own parameters.
         """
         from scipy.special import fdtrc
@@ -78,7 +78,7 @@ class FittedLaw:
 
     @property
     def independent_samples(self) -> float:
-        """As many as say as much of a mean as the residuals that follow one another do."""
+        """Number of independent residuals equivalent to the correlated ones, for a mean."""
         # The residuals as they are: what the fit took out counts as its parameters (`p_value`).
         nothing = np.zeros((len(self.fit.residuals), 0))
         errors = error_model(nothing, self.fit.residuals, self._groups)
@@ -103,8 +103,8 @@ def fit_law(
 ) -> FittedLaw:
     """Least squares of the law's own parameters and of effects of these kinds, together.
 
-    Shapes start where the grid's best is, strengths where that form's signature puts them;
-    effects that `near`, a law that was fitted before, holds already start from there.
+    Shapes start at the grid's best, strengths where that form's signature puts them; effects
+    that `near`, a law fitted before, already holds start from there.
     """
     own = component.parameters()
     starts: list[CatalogueEffect] = []
@@ -175,7 +175,7 @@ def _minimise(
 
     mine, added = range(len(own)), range(len(own), len(start))
     here, *there = residuals([start, *map(moved, added)])
-    # What has no influence stays put: it would run away and take the trust region along.
+    # Parameters without influence are held: they would run away and take the trust region along.
     acting = [i for i, values in zip(added, there, strict=True) if np.any(values != here)]
     free = [*mine, *acting]
 
@@ -200,7 +200,7 @@ def _minimise(
 def _jacobian_of(
     function: Callable[[Sequence[FloatArray]], list[FloatArray]], parameters: Sequence[Parameter]
 ) -> Callable[[FloatArray], FloatArray]:
-    """Central differences (n, p) of a function that takes all their points at once."""
+    """Central differences (n, p) of a function that takes all points at once."""
     sizes, lower, upper = (
         np.array([getattr(p, name) for p in parameters]) for name in ("size", "lower", "upper")
     )

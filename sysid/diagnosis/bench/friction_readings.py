@@ -35,9 +35,9 @@ from sysid.types import FloatArray, IntArray
 KIND = "friction-points"
 SPEED = "velocity_rad_per_s"
 TORQUE = "motor_torque_nm"
-# What an effect adds beside the law's own columns, over the effort, to act at all.
+# What an effect must add beyond the law's own columns, over the effort, to count as acting.
 _ACTS = 1e-6
-# A modelled speed is looked for up to so many times the fastest that was read.
+# A modelled speed is searched for up to this many times the fastest reading.
 _FASTEST = 4.0
 _HALVINGS = 50
 
@@ -77,7 +77,7 @@ class FrictionPoints(Component):
 
     @property
     def is_breakaway(self) -> bool:
-        """Whether the axis was at rest, up to the effort that was read."""
+        """Whether the axis was at rest up to the effort that was read."""
         return not self.velocity.any()
 
     def parameters(self) -> list[Parameter]:
@@ -94,7 +94,7 @@ class FrictionPoints(Component):
         mean = float(speed.mean())
         rise = float(centred @ speed)
         slope = float(centred @ centred) / rise if rise > 0.0 else math.inf
-        # From where the fit can move: a law that holds the axis at rest tells no slope.
+        # A start from which the fit can move: a law that holds the axis at rest has no slope.
         slope = slope if slope * mean < size else 0.5 * size / mean
         return [
             Parameter(u.coulomb, size - slope * mean, u.effort, 0.0, scale=size),
@@ -115,10 +115,10 @@ class FrictionPoints(Component):
     def effects(
         self, catalogue: Mapping[str, type[CatalogueEffect]]
     ) -> tuple[type[CatalogueEffect], ...]:
-        """Those without states whose effort is not the law's own at the conditions read.
+        """Those without states whose effort differs from the law's at the conditions read.
 
-        Told at the mean of each condition: how readings of one torque scatter over the speed
-        says nothing of how friction depends on it.
+        Judged at the mean of each condition: the scatter over speed of readings at one torque
+        contains no information on how friction depends on speed.
         """
         law = Law({p.name: p.value for p in self.parameters()})
         cells = self._cells
@@ -187,8 +187,8 @@ class FrictionPoints(Component):
         if name not in law.values:
             what = "breakaway" if self.is_breakaway else "sliding"
             raise NotIdentifiedError(
-                f"{name} is not identified: the readings to predict are of {what}, those that "
-                f"were fitted are not; fit {what} readings too, in a campaign of their own"
+                f"{name} is not identified: the readings to predict are of {what}, the fitted "
+                f"ones are not; fit {what} readings too, in a separate campaign"
             )
         return law.values[name]
 
@@ -218,7 +218,7 @@ class FrictionPoints(Component):
         return list((self._followed[rows] - modelled).reshape(-1, 1))
 
     def regressors(self, tests: Sequence[int]) -> dict[str, FloatArray]:
-        """What was chosen for a reading; what followed is what the residual is of."""
+        """What was set for a reading; the residual is of what followed."""
         rows = np.asarray(tests, dtype=np.intp)
         known = {
             "angle": self.angle,
@@ -245,7 +245,7 @@ class FrictionPoints(Component):
         u = self.units
         units = {u.static: u.effort, u.coulomb: u.effort, u.viscous: u.viscous_unit}
         wanted = "steady motion" if self.is_breakaway else "breakaway"
-        reason = f"no reading is of it; {wanted} readings, a campaign of their own, would be"
+        reason = f"no reading shows it; {wanted} readings, in a separate campaign, would"
         found = {
             n: estimates.get(n, Estimate.unidentified(unit, reason)) for n, unit in units.items()
         }
@@ -260,13 +260,13 @@ def friction_points(trials: Sequence[Trial], rig: Rig) -> FrictionPoints:
     """The readings of `trials`: `velocity_rad_per_s` (0: breakaway) and the motor torque, Nm.
 
     `theta_rad` is used where it is there. Raises InputError for a missing column, a reading
-    without a direction, and breakaway beside sliding; NotIdentifiedError without a test.
+    without a direction, and breakaway mixed with sliding; NotIdentifiedError without a test.
     """
     if not trials:
-        raise NotIdentifiedError(f"no {KIND} test to fit; breakaway readings would be one")
+        raise NotIdentifiedError(f"no {KIND} test to fit; give breakaway or sliding readings")
     if rig.is_linear:
         raise input_error(
-            rig.source, f"the rig is linear, {KIND} readings are of a rotary one", "log the motion"
+            rig.source, f"the rig is linear, {KIND} readings need a rotary one", "log the motion"
         )
     for trial in trials:
         trial.require((SPEED, TORQUE), f"which a {KIND} test needs")
@@ -276,8 +276,8 @@ def friction_points(trials: Sequence[Trial], rig: Rig) -> FrictionPoints:
     if at_rest.any() and not at_rest.all():
         raise input_error(
             trials[int(np.argmax([bool(t[SPEED].any()) for t in trials]))].source,
-            "breakaway readings (velocity 0) stand beside sliding ones",
-            "give each a campaign",
+            "breakaway readings (velocity 0) are mixed with sliding ones",
+            "give each kind its own campaign",
         )
     channel = rig.position_channel
     return FrictionPoints(
@@ -293,7 +293,7 @@ def friction_points(trials: Sequence[Trial], rig: Rig) -> FrictionPoints:
 
 
 def _check(trial: Trial) -> None:
-    """InputError for a reading that says nothing of friction."""
+    """InputError for a reading that contains no information on friction."""
     velocity, torque = trial[SPEED], trial[TORQUE]
     bad = np.flatnonzero((torque == 0.0) | (velocity * torque < 0.0))
     if bad.size:

@@ -32,7 +32,7 @@ _BUILDERS: dict[str, Callable[[Sequence[Trial], Rig], Component]] = {
 
 
 def part_tested(kinds: Sequence[str], bundle: Bundle) -> str | None:
-    """The kind of test by which a campaign is a part's; None: it is a whole actuator's.
+    """The kind of test that makes a campaign a part's; None: it is a whole actuator's.
 
     `kinds` of its logs. An axis is a part where the bundle lacks the flow law of a valve, so
     that there is no actuator to simulate, and no log moves one. Raises InputError where
@@ -41,7 +41,9 @@ def part_tested(kinds: Sequence[str], bundle: Bundle) -> str | None:
     bench = sorted(set(kinds) & set(BENCH_KINDS))
     if len(bench) > 1:
         raise input_error(
-            "campaign", f"holds logs of kinds {' and '.join(bench)}", "give each a campaign"
+            "campaign",
+            f"holds logs of kinds {' and '.join(bench)}",
+            "give each kind its own campaign",
         )
     if bench:
         return bench[0]
@@ -51,7 +53,7 @@ def part_tested(kinds: Sequence[str], bundle: Bundle) -> str | None:
 
 
 def component_of(kind: str, trials: Sequence[Trial], rig: Rig) -> Component:
-    """The part that tests of a kind are of. Raises InputError, NotIdentifiedError."""
+    """The part that tests of a kind belong to. Raises InputError, NotIdentifiedError."""
     return _BUILDERS[kind](trials, rig)
 
 

@@ -1,11 +1,11 @@
-"""Which effects a part lacks: one after another, judged by tests that were left out.
+"""Which effects a part lacks: one after another, judged by predicting tests left out.
 
-Each effect of the catalogue that acts on the part is fitted beside the law and what was
-added before, and predicts tests that it was not fitted on. The one that predicts best is
-added if its strength is off 0 beyond doubt, over all that were tried (Bonferroni), and it
-takes a real share of the error of prediction. What parts of the tests would have added in its
-place makes it ambiguous (`sysid.diagnosis.bench.stability`), and so is an effect that fits but
-does not predict where parts of the tests name it.
+Each effect of the catalogue that acts on the part is fitted together with the law and the
+effects added before, and predicts tests that it was not fitted on. The one that predicts best
+is added if its strength differs significantly from 0, corrected for all that were tried
+(Bonferroni), and it removes a substantial share of the prediction error. It is ambiguous if
+parts of the tests would have added another effect (`sysid.diagnosis.bench.stability`); so is
+an effect that fits but does not predict, if parts of the tests name it.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ from sysid.types import FloatArray
 Kind = type[CatalogueEffect]
 
 MOST_EFFECTS = 3
-# Rivals of a winner that are put to the parts of the tests beside it.
+# Rivals of a winner that are tried on the parts of the tests together with it.
 _MOST_RIVALS = 3
 
 
 @dataclass(frozen=True)
 class Attempt:
-    """An effect that was tried: its fitted p-value, and the share of the error that it takes.
+    """An effect that was tried: its fitted p-value, and the share of the error that it removes.
 
-    `gain`: of the mean square error of the tests left out, negative where it predicts worse.
+    `gain`: share of the mean square error of the tests left out, negative if it predicts worse.
     `folds` (k,) the mean square error of each fold with it.
     """
 
@@ -72,7 +72,7 @@ class Addition:
 
 @dataclass(frozen=True)
 class Selection:
-    """The law without effects, the additions in order, and the last, fruitless look.
+    """The law without effects, the additions in order, and the last round, which added none.
 
     `folds` (k,): mean square error of each fold, predicted by the law without effects.
     `undecided`: effects that were not added though parts of the tests name them.
@@ -95,7 +95,7 @@ def select(
     catalogue: Mapping[str, Kind],
     progress: Callable[[str], None] = lambda line: None,
 ) -> Selection:
-    """Add effects to a part's law for as long as they predict tests that were left out.
+    """Add effects to a part's law as long as they predict tests that were left out.
 
     Raises NotIdentifiedError where the law itself is not identified.
     """
@@ -119,7 +119,7 @@ def select(
             return Selection(base, first, tuple(additions), tuple(attempts), undecided)
         winner, fitted = passing[0]
         chosen.append(next(k for k in open_ones if k.id == winner.id))
-        progress(f"{winner.id}: takes {100 * winner.gain:.0f} % of the error of prediction")
+        progress(f"{winner.id}: removes {100 * winner.gain:.0f} % of the prediction error")
         rivals = [f for a, f in fits if a.gain > 0.0 and a is not winner]
         again = repeats(component, so_far, [fitted, *rivals[:_MOST_RIVALS]])
         near = _ambiguous(winner, [a for a, _ in passing], {k.id for k in kinds})
@@ -143,7 +143,7 @@ def _attempts(
     folds: Sequence[Sequence[int]],
     error: FloatArray,
 ) -> list[tuple[Attempt, FittedLaw]]:
-    """Every open effect with its fit, the best prediction first; spread over the cores."""
+    """Every open effect with its fit, the best prediction first; computed in parallel."""
     from joblib import Parallel, delayed
 
     everything = range(len(component.tests))
@@ -155,7 +155,7 @@ def _attempts(
         for kind, done in zip(kinds, tried, strict=True)
         if done is not None
     ]
-    # Of two that are one and the same on these tests the catalogue's first counts.
+    # Of two that are equivalent on these tests the catalogue's first counts.
     return sorted(found, key=lambda pair: -round(pair[0].gain, DIGITS))
 
 
@@ -166,13 +166,13 @@ def _attempt(
     folds: Sequence[Sequence[int]],
     error: FloatArray,
 ) -> tuple[Attempt, LeastSquaresFit] | None:
-    """One effect beside those before it; None where these tests do not identify it."""
+    """One effect together with those before it; None if these tests do not identify it."""
     fitted = fit_law(component, kinds, range(len(component.tests)), without.law)
     if not np.isfinite(fitted.fit.sum_of_squares):
         return None
     p_value = fitted.p_value(without)
     if p_value >= SIGNIFICANCE:
-        # What is not there needs no prediction.
+        # An insignificant effect needs no prediction.
         return Attempt(kinds[-1].id, p_value, 0.0, error), fitted.fit
     squares = cross_validated(component, kinds, folds, fitted.law)
     gain = 1.0 - float(squares.mean() / error.mean())
@@ -187,7 +187,7 @@ def _predicts(attempt: Attempt, error: FloatArray) -> bool:
 def _undecided(
     component: Component, without: FittedLaw, fits: Sequence[FittedLaw]
 ) -> tuple[Repeats, ...]:
-    """Which of the effects that fit, but do not predict, parts of the tests name all the same."""
+    """Which of the effects that fit, but do not predict, parts of the tests still name."""
     if not fits:
         return ()
     named = repeats(component, without, fits).named

@@ -1,9 +1,9 @@
 """Whether the choice of an effect repeats on parts of the tests that it was chosen on.
 
-The tests are cut into three parts. Where each holds two tests or more, the effect that was
-chosen and its best rivals are fitted to one part and predict the others; else they are
-fitted to two and predict the third. A part names the contender that predicts best, if it is
-off 0 beyond doubt over the contenders and takes as much of the error as the whole asks.
+The tests are cut into three parts. Where each holds at least two tests, the chosen effect and
+its best rivals are fitted to one part and predict the others; else they are fitted to two and
+predict the third. A part names the contender that predicts best, if its strength differs
+significantly from 0 and it removes as large a share of the error as is required of the whole.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Repeats:
 
     @property
     def sentence(self) -> str:
-        """What parts name instead, in words; empty where all of them name the effect."""
+        """The effects that parts name instead, in words; empty where all name the effect."""
         counts = {n or "no effect": self.named.count(n) for n in self.named if n != self.id}
         if not counts:
             return ""
@@ -57,12 +57,12 @@ class Repeats:
         """The sentence for an effect that parts name and all of the tests together do not."""
         return (
             f"{self.id}: ambiguous: it fits the tests and {self.agree} of {len(self.named)} parts "
-            "of them name it, but tests left out in turn are not predicted better with it: "
+            "of them name it, but it does not improve the prediction of tests left out in turn: "
             "not added"
         )
 
     def to_json(self) -> dict[str, Any]:
-        """As JSON types: `parts`, `agree`, and what each of them names."""
+        """As JSON types: `parts`, `agree`, and what each part names."""
         return {"parts": len(self.named), "agree": self.agree, "named": list(self.named)}
 
 

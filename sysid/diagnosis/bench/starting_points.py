@@ -1,4 +1,4 @@
-"""Where a fit with one effect more begins, and laws made of a fit's numbers."""
+"""Starting points of a fit with one more effect, and laws made of a fit's numbers."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from sysid.model.effects.entry import CatalogueEffect, Quantity, with_values
 from sysid.types import FloatArray
 
 _SIZED = {"N", "Nm", "kg", "W"}
-# Share by which four times a strength may miss four times its effect.
+# Tolerated deviation of the effect of four times a strength from four times its effect.
 _BENT = 0.5
-# Below this share of its length a signature is what the law's own parameters can do as well.
+# Below this share of its length a signature is one the law's own parameters can imitate.
 _OWN_SHARE = 1e-3
 
 
@@ -32,9 +32,9 @@ def law_at(own: Sequence[Parameter], effects: Sequence[CatalogueEffect], values:
 
 
 def bounds_of(quantity: Quantity) -> tuple[float, float]:
-    """Its own bounds; of a strength in efforts, flows or heats its sign alone.
+    """Its bounds; only the sign for a strength in units of effort, flow or heat.
 
-    Parts come in all sizes, but a sensor's delay or an exponent is what it is on any rig.
+    Parts differ in size, but a sensor's delay or an exponent is the same on any rig.
     """
     units = set(re.findall(r"[A-Za-z]+", quantity.unit))
     if not quantity.is_strength or not units & _SIZED:
@@ -61,7 +61,7 @@ def first_guesses(
     kind: type[CatalogueEffect],
     tests: Sequence[int],
 ) -> list[CatalogueEffect]:
-    """Where a fit with one effect more begins; several where it may have several minima.
+    """Starting points of a fit with one more effect; several where it may have several minima.
 
     An effect that is not proportional to its strength (a heat flow that ends in isothermal
     air) is tried from its usual size too.
@@ -87,7 +87,7 @@ def _start(
     kind: type[CatalogueEffect],
     tests: Sequence[int],
 ) -> CatalogueEffect:
-    """The form of `kind` whose signature takes most of what a fit left, at its size."""
+    """The form of `kind` whose signature explains most of a fit's residual, at its size."""
     law = law_at(component.parameters(), before, fit.values)
     rest = fit.residuals
     basis = np.linalg.qr(fit.jacobian / np.maximum(np.linalg.norm(fit.jacobian, axis=0), 1e-300))[0]
@@ -125,7 +125,7 @@ def _take(
     kind: type[CatalogueEffect],
     probes: Sequence[float],
 ) -> tuple[float, FloatArray]:
-    """What columns (n, k) take of `rest` (n,) beside a basis, and their coefficients (k,)."""
+    """How much columns (n, k) explain of `rest` (n,) beyond a basis; coefficients (k,)."""
     own = columns - basis @ (basis.T @ columns)
     sizes = np.linalg.norm(columns, axis=0)
     keep = np.linalg.norm(own, axis=0) > _OWN_SHARE * np.maximum(sizes, 1e-300)

@@ -30,19 +30,19 @@ KIND = "tank"
 _FLOW_UNIT = "kg/s"
 _COEFFICIENT_UNIT = "kg/(s Pa)"
 _PUMPS = ("pump_volts", "valve_a")
-# Residuals are means over so long.
+# Residuals are means over this time.
 _BIN_S = 0.1
 # Steps of the simulation: short while the gas cools and is warmed again, longer later.
 _FIRST_STEP_S = 0.1
 _GROWTH = 1.03
 _LONGEST_STEP_S = 0.5
-# A parabola through so much of the discharge gives the pressure that it starts from: the
-# pulses of the pump are in the first samples still.
+# A parabola through this time of the discharge gives the pressure at its start: the first
+# samples still contain the pulses of the pump.
 _START_S = 0.5
 _FEWEST_BINS = 20
 # Falls below this are the sensor's, not a tank's.
 _LEAST_FALL_PA = 1e3
-# Of the largest fall: what an effect has to change at its probing size to act at all.
+# Share of the largest fall that an effect must change at its probing size to count as acting.
 _ACTS = 1e-7
 
 
@@ -136,7 +136,7 @@ class TankComponent(Component):
     def _left(
         self, chosen: Sequence[Discharge], model: Model, times: FloatArray, *run: FloatArray
     ) -> list[FloatArray]:
-        """What was measured less what the sensor would show of pressures and their rates."""
+        """Measured pressure less what the sensor would show of pressures and their rates."""
         found = []
         for i, d in enumerate(chosen):
             true = _between(d.time, times, *(values[:, i] for values in run))
@@ -147,7 +147,7 @@ class TankComponent(Component):
         return found
 
     def _with_law(self, law: Law) -> Parameters:
-        """Where no test chokes, the choked flow is what the other law comes to there."""
+        """Where no test chokes, the choked flow is the other law's value there."""
         c_dis = law.values["c_dis"]
         reach = self._boundary - self.base_parameters.atmosphere
         choked = law.values.get("choked_flow_dis_kg_s", c_dis * reach)
@@ -162,7 +162,7 @@ class TankComponent(Component):
 
     def part(self, estimates: Mapping[str, Estimate]) -> Parts:
         unasked = Estimate.unidentified(
-            "", "a tank's discharge holds no flow through an open valve from a supply"
+            "", "a tank's discharge has no flow through an open valve from a supply"
         )
         unreached = Estimate.unidentified(
             _FLOW_UNIT,
@@ -211,7 +211,7 @@ def tank(trials: Sequence[Trial], rig: Rig) -> TankComponent:
         supply_reference=air.supply_pressure_pa,
     )
     if not trials:
-        raise NotIdentifiedError("no tank test to fit; a fill and its discharge would be one")
+        raise NotIdentifiedError("no tank test to fit; give a fill and its discharge")
     return TankComponent(
         fixed, tuple(_discharge(trial, air.atmospheric_pressure_pa) for trial in trials)
     )
@@ -224,7 +224,7 @@ def _discharge(trial: Trial, atmosphere: float) -> Discharge:
     if command is None:
         raise input_error(
             trial.source,
-            "column pump_volts is missing, which tells when the tank is filled",
+            "column pump_volts is missing, which shows when the tank is filled",
             'add it (or valve_a), or name it with --map "pump_volts=COLUMN:V"',
         )
     on = np.flatnonzero(trial[command] != 0.0)
@@ -276,7 +276,7 @@ def _true_start(shown: float, model: Model) -> float:
 
 def _point(time: float, pressure: FloatArray, extra: dict[str, Array], model: Model) -> Point:
     zero = np.zeros(len(pressure))
-    # There is no chamber B: its pressure is A's, so that nothing passes between the two.
+    # Without a chamber B its pressure is A's, so that nothing flows between the two.
     return Point(
         time, zero, zero, pressure, pressure, zero, zero, zero, zero, model.at(time), extra
     )

@@ -1,4 +1,4 @@
-"""What a part's law leaves: the regressor that it follows most, told on tests left out."""
+"""The remainder of a part's law: its strongest regressor, judged on tests left out."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from sysid.types import FloatArray
 
 BINS = 16
 LEAST_SHARE = 0.1
-"""Of the residual's variance: what a curve has to predict to count as structure."""
+"""Share of the residual's variance that a curve must predict to count as structure."""
 _LEAST_IN_BIN = 4
 _CURVES = 3
 
@@ -24,8 +24,8 @@ _CURVES = 3
 class BinnedResidual:
     """Mean residual over a regressor, in bins of equal count, before and after: (bins,) each.
 
-    `share`: of the variance that is left, how much the curve through the other tests
-    predicts of a test's residual, 0 to 1.
+    `share`: how much of the remaining variance of a test's residual the curve through the
+    other tests predicts, 0 to 1.
     """
 
     channel: str
@@ -49,7 +49,7 @@ class BinnedResidual:
 
 
 def curves(component: Component, before: Law, after: Law) -> list[BinnedResidual]:
-    """Those over which the residual that is left is most predictable, at most three."""
+    """Those over which the remaining residual is most predictable, at most three."""
     everything = range(len(component.tests))
     parts = component.residuals(after, everything)
     left = np.concatenate(parts)
@@ -90,7 +90,7 @@ def _predicted(
     test: NDArray[np.intp],
     folds: Sequence[Sequence[int]],
 ) -> float:
-    """Share of the squares that bin means of the other tests take, over all tests."""
+    """Share of the squares explained by the other tests' bin means, over all tests."""
     taken = total = 0.0
     for fold in folds:
         out = np.isin(test, list(fold))

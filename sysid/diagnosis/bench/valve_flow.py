@@ -1,4 +1,4 @@
-"""A proportional valve on a bench: settled flow against the duty, up and down again.
+"""A proportional valve on a bench: settled flow over the duty, up and down again.
 
 Without effects the flow is proportional to the duty. What it lacks (a dead band, a curved
 opening, saturation, a path that matters) acts through the port of the filling flow, so that
@@ -34,13 +34,13 @@ KIND = "valve-flow"
 PARAMETER = "full_flow_kg_s"
 _COLUMNS = ("duty_a", "flow_a_kg_s")
 _SIDE = "a"
-# A sweep is cut into so many stretches of the duty, and two of them half a sweep apart, the
-# same ones of every sweep, are left out together (`folds_of`). What is left then says nothing
-# of a stretch, neither on the way up nor on the way down, nor do near neighbours, as every
+# A sweep is cut into this many stretches of the duty, and two of them half a sweep apart, the
+# same ones of every sweep, are left out together (`folds_of`). The remaining ones then contain
+# nothing of a stretch on the way up or down, nor its near neighbours, as leaving out every
 # third row would; and every fold holds a stretch of the upper half, where there is flow.
 _STRETCHES = 12
 _FEWEST_ROWS = 24
-# What an effect changes beside the gain, over the flow, at its probing size, to act at all.
+# What an effect must change beyond the gain, over the flow, at its probing size, to count.
 _ACTS = 1e-6
 # A proportional valve has no pulses that could be too short.
 _PULSED = ("partial-opening",)
@@ -50,7 +50,7 @@ _GRID = 4001
 
 @dataclass(frozen=True)
 class DutyStretch:
-    """Readings of one sweep within a range of duties, in the order in which they were taken.
+    """Readings of one sweep within a range of duties, in the order taken.
 
     `duty` (n,) 0 to 1, `flow` (n,) kg/s, `direction` (n,) 1 where the duty rose to its
     value, -1 where it fell; `sweep` names the test that it was cut from.
@@ -88,7 +88,7 @@ class ValveFlow(Component):
     def effects(
         self, catalogue: Mapping[str, type[CatalogueEffect]]
     ) -> tuple[type[CatalogueEffect], ...]:
-        """Those that change the flow otherwise than the gain does, each at its usual size."""
+        """Those that change the flow differently from the gain, each at its usual size."""
         law = Law({p.name: p.value for p in self.parameters()})
         duty, direction = self._pooled("duty"), self._pooled("direction")
         without = self.flow(law, duty, direction)
@@ -141,7 +141,7 @@ class ValveFlow(Component):
         wanted = np.atleast_1d(np.asarray(flow, dtype=np.float64))
         grid = np.linspace(0.0, 1.0, _GRID)
         curve = np.maximum.accumulate(self.flow(law, grid, direction))
-        # From the last place at or below the wanted flow on, halved until nothing is left.
+        # From the last point at or below the wanted flow, bisected to rounding.
         place = np.clip(np.searchsorted(curve, wanted, side="right") - 1, 0, _GRID - 2)
         low, high = grid[place], grid[place + 1]
         for _ in range(40):
@@ -183,7 +183,7 @@ class ValveFlow(Component):
         return rmse(found)
 
     def further_errors(self, law: Law) -> dict[str, tuple[float, float]]:
-        """On the way up and on the way down by themselves, kg/s."""
+        """On the way up and on the way down separately, kg/s."""
         floor = self.noise_floor(law)
         residual = np.concatenate(self.residuals(law, range(len(self.stretches))))
         way = self._pooled("direction")
@@ -206,11 +206,11 @@ def valve_flow(trials: Sequence[Trial], rig: Rig) -> ValveFlow:
     """The sweeps that `trials` show: `duty_a` and `flow_a_kg_s`, a settled reading a row.
 
     Readings are in the order in which they were taken. `[air]` and `[pwm]` of the rig file
-    are used where they are there. Raises InputError for a missing column and
+    are used where present. Raises InputError for a missing column and
     NotIdentifiedError where the duty is not swept.
     """
     if not trials:
-        raise NotIdentifiedError(f"no {KIND} test to fit; a sweep of the duty would be one")
+        raise NotIdentifiedError(f"no {KIND} test to fit; give a sweep of the duty")
     zero = dict.fromkeys(base.PARAMETER_NAMES, 0.0)
     low, high = _NOMINAL_PA
     if rig.air is not None:
@@ -230,11 +230,11 @@ def _stretches(trial: Trial) -> list[DutyStretch]:
     if len(duty) < _FEWEST_ROWS or not float(np.ptp(duty)) > 0.0:
         raise NotIdentifiedError(
             f"{trial.source}: {PARAMETER} is not identified: {len(duty)} readings over "
-            f"{float(np.ptp(duty)):g} of duty; a sweep of {_FEWEST_ROWS} readings would do"
+            f"{float(np.ptp(duty)):g} of duty; a sweep of {_FEWEST_ROWS} readings would identify it"
         )
     steps = np.diff(duty)
     moves = np.flatnonzero(steps)
-    # The first reading came as the first change went on; a repeated one as the one before.
+    # The first reading has the direction of the first change, a repeated one the previous one's.
     last = moves[np.maximum(np.searchsorted(moves, np.arange(len(duty)) - 1, "right") - 1, 0)]
     direction = np.sign(steps[last])
     order = np.argsort(duty, kind="stable")

@@ -1,4 +1,4 @@
-"""An on/off valve under PWM on a bench: the time to reach a pressure against the duty.
+"""An on/off valve under PWM on a bench: the time to reach a pressure over the duty.
 
 Without effects that time is inverse to the duty: a chamber fills, or empties, while the
 valve is open. The pulse train of every reading goes through the ports of the model (pulses,
@@ -33,15 +33,15 @@ KIND = "valve-time"
 PARAMETERS = ("filling_time_s", "emptying_time_s")
 _COLUMNS = ("duty_a", "time_to_pressure_s", "pwm_period_s", "valve_a")
 _SIDE = "a"
-# Periods of a reading's pulse train, and which of them are looked at: the valve has settled
-# into them, whatever was before.
+# Periods of a reading's pulse train, and those that are evaluated: by then the valve has
+# settled, whatever its initial state.
 _TRAIN, _FIRST, _LAST = 12, 6, 9
 # A valve that never opens still leaks: no time is longer than this many times the shortest.
 _LEAST_SHARE = 1e-3
-# What an effect changes of the logarithm at its probing size, to act at all.
+# What an effect must change of the logarithm at its probing size to count as acting.
 _ACTS = 1e-6
-# Not of this part: one needs the time since the valve was switched on, which no reading
-# holds, the other a spool that takes a place between shut and open.
+# Not part of this law: one needs the time since the valve was switched on, which no reading
+# holds, the other a spool with positions between shut and open.
 _NOT_HERE = ("coil-heating", "valve-dead-band")
 _NOMINAL_PA = (1e5, 6e5)
 
@@ -87,7 +87,7 @@ class ValveTime(Component):
     def effects(
         self, catalogue: Mapping[str, type[CatalogueEffect]]
     ) -> tuple[type[CatalogueEffect], ...]:
-        """Those that change a time otherwise than by a factor, each tried at its usual size."""
+        """Those that change a time other than by a factor, each tried at its usual size."""
         law = Law({p.name: p.value for p in self.parameters()})
         without = self._flows(law)
         return tuple(
@@ -115,7 +115,7 @@ class ValveTime(Component):
         return [self._relative_flow(sweep, law.effects) for sweep in self.sweeps]
 
     def _relative_flow(self, sweep: Sweep, effects: Sequence[Effect]) -> FloatArray:
-        """Mean flow at each duty (n,) over that of the valve that is open all the time."""
+        """Mean flow at each duty (n,) over that of the permanently open valve."""
         model = Model(self.base_parameters.replace(pwm_period=sweep.period), tuple(effects))
         share = open_share(sweep.duty, model)
         zero = np.zeros_like(share)
@@ -152,7 +152,7 @@ class ValveTime(Component):
         return rmse([bends(r) for r in self.residuals(law, range(len(self.sweeps)))])
 
     def further_errors(self, law: Law) -> dict[str, tuple[float, float]]:
-        """Of the logarithm, for filling and for emptying by themselves."""
+        """Of the logarithm, for filling and for emptying separately."""
         floor = self.noise_floor(law)
         found = {}
         for name, fills in (("log_time_filling", True), ("log_time_emptying", False)):
@@ -202,7 +202,7 @@ def open_share(duty: FloatArray, model: Model) -> FloatArray:
         return found
 
     intervals = delayed(on, off, *delays, port)
-    # A delay of both edges alike moves the pulses as they are; the look at them moves along.
+    # An equal delay of both edges shifts the pulses unchanged; the evaluated window shifts too.
     every = [port(np.full(len(e), d), e, e is on) for e, d in zip((on, off), delays, strict=True)]
     shift = float(np.concatenate(every).min()) if len(on) else 0.0
     begin, end = reading + shift + _FIRST * period, reading + shift + _LAST * period
@@ -214,11 +214,11 @@ def valve_time(trials: Sequence[Trial], rig: Rig) -> ValveTime:
 
     Trials hold `duty_a`, `time_to_pressure_s`, `pwm_period_s` and `valve_a` (1 while the
     chamber fills), the last two constant. `[air]` and `[valves]` of the rig file are used
-    where they are there. Raises InputError for a column that is missing or impossible, and
+    where present. Raises InputError for a column that is missing or impossible, and
     NotIdentifiedError without a test.
     """
     if not trials:
-        raise NotIdentifiedError(f"no {KIND} test to fit; a sweep of the duty would be one")
+        raise NotIdentifiedError(f"no {KIND} test to fit; give a sweep of the duty")
     zero = dict.fromkeys(base.PARAMETER_NAMES, 0.0)
     low, high = _NOMINAL_PA
     if rig.air is not None:
@@ -243,13 +243,13 @@ def _sweep(trial: Trial) -> Sweep:
             raise input_error(
                 trial.source,
                 f"{name} changes within the test",
-                "give each value a label of its own in the column `test`",
+                "label each value separately in the column `test`",
             )
     seconds, period = trial["time_to_pressure_s"], float(trial["pwm_period_s"][0])
     for name, least in (("time_to_pressure_s", float(np.min(seconds))), ("pwm_period_s", period)):
         if not least > 0.0:
             raise input_error(
-                trial.source, f"{name} = {least:g} is not positive", "delete the row or mend it"
+                trial.source, f"{name} = {least:g} is not positive", "delete or correct the row"
             )
     used = trial["duty_a"] * period > TIME_TOLERANCE
     if not used.any():

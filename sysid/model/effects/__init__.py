@@ -13,8 +13,8 @@ True
 stribeck_torque_nm Nm 0.12
 stribeck_velocity_rad_per_s rad/s 0.07
 
-An effect of one's own is a frozen dataclass that derives from `CatalogueEffect`, with a
-`Quantity` a number; README.md has one.
+A user-defined effect is a frozen dataclass that derives from `CatalogueEffect`, with one
+`Quantity` per number; README.md has an example.
 """
 
 from sysid.model.effects.bench import (

@@ -1,7 +1,7 @@
 """Effects of a valve that show on a bench: partial opening, dead band, restriction, loop.
 
-They act while a valve is between off and on, and leave one that is all on or all off alone:
-the constants of the discrete law hold what they do there. Flows are kg/s.
+They act while a valve is between off and on, and do not change one that is fully on or off:
+what they do there is part of the discrete law's constants. Flows are kg/s.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from sysid.model.effects.entry import CatalogueEffect, Quantity
 from sysid.model.ports import Point
 
 DUTY_DIRECTION = "duty_direction_"
-"""With the side behind it, the key in `Point.extra` of where a duty came from: 1 if it rose
-to its value, -1 if it fell, 0 if it did neither. Absent, nobody keeps track of it."""
+"""With the side appended, the key in `Point.extra` of where a duty came from: 1 if it rose
+to its value, -1 if it fell, 0 if neither. Absent if it is not tracked."""
 
-# A passage's share of the time: below it a pulse has no length, and powers of it no value.
+# Share of the time that a passage is open: below it powers of the pulse length are undefined.
 _LEAST_SHARE = 1e-9
 
 
@@ -33,7 +33,7 @@ def _of_full(flow: Array, full: Array) -> Array:
 
 
 def _line_factor(flow: Array, full: Array, log_ratio: Array) -> Array:
-    """What a flow grows by where a line in series limits the full flow already.
+    """The factor on a flow where a line in series already limits the full flow.
 
     Restrictions in series add 1/C^2; `log_ratio` is the logarithm of the valve's own
     conductance over that of valve and line together.
@@ -57,15 +57,15 @@ _LOG_RATIO = Quantity(
 
 @dataclass(frozen=True)
 class PartialOpening(CatalogueEffect):
-    """A pulse shorter than a time tau opens the valve in part only, before a line that limits.
+    """A pulse shorter than a time tau opens the valve only partly, before a line that limits.
 
-    The poppet is still on its way when it is called back: it lets through (w / tau)^n of
-    what an open valve would. n is 0 for one that is there at once, 1 for a steady travel; a
+    The poppet is still travelling when the pulse of length w ends: it passes (w / tau)^n of
+    an open valve's flow. n is 0 for a poppet that opens at once, 1 for a steady travel; a
     force that grows with the square of a growing current gives about 4, and the pressure
-    that holds a valve shut makes it steeper, so filling and exhaust have an n of their own.
+    that holds a valve shut makes it steeper, so filling and exhaust each have their own n.
     Behind the valve a line limits the flow as in `series-restriction`: a valve that is open
-    for a part of the time already gives the line all that it takes, and the loss of a short
-    pulse shows only where the line does not hide it. Pulses follow from duty and PWM period.
+    part of the time already supplies all that the line passes, and the loss of a short pulse
+    shows only where the line does not hide it. Pulses follow from duty and PWM period.
     """
 
     filling_steepness: Array = 0.0
@@ -92,9 +92,9 @@ class PartialOpening(CatalogueEffect):
             grid=(1.5e-3, 2.5e-3, 3.5e-3, 5e-3, 8e-3),
         ),
     )
-    signature = "flow at small duties, against the length of the pulse whatever the period"
+    signature = "flow at small duties against the pulse length, whatever the period"
     rivals = ("valve-delay", "duty-dead-zone", "valve-dead-band", "series-restriction")
-    tie_breaker = "sweep the duty at two PWM periods or more, down to pulses of 1 ms"
+    tie_breaker = "sweep the duty at two or more PWM periods, down to pulses of 1 ms"
     source = (
         "textbook: ballistic operation of a solenoid valve (force grows with current squared); "
         "ISO 6358-3:2014 (conductances in series)"
@@ -122,7 +122,7 @@ class PartialOpening(CatalogueEffect):
 class ValveDeadBand(CatalogueEffect):
     """No flow below a duty d, and above it a flow that grows as ((u - d) / (1 - d))^(1 + c).
 
-    In place of one that is proportional to the duty u: the overlap of a spool or the
+    It replaces a flow proportional to the duty u: the overlap of a spool or the
     preload of a spring, and a port that is not cut straight.
     """
 
@@ -158,7 +158,7 @@ class ValveDeadBand(CatalogueEffect):
         opening = (share - dead) / (1.0 - dead)
         curved = xp.maximum(opening, _LEAST_SHARE) ** self.curvature
         factor = xp.where(opening > 0.0, opening * curved / share, 0.0)
-        # Neutral to the last bit, which a division by the share is not.
+        # Neutral to the last bit; division by the share would not be.
         moved = (self.dead_duty != 0.0) | (self.curvature != 0.0)
         return xp.where(_between(share) & moved, factor, 1.0)
 
@@ -176,7 +176,7 @@ class SeriesRestriction(CatalogueEffect):
     Restrictions in series add 1/C^2. With e the logarithm of the valve's own conductance over
     that of valve and line together, and x the flow over that of the fully open valve, the
     flow grows by exp(e) / sqrt(1 + (exp(2 e) - 1) x^2): the full flow, which the line limits
-    already, stays. A logarithm, for of a much wider valve no sweep tells by how much.
+    already, stays. A logarithm, since no sweep can say how much wider a very wide valve is.
     """
 
     log_conductance_ratio: Array = 0.0
@@ -207,21 +207,23 @@ class SeriesRestriction(CatalogueEffect):
 
 @dataclass(frozen=True)
 class ValveHysteresis(CatalogueEffect):
-    """Flow depends on where the duty came from: a loop that closes at both ends of the duty.
+    """Flow depends on whether the duty rose or fell: a loop that closes at both ends of the duty.
 
     With x the flow over that of the fully open valve, it falls by h (1 - x) of itself where
     the duty rose to its value and grows by as much where it fell (h < 0: the other way).
-    Nothing changes where nobody keeps track of the duty's way.
+    Nothing changes where the direction of the duty is not tracked.
     """
 
     loop_share: Array = 0.0
 
     id = "valve-hysteresis"
-    title = "Flow that depends on where the duty came from"
+    title = "Flow that depends on whether the duty rose or fell"
     subsystem = "valve"
     averaged_only = True
     quantities = (
-        Quantity("loop_share", "-", 0.05, -1.0, 1.0, "h: half of the loop over the small flow"),
+        Quantity(
+            "loop_share", "-", 0.05, -1.0, 1.0, "h: half the loop's width, relative to a small flow"
+        ),
     )
     signature = "flow on the way up against the way down"
     source = "textbook: friction and remanence of a proportional solenoid"

@@ -1,4 +1,4 @@
-"""The catalogue: every effect by its id, the classes that data cannot separate, users' own."""
+"""The catalogue: every effect by its id, the classes that data cannot separate, user effects."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ AMBIGUOUS_CLASSES: tuple[frozenset[str], ...] = (
         }
     ),
 )
-"""Effects that ordinary data cannot tell apart (spec/effects.md)."""
+"""Effects that ordinary data cannot distinguish (spec/effects.md)."""
 
 _MODULES = (friction, linkage, motor, chamber, valve, bench, supply, sensor)
 _ATTRIBUTES = ("id", "title", "subsystem", "quantities", "signature", "source")
@@ -52,7 +52,7 @@ def catalogue() -> dict[str, type[CatalogueEffect]]:
 
 
 def class_of(effect: str) -> frozenset[str]:
-    """The ids that ordinary data cannot tell from this one, itself among them."""
+    """The ids that ordinary data cannot distinguish from this one, itself included."""
     for members in AMBIGUOUS_CLASSES:
         if effect in members:
             return members
@@ -60,7 +60,7 @@ def class_of(effect: str) -> frozenset[str]:
 
 
 def load_user_effects(path: Path) -> dict[str, type[CatalogueEffect]]:
-    """The effects that a user's Python file defines, by id. Runs the file's code.
+    """The effects that a user's Python file defines, by id. Runs the file.
 
     Each is a frozen dataclass derived from `CatalogueEffect`; README.md shows one. Its ports
     (`sysid.model.ports.Effect`) get arrays of numpy and of jax, so they are written without
@@ -87,7 +87,7 @@ def load_user_effects(path: Path) -> dict[str, type[CatalogueEffect]]:
 def _checked(
     found: Iterable[type[CatalogueEffect]], where: str, others: str
 ) -> dict[str, type[CatalogueEffect]]:
-    """A user's effects by id. Raises InputError for one that is not complete or not alone."""
+    """A user's effects by id. Raises InputError for an incomplete effect or an id that is taken."""
     effects: dict[str, type[CatalogueEffect]] = {}
     own = catalogue()
     for effect in found:
@@ -116,7 +116,7 @@ def _run(path: Path) -> ModuleType:
         where = f"{path}, line {line}" if line else str(path)
         reason = error.msg if isinstance(error, SyntaxError) else str(error)
         what = f"does not run: {type(error).__name__}: {reason}"
-        raise input_error(where, what, "mend the file") from None
+        raise input_error(where, what, "fix the file") from None
     return module
 
 
@@ -140,9 +140,11 @@ def _check_entry(where: str, effect: type[CatalogueEffect]) -> None:
     if not isinstance(effect.quantities, tuple) or not all(
         isinstance(q, Quantity) for q in effect.quantities
     ):
-        raise input_error(where, "quantities is not a tuple of Quantity", "mend it: (Quantity(),)")
+        raise input_error(
+            where, "quantities is not a tuple of Quantity", "make it one: (Quantity(),)"
+        )
     if not effect.strengths():
-        raise input_error(where, "has no strength", "let one quantity be 0 where it vanishes")
+        raise input_error(where, "has no strength", "make one quantity 0 where the effect vanishes")
     fields = {f.name: f for f in dataclasses.fields(effect)}  # type: ignore[arg-type]
     for quantity in effect.quantities:
         if quantity.name not in fields:
@@ -154,7 +156,7 @@ def _check_entry(where: str, effect: type[CatalogueEffect]) -> None:
             what = (
                 "has no default" if default is dataclasses.MISSING else f"is {default} by default"
             )
-            mend = "a strength is 0 by default, where the effect vanishes"
+            mend = "make it 0, where the effect vanishes: it is a strength"
             raise input_error(where, f"{quantity.name} {what}", mend)
     named = {q.name for q in effect.quantities} | {"side"}
     unnamed = [f.name for f in fields.values() if f.name not in named]
@@ -163,7 +165,7 @@ def _check_entry(where: str, effect: type[CatalogueEffect]) -> None:
 
 
 def catalogue_with(path: Path | None) -> Catalogue:
-    """The catalogue of effects, with those of a user's file (None: no file) beside them.
+    """The catalogue of effects, together with those of a user's file (None: no file).
 
     Runs the file. Raises InputError where it cannot be used.
     """
@@ -171,11 +173,11 @@ def catalogue_with(path: Path | None) -> Catalogue:
 
 
 EffectSource = str | Path | Iterable[type[CatalogueEffect]] | None
-"""A user's own effects: the Python file that defines them, or the classes themselves."""
+"""User-defined effects: the Python file that defines them, or the classes themselves."""
 
 
 def catalogue_from(effects: EffectSource) -> Catalogue:
-    """The catalogue with a user's own effects, from a file or as classes, beside it.
+    """The catalogue together with user-defined effects, from a file or as classes.
 
     Raises InputError where they cannot be used.
     """
@@ -222,7 +224,7 @@ def catalogue_entry(effect: type[CatalogueEffect]) -> dict[str, Any]:
 
 
 def _law(effect: type[CatalogueEffect]) -> str:
-    """What the class says of itself; nothing where Python made up its docstring."""
+    """The class's docstring; empty where Python generated it."""
     text = (effect.__doc__ or "").partition("\n\n")[0]
     return "" if text.startswith(f"{effect.__name__}(") else " ".join(text.split())
 

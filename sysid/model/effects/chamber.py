@@ -49,7 +49,7 @@ def base_valve_flow(side: str, point: Point) -> Array:
 
 
 def bounded(log_temperature: Array) -> Array:
-    """ln(Tg/T) within what a gas does: measured flows that do not fit would drive it off."""
+    """ln(Tg/T) within plausible limits: measured flows that do not fit would drive it away."""
     xp = array_namespace(log_temperature)
     return xp.minimum(xp.maximum(log_temperature, -0.4), 0.4)
 
@@ -60,7 +60,7 @@ def _states_of(prefix: str, chosen: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class PolytropicExponent(CatalogueEffect):
-    """The gas obeys another exponent than the declared one: k + d."""
+    """The gas follows an exponent other than the declared one: k + d."""
 
     exponent_change: Array = 0.0
 
@@ -91,7 +91,7 @@ class DeadVolumeError(CatalogueEffect):
     side: str = "both"
 
     id = "dead-volume-error"
-    title = "Dead volume off its declared size"
+    title = "Dead volume differs from its declared size"
     subsystem = "chamber"
     quantities = (
         Quantity("dead_length_m", "m", 3e-3, -0.01, 0.03, "added to the chamber's length at y = 0"),
@@ -122,16 +122,16 @@ class WallHeatTransfer(CatalogueEffect):
     side: str = "both"
 
     id = "wall-heat-transfer"
-    title = "Heat through the cylinder's wall"
+    title = "Heat transfer through the cylinder wall"
     subsystem = "chamber"
     quantities = (
         Quantity(
             "wall_conductance_w_per_k", "W/K", 0.4, 0.0, 4.0, "heat per kelvin from wall to gas"
         ),
     )
-    signature = "pressure that decays in some 0.2 s after each edge of a valve"
+    signature = "pressure that decays over about 0.2 s after each valve edge"
     rivals = ("piston-leakage", "atmosphere-leakage")
-    tie_breaker = "hold the closed chamber for two lengths of time"
+    tie_breaker = "hold the chamber closed for two different lengths of time"
     source = "energy balance of an open volume; Beater, Pneumatic Drives, 2007"
     states = ("wall_log_temperature_a", "wall_log_temperature_b")
 
@@ -176,8 +176,8 @@ class WallHeatTransfer(CatalogueEffect):
 class TubeLag(CatalogueEffect):
     """The tube between valve and chamber delays the flow as a first-order lag.
 
-    The lag acts on the flow of the base law; what other effects add to it passes at once.
-    Below 1 ms the lag is right to first order in it.
+    The lag acts on the flow of the base law; flow added by other effects is not delayed.
+    Below 1 ms it is correct to first order in the lag.
     """
 
     tube_lag_s: Array = 0.0
@@ -189,9 +189,9 @@ class TubeLag(CatalogueEffect):
     quantities = (
         Quantity("tube_lag_s", "s", 1.5e-3, 0.0, 0.02, "time constant of the chamber's flow"),
     )
-    signature = "timing of the pressure at a valve's edges"
+    signature = "timing of the pressure at valve edges"
     rivals = ("pressure-lag", "time-skew")
-    tie_breaker = "none by the pressure logs alone; a second sensor at the valve"
+    tie_breaker = "none from the pressure logs alone; a second sensor at the valve"
     source = "Richer and Hurmuzlu, ASME J. Dyn. Syst. Meas. Control 122, 2000 (tube dynamics)"
     states = ("tube_flow_a", "tube_flow_b")
 
@@ -220,7 +220,7 @@ class TubeLag(CatalogueEffect):
 
 @dataclass(frozen=True)
 class PistonLeakage(CatalogueEffect):
-    """Air passes the piston's seal: d (Pa^2 - Pb^2) from A to B, as through a narrow gap."""
+    """Air leaks past the piston's seal: d (Pa^2 - Pb^2) from A to B, as through a narrow gap."""
 
     piston_leakage_kg_per_s_pa2: Array = 0.0
 
@@ -268,7 +268,7 @@ class AtmosphereLeakage(CatalogueEffect):
             "flow out per difference of squared pressures",
         ),
     )
-    signature = "flow of one chamber, valve on or off"
+    signature = "flow of one chamber, with the valve on or off"
     rivals = ("supply-droop", "subsonic-flow-shape", "choked-exhaust-scaling")
     tie_breaker = "plug the port of the chamber and watch its pressure"
     source = "isothermal laminar flow in a narrow gap; Beater, Pneumatic Drives, 2007"
@@ -283,7 +283,7 @@ class AtmosphereLeakage(CatalogueEffect):
 
 @dataclass(frozen=True)
 class TemperatureDrift(CatalogueEffect):
-    """The air's temperature drifts over a test: T + d t, which scales what a flow does."""
+    """The air's temperature drifts over a test: T + d t, which scales the effect of a flow."""
 
     temperature_drift_k_per_s: Array = 0.0
 
@@ -295,9 +295,9 @@ class TemperatureDrift(CatalogueEffect):
             "temperature_drift_k_per_s", "K/s", 10.0 / 60.0, -0.5, 0.5, "rise since a test's start"
         ),
     )
-    signature = "scale of the flow that drifts slowly over a test"
+    signature = "a scale of the flow that drifts slowly over a test"
     rivals = ("coil-heating",)
-    tie_breaker = "a long hold of one valve, without edges"
+    tie_breaker = "hold one valve for a long time, without edges"
     source = "thesis 3.3.6"
 
     def parameters(self, parameters: Parameters, time: Array) -> Parameters:

@@ -67,7 +67,7 @@ def reference_parameters() -> Parameters:
 def demonstrate(effect: type[CatalogueEffect]) -> Demonstration:
     """One short test of the reference rig, with the effect at neutral and at typical size.
 
-    The motor swings the arm alone for 2 s, and once more beside valves under PWM for 2 s.
+    The motor swings the arm alone for 2 s, then for 2 s together with valves under PWM.
     """
     from sysid.model.simulator import simulate
 
@@ -96,9 +96,9 @@ def _inputs() -> Any:
 
 
 def demonstrate_own(effect: type[CatalogueEffect], path: Path) -> Demonstration:
-    """`demonstrate` for a user's effect, whose faults are the file's and not the program's.
+    """`demonstrate` for a user's effect: its faults are the file's, not the program's.
 
-    Raises InputError where the effect's code fails, leaves the numbers or is not neutral.
+    Raises InputError where the effect's code fails, gives no finite numbers or is not neutral.
     """
     where = f"{path}, class {effect.__name__}"
     try:
@@ -109,14 +109,18 @@ def demonstrate_own(effect: type[CatalogueEffect], path: Path) -> Demonstration:
     except Exception as error:
         reason = str(error).strip().partition("\n")[0][:200]
         what = f"does not simulate: {type(error).__name__}: {reason}"
-        mend = "its ports take arrays of numpy and jax: array_namespace instead of branches"
+        mend = "its ports receive numpy and jax arrays: use array_namespace instead of branches"
         raise input_error(where, what, mend) from None
     if not all(np.isfinite(values).all() for values in shown.changed.values()):
-        raise input_error(where, "its simulation at typical size leaves the numbers", "tame it")
+        raise input_error(
+            where,
+            "its simulation at typical size does not stay finite",
+            "limit what its ports return",
+        )
     for channel, _ in CHANNELS:
-        # Neutral ports give the same bits, but the compiler may round between them otherwise.
+        # Neutral ports give the same bits, but the compiler may round differently between them.
         if not np.allclose(shown.base[channel], bare[channel], rtol=_ROUNDING, atol=_ROUNDING):
-            mend = "at strength 0 every port returns the value it was given"
+            mend = "make every port return the value it is given at strength 0"
             raise input_error(where, f"at neutral strength it changes {channel}", mend)
     return shown
 

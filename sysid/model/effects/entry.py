@@ -1,4 +1,4 @@
-"""What an effect of the catalogue says of itself, beside how it acts through the ports."""
+"""An effect's entry in the catalogue, in addition to how it acts through the ports."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Quantity:
     form it takes. `typical` is the usual size on a rig like the reference rig. `grid` holds
     the values that screening tries: of a shape parameter all plausible ones, of a strength
     only where the effect is not proportional to it (a threshold, a limit, a dead gap).
-    `key` is what files and reports call it, where that is not the field's own name.
+    `key` is its name in files and reports, where that differs from the field's name.
     """
 
     name: str
@@ -36,7 +36,7 @@ class Quantity:
 
     @property
     def label(self) -> str:
-        """What files and reports call it."""
+        """Its name in files and reports."""
         return self.key or self.name
 
 
@@ -52,11 +52,11 @@ class CatalogueEffect(Effect):
     subsystem: ClassVar[Subsystem]
     quantities: ClassVar[tuple[Quantity, ...]]
     signature: ClassVar[str]
-    """Where it shows, in words."""
+    """Where it is visible, in words."""
     rivals: ClassVar[tuple[str, ...]] = ()
     """Ids of the effects that it is often confused with."""
     tie_breaker: ClassVar[str] = ""
-    """The test that tells it from its rivals."""
+    """The test that distinguishes it from its rivals."""
     source: ClassVar[str]
     averaged_only: ClassVar[bool] = False
     """Acts on flows averaged over a PWM period only, not on a valve followed pulse by pulse."""
@@ -68,7 +68,7 @@ class CatalogueEffect(Effect):
 
     @classmethod
     def shapes(cls) -> tuple[Quantity, ...]:
-        """The quantities that say what form the effect takes."""
+        """The quantities that determine the form of the effect."""
         return tuple(q for q in cls.quantities if not q.is_strength)
 
     @classmethod

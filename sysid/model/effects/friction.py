@@ -1,4 +1,4 @@
-"""Effects of friction, beside Coulomb and viscous friction with breakaway."""
+"""Effects of friction, in addition to Coulomb and viscous friction with breakaway."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from sysid.model.ports import Model, Point
 
 # The presliding state relaxes no faster than the simulator's explicit steps can follow, 1/s.
 _FASTEST_RATE = 1200.0
-# Speed within one step of a standstill, rad/s: bristles stiffer than a step resolves fade there.
+# Speed within one step of standstill, rad/s: bristles stiffer than a step resolves fade there.
 _LEAST_SPEED = 1e-2
-# Below this nothing is divided: rad, Nm.
+# Smallest divisor: rad, Nm.
 _LEAST_SPAN = 1e-12
 
 
@@ -37,7 +37,7 @@ class StribeckFriction(CatalogueEffect):
             0.07,
             0.01,
             1.0,
-            "speed over which it fades",
+            "velocity scale of the decay",
             is_strength=False,
             grid=(0.02, 0.05, 0.1, 0.2, 0.4),
         ),
@@ -47,14 +47,14 @@ class StribeckFriction(CatalogueEffect):
             2.0,
             0.5,
             3.0,
-            "how it fades: 1 exponential, 2 Gaussian",
+            "shape of the decay: 1 exponential, 2 Gaussian",
             is_strength=False,
             grid=(1.0, 2.0),
         ),
     )
     signature = "torque at low speed, against the motion"
     rivals = ("quadratic-drag",)
-    tie_breaker = "slow ramps through zero speed, and constant torques at three speeds or more"
+    tie_breaker = "slow ramps through zero speed, and constant torques at three or more speeds"
     source = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994"
 
     def friction_effort(self, effort: Array, point: Point) -> Array:
@@ -172,7 +172,7 @@ class Presliding(CatalogueEffect):
     dz/dt = w (sign w - z) / (compliance t_cf sign w). No rate is faster than the simulator can
     follow; where the bristle's is, z is weighted so that the lost impulse stays right to first
     order. At rest the shaft holds as in the base model, and the bristle takes up the applied
-    effort: the small creep that it allows there is left out.
+    effort: the small creep that this allows is neglected.
     """
 
     bristle_compliance_rad_per_nm: Array = 0.0
@@ -233,7 +233,7 @@ class QuadraticDrag(CatalogueEffect):
     )
     signature = "torque at high speed"
     rivals = ("stribeck-friction",)
-    tie_breaker = "constant torques at three speeds or more"
+    tie_breaker = "constant torques at three or more speeds"
     source = "Olsson et al., European Journal of Control 4(3), 1998"
 
     def friction_effort(self, effort: Array, point: Point) -> Array:
@@ -260,9 +260,9 @@ class AsymmetricViscousFriction(CatalogueEffect):
             "half the difference of the directions",
         ),
     )
-    signature = "torque against the speed's size, of one sign both ways"
+    signature = "torque against the speed's magnitude, with the same sign in both directions"
     rivals = ("asymmetric-coulomb-friction", "torque-offset")
-    tie_breaker = "constant torques at three speeds or more, in both directions"
+    tie_breaker = "constant torques at three or more speeds, in both directions"
     source = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994"
 
     def friction_effort(self, effort: Array, point: Point) -> Array:
@@ -271,13 +271,13 @@ class AsymmetricViscousFriction(CatalogueEffect):
 
 @dataclass(frozen=True)
 class PowerLawFriction(CatalogueEffect):
-    """Viscous friction bends over with speed: + d |w|^n sign w, n below 1."""
+    """Viscous friction levels off with speed: + d |w|^n sign w, n below 1."""
 
     power_law_nm: Array = 0.0
     power_law_exponent: Array = 0.5
 
     id = "power-law-friction"
-    title = "Viscous friction that bends over with speed"
+    title = "Viscous friction that levels off with speed"
     subsystem = "friction"
     quantities = (
         Quantity("power_law_nm", "Nm", 0.05, 0.0, 10.0, "at a speed of one unit"),
@@ -287,14 +287,14 @@ class PowerLawFriction(CatalogueEffect):
             0.5,
             0.1,
             0.95,
-            "of the speed; 1 would be viscous friction",
+            "exponent of the speed; 1 would be viscous friction",
             is_strength=False,
             grid=(0.3, 0.5, 0.7),
         ),
     )
     signature = "torque that rises steeply at low speed and flattens"
     rivals = ("stribeck-friction", "quadratic-drag")
-    tie_breaker = "slow ramps through zero speed, and constant torques at three speeds or more"
+    tie_breaker = "slow ramps through zero speed, and constant torques at three or more speeds"
     source = "Olsson et al., European Journal of Control 4(3), 1998"
 
     def friction_effort(self, effort: Array, point: Point) -> Array:

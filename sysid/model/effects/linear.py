@@ -17,7 +17,7 @@ from sysid.model.effects.entry import CatalogueEffect, Quantity
 
 REFERENCE_RADIUS_M = 0.0375
 
-# Power of the pitch radius that a unit takes from rotary to linear.
+# Power of the pitch radius by which a unit is converted from rotary to linear.
 _POWERS = {"Nm": -1, "rad": 1, "rad2": 2, "kg m2": -2}
 _UNITS = {"Nm": "N", "rad": "m", "rad2": "m2", "kg m2": "kg"}
 _NAMES = {"nm": "n", "rad": "m", "rad2": "m2", "torque": "force"}
@@ -66,7 +66,7 @@ def _linear(quantity: Quantity) -> Quantity:
 
 
 def _scaled(value: float, scale: float) -> float:
-    """To four digits, so that a bound reads as a number and not as a product."""
+    """Rounded to four digits, so that a bound is a readable number."""
     scaled = value * scale
     return scaled if scaled == 0.0 or not math.isfinite(scaled) else float(f"{scaled:.4g}")
 
@@ -89,7 +89,7 @@ _PREFIX = "Linear"
 
 
 def __getattr__(name: str) -> Any:
-    """A class made by `linear_form`, found by its name: a worker process unpickles it so."""
+    """A class made by `linear_form`, found by its name, as worker processes unpickle it."""
     from sysid.model.effects.catalogue import catalogue
 
     for effect in catalogue().values():

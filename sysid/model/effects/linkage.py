@@ -1,4 +1,4 @@
-"""Effects of what lies between cylinder, motor and load: geometry, gears, springs, inertia."""
+"""Effects between cylinder, motor and load: geometry, gears, springs, inertia."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from sysid.model.ports import Point
 
 # The shortest time constant that the simulator's explicit steps of 1 ms follow, s.
 _SHORTEST_S = 1e-3
-# Below this nothing is divided: rad, rad/s.
+# Smallest divisor: rad, rad/s.
 _LEAST = 1e-12
 
 
@@ -21,7 +21,7 @@ class Backlash(CatalogueEffect):
     """A dead gap in the motor's gear: the motor's torque is lost while the gap is crossed.
 
     The state is the place in the gap, -1 to 1, which tends to the flank that the motor pushes
-    against, at a rate that goes with its torque: nine tenths of the gap take
+    against, at a rate proportional to its torque: nine tenths of the gap take
     gap / (crossing_speed * torque in Nm). At that flank the motor gives all of its torque,
     further away none. No rate is faster than the simulator can follow; where the motor's is,
     the loss is weighted so that the lost impulse stays right to first order, and 0 at no gap.
@@ -49,7 +49,9 @@ class Backlash(CatalogueEffect):
     )
     signature = "pulses where the motor's torque reverses"
     rivals = ("amplifier-lag",)
-    tie_breaker = "motor torque reversed slowly and fast: a lag's pulse scales with the rate"
+    tie_breaker = (
+        "motor torque reversed slowly and quickly: the pulse of a lag scales with the rate"
+    )
     source = "Nordin, Gutman, Automatica 38(10), 2002"
 
     def _push(self, point: Point) -> Array:
@@ -97,14 +99,14 @@ class GearMeshRipple(CatalogueEffect):
             20.0,
             5.0,
             120.0,
-            "teeth a turn over 2 pi, or teeth of the pinion",
+            "teeth per turn over 2 pi, or teeth of the pinion",
             is_strength=False,
             grid=tuple(float(n) for n in (*range(6, 30), *range(30, 62, 2), *range(64, 100, 4))),
         ),
     )
     signature = "a line in the torque's spectrum over angle"
     rivals = ("torque-ripple",)
-    tie_breaker = "motion by the valves alone: a motor's ripple is gone"
+    tie_breaker = "motion driven by the valves alone: a motor's ripple disappears"
     source = "Michalec, Precision Gearing, 1966"
 
     def external_effort(self, effort: Array, point: Point) -> Array:
@@ -149,10 +151,10 @@ class PitchEccentricity(CatalogueEffect):
 
 @dataclass(frozen=True)
 class LinkFlexibility(CatalogueEffect):
-    """A share of the inertia hangs on a spring: a second inertia with a resonance.
+    """A share of the inertia is attached by a spring: a second inertia with a resonance.
 
-    States: the hanging inertia's angle and speed. The share is the strength, and the shaft
-    keeps the rest; the resonance is that of the hanging inertia with the shaft held.
+    States: the sprung inertia's angle and speed. The share is the strength, and the shaft
+    keeps the remainder; the resonance is that of the sprung inertia with the shaft held.
     """
 
     flexible_share: Array = 0.0
@@ -185,7 +187,7 @@ class LinkFlexibility(CatalogueEffect):
     source = "Spong, ASME Journal of Dynamic Systems 109(4), 1987"
 
     def _hanging_acceleration(self, point: Point) -> Array:
-        """Acceleration of the hanging inertia by its spring, rad/s2."""
+        """Acceleration of the sprung inertia by its spring, rad/s2."""
         rate = 2.0 * math.pi * self.link_frequency_hz
         bend = point.position - point.extra["link_angle_rad"]
         bending = point.velocity - point.extra["link_speed_rad_per_s"]
@@ -197,7 +199,7 @@ class LinkFlexibility(CatalogueEffect):
     def external_effort(self, effort: Array, point: Point) -> Array:
         if "link_angle_rad" not in point.extra:
             return effort
-        # point.parameters holds the shaft's rest of the inertia, 1 - share of it.
+        # point.parameters holds the inertia that remains on the shaft, 1 - share of the whole.
         hanging = self.flexible_share / (1.0 - self.flexible_share) * point.parameters.inertia
         return effort - hanging * self._hanging_acceleration(point)
 
@@ -226,7 +228,7 @@ class CableSpring(CatalogueEffect):
     quantities = (Quantity("stiffness_nm_per_rad", "Nm/rad", 0.05, -0.5, 5.0, "towards theta = 0"),)
     signature = "torque against angle"
     rivals = ("mounting-tilt", "position-dependent-friction")
-    tie_breaker = "large angles: a spring grows on, gravity's sine does not"
+    tie_breaker = "large angles: a spring's torque keeps growing, gravity's sine does not"
     source = "thesis 3.3.7, a term of the torque balance"
 
     def external_effort(self, effort: Array, point: Point) -> Array:
@@ -235,13 +237,13 @@ class CableSpring(CatalogueEffect):
 
 @dataclass(frozen=True)
 class MountingTilt(CatalogueEffect):
-    """The rig does not stand level, and gravity acts: - d sin(theta + phase)."""
+    """The rig is not mounted level, so gravity acts: - d sin(theta + phase)."""
 
     tilt_sine_nm: Array = 0.0
     tilt_cosine_nm: Array = 0.0
 
     id = "mounting-tilt"
-    title = "Rig mounted off the level"
+    title = "Rig not mounted level"
     subsystem = "mechanics"
     quantities = (
         Quantity("tilt_sine_nm", "Nm", 0.012, -2.0, 2.0, "gravity's torque at theta = pi/2"),
@@ -268,18 +270,20 @@ class MountingTilt(CatalogueEffect):
 
 @dataclass(frozen=True)
 class InertiaMismatch(CatalogueEffect):
-    """The moving inertia is not the declared one: + d, and gravity in the same proportion.
+    """The moving inertia differs from the declared one: + d, and gravity in proportion.
 
-    As if the mass that is off lay where the rest does; no gravity on a horizontal rig.
+    As if the extra mass were distributed like the declared one; no gravity on a horizontal rig.
     """
 
     inertia_change_kg_m2: Array = 0.0
 
     id = "inertia-mismatch"
-    title = "Inertia off its declared size"
+    title = "Inertia differs from its declared value"
     subsystem = "mechanics"
     quantities = (
-        Quantity("inertia_change_kg_m2", "kg m2", 0.003, -0.02, 0.2, "added to the declared one"),
+        Quantity(
+            "inertia_change_kg_m2", "kg m2", 0.003, -0.02, 0.2, "added to the declared inertia"
+        ),
     )
     signature = "torque against acceleration"
     rivals = ("torque-constant-error", "link-flexibility")
@@ -297,12 +301,12 @@ class InertiaMismatch(CatalogueEffect):
 
 @dataclass(frozen=True)
 class AreaError(CatalogueEffect):
-    """The piston's rod side is not of the declared area: A_b + d."""
+    """The area of the piston's rod side differs from the declared one: A_b + d."""
 
     area_change_m2: Array = 0.0
 
     id = "area-error"
-    title = "Piston area off its declared size"
+    title = "Piston area differs from its declared value"
     subsystem = "mechanics"
     quantities = (
         Quantity("area_change_m2", "m2", 3e-6, -1e-4, 1e-4, "added to the declared area of B"),

@@ -38,14 +38,14 @@ class TorqueRipple(CatalogueEffect):
             12.0,
             3.0,
             120.0,
-            "pole pairs, slots or teeth a turn of the output",
+            "pole pairs, slots or teeth per turn of the output",
             is_strength=False,
             grid=tuple(float(n) for n in (*range(4, 30), *range(30, 62, 2), *range(64, 100, 4))),
         ),
     )
     signature = "a ripple over angle that grows with the motor's torque"
     rivals = ("gear-mesh-ripple",)
-    tie_breaker = "motion by the valves alone: the ripple is gone"
+    tie_breaker = "motion driven by the valves alone: the ripple disappears"
     source = "Jahns, Soong, IEEE Trans. Industrial Electronics 43(2), 1996"
 
     def motor_effort(self, effort: Array, point: Point) -> Array:
@@ -82,7 +82,7 @@ class TorqueSaturation(CatalogueEffect):
 
     def motor_effort(self, effort: Array, point: Point) -> Array:
         xp = array_namespace(effort, self.inverse_limit_per_nm)
-        # In units of the limit, so that 0 clips nothing: excess beyond 1, divided out again.
+        # In units of the limit, so that 0 clips nothing: the excess over 1 is divided out again.
         used = xp.abs(effort) * self.inverse_limit_per_nm
         over = xp.where(used > 1.0, 1.0 - 1.0 / xp.maximum(used, 1.0), 0.0)
         return effort - effort * over
@@ -90,12 +90,12 @@ class TorqueSaturation(CatalogueEffect):
 
 @dataclass(frozen=True)
 class TorqueConstantError(CatalogueEffect):
-    """The motor's torque is not what the command says: torque (1 + d)."""
+    """The motor's torque differs from the commanded one: torque (1 + d)."""
 
     torque_gain_error: Array = 0.0
 
     id = "torque-constant-error"
-    title = "Torque constant off its declared size"
+    title = "Torque constant differs from its declared value"
     subsystem = "motor"
     quantities = (Quantity("torque_gain_error", "-", 0.05, -0.5, 0.5, "relative"),)
     signature = "torque against the motor's torque"

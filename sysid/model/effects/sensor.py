@@ -1,4 +1,4 @@
-"""Effects of the sensors: what a log shows beside what is true.
+"""Effects of the sensors: what a log shows compared with the true values.
 
 They act through `measure`, on numpy arrays (n,) by log-format names; a channel that is
 absent stays absent. The ambient pressure, which is no channel, acts as a parameter.
@@ -21,7 +21,7 @@ POSITION_CHANNELS = ("theta_rad", "position_m")
 
 
 def lagged(values: Array, time: Array, lag: float) -> FloatArray:
-    """First-order lag of a signal that is linear between its samples, exactly; starts at rest.
+    """Exact first-order lag of a signal that is linear between its samples; starts at rest.
 
     `values` (n,), `time` (n,) s increasing, evenly or not, `lag` s, 0 for none.
     """
@@ -30,7 +30,7 @@ def lagged(values: Array, time: Array, lag: float) -> FloatArray:
         return shown
     step = np.diff(time)
     forgets = -np.expm1(-step / lag)
-    # How far the lagged signal is behind: decays, and is fed by the slope.
+    # How far the lagged signal is behind: it decays, and the slope feeds it.
     fed = np.diff(shown) * (lag / step) * forgets
     pairs = zip((1.0 - forgets).tolist(), fed.tolist(), strict=True)
     behind = itertools.accumulate(pairs, lambda b, pair: pair[0] * b + pair[1], initial=0.0)
@@ -39,7 +39,7 @@ def lagged(values: Array, time: Array, lag: float) -> FloatArray:
 
 
 def delayed(values: Array, time: Array, delay: float) -> FloatArray:
-    """A signal `delay` s later (negative: sooner), linear between samples, held at its ends."""
+    """A signal `delay` s later (negative: earlier), linear between samples, held at its ends."""
     at = np.asarray(time, dtype=float)
     result: FloatArray = np.interp(at - delay, at, np.asarray(values, dtype=float))
     return result
@@ -113,7 +113,7 @@ class PressureLag(CatalogueEffect):
     title = "Lag of a pressure sensor"
     subsystem = "sensor"
     quantities = (Quantity("pressure_lag_s", "s", 2e-3, 0.0, 0.05, "time constant of the sensor"),)
-    signature = "timing of a pressure at a valve's edges"
+    signature = "timing of a pressure at valve edges"
     rivals = ("time-skew", "tube-lag", "valve-delay")
     tie_breaker = "a second, faster sensor at the same chamber"
     source = "textbook: first-order sensor"
@@ -125,18 +125,16 @@ class PressureLag(CatalogueEffect):
 
 @dataclass(frozen=True)
 class TimeSkew(CatalogueEffect):
-    """A pressure channel is late by d (negative: early), as one from another recorder is."""
+    """A pressure channel is late by d (negative: early), as one from another recorder would be."""
 
     time_skew_s: Array = 0.0
     side: str = "both"
 
     id = "time-skew"
-    title = "Pressure channel out of time"
+    title = "Pressure channel shifted in time"
     subsystem = "sensor"
-    quantities = (
-        Quantity("time_skew_s", "s", 2e-3, -0.02, 0.02, "by how much the channel is late"),
-    )
-    signature = "timing of a pressure at a valve's edges"
+    quantities = (Quantity("time_skew_s", "s", 2e-3, -0.02, 0.02, "delay of the channel"),)
+    signature = "timing of a pressure at valve edges"
     rivals = ("pressure-lag", "tube-lag", "valve-delay")
     tie_breaker = "sweep the PWM frequency; feed one signal to both channels"
     source = "textbook: transport delay of a channel"
@@ -148,7 +146,7 @@ class TimeSkew(CatalogueEffect):
 
 @dataclass(frozen=True)
 class EncoderEccentricity(CatalogueEffect):
-    """The encoder's disc is off its centre: theta + s sin theta + c cos theta."""
+    """The encoder's disc is mounted off centre: theta + s sin theta + c cos theta."""
 
     encoder_sine_rad: Array = 0.0
     encoder_cosine_rad: Array = 0.0
@@ -160,7 +158,7 @@ class EncoderEccentricity(CatalogueEffect):
         Quantity("encoder_sine_rad", "rad", 7e-4, -0.05, 0.05, "amplitude of sin theta"),
         Quantity("encoder_cosine_rad", "rad", 7e-4, -0.05, 0.05, "amplitude of cos theta"),
     )
-    signature = "error of the angle, once a turn; often too small to be seen"
+    signature = "error of the angle, once per turn; often too small to see"
     tie_breaker = "turn the disc on its shaft and repeat a test"
     source = "textbook: eccentricity of an encoder's disc"
 
@@ -176,17 +174,17 @@ class EncoderEccentricity(CatalogueEffect):
 
 @dataclass(frozen=True)
 class AmbientPressureError(CatalogueEffect):
-    """The atmosphere's pressure is not the declared one: P0 + d."""
+    """Atmospheric pressure differs from the declared one: P0 + d."""
 
     ambient_pressure_pa: Array = 0.0
 
     id = "ambient-pressure-error"
-    title = "Atmospheric pressure off its declared value"
+    title = "Atmospheric pressure differs from its declared value"
     subsystem = "sensor"
     quantities = (
         Quantity("ambient_pressure_pa", "Pa", 1e3, -1e4, 1e4, "added to the declared pressure"),
     )
-    signature = "constant torque; exhaust that ends at another pressure"
+    signature = "constant torque; exhaust that ends at a different pressure"
     rivals = ("torque-offset", "asymmetric-coulomb-friction", "mounting-tilt", "area-error")
     tie_breaker = "read a barometer"
     source = "thesis 3.3.3 and 3.6.10"

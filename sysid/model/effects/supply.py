@@ -17,7 +17,7 @@ from sysid.model.base import Array, array_namespace
 from sysid.model.effects.entry import CatalogueEffect, Quantity
 from sysid.model.ports import Point
 
-# How often the flows of both chambers are adapted to each other.
+# Iterations that adapt the flows of both chambers to each other.
 _SWEEPS = 2
 
 
@@ -58,9 +58,9 @@ def backed_exhaust_flow(
 
 
 def _adapted(flow: Callable[[str, Array], Array], side: str, share: Array) -> Array:
-    """A side's own flow and its share of the other's, each solved beside the other, in turn.
+    """A side's own flow and its share of the other's, each solved given the other, in turn.
 
-    `flow` gives a side's flow beside another.
+    `flow` gives a side's flow for a given flow of the other.
     """
     other = SIDES[1 - SIDES.index(side)]
     own: Array = 0.0
@@ -73,7 +73,7 @@ def _adapted(flow: Callable[[str, Array], Array], side: str, share: Array) -> Ar
 
 @dataclass(frozen=True)
 class SupplyDroop(CatalogueEffect):
-    """The supply gives way to the flow of both chambers: Ps - d (flow A + flow B).
+    """The supply pressure droops with the flow of both chambers: Ps - d (flow A + flow B).
 
     At a common share of 1; at 0 each valve has a line of its own. Each chamber's flow is
     solved with its own droop and with the other's flow, in turn, twice; the other counts for
@@ -102,7 +102,7 @@ class SupplyDroop(CatalogueEffect):
             1.0,
             0.0,
             1.0,
-            "of the other chamber's flow: 0 a line each, 1 one for both",
+            "share of the other chamber's flow: 0 separate lines, 1 a common line",
             is_strength=False,
             grid=(0.0, 0.5, 1.0),
         ),
@@ -110,7 +110,7 @@ class SupplyDroop(CatalogueEffect):
     signature = "onset of filling; flow into A while B fills"
     rivals = ("subsonic-flow-shape", "atmosphere-leakage", "choked-exhaust-scaling")
     tie_breaker = "log the supply pressure"
-    source = "textbook: source with an inner resistance; base law of thesis 3.6.6"
+    source = "textbook: source with an internal resistance; base law of thesis 3.6.6"
 
     def supply_pressure(self, pressure: Array, side: str, point: Point) -> Array:
         other = SIDES[1 - SIDES.index(side)]
@@ -157,14 +157,14 @@ class ExhaustBackPressure(CatalogueEffect):
             1.0,
             0.0,
             1.0,
-            "of the other valve's flow: 0 a silencer each, 1 one for both",
+            "share of the other valve's flow: 0 separate silencers, 1 a common one",
             is_strength=False,
             grid=(0.0, 0.5, 1.0),
         ),
     )
-    signature = "exhaust flow, below 1.9 times the atmosphere above all; couples A and B"
+    signature = "exhaust flow, above all below 1.9 times the atmosphere; couples A and B"
     rivals = ("valve-delay",)
-    tie_breaker = "take the silencers off"
+    tie_breaker = "remove the silencers"
     source = "textbook: linear resistance of a silencer; base law of thesis 3.6.10"
 
     def exhaust_pressure(self, pressure: Array, side: str, point: Point) -> Array:

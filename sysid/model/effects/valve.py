@@ -28,9 +28,9 @@ def iso6358_share(ratio: Array, critical_ratio: Array, exponent: Array) -> Array
 
 @dataclass(frozen=True)
 class SubsonicFlowShape(CatalogueEffect):
-    """Flow follows ISO 6358's ellipse in place of the thesis' unchoked laws.
+    """Flow follows ISO 6358's ellipse instead of the thesis' unchoked laws.
 
-    A blend (0: the base law, 1: ISO's), of its own for filling and exhaust. ISO's law takes
+    A blend (0: the base law, 1: ISO's), separate for filling and exhaust. ISO's law takes
     the base law's choked flow as its own, at the nominal supply and atmosphere. Flow that
     runs backwards keeps the base law. An averaged flow is blended with ISO's for the share
     of the time that the valve is open.
@@ -100,7 +100,7 @@ def _blended(flow: Array, law: Array, blend: Array, forward: Array) -> Array:
 
 @dataclass(frozen=True)
 class ChokedExhaustScaling(CatalogueEffect):
-    """Choked exhaust grows with the chamber's pressure, in place of being constant.
+    """Choked exhaust grows with the chamber's pressure instead of being constant.
 
     Above the boundary P0/0.53 the flow is that of the base law times 1 + d (P/(P0/0.53) - 1);
     at d = 1 it is proportional to P. Anchored at the boundary, where the fitted constant
@@ -136,20 +136,20 @@ class ChokedExhaustScaling(CatalogueEffect):
 
 @dataclass(frozen=True)
 class ValveDelay(CatalogueEffect):
-    """A valve opens and closes later than declared (negative: sooner)."""
+    """A valve opens and closes later than declared (negative: earlier)."""
 
     on_delay_s: Array = 0.0
     off_delay_s: Array = 0.0
     side: str = "both"
 
     id = "valve-delay"
-    title = "Valve delays off their declared values"
+    title = "Valve delays differ from their declared values"
     subsystem = "valve"
     quantities = (
         Quantity("on_delay_s", "s", 5e-4, -1.5e-3, 1e-2, "added to the delay of opening"),
         Quantity("off_delay_s", "s", 5e-4, -1.5e-3, 1e-2, "added to the delay of closing"),
     )
-    signature = "mass of air that every edge adds or takes"
+    signature = "mass of air that every edge adds or removes"
     rivals = ("time-skew", "exhaust-back-pressure", "pressure-lag")
     tie_breaker = "sweep the PWM frequency"
     source = "thesis 3.7"
