@@ -1,4 +1,4 @@
-"""The bundle as an object: made, merged and extended, and the model that it describes."""
+"""The bundle as an object: created, merged and extended, and the model that it describes."""
 
 from __future__ import annotations
 
@@ -96,8 +96,8 @@ class Bundle(Shown, BundleContent):
     def model(self, rig: Rig | None = None, catalogue: Catalogue | None = None) -> Model:
         """The model that can be simulated: the base model's parameters, and the effects.
 
-        `rig` (None: the bundle's) says what the tests are run with; `catalogue` knows the
-        effects (None: the project's own). Raises InputError for what contradicts itself,
+        `rig` (None: the bundle's) is the rig that is simulated; `catalogue` holds the effects
+        (None: the project's own). Raises InputError for contradictory content,
         NotIdentifiedError where the bundle has no friction.
         """
         return model_from_bundle(self, rig or self.rig, catalogue)
@@ -113,8 +113,8 @@ class Bundle(Shown, BundleContent):
     def merged(self, other: Bundle) -> Bundle:
         """With the parts of `other` added; a part that both hold is replaced.
 
-        The validation of what there was goes with it. Raises InputError where the two were
-        fitted for different rigs.
+        The existing validation is dropped. Raises InputError where the two were fitted for
+        different rigs.
         """
         mine, others = self.rig_content, other.rig_content
         for section in sorted(set(mine) | set(others)):
@@ -140,7 +140,7 @@ class Bundle(Shown, BundleContent):
     def check_log_unchanged(self, log: Log, kind: str) -> None:
         """InputError where a log of `kind` has changed since the bundle was fitted on it.
 
-        Logs of several folders may share a name: the bundle has to know one that is like it.
+        Logs of several folders may share a name: one of that name has to match.
         """
         logs = self.provenance.logs
         fitted = any(
@@ -150,7 +150,7 @@ class Bundle(Shown, BundleContent):
             raise input_error(
                 self.source,
                 f"{log.path.name} has changed since this bundle was fitted on it (SHA-256)",
-                "fit again, or bring the old log back",
+                "fit again, or restore the old log",
             )
 
     def check_not_fitted(self, log: Log) -> None:
