@@ -10,7 +10,7 @@ Values are SI, pressures absolute. Results print as tables, are displayed in a n
 to a DataFrame (`to_frame`) and plot themselves on given or new axes (`plot`).
 
 An error that a user can fix is an `InputError`, data that cannot identify what was asked a
-`NotIdentifiedError`; both are `SysidError`s. Long work takes `progress`, a function that is called
+`NotIdentifiedError`; both are `SysidError`s. Long tasks take `progress`, a function that is called
 with one line for each step; by default a terminal or a notebook shows it, and a script does not.
 
 The examples in the docstrings run as tests in a folder with the bundled campaign's files; there

@@ -533,7 +533,7 @@ def test_filling_too_short_for_the_unchoked_stretch(rig: Rig) -> None:
         "identified": False,
         "reason": fit["c_fill"].reason,
     }
-    assert "never reaches the unchoked stretch" in str(fit["c_fill"].reason)
+    assert "never reaches the unchoked interval" in str(fit["c_fill"].reason)
     assert "hold the valve on longer" in str(fit["c_fill"].reason)
     assert "never choked" in str(fit["choked_flow_dis_kg_s"].reason)
     assert fit["choked_flow_fill_kg_s"].value == pytest.approx(7.8e-4, rel=0.02)

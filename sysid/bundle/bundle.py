@@ -25,12 +25,12 @@ if TYPE_CHECKING:
     from sysid.model.ports import Model
 
 
-# Parts that merging does not take over as they are.
+# Parts that merging does not copy unchanged.
 _OWN = ("effects", "validation")
 
 
 class Bundle(Shown, BundleContent):
-    """Everything that was fitted of a rig (`spec/bundle.md`), as read from or written to JSON.
+    """All fitted parameters of a rig (`spec/bundle.md`), as read from or written to JSON.
 
     >>> bundle.friction.coulomb_nm.unit, bundle.valve("a").discrete.on_delay_s.unit
     ('Nm', 's')
@@ -63,13 +63,13 @@ class Bundle(Shown, BundleContent):
         return cls(**fields, effects=[], provenance=provenance)
 
     def headline(self) -> str:
-        """Whose it is, and what it holds."""
+        """The rig, and the bundle's content."""
         effects = [effect.id for effect in self.effects]
         held = ", ".join([*self._parts(), *(f"effect {name}" for name in effects)])
         return f"bundle of {self.rig.name}: {held or 'nothing fitted'}"
 
     def records(self) -> list[dict[str, Any]]:
-        """One an estimate: the part that it belongs to, its value, std, limits and unit."""
+        """One record per estimate: its part, value, std, limits and unit."""
         return [
             record
             for name, estimates in self._estimates().items()
@@ -77,7 +77,7 @@ class Bundle(Shown, BundleContent):
         ]
 
     def tables(self) -> Iterable[ShownTable]:
-        """The estimates, a table a part."""
+        """The estimates, one table per part."""
         return (estimate_table(name, found) for name, found in self._estimates().items())
 
     def _parts(self) -> dict[str, Part]:
@@ -103,7 +103,7 @@ class Bundle(Shown, BundleContent):
         return model_from_bundle(self, rig or self.rig, catalogue)
 
     def with_effects(self, effects: Iterable[EffectEntry]) -> Bundle:
-        """With these effects after those that it holds; its validation no longer holds."""
+        """With these effects after its own; its validation is dropped."""
         return self.without("validation").replaced(effects=[*self.effects, *effects])
 
     def with_sources(self, sources: Iterable[Source]) -> Bundle:

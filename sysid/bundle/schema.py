@@ -56,7 +56,7 @@ EFFECT_PARAMETER: dict[str, Any] = {
 def bundle_schema() -> dict[str, Any]:
     """The JSON schema (draft 2020-12) of a bundle."""
     made = _tidy(Bundle.model_json_schema(mode="validation", by_alias=True))
-    # The example of the class is Python's.
+    # The class's example is Python, not part of the schema.
     made["description"] = made["description"].partition("\n\n>>>")[0]
     definitions = {**made.pop("$defs"), "parameter": PARAMETER}
     del definitions["JsonValue"]

@@ -40,7 +40,7 @@ class Rig:
     """A rig: constants by section, SI. Sections missing from the file are None.
 
     `source` is the file that it was read from; `content` the file's tables as read, which
-    go into a bundle; `notices` what the reader wants said.
+    go into a bundle; `notices` the reader's notices.
 
     >>> campaign.rig.air.supply_pressure_pa, campaign.rig.effort_channel
     (312000.0, 'motor_torque_nm')

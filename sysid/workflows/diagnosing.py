@@ -107,10 +107,10 @@ def diagnose(
 ) -> CampaignDiagnosis:
     """What a bundle's model lacks, from a campaign's training logs; errors on held-out ones.
 
-    `effects`: a user's own next to the catalogue's, a Python file or the classes; `seed` of
+    `effects`: effects in addition to the catalogue's, a Python file or the classes; `seed` of
     the simulated twins. Takes from seconds (a part tested alone) to minutes. Raises InputError
-    for logs that cannot be used or have changed since the fit, NotIdentifiedError where bundle
-    or campaign do not suffice.
+    for logs that cannot be used or have changed since the fit, NotIdentifiedError where the
+    bundle or the campaign is insufficient.
 
     >>> part = si.read_campaign("bench/campaign.toml")
     >>> found = si.diagnose(part, si.fit(part))

@@ -30,7 +30,7 @@ def fit(
     """Every part that a campaign's training logs can identify, in one bundle.
 
     `surface`: which PWM surfaces, "bipolynomial", "ann" or "both"; `seed` of their folds and
-    restarts. What is not fitted and why goes to the logger `sysid` as warnings. Raises InputError
+    restarts. Parts not fitted are reported as warnings of the logger `sysid`. Raises InputError
     for a log that cannot be used, NotIdentifiedError where nothing can be fitted.
 
     >>> bundle = si.fit(campaign)

@@ -23,7 +23,7 @@ def rig_of(tests: Tests, rig: Rig | None) -> Rig:
         return rig
     known = [part.rig for part in _parts(tests) if isinstance(part, Log) and part.rig is not None]
     if not known:
-        raise input_error("rig", "is not given, and single tests do not know theirs", "pass a rig")
+        raise input_error("rig", "is missing, and single tests carry no rig", "pass a rig")
     if any(other.content != known[0].content for other in known):
         names = " and ".join(sorted({r.source for r in known}))
         raise input_error(names, "the logs belong to different rigs", "pass the intended rig")
