@@ -68,7 +68,7 @@ def fit_valve_pwm(
         name = "duty_a and duty_b" if valve is None else f"duty_{valve}"
         raise NotIdentifiedError(
             f"{_place(trials)}: the PWM surfaces cannot be identified: {name} never leaves zero; "
-            "valve-pwm tests (piston held, one constant duty a test) would identify them"
+            "valve-pwm tests (piston held, one constant duty per test) would identify them"
         )
     remarks = Remarks()
     fits: dict[tuple[str, str], DirectionFit] = {}
@@ -154,7 +154,7 @@ def _travelled(
         if (samples.test == number).any():
             remarks.leave_out(
                 test,
-                f"the pressure stays within {_LEAST_TRAVEL:.0%} of its start, where flow "
+                f"the pressure stays within {100 * _LEAST_TRAVEL:.0f} % of its start, where flow "
                 "and pressure do not distinguish such duties; the domain ends before them",
             )
         else:

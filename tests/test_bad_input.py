@@ -442,7 +442,7 @@ CASES = [
         "bundle with a missing key",
         _bundle('{"schema": "sysid-bundle/1"}'),
         "bundle.json",
-        "mend that key",
+        "fix that key",
     ),
     Case(
         "bundle with NaN",
@@ -471,14 +471,12 @@ CASES = [
         "--seed",
         "--help",
     ),
-    Case(
-        "cut-off zero", lambda w: w.arguments.extend(["--cutoff", "0"]), "--cutoff", "leave it out"
-    ),
+    Case("cut-off zero", lambda w: w.arguments.extend(["--cutoff", "0"]), "--cutoff", "omit it"),
     Case(
         "cut-off no number",
         lambda w: w.arguments.extend(["--cutoff", "nan"]),
         "--cutoff",
-        "leave it out",
+        "omit it",
     ),
     Case(
         "payload without its length",
