@@ -2,15 +2,15 @@
 
 >>> import sysid as si
 
-Read what was measured (`read_campaign`, `read_rig`, `read_log`), see what it is good for
-(`check`), fit it (`fit`, or one part: `fit_friction`, `fit_valve_discrete`, `fit_valve_pwm`),
-use the model (`simulate`, `effects`), find what it lacks (`diagnose`), see how well it predicts
-(`validate`), and hand it on (`write_bundle`, `report`, `export`). Values are SI, pressures
-absolute. Results print as tables, show themselves in a notebook, become a DataFrame
-(`to_frame`) and draw themselves on axes of yours or new ones (`plot`).
+Read measurements (`read_campaign`, `read_rig`, `read_log`), see what they can be used for
+(`check`), fit them (`fit`, or one part: `fit_friction`, `fit_valve_discrete`,
+`fit_valve_pwm`), use the model (`simulate`, `effects`), find what it lacks (`diagnose`), see
+how well it predicts (`validate`), and write it out (`write_bundle`, `report`, `export`).
+Values are SI, pressures absolute. Results print as tables, are displayed in a notebook, convert
+to a DataFrame (`to_frame`) and plot themselves on given or new axes (`plot`).
 
 An error that a user can fix is an `InputError`, data that cannot identify what was asked a
-`NotIdentifiedError`; both are `SysidError`s. Long work takes `progress`, a function that is called
+`NotIdentifiedError`; both are `SysidError`s. Long tasks take `progress`, a function that is called
 with one line for each step; by default a terminal or a notebook shows it, and a script does not.
 
 The examples in the docstrings run as tests in a folder with the bundled campaign's files; there
@@ -73,7 +73,7 @@ __all__ = [
     "write_bundle",
 ]
 
-# Where each name is loaded from when it is first used: `import sysid` itself stays quick.
+# The module that each name is loaded from at first use: `import sysid` itself stays quick.
 _HOMES = {
     "Bundle": "sysid.bundle",
     "Campaign": "sysid.io.campaign",
@@ -102,7 +102,7 @@ _HOMES = {
 
 
 def __getattr__(name: str) -> Any:
-    """A public name, loaded when it is first asked for."""
+    """A public name, loaded at first use."""
     if name == "effects":
         value: Any = import_module("sysid.model.effects")
     elif name in _HOMES:
@@ -118,10 +118,10 @@ def __dir__() -> list[str]:
 
 
 class _Face(ModuleType):
-    """Keeps `report` and `export` functions.
+    """Keeps `report` and `export` the functions.
 
-    Importing the rooms of these names would put them in the functions' place; the rooms are
-    imported from by their full names, `from sysid.report import write_report`.
+    Importing the packages of these names would replace the functions; import from the packages
+    by their full names, `from sysid.report import write_report`.
     """
 
     def __setattr__(self, name: str, value: Any) -> None:

@@ -1,4 +1,4 @@
-"""A campaign's tests to one bundle: every pipeline on its own tests, the results assembled."""
+"""From a campaign's tests to one bundle: every pipeline on its tests, the results assembled."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from sysid.valve_pwm import fit_valve_pwm
 
 
 class PartResult(Protocol):
-    """What every pipeline returns."""
+    """The result of any pipeline."""
 
     @property
     def remarks(self) -> tuple[str, ...]: ...
@@ -38,7 +38,7 @@ class PartResult(Protocol):
 
 @dataclass
 class _Assembly:
-    """A campaign's bundle while its parts come in."""
+    """A campaign's bundle while its parts are collected."""
 
     campaign: Campaign
     progress: Progress
@@ -56,7 +56,7 @@ class _Assembly:
         return trials
 
     def add(self, name: str, fit: Callable[[], PartResult]) -> None:
-        """Take in a pipeline's part; a notice instead where the tests do not identify it."""
+        """Add a pipeline's part, or a notice where the tests do not identify it."""
         self.progress(name)
         try:
             result = fit()
@@ -70,7 +70,7 @@ class _Assembly:
 
 @dataclass(frozen=True)
 class CampaignFit:
-    """A campaign's bundle, and what to say about its fits."""
+    """A campaign's bundle, with the remarks and notices of its fits."""
 
     bundle: Bundle
     remarks: tuple[str, ...]
@@ -88,7 +88,7 @@ def fit_campaign(
 
     A part whose tests the campaign lacks, or that they cannot identify, is left out of the
     bundle with a notice. Raises NotIdentifiedError where nothing at all can be fitted.
-    `progress` is told the name of each part as its fit begins.
+    `progress` is called with the name of each part as its fit begins.
     """
     assembly = _Assembly(campaign, progress)
     assembly.notices += [*campaign.notices, *campaign.rig.notices]
@@ -97,13 +97,13 @@ def fit_campaign(
     _add_bench(assembly)
     if not assembly.parts:
         raise NotIdentifiedError(
-            f"{campaign.path}: no fit log identifies anything; add friction or valve tests with "
-            'use = "fit"'
+            f"{campaign.path}: no training log identifies anything; add friction or valve tests "
+            'with use = "fit"'
         )
     bundle = Bundle.new(
         campaign.rig,
         assembly.parts,
-        # On motion logs only a diagnosis fits.
+        # Only a diagnosis fits on motion logs.
         [s for s in campaign.sources() if s.use == "holdout" or s.kind not in MOTION_KINDS],
         seeds={"valve-pwm": seed},
         options={"valve-pwm": {"surface": surface}},
@@ -157,7 +157,7 @@ def _bench_fit(kind: str, trials: list[Trial], rig: Rig) -> _BenchFit:
 
 @dataclass(frozen=True)
 class _ValveJob:
-    """One valve pipeline on the trials of the entries that name the same valve."""
+    """One valve pipeline on the trials of the entries for the same valve."""
 
     kind: str
     valve: str | None
@@ -186,11 +186,11 @@ class _ValveJob:
 
 
 def _add_valves(assembly: _Assembly, surface: str, seed: int) -> None:
-    """Both kinds of valve test, each valve a job of its own; the jobs share the cores."""
+    """Both kinds of valve test, one job per valve; the jobs share the cores."""
     jobs = []
     for kind in ("valve-pwm", "valve-discrete"):
         entries = assembly.campaign.select([kind])
-        # Entries that do not say which valve are told by what moves.
+        # For entries that name no valve, the valve that moves decides.
         for valve in dict.fromkeys(e.valve for e in entries):
             trials = assembly.read([e for e in entries if e.valve == valve])
             jobs.append(_ValveJob(kind, valve, trials, assembly.campaign.rig, surface, seed))

@@ -1,4 +1,4 @@
-"""The ways in which a request can fail that are not a fault of the program.
+"""The errors of a request that are not faults of the program.
 
 All are turned into one line and an exit code by `sysid.commands.app`.
 """
@@ -33,7 +33,7 @@ class InputError(SysidError):
 
 
 class NotIdentifiedError(SysidError):
-    """The data were read, but cannot identify what was asked (exit 3).
+    """The data were read, but cannot identify the requested parameters (exit 3).
 
     >>> valves_still = si.read_log("friction_static.parquet", campaign.rig)
     >>> try:
@@ -51,6 +51,6 @@ class SimulationError(NotIdentifiedError):
 
 
 def input_error(where: str | Path, what: str, mend: str) -> InputError:
-    """One line: where it is (file, row or key), what is wrong, how to mend it."""
+    """One line: where it is (file, row or key), what is wrong, how to fix it."""
     line = f"{where}: {what}; {mend}"
     return InputError(" ".join(line.split()))

@@ -81,7 +81,7 @@ Result = TypeVar("Result")
 
 @dataclass
 class _Fit:
-    """A fit under way: the trials by kind, what is said, and why something failed."""
+    """A fit in progress: the trials by kind, the notices, and the reasons for failures."""
 
     rig: Rig
     units: Units
@@ -92,7 +92,7 @@ class _Fit:
     reasons: dict[str, str] = field(default_factory=dict)
 
     def attempt(self, kind: str, fit: Callable[[], Result | None]) -> Result | None:
-        """The fit of one kind of test; None, and the reason kept, where it identifies nothing."""
+        """The fit of one kind of test; None, with the reason kept, where it identifies nothing."""
         if not self.by_kind[kind]:
             return None
         try:
@@ -112,10 +112,10 @@ def fit_friction(
 ) -> FrictionResult:
     """Static, Coulomb and viscous friction (and offset and inertia) from a rig's friction tests.
 
-    `kind` (`static`, `sliding`, `motion`, or with `friction-` in front) overrules what
-    each trial's content says; one for all, or one a trial. The inertia is estimated from
-    motion where the rig file gives none, or on demand. `cutoff_hz` None: 50 Hz, or as low as
-    the sampling and the noise of the motion ask for. Raises InputError where a channel is
+    `kind` (`static`, `sliding`, `motion`, or with `friction-` in front) overrides
+    each trial's content; one for all, or one per trial. The inertia is estimated from motion
+    where the rig file gives none, or on demand. `cutoff_hz` None: 50 Hz, or lower as the
+    sampling and the noise of the motion require. Raises InputError where a channel is
     missing, NotIdentifiedError where the tests identify none of the parameters.
     """
     fit = _prepared(trials, rig, kind, cutoff_hz)
@@ -142,15 +142,15 @@ def _prepared(
     if cutoff_hz is not None and not 0.0 < cutoff_hz < math.inf:
         raise input_error(
             "--cutoff",
-            f"{cutoff_hz:g} Hz is no cut-off",
-            "give a frequency above 0, or leave it out",
+            f"{cutoff_hz:g} Hz is not a cut-off frequency",
+            "give a frequency above 0, or omit it",
         )
     highest = DEFAULT_CUTOFF_HZ if cutoff_hz is None else cutoff_hz
     fit = _Fit(rig, units_of(rig), highest, {name: [] for name in KINDS})
     declared = [kind] * len(trials) if kind is None or isinstance(kind, str) else list(kind)
     for trial, name in zip(trials, declared, strict=True):
         if len(trial) < 2:
-            fit.notices.append(f"test {trial.label}: left out, one sample is no test")
+            fit.notices.append(f"test {trial.label}: left out, a test needs at least two samples")
             continue
         even = even_trial(trial, rig, fit.notices)
         fit.by_kind[_kind(name) if name else classify(even)].append(even)
@@ -169,12 +169,12 @@ def _kind(name: str) -> str:
     full = name if name.startswith("friction-") else f"friction-{name}"
     if full not in KINDS:
         short = ", ".join(k.removeprefix("friction-") for k in KINDS)
-        raise input_error(f"kind {name!r}", "is no kind of friction test", f"use one of {short}")
+        raise input_error(f"kind {name!r}", "is not a kind of friction test", f"use one of {short}")
     return full
 
 
 def _reasons(uses: Sequence[TrialUse]) -> str:
-    """Why tests were left out, each reason once with the tests that it holds for."""
+    """Why tests were left out, each reason once with its tests."""
     tests: dict[str, list[str]] = {}
     for use in uses:
         tests.setdefault(use.reason, []).append(use.label)
@@ -270,12 +270,12 @@ def _sliding_parameters(
 def _compare(
     parameters: dict[str, Estimate], cross_check: dict[str, Estimate], notices: list[str]
 ) -> None:
-    """Say which tests give the value, and where the others disagree."""
+    """Add notices of which tests give the value, and where the others disagree."""
     if not cross_check:
         return
     notices.append(
         "Coulomb and viscous friction are those of the constant-effort tests; friction from "
-        "motion is reported beside them as a cross-check"
+        "motion is reported in addition as a cross-check"
     )
     for name, check in cross_check.items():
         mine = parameters[name]
@@ -294,13 +294,13 @@ def _order(parameters: dict[str, Estimate], u: Units, notices: list[str]) -> Non
     static, coulomb = parameters[u.static], parameters[u.coulomb]
     if static.identified and coulomb.identified and static.value < coulomb.value:
         notices.append(
-            f"static friction ({static.value:.4g} {u.effort}) comes out below Coulomb friction "
-            f"({coulomb.value:.4g} {u.effort}), which it cannot be: look at the ramps"
+            f"static friction ({static.value:.4g} {u.effort}) is below Coulomb friction "
+            f"({coulomb.value:.4g} {u.effort}), which is not physical: check the ramps"
         )
 
 
 def friction_rmse(result: FrictionResult, trials: Sequence[Trial], rig: Rig) -> float:
-    """RMSE (N or Nm) of the motor's effort that `result` predicts, on motion trials it did not see.
+    """RMSE (N or Nm) of the motor's effort that `result` predicts, on held-out motion trials.
 
     Both sides filtered as in the fit. Raises NotIdentifiedError where the result lacks
     Coulomb, viscous friction or an inertia (its own, or the rig file's).

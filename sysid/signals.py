@@ -1,8 +1,8 @@
-"""What every pipeline does to a sampled signal before it looks for physics in it.
+"""Signal processing shared by the pipelines.
 
 Zero-phase low-pass filtering (thesis 3.7.2 and 4.2.2: second order Butterworth, 50 Hz),
-derivatives on the uniform grid, uniform resampling, and two properties of a channel that
-are taken from its samples: the quantum (resolution) and the noise floor.
+derivatives on the uniform grid, uniform resampling, and two properties of a channel,
+estimated from its samples: the quantum (resolution) and the noise floor.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from sysid.types import FloatArray
 
 DEFAULT_CUTOFF_HZ = 50.0
 FILTER_ORDER = 2
-# Time stamps written with few digits wobble by this much of a period and mean nothing.
+# Jitter of time stamps from rounding, as a share of a period; it is ignored.
 _JITTER_IGNORED = 1e-3
 _DIFFERENCE_ORDERS = (2, 3, 4, 5, 6)
 _LAGS = (2, 4, 8, 16, 32)
@@ -52,7 +52,7 @@ def lowpass(values: FloatArray, period: float, cutoff_hz: float = DEFAULT_CUTOFF
 
 
 def filter_length(period: float, cutoff_hz: float) -> int:
-    """Samples over which `lowpass` smears an event: one period of the cut-off.
+    """Samples over which `lowpass` spreads an event: one period of the cut-off.
 
     The impulse response of the two passes has fallen below 1 % of its peak there.
     """
@@ -76,7 +76,7 @@ def second_derivative(values: FloatArray, period: float) -> FloatArray:
 
 
 def uniform_grid(time: FloatArray) -> FloatArray:
-    """Evenly spaced times (s) that span `time` in steps as near its median as fits."""
+    """Evenly spaced times (s) that span `time`, in steps as close to its median as possible."""
     span = float(time[-1] - time[0])
     steps = max(1, round(span / float(np.median(np.diff(time)))))
     return np.asarray(np.linspace(time[0], time[-1], steps + 1))
@@ -88,8 +88,8 @@ def resample(
     """`values` (n,) sampled at `time` (n,), taken at `grid` (m,) s.
 
     `hold` is for commands, which stay from their row to the next; measured signals are
-    joined by a cubic spline. Time stamps that wobble by less than a thousandth of a period
-    are taken as even, and the samples are returned as they are.
+    joined by a cubic spline. Time stamps with a jitter below a thousandth of a period
+    count as even, and the samples are returned unchanged.
     """
     near = len(grid) == len(time)
     if near and float(np.max(np.abs(grid - time))) < _JITTER_IGNORED * float(grid[1] - grid[0]):
@@ -104,12 +104,12 @@ def resample(
 
 
 def held_about_rows(command: FloatArray) -> FloatArray:
-    """A command (n,) about each row: it holds from its row to the next, so half of each."""
+    """A command (n,) centred on each row: the mean of its value before and after the row."""
     return np.asarray(0.5 * (command + np.concatenate([command[:1], command[:-1]])))
 
 
 def quantum(values: FloatArray) -> float:
-    """Resolution of a channel, in its own unit; 0 where its values lie on no grid.
+    """Resolution of a channel, in its own unit; 0 where its values are not quantized.
 
     The smallest step between distinct values, refined over all of them: each step must be
     a whole multiple of it. Rounding in the file (a step of 7.854e-5 written with seven
@@ -119,7 +119,7 @@ def quantum(values: FloatArray) -> float:
     if len(levels) < 2:
         return 0.0
     steps = np.diff(levels)
-    # One digit in the last place of a 64-bit number is arithmetic, not a converter.
+    # One unit in the last place of a double is rounding, not a converter.
     steps = steps[steps > 1e-12 * max(abs(levels[0]), abs(levels[-1]))]
     if len(steps) == 0:
         return 0.0
@@ -127,7 +127,7 @@ def quantum(values: FloatArray) -> float:
     near = steps[steps < 20.0 * smallest]
     if len(near) < 0.5 * len(steps):
         return 0.0
-    # A signal that moves by three or four counts a sample shows no single one.
+    # A signal that moves by three or four counts per sample shows no single count.
     tolerance = 0.05 if len(near) > 10 else 0.01
     for part in range(1, 6):
         multiples = near * part / smallest
@@ -141,8 +141,8 @@ def quantum(values: FloatArray) -> float:
 class NoiseFloor:
     """Noise of a channel, in its own unit.
 
-    `noise` is the standard deviation of the random noise in front of the converter,
-    `quantum` the converter's step (0: none seen), and `total` the standard deviation of
+    `noise` is the standard deviation of the random noise before the converter,
+    `quantum` the converter's step (0: none found), and `total` the standard deviation of
     the whole error of one sample: sqrt(noise^2 + quantum^2/12).
     """
 
@@ -157,7 +157,7 @@ class NoiseFloor:
 def noise_floor(values: FloatArray, resolution: float | None = None) -> NoiseFloor:
     """Noise of a uniformly sampled channel, from the channel itself.
 
-    Differences of order 2 to 6 remove motion that is slow against the sampling (Gasser,
+    Differences of order 2 to 6 remove motion that is slow compared with the sampling (Gasser,
     Sroka, Jennen-Steinmetz 1986 for order 2): the smallest of the five variances is the
     one that holds the least motion. Each is the median over blocks, so that a kick or a
     jump in a few of them does not matter. Noise that a sensor or its filter has coloured
@@ -172,11 +172,11 @@ def noise_floor(values: FloatArray, resolution: float | None = None) -> NoiseFlo
         h(x) = x^2 + sum_k (1 - exp(-4 pi^2 k^2 x^2)) / (2 pi^2 k^2),
 
     (Widrow, Kollar 2008: the quantisation error's mean square less its mean's), which is
-    inverted. Of a signal that rests between the same two counts with less than a third
-    of a count of noise nobody can tell the noise; `total` never falls below the
-    quantisation's own share.
+    inverted. The noise of a signal that rests between the same two counts is not
+    identifiable below a third of a count; `total` never falls below the share of the
+    quantisation.
 
-    `values` (n,), n >= 16; `resolution` overrules the quantum found in the data.
+    `values` (n,), n >= 16; `resolution` overrides the quantum found in the data.
     """
     x = np.asarray(values, dtype=float)
     step = quantum(x) if resolution is None else resolution
@@ -206,7 +206,7 @@ def _settled_variance(x: FloatArray, variance: float) -> float:
 
 
 def _noise_variance(x: FloatArray, lag: int) -> float:
-    """Least variance (of one sample) among the differences of all orders over this lag."""
+    """Smallest variance (of one sample) among the differences of all orders over this lag."""
     orders = [k for k in _DIFFERENCE_ORDERS if len(x) >= 8 + k * lag]
     return min((_difference_variance(x, k, lag) for k in orders), default=0.0)
 

@@ -1,4 +1,4 @@
-"""Types that many modules share: arrays of one kind of number, and a progress callback."""
+"""Types that many modules share: typed arrays, and a progress callback."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ IntArray = NDArray[np.intp]
 BoolArray = NDArray[np.bool_]
 
 Progress = Callable[[str], None]
-"""Called with one line for each thing that is about to be done."""
+"""Called with one line as each step begins."""
 
 
 def no_progress(line: str) -> None:
-    """Say nothing."""
+    """Report nothing."""

@@ -1,12 +1,12 @@
-"""On/off valve tests to flows, coefficients and delays (thesis 3.5.3, 3.6.6, 3.6.10).
+"""From on/off valve tests to flows, coefficients and delays (thesis 3.5.3, 3.6.6, 3.6.10).
 
-The piston is held, the valve is switched on and off again. Each regime's stretch gives first
-values by 3.5.3; the whole pressure curve is then fitted by simulation error, with the
-simulation in closed form, so that delays are found to a fraction of a sample.
+The piston is held, the valve is switched on and off again. The interval of each regime gives
+start values by 3.5.3; the whole pressure curve is then fitted by simulation error, with the
+simulation in closed form, so that delays are resolved to a fraction of a sample.
 
-The supply and the atmosphere are those that the chamber itself is seen to settle at, test by
-test; where a test does not settle, those of the log (`supply_pressure_pa`) or the rig file.
-Choked filling is proportional to the supply: the fitted value holds at the rig file's.
+The supply and the atmosphere are the pressures at which the chamber settles in each test;
+where it does not settle, those of the log (`supply_pressure_pa`) or the rig file. Choked
+filling is proportional to the supply: the fitted value is for the rig file's.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ from sysid.model.base import CRITICAL_RATIO, exhaust_jump, filling_jump
 
 __all__ = ["DiscreteFit", "PressureCurve", "ValveDiscreteResult", "fit_valve_discrete"]
 
-# A standard error above this share of a flow: the data do not give it.
+# With a standard error above this share, a flow is not identified.
 _LARGEST_ERROR = 0.3
-# Tests whose scatter may stand for a supply that no test shows at rest.
+# Tests from which the scatter may represent a supply that no test shows at rest.
 _FEWEST_RISES = 3
 
 
@@ -53,10 +53,10 @@ def fit_valve_discrete(
 ) -> ValveDiscreteResult:
     """Fit the on/off valves that the trials switch; `valve` ("a" or "b") keeps one.
 
-    `find_ratio`: look for the critical ratio as well, which takes longer than all the rest.
-    A parameter that the tests do not give is in the result without a value and says why.
-    Raises InputError where a channel is missing, NotIdentifiedError where the tests give
-    no flow parameter at all.
+    `find_ratio`: also estimate the critical ratio, which takes longer than the rest of the fit.
+    A parameter that the tests do not identify has no value and gives the reason. Raises
+    InputError where a channel is missing, NotIdentifiedError where the tests identify no flow
+    parameter at all.
     """
     air: Air = rig.require("air", "which the valve law needs")
     fits: dict[str, DiscreteFit] = {}
@@ -76,7 +76,7 @@ def fit_valve_discrete(
 def _valves(trials: Sequence[Trial], valve: str | None) -> list[str]:
     """The valves that are switched, in order; `valve` where it is given."""
     if not trials:
-        raise NotIdentifiedError("no test at all: give a valve-discrete log")
+        raise NotIdentifiedError("no test given: give a valve-discrete log")
     if valve is not None:
         if valve not in SIDES:
             raise input_error("valve", f"{valve!r} is neither a nor b", "write a or b")
@@ -93,7 +93,7 @@ def _valves(trials: Sequence[Trial], valve: str | None) -> list[str]:
 
 
 def _no_command(trial: Trial) -> InputError:
-    mend = 'add them, or name them with --map "valve_a=COLUMN"'
+    mend = 'add them, or map them with --map "valve_a=COLUMN"'
     return input_error(trial.source, "columns valve_a and valve_b are missing", mend)
 
 
@@ -121,7 +121,7 @@ def _fit_valve(
         )
     screened = [screen(t, valve, rig) for t in used]
     if len(used) >= _FEWEST_RISES and all(s.never_still for s in screened):
-        # A supply that never holds still is the rig's own: its tests' scatter says how much.
+        # A supply that is never steady belongs to the rig: the tests' scatter shows its influence.
         screened = [screen(t, valve, rig, keep_rise=True) for t in used]
     notices += [n for s in screened for n in s.notices]
     pieces = [p for s in screened for p in s.pieces]
@@ -146,7 +146,7 @@ def _fit_valve(
 
 
 def _joined(reasons: Mapping[str, str]) -> str:
-    """Each reason once, after the parameters that it holds for."""
+    """Each reason once, after its parameters."""
     by_reason: dict[str, list[str]] = {}
     for name in FLOWS:
         by_reason.setdefault(reasons[name], []).append(name)
@@ -156,7 +156,7 @@ def _joined(reasons: Mapping[str, str]) -> str:
 def _start(
     screened: Sequence[Screened], read: Sequence[Stretches], rig: Rig
 ) -> tuple[DiscreteValve, dict[str, str]]:
-    """Start of the fit: the stretches' medians; and why parameters are missing from all."""
+    """Start of the fit: medians over the tests; and why parameters are missing from all."""
     names = (*FLOWS, *DELAYS)
     found = {
         n: float(np.median([r.values[n] for r in read if n in r.values]))
@@ -169,11 +169,11 @@ def _start(
         given = [r for r in read if name not in r.reasons]
         if not given:
             why = [r.reasons[name] for r in read]
-            reasons[name] = cut.get(name) or (why[0] if why else "no test of it can be used")
+            reasons[name] = cut.get(name) or (why[0] if why else "none of its tests can be used")
     declared = (rig.valves.on_delay_s, rig.valves.off_delay_s) if rig.valves else (0.002, 0.002)
     supply = rig.air.supply_pressure_pa if rig.air else 3e5
     atmosphere = rig.air.atmospheric_pressure_pa if rig.air else 1e5
-    # Held where the data say nothing: the law that is continuous at the choked boundary.
+    # Fixed where the data give nothing: the law that is continuous at the choked boundary.
     fill_root = math.sqrt(supply * (1.0 - CRITICAL_RATIO))
     dis_gauge = atmosphere * (1.0 / CRITICAL_RATIO - 1.0)
     choked_fill = found.get("choked_flow_fill_kg_s", found.get("c_fill", 2e-6) * fill_root)
@@ -190,7 +190,7 @@ def _start(
 
 
 def _free(reasons: Mapping[str, str], pieces: Sequence[Piece]) -> list[str]:
-    """What is fitted: what is identified, and delays that else would bend the rest."""
+    """The fitted parameters: the identified ones, and delays that would otherwise bias them."""
     free = [n for n in (*FLOWS, *DELAYS) if n not in reasons]
     starts = any(np.isfinite(p.chamber.opens).any() for p in pieces)
     ends = any((p.chamber.closes < p.chamber.time[-1]).any() for p in pieces)
@@ -220,8 +220,8 @@ def _estimates(
             )
         if scatters:
             notices.append(
-                f"{title}: {name} differs from test to test by more than the noise explains; its "
-                "interval is that of the tests' scatter"
+                f"{title}: {name} differs between tests by more than the noise explains; its "
+                "interval follows from the scatter of the tests"
             )
         found[name] = estimate
     return found
@@ -247,7 +247,7 @@ def _jumps(curves: CurveFit, estimates: Mapping[str, Estimate], air: Air) -> dic
     for name, (choked, unchoked) in zip(JUMPS, (FLOWS[:2], FLOWS[2:]), strict=True):
         m, c = estimates[choked], estimates[unchoked]
         if not (m.identified and c.identified):
-            why = "needs both the choked and the unchoked stretch"
+            why = "needs both the choked and the unchoked interval"
             found[name] = Estimate.unidentified("%", why)
             continue
         value = (

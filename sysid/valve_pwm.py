@@ -37,8 +37,8 @@ if TYPE_CHECKING:
 
 SURFACES = ("bipolynomial", "ann", "both")
 FOLDS = 4
-# A test that stays this close to where it started, as a share of the way from atmosphere to
-# supply, has no mean flow to measure: duties differ there by less than the pressure's noise.
+# A test that stays this close to its start, as a share of the range from atmosphere to supply,
+# shows no mean flow: duties differ there by less than the pressure's noise.
 _LEAST_TRAVEL = 0.01
 
 
@@ -68,7 +68,7 @@ def fit_valve_pwm(
         name = "duty_a and duty_b" if valve is None else f"duty_{valve}"
         raise NotIdentifiedError(
             f"{_place(trials)}: the PWM surfaces cannot be identified: {name} never leaves zero; "
-            "valve-pwm tests (piston held, one constant duty a test) would identify them"
+            "valve-pwm tests (piston held, one constant duty per test) would identify them"
         )
     remarks = Remarks()
     fits: dict[tuple[str, str], DirectionFit] = {}
@@ -141,7 +141,7 @@ def _fit_direction(
 def _travelled(
     samples: FlowSamples, tests: Sequence[PwmTest], direction: str, rig: Rig, remarks: Remarks
 ) -> FlowSamples:
-    """The samples of tests in which the pressure moved away from its start."""
+    """The samples of tests in which the pressure left its start."""
     air = rig.require("air", "start pressures")
     start = air.atmospheric_pressure_pa if direction == "fill" else air.supply_pressure_pa
     way = abs(air.supply_pressure_pa - air.atmospheric_pressure_pa)
@@ -154,16 +154,16 @@ def _travelled(
         if (samples.test == number).any():
             remarks.leave_out(
                 test,
-                f"the pressure stays within {_LEAST_TRAVEL:.0%} of where it starts, where flow "
-                "and pressure cannot tell such duties apart; the domain ends before them",
+                f"the pressure stays within {100 * _LEAST_TRAVEL:.0f} % of its start, where flow "
+                "and pressure do not distinguish such duties; the domain ends before them",
             )
         else:
-            remarks.leave_out(test, "no stretch is long enough for a mean flow")
+            remarks.leave_out(test, "no interval is long enough for a mean flow")
     return samples.part(moved[samples.test])
 
 
 def _with_surfaces(base: DirectionFit, surface: str, seed: int, sweep: bool) -> DirectionFit:
-    """The fit with the surfaces that are asked for, and their errors."""
+    """The fit with the requested surfaces, and their errors."""
     points, domain, samples = base.points, base.domain, base.samples
     content = {name: getattr(base, name) for name in base.__dataclass_fields__}
     errors: dict[str, dict[str, SurfaceError]] = {}
@@ -210,9 +210,9 @@ def _network(domain: Domain, seed: int) -> DutyNetwork:
 def fit_bipolynomial(points: SurfacePoints, domain: Domain) -> Bipolynomial:
     """Weighted least squares on the measured surface.
 
-    Nine terms do not follow the valve exactly: the points' errors are their noise and the
-    surface's own misfit. Weights of 1/std^2 alone would give the whole fit to the few points
-    at rest, so the misfit's variance, from a first unweighted fit, is added to the noise's.
+    Nine terms do not describe the valve exactly: the points' errors are their noise and the
+    model error of the surface. With weights of 1/std^2 alone the few points at rest would
+    dominate, so the variance of the model error, from a first unweighted fit, is added.
     """
     X = np.column_stack((points.duty, points.pressure))
     first = Bipolynomial(domain).fit(X, points.flow, groups=points.test)
@@ -230,7 +230,7 @@ def _error(
 
 
 def _held_out_bipolynomial(points: SurfacePoints, domain: Domain, seed: int) -> SurfaceError | None:
-    """Error in duty on tests left out, each once; None for too few tests."""
+    """Error in duty on held-out tests, each held out once; None for too few tests."""
     if len(np.unique(points.test)) < FOLDS + 4:
         return None
     fitted = np.full(len(points.duty), math.nan)
@@ -243,8 +243,8 @@ def _held_out_bipolynomial(points: SurfacePoints, domain: Domain, seed: int) -> 
 
 
 def _resolution(samples: FlowSamples) -> ResolutionStudy | None:
-    # The study trusts a bin with two samples or more; one of these is a mean over a window
-    # already.
+    # The study needs at least two samples in a bin; each of these is already a mean over a
+    # window.
     duty, pressure, flow = (np.repeat(c, 2) for c in (samples.duty, samples.pressure, samples.flow))
     try:
         return resolution_study(duty, pressure, flow)

@@ -235,15 +235,17 @@ CASES = [
         "run.csv, line 1",
         "rename or delete",
     ),
-    Case("text in a number", _cell(9, 2, "0.1x"), "run.csv, line 11", "mend the cell"),
+    Case("text in a number", _cell(9, 2, "0.1x"), "run.csv, line 11", "fix the cell"),
     Case("unit in a number", _cell(9, 3, "100 kPa"), "run.csv, line 11", "no units"),
     Case("decimal comma", _cell(9, 2, '"0,001"'), "run.csv, line 11", "decimal point"),
     Case("NaN", _cell(4, 1, "NaN"), "run.csv, line 6", "delete the row or fill"),
     Case("empty cell", _cell(4, 3, ""), "run.csv, line 6", "delete the row or fill"),
-    Case("infinite", _cell(4, 1, "inf"), "run.csv, line 6", "delete the row or mend"),
-    Case("time back", _cell(30, 0, "0.010"), "run.csv, line 32", "order of time"),
-    Case("time back within a test", _time_back_in_test, "run.csv, line 47", "order of time"),
-    Case("duplicate time", _cell(30, 0, "0.029"), "run.csv, line 32", "delete the doubled row"),
+    Case("infinite", _cell(4, 1, "inf"), "run.csv, line 6", "delete the row or fix"),
+    Case("time back", _cell(30, 0, "0.010"), "run.csv, line 32", "sort the rows by time"),
+    Case(
+        "time back within a test", _time_back_in_test, "run.csv, line 47", "sort the rows by time"
+    ),
+    Case("duplicate time", _cell(30, 0, "0.029"), "run.csv, line 32", "delete the duplicate row"),
     Case("mixed sampling", _mixed_sampling, "run.csv, line 42", "column `test`"),
     Case(
         "too many fields in a row",
@@ -313,7 +315,7 @@ CASES = [
     Case("header only", _raw(HEADER.encode() + b"\n"), "run.csv", "record the log again"),
     Case("comments only", _raw(b"# a\n# b\n"), "run.csv", "add a header row"),
     Case("one row", lambda w: w.log.write_text(as_text(good_rows(1))), "run.csv", "two samples"),
-    Case("one row of a test", _one_row_of_a_test, f"run.csv, line {ROWS + 1}", "mend its label"),
+    Case("one row of a test", _one_row_of_a_test, f"run.csv, line {ROWS + 1}", "correct its label"),
     Case("empty test label", _empty_label, "run.csv, line 9", "delete the row or fill"),
     Case(
         "Latin-1",
@@ -353,7 +355,7 @@ CASES = [
         "pressure_a_pa",
     ),
     Case("no rig file", _no_rig, "run.csv", "sysid init"),
-    Case("rig not TOML", _rig("[air]", "[air"), "rig.toml", "mend that line"),
+    Case("rig not TOML", _rig("[air]", "[air"), "rig.toml", "fix that line"),
     Case("rig key missing", _rig("area_a_m2 = 4.524e-4\n", ""), "area_a_m2", "add `area_a_m2"),
     Case("rig key misspelt", _rig("area_a_m2", "area_a_m"), "area_a_m", "did you mean"),
     Case("rig section misspelt", _rig("[cylinder]", "[cilinder]"), "cilinder", "cylinder"),
@@ -427,7 +429,7 @@ CASES = [
         "fit and holdout at once",
         _campaign('rig = "rig.toml"\n' + LOG_ENTRY + LOG_ENTRY + 'use = "holdout"\n'),
         "run.csv",
-        "one of the two",
+        "give it one use",
     ),
     Case(
         "bundle of another schema",
@@ -440,7 +442,7 @@ CASES = [
         "bundle with a missing key",
         _bundle('{"schema": "sysid-bundle/1"}'),
         "bundle.json",
-        "mend that key",
+        "fix that key",
     ),
     Case(
         "bundle with NaN",
@@ -469,14 +471,12 @@ CASES = [
         "--seed",
         "--help",
     ),
-    Case(
-        "cut-off zero", lambda w: w.arguments.extend(["--cutoff", "0"]), "--cutoff", "leave it out"
-    ),
+    Case("cut-off zero", lambda w: w.arguments.extend(["--cutoff", "0"]), "--cutoff", "omit it"),
     Case(
         "cut-off no number",
         lambda w: w.arguments.extend(["--cutoff", "nan"]),
         "--cutoff",
-        "leave it out",
+        "omit it",
     ),
     Case(
         "payload without its length",

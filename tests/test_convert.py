@@ -145,9 +145,12 @@ def test_rows_by_command_line_win_over_the_recipe(tmp_path: Path) -> None:
         ("[options]\nheader = 'no'\n", "header = 'no' is not true or false"),
         ("[options]\nskip_rows = true\n", "skip_rows = True is not a whole number"),
         ("[options]\nsampling_period_s = '1 ms'\n", "is not a number"),
-        ("[options]\natmosphere_pa = 1.0\n", "1 Pa is no atmosphere; give Pa: about 101325"),
+        (
+            "[options]\natmosphere_pa = 1.0\n",
+            "1 Pa is not an atmospheric pressure; give Pa: about 101325",
+        ),
         ("[constants]\ntemperature_k = 'warm'\n", "temperature_k = 'warm' is not a number"),
-        ("[constants]\ntemperature_k = [1]\n", "is no number or text"),
+        ("[constants]\ntemperature_k = [1]\n", "is neither a number nor text"),
         ("[constants]\ntime_s = 1\n", "'time_s' cannot be a constant"),
         ("map = 3\n", r"map is not a section; write \[map\]"),
         ("[map\n", "is not valid TOML"),
@@ -174,21 +177,24 @@ BAD_REQUESTS: dict[str, tuple[dict[str, Any], str]] = {
     "no atmosphere": ({"maps": ["time_s=t", "pressure_a_pa=q:bar(g)"]}, "--atmosphere"),
     "mapped and constant": (
         {"maps": ["theta_rad=q"], "constants": ["theta_rad=1"]},
-        "theta_rad is mapped and a constant",
+        "theta_rad is both mapped and a constant",
     ),
     "constant without value": ({"constants": ["theta_rad"]}, "has no '='"),
     "constant infinite": ({"constants": ["theta_rad=inf"]}, "'inf' is not a number"),
     "period and time": (
         {"maps": ["time_s=t", "theta_rad=q"], "period_s": 0.1},
-        "--period: is given beside a mapped time_s",
+        "--period: is given in addition to a mapped time_s",
     ),
-    "period of nothing": ({"maps": ["theta_rad=q"], "period_s": 0.0}, "no sampling period"),
-    "atmosphere in kPa": ({"maps": ["theta_rad=q"], "atmosphere_pa": 101.3}, "is no atmosphere"),
+    "period of nothing": ({"maps": ["theta_rad=q"], "period_s": 0.0}, "not a sampling period"),
+    "atmosphere in kPa": (
+        {"maps": ["theta_rad=q"], "atmosphere_pa": 101.3},
+        "is not an atmospheric pressure",
+    ),
     "negative skip": ({"maps": ["theta_rad=q"], "skip_rows": -1}, "skip_rows: is negative"),
     "no slice of rows": ({"maps": ["theta_rad=q"], "rows": "3"}, "--rows: .*'3' is not a slice"),
     "no rows kept": (
         {"maps": ["time_s=t", "theta_rad=q"], "rows": "60:"},
-        "'60:' keeps none of its 50 rows; mend --rows",
+        "'60:' keeps none of its 50 rows; fix --rows",
     ),
     "all skipped": ({"maps": ["theta_rad=q"], "skip_rows": 999}, "holds no rows"),
     "text column": (
@@ -232,7 +238,7 @@ def test_matlab_objects_are_told_apart_from_damage(tmp_path: Path) -> None:
     savemat(foreign, {"t": TIME, "q": ANGLE_DEG, "z": ANGLE_DEG + 1j, "s": "text"})
     report = convert(foreign, tmp_path / "log.csv", maps=["time_s=t", "theta_rad=q"])
     assert report.unmapped == ("z", "s")
-    refused(foreign, tmp_path / "x.csv", "z .* is no column: of type complex", maps=["time_s=z"])
+    refused(foreign, tmp_path / "x.csv", "z .* is not a column: of type complex", maps=["time_s=z"])
 
 
 def test_places(tmp_path: Path) -> None:
@@ -240,7 +246,7 @@ def test_places(tmp_path: Path) -> None:
     out = tmp_path / "log.csv"
     refused(tmp_path / "none.mat", out, "none.mat: no such file")
     refused(tmp_path, out, "is a directory")
-    refused(foreign, tmp_path / "missing" / "log.csv", "its folder .* does not exist; make it")
+    refused(foreign, tmp_path / "missing" / "log.csv", "its folder .* does not exist; create it")
     with pytest.raises(InputError, match="is the file to be converted"):
         convert(foreign, foreign)
     with pytest.raises(InputError, match="is a directory"):

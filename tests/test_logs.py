@@ -78,7 +78,7 @@ def test_columns_of_other_kinds_of_test_may_be_anything(
     """A velocity by `diff()` begins with a hole; what needs it is told."""
     log = read(frame.assign(velocity_rad_per_s=frame["theta_rad"].diff()), rig, tmp_path)
     assert_same(log, frame)
-    assert any("velocity_rad_per_s is left out" in notice for notice in log.notices)
+    assert any("velocity_rad_per_s is ignored" in notice for notice in log.notices)
     with pytest.raises(InputError, match="line 2: velocity_rad_per_s is empty"):
         log.trials[0].require(("velocity_rad_per_s",), "for this")
 
@@ -148,7 +148,7 @@ def test_torque_beyond_the_limit_is_cut_and_said(
 ) -> None:
     log = read(frame.assign(motor_torque_nm=2.5 * frame.motor_torque_nm), rig, tmp_path)
     assert float(np.max(log.trials[0]["motor_torque_nm"])) == pytest.approx(0.795)
-    assert any("motor's 0.795" in n for n in log.notices)
+    assert any("motor's limit of 0.795" in n for n in log.notices)
 
 
 def test_unknown_columns_are_named(frame: pd.DataFrame, rig: Rig, tmp_path: Path) -> None:

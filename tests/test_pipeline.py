@@ -194,7 +194,7 @@ def test_a_stage_is_done_again_with_a_reason(
     again = run_campaign(campaign, folder, progress=said.append)
     assert [stage.outcome for stage in again.stages[-2:]] == [
         "done",
-        f"{EXPORTS['mat']} is missing: done again",
+        f"{EXPORTS['mat']} is missing: repeated",
     ]
     assert "check: up to date" in said and "report: starts" in said
     assert f"export: {EXPORTS['mat']} is missing; starts again" in said

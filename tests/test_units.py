@@ -79,7 +79,9 @@ def test_absolute_pressure_is_left_without_the_atmosphere() -> None:
 
 
 def test_gauge_without_an_atmosphere_is_refused() -> None:
-    with pytest.raises(InputError, match=r"P1:kPa\(g\).*needs the atmosphere.*--atmosphere"):
+    with pytest.raises(
+        InputError, match=r"P1:kPa\(g\).*needs the atmospheric pressure.*--atmosphere"
+    ):
         to_si([1.0], one("pressure_a_pa=P1:kPa(g)"))
 
 
@@ -134,10 +136,10 @@ def test_table_says_the_same_as_the_command_line() -> None:
         ("pressure_a_pa=x:Kpa", "'Kpa' is not a known unit; did you mean kPa?"),
         ("pressure_a_pa=x:barr(g)", "'barr' is not a known unit; did you mean bar?"),
         ("time_s=x:fortnite", "did you mean|give a unit of a time"),
-        ("theta_rad=x:deg(g)", r"but an angle is wanted; leave the \(g\) off"),
+        ("theta_rad=x:deg(g)", r"but an angle is expected; omit the \(g\)"),
         ("time_s=x:5", "'5' has no unit; write 5 s"),
-        ("time_s=x:0 s", "the multiple 0 is of no use"),
-        ("time_s=x:1e999 s", "the multiple 1e999 is of no use"),
+        ("time_s=x:0 s", "the multiple 0 is unusable"),
+        ("time_s=x:1e999 s", "the multiple 1e999 is unusable"),
         ("time_s=x:1/s", "not a time"),
         ("time_s=x:m s[", "is not a known unit"),
         ("time_s=x:__import__('os')", "is not a known unit"),

@@ -310,7 +310,7 @@ def test_a_log_without_any_duty_identifies_nothing() -> None:
     idle = [
         with_channels(t, duty_a=np.zeros(len(t)), duty_b=np.zeros(len(t))) for t in make_trials()
     ]
-    with pytest.raises(NotIdentifiedError, match="one constant duty a test"):
+    with pytest.raises(NotIdentifiedError, match="one constant duty per test"):
         fit_valve_pwm(idle, make_rig())
 
 
@@ -347,7 +347,7 @@ def test_unknown_arguments_are_refused() -> None:
 def test_a_whole_log_needs_no_notice_but_of_tests_that_rest_at_the_supply() -> None:
     for valve in "ab":
         fit = fit_valve_pwm(make_trials(valve), make_rig())
-        assert all("stays within 1%" in n or "domain ends there" in n for n in fit.notices)
+        assert all("stays within 1 %" in n or "domain ends there" in n for n in fit.notices)
 
 
 def test_a_missing_duty_is_named_with_the_gap() -> None:
@@ -404,7 +404,7 @@ def test_a_logged_supply_decides_row_by_row() -> None:
         return with_channels(t, supply_pressure_pa=supply)
 
     fit = fit_valve_pwm([log_supply(t) for t in make_trials()], make_rig())
-    assert "fill-0.50" in one_line(fit, "supply_pressure_pa departs")
+    assert "fill-0.50" in one_line(fit, "supply_pressure_pa deviates")
     assert not np.any(np.isclose(fit.fits["a", "fill"].samples.duty, 0.50))
 
 

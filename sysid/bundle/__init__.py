@@ -1,8 +1,8 @@
-"""The parameter bundle: what a controller, a simulator or a later fit needs, in one JSON file.
+"""The parameter bundle: everything a controller, a simulator or a later fit needs, as JSON.
 
-`content` is what it holds (its parts: `friction`, `valves`, `effects`, `validation`,
-`provenance`), `bundle` what can be done with it, `assembled_model` the model that it describes;
-`files` reads and writes it, `schema` makes its JSON schema from these classes.
+`content` declares its content (parts: `friction`, `valves`, `effects`, `validation`,
+`provenance`), `bundle` its operations, `assembled_model` the model that it describes; `files`
+reads and writes it, `schema` generates its JSON schema from these classes.
 """
 
 from sysid.bundle.base import Unread

@@ -36,8 +36,8 @@ _SAME_PERIOD = 1e-6
 
 _TESTS = {
     "static": "friction-static tests (a torque ramp from rest)",
-    "coulomb": "friction-sliding tests (constant torques, two levels or more)",
-    "viscous": "friction-sliding tests (constant torques, two levels or more)",
+    "coulomb": "friction-sliding tests (constant torques, at least two levels)",
+    "viscous": "friction-sliding tests (constant torques, at least two levels)",
 }
 LAW_KEYS = {
     "choked_fill": "choked_flow_fill_kg_s",
@@ -104,12 +104,12 @@ def _bilinear(table: Array, rows: _Axis, columns: _Axis) -> Array:
 
 
 def parameters_from_bundle(bundle: BundleContent, rig: Rig) -> Parameters:
-    """The base model's parameters: what was fitted from `bundle`, the rest from `rig`.
+    """The base model's parameters: fitted ones from `bundle`, the others from `rig`.
 
     A valve without a discrete law gets NaN flows, so that it cannot be used by mistake; see
-    `has_discrete_law`. The offset that a friction fit estimates beside friction is left out: the
+    `has_discrete_law`. The offset that a friction fit estimates next to friction is left out: the
     base model has none, and an offset that is only noise would push an open-loop position away
-    (the effect `torque-offset` is for a real one). Negative friction is taken for 0
+    (the effect `torque-offset` is for a real one). Negative friction is set to 0
     (`negative_friction` says so). Raises InputError where the rig file lacks a section,
     NotIdentifiedError where the bundle has no friction.
     """
@@ -147,15 +147,15 @@ def friction_keys(is_linear: bool) -> dict[str, str]:
 
 
 def negative_friction(bundle: BundleContent) -> list[str]:
-    """Notices of friction that tests gave a negative value, and that models take for 0."""
+    """Notices of friction estimates that are negative, which models set to 0."""
     if bundle.friction is None:
         return []
     estimates = {
         key: getattr(bundle.friction, key) for key in friction_keys(bundle.is_linear).values()
     }
     return [
-        f"{bundle.source}: {key} is {estimate.value:.3g}, which no friction is: the model takes "
-        "0; the friction tests hold an effect that it lacks"
+        f"{bundle.source}: {key} is {estimate.value:.3g}, which friction cannot be: the model uses "
+        "0; the friction tests show an effect that it lacks"
         for key, estimate in estimates.items()
         if estimate is not None and estimate.value < 0.0
     ]
@@ -176,8 +176,8 @@ def effects_from_bundle(
 ) -> tuple[Effect, ...]:
     """The effects that a bundle lists, in its order.
 
-    Raises InputError for an effect that `catalogue` lacks, one whose parameters are not its
-    own (`effect_from_entry`), and two that need the same state.
+    Raises InputError for an effect that `catalogue` lacks, one with foreign
+    parameters (`effect_from_entry`), and two that need the same state.
     """
     if not bundle.effects:
         return ()
@@ -192,7 +192,7 @@ def effects_from_bundle(
             raise input_error(
                 f"{bundle.source}, effect {effect.id}",
                 "is listed twice for one side",
-                "take one out",
+                "remove one of them",
             )
         effects.append(effect)
     return tuple(effects)
@@ -250,7 +250,7 @@ def _check_period(part: PwmSurfaces, rig: Rig, where: str) -> None:
     if abs(fitted / period - 1.0) >= _SAME_PERIOD:
         raise input_error(
             where,
-            f"was fitted at a PWM period of {fitted:g} s, and {rig.source} says {period:g} s",
+            f"was fitted at a PWM period of {fitted:g} s, but {rig.source} declares {period:g} s",
             "fit valve-pwm tests at the rig's period",
         )
 
@@ -268,7 +268,7 @@ def _discrete_law(bundle: BundleContent, side: str) -> ValveParameters:
 def _identified(part: Part, key: str, where: str, test: str) -> float:
     estimate = getattr(part, key)
     if estimate is None:
-        raise input_error(where, f"{key} is missing", "fit again to write the bundle anew")
+        raise input_error(where, f"{key} is missing", "fit again to rewrite the bundle")
     if not estimate.identified:
         raise NotIdentifiedError(f"{where}: {key} is not identified ({estimate.reason}); {test}")
     return float(estimate.value)

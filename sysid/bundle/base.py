@@ -1,4 +1,4 @@
-"""What every part of a bundle has in common: typed fields, nothing lost, the file's own order."""
+"""The base of a bundle's parts: typed fields, nothing lost, the order of the file."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from pydantic_core import core_schema
 from sysid.estimation.linear import Estimate
 
 Number = Annotated[int | float, WithJsonSchema({"type": "number"})]
-"""A number as the file has it: a whole one stays whole."""
+"""A number as in the file: an integer stays an integer."""
 
 
 class Part(BaseModel):
-    """A part of a bundle. Keys that no field has are kept, and so is the order of all keys.
+    """A part of a bundle. Keys without a field are kept, as is the order of all keys.
 
     A field that was not given is None and is not written.
     """
@@ -53,7 +53,7 @@ class Part(BaseModel):
         return {key: content[key] for key in self.given()}
 
     def given(self) -> tuple[str, ...]:
-        """The keys that were given, in the file's order, then those that were added since."""
+        """The keys that were given, in the file's order, then those added later."""
         names = {field.alias or name: name for name, field in type(self).model_fields.items()}
         given = self.model_fields_set
         kept = [key for key in self._order if names.get(key, key) in given]
@@ -75,7 +75,7 @@ class Part(BaseModel):
         return made
 
     def overlaid(self, other: Self) -> Self:
-        """A copy with everything that `other` holds, level by level."""
+        """A copy updated with the content of `other`, level by level."""
         fields = {}
         for key in other.given():
             old, new = getattr(self, key, None), getattr(other, key)
@@ -92,7 +92,7 @@ class Part(BaseModel):
 
 @dataclass(frozen=True)
 class Unread:
-    """Content of another form than the one that sysid writes, kept as it stands in the file."""
+    """Content in another form than sysid writes, kept as it is in the file."""
 
     value: Any
 
@@ -104,9 +104,9 @@ def read_number(value: int | float | Unread | None) -> float | None:
 
 @dataclass(frozen=True)
 class _OrUnread:
-    """Marks a field whose content, where it has not the field's form, is kept as `Unread`.
+    """Marks a field whose content is kept as `Unread` where it does not match the field's type.
 
-    `form` is all that the JSON schema asks of it.
+    `form` is all that the JSON schema requires of it.
     """
 
     form: tuple[tuple[str, str], ...] = ()
@@ -144,13 +144,13 @@ if TYPE_CHECKING:
 else:
 
     class Absent:
-        """`Absent[T]`: a T, or the key is not there; a null in its place is an error."""
+        """`Absent[T]`: a T, or the key is absent; null is an error."""
 
         def __class_getitem__(cls, kind: Any) -> Any:
             return kind | SkipJsonSchema[None]
 
     class Lenient:
-        """`Lenient[T]`: a T, or whatever else stands there, as `Unread`."""
+        """`Lenient[T]`: a T, or any other content as `Unread`."""
 
         def __class_getitem__(cls, kind: Any) -> Any:
             is_part = isinstance(kind, type) and issubclass(kind, Part)

@@ -1,4 +1,4 @@
-"""The bundle as an object: made, merged and extended, and the model that it describes."""
+"""The bundle as an object: created, merged and extended, and the model that it describes."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ if TYPE_CHECKING:
     from sysid.model.ports import Model
 
 
-# Parts that merging does not take over as they are.
+# Parts that merging does not copy unchanged.
 _OWN = ("effects", "validation")
 
 
 class Bundle(Shown, BundleContent):
-    """Everything that was fitted of a rig (`spec/bundle.md`), as read from or written to JSON.
+    """All fitted parameters of a rig (`spec/bundle.md`), as read from or written to JSON.
 
     >>> bundle.friction.coulomb_nm.unit, bundle.valve("a").discrete.on_delay_s.unit
     ('Nm', 's')
@@ -63,13 +63,13 @@ class Bundle(Shown, BundleContent):
         return cls(**fields, effects=[], provenance=provenance)
 
     def headline(self) -> str:
-        """Whose it is, and what it holds."""
+        """The rig, and the bundle's content."""
         effects = [effect.id for effect in self.effects]
         held = ", ".join([*self._parts(), *(f"effect {name}" for name in effects)])
         return f"bundle of {self.rig.name}: {held or 'nothing fitted'}"
 
     def records(self) -> list[dict[str, Any]]:
-        """One an estimate: the part that it belongs to, its value, std, limits and unit."""
+        """One record per estimate: its part, value, std, limits and unit."""
         return [
             record
             for name, estimates in self._estimates().items()
@@ -77,7 +77,7 @@ class Bundle(Shown, BundleContent):
         ]
 
     def tables(self) -> Iterable[ShownTable]:
-        """The estimates, a table a part."""
+        """The estimates, one table per part."""
         return (estimate_table(name, found) for name, found in self._estimates().items())
 
     def _parts(self) -> dict[str, Part]:
@@ -96,14 +96,14 @@ class Bundle(Shown, BundleContent):
     def model(self, rig: Rig | None = None, catalogue: Catalogue | None = None) -> Model:
         """The model that can be simulated: the base model's parameters, and the effects.
 
-        `rig` (None: the bundle's) says what the tests are run with; `catalogue` knows the
-        effects (None: the project's own). Raises InputError for what contradicts itself,
+        `rig` (None: the bundle's) is the rig that is simulated; `catalogue` holds the effects
+        (None: the project's own). Raises InputError for contradictory content,
         NotIdentifiedError where the bundle has no friction.
         """
         return model_from_bundle(self, rig or self.rig, catalogue)
 
     def with_effects(self, effects: Iterable[EffectEntry]) -> Bundle:
-        """With these effects after those that it holds; its validation no longer holds."""
+        """With these effects after its own; its validation is dropped."""
         return self.without("validation").replaced(effects=[*self.effects, *effects])
 
     def with_sources(self, sources: Iterable[Source]) -> Bundle:
@@ -113,8 +113,8 @@ class Bundle(Shown, BundleContent):
     def merged(self, other: Bundle) -> Bundle:
         """With the parts of `other` added; a part that both hold is replaced.
 
-        The validation of what there was goes with it. Raises InputError where the two were
-        fitted for different rigs.
+        The existing validation is dropped. Raises InputError where the two were fitted for
+        different rigs.
         """
         mine, others = self.rig_content, other.rig_content
         for section in sorted(set(mine) | set(others)):
@@ -140,7 +140,7 @@ class Bundle(Shown, BundleContent):
     def check_log_unchanged(self, log: Log, kind: str) -> None:
         """InputError where a log of `kind` has changed since the bundle was fitted on it.
 
-        Logs of several folders may share a name: the bundle has to know one that is like it.
+        Logs of several folders may share a name: one of that name has to match.
         """
         logs = self.provenance.logs
         fitted = any(
@@ -150,7 +150,7 @@ class Bundle(Shown, BundleContent):
             raise input_error(
                 self.source,
                 f"{log.path.name} has changed since this bundle was fitted on it (SHA-256)",
-                "fit again, or bring the old log back",
+                "fit again, or restore the old log",
             )
 
     def check_not_fitted(self, log: Log) -> None:

@@ -1,4 +1,4 @@
-"""What a bundle holds: the rig, what was fitted, the effects, and where it all comes from."""
+"""The content of a bundle: the rig, the fitted parts, the effects, and the provenance."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SCHEMA: Literal["sysid-bundle/1"] = "sysid-bundle/1"
 
 @dataclass(frozen=True)
 class Parts:
-    """What the fits of a campaign give: friction, valves, either, or nothing."""
+    """The results of a campaign's fits: friction, valves, one of them, or nothing."""
 
     friction: Friction | None = None
     valves: FittedValves | None = None
@@ -37,7 +37,7 @@ class Parts:
 
 
 class BundleContent(Part):
-    """Everything that was fitted of a rig (`spec/bundle.md`), as read from or written to JSON.
+    """All fitted parameters of a rig (`spec/bundle.md`), as read from or written to JSON.
 
     `rig_content` is the rig file's tables as used; `rig` the rig that they describe. `source`
     names the file that it was read from, in messages.
@@ -83,7 +83,7 @@ class BundleContent(Part):
         return isinstance(head, dict) and head.get("motion") == "linear"
 
     def valve(self, side: str) -> Valve:
-        """What is known of the valve of a side ("a" or "b")."""
+        """The valve of a side ("a" or "b")."""
         return Valve() if self.valves is None else self.valves.side(side)
 
 

@@ -14,7 +14,7 @@ from sysid.estimation.linear import Estimate
 from sysid.model.effects.entry import Catalogue, CatalogueEffect, Quantity
 
 SIDE = "side"
-_MEND = "mend that key, or diagnose again to write the bundle anew"
+_MEND = "fix that key, or diagnose again to rewrite the bundle"
 
 _PARAMETERS: dict[str, Any] = {
     "type": "object",
@@ -51,11 +51,11 @@ class EffectEntry(Part):
 def entry_of(
     effect: CatalogueEffect, estimates: Mapping[str, Estimate] | None = None
 ) -> EffectEntry:
-    """An effect as a bundle lists it: each quantity with its standard error, and the side.
+    """An effect as listed in a bundle: each quantity with its standard error, and the side.
 
     `estimates` by the name of a quantity, in its unit: their errors and intervals are kept. A
-    quantity without one was not fitted. Raises ValueError for a name that is no quantity of the
-    effect, or a value that is not finite.
+    quantity without one was not fitted. Raises ValueError for a name that is not a quantity of
+    the effect, or a value that is not finite.
     """
     estimates = estimates or {}
     unknown = sorted(set(estimates) - {q.name for q in effect.quantities})
@@ -90,7 +90,7 @@ def effect_from_entry(entry: EffectEntry, where: str, catalogue: Catalogue) -> A
         raise input_error(
             place,
             "is not in the catalogue",
-            "see `sysid effects`, and give a user's own effect with --effects FILE",
+            "see `sysid effects`, and give further effects with --effects FILE",
         )
     given = entry.parameters
     quantities = {q.label: q for q in effect.quantities}
@@ -114,7 +114,7 @@ def _value(estimate: Estimate | Side, quantity: Quantity, where: str) -> float:
         raise input_error(
             where,
             f"is not identified{reason}: its value is null",
-            "diagnose again, or take the effect out of the bundle",
+            "diagnose again, or remove the effect from the bundle",
         )
     unit = estimate.unit or quantity.unit
     if unit != quantity.unit:

@@ -1,7 +1,7 @@
 """Bundles in files: read with every key checked, written whole or not at all.
 
-The contract is `spec/bundle.md`; the schema is `bundle.schema.json` in this package, made from
-the classes of this package by `sysid.bundle.schema`. Reading a bundle never runs code.
+The contract is `spec/bundle.md`; the schema is `bundle.schema.json` in this package, generated
+from the classes of this package by `sysid.bundle.schema`. Reading a bundle never runs code.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def write_bundle(bundle: Bundle, path: Path) -> None:
 
 
 def bundle_text(bundle: Bundle) -> str:
-    """A bundle as its file holds it; ValueError for a number that is not finite."""
+    """A bundle as text of its file; ValueError for a number that is not finite."""
     return _text(bundle.to_json())
 
 
@@ -59,14 +59,14 @@ def read_bundle(path: Path) -> Bundle:
     except _NotFiniteError as error:
         raise input_error(path, f"holds {error}", "a bundle holds finite numbers only") from None
     except RecursionError:
-        raise input_error(path, "is nested without end", "write the bundle again") from None
+        raise input_error(path, "is nested too deeply", "write the bundle again") from None
     bundle = bundle_from_json(content, path)
-    bundle.rig  # noqa: B018  (raises for constants that no rig has)
+    bundle.rig  # noqa: B018  (raises for implausible constants)
     return bundle
 
 
 def bundle_from_json(content: Any, path: Path) -> Bundle:
-    """A bundle out of a file's content, checked against the schema. Raises InputError."""
+    """A bundle from a file's content, checked against the schema. Raises InputError."""
     _check(content, path)
     try:
         return Bundle.model_validate(content).named(str(path))
@@ -102,7 +102,7 @@ def shipped_schema() -> dict[str, Any]:
 
 def _check(content: Any, path: Path) -> None:
     if not isinstance(content, Mapping):
-        raise input_error(path, "is not a JSON object", "name a bundle that sysid wrote")
+        raise input_error(path, "is not a JSON object", "give a bundle written by sysid")
     version = content.get("schema")
     if version != SCHEMA:
         found = "has no `schema`" if version is None else f"has schema {version!r}"
@@ -118,7 +118,7 @@ def _check(content: Any, path: Path) -> None:
 
 def _unusable(path: Path, key: str, what: str) -> InputError:
     return input_error(
-        path, f"{key}: {what[:160]}", "mend that key, or fit again to write the bundle anew"
+        path, f"{key}: {what[:160]}", "fix that key, or fit again to rewrite the bundle"
     )
 
 

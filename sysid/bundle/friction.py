@@ -1,4 +1,4 @@
-"""A bundle's friction: its parameters, and the tests that they stand on."""
+"""A bundle's friction: its parameters, and the tests that they are based on."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from sysid.estimation.linear import Estimate
 
 
 class StaticAtPosition(Part):
-    """Static friction (Nm or N) at one position (rad or m), from so many tests."""
+    """Static friction (Nm or N) at one position (rad or m), and its number of tests."""
 
     position: Number
     static: Estimate
@@ -26,7 +26,7 @@ class FTestRecord(Part):
 
 
 class TestUse(Part):
-    """What became of one friction test; what was read from it stands beside, by name."""
+    """The outcome of one friction test; the values read from it are further keys."""
 
     # pytest must not take this for a test.
     __test__ = False
@@ -37,7 +37,7 @@ class TestUse(Part):
     reason: Absent[str] = None
 
     def reading(self, name: str) -> float | None:
-        """What was read from the test (`speed`, `friction`, `position`, ...); None without it."""
+        """A value read from the test (`speed`, `friction`, `position`, ...); None without it."""
         value = (self.model_extra or {}).get(name)
         return float(value) if isinstance(value, int | float) else None
 
@@ -45,9 +45,9 @@ class TestUse(Part):
 class Friction(Part):
     """Static, Coulomb and viscous friction (thesis 3.4.1), in Nm and rad or in N and m.
 
-    `source` is the kind of test that gave Coulomb and viscous friction, `cross_check` what the
-    other kind says; `rmse_nm` (linear: `rmse_n`) of each fit by kind of test; `trials` what
-    became of each test.
+    `source` is the kind of test that gave Coulomb and viscous friction, `cross_check` the
+    estimates of the other kind; `rmse_nm` (linear: `rmse_n`) of each fit by kind of test;
+    `trials` the outcome of each test.
     """
 
     model_config = ConfigDict(
@@ -88,7 +88,7 @@ class Friction(Part):
         return [test for test in self.tests() if test.used and test.kind == kind]
 
     def tests(self) -> list[TestUse]:
-        """What became of each friction test; none where the bundle does not say."""
+        """The outcome of each friction test; none where the bundle does not hold it."""
         return self.trials if isinstance(self.trials, list) else []
 
     def positions(self) -> list[StaticAtPosition]:

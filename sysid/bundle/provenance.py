@@ -1,4 +1,4 @@
-"""Where a bundle comes from: its logs with their digests, seeds and options."""
+"""The provenance of a bundle: its logs with their digests, seeds and options."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class LogRecord(Part):
 
     @property
     def family(self) -> str:
-        """What its kind is fitted to: a partial fit of friction calls all its kinds so."""
+        """The part that its kind is fitted to: "friction" for every kind of friction test."""
         return family(self.kind or "")
 
 
@@ -40,7 +40,7 @@ class Provenance(Part):
         return self.replaced(logs=list(known.values()))
 
     def merged(self, other: Provenance, *, other_has_friction: bool) -> Provenance:
-        """Of a bundle that takes in parts of another.
+        """The provenance of a bundle that adds parts of another.
 
         Friction is replaced whole, and its logs with it; valves may come one by one.
         """
@@ -53,12 +53,12 @@ class Provenance(Part):
 
 
 def family(kind: str) -> str:
-    """What a kind of log is fitted to."""
+    """The part that a kind of log is fitted to."""
     return "friction" if kind.startswith("friction") else kind
 
 
 def records(sources: Iterable[Source]) -> list[LogRecord]:
-    """Logs as a campaign or a reader gives them, as a bundle lists them."""
+    """Logs from a campaign or a reader in the form of a bundle."""
     return [LogRecord.model_validate(s.to_json()) for s in sources]
 
 

@@ -1,6 +1,6 @@
-"""The bundle's JSON schema, made from its classes: `python -m sysid.bundle.schema` writes it.
+"""The bundle's JSON schema, generated from its classes: `python -m sysid.bundle.schema` writes it.
 
-Reading a bundle uses the file that is shipped; a test says when the two differ.
+Reading a bundle uses the shipped file; a test fails when the two differ.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _NUMBER_OR_NULL = {"type": ["number", "null"]}
 _STD = {"type": ["number", "null"], "minimum": 0}
 _INTERVAL = {"type": "array", "items": _NUMBER_OR_NULL, "minItems": 2, "maxItems": 2}
 
-# How a file writes `sysid.estimation.Estimate`: of a bundle's part, and of an effect.
+# `sysid.estimation.Estimate` in a file: in a bundle's part, and in an effect.
 PARAMETER: dict[str, Any] = {
     "oneOf": [
         {
@@ -56,7 +56,7 @@ EFFECT_PARAMETER: dict[str, Any] = {
 def bundle_schema() -> dict[str, Any]:
     """The JSON schema (draft 2020-12) of a bundle."""
     made = _tidy(Bundle.model_json_schema(mode="validation", by_alias=True))
-    # The example of the class is Python's.
+    # The class's example is Python, not part of the schema.
     made["description"] = made["description"].partition("\n\n>>>")[0]
     definitions = {**made.pop("$defs"), "parameter": PARAMETER}
     del definitions["JsonValue"]
@@ -74,7 +74,7 @@ _ORDER = ("$ref", "description", "type", "required", "anyOf", "closed", "propert
 
 
 def _tidy(node: Any, is_names: bool = False) -> Any:
-    """Without what says nothing (titles of fields, defaults), in the order that people read."""
+    """Without redundant keys (titles of fields, defaults), in reading order."""
     if isinstance(node, list):
         return [_tidy(item) for item in node]
     if not isinstance(node, dict):

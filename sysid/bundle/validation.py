@@ -1,4 +1,4 @@
-"""What a bundle holds of its validation: errors of the open-loop simulation, by log and channel."""
+"""A bundle's validation: errors of the open-loop simulation, by log and channel."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ class ValidatedLog(Part):
 
 
 class Validation(Part):
-    """Every validated log; `alarm_rate` is that of the tests for structure in the residual."""
+    """Every validated log; `alarm_rate`: false alarms of the tests for residual structure."""
 
     logs: Lenient[list[ValidatedLog]] = Field(default_factory=list)
     alarm_rate: Lenient[Number | None] = None
 
     def validated(self) -> list[ValidatedLog]:
-        """The logs, none where they have another form than sysid's."""
+        """The logs; none where they have another form than sysid's."""
         return self.logs if isinstance(self.logs, list) else []
 
 

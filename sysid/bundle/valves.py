@@ -18,7 +18,7 @@ class DiscreteLaw(Part):
     """The on/off law of one valve (thesis 3.6.6, 3.6.10) with its delays.
 
     `c_fill` in kg/(s Pa^0.5), `c_dis` in kg/(s Pa). The critical ratios and the jumps at the
-    choked boundaries are checks. `noise_pa`, `rmse_pa` and `fit_percent` are of the curves.
+    choked boundaries are checks. `noise_pa`, `rmse_pa` and `fit_percent` refer to the curves.
     """
 
     c_fill: Estimate
@@ -39,7 +39,7 @@ class DiscreteLaw(Part):
 
 
 class DomainRecord(Part):
-    """Where a surface holds: duty and pressure (Pa) ranges, and limits at nodes of pressure."""
+    """Where a surface is valid: duty and pressure (Pa) ranges, and limits at nodes of pressure."""
 
     duty: Range
     pressure_pa: Range
@@ -47,7 +47,7 @@ class DomainRecord(Part):
 
 
 class DutyErrors(Part):
-    """Errors of a surface's inverse, in duty, over so many points."""
+    """Errors of a surface's inverse, in duty, and the number of points."""
 
     rmse: Number
     max_relative_error_percent: Number
@@ -60,9 +60,9 @@ class DutyErrors(Part):
 class Surface(Part):
     """Mean flow over duty and pressure, or its inverse, as fitted; `model` evaluates it.
 
-    `rmse_duty` and `max_relative_error_duty_percent` are of tests that were left out, where
-    there are such; `errors_duty` of both. A bipolynomial holds `coefficients`, a network its
-    weights and biases.
+    `rmse_duty` and `max_relative_error_duty_percent` refer to held-out tests where there are
+    any, `errors_duty` to training and held-out tests. A bipolynomial holds `coefficients`, a
+    network its weights and biases.
     """
 
     kind: Absent[str] = None
@@ -96,7 +96,7 @@ class Surface(Part):
 
 
 class SurfaceChoice(Part):
-    """The two surfaces next to each other on the same left-out tests, in duty."""
+    """Comparison of the two surfaces on the same held-out tests, in duty."""
 
     bipolynomial: DutyErrors
     network: DutyErrors
@@ -137,7 +137,7 @@ class PwmSurfaces(Part):
     reason: Lenient[str | None] = None
 
     def surface(self, kind: str) -> Surface | None:
-        """The surface of a kind ("bipolynomial" or "ann"); None without one that can be read."""
+        """The surface of a kind ("bipolynomial" or "ann"); None without a readable one."""
         found = self.ann if kind == "ann" else self.bipolynomial
         return found if isinstance(found, Surface) else None
 
@@ -154,7 +154,7 @@ class PwmDirections(Part):
     discharge: Absent[PwmSurfaces] = None
 
     def directions(self) -> dict[str, PwmSurfaces]:
-        """What there is, by "fill" and "discharge", in the file's order."""
+        """The directions present, "fill" and "discharge", in the file's order."""
         return {key: getattr(self, key) for key in self.given() if key in DIRECTIONS}
 
 
@@ -172,7 +172,7 @@ class TimingLaw(Part):
 
 
 class Valve(Part):
-    """Everything known of one valve."""
+    """All fitted laws of one valve."""
 
     discrete: Absent[DiscreteLaw] = None
     pwm: Absent[PwmDirections] = None
@@ -184,7 +184,7 @@ class Valve(Part):
         return None if self.pwm is None else self.pwm.directions().get(direction)
 
     def merged(self, other: Valve) -> Valve:
-        """With the laws of `other`; of PWM surfaces those of either, by direction."""
+        """With the laws of `other`; PWM surfaces are merged by direction."""
         fields = {key: getattr(other, key) for key in other.given()}
         if self.pwm is not None and other.pwm is not None:
             directions = {key: getattr(other.pwm, key) for key in other.pwm.given()}
@@ -201,12 +201,12 @@ class FittedValves(Part):
     b: Absent[Valve] = None
 
     def side(self, side: str) -> Valve:
-        """The valve of a side, "a" or "b"; an empty one where nothing is known of it."""
+        """The valve of a side, "a" or "b"; an empty one where nothing was fitted."""
         found = self.a if side == "a" else self.b
         return Valve() if found is None else found
 
     def sides(self) -> dict[str, Valve]:
-        """The valves of which something is known, in the file's order."""
+        """The valves with a fitted law, in the file's order."""
         return {key: getattr(self, key) for key in self.given()}
 
     def discrete_laws(self) -> dict[str, DiscreteLaw]:
@@ -215,7 +215,7 @@ class FittedValves(Part):
         return {side: law for side, law in laws.items() if law is not None}
 
     def merged(self, other: FittedValves) -> FittedValves:
-        """With what `other` knows of each valve, by law, and of PWM by direction."""
+        """With the laws of `other` for each valve; PWM surfaces are merged by direction."""
         known = self.sides()
         return self.replaced(
             **{k: known[k].merged(v) if k in known else v for k, v in other.sides().items()}

@@ -1,1 +1,1 @@
-"""What a log is good for: `log_check` its quality, `identifiability` what it can identify."""
+"""What a log can be used for: `log_check` its quality, `identifiability` its parameters."""

@@ -18,14 +18,14 @@ from sysid.types import FloatArray
 TrialsByKind = Mapping[str, Sequence[Trial]]
 
 _FRICTION_KINDS = ("friction-motion", "friction-sliding", "motion-pwm", "motion-discrete")
-# Regressors whose variance inflation is above this cannot be told apart in practice.
+# Regressors whose variance inflation is above this cannot be distinguished in practice.
 _HIGHEST_VARIANCE_INFLATION = 25.0
 _FEWEST_DUTIES = 5
 
 
 @dataclass(frozen=True)
 class Identification:
-    """Whether a parameter can be identified from a log, and why, or which test would do."""
+    """Whether a log identifies a parameter, and why, or which test would identify it."""
 
     parameter: str
     identified: bool
@@ -33,7 +33,7 @@ class Identification:
 
 
 def identifications(by_kind: TrialsByKind, rig: Rig) -> Iterator[Identification]:
-    """Every parameter of the model in turn; a bare electric axis has no valves.
+    """Every parameter of the model in turn; a purely electric axis has no valves.
 
     `by_kind` holds the log's trials by kind.
     """
@@ -47,7 +47,7 @@ def identifications(by_kind: TrialsByKind, rig: Rig) -> Iterator[Identification]
 
 
 def excitation(by_kind: TrialsByKind, rig: Rig) -> Iterator[str]:
-    """One line a kind of test: what it drives and how far."""
+    """One line per kind of test: the commands and their range."""
     for kind, trials in by_kind.items():
         parts = [f"{kind}: {len(trials)} test{'s' * (len(trials) > 1)}"]
         for name in (rig.effort_channel, rig.position_channel, "pressure_a_pa", "pressure_b_pa"):
@@ -174,5 +174,5 @@ def _pwm(trials: Sequence[Trial], valve: str) -> Iterator[Identification]:
         good = len(duties) >= _FEWEST_DUTIES
         reason = f"{len(duties)} duties"
         if not good:
-            reason += f": needs valve-pwm tests, {what}, at {_FEWEST_DUTIES} duties or more"
+            reason += f": needs valve-pwm tests, {what}, with at least {_FEWEST_DUTIES} duties"
         yield Identification(f"valve {valve.upper()} PWM surface, {what}", good, reason)

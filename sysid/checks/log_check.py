@@ -1,4 +1,4 @@
-"""What a log is good for: its data quality, and which parameters it can identify."""
+"""What a log can be used for: its data quality, and which parameters it can identify."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from sysid.types import FloatArray
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# A sample is late when it comes this many periods after the one before.
+# A sample is late when it follows the one before by so many periods.
 _GAP_PERIODS = 1.5
 _FEWEST_SAMPLES = 16
 _MOST_TESTS_FOR_NOISE = 9
-# A sensor that dithers does not repeat a reading this often by chance.
+# A dithering sensor does not repeat a reading so often by chance.
 _STUCK_RUN = 25
 
 
@@ -37,7 +37,7 @@ class ChannelCheck:
     """One channel over all tests of a log; noise and quantum in the channel's unit.
 
     `noise_std` is the noise floor (one standard deviation), `quantum` the smallest step
-    between readings (0: none seen). `stuck_s` is the longest time for which a dithering
+    between readings (0: none found). `stuck_s` is the longest time for which a dithering
     sensor repeats one reading, `saturated_share` the share of samples in such stretches at
     the channel's highest or lowest reading.
     """
@@ -53,10 +53,10 @@ class ChannelCheck:
 
 @dataclass(frozen=True, repr=False)
 class LogCheck(Shown):
-    """What `sysid check` says of one log. Times in s.
+    """The result of `sysid check` for one log. Times in s.
 
-    `kinds` counts its tests by what their content says they are; `declared` is the kind and
-    `use` the use that a campaign gives the log, None of one that was checked alone.
+    `kinds` counts its tests by the kind that their content shows; `declared` is the kind and
+    `use` the use that a campaign gives the log, None for one that was checked alone.
     """
 
     file: str
@@ -76,14 +76,14 @@ class LogCheck(Shown):
     use: str | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """Plain dictionaries and lists; `declared` and `use` only of a campaign's log."""
+        """Plain dictionaries and lists; `declared` and `use` only for a campaign's log."""
         content = asdict(self)
         if self.declared is None:
             del content["declared"], content["use"]
         return content
 
     def headline(self) -> str:
-        """The file, what it holds and how it is sampled."""
+        """The file, its tests and its sampling."""
         kinds = ", ".join(f"{count} x {kind}" for kind, count in self.kinds.items())
         gaps = f"{self.gaps} gaps" if self.gaps else "no gaps"
         return (
@@ -92,17 +92,17 @@ class LogCheck(Shown):
         )
 
     def records(self) -> list[dict[str, Any]]:
-        """One a measured channel: range, resolution and noise in its own unit."""
+        """One record per measured channel: range, resolution and noise in its own unit."""
         return [asdict(channel) for channel in self.channels]
 
     def tables(self) -> Iterable[ShownTable]:
         """The channels, and what the log can identify."""
         yield record_table("Channels", self.records())
         found = ((i.parameter, "yes" if i.identified else "no", i.reason) for i in self.identifies)
-        yield ShownTable("Identifies", ("parameter", "", "why, or what would"), tuple(found))
+        yield ShownTable("Identifies", ("parameter", "", "reason, or test needed"), tuple(found))
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """How much larger each channel's range is than its noise and its resolution."""
+        """Each channel's range over its noise and over its resolution."""
         ax = one_axes(ax)
         shares = {
             "range over noise": [_ratio(c, c.noise_std) for c in self.channels],
@@ -114,7 +114,7 @@ class LogCheck(Shown):
 
     @classmethod
     def from_json(cls, content: dict[str, Any]) -> LogCheck:
-        """What `to_json` gave."""
+        """The check as `to_json` wrote it."""
         return cls(
             **{
                 **content,
@@ -127,7 +127,7 @@ class LogCheck(Shown):
 
 
 def _ratio(channel: ChannelCheck, size: float | None) -> float:
-    """A channel's range in units of `size`; NaN where that is 0 or not known."""
+    """A channel's range in units of `size`; NaN where `size` is 0 or unknown."""
     return (channel.high - channel.low) / size if size else math.nan
 
 
@@ -202,9 +202,9 @@ def check_channel(log: Log, name: str, rig: Rig) -> ChannelCheck:
 
 
 def _combs(trial: Trial, name: str, rig: Rig) -> list[FloatArray]:
-    """A channel's samples, (n,) each, without the ripple of a valve under PWM, which is no noise.
+    """A channel's samples, (n,) each, without the ripple of a PWM valve, which is not noise.
 
-    Rows a whole number of PWM periods apart see the same point of a pulse.
+    Rows a whole number of PWM periods apart fall on the same point of a pulse.
     """
     values = trial[name]
     if name not in PRESSURES or rig.pwm is None or not is_active(trial, *DUTIES):
@@ -217,7 +217,7 @@ def _combs(trial: Trial, name: str, rig: Rig) -> list[FloatArray]:
 def _noise(parts: Sequence[FloatArray], quantum: float) -> float | None:
     """Median of the tests' noise floors: one disturbed test does not raise it.
 
-    A file of many tests is judged by some of them, spread over it.
+    In a file of many tests a sample of them, spread over the file, is used.
     """
     long = [p for p in parts if len(p) >= _FEWEST_SAMPLES]
     some = long[:: -(-len(long) // _MOST_TESTS_FOR_NOISE)] if long else []
@@ -236,8 +236,8 @@ def _runs(values: FloatArray, shortest: int) -> list[tuple[int, int]]:
 def kind_of(trial: Trial, rig: Rig) -> str | None:
     """The trial's kind as in `spec/log-format.md`; None where nothing is commanded.
 
-    A motion under the motor alone is called `friction-motion`: what it can identify is the
-    same as that of `motion-motor`.
+    A motion driven by the motor alone is called `friction-motion`: it can identify the same
+    as `motion-motor`.
     """
     held = is_held(trial, rig)
     if is_active(trial, *DUTIES):

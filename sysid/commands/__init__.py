@@ -1,6 +1,6 @@
-"""The command line, one file a command.
+"""The command line, one file per command.
 
-`app` is the group and turns errors into exit statuses, `options` and `printing` hold what
-several commands take and print, `stages` what `sysid run` does, skips and resumes. A command
+`app` is the group and turns errors into exit statuses, `options` and `printing` hold shared
+options and output, `stages` the stages of `sysid run`. A command
 reads paths, calls the library and prints; it computes nothing.
 """

@@ -1,7 +1,7 @@
 """The command line (`spec/cli.md`): the group of commands, and exit codes.
 
-Each command is a file of this folder, imported when it is called: `COMMANDS` alone is read for
-`sysid --help`, which stays quick.
+Each command is a file of this folder, imported when it is called: `sysid --help` reads only
+`COMMANDS` and stays quick.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ COMMANDS = {
     "check": "Data quality of each LOG, and what it can and cannot identify.",
     "convert": "Bring a lab's own file (.mat, text, Excel, TDMS, Parquet) into the log format.",
     "demo": "The whole pipeline on the bundled campaign.",
-    "diagnose": "What the model lacks: the residual's cause, and the errors with it and without.",
-    "effects": "The catalogue of effects; with ID all of one, and what it does to a rig.",
-    "export": "What a controller consumes: a C header, a MATLAB file or flat JSON.",
+    "diagnose": "What the model lacks: the residual's cause, and the errors with and without it.",
+    "effects": "The catalogue of effects; with ID one entry in full, and its influence on a rig.",
+    "export": "Files for a controller: a C header, a MATLAB file or flat JSON.",
     "fit": "Identify parameters: one part from its logs, or a whole CAMPAIGN.toml.",
     "init": "Write a commented rig file to fill in.",
     "run": "The whole pipeline, from checks to exports. Resumes where it stopped.",
@@ -42,11 +42,11 @@ COMMANDS = {
 
 
 class _ReaderGoneError(Exception):
-    """The reader of a pipe (head, less) went away; click would end with status 1."""
+    """The reader of a pipe (head, less) has ended; click would exit with status 1."""
 
 
 class _App(click.Group):
-    """All commands, imported when called, with what they print written before they end."""
+    """All commands, imported when called; their output is flushed before they end."""
 
     def __init__(self, **settings: Any) -> None:
         lines = {name: click.Command(name, help=line) for name, line in COMMANDS.items()}
@@ -97,9 +97,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             "error", f"{error.format_message().rstrip('.')}; see `{command} --help`", _UNUSABLE
         )
     except (click.Abort, KeyboardInterrupt):
-        return _report("error", "interrupted; nothing was written by halves", _INTERRUPTED)
+        return _report("error", "interrupted; no file was left half-written", _INTERRUPTED)
     except _ReaderGoneError:
-        # What is left to print has no use.
+        # The rest of the output has no reader.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except Exception as error:
@@ -107,7 +107,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise
         what = f"{type(error).__name__}: {error}"
         return _report(
-            "fault", f"{what} (a fault of sysid itself; SYSID_DEBUG=1 shows where)", _FAULT
+            "fault", f"{what} (a fault in sysid itself; SYSID_DEBUG=1 shows where)", _FAULT
         )
     return 0
 

@@ -1,4 +1,4 @@
-"""`sysid check`: what logs, or a campaign's logs, are good for."""
+"""`sysid check`: what logs, or a campaign's logs, can be used for."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from sysid.io.units import parse_map
 def check(logs: Sequence[Path], rig: Path | None, maps: Sequence[str], as_json: bool) -> None:
     """Data quality of each LOG, and what it can and cannot identify.
 
-    A campaign file in the place of a LOG stands for all logs that it lists.
+    A campaign file in place of a LOG stands for all logs that it lists.
     """
     checks: list[LogCheck] = []
     said: list[str] = []
@@ -44,11 +44,11 @@ def check(logs: Sequence[Path], rig: Path | None, maps: Sequence[str], as_json: 
 def _campaign_checks(
     path: Path, rig: Path | None, maps: Sequence[str], said: list[str]
 ) -> list[LogCheck]:
-    """The checks of a campaign's logs; what its reader wants said goes into `said`."""
+    """The checks of a campaign's logs; the reader's notices are added to `said`."""
     if rig is not None or maps:
         given = "--rig" if rig is not None else "--map"
         raise input_error(
-            path, f"a campaign file names its own rig and maps, {given} is for logs", "leave it out"
+            path, f"a campaign file names its own rig and maps, {given} is for logs", "omit it"
         )
     campaign = read_campaign(path)
     said += [*campaign.notices, *campaign.rig.notices]
@@ -59,7 +59,7 @@ def _campaign_checks(
 
 
 def _show(checks: Sequence[LogCheck], said: Sequence[str], as_json: bool) -> None:
-    """A block a log."""
+    """One block per log."""
     notices([*said, *(line for c in checks for line in c.notices)])
     if as_json:
         print_json({"logs": [c.to_json() for c in checks]})
@@ -96,7 +96,7 @@ def _blocks(check: LogCheck) -> Iterable[Any]:
     yield table
     for line in check.excitation:
         yield Text(f"excitation: {line}")
-    table = new_table("Identifies", "parameter", "", "why, or what would")
+    table = new_table("Identifies", "parameter", "", "reason, or test needed")
     for item in check.identifies:
         table.add_row(item.parameter, "yes" if item.identified else "no", Text(item.reason))
     yield table

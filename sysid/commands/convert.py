@@ -25,20 +25,27 @@ from sysid.io.conversion import ConversionReport
 @click.option(
     "--set", "constants", multiple=True, metavar="TARGET=VALUE", help="A column of one value."
 )
-@click.option("--spec", "spec_file", type=PathArgument, help="A TOML with [map] and [options].")
-@click.option("--delimiter", help="Of a text file, where it is not told by its look.")
+@click.option("--spec", "spec_file", type=PathArgument, help="TOML file with [map] and [options].")
+@click.option("--delimiter", help="Delimiter of a text file, where it is not detected.")
 @click.option("--decimal", help="Decimal sign of a text file: `.` or `,`.")
 @click.option("--thousands", help="Thousands separator of a text file.")
-@click.option("--skip-rows", type=int, help="Lines to leave out on top of a text file.")
+@click.option("--skip-rows", type=int, help="Lines to skip at the top of a text file.")
 @click.option(
     "--rows",
     metavar="FIRST:LAST",
-    help='Rows of the table to keep, counted from 0, LAST not among them; also "::3, 2::3".',
+    help='Rows of the table to keep, counted from 0, LAST excluded; also "::3, 2::3".',
 )
 @click.option("--no-header", is_flag=True, help="The first row is data; columns are #1, #2, ...")
 @click.option("--sheet", help="Sheet of an Excel workbook.")
-@click.option("--period", "period_s", type=float, help="Sampling period, s: no time column.")
-@click.option("--atmosphere", "atmosphere_pa", type=float, help="Pa, for gauge pressures.")
+@click.option(
+    "--period", "period_s", type=float, help="Sampling period, s, if no column holds the time."
+)
+@click.option(
+    "--atmosphere",
+    "atmosphere_pa",
+    type=float,
+    help="Atmospheric pressure, Pa, for gauge pressures.",
+)
 @json_option
 def convert(foreign: Sequence[Path], output: Path, as_json: bool, **options: Any) -> None:
     """Bring a lab's own file (.mat, text, Excel, TDMS, Parquet) into the log format."""
@@ -46,7 +53,7 @@ def convert(foreign: Sequence[Path], output: Path, as_json: bool, **options: Any
 
 
 def show_conversion(report: ConversionReport, as_json: bool) -> None:
-    """What became of each column."""
+    """The columns written, and the notices."""
     notices(report.notices)
     if as_json:
         print_json(report.to_json())

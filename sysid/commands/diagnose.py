@@ -35,7 +35,7 @@ from sysid.model.effects.catalogue import catalogue_with
 from sysid.types import Progress, no_progress
 from sysid.validation import VALIDATED_KINDS, validate
 
-# Suspects of one look that a summary names.
+# Suspects of one round that a summary names.
 _MOST_SUSPECTS = 6
 
 
@@ -45,17 +45,19 @@ _MOST_SUSPECTS = 6
 @click.option("-o", "output", type=PathArgument, help="Write the extended bundle.")
 @report_option
 @effects_option
-@click.option("--seed", type=SEED, default=0, show_default=True, help="Of the simulated twins.")
+@click.option(
+    "--seed", type=SEED, default=0, show_default=True, help="Seed of the simulated twins."
+)
 @json_option
 def diagnose(campaign: Path, bundle: Path, as_json: bool, **options: Any) -> None:
-    """What the model lacks: the residual's cause, and the errors with it and without."""
+    """What the model lacks: the residual's cause, and the errors with and without it."""
     diagnosed = diagnose_campaign(campaign, bundle, progress=progress(), **options)
     show_diagnosis(diagnosed, as_json)
 
 
 @dataclass(frozen=True)
 class Diagnosed:
-    """A diagnosis, the bundle extended by it, what to say, and the files that were written."""
+    """A diagnosis, the bundle extended by it, notices, and the files that were written."""
 
     diagnosis: Diagnosis | ComponentDiagnosis
     bundle: Bundle
@@ -63,7 +65,7 @@ class Diagnosed:
     written: tuple[Path, ...]
 
     def to_json(self) -> dict[str, Any]:
-        """What `sysid diagnose --json` prints (spec/cli.md)."""
+        """The output of `sysid diagnose --json` (spec/cli.md)."""
         found = self.diagnosis.to_json()
         found["notices"] = list(self.notices)
         return found | {"written": [str(path) for path in self.written]}
@@ -81,8 +83,8 @@ def diagnose_campaign(
 ) -> Diagnosed:
     """Diagnose a campaign with its fitted bundle; write the extended bundle and the report.
 
-    `effects` is a user's file of effects beside the catalogue. Raises InputError for
-    unusable files, NotIdentifiedError where the bundle or the campaign does not suffice.
+    `effects` is a Python file with effects in addition to the catalogue. Raises InputError
+    for unusable files, NotIdentifiedError where the bundle or the campaign is insufficient.
     """
     campaign = read_campaign(campaign_path)
     bundle = read_bundle(bundle_path)
@@ -159,7 +161,7 @@ def show_diagnosis(diagnosed: Diagnosed, as_json: bool) -> None:
 
 
 def _effect_tables(content: dict[str, Any]) -> Iterable[Table]:
-    """One row a parameter; what is said of the effect as a whole stands in its first row."""
+    """One row per parameter; cells about the effect as a whole are in its first row."""
     if not content["effects"]:
         return
     columns = ("parameter", "value", "95 % interval", "unit", "p", "share, %", "ambiguous with")
@@ -203,8 +205,8 @@ def _unexplained_tables(content: dict[str, Any]) -> Iterable[Table]:
 
 
 def _tried_tables(looks: Sequence[dict[str, Any]]) -> Iterable[Table]:
-    """What each look at the residual tried besides the effect that it added."""
-    columns = ("look", "suspect", "gain", "most on a twin", "p", "what became of it")
+    """What each round tried on the residual in addition to the effect that it added."""
+    columns = ("round", "suspect", "gain", "most on a twin", "p", "outcome")
     table = new_table("Tried, and not added", *columns)
     for place, look in enumerate(looks, start=1):
         others = [s for s in look["suspects"] if s["id"] != look["added"]]
@@ -213,14 +215,14 @@ def _tried_tables(looks: Sequence[dict[str, Any]]) -> Iterable[Table]:
             cells = (suspect["id"], *gains, wording.p_text(suspect["p_value"]), suspect["fate"])
             table.add_row(str(place), *(Text(c) for c in cells))
         if len(others) > _MOST_SUSPECTS:
-            table.add_row(str(place), f"{len(others) - _MOST_SUSPECTS} more that gain less")
+            table.add_row(str(place), f"{len(others) - _MOST_SUSPECTS} more with less gain")
     if table.row_count:
         yield table
 
 
 def _tried_on_part(looks: Sequence[dict[str, Any]]) -> Iterable[Table]:
-    """What each look at a part tried besides the effect that it added."""
-    columns = ("look", "suspect", "takes of the error of prediction, %", "p")
+    """What each round tried on a part in addition to the effect that it added."""
+    columns = ("round", "suspect", "share of the prediction error, %", "p")
     table = new_table("Tried, and not added", *columns)
     for place, look in enumerate(looks, start=1):
         others = [a for a in look["attempts"] if a["id"] != look["added"]]
@@ -228,6 +230,6 @@ def _tried_on_part(looks: Sequence[dict[str, Any]]) -> Iterable[Table]:
             gain = f"{100.0 * attempt['gain']:.3g}"
             table.add_row(str(place), Text(attempt["id"]), gain, wording.p_text(attempt["p_value"]))
         if len(others) > _MOST_SUSPECTS:
-            table.add_row(str(place), f"{len(others) - _MOST_SUSPECTS} more that take less")
+            table.add_row(str(place), f"{len(others) - _MOST_SUSPECTS} more with a smaller share")
     if table.row_count:
         yield table

@@ -22,10 +22,10 @@ from sysid.model.effects.picture import PICTURES, picture
 @click.command()
 @click.argument("name", metavar="[ID]", required=False)
 @effects_option
-@click.option("-o", "output", type=PathArgument, help="Picture of what ID changes, SVG or PNG.")
+@click.option("-o", "output", type=PathArgument, help="Plot of what ID changes, SVG or PNG.")
 @json_option
 def effects(name: str | None, effects: Path | None, output: Path | None, as_json: bool) -> None:
-    """The catalogue of effects; with ID all of one, and what it does to a rig."""
+    """The catalogue of effects; with ID one entry in full, and its influence on a rig."""
     if output is not None:
         _check_picture(name, output)
     known = catalogue_with(effects)
@@ -47,9 +47,11 @@ def effects(name: str | None, effects: Path | None, output: Path | None, as_json
 
 def _check_picture(name: str | None, output: Path) -> None:
     if name is None:
-        raise input_error(output, "a picture of which effect?", "give its id")
+        raise input_error(output, "needs the effect to plot", "give its id")
     if output.suffix.lower() not in PICTURES:
-        raise input_error(output, "is no picture's name", f"end it in {' or '.join(PICTURES)}")
+        raise input_error(
+            output, "is not the name of a picture file", f"end it in {' or '.join(PICTURES)}"
+        )
 
 
 def _show_list(effects: Catalogue, as_json: bool) -> None:
@@ -67,7 +69,7 @@ def _show_list(effects: Catalogue, as_json: bool) -> None:
             first = ["", ""]
     out = console()
     out.print(table)
-    out.print(Text("`sysid effects ID` shows all of an entry, and what it does to a rig"))
+    out.print(Text("`sysid effects ID` shows an entry in full, and its influence on a rig"))
 
 
 def _show_entry(effect: type[CatalogueEffect], shown: Demonstration, output: Path | None) -> None:
@@ -78,7 +80,7 @@ def _show_entry(effect: type[CatalogueEffect], shown: Demonstration, output: Pat
         "law": content["law"],
         "shows in": effect.signature,
         "confused with": ", ".join(effect.rivals),
-        "told apart by": effect.tie_breaker,
+        "distinguished by": effect.tie_breaker,
         "not separable from": ", ".join(content["ambiguous_with"]),
         "side": "a, b or both" if effect.has_side() else "",
         "source": effect.source,

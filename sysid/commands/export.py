@@ -1,4 +1,4 @@
-"""`sysid export`: a bundle in, what a controller consumes out."""
+"""`sysid export`: a bundle in, files for a controller out."""
 
 from __future__ import annotations
 
@@ -14,13 +14,17 @@ from sysid.export import export_file
 @click.command()
 @click.argument("bundle", type=PathArgument)
 @click.option(
-    "--format", "kind", required=True, type=click.Choice(["c", "mat", "json"]), help="What for."
+    "--format",
+    "kind",
+    required=True,
+    type=click.Choice(["c", "mat", "json"]),
+    help="Format of the file.",
 )
 @click.option("-o", "output", required=True, type=PathArgument, help="File to write.")
 @effects_option
 @json_option
 def export(bundle: Path, kind: str, output: Path, effects: Path | None, as_json: bool) -> None:
-    """What a controller consumes: a C header, a MATLAB file or flat JSON."""
+    """Files for a controller: a C header, a MATLAB file or flat JSON."""
     said = export_file(bundle, output, kind, effects=effects)
     notices(said)
     if as_json:

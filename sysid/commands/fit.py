@@ -48,7 +48,7 @@ Tables = Callable[["Fitted"], Iterable[Table]]
 
 
 class _FitGroup(click.Group):
-    """`sysid fit friction LOG...` beside `sysid fit CAMPAIGN.toml`: a path is a campaign."""
+    """`sysid fit friction LOG...` and `sysid fit CAMPAIGN.toml`: a path is a campaign."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         options_first = bool(args) and args[0] not in ctx.help_option_names
@@ -80,7 +80,9 @@ _part_options = options(
     json_option,
 )
 _valve_option = click.option(
-    "--valve", type=click.Choice(["a", "b"]), help="This valve only (else: by what moves)."
+    "--valve",
+    type=click.Choice(["a", "b"]),
+    help="This valve only (else: every valve that switches).",
 )
 
 
@@ -89,14 +91,14 @@ _valve_option = click.option(
 @click.option(
     "--kind",
     type=click.Choice(["static", "sliding", "motion"]),
-    help="Take every test for this kind, whatever its content.",
+    help="Treat every test as this kind, whatever its content.",
 )
 @click.option("--inertia", "estimate_inertia", is_flag=True, help="Estimate the inertia too.")
 @click.option(
     "--cutoff",
     "cutoff_hz",
     type=float,
-    help="Zero-phase low-pass, Hz; by default 50, or as low as sampling and noise ask for.",
+    help="Zero-phase low-pass, Hz; by default 50, or lower as sampling and noise require.",
 )
 @_part_options
 def _friction(
@@ -144,9 +146,9 @@ def _valve_discrete(valve: str | None, as_json: bool, **files: Any) -> None:
     help="Which surface to fit; both are compared on held-out tests.",
 )
 @click.option(
-    "--seed", type=SEED, default=0, show_default=True, help="Of the folds and the restarts."
+    "--seed", type=SEED, default=0, show_default=True, help="Seed of the folds and restarts."
 )
-@click.option("--sweep", is_flag=True, help="Also find the smallest network that does (slow).")
+@click.option("--sweep", is_flag=True, help="Also find the smallest sufficient network (slow).")
 @_part_options
 def _valve_pwm(
     valve: str | None, surface: str, seed: int, sweep: bool, as_json: bool, **files: Any
@@ -169,7 +171,7 @@ def _valve_pwm(
 @click.option("-o", "output", type=PathArgument, help="Write the bundle here.")
 @json_option
 def _campaign(campaign: Path, output: Path | None, as_json: bool) -> None:
-    """All that a campaign's fit logs hold, assembled into one bundle."""
+    """Everything that a campaign's training logs identify, in one bundle."""
     found = fit_campaign(read_campaign(campaign), progress=progress("fitting "))
     if output is not None:
         write_bundle(found.bundle, output)
@@ -182,7 +184,7 @@ def _campaign(campaign: Path, output: Path | None, as_json: bool) -> None:
 
 @dataclass(frozen=True)
 class Fitted:
-    """What a fit found: the bundle, what to say about it, and where it was written."""
+    """The result of a fit: the bundle, its remarks, and where it was written."""
 
     bundle: Bundle
     remarks: tuple[str, ...]
@@ -190,7 +192,7 @@ class Fitted:
     written: Path | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """What `--json` prints: the bundle, the remarks and the file."""
+        """The output of `--json`: the bundle, the remarks and the file."""
         return {
             **self.bundle.to_json(),
             "remarks": list(self.remarks),
@@ -201,7 +203,7 @@ class Fitted:
 
 @dataclass(frozen=True)
 class _Files:
-    """What a partial fit reads and writes."""
+    """The files that a partial fit reads and writes."""
 
     logs: Sequence[Path]
     rig: Path | None
@@ -247,7 +249,7 @@ def _read_logs(
         raise input_error(
             " and ".join(sorted(map(str, files))),
             "the logs belong to different rigs",
-            "fit them one by one, or name one rig file with --rig",
+            "fit them one by one, or give one rig file with --rig",
         )
     rig = read_rig(files.pop())
     mapping = parse_map(maps)
@@ -306,7 +308,7 @@ def _valve_tables(fitted: Fitted) -> Iterable[Table]:
 
 def _surface_tables(valves: FittedValves) -> Iterable[Table]:
     table = new_table(
-        "PWM surfaces, error in duty on tests left out of the fit",
+        "PWM surfaces, error in duty on held-out tests",
         "valve",
         "direction",
         "surface",

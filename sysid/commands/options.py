@@ -25,7 +25,7 @@ def options(*decorators: Callable[[Any], Any]) -> Callable[[Any], Any]:
 
 logs_argument = click.argument("logs", nargs=-1, required=True, type=PathArgument, metavar="LOG...")
 campaign_argument = click.argument("campaign", type=PathArgument)
-bundle_option = click.option("--bundle", required=True, type=PathArgument, help="What was fitted.")
+bundle_option = click.option("--bundle", required=True, type=PathArgument, help="Bundle to use.")
 report_option = click.option("--report", type=PathArgument, help="Write the HTML report here.")
 json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 rig_option = click.option(
@@ -39,5 +39,5 @@ map_option = click.option(
     help='Foreign column and unit, e.g. "pressure_a_pa=P1:kPa(g)"; may be repeated.',
 )
 effects_option = click.option(
-    "--effects", type=PathArgument, help="Python file of a user's own effects; it is run."
+    "--effects", type=PathArgument, help="Python file with further effects; it is executed."
 )

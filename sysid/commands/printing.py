@@ -1,6 +1,6 @@
-"""What the commands print: short tables for a person, one JSON object with `--json`.
+"""What the commands print: short tables for people, one JSON object with `--json`.
 
-What one command alone prints is in that command's file.
+Output of a single command is in that command's file.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def notices(lines: Iterable[str]) -> None:
 
 
 def progress(doing: str = "") -> Progress:
-    """A function that says on standard error what is being done now."""
+    """A function that reports progress on standard error."""
     error = Console(stderr=True, soft_wrap=True, highlight=False)
 
     def say(what: str) -> None:
@@ -44,7 +44,7 @@ def print_json(content: Any) -> None:
 
 
 def print_written(paths: Iterable[Path]) -> None:
-    """Where the results are, a line a file."""
+    """Where the results are, one line per file."""
     out = console()
     for path in paths:
         out.print(Text(f"written: {path}"), soft_wrap=True)
@@ -60,7 +60,7 @@ def estimate_cells(estimate: Estimate) -> tuple[str, str, str]:
 
 
 def parameter_table(title: str, parameters: Mapping[str, Estimate]) -> Table:
-    """One row a parameter."""
+    """One row per parameter."""
     table = new_table(title, "parameter", "value", "95 % interval", "unit")
     for name, estimate in parameters.items():
         table.add_row(Text(name), *(Text(c) for c in estimate_cells(estimate)))
@@ -68,7 +68,7 @@ def parameter_table(title: str, parameters: Mapping[str, Estimate]) -> Table:
 
 
 def validation_table(validation: Validation | None) -> Table:
-    """One row a log, valve model and channel of a bundle's `validation`."""
+    """One row per log, valve model and channel of a bundle's `validation`."""
     table = new_table(
         "Open-loop validation",
         "log",

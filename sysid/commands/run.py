@@ -46,7 +46,7 @@ run_options = options(
         help="Which PWM surfaces to fit.",
     ),
     click.option(
-        "--seed", type=SEED, default=0, show_default=True, help="Of folds, restarts and twins."
+        "--seed", type=SEED, default=0, show_default=True, help="Seed of folds, restarts and twins."
     ),
     click.option(
         "--diagnose/--no-diagnose", default=True, help="Whether to look for what the model lacks."
@@ -67,9 +67,9 @@ def run(campaign: Path, folder: Path, as_json: bool, **options: Any) -> None:
 
 @dataclass(frozen=True)
 class RunReport:
-    """What `sysid run` did: the stages, the bundle, and the files that it wrote.
+    """The result of `sysid run`: the stages, the bundle, and the files that it wrote.
 
-    `diagnosis` is the content of its file, None where none was made.
+    `diagnosis` is the content of its file, None without a diagnosis.
     """
 
     folder: Path
@@ -84,7 +84,7 @@ class RunReport:
         return self.folder / REPORT_FILE
 
     def to_json(self) -> dict[str, Any]:
-        """What `sysid run --json` prints; `diagnosis` as `sysid diagnose --json`, or null."""
+        """The output of `sysid run --json`; `diagnosis` as in `sysid diagnose --json`, or null."""
         diagnosis = self.diagnosis and {k: v for k, v in self.diagnosis.items() if k != "figures"}
         return {
             "folder": str(self.folder),
@@ -110,18 +110,18 @@ def run_campaign(
 ) -> RunReport:
     """Run every stage that is not up to date. Raises what the stages raise.
 
-    `surface` and `seed` are `sysid fit valve-pwm`'s and the diagnosis'; `diagnose` says
-    whether to look for what the model lacks, `effects` is a file of a user's own effects
-    for that; `progress` is told what is being done.
+    `surface` and `seed` are those of `sysid fit valve-pwm` and the diagnosis; `diagnose` says
+    whether to look for what the model lacks, `effects` is a Python file with further effects
+    for that; `progress` is called with a line for each step.
     """
     campaign = read_campaign(campaign_path)
     if effects is not None:
-        catalogue_with(effects)  # an unusable file is said before the work, not after it
+        catalogue_with(effects)  # an unusable file is reported before the work, not after it
     try:
         (folder / "export").mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise input_error(
-            folder, f"cannot be made a folder: {error.strerror}", "name another with -o"
+            folder, f"cannot be created as a folder: {error.strerror}", "choose another with -o"
         ) from None
     remove_leftovers(folder)
     remove_leftovers(folder / "export")
@@ -137,7 +137,7 @@ def run_campaign(
 
 
 def show_run(done: RunReport, as_json: bool) -> None:
-    """The validation, the diagnosis, what each stage did, and where the report is."""
+    """The validation, the diagnosis, the outcome of each stage, and where the report is."""
     notices(done.notices)
     if as_json:
         print_json(done.to_json())

@@ -46,7 +46,7 @@ from sysid.types import FloatArray
 @click.option(
     "--valve-model",
     type=click.Choice(["discrete", "bipolynomial", "ann"]),
-    help="Else the on/off law where the bundle has it.",
+    help="Default: the on/off law where the bundle has it.",
 )
 @map_option
 @effects_option
@@ -58,7 +58,7 @@ def simulate(inputs: Path, bundle: Path, output: Path, as_json: bool, **options:
 
 @dataclass(frozen=True)
 class Simulated:
-    """What `sysid simulate` did: each trial with its channels (n,), and what to say."""
+    """The result of `sysid simulate`: each trial with its channels (n,), and notices."""
 
     trials: tuple[Trial, ...]
     channels: tuple[Mapping[str, FloatArray], ...]
@@ -68,7 +68,7 @@ class Simulated:
     written: Path
 
     def to_json(self) -> dict[str, Any]:
-        """What `sysid simulate --json` prints."""
+        """The output of `sysid simulate --json`."""
         return {
             "written": str(self.written),
             "valve_model": self.valve_model,
@@ -79,7 +79,7 @@ class Simulated:
 
 
 def _show(simulated: Simulated, as_json: bool) -> None:
-    """How far each test went, and where the result is."""
+    """The range of each channel by test, and where the result is."""
     notices(simulated.notices)
     if as_json:
         print_json(simulated.to_json())
@@ -109,10 +109,10 @@ def simulate_log(
 
     The rig is the bundle's. A test starts at rest, at its first row's position and pressures;
     one under PWM with the piston held that starts nearer to the supply than to the atmosphere
-    had its valve on (log format). `valve_model` None: the discrete law where the bundle has
-    it, else a surface. `effects` is a file of a user's own effects, which is run. Raises
-    InputError for unusable files, NotIdentifiedError where the bundle lacks what the model
-    needs.
+    starts with its valve on (log format). `valve_model` None: the discrete law where the bundle has
+    it, else a surface. `effects` is a Python file with further effects, which is executed.
+    Raises InputError for unusable files, NotIdentifiedError where the bundle lacks what the
+    model needs.
     """
     bundle = read_bundle(bundle_path)
     rig = bundle.rig

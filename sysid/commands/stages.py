@@ -1,8 +1,8 @@
 """The stages of `sysid run`: check, fit, diagnose, validate, report and export.
 
-Each stage writes its files whole and is then entered in `run.json` with the digests of all
-that it was made from. A later call does again what failed, what is missing and what is
-stale, and says why.
+Each stage writes complete files and is then entered in `run.json` with the digests of all
+its inputs. A later call repeats what failed, what is missing and what is stale, and says
+why.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ EXPORTS = {"c": "export/model.h", "mat": "export/model.mat", "json": "export/mod
 
 @dataclass(frozen=True)
 class StageReport:
-    """What became of a stage: `why` it was done (None: it was up to date), and s it took."""
+    """The outcome of a stage: `why` it was done (None: it was up to date), and its duration, s."""
 
     name: str
     why: str | None
@@ -55,10 +55,10 @@ class StageReport:
 
     @property
     def outcome(self) -> str:
-        """What became of it, in words: done, up to date, or why it was done again."""
+        """The outcome in words: done, up to date, or why it was repeated."""
         if self.why is None:
             return "up to date"
-        return "done" if self.why == _NOT_DONE_YET else f"{self.why}: done again"
+        return "done" if self.why == _NOT_DONE_YET else f"{self.why}: repeated"
 
 
 @dataclass
@@ -80,8 +80,8 @@ class PipelineRun:
         return self.folder / name
 
     def bundle(self, name: str) -> Bundle:
-        """A bundle of this run, known by the name of its file alone: what is said of it goes
-        into a report that is sent to others."""
+        """A bundle of this run, named by its file name alone: messages about it go into a report
+        that is sent to others."""
         return read_bundle(self.path(name)).named(name)
 
     @property
@@ -91,11 +91,11 @@ class PipelineRun:
 
     @property
     def catalogue(self) -> Catalogue | None:
-        """The catalogue with the user's own effects; None is the project's."""
+        """The catalogue with the further effects; None is the project's."""
         return catalogue_with(self.effects) if self.effects else None
 
     def diagnosis(self) -> dict[str, Any] | None:
-        """What the diagnosis wrote: its result, or why it was `skipped`; None without one."""
+        """The diagnosis as written: its result, or why it was `skipped`; None without one."""
         if not self.diagnose:
             return None
         content: dict[str, Any] = json.loads(self.path(_DIAGNOSIS_FILE).read_text("utf-8"))
@@ -116,9 +116,9 @@ def _digest(path: Path) -> str:
 
 @dataclass(frozen=True)
 class Stage:
-    """A stage: what it writes, what it is made from besides the logs, and what it does.
+    """A stage: its output, its inputs in addition to the logs, and its work.
 
-    `reads_effects`: whether a user's file of effects plays a part in it.
+    `reads_effects`: whether a file of further effects is one of its inputs.
     """
 
     name: str
@@ -157,7 +157,7 @@ def perform(run: PipelineRun, stage: Stage) -> StageReport:
 
 
 def _read_state(folder: Path) -> dict[str, Any]:
-    """What earlier calls did; nothing where the file is missing or no longer readable."""
+    """The record of earlier calls; empty where the file is missing or no longer readable."""
     try:
         state = json.loads((folder / STATE_FILE).read_text("utf-8"))
     except (OSError, ValueError):
@@ -168,7 +168,7 @@ def _read_state(folder: Path) -> dict[str, Any]:
 def _stale(
     run: PipelineRun, stage: Stage, made_from: Mapping[str, str], before: Mapping[str, Any] | None
 ) -> str | None:
-    """Why a stage has to be done; None where its files stand and nothing has changed."""
+    """Why a stage has to be done; None where its files are present and nothing has changed."""
     if before is None:
         return _NOT_DONE_YET
     old = before.get("made_from", {})
@@ -203,7 +203,7 @@ def _fit(run: PipelineRun) -> None:
 
 
 def _diagnose(run: PipelineRun) -> None:
-    """A campaign that cannot be diagnosed is gone on with as it was fitted, and says why."""
+    """A campaign that cannot be diagnosed continues as fitted, with a notice that says why."""
     bundle = run.bundle(_FITTED_FILE)
     try:
         diagnosis, notices = diagnose_logs(
@@ -226,7 +226,7 @@ def _diagnose(run: PipelineRun) -> None:
 
 
 def _validated(run: PipelineRun) -> ValidationResult | None:
-    """The validation of the bundle that stands; None without motion logs of an actuator."""
+    """The validation of the final bundle; None without motion logs of an actuator."""
     kinds = [entry.kind for entry in run.campaign.logs]
     if run.validation is None and set(kinds) & set(VALIDATED_KINDS):
         bundle = run.bundle(run.model_file)

@@ -41,14 +41,14 @@ def validate(campaign: Path, bundle: Path, as_json: bool, **options: Any) -> Non
 
 @dataclass(frozen=True)
 class Validated:
-    """The bundle with its validation, what to say about it, and the files that were written."""
+    """The bundle with its validation, notices, and the files that were written."""
 
     bundle: Bundle
     notices: tuple[str, ...]
     written: tuple[Path, ...]
 
     def to_json(self) -> dict[str, Any]:
-        """What `sysid validate --json` prints."""
+        """The output of `sysid validate --json`."""
         return {
             "validation": self.bundle.to_json()["validation"],
             "notices": list(self.notices),
@@ -57,7 +57,7 @@ class Validated:
 
 
 def _show(validated: Validated, as_json: bool) -> None:
-    """The errors of every log, and what was written."""
+    """The errors of every log, and the files written."""
     notices(validated.notices)
     if as_json:
         print_json(validated.to_json())
@@ -77,8 +77,8 @@ def validate_campaign(
 ) -> Validated:
     """Simulate a campaign's motion logs open loop with a bundle's model.
 
-    `effects` is a file of a user's own effects, which is run. Raises InputError for unusable
-    files, NotIdentifiedError where the bundle lacks what the simulation needs.
+    `effects` is a Python file with further effects, which is executed. Raises InputError for
+    unusable files, NotIdentifiedError where the bundle lacks what the simulation needs.
     """
     campaign = read_campaign(campaign_path)
     bundle = read_bundle(bundle_path)

@@ -1,3 +1,3 @@
-"""How things are shown: `numbers` and `channels` with their units, `tables` (and the results that
-show themselves), `plots` (axes to draw on), `progress`, `terminal` and `text_plot`.
+"""Display: `numbers` and `channels` with their units, `tables` (and results with a display of their
+own), `plots` (axes to draw on), `progress`, `terminal` and `text_plot`.
 """

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Channel:
-    """How a channel is shown: in `unit` after `scale`, its residual in its own."""
+    """How a channel is shown: in `unit` after `scale`, its residual in a unit of its own."""
 
     key: str
     title: str
@@ -29,7 +29,7 @@ ACTUATOR_CHANNELS = (
 )
 
 
-# What a part on a bench is predicted in.
+# Channels of parts on a bench.
 _BENCH_CHANNELS = (
     Channel("motor_torque_nm", "Torque", "N·m", 1.0, "mN·m", 1e3),
     Channel("velocity_rad_per_s", "Speed", "rad/s", 1.0, "mrad/s", 1e3),
@@ -44,5 +44,5 @@ _BENCH_CHANNELS = (
 
 
 def channel_of(key: str) -> Channel:
-    """How a channel is shown. Raises KeyError for one that is not."""
+    """How a channel is shown. Raises KeyError for an unknown channel."""
     return {channel.key: channel for channel in (*ACTUATOR_CHANNELS, *_BENCH_CHANNELS)}[key]

@@ -1,4 +1,4 @@
-"""Numbers as a reader wants them: as many digits as their error leaves, and readable units."""
+"""Readable numbers: as many digits as their error supports, and readable units."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _UNITS = {
     "kg/(s Pa)": "kg/(s·Pa)",
     "-": "",
 }
-# Times below this are said in ms.
+# Times below this are shown in ms.
 _SHORT_S = 0.1
 # Powers of ten that are written out.
 _PLAIN = range(-2, 6)
@@ -31,7 +31,7 @@ def unit(text: str) -> str:
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """A value with so many significant digits; an em dash for None and NaN."""
+    """A value with this number of significant digits; an em dash for None and NaN."""
     if value is None or math.isnan(value):
         return MISSING
     if math.isinf(value):
@@ -49,7 +49,7 @@ def _exponent(value: float, digits: int) -> int:
 
 
 def fixed(value: float, decimals: int) -> str:
-    """A value with so many decimals and a true minus sign."""
+    """A value with this number of decimals and a true minus sign."""
     text = f"{value:.{decimals}f}"
     return text.replace("-", MINUS)
 
@@ -59,14 +59,14 @@ def _power(exponent: int) -> str:
 
 
 def percent(value: float | None, digits: int = 3) -> str:
-    """A percentage that is one already, with its sign."""
+    """A value in percent, with the percent sign."""
     return MISSING if value is None else f"{number(value, digits)} %"
 
 
 def estimate_cells(estimate: Estimate) -> tuple[str, str, str, str]:
     """Value, standard error, 95 % interval and unit of a bundle's parameter.
 
-    All are written with the value's power of ten, and to the second digit of the error.
+    All are written with the value's power of ten, to the second digit of the error.
     """
     if estimate.reason is not None:
         return "not identified", MISSING, estimate.reason, ""

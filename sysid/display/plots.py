@@ -1,4 +1,4 @@
-"""Axes to draw on: those that a caller passes, or new ones. Matplotlib is imported when used."""
+"""Axes to draw on: the caller's, or new ones. Matplotlib is imported when used."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _WIDTH, _HEIGHT = 7.0, 2.2
-# A legend of more lines than this hides what it is about.
+# A legend with more lines than this hides the plot.
 _MOST_IN_LEGEND = 12
 
 
@@ -25,7 +25,7 @@ def one_axes(ax: Axes | None) -> Axes:
 
 
 def some_axes(count: int, axes: Axes | Iterable[Axes] | None, share_x: bool = True) -> list[Axes]:
-    """`count` axes: those given, or new ones below each other.
+    """`count` axes: those given, or new ones one below the other.
 
     Raises InputError where another number is given.
     """
@@ -51,7 +51,7 @@ def flat(axes: Axes | Iterable[Axes]) -> list[Axes]:
 
 
 def legend(ax: Axes) -> None:
-    """A legend, where it has lines to tell apart and few enough of them."""
+    """A legend, where there are several lines, but not too many."""
     labels = ax.get_legend_handles_labels()[1]
     if 1 < len(labels) <= _MOST_IN_LEGEND:
         ax.legend(fontsize="small")

@@ -1,4 +1,4 @@
-"""Progress: to the caller's callback, or to whoever watches: a terminal or a notebook."""
+"""Progress: to the caller's callback, else to a terminal or a notebook."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from sysid.types import Progress, no_progress
 
 @contextmanager
 def progress_or_shown(progress: Progress | None, doing: str) -> Iterator[Progress]:
-    """The callback given; else one that shows each line while the work goes on.
+    """The callback given; else one that shows each line during the work.
 
     In a notebook the line below the cell changes, in a terminal a bar on standard error runs
     next to it; both are gone at the end. A script whose output is piped shows nothing. `doing`
@@ -58,7 +58,7 @@ def _terminal_bar(doing: str) -> Iterator[Progress]:
 
     columns = (BarColumn(20), TimeElapsedColumn(), TextColumn("{task.description}", markup=False))
     with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
-        # How much there is to do is not known before: the bar pulses.
+        # The amount of work is unknown beforehand: the bar pulses.
         task = bar.add_task(doing, total=None)
         yield lambda line: bar.update(task, description=line)
 

@@ -1,4 +1,4 @@
-"""How results show themselves: as text, as HTML in a notebook, as a DataFrame."""
+"""Display of results: as text, as HTML in a notebook, as a DataFrame."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _DIGITS = 4
 
 @dataclass(frozen=True)
 class ShownTable:
-    """A table as it is read: a title, the names of the columns, and cells of text."""
+    """A table for reading: a title, the names of the columns, and cells of text."""
 
     title: str
     columns: tuple[str, ...]
@@ -37,7 +37,7 @@ class ShownTable:
         return "\n".join((self.title, *aligned) if self.title else aligned)
 
     def html(self) -> str:
-        """A `<table>`; whatever the cells hold is escaped."""
+        """A `<table>`; the content of the cells is escaped."""
         caption = f"<caption>{escape(self.title)}</caption>" if self.title else ""
         head = "".join(f"<th>{escape(c)}</th>" for c in self.columns)
         rows = ("".join(f"<td>{escape(c)}</td>" for c in row) for row in self.rows)
@@ -46,23 +46,23 @@ class ShownTable:
 
 
 class Shown(ABC):
-    """A result that shows itself: `print`, a notebook, `to_frame()`.
+    """A result with a display: `print`, a notebook, `to_frame()`.
 
-    A class says what it holds in one line (`headline`) and as rows of plain values (`records`);
-    `tables` and `footnotes` may say more. Dataclasses derive with `repr=False`, so that their
+    A class gives its content in one line (`headline`) and as rows of plain values (`records`);
+    `tables` and `footnotes` may add to it. Dataclasses derive with `repr=False`, so that their
     `repr` stays one line.
     """
 
     @abstractmethod
     def headline(self) -> str:
-        """What it is, in a few words without a line break."""
+        """The result in a few words without a line break."""
 
     @abstractmethod
     def records(self) -> Sequence[Mapping[str, Any]]:
         """The rows of `to_frame()`: plain values by column, units in the names."""
 
     def tables(self) -> Iterable[ShownTable]:
-        """What a reader sees; by default the records."""
+        """The tables displayed; by default the records."""
         yield record_table("", self.records())
 
     def footnotes(self) -> Iterable[str]:
@@ -70,7 +70,7 @@ class Shown(ABC):
         return tuple(f"notice: {line}" for line in getattr(self, "notices", ()))
 
     def to_frame(self) -> pd.DataFrame:
-        """The records as a DataFrame of numbers, one row a record."""
+        """The records as a DataFrame of numbers, one row per record."""
         import pandas as pd
 
         return pd.DataFrame.from_records([dict(record) for record in self.records()])
@@ -91,7 +91,7 @@ class Shown(ABC):
 
 
 def cell(value: Any) -> str:
-    """A plain value as text: numbers with four significant digits, nothing as a dash."""
+    """A plain value as text: numbers with four significant digits, None as a dash."""
     if value is None or isinstance(value, float):
         return number(value, _DIGITS)
     return str(value)
@@ -107,7 +107,7 @@ def record_table(title: str, records: Sequence[Mapping[str, Any]]) -> ShownTable
 
 
 def estimate_table(title: str, estimates: Mapping[str, Estimate]) -> ShownTable:
-    """One row an estimate: value, standard error, unit and 95 % interval."""
+    """One row per estimate: value, standard error, unit and 95 % interval."""
     rows = []
     for name, estimate in estimates.items():
         value, std, interval, unit = estimate_cells(estimate)
@@ -117,7 +117,7 @@ def estimate_table(title: str, estimates: Mapping[str, Estimate]) -> ShownTable:
 
 
 def estimate_records(estimates: Mapping[str, Estimate], **labels: Any) -> list[dict[str, Any]]:
-    """One record an estimate, after `labels`: its value, std, limits `low` and `high`, unit."""
+    """One record per estimate, after `labels`: value, std, limits `low` and `high`, unit."""
     return [
         {
             **labels,

@@ -1,4 +1,4 @@
-"""What is shown in a terminal: its width, and tables whose cells are never cut."""
+"""Terminal output: its width, and tables whose cells are never cut."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ _PIPED_WIDTH = 132
 
 
 def console() -> Console:
-    """Standard output, as wide as the terminal; never colours what is piped."""
+    """Standard output, as wide as the terminal; piped output is never coloured."""
     width = None if sys.stdout.isatty() else _PIPED_WIDTH
     return Console(soft_wrap=False, highlight=False, width=width)
 
 
 def new_table(title: str, *columns: str) -> Table:
-    """A table whose cells are never cut and whose text is never taken for markup."""
+    """A table whose cells are never cut and whose text is never treated as markup."""
     table = Table(
         title=Text(title), title_justify="left", title_style="bold", box=None, pad_edge=False
     )

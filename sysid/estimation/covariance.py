@@ -1,4 +1,4 @@
-"""A covariance of estimates, and the degrees of freedom that it was estimated with."""
+"""A covariance of estimates, and its degrees of freedom."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from sysid.types import FloatArray
 
 @dataclass(frozen=True)
 class Covariance:
-    """`matrix` (p, p) and, of each diagonal entry, the degrees of freedom `dof` (p,).
+    """`matrix` (p, p) and the degrees of freedom `dof` (p,) of its diagonal entries.
 
-    An interval takes both from here, so that the quantile is that of the variance's own error.
+    An interval uses both, so that its quantile accounts for the error of the variance.
     """
 
     matrix: FloatArray

@@ -1,4 +1,4 @@
-"""Profile intervals: where the least sum of squares over all other parameters gets too large.
+"""Profile intervals, bounded where the minimum over all other parameters becomes too large.
 
 They need no quadratic sum of squares, unlike standard errors, and may be asymmetric.
 """
@@ -24,9 +24,9 @@ def profile_interval(
     jacobian: Jacobian | None = None,
     level: float = LEVEL,
 ) -> tuple[float, float]:
-    """Interval that holds every value of one parameter which the data do not reject.
+    """Interval of all values of one parameter that the data do not reject.
 
-    The others are fitted anew at each value; the rise of the sum of squares over the
+    The others are refitted at each value; the rise of the sum of squares over the
     residual variance is compared with Student's t squared (Bates, Watts 1988, 6.1). A
     limit is the parameter's bound where no value on that side is rejected.
     """

@@ -1,7 +1,7 @@
-"""What comes in: rig, log and campaign files, a lab's own formats, units, plausibility.
+"""Input: rig, log and campaign files, a lab's own formats, units, plausibility.
 
 `rig` (declared in `rig_file` and `rig_sections`, template in `rig_template`), `logs` (reading;
 `samples`: a `Log` and its `Trial`s), `campaign`, `channels`, `trial_kind`; `tables` and `files`
-read and write, `units` and `plausibility` find slips, `foreign/` and `conversion` bring a lab's
-own files into the format.
+read and write, `units` and `plausibility` find wrong units, `foreign/` and `conversion` convert a
+lab's own files.
 """

@@ -14,4 +14,4 @@ def bundled_campaign() -> Path:
     for folder in (_PACKAGE / "_bundled", _PACKAGE.parent / "datasets" / "bundled"):
         if (folder / "campaign.toml").is_file():
             return folder / "campaign.toml"
-    raise input_error(_PACKAGE, "the bundled campaign is missing", "install sysid again")
+    raise input_error(_PACKAGE, "the bundled campaign is missing", "reinstall sysid")

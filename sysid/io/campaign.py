@@ -68,8 +68,8 @@ class CampaignFile(TomlTable):
     """The campaign file: a rig's tests together, and what each may be used for."""
 
     rig: Annotated[str, TextKey("Path of the rig file, relative to the campaign file.")]
-    name: Annotated[str | None, TextKey("The campaign's name; for its readers.")] = None
-    log: Annotated[list[LogEntry], Field(description="One entry a log.", min_length=1)]
+    name: Annotated[str | None, TextKey("The campaign's name, for readers.")] = None
+    log: Annotated[list[LogEntry], Field(description="One entry per log.", min_length=1)]
     map: ColumnTable = Field(
         default_factory=dict,
         description='Columns of the logs that have them, each as "column:unit".',
@@ -78,7 +78,7 @@ class CampaignFile(TomlTable):
 
 @dataclass(frozen=True)
 class CampaignLog:
-    """One `[[log]]` entry. `file` is as written, `path` where it lies.
+    """One `[[log]]` entry. `file` is as written, `path` its location.
 
     `mapping` is its own `map`, `shared` the campaign's, of columns that not every log has.
     """
@@ -111,7 +111,7 @@ class Campaign:
         return tuple(e for e in self.logs if e.kind in kinds and use in (None, e.use))
 
     def sources(self, use: str | None = None) -> list[Source]:
-        """What a bundle's provenance says of the logs of this use (None: all).
+        """The logs of this use (None: all) as a bundle's provenance lists them.
 
         Raises InputError for one that cannot be opened.
         """
@@ -130,7 +130,7 @@ def read_campaign(path: Path) -> Campaign:
     notices = reject_misspelt(content, CampaignFile.model_fields, "", source)
     rig_file = content.get("rig")
     if not isinstance(rig_file, str):
-        raise input_error(path, "rig is missing", 'add rig = "rig.toml" on top')
+        raise input_error(path, "rig is missing", 'add rig = "rig.toml" at the top')
     rig_path = path.parent / rig_file
     if not rig_path.is_file():
         raise input_error(
@@ -149,7 +149,7 @@ def read_campaign(path: Path) -> Campaign:
 
 
 def _digest(path: Path) -> str:
-    """SHA-256 of a log, read or not."""
+    """SHA-256 of a log's file."""
     return hashlib.sha256(read_bytes(path, "a log")).hexdigest()
 
 
@@ -175,7 +175,7 @@ def _entry(path: Path, number: int, table: Any, shared: Any, notices: list[str])
 
 
 def _choices(path: Path, where: str, table: dict[str, Any]) -> dict[str, Any]:
-    """The entry's words of which each is one of a few, in the order of `LogEntry`."""
+    """The entry's values that are choices, in the order of `LogEntry`."""
     return {
         name: _one_of(path, where, name, table.get(name), key.allowed)
         for name, key in declared_keys(LogEntry).items()
@@ -192,14 +192,12 @@ def _one_of(path: Path, where: str, key: str, value: Any, allowed: Sequence[str]
 
 
 def _reject_used_twice(path: Path, logs: Sequence[CampaignLog]) -> None:
-    """A log that is fitted on is never held out as well."""
+    """A training log cannot be held out as well."""
     uses: dict[str, str] = {}
     for entry in logs:
         key = os.path.realpath(entry.path)
         if uses.setdefault(key, entry.use) != entry.use:
-            raise input_error(
-                path, f"{entry.file} is both fit and holdout", "keep it in one of the two"
-            )
+            raise input_error(path, f"{entry.file} is both fit and holdout", "give it one use")
 
 
 __all__ = [

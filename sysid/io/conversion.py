@@ -1,8 +1,8 @@
 """`sysid convert`: a lab's own file into the log format (`spec/log-format.md`).
 
 The readers are in `sysid.io.foreign`, the units in `sysid.io.units`; here the columns are mapped,
-checked and written. What the command line says can stand in
-a TOML file too (`sysid.io.foreign.recipe`).
+checked and written. The options of the command line may also be given in a TOML file
+(`sysid.io.foreign.recipe`).
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class ForeignSource:
 
 @dataclass(frozen=True)
 class ConversionReport:
-    """What was written, from what, and what the user should know."""
+    """What was written, its sources, and notices for the user."""
 
     output: str
     sources: tuple[ForeignSource, ...]
@@ -89,10 +89,10 @@ def convert(
 
     `maps` are entries `target=column[:unit]` (`sysid.io.units`), `constants` entries
     `target=value`, `rows` the slices of each file's rows that are kept ("0:500, 900:").
-    Several files become the tests of one log, called by their file names.
-    Without maps, columns that have the log format's names already are taken; without
-    `atmosphere_pa` gauge pressures take that of the rig file nearest to the files. Raises
-    InputError, one line with the place and the mend; the output is whole or not there.
+    Several files become the tests of one log, labelled with their file names.
+    Without maps, columns that already have the log format's names are used; without
+    `atmosphere_pa`, gauge pressures use that of the rig file nearest to the files. Raises
+    InputError, one line with the place and the fix; the output is complete or absent.
     """
     paths = [foreign] if isinstance(foreign, Path) else list(foreign)
     recipe = extended(
@@ -113,13 +113,13 @@ def convert(
     )
     if len(paths) > 1 and (TEST_COLUMN in recipe.maps or TEST_COLUMN in recipe.constants):
         raise input_error(
-            "convert", "several files are several tests, but `test` is given too", "leave it out"
+            "convert", "several files are several tests, but `test` is given too", "omit it"
         )
     recipe = _with_atmosphere(recipe, paths)
     frames, sources, unmapped, notices = [], [], [], list(recipe.notices)
     for path, label in zip(paths, _labels(paths), strict=True):
         if path.exists() and output.exists() and path.samefile(output):
-            raise input_error(output, "is the file to be converted", "name another with -o")
+            raise input_error(output, "is the file to be converted", "choose another with -o")
         raw = read_bytes(path, "a file to convert")
         table = read_foreign(path, raw, recipe.read)
         frames.append(_convert_table(table, recipe, label))
@@ -144,7 +144,7 @@ def convert(
 
 
 def _with_atmosphere(recipe: Recipe, paths: Sequence[Path]) -> Recipe:
-    """A recipe with gauge pressures takes the atmosphere of the rig file that is nearest."""
+    """A recipe with gauge pressures uses the atmosphere of the nearest rig file."""
     if recipe.atmosphere_pa is not None or not any(m.gauge for m in recipe.maps.values()):
         return recipe
     found = {file for path in paths if (file := nearest_rig_file(path)) is not None}
@@ -155,12 +155,12 @@ def _with_atmosphere(recipe: Recipe, paths: Sequence[Path]) -> Recipe:
     if len(known) > 1:
         raise input_error(
             " and ".join(map(str, sorted(found))),
-            "the files' rigs have different atmospheres",
+            "the files' rigs have different atmospheric pressures",
             "convert them one by one, or give --atmosphere PA",
         )
     atmosphere = known.pop()
     places = ", ".join(map(str, sorted(found)))
-    notice = f"{places}: its atmosphere, {atmosphere:g} Pa, is added to gauge pressures"
+    notice = f"{places}: its atmospheric pressure, {atmosphere:g} Pa, is added to gauge pressures"
     return replace(recipe, atmosphere_pa=atmosphere, notices=(*recipe.notices, notice))
 
 
@@ -176,14 +176,15 @@ def _labels(paths: Sequence[Path]) -> list[str | None]:
 
 
 def _sources(table: ForeignTable, recipe: Recipe) -> dict[str, tuple[str, ColumnMap]]:
-    """(foreign column, its map) by target: what is mapped, and what has its name already."""
+    """(foreign column, its map) by target: mapped columns and those already named."""
     names = list(table.columns)
     found = {}
     for target, entry in recipe.maps.items():
         if entry.column in table.skipped and entry.column not in names:
             raise input_error(
                 table.path,
-                f"{entry.column} (mapped to {target}) is no column: {table.skipped[entry.column]}",
+                f"{entry.column} (mapped to {target}) is not a column: "
+                f"{table.skipped[entry.column]}",
                 "map another, by its name or number (#3)",
             )
         matrix = f"{entry.column}#1"
@@ -212,7 +213,7 @@ def _nothing_mapped(table: ForeignTable) -> InputError:
     return input_error(
         table.path,
         f"no column is mapped to the log format; it has {table.describe()}",
-        f'say which they are: --map "time_s={time}:s" --map "pressure_a_pa={other}:kPa(g)"',
+        f'map its columns: --map "time_s={time}:s" --map "pressure_a_pa={other}:kPa(g)"',
     )
 
 
@@ -232,7 +233,7 @@ def _convert_table(table: ForeignTable, recipe: Recipe, label: str | None) -> pd
         raise input_error(
             table.path,
             f"the mapped columns differ in length: {told}",
-            "map signals of one length (a single value goes in with --set)",
+            "map signals of equal length (give a single value with --set)",
         )
     columns: dict[str, Any] = {}
     for target, (name, entry) in sources.items():
@@ -244,7 +245,7 @@ def _convert_table(table: ForeignTable, recipe: Recipe, label: str | None) -> pd
             columns[target] = to_si(readings, entry, recipe.atmosphere_pa, stamped=stamped)
     rows = next(iter(lengths.values()))
     if "time_s" in columns and recipe.period_s is not None:
-        raise input_error(table.path, "has a time_s column of its own", "leave --period out")
+        raise input_error(table.path, "has a time_s column of its own", "omit --period")
     if "time_s" not in columns:
         columns["time_s"] = _time(table, recipe, list(lengths), rows)
     columns.update({key: np.full(rows, value) for key, value in recipe.constants.items()})
@@ -258,9 +259,9 @@ def _convert_table(table: ForeignTable, recipe: Recipe, label: str | None) -> pd
 
 
 def _keep_rows(columns: dict[str, Any], table: ForeignTable, recipe: Recipe, rows: int) -> int:
-    """Leave the rows that the recipe asks for; a declared period counts in their direction.
+    """Keep the rows that the recipe asks for; a declared period counts in their direction.
 
-    Returns how many are left.
+    Returns their number.
     """
     if not recipe.rows:
         return rows
@@ -269,7 +270,7 @@ def _keep_rows(columns: dict[str, Any], table: ForeignTable, recipe: Recipe, row
         raise input_error(
             table.path,
             f"rows = {recipe.rows_text!r} keeps none of its {rows} rows",
-            "mend --rows, or rows in the recipe's [options]",
+            "fix --rows, or rows in the recipe's [options]",
         )
     if recipe.period_s is not None and kept[0] > kept[-1]:
         columns["time_s"] = columns["time_s"][::-1]
@@ -286,7 +287,7 @@ def _time(table: ForeignTable, recipe: Recipe, names: Sequence[str], rows: int) 
     if len(bases) > 1:
         raise input_error(
             table.path,
-            "the mapped channels do not share one time base",
+            "the mapped channels have different time bases",
             "map a time channel, or give --period",
         )
     base = bases.pop()
@@ -296,12 +297,14 @@ def _time(table: ForeignTable, recipe: Recipe, names: Sequence[str], rows: int) 
             f"time_s is not mapped; it has {table.describe()}",
             'map it (--map "time_s=COLUMN:s"), or give --period SECONDS',
         )
-    table.notices.append(f"{table.path}: time from the file's own period, {base.period_s:g} s")
+    table.notices.append(
+        f"{table.path}: time follows from the file's own period, {base.period_s:g} s"
+    )
     return _ticks(base.period_s, base.start_s, rows)
 
 
 def _ticks(period_s: float, start_s: float, rows: int) -> Any:
-    """Multiples of the period; divided where that gives the decimal that a person expects."""
+    """Multiples of the period; divided where that gives the expected decimal."""
     inverse = round(1.0 / period_s)
     ticks = np.arange(rows)
     exact = inverse >= 1 and 1.0 / inverse == period_s
@@ -317,7 +320,7 @@ def _joined(frames: Sequence[pd.DataFrame], paths: Sequence[Path]) -> pd.DataFra
             raise input_error(
                 path,
                 f"{', '.join(differing)} is not in every file (compared with {paths[0].name})",
-                "convert files of one layout together",
+                "convert only files of the same layout together",
             )
     return pd.concat(frames, ignore_index=True)
 
@@ -325,7 +328,7 @@ def _joined(frames: Sequence[pd.DataFrame], paths: Sequence[Path]) -> pd.DataFra
 def _write(
     frame: pd.DataFrame, output: Path, sources: Sequence[ForeignSource], recipe: Recipe
 ) -> None:
-    """CSV under comment lines that say where it comes from, or Parquet with the same inside."""
+    """CSV under comment lines that give its origin, or Parquet with the same metadata."""
     lines = [f"source: {Path(s.path).name} ({s.format}), SHA-256 {s.sha256}" for s in sources]
     lines += [f"map: {entry}" for entry in recipe.maps.values()]
     lines += [f"map: {key}={value} (constant)" for key, value in recipe.constants.items()]

@@ -1,12 +1,12 @@
-"""One declaration a key of the TOML files: unit, bounds, description, example, error lines.
+"""One declaration per key of the TOML files: unit, bounds, description, example, error lines.
 
-A file's tables are pydantic models whose fields carry a `Key` in their annotation. All that
-is said of a key follows from it: the check and its error line, the line of the template that
+A file's tables are pydantic models whose fields carry a `Key` in their annotation. All other
+uses of a key follow from it: the check and its error line, the line of the template that
 `sysid init` writes, and the JSON schema (`model_json_schema()`).
 
-Reading a file does not use pydantic's validators: `checked` finds the first fault in the
-order of the fields, in our own words, and the values then need no second check. So the
-validators are built only where a model is constructed by its name, or validated.
+Reading a file does not use pydantic's validators: `checked` reports the first fault in the
+order of the fields, in the project's wording, and the values need no second check. The
+validators are therefore built only where a model is constructed by its name, or validated.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Motion = Literal["rotary", "linear"]
 class TemplateLine:
     """A key's line in the template: its value as written, and the comment behind it.
 
-    `motion` names the one template that it stands in, None both; `optional` lines are
+    `motion` names the template that contains it (None: both); `optional` lines are
     themselves comments.
     """
 
@@ -39,9 +39,9 @@ class TemplateLine:
 
 @dataclass(frozen=True)
 class Range:
-    """Lowest and highest value that a real rig has; what lies outside is a slip of unit.
+    """Lowest and highest value that a real rig has; a value outside is a wrong unit.
 
-    `hint` names the slip that is made most, and is the unit alone where none stands out.
+    `hint` names the most frequent mistake, or the unit alone where there is none.
     """
 
     lower: float
@@ -51,7 +51,7 @@ class Range:
 
     @property
     def mend(self) -> str:
-        """What to write in place of a value outside."""
+        """What to write instead of a value outside."""
         return self.hint or self.unit
 
     def holds(self, value: float) -> bool:
@@ -61,12 +61,12 @@ class Range:
 
 @dataclass(frozen=True)
 class Key:
-    """What is declared of a key: the base of numbers, choices and texts."""
+    """The declaration of a key: the base of numbers, choices and texts."""
 
     description: str
 
     def check(self, value: Any, where: str, source: str) -> Any:
-        """The value as kept. Raises InputError for one that cannot be used."""
+        """The value as stored. Raises InputError for one that cannot be used."""
         raise NotImplementedError
 
     def missing(self, name: str, table: str) -> tuple[str, str]:
@@ -74,17 +74,17 @@ class Key:
         return f"[{table}] {name} is missing", f"add it under [{table}]"
 
     def schema(self) -> dict[str, Any]:
-        """What the JSON schema says of it next to the type."""
+        """The key's JSON schema in addition to the type."""
         return {"description": self.description}
 
     def line(self, motion: Motion) -> TemplateLine | None:
-        """The line in the template for rigs of this motion; None where it has none."""
+        """The line in the template for rigs of this motion; None without one."""
         return None
 
 
 @dataclass(frozen=True)
 class NumberKey(Key):
-    """A number and its range; without `example` the template does without the key."""
+    """A number and its range; without `example` the template omits the key."""
 
     range: Range
     example: TemplateLine | None = None
@@ -117,7 +117,7 @@ class NumberKey(Key):
 
 @dataclass(frozen=True)
 class ChoiceKey(Key):
-    """One of several words."""
+    """One of several choices."""
 
     allowed: tuple[str, ...]
     examples: tuple[TemplateLine, ...] = ()
@@ -155,7 +155,7 @@ class TextKey(Key):
 def _as_float(value: int | float) -> float:
     try:
         return float(value)
-    except OverflowError:  # TOML's integers have no limit here
+    except OverflowError:  # TOML's integers are unlimited here
         return math.inf if value > 0 else -math.inf
 
 
@@ -193,7 +193,7 @@ class TomlSection(TomlTable):
 
     @classmethod
     def from_table(cls, table: dict[str, Any], source: str) -> Self:
-        """A section as read from `source`; keys that it does not know are passed over.
+        """A section as read from `source`; unknown keys are ignored.
 
         Raises InputError for the first key that is missing or cannot be used.
         """
@@ -201,7 +201,7 @@ class TomlSection(TomlTable):
 
 
 def key_of(field: FieldInfo) -> Key | None:
-    """What is declared of a field; None for one that holds a table."""
+    """The declaration of a field; None for one that holds a table."""
     return next((m for m in field.metadata if isinstance(m, Key)), None)
 
 

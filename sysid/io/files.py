@@ -28,11 +28,11 @@ def write_atomic(path: Path, data: bytes | str) -> None:
 
 @contextlib.contextmanager
 def open_atomic(path: Path) -> Generator[BinaryIO, None, None]:
-    """A file to write `path` through: in place when the block ends, and only if it ends well.
+    """A file to write `path` through: in place once the block has ended without an error.
 
     The bytes go to a temporary file in the same folder, which is then renamed. After an
-    error, Ctrl-C or SIGTERM inside the block the temporary file is gone and what stood at
-    `path` stands as it was. A pipe or device is written directly. Raises InputError where
+    error, Ctrl-C or SIGTERM inside the block the temporary file is removed and `path` is
+    unchanged. A pipe or device is written directly. Raises InputError where
     the folder is missing, not writable or full.
     """
     try:
@@ -55,7 +55,7 @@ def open_atomic(path: Path) -> Generator[BinaryIO, None, None]:
 
 
 def _mode(path: Path) -> int:
-    """`st_mode` of what stands at `path` (or what it links to), 0 where nothing does."""
+    """`st_mode` of the file at `path` (or of what it links to), 0 where there is none."""
     try:
         return path.stat().st_mode
     except FileNotFoundError:
@@ -66,7 +66,7 @@ def _through_temporary(path: Path, mode: int) -> Generator[BinaryIO, None, None]
     target = Path(os.path.realpath(path))  # a link stays a link
     try:
         effective = os.access in os.supports_effective_ids
-        # A rename would not ask whether the file that it replaces may be written.
+        # A rename would not check whether the file that it replaces may be written.
         if mode and not os.access(target, os.W_OK, effective_ids=effective):
             raise PermissionError(None, "Permission denied")
         handle, name = _temporary(target.parent)
@@ -85,11 +85,11 @@ def _through_temporary(path: Path, mode: int) -> Generator[BinaryIO, None, None]
         raise _not_writable(path, error) from None
     finally:
         if name is not None:
-            name.unlink(missing_ok=True)  # nothing left of it once it was renamed
+            name.unlink(missing_ok=True)  # already gone once it was renamed
 
 
 def _temporary(folder: Path) -> tuple[int, Path | None]:
-    """A file to write to: without a name where the system can, so that SIGKILL leaves nothing."""
+    """A file to write to: unnamed where the system allows, so that SIGKILL leaves nothing."""
     unnamed = getattr(os, "O_TMPFILE", None)
     if unnamed is not None and _DESCRIPTORS.is_dir():
         # Some file systems have no unnamed files; a folder that is missing fails again below.
@@ -127,7 +127,7 @@ def _umask() -> int:
 def _terminated_by_exception() -> Generator[None, None, None]:
     """SIGTERM raises SystemExit inside the block, so that the clean-up runs.
 
-    A handler that somebody has set is left alone; outside the main thread none can be set.
+    A handler that is already set is kept; outside the main thread none can be set.
     """
     if (
         threading.current_thread() is not threading.main_thread()
@@ -147,17 +147,17 @@ def _terminated_by_exception() -> Generator[None, None, None]:
 
 
 def _not_writable(path: Path, error: OSError | ValueError) -> InputError:
-    """One line for each way in which a file cannot be written."""
+    """The error line for a file that cannot be written."""
     shown = str(path) if len(str(path)) < 200 else f"{str(path)[:80]}..."
     if isinstance(error, FileNotFoundError):
         return input_error(
-            shown, f"its folder {path.parent} does not exist", "make it, or name another"
+            shown, f"its folder {path.parent} does not exist", "create it, or choose another"
         )
     if isinstance(error, NotADirectoryError):
-        return input_error(shown, f"{path.parent} is not a folder", "name another place")
+        return input_error(shown, f"{path.parent} is not a folder", "choose another place")
     if isinstance(error, PermissionError):
         return input_error(
-            shown, "may not be written", "change the permissions, or name another place"
+            shown, "may not be written", "change the permissions, or choose another place"
         )
     reason = getattr(error, "strerror", None) or str(error)
-    return input_error(shown, f"cannot be written: {reason}", "name another place")
+    return input_error(shown, f"cannot be written: {reason}", "choose another place")

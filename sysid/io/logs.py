@@ -20,7 +20,7 @@ from sysid.io.tables import LogTable, read_table
 from sysid.io.units import CANONICAL_UNITS, ColumnMap, find_column, has_column, to_si
 from sysid.types import FloatArray
 
-# Of kinds of test that the log format leaves open: elsewhere anyone's own columns.
+# For kinds of test that the log format leaves open; in other logs a lab's own columns.
 _SELDOM_NEEDED = (
     "velocity_rad_per_s",
     "flow_a_kg_s",
@@ -28,7 +28,7 @@ _SELDOM_NEEDED = (
     "pwm_period_s",
     "pump_volts",
 )
-# Rows of a second sampling period that stand together before the test is called mixed.
+# Consecutive rows of a second sampling period from which a test counts as mixed.
 _MIXED_RUN = 10
 _MIXED_DEVIATION = 0.25
 
@@ -57,9 +57,9 @@ def read_log(
 ) -> Log:
     """Read, check and convert one log file to SI.
 
-    `mapping` brings in foreign names and units (`sysid.io.units.parse_map`); `shared` does where
-    the file has the column, and `mapping` does not say otherwise. Raises InputError, one line
-    that names the file, the row or column, and the mend.
+    `mapping` translates foreign names and units (`sysid.io.units.parse_map`); `shared` does so
+    where the file has the column and `mapping` does not override it. Raises InputError, one
+    line that names the file, the row or column, and the fix.
     """
     maps = {**(shared or {}), **(mapping or {})}
     wanted = set(CANONICAL_UNITS) | {m.column for m in maps.values()}
@@ -95,7 +95,7 @@ def _take_columns(reading: _Reading, maps: Mapping[str, ColumnMap]) -> None:
         if target in table.header and column != target:
             reading.notices.append(
                 f"{reading.where}: {target} is taken from {column}, as mapped, not from the "
-                "column of its own name"
+                "column of that name"
             )
     for name in table.header:
         if name in known and name not in maps and name not in used and name != "test":
@@ -109,20 +109,20 @@ def _take_columns(reading: _Reading, maps: Mapping[str, ColumnMap]) -> None:
             reading.origin[target] = sources[target]
     unknown = [n for n in table.header if n not in known and n not in used]
     if unknown:
-        reading.notices.append(f"{reading.where}: ignored, not known: {', '.join(unknown)}")
+        reading.notices.append(f"{reading.where}: ignored, unknown: {', '.join(unknown)}")
     if len(table.frame) < 2:
-        raise input_error(reading.where, "holds one row only", "a test needs two samples or more")
+        raise input_error(reading.where, "holds one row only", "a test needs at least two samples")
 
 
 def _take(reading: _Reading, name: str) -> None:
-    """A column by its own name; one that few kinds of test need may be unusable."""
+    """A column by its own name; one that only few kinds of test need may be unusable."""
     try:
         reading.columns[name] = reading.table.numbers(name)
     except InputError as error:
         if name not in _SELDOM_NEEDED:
             raise
         reading.unusable[name] = str(error)
-        reading.notices.append(f"{name} is left out: {error}")
+        reading.notices.append(f"{name} is ignored: {error}")
     else:
         reading.origin[name] = name
 
@@ -133,7 +133,7 @@ def _missing_time(table: LogTable) -> InputError:
     return input_error(
         table.path,
         f"column time_s is missing (it has {', '.join(table.header[:12])})",
-        f'add it, or say --map "time_s={guess}:s"',
+        f'add it, or give --map "time_s={guess}:s"',
     )
 
 
@@ -163,7 +163,7 @@ def _convert_position(reading: _Reading) -> None:
         raise input_error(
             reading.where,
             f"holds {other}, but {rig.source} describes a {rig.motion} rig",
-            f'say [rig] motion = "{motion}" there, or map {target}',
+            f'set [rig] motion = "{motion}" there, or map {target}',
         )
     counts = columns.pop("encoder_counts", None)
     if counts is None or target in columns:
@@ -189,7 +189,7 @@ def _convert_motor(reading: _Reading) -> None:
         raise input_error(
             reading.where,
             f"holds {other}, but {rig.source} describes a {rig.motion} rig",
-            f"map it to {target}, or mend [rig] motion",
+            f"map it to {target}, or correct [rig] motion",
         )
     volts = columns.pop("motor_volts", None)
     if volts is not None and target not in columns:
@@ -211,7 +211,7 @@ def _convert_motor(reading: _Reading) -> None:
         if over:
             columns[target] = np.clip(columns[target], -limit, limit)
             reading.notices.append(
-                f"{reading.where}: {target} asks for more than the motor's {limit:g} in {over} "
+                f"{reading.where}: {target} exceeds the motor's limit of {limit:g} in {over} "
                 "rows; the limit is used there"
             )
 
@@ -250,7 +250,7 @@ def _check_values(reading: _Reading) -> None:
 
 
 def smallest_step(values: FloatArray) -> float | None:
-    """The smallest change between neighbouring samples; None where nothing changes."""
+    """The smallest change between adjacent samples; None where nothing changes."""
     steps = np.abs(np.diff(values))
     scale = float(np.max(np.abs(values))) if len(values) else 0.0
     steps = steps[steps > 1e-9 * max(scale, 1e-12)]
@@ -267,7 +267,7 @@ def _check_time(reading: _Reading, groups: list[tuple[str, NDArray[np.int64] | s
             raise input_error(
                 f"{reading.where}, {_place(reading, rows, 0)}",
                 f"test {label} holds one row only",
-                "delete it, or mend its label",
+                "delete it, or correct its label",
             )
         bad = np.flatnonzero(steps <= 0)
         if bad.size:
@@ -293,11 +293,13 @@ def _time_error(
     where = f"{reading.where}, {_place(reading, rows, index + 1)}"
     if before == after:
         return input_error(
-            where, f"time_s{name} repeats {after:.9g}", "delete the doubled row or mend its time"
+            where,
+            f"time_s{name} repeats {after:.9g}",
+            "delete the duplicate row or correct its time",
         )
-    mend = "put the rows in order of time"
+    mend = "sort the rows by time"
     if not name:
-        mend += ", or tell several tests apart with a column `test`"
+        mend += ", or distinguish several tests by a column `test`"
     return input_error(where, f"time_s{name} goes back from {before:.9g} to {after:.9g}", mend)
 
 
@@ -317,7 +319,7 @@ def _check_mixed(
                 f"{reading.where}, {_place(reading, rows, int(start) + 1)}",
                 f"the sampling period{name} changes to {float(np.median(second)):.4g} s "
                 f"(elsewhere {median:.4g} s)",
-                "give each rate a label of its own in the column `test`",
+                "give each rate its own label in the column `test`",
             )
 
 

@@ -1,8 +1,8 @@
-"""Slips of unit that a log's own numbers give away.
+"""Wrong units that a log's own numbers reveal.
 
-A reader that takes 3 (bar) for 3 Pa gives wrong parameters in silence. What is refused
-here is refused by comparing a channel with the rig file, never by guessing a unit: the
-message names the likely unit and the `--map` entry that brings it in.
+A reader that takes 3 (bar) for 3 Pa silently gives wrong parameters. A channel is
+rejected by comparison with the rig file, never by guessing a unit: the message names the
+likely unit and the `--map` entry that converts it.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ PRESSURE_UNITS = {
 }
 _LEAST_SPREAD_PA = 50.0
 _TIME_UNITS = {"ms": 1e-3, "us": 1e-6, "min": 60.0}
-# An actuator's chamber is never pumped far below the atmosphere.
+# An actuator's chamber is never evacuated far below the atmosphere.
 _LOWEST_SHARE_OF_ATMOSPHERE = 0.5
 _HIGHEST_SHARE_OF_SUPPLY = 4.0
 _DEGREES = 180.0 / math.pi
 
 
 def _mapping(target: str, column: str, unit: str) -> str:
-    return f'if it is in {unit}, say --map "{target}={column}:{unit}"'
+    return f'if it is in {unit}, give --map "{target}={column}:{unit}"'
 
 
 def check_pressure(where: str, target: str, column: str, values: FloatArray, rig: Rig) -> None:
@@ -45,14 +45,14 @@ def check_pressure(where: str, target: str, column: str, values: FloatArray, rig
     ceiling = _HIGHEST_SHARE_OF_SUPPLY * supply
     if low >= floor and high <= ceiling:
         return
-    what = f"{target} runs from {low:.4g} to {high:.4g}, which is no absolute pressure in Pa here"
+    what = f"{target} runs from {low:.4g} to {high:.4g}, which is not plausible as absolute Pa"
     raise input_error(where, what, _pressure_mend(target, column, values, ambient, supply))
 
 
 def _pressure_mend(
     target: str, column: str, values: FloatArray, ambient: float, supply: float
 ) -> str:
-    """The unit in which the readings would rest at the atmosphere, as an open chamber does."""
+    """The unit in which the readings at rest would be the atmosphere's, as in an open chamber."""
     low, high = float(np.min(values)), float(np.max(values))
     floor, ceiling = _LOWEST_SHARE_OF_ATMOSPHERE * ambient, _HIGHEST_SHARE_OF_SUPPLY * supply
     for gauge in (False, True):
@@ -74,7 +74,7 @@ def check_position(
 ) -> None:
     """Position (n,) rad or m against the stroke and the encoder's resolution.
 
-    `step` is the smallest change in the data, or None where it could not be told.
+    `step` is the smallest change in the data, or None where it is unknown.
     """
     resolution = None
     if rig.sensors.encoder_counts_per_rev is not None and not rig.is_linear:
@@ -112,24 +112,24 @@ def check_effort(where: str, target: str, column: str, values: FloatArray, rig: 
             where,
             f"{target} reaches {highest:.4g}, {highest / limit:.0f} times the motor's limit of "
             f"{limit:.4g}",
-            _mapping(target, column, unit) + ", or mend [motor] in the rig file",
+            _mapping(target, column, unit) + ", or correct [motor] in the rig file",
         )
 
 
 def check_fraction(where: str, target: str, column: str, values: FloatArray) -> SysidError | None:
-    """Duty (n,): an error to raise where it leaves 0 to 1."""
+    """Duty (n,): the error to raise where it leaves 0 to 1."""
     low, high = float(np.min(values)), float(np.max(values))
     if low >= 0.0 and high <= 1.0:
         return None
     if low >= 0.0 and 1.5 < high <= 100.0:
         mend = _mapping(target, column, "percent")
     else:
-        mend = "mend the values: a duty lies between 0 and 1"
+        mend = "fix the values: a duty lies between 0 and 1"
     return input_error(where, f"{target} runs from {low:.4g} to {high:.4g}, outside 0 to 1", mend)
 
 
 def check_sampling(where: str, column: str, period: float, rig: Rig) -> str | None:
-    """Sampling period s against the rig's: raises on a slip of unit, else a notice or None."""
+    """Sampling period (s) against the rig's: raises on a wrong unit, else a notice or None."""
     if rig.sampling is None:
         return None
     ratio = period / rig.sampling.period_s
@@ -137,14 +137,14 @@ def check_sampling(where: str, column: str, period: float, rig: Rig) -> str | No
         if abs(ratio * factor - 1.0) < 0.02:
             raise input_error(
                 where,
-                f"time_s advances by {period:.4g} s a row, but the rig file says "
+                f"time_s advances by {period:.4g} s per row, but the rig file declares "
                 f"{rig.sampling.period_s:.4g} s",
                 _mapping("time_s", column, unit),
             )
     if abs(ratio - 1.0) > 0.02:
         return (
-            f"{where}: sampled every {period:.4g} s, the rig file says "
-            f"{rig.sampling.period_s:.4g} s; the log's own is used"
+            f"{where}: sampled every {period:.4g} s, the rig file declares "
+            f"{rig.sampling.period_s:.4g} s; the log's is used"
         )
     return None
 

@@ -37,10 +37,10 @@ _NO_SENSORS = Sensors.model_construct()
 
 @dataclass(frozen=True)
 class Rig:
-    """A rig: constants by section, SI. Sections that the file does not hold are None.
+    """A rig: constants by section, SI. Sections missing from the file are None.
 
     `source` is the file that it was read from; `content` the file's tables as read, which
-    go into a bundle; `notices` what the reader wants said.
+    go into a bundle; `notices` the reader's notices.
 
     >>> campaign.rig.air.supply_pressure_pa, campaign.rig.effort_channel
     (312000.0, 'motor_torque_nm')
@@ -134,8 +134,8 @@ class Rig:
         """Amplitude of gravity's effort (thesis 3.3.8-3.3.10): Nm, or N on a linear rig.
 
         Zero in the horizontal. Rotary: the effort is this times sin(theta). Linear: the
-        weight itself, acting against positive motion. Raises InputError where the rig stands
-        upright and the masses that gravity needs are not given.
+        weight itself, acting against positive motion. Raises InputError for a vertical
+        rig without the masses that gravity needs.
         """
         if not self.is_vertical:
             return 0.0
@@ -173,7 +173,7 @@ def find_rig_file(log: Path) -> Path:
         raise input_error(
             log,
             f"no {RIG_FILE_NAME} in its folder or any folder above",
-            "name one with --rig, or write one with `sysid init rig.toml`",
+            "give one with --rig, or write one with `sysid init rig.toml`",
         )
     return path
 
@@ -186,7 +186,7 @@ def nearest_rig_file(log: Path) -> Path | None:
 
 
 def read_rig(path: Path) -> Rig:
-    """Read and check a rig file. Raises InputError naming the key and the mend."""
+    """Read and check a rig file. Raises InputError naming the key and the fix."""
     return rig_from_content(read_toml(path, "a rig file"), str(path))
 
 
@@ -207,11 +207,11 @@ def read_toml(path: Path, what: str) -> dict[str, Any]:
     except UnicodeDecodeError:
         raise input_error(path, "is not UTF-8 text", "save it as UTF-8") from None
     except tomllib.TOMLDecodeError as error:
-        raise input_error(path, f"is not valid TOML: {error}", "mend that line") from None
+        raise input_error(path, f"is not valid TOML: {error}", "fix that line") from None
 
 
 def reject_misspelt(given: Any, known: Any, where: str, source: str) -> list[str]:
-    """Notices for keys that nobody knows; an InputError for one close to a known key."""
+    """Notices for unknown keys; an InputError for one close to a known key."""
     notices = []
     for key in given:
         if key in known:
@@ -221,12 +221,12 @@ def reject_misspelt(given: Any, known: Any, where: str, source: str) -> list[str
             raise input_error(
                 source, f"{where}{key} is not a key", f"did you mean {where}{close[0]}?"
             )
-        notices.append(f"{source}: {where}{key} is not known and is ignored")
+        notices.append(f"{source}: {where}{key} is unknown and is ignored")
     return notices
 
 
 def rig_from_content(content: dict[str, Any], source: str) -> Rig:
-    """Check a rig file's tables (also as kept in a bundle) and build the Rig."""
+    """Check a rig file's tables (also as stored in a bundle) and build the Rig."""
     notices = reject_misspelt(content, RIG_TABLES, "section ", source)
     if not isinstance(content.get("rig"), dict):
         raise input_error(source, "section [rig] is missing", 'add [rig] with name = "..."')
@@ -260,7 +260,7 @@ def _section(
 
 
 def _check_together(rig: Rig) -> None:
-    """What no key alone can show."""
+    """Checks that involve several keys."""
     air, cylinder = rig.air, rig.cylinder
     if air is not None and air.supply_pressure_pa <= air.atmospheric_pressure_pa:
         raise input_error(
@@ -273,7 +273,7 @@ def _check_together(rig: Rig) -> None:
     if carries and not rig.is_linear and "payload_length_m" not in rig.content["inertia"]:
         raise input_error(
             rig.source,
-            "[inertia] payload_length_m is missing, and there is a payload",
+            "[inertia] payload_length_m is missing, but there is a payload",
             "add its distance from the shaft",
         )
     if cylinder is None:
@@ -282,7 +282,7 @@ def _check_together(rig: Rig) -> None:
         raise input_error(
             rig.source,
             "[cylinder] pitch_radius_m is missing",
-            'add it, or say [rig] motion = "linear"',
+            'add it, or set [rig] motion = "linear"',
         )
     if rig.is_linear and cylinder.pitch_radius_m != 1.0:
         raise input_error(rig.source, "[cylinder] pitch_radius_m on a linear rig", "remove the key")
@@ -290,7 +290,7 @@ def _check_together(rig: Rig) -> None:
         if offset <= cylinder.stroke_m / 2:
             raise input_error(
                 rig.source,
-                f"[cylinder] offset_{side}_m = {offset:g} leaves chamber {side.upper()} no "
+                f"[cylinder] offset_{side}_m = {offset:g} leaves chamber {side.upper()} without "
                 f"volume at the end of the stroke ({cylinder.stroke_m:g} m)",
                 f"give an offset above {cylinder.stroke_m / 2:g} m: half the stroke and the "
                 "dead length",

@@ -37,7 +37,7 @@ class SectionComment:
 
 
 class RigHead(TomlSection):
-    """`[rig]`: the rig's name, its motion and how it stands."""
+    """`[rig]`: the rig's name, its motion and its orientation."""
 
     table: ClassVar[str] = "rig"
 
@@ -45,7 +45,7 @@ class RigHead(TomlSection):
     motion: Annotated[
         Motion,
         ChoiceKey(
-            "Whether the output turns (rad, Nm, kg m2) or slides (m, N, kg).",
+            "Whether the output rotates (rad, Nm, kg m2) or translates (m, N, kg).",
             get_args(Motion),
             (
                 TemplateLine('"rotary"', motion="rotary"),
@@ -83,7 +83,7 @@ class RigFile(TomlTable):
     inertia: Inertia | None = None
     motor: Annotated[
         Motor | None,
-        SectionComment("of an electric drive beside the cylinder, if there is one", "linear"),
+        SectionComment("of an electric drive next to the cylinder, if there is one", "linear"),
     ] = None
     pwm: Pwm | None = None
     valves: Annotated[Valves | None, SectionComment("from the valve's manual")] = None

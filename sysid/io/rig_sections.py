@@ -1,7 +1,8 @@
 """The sections of the rig file, each key declared once (`spec/log-format.md`).
 
-Every value is SI and keeps the unit in its name. A section that a command does not need may
-be absent (a bare electric axis has no `[cylinder]`); a section that is there must be whole.
+Every value is SI and has the unit in its name. A section that a command does not need may
+be absent (a purely electric axis has no `[cylinder]`); a section that is present must be
+complete.
 """
 
 from __future__ import annotations
@@ -43,9 +44,9 @@ class Air(TomlSection):
     atmospheric_pressure_pa: Annotated[
         float,
         NumberKey(
-            "Atmospheric pressure of the day, absolute.",
+            "Atmospheric pressure on the day of the tests, absolute.",
             Range(4e4, 1.2e5, "Pa", "absolute Pa: about 101325, not kPa or bar"),
-            TemplateLine("101325.0", "of the day, absolute: read the barometer"),
+            TemplateLine("101325.0", "on the day, absolute: read the barometer"),
         ),
     ]
     supply_pressure_pa: Annotated[
@@ -101,7 +102,7 @@ class Cylinder(TomlSection):
     stroke_m: Annotated[
         float,
         NumberKey(
-            "Whole stroke of the piston.",
+            "Full stroke of the piston.",
             Range(1e-4, 10.0, "m", "m: 127 mm is 0.127"),
             TemplateLine("0.127", "y runs from -stroke/2 to +stroke/2"),
         ),
@@ -125,7 +126,7 @@ class Inertia(TomlSection):
     equivalent_kg_m2: Annotated[
         float | None,
         NumberKey(
-            "Whole inertia at the output shaft without payload, in place of masses and lengths.",
+            "Total inertia at the output shaft without payload, instead of masses and lengths.",
             Range(1e-8, 1e4, "kg m2"),
             TemplateLine(
                 "0.02368",
@@ -137,9 +138,9 @@ class Inertia(TomlSection):
     mass_kg: Annotated[
         float | None,
         NumberKey(
-            "Mass of all that moves, without payload; linear rigs.",
+            "Mass of all moving parts, without payload; linear rigs.",
             Range(1e-4, 1e5, "kg"),
-            TemplateLine("1.2", "all that moves, without payload", "linear"),
+            TemplateLine("1.2", "all moving parts, without payload", "linear"),
         ),
     ] = None
     arm_mass_kg: Annotated[
@@ -166,7 +167,7 @@ class Inertia(TomlSection):
     block_mass_kg: Annotated[
         float | None,
         NumberKey(
-            "Mass of what slides with the piston, at the pitch radius.",
+            "Mass of the parts that move with the piston, at the pitch radius.",
             Range(0.0, 1e4, "kg"),
             TemplateLine("0.50", motion="rotary", optional=True),
         ),
@@ -209,9 +210,9 @@ class Motor(TomlSection):
     max_torque_nm: Annotated[
         float | None,
         NumberKey(
-            "Largest torque that the drive gives at the output; rotary rigs.",
+            "Largest torque of the drive at the output; rotary rigs.",
             Range(1e-6, 1e6, "Nm", "Nm, positive"),
-            TemplateLine("0.795", "what the drive can give at the output", "rotary"),
+            TemplateLine("0.795", "the drive's largest torque at the output", "rotary"),
         ),
     ] = None
     force_per_volt_n: Annotated[
@@ -225,7 +226,7 @@ class Motor(TomlSection):
     max_force_n: Annotated[
         float | None,
         NumberKey(
-            "Largest force that the drive gives at the output; linear rigs.",
+            "Largest force of the drive at the output; linear rigs.",
             Range(1e-6, 1e7, "N", "N, positive"),
             TemplateLine("200.0", motion="linear"),
         ),
@@ -271,7 +272,7 @@ class Valves(TomlSection):
 
 
 class Tank(TomlSection):
-    """`[tank]`: a vessel without a piston; where its volume is a guess, flows scale with it."""
+    """`[tank]`: a vessel without a piston; flows scale with an error of its volume."""
 
     table: ClassVar[str] = "tank"
 
@@ -300,7 +301,7 @@ class Sampling(TomlSection):
 
 
 class Sensors(TomlSection):
-    """`[sensors]`: optional; what is absent is taken from the data."""
+    """`[sensors]`: optional; missing values are taken from the data."""
 
     table: ClassVar[str] = "sensors"
 
@@ -308,7 +309,7 @@ class Sensors(TomlSection):
         float | None,
         NumberKey(
             "Encoder counts per revolution of the output; rotary rigs.",
-            Range(1.0, 1e9, "count/rev", "counts a revolution"),
+            Range(1.0, 1e9, "count/rev", "counts per revolution"),
             TemplateLine("80000", motion="rotary", optional=True),
         ),
     ] = None
@@ -316,7 +317,7 @@ class Sensors(TomlSection):
         float | None,
         NumberKey(
             "Encoder counts per metre of travel; linear rigs.",
-            Range(1.0, 1e12, "count/m", "counts a metre"),
+            Range(1.0, 1e12, "count/m", "counts per metre"),
             TemplateLine("200000", motion="linear", optional=True),
         ),
     ] = None

@@ -12,7 +12,7 @@ from sysid.io.rig_file import RIG_TABLES, RigFile, SectionComment
 
 _HEAD = """\
 # What is known about the rig before any test. SI units throughout; pressures are absolute.
-# Replace the example values by your own. Sections that your rig has no part for may go.
+# Replace the example values with your own. Delete sections for parts that your rig lacks.
 """
 _COMMENT_COLUMN = 37
 
@@ -30,9 +30,9 @@ def rig_template(*, linear: bool) -> str:
 
 
 def write_rig_template(path: Path, *, linear: bool, force: bool) -> None:
-    """Write it to `path`; InputError where a file is in the way and `force` is not given."""
+    """Write it to `path`; InputError where the file exists and `force` is not given."""
     if path.exists() and not force:
-        raise input_error(path, "exists already", "name another file, or say --force")
+        raise input_error(path, "exists already", "choose another file, or give --force")
     write_atomic(path, rig_template(linear=linear))
 
 

@@ -28,7 +28,7 @@ class Trial:
     their names in the log format; position is always `theta_rad` (linear: `position_m`),
     and the motor command always `motor_torque_nm` (linear: `motor_force_n`) at the output
     shaft, whatever column the file gave. `source` names file and test for messages.
-    `unusable` says what is wrong with columns that few kinds of test need, where they have it.
+    `unusable` gives the faults of columns that only few kinds of test need.
     """
 
     label: str
@@ -53,13 +53,13 @@ class Trial:
 
     @property
     def frame(self) -> pd.DataFrame:
-        """The samples as a new DataFrame: `time_s` and a column a channel, a row a sample."""
+        """The samples as a new DataFrame: `time_s`, one column per channel, one row per sample."""
         import pandas as pd
 
         return pd.DataFrame({"time_s": self.time, **self.channels})
 
     def require(self, names: Sequence[str], why: str) -> None:
-        """InputError that names the first channel of `names` which the log does not hold."""
+        """InputError that names the first channel of `names` that the log lacks."""
         for name in names:
             if name in self.unusable:
                 raise InputError(self.unusable[name])
@@ -67,15 +67,15 @@ class Trial:
                 raise input_error(
                     self.source,
                     f"column {name} is missing, {why}",
-                    f'add it, or name it with --map "{name}=COLUMN:UNIT"',
+                    f'add it, or map it with --map "{name}=COLUMN:UNIT"',
                 )
 
 
 @dataclass(frozen=True, repr=False)
 class Log(Shown):
-    """A log file as read: its trials, its SHA-256, and what the reader wants said.
+    """A log file as read: its trials, its SHA-256, and the reader's notices.
 
-    `rig` is what it was read with. Values are SI, pressures absolute. `len(log)` counts its
+    `rig` is the rig that it was read with. Values are SI, pressures absolute. `len(log)` counts its
     tests, `log[label]` is one of them.
 
     >>> log.frame.columns[:3].tolist()
@@ -101,7 +101,7 @@ class Log(Shown):
 
     @property
     def frame(self) -> pd.DataFrame:
-        """All samples as a new DataFrame: `test` (its label), `time_s`, a column a channel."""
+        """All samples as a new DataFrame: `test` (its label), `time_s`, one column per channel."""
         import pandas as pd
 
         return pd.concat([t.frame.assign(test=t.label) for t in self.trials], ignore_index=True)[
@@ -110,7 +110,7 @@ class Log(Shown):
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """The names of all channels that its tests hold, as in the log format."""
+        """The names of all channels of its tests, as in the log format."""
         return tuple(dict.fromkeys(name for t in self.trials for name in t.channels))
 
     def to_frame(self) -> pd.DataFrame:
@@ -118,12 +118,12 @@ class Log(Shown):
         return self.frame
 
     def headline(self) -> str:
-        """The file, and how much it holds."""
+        """The file, its number of tests and of samples."""
         rows, tests = sum(map(len, self.trials)), len(self.trials)
         return f"{self.path.name}, {tests} test{'s' * (tests > 1)}, {rows} samples"
 
     def records(self) -> list[dict[str, Any]]:
-        """One a test: its label, samples, length, period and channels."""
+        """One record per test: its label, samples, length, period and channels."""
         return [
             {
                 "test": t.label,
@@ -136,7 +136,7 @@ class Log(Shown):
         ]
 
     def plot(self, axes: Axes | Iterable[Axes] | None = None) -> list[Axes]:
-        """Every channel over time, a panel each, the tests over each other; returns the axes."""
+        """Every channel over time, one panel each, the tests overlaid; returns the axes."""
         panels = some_axes(len(self.channels), axes)
         for ax, name in zip(panels, self.channels, strict=True):
             for t in self.trials:

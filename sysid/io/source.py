@@ -1,4 +1,4 @@
-"""What is kept of a log that something was made from: its name, digest and use."""
+"""What identifies a log that a result was made from: its name, digest and use."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from sysid.io.logs import Log
 
 @dataclass(frozen=True)
 class Source:
-    """A log that a bundle was fitted on, or that its campaign holds for something else.
+    """A log that a bundle was fitted on, or that its campaign has for another use.
 
     `file` is its name alone, so that a bundle can be shared.
     """

@@ -1,7 +1,7 @@
 """Reading a table of columns from CSV or Parquet, with errors that name the line.
 
-Parsing is pandas' and pyarrow's; what is here finds out, once they have complained or
-left a hole, which line a person has to look at.
+pandas and pyarrow parse; this module finds out, once they have reported an error or left a
+gap, which line is at fault.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _NOT_A_NUMBER = ["", "NaN", "nan", "NA", "N/A", "null", "NULL", "None", "-nan", 
 
 @dataclass(frozen=True)
 class LogTable:
-    """The columns that were asked for, their file's SHA-256, and where each row stands."""
+    """The columns that were asked for, their file's SHA-256, and the place of each row."""
 
     path: Path
     sha256: str
@@ -69,7 +69,7 @@ class LogTable:
                 raise input_error(
                     f"{self.path}, {self.place(int(bad[0]))}",
                     f"{column} = {text[:40]!r} is not a number",
-                    "mend the cell (decimal point, no units, no thousands separator)",
+                    "fix the cell (decimal point, no units, no thousands separator)",
                 )
             values = converted
         array = np.asarray(values.to_numpy(dtype=np.float64, na_value=np.nan))
@@ -81,7 +81,7 @@ class LogTable:
     def labels(self, column: str) -> tuple[NDArray[np.intp], list[str]]:
         """A column of labels: (n,) codes, and the label of each code in order of appearance.
 
-        InputError at the first empty one.
+        InputError at the first empty label.
         """
         import pandas as pd
 
@@ -106,9 +106,9 @@ class LogTable:
                     else "complete the row or delete it",
                 )
         if array is not None and np.isinf(array[row]):
-            return input_error(where, f"{column} is infinite", "delete the row or mend the value")
+            return input_error(where, f"{column} is infinite", "delete the row or fix the value")
         return input_error(
-            where, f"{column} is empty or not a number (NaN)", "delete the row or fill the value in"
+            where, f"{column} is empty or not a number (NaN)", "delete the row or fill in the value"
         )
 
 
@@ -129,7 +129,7 @@ def read_bytes(path: Path, what: str) -> bytes:
             short, f"cannot be opened: {reason}", f"give the path of {what}"
         ) from None
     if not raw.strip():
-        raise input_error(path, "the file is empty", "record the log again or name another file")
+        raise input_error(path, "the file is empty", "record the log again or give another file")
     return raw
 
 
@@ -142,7 +142,7 @@ def read_table(path: Path, wanted: Collection[str], text: Collection[str] = ()) 
         raise input_error(
             path,
             f"a {path.suffix} file is not a log",
-            f"bring it in first: `sysid convert {path.name} -o {path.stem}.csv --map ...`",
+            f"convert it first: `sysid convert {path.name} -o {path.stem}.csv --map ...`",
         )
     raw = read_bytes(path, "a log")
     digest = hashlib.sha256(raw).hexdigest()
@@ -192,7 +192,7 @@ def _read_parquet(path: Path, raw: bytes, digest: str, wanted: Collection[str]) 
         file = parquet.ParquetFile(io.BytesIO(raw))
         header = tuple(file.schema_arrow.names)
         _reject_doubled(path, header, "the schema", wanted)
-        # What pandas made its index is a column like any other.
+        # The column that pandas stored as its index is a column like any other.
         frame = file.read(columns=_chosen(header, wanted)).to_pandas(ignore_metadata=True)
     except (pyarrow.ArrowException, OSError) as error:
         first = str(error).splitlines()[0][:120]
@@ -230,7 +230,7 @@ def _read_csv(
         )
     except pd.errors.ParserError as error:
         raise input_error(
-            path, f"cannot be read as CSV ({error})", "mend that line, or save it again as CSV"
+            path, f"cannot be read as CSV ({error})", "fix that line, or save it again as CSV"
         ) from None
     table = LogTable(path, digest, header, frame, body, header_line)
     _reject_surplus(table)
@@ -239,12 +239,12 @@ def _read_csv(
 
 
 def _decoded(path: Path, raw: bytes) -> bytes:
-    """The file without its byte order mark, after making sure that it is UTF-8 text."""
+    """The file without its byte order mark, checked to be UTF-8 text."""
     if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise input_error(path, "is UTF-16 text", "save it as UTF-8")
     body = raw.removeprefix(b"\xef\xbb\xbf")
     if b"\0" in body[:65536]:
-        raise input_error(path, "is a binary file, not CSV", "bring it in with `sysid convert`")
+        raise input_error(path, "is a binary file, not CSV", "import it with `sysid convert`")
     if body.isascii():
         return body
     try:
@@ -256,7 +256,7 @@ def _decoded(path: Path, raw: bytes) -> bytes:
 
 
 def _header(path: Path, body: bytes) -> tuple[int, tuple[str, ...]]:
-    """How many lines stand before the data, and the column names."""
+    """How many lines precede the data, and the column names."""
     for number, line in enumerate(io.BytesIO(body), start=1):
         text = line.decode("utf-8").strip()
         if not text or text.startswith("#"):
@@ -268,7 +268,7 @@ def _header(path: Path, body: bytes) -> tuple[int, tuple[str, ...]]:
             raise input_error(
                 where,
                 "numbers where the column names should be",
-                "add a header row, or bring the file in with `sysid convert --no-header`",
+                "add a header row, or import the file with `sysid convert --no-header`",
             )
         return number, names
     raise input_error(path, "holds comments only", "add a header row and samples")
@@ -280,12 +280,12 @@ def _reject_wrong_delimiter(where: str, text: str, names: tuple[str, ...]) -> No
             raise input_error(
                 where,
                 f"the columns are separated by {name}, not commas",
-                "bring the file in with `sysid convert`, or save it with commas",
+                "import the file with `sysid convert`, or save it with commas",
             )
 
 
 def _told_apart(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Columns that nobody asks for may share a name, or have none."""
+    """Columns that are not asked for may share a name, or have none."""
     return tuple(
         f"{name} ({i})" if names.count(name) > 1 else name for i, name in enumerate(names, start=1)
     )
@@ -297,7 +297,7 @@ def _reject_doubled(
     doubled = sorted({n for n in names if names.count(n) > 1 and n in wanted})
     if doubled:
         raise input_error(
-            where, f"{what} names {doubled[0]} twice", "rename or delete one of the two columns"
+            where, f"{what} contains {doubled[0]} twice", "rename or delete one of the two columns"
         )
 
 
@@ -316,7 +316,7 @@ def _check_first_row(path: Path, body: bytes, header: tuple[str, ...]) -> None:
 
 
 def _reject_surplus(table: LogTable) -> None:
-    """Fields beyond the header's, which pandas drops in silence."""
+    """Fields beyond the header's, which pandas drops silently."""
     body, header = table.body or b"", table.header
     # Counting commas is quick and decides every file that quotes nothing.
     data = body.split(b"\n", table.header_line)[-1]
@@ -333,7 +333,7 @@ def _reject_surplus(table: LogTable) -> None:
 
 
 def _reject_cut_off(table: LogTable) -> None:
-    """A last line that breaks off within its last number would be a wrong value in silence."""
+    """A last line cut off within its last number would silently give a wrong value."""
     body = table.body
     if body is None or body.endswith((b"\n", b"\r")) or len(table.frame) < 20:
         return

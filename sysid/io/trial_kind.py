@@ -1,4 +1,4 @@
-"""Which kind of test a trial is, told from its content (`spec/cli.md`)."""
+"""Which kind of test a trial is, by its content (`spec/cli.md`)."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import numpy as np
 from sysid.io.logs import Trial, smallest_step
 from sysid.io.rig import Rig
 
-# A held piston shows encoder counts and a little give, not a stroke.
+# A held piston moves by encoder counts and a little elasticity, not by a stroke.
 _HELD_SHARE_OF_STROKE = 0.005
 _HELD_STEPS = 20.0
-# A PWM period that is a whole number of rows only after more periods than this is none.
+# At most so many PWM periods are searched for a whole number of rows.
 _MAX_PERIODS = 4
 
 
 def is_held(trial: Trial, rig: Rig) -> bool:
-    """Whether the piston stayed where it was (no position channel: it is taken to be held)."""
+    """Whether the piston stayed in place (without a position channel it is assumed to be held)."""
     name = rig.position_channel
     if name not in trial:
         return True
@@ -33,7 +33,7 @@ def is_active(trial: Trial, *names: str) -> bool:
 
 
 def rows_per_period(pwm_period: float, sampling_period: float) -> Fraction:
-    """Rows in a PWM period (both in s), as a ratio of small numbers: 10/3 at 300 Hz and 1 kHz."""
+    """Rows per PWM period (both in s), as a ratio of small numbers: 10/3 at 300 Hz and 1 kHz."""
     return Fraction(pwm_period / sampling_period).limit_denominator(_MAX_PERIODS)
 
 

@@ -5,10 +5,10 @@ An entry is `target=column[:unit]`:
 - `target` is a column of the log format (`CANONICAL_UNITS`), which carries its SI unit.
 - `column` is the foreign name, or `#3` for the third column of a file without names. The
   last colon separates the unit; a name that holds a colon itself is ended by one (`a:b:`).
-- `unit` is anything that pint knows, with a multiple in front if a reading is worth more
-  than one unit (`35.15 N` a volt, `0.02 bar(g)` a step), and for pressures `(g)` for gauge
-  or `(a)` for absolute behind (`psig`, `barg`, `bara` say the same). Without a unit the
-  column is in SI already; without `(g)` a pressure is absolute.
+- `unit` is anything that pint knows, preceded by a multiple where one unit of the reading is
+  not one unit (`35.15 N` per volt, `0.02 bar(g)` per step), and for pressures followed by
+  `(g)` for gauge or `(a)` for absolute (`psig`, `barg`, `bara` mean the same). Without a unit
+  the column is already in SI; without `(g)` a pressure is absolute.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ CANONICAL_UNITS: dict[str, str | None] = {
     "temperature_k": "K",
 }
 
-# What a target of each SI unit is called in a message, and the units to choose among.
+# The name of each SI unit's quantity in a message, and the units to choose from.
 _KINDS = {
     "s": ("a time", "s, ms, us, min"),
     "Pa": ("a pressure", "Pa, kPa, MPa, bar, mbar, psi, with (g) for gauge"),
@@ -65,10 +65,10 @@ _KINDS = {
     "N*m": ("a torque", "Nm, mNm, Ncm, lbf*ft"),
     "N": ("a force", "N, kN, mN, kgf, lbf"),
     "V": ("a voltage", "V, mV"),
-    "kg/s": ("a mass flow", "kg/s, g/s, or what a reading is worth, such as 2.0e-5 kg/s"),
+    "kg/s": ("a mass flow", "kg/s, g/s, or the value of one step, such as 2.0e-5 kg/s"),
     "K": ("a temperature", "K, degC, degF"),
 }
-# Spellings in use that pint lacks, or reads as something else ("Nm" as number-metre).
+# Common spellings that pint lacks, or reads as something else ("Nm" as number-metre).
 _ALIASES = {
     "Nm": "N*m",
     "mNm": "mN*m",
@@ -104,8 +104,8 @@ class ColumnMap:
     """One foreign column that fills one column of the log format.
 
     SI value = `factor` * reading + `offset`, plus the atmosphere where `gauge` is True.
-    `unit` is the unit as written (None: SI already); `gauge` is None where nothing was
-    said; `source` is where the entry was written, for messages.
+    `unit` is the unit as written (None: SI already); `gauge` is None where it is
+    not given; `source` is where the entry was written, for messages.
     """
 
     target: str
@@ -126,8 +126,8 @@ class ColumnMap:
 def parse_map(texts: Iterable[str], source: str = "--map") -> dict[str, ColumnMap]:
     """Map entries `target=column[:unit]` by target.
 
-    Raises InputError for an entry of another form, an unknown or doubled target, an unknown
-    unit, and a unit of another kind than the target's.
+    Raises InputError for an entry of another form, an unknown or repeated target, an unknown
+    unit, and a unit of another quantity than the target's.
     """
     entries: list[tuple[str, str]] = []
     for text in texts:
@@ -193,8 +193,8 @@ def parse_unit(text: str, si: str, where: str) -> tuple[bool | None, float, floa
     """(gauge, factor, offset) that turn a reading in unit `text` into the SI unit `si`.
 
     `si` is one of the units in `CANONICAL_UNITS`; `where` opens the message of an
-    InputError. Gauge is True for `(g)`, False for `(a)` and None where nothing is said;
-    the offset never holds the atmosphere.
+    InputError. Gauge is True for `(g)`, False for `(a)` and None without either;
+    the offset never includes the atmosphere.
     """
     if len(text) > _MAX_UNIT_LENGTH:
         raise _unknown_unit(text[:20] + "...", si, where)
@@ -204,8 +204,8 @@ def parse_unit(text: str, si: str, where: str) -> tuple[bool | None, float, floa
         said = "gauge" if gauge else "absolute"
         raise input_error(
             where,
-            f"{text!r} is said to be {said}, but {_KINDS[si][0]} is wanted",
-            f"leave the {'(g)' if gauge else '(a)'} off",
+            f"{text!r} is declared {said}, but {_KINDS[si][0]} is expected",
+            f"omit the {'(g)' if gauge else '(a)'}",
         )
     if not unit:
         if si not in ("dimensionless", "count") and multiple is not None:
@@ -222,19 +222,19 @@ def _split_multiple(text: str, where: str) -> tuple[float | None, str]:
         return None, text
     multiple = float(match.group())
     if not math.isfinite(multiple) or multiple == 0.0:
-        raise input_error(where, f"the multiple {match.group()} is of no use", "give another")
+        raise input_error(where, f"the multiple {match.group()} is unusable", "give another")
     rest = text[match.end() :].lstrip()
     return multiple, rest.removeprefix("*").lstrip()
 
 
 def _split_reference(unit: str) -> tuple[str, bool | None]:
-    """The unit without its `(g)` or `(a)`, and which of them it had."""
+    """The unit without its `(g)` or `(a)`, and whether it was gauge."""
     unit = _ALIASES.get(unit, unit)
     match = _REFERENCE.search(unit)
     if match is not None:
         bare = unit[: match.start()]
         return _ALIASES.get(bare, bare), match.group(1).lower().startswith("g")
-    # barg, kPaa and the like; pint itself has no pressure that ends so.
+    # barg, kPaa and the like; no pressure unit of pint itself ends like this.
     if re.fullmatch(r"[kMhm]?(?:Pa|bar)[ _]?[ga]", unit):
         return unit[:-1].rstrip(" _"), unit.endswith("g")
     return unit, None
@@ -242,7 +242,7 @@ def _split_reference(unit: str) -> tuple[str, bool | None]:
 
 @functools.cache
 def _registry() -> Any:
-    """Pint's registry; half a second to import, so only where a unit asks for it."""
+    """Pint's registry; half a second to import, so only where a unit needs it."""
     import pint
 
     return pint.UnitRegistry()
@@ -258,7 +258,7 @@ def _pint_factor(unit: str, si: str, where: str) -> tuple[float, float]:
             raise ValueError(unit)
         parsed = registry.parse_units(_ALIASES.get(unit, unit))
         same = _is_same_kind(unit, si)
-    except Exception:  # pint and the tokenizer below it raise a dozen kinds
+    except Exception:  # pint and its tokenizer raise a dozen kinds
         raise _unknown_unit(unit, si, where) from None
     if not same:
         raise _wrong_kind(unit, parsed, si, where)
@@ -301,13 +301,13 @@ def _wrong_kind(unit: str, parsed: Any, si: str, where: str) -> InputError:
     return input_error(
         where,
         f"{unit!r} is {found}, not {kind}",
-        f"give a unit such as {examples}; for a raw reading, what one unit of it is worth "
+        f"give a unit such as {examples}; for a raw reading, the value of one unit of it "
         f"(such as {worth})",
     )
 
 
 def _is_same_kind(unit: str, si: str) -> bool:
-    """Compares root units: by dimension an angle, a ratio and a count are all the same."""
+    """Compares root units: by dimension an angle, a ratio and a count are the same."""
     registry = _registry()
     parsed = registry.parse_units(_ALIASES.get(unit, unit))
     return bool(registry.get_root_units(parsed)[1] == registry.get_root_units(si)[1])
@@ -322,7 +322,7 @@ def to_si(
 ) -> NDArray[np.float64]:
     """Readings (any shape) in SI; a gauge pressure gets `atmosphere_pa` (Pa) added.
 
-    `stamped`: they come from time stamps, in seconds already. Raises InputError for these
+    `stamped`: they come from time stamps, already in seconds. Raises InputError for these
     with a unit, and for a gauge pressure without an atmosphere.
     """
     if stamped and column_map.factor != 1.0:
@@ -337,8 +337,8 @@ def to_si(
         if atmosphere_pa is None:
             raise input_error(
                 f"{column_map.source} {column_map}",
-                "a gauge pressure needs the atmosphere's",
-                "give --atmosphere PA, or [air] atmospheric_pressure_pa in a rig.toml beside it",
+                "a gauge pressure needs the atmospheric pressure",
+                "give --atmosphere PA, or [air] atmospheric_pressure_pa in a rig.toml next to it",
             )
         offset += atmosphere_pa
     # 273 ms is 0.273 s to the last digit if divided by 1000, not if multiplied by 0.001.
@@ -356,7 +356,7 @@ def has_column(columns: Sequence[str], column_map: ColumnMap) -> bool:
 
 
 def _index_of(columns: Sequence[str], name: str) -> int | None:
-    """Index of a column by its name, else by its number (`#3` is 2); None without it."""
+    """Index of a column by its name, else by its number (`#3` is 2); None if it is missing."""
     if name in columns:
         return list(columns).index(name)
     number = _COLUMN_NUMBER.fullmatch(name)
@@ -367,7 +367,7 @@ def _index_of(columns: Sequence[str], name: str) -> int | None:
 def find_column(columns: Sequence[str], column_map: ColumnMap, where: str) -> int:
     """Index of the mapped column among `columns`: by name, else by number (`#3` is 2).
 
-    Raises InputError, with the names nearest to it or all of them, where there is none.
+    Raises InputError, with the names nearest to it or all of them, if it is missing.
     """
     name = column_map.column
     index = _index_of(columns, name)

@@ -1,5 +1,5 @@
-"""What a user of the library calls: objects in, objects out; `import sysid` shows all of it.
+"""The functions of the library: objects in, objects out; `import sysid` offers all of them.
 
-A module a task: reading files, fitting, simulating, diagnosing, validating and checking, and
-what is written. Commands and notebooks call the same functions.
+One module per task: reading files, fitting, simulating, diagnosing, validating and checking,
+and writing. Commands and notebooks call the same functions.
 """

@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False)
 class CampaignDiagnosis(Shown):
-    """What `diagnose` found: `verdict`, `effects`, errors before and after, the longer `bundle`.
+    """The result of `diagnose`: `verdict`, `effects`, errors before and after, extended `bundle`.
 
-    `detail` holds all that led to it.
+    `detail` holds the evidence.
     """
 
     detail: Diagnosis | ComponentDiagnosis
@@ -55,7 +55,7 @@ class CampaignDiagnosis(Shown):
         return wording.sentence(self.detail.to_json())
 
     def records(self) -> list[dict[str, Any]]:
-        """One a parameter of an effect: its value, std, limits of the 95 % interval and unit."""
+        """One record per parameter of an effect: value, std, limits of the 95 % interval, unit."""
         return [record for effect in self.effects for record in effect.records()]
 
     def tables(self) -> Iterable[ShownTable]:
@@ -74,7 +74,7 @@ class CampaignDiagnosis(Shown):
         return (*wording.advice(self.detail.to_json()), *super().footnotes())
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """RMSE on held-out logs over each channel's noise floor, as given and after each effect."""
+        """RMSE on held-out logs over each channel's noise floor, before and after each effect."""
         ax = one_axes(ax)
         errors = self._errors()
         floors = {name: self.residual[name].noise_floor or math.nan for name in errors}
@@ -93,7 +93,7 @@ class CampaignDiagnosis(Shown):
         return wording.errors_by_step(self.detail.to_json())
 
     def content(self) -> dict[str, Any]:
-        """All that a report shows of it, as JSON holds it."""
+        """Its content as the report shows it, in JSON types."""
         return content.content(self.detail)
 
 
@@ -107,10 +107,10 @@ def diagnose(
 ) -> CampaignDiagnosis:
     """What a bundle's model lacks, from a campaign's training logs; errors on held-out ones.
 
-    `effects`: a user's own next to the catalogue's, a Python file or the classes; `seed` of
+    `effects`: effects in addition to the catalogue's, a Python file or the classes; `seed` of
     the simulated twins. Takes from seconds (a part tested alone) to minutes. Raises InputError
-    for logs that cannot be used or have changed since the fit, NotIdentifiedError where bundle
-    or campaign do not suffice.
+    for logs that cannot be used or have changed since the fit, NotIdentifiedError where the
+    bundle or the campaign is insufficient.
 
     >>> part = si.read_campaign("bench/campaign.toml")
     >>> found = si.diagnose(part, si.fit(part))

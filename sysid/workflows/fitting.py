@@ -30,7 +30,7 @@ def fit(
     """Every part that a campaign's training logs can identify, in one bundle.
 
     `surface`: which PWM surfaces, "bipolynomial", "ann" or "both"; `seed` of their folds and
-    restarts. What is not fitted and why goes to the logger `sysid` as warnings. Raises InputError
+    restarts. Parts not fitted are reported as warnings of the logger `sysid`. Raises InputError
     for a log that cannot be used, NotIdentifiedError where nothing can be fitted.
 
     >>> bundle = si.fit(campaign)
@@ -55,9 +55,9 @@ def fit_friction(
     """Static, Coulomb and viscous friction from a log, several, or single tests.
 
     The result gives each estimate by its name in a bundle, `coulomb_nm` (a linear rig:
-    `coulomb_n`), with `value`, `std`, `interval` (95 %) and `unit`. `rig` None: the logs' own.
-    `kind` ("static", "sliding", "motion"; one, or one a test) overrules what a test looks like;
-    `estimate_inertia` though the rig file gives one; `cutoff_hz` of the zero-phase filter.
+    `coulomb_n`), with `value`, `std`, `interval` (95 %) and `unit`. `rig` None: that of the logs.
+    `kind` ("static", "sliding", "motion"; one, or one per test) overrides a test's content;
+    `estimate_inertia` even if the rig file gives one; `cutoff_hz` of the zero-phase filter.
     Raises InputError where a channel is missing, NotIdentifiedError where nothing is identified.
 
     >>> friction = si.fit_friction(log)
@@ -77,10 +77,10 @@ def fit_friction(
 def fit_valve_discrete(
     tests: Tests, rig: Rig | None = None, *, valve: str | None = None, find_ratio: bool = True
 ) -> ValveDiscreteResult:
-    """Flows (kg/s), coefficients and delays (s) of on/off valves, the piston held.
+    """Flows (kg/s), coefficients and delays (s) of on/off valves, piston held.
 
-    `rig` None: the logs' own. `valve` ("a" or "b") keeps one; `find_ratio` looks for the
-    critical pressure ratio too, which takes longest. Raises InputError where a channel is
+    `rig` None: that of the logs. `valve` ("a" or "b") keeps one; `find_ratio` estimates the
+    critical pressure ratio too, the slowest step. Raises InputError where a channel is
     missing, NotIdentifiedError where nothing is identified.
 
     >>> valves = si.fit_valve_discrete(si.read_log("valve_discrete_a.parquet"), find_ratio=False)
@@ -101,9 +101,9 @@ def fit_valve_pwm(
     seed: int = 0,
     sweep: bool = False,
 ) -> ValvePwmFit:
-    """Mean flow (kg/s) under PWM over duty (0 to 1) and pressure (Pa), the piston held.
+    """Mean flow (kg/s) under PWM over duty (0 to 1) and pressure (Pa), piston held.
 
-    `rig` None: the logs' own. `valve` ("a" or "b") keeps one; `surface`: "bipolynomial", "ann"
+    `rig` None: that of the logs. `valve` ("a" or "b") keeps one; `surface`: "bipolynomial", "ann"
     or "both" (compared on held-out tests); `seed` of folds and restarts; `sweep` tries networks
     of several sizes (slow). Raises InputError where a channel is missing, NotIdentifiedError
     where no surface is identified.

@@ -1,4 +1,4 @@
-"""What fits and simulations work on: logs or single tests, and the rig that they belong to."""
+"""The input of fits and simulations: logs or single tests, and the rig that they belong to."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ def trials_of(tests: Tests) -> list[Trial]:
 
 
 def rig_of(tests: Tests, rig: Rig | None) -> Rig:
-    """The rig given, else that of the logs. Raises InputError where they do not agree on one."""
+    """The given rig, else that of the logs. Raises InputError where the logs' rigs differ."""
     if rig is not None:
         return rig
     known = [part.rig for part in _parts(tests) if isinstance(part, Log) and part.rig is not None]
     if not known:
-        raise input_error("rig", "is not given, and single tests do not know theirs", "pass a rig")
+        raise input_error("rig", "is missing, and single tests carry no rig", "pass a rig")
     if any(other.content != known[0].content for other in known):
         names = " and ".join(sorted({r.source for r in known}))
-        raise input_error(names, "the logs belong to different rigs", "pass the rig that is meant")
+        raise input_error(names, "the logs belong to different rigs", "pass the intended rig")
     return known[0]
 
 

@@ -18,7 +18,7 @@ from sysid.workflows.given_tests import rig_of
 def check(log: Log, rig: Rig | None = None) -> LogCheck:
     """A log's data quality, and which parameters it can and cannot identify.
 
-    `rig` None: the log's own. Noise and resolution are in each channel's unit, times in s.
+    `rig` None: that of the log. Noise and resolution are in each channel's unit, times in s.
 
     >>> checked = si.check(log)
     >>> [item.parameter for item in checked.identifies if item.identified][0]
@@ -38,10 +38,10 @@ def validate(
 ) -> ValidationResult:
     """Simulate a campaign's motion logs open loop with a bundle's model, and compare.
 
-    By each valve model that applies. `effects`: a user's own that the bundle lists, a Python
-    file of them or the classes. Errors are in each channel's unit, the fit in percent. Raises
-    InputError for logs that cannot be validated on or have changed since the fit,
-    NotIdentifiedError where the bundle holds no valve model that applies.
+    By each valve model that applies. `effects`: those of the bundle that are not in the
+    catalogue, a Python file or the classes. Errors are in each channel's unit, the fit in
+    percent. Raises InputError for logs that cannot be validated on or have changed since the
+    fit, NotIdentifiedError where the bundle holds no valve model that applies.
 
     >>> checked = si.validate(campaign, bundle)
     >>> bool(checked.fit_percent.loc[:, "theta_rad"].max() > 50)

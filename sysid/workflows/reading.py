@@ -1,4 +1,4 @@
-"""Files in, objects out. Wherever a path is meant, text or a `Path` will do."""
+"""Files in, objects out. A path may be text or a `Path`."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def read_campaign(path: str | Path) -> Campaign:
 def read_rig(path: str | Path) -> Rig:
     """Read and check a rig file: constants by section, SI.
 
-    Raises InputError, one line that names the key; a value that no rig has is a slip of unit.
+    Raises InputError, one line that names the key; an implausible value is a wrong unit.
 
     >>> rig = si.read_rig("rig.toml")
     >>> rig.motion, rig.position_channel, rig.pwm.period_s
@@ -46,7 +46,7 @@ def read_log(
     """Read and check a log (CSV or Parquet) and convert it to SI, absolute pressures.
 
     The rig is an object or its file; None: `rig.toml` in the log's folder or the nearest one
-    above it. `maps` brings in foreign columns, as `--map` does: "pressure_a_pa=P1:kPa(g)".
+    above it. `maps` translates foreign columns, as `--map` does: "pressure_a_pa=P1:kPa(g)".
     Raises InputError, one line that names the row or column.
 
     >>> log = si.read_log("run.csv", campaign.rig)

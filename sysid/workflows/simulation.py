@@ -44,7 +44,7 @@ class SimulatedRun:
 
     @property
     def frame(self) -> pd.DataFrame:
-        """A new DataFrame: `time_s`, the commands, the simulated channels; a row a sample."""
+        """A new DataFrame: `time_s`, the commands, the simulated channels; one row per sample."""
         import pandas as pd
 
         commands = {name: self.trial[name] for name in _COMMANDS if name in self.trial}
@@ -74,7 +74,7 @@ class Simulation(Shown):
 
     @property
     def frame(self) -> pd.DataFrame:
-        """All tests below each other, `test` their label."""
+        """All tests in one table, `test` their label."""
         import pandas as pd
 
         parts = [run.frame for run in self.runs]
@@ -91,7 +91,7 @@ class Simulation(Shown):
         return f"{len(self.runs)} tests simulated, {self.valve_model} valves"
 
     def records(self) -> list[dict[str, Any]]:
-        """One a test: its length, and where each channel ends."""
+        """One record per test: its length, and each channel's last value."""
         return [
             {
                 "test": run.label,
@@ -102,7 +102,7 @@ class Simulation(Shown):
         ]
 
     def plot(self, axes: Axes | Iterable[Axes] | None = None, test: int | str = 0) -> list[Axes]:
-        """One test's channels, a panel each, over the logged ones where there are; the axes."""
+        """One test's channels, one panel each, over the logged ones if any; returns the axes."""
         run = self[test]
         panels = some_axes(len(run.channels), axes)
         for ax, (name, values) in zip(panels, run.channels.items(), strict=True):
@@ -126,11 +126,12 @@ def simulate(
 ) -> Simulation:
     """Simulate the commands of a log, several, or single tests open loop.
 
-    Each test starts at rest, at its first row's position and pressures. `rig` None: the logs'
-    own. A model is simulated with the on/off law under the real pulses; a bundle also with its
-    PWM surfaces: `valve_model` "discrete", "bipolynomial" or "ann" (None: the first that it
-    holds), and `effects` are those of a user's own that it lists. Raises InputError for
-    commands that cannot be used, NotIdentifiedError where the model lacks a parameter.
+    Each test starts at rest, at its first row's position and pressures. `rig` None: that
+    of the logs. A model is simulated with the on/off law under the real pulses; a bundle also
+    with its PWM surfaces: `valve_model` "discrete", "bipolynomial" or "ann" (None: the first
+    that it holds), and `effects` are those that it lists and the catalogue lacks. Raises
+    InputError for commands that cannot be used, NotIdentifiedError where the model lacks a
+    parameter.
 
     >>> runs = si.simulate(log, bundle.model())
     >>> runs[0].frame[["time_s", "theta_rad", "pressure_a_pa"]].shape == (len(log.trials[0]), 3)
@@ -146,7 +147,7 @@ def simulate(
     elif chosen == DISCRETE:
         plain = model
     else:
-        raise input_error("valve_model", f"{chosen} is a bundle's surface", "pass the bundle")
+        raise input_error("valve_model", f"{chosen} is a surface of a bundle", "pass the bundle")
     with progress_or_shown(progress, "simulating") as tell:
         tell(f"simulating {len(trials)} tests, {chosen} valve model")
         starts = [starts_on_supply(trial, known) for trial in trials]

@@ -1,4 +1,4 @@
-"""What is handed on: the report, and a controller's files."""
+"""The report, and files for a controller."""
 
 from __future__ import annotations
 
@@ -61,19 +61,19 @@ def export(
     prefix: str = DEFAULT_PREFIX,
     effects: EffectSource = None,
 ) -> tuple[str, ...]:
-    """Write what a controller consumes: a C header, a MATLAB file or flat JSON.
+    """Write files for a controller: a C header, a MATLAB file or flat JSON.
 
     `format` "c", "mat" or "json"; None: by the suffix of `path` (.h, .mat, .json). Names in the
-    header begin with `prefix`; `effects` are a user's own that the bundle lists. Returns
-    notices: parameters that are absent, effects whose law the header does not hold. Raises
-    InputError for a format that is not known or a file that cannot be written.
+    header begin with `prefix`; `effects` are those of the bundle that the catalogue lacks. Returns
+    notices: missing parameters, effects whose law the header does not contain. Raises
+    InputError for an unknown format or a file that cannot be written.
 
     >>> notices = si.export(bundle, "model.h")
     """
     chosen = format or _FORMAT_OF.get(Path(path).suffix.lower())
     if chosen is None:
         known = ", ".join(FORMATS)
-        raise input_error(path, "has no suffix that says the format", f"pass format, of {known}")
+        raise input_error(path, "has no suffix that gives the format", f"pass format, of {known}")
     effects_from_bundle(bundle, catalogue_from(effects))
     return tuple(export_bundle(bundle, Path(path), chosen, prefix=prefix))
 

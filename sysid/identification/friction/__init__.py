@@ -1,1 +1,1 @@
-"""One file a kind of friction test; `sysid.friction` is the pipeline that calls them."""
+"""One file per kind of friction test; `sysid.friction` is the pipeline that calls them."""

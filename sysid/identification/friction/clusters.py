@@ -32,8 +32,8 @@ class Clusters:
     def text(self) -> str:
         return (
             f"tests {', '.join(self.first)} and tests {', '.join(self.second)} of one level fall "
-            f"into two clusters (p = {self.p_value:.2g}): something changed between them; their "
-            "errors are not independent, and the intervals are that much too narrow"
+            f"into two clusters (p = {self.p_value:.2g}): conditions changed between them; their "
+            "errors are not independent, and the intervals are too narrow"
         )
 
     def to_json(self) -> dict[str, Any]:
@@ -45,11 +45,11 @@ class Clusters:
 
 
 def gap_statistic(sorted_values: FloatArray) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Best split of each row of sorted values (m, n) in two, each part of two or more.
+    """Best split of each row of sorted values (m, n) into two parts of at least two values.
 
     The statistic is the gap between the parts over their pooled standard deviation: Fisher's
-    criterion with the gap in place of the distance of means, so that an outlier alone or a
-    wide spread does not pass for clusters. Returns it and the size of the lower part, (m,).
+    criterion with the gap in place of the distance of means, so that a single outlier or
+    a wide spread does not count as clusters. Returns it and the size of the lower part, (m,).
     """
     x = np.atleast_2d(sorted_values)
     n = x.shape[1]
@@ -76,7 +76,7 @@ def cluster_test(values: FloatArray) -> tuple[float, float, int]:
     """Gap statistic of (n,) values, n >= 5; its p-value under one normal law; the split.
 
     The split is the number of values in the lower cluster. The p-value is the rank among
-    20,000 simulated samples of the same size, so no smaller than 1/20,001.
+    20,000 simulated samples of the same size, so at least 1/20,001.
     """
     x = np.sort(np.asarray(values, dtype=float) - float(np.mean(values)))
     statistic, split = gap_statistic(x)

@@ -1,4 +1,4 @@
-"""A trial as the friction fits see it: even samples, efforts apart, and its kind.
+"""A trial as used by the friction fits: even samples, separate efforts, and its kind.
 
 "Effort" is torque (Nm) on a rotary rig and force (N) on a linear one; "position" is rad
 or m accordingly.
@@ -24,7 +24,7 @@ from sysid.types import FloatArray
 
 STATIC, SLIDING, MOTION = "friction-static", "friction-sliding", "friction-motion"
 KINDS = (STATIC, SLIDING, MOTION)
-# Samples this share of the stroke from an end are not part of the model (log-format.md).
+# Samples within this share of the stroke from an end are not part of the model (log-format.md).
 END_MARGIN = 0.01
 MIN_SAMPLES = 50
 
@@ -80,7 +80,7 @@ class EvenTrial:
     """One trial on an even time grid, all arrays (n,).
 
     `motor`, `cylinder` and `gravity` are efforts as in thesis 3.3.7: the first two drive,
-    the third resists. `limit` is the largest |position| that is not too near an end stop
+    the third resists. `limit` is the largest |position| at a sufficient distance from an end stop
     (infinite where the rig declares no stroke).
     """
 
@@ -116,7 +116,7 @@ class EvenTrial:
 
 @dataclass
 class TrialUse:
-    """What became of one trial: used or left out and why, and what was read from it."""
+    """The outcome of one trial: used, or left out and why, and the values read from it."""
 
     label: str
     source: str
@@ -136,13 +136,13 @@ class TrialUse:
 
 
 def even_trial(trial: Trial, rig: Rig, notices: list[str]) -> EvenTrial:
-    """Resample a trial and take its efforts apart; InputError where a channel is missing.
+    """Resample a trial and separate its efforts; InputError where a channel is missing.
 
-    Pressures that are absent are taken as P0, with a notice, as the log format says.
+    Missing pressures are set to P0, with a notice, as the log format specifies.
     """
-    trial.require([rig.position_channel], "and friction cannot be told without motion")
+    trial.require([rig.position_channel], "and friction cannot be identified without motion")
     if rig.motor is not None or not set(CHAMBER_PRESSURES) <= set(trial.channels):
-        trial.require([rig.effort_channel], "and friction is what balances the motor")
+        trial.require([rig.effort_channel], "and the motor's effort is what friction balances")
     grid = signals.uniform_grid(trial.time)
 
     def even(name: str, hold: bool = False) -> FloatArray:
@@ -180,10 +180,10 @@ def _cylinder(trial: Trial, rig: Rig, even: Any, n: int, notices: list[str]) -> 
         return np.zeros(n)
     if len(present) < 2:
         missing = ", ".join(name for name in CHAMBER_PRESSURES if name not in trial)
-        _say(notices, f"{missing} not logged: the chamber is taken to be at P0")
+        _say(notices, f"{missing} not logged: the chamber is assumed to be at P0")
     if not present:
         return np.zeros(n)
-    air = rig.require("air", "and the cylinder's effort is counted from the atmosphere's pressure")
+    air = rig.require("air", "and the cylinder's effort is relative to atmospheric pressure")
     p0 = float(air.atmospheric_pressure_pa)
     a, b = (even(name) if name in trial else np.full(n, p0) for name in CHAMBER_PRESSURES)
     c = rig.cylinder
@@ -199,8 +199,8 @@ def classify_trial(trial: Trial, rig: Rig) -> str:
     """`friction-static`, `friction-sliding` or `friction-motion`, by the trial's content.
 
     Static: the motor's effort grows from zero, without falling back, for most of the test.
-    Sliding: it stays the same, up to 1 %, for at least half of the test. A test in which a
-    valve moves, and everything else, is motion.
+    Sliding: it is constant to within 1 % for at least half of the test. A test in which a
+    valve moves, and any other test, is motion.
     """
     try:
         even = even_trial(trial, rig, [])
@@ -233,9 +233,9 @@ def _is_ramp(drive: FloatArray) -> bool:
 
 
 def constant_run(drive: FloatArray) -> tuple[int, int]:
-    """Longest stretch [start, stop) in which the drive keeps to its level.
+    """Longest interval [start, stop) in which the drive stays at its level.
 
-    Allowed are 1 % of the largest drive, or five times its noise where it was measured.
+    The tolerance is 1 % of the largest drive, or five times its noise where it was measured.
     """
     n = len(drive)
     level = float(np.median(drive[n // 2 :])) if n else 0.0

@@ -1,14 +1,14 @@
 """Friction and inertia from any motion by inverse dynamics (Janot, Gautier, Brunot 2019).
 
 inertia a + coulomb sign(v) + viscous v + offset = motor + cylinder - gravity, thesis 3.4.2
-with the law of 3.4.1 put in, is linear in its parameters. Both sides go through the same
+with the law of 3.4.1 inserted, is linear in its parameters. Both sides go through the same
 zero-phase filter: the effort, and every regressor, sign(v) among them, so that a reversal
 within the filter's length biases nothing.
 
 Two small biases are removed. A command holds from its row to the next, so that the effort
-about a row is the mean of the row's and the one before; half a sample of delay would count
-as viscous friction. And the encoder's noise in speed and acceleration, which attenuates
-their coefficients, is known: its share is taken off the normal matrix (Fuller 1987, 2.2).
+at a row is the mean of the row's and the one before; half a sample of delay would appear as
+viscous friction. The encoder's noise in speed and acceleration, which attenuates their
+coefficients, is known: its share is subtracted from the normal matrix (Fuller 1987, 2.2).
 """
 
 from __future__ import annotations
@@ -38,17 +38,17 @@ _HALVINGS = 6
 # Share of the samples of one direction beyond those of the other.
 _MOST_ONE_WAY = 0.98
 _REST_SHARE = 0.5
-# A direction's upper quartile of speed over its lower one that tells a law over speed.
+# A direction's upper over lower quartile of speed from which a law over speed is identified.
 _LEAST_SPAN = 1.5
-# Correlation of speed and load beyond which one cannot be told from the other.
+# Correlation of speed and load beyond which the two cannot be distinguished.
 _TIED = 0.6
 COULOMB, VISCOUS, OFFSET, INERTIA = range(4)
 NAMES = ("Coulomb friction", "viscous friction", "offset", "inertia")
 
 RULE = (
     f"samples count where the filtered speed exceeds {REST_NOISE_TIMES:g} times its own noise; "
-    f"where it does not for {1000.0 * REST_S:g} ms or longer the shaft may rest, its friction is "
-    "anything up to the static one, and these samples are left out, with the filter's length on "
+    f"where it does not for at least {1000.0 * REST_S:g} ms the shaft may rest, its friction is "
+    "anything up to static friction, and these samples are left out, with the filter's length on "
     "either side; so are samples within 1 % of the stroke from an end and the log's ends"
 )
 
@@ -56,9 +56,9 @@ RULE = (
 @dataclass(frozen=True)
 class MotionSamples:
     """One trial, filtered: regressors (n, 4) for Coulomb, viscous, offset and inertia, and
-    the effort (n,) that they balance; only samples that count, thinned to what the filter
-    leaves independent. `noise` (4,) is the variance of the regressors' noise, `rest_speed`
-    the rule's limit, `load` (n,) the cylinder's effort."""
+    the effort (n,) that they balance; only samples that count, thinned so that the filter
+    leaves them independent. `noise` (4,) is the variance of the regressors' noise,
+    `rest_speed` the rule's limit, `load` (n,) the cylinder's effort."""
 
     regressors: FloatArray
     effort: FloatArray
@@ -87,7 +87,7 @@ class MotionFriction:
 
 
 def motion_samples(trial: EvenTrial, cutoff_hz: float) -> MotionSamples:
-    """Filter both sides of the torque balance and pick the samples that count."""
+    """Filter both sides of the torque balance and select the samples that count."""
     dt = trial.period
     length = signals.filter_length(dt, cutoff_hz)
     position = signals.lowpass(trial.position, dt, cutoff_hz)
@@ -121,9 +121,9 @@ def left_out(trial: EvenTrial, cutoff_hz: float) -> NDArray[np.bool_]:
 
 
 def default_cutoff(trial: EvenTrial, highest_hz: float) -> float:
-    """The highest cut-off up to `highest_hz`, Hz, at which the motion stands out of the noise.
+    """The highest cut-off up to `highest_hz`, Hz, at which the motion exceeds the noise.
 
-    It stays away from the Nyquist frequency, and is halved until the limit of rest is well
+    It stays clear of the Nyquist frequency, and is halved until the limit of rest is well
     below the speeds of the motion.
     """
     dt = trial.period
@@ -139,10 +139,10 @@ def default_cutoff(trial: EvenTrial, highest_hz: float) -> float:
 
 
 def tells_speeds(speed: FloatArray, load: FloatArray) -> bool:
-    """Whether speeds (n,) differ enough within a direction to tell friction over speed.
+    """Whether speeds (n,) differ enough within a direction to identify friction over speed.
 
     Where a screw drives the axis at one speed each way, Coulomb friction, viscous friction
-    and an offset are two numbers, and what is left of the speed's variation goes with the
+    and an offset reduce to two numbers, and the remaining variation of the speed follows the
     `load` (n,), the cylinder's effort.
     """
     for way in (1.0, -1.0):
@@ -180,7 +180,7 @@ def _long_runs(mask: NDArray[np.bool_], least: int) -> NDArray[np.bool_]:
 
 
 def _widened(mask: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
-    """`mask` with `reach` samples more on either side of what is set."""
+    """`mask` extended by `reach` samples on either side of what is set."""
     count = np.concatenate([[0], np.cumsum(mask)])
     rows = np.arange(len(mask))
     high, low = np.minimum(rows + reach + 1, len(mask)), np.maximum(rows - reach, 0)
@@ -196,10 +196,9 @@ def fit_motion(
 ) -> tuple[MotionFriction, list[TrialUse]]:
     """Coulomb, viscous, offset, and the inertia unless it is given (kg m2, or kg).
 
-    Three trials or more are fitted one by one: the mean is reported, with the error that
-    the trials' own scatter gives. Fewer are fitted together, with errors that allow for
-    residuals that follow one another in time. Raises NotIdentifiedError where the motion
-    does not tell the parameters apart.
+    At least three trials are fitted one by one: the mean is reported, with the error from the
+    scatter of the trials. Fewer are fitted together, with errors that allow for autocorrelated
+    residuals. Raises NotIdentifiedError where the motion does not separate the parameters.
     """
     uses, samples = [], []
     for trial in trials:
@@ -245,8 +244,8 @@ def _fit_samples(
         covariance = pooled.correlated_covariance(_trial_numbers(samples))
         stds, dofs = np.sqrt(np.diag(covariance.matrix)), covariance.dof
         notices.append(
-            "friction from motion: the intervals hold for these tests; what changes from one "
-            f"test to the next shows only in {MIN_TRIALS_APART} tests or more"
+            "friction from motion: the intervals hold for these tests; variation from one "
+            f"test to the next shows only in at least {MIN_TRIALS_APART} tests"
         )
     estimates = [
         Estimate.symmetric(float(v), float(s), unit, float(dof))
@@ -268,11 +267,11 @@ def _fit_samples(
 def _coulomb_alone(
     samples: Sequence[MotionSamples], inertia: float, units: Units
 ) -> MotionFriction:
-    """One speed each way: friction is one number, whatever part of it is viscous."""
+    """One speed each way: friction is one number, with an unknown viscous share."""
     signs = np.sign(np.concatenate([s.regressors[:, COULOMB] for s in samples]))
     if abs(float(np.mean(signs))) > _MOST_ONE_WAY:
         raise NotIdentifiedError(
-            "Coulomb friction: the motion runs in one direction, where it cannot be told from an "
+            "Coulomb friction: the motion has one direction, where it is indistinguishable from an "
             "offset; give a motion that reverses"
         )
     x = np.concatenate([s.regressors[:, COULOMB] for s in samples])[:, None]
@@ -282,7 +281,7 @@ def _coulomb_alone(
     coulomb = Estimate.symmetric(
         float(fit.coefficients[0]), covariance.std(0), units.effort, float(covariance.dof[0])
     )
-    reason = "the axis slides at one speed each way: give motion at two speeds or more"
+    reason = "the axis slides at one speed each way: give motion at more than one speed"
     values = np.array([coulomb.value, 0.0, 0.0])
     rmse, count = _rmse(samples, values, inertia)
     return MotionFriction(
@@ -303,7 +302,7 @@ def _trial_numbers(samples: Sequence[MotionSamples]) -> NDArray[np.intp]:
 
 
 def _fit_apart(samples: Sequence[MotionSamples], inertia: float | None) -> list[LinearFit] | None:
-    """One fit a trial, where there are enough trials and each identifies everything."""
+    """One fit per trial, where there are enough trials and each identifies everything."""
     if len(samples) < MIN_TRIALS_APART:
         return None
     try:
@@ -324,7 +323,7 @@ class _Rows:
 
 
 def _weighted(samples: Sequence[MotionSamples], inertia: float | None) -> _Rows:
-    """All trials' rows; each trial weighs by the variance that its own fit leaves."""
+    """All trials' rows; each trial is weighted by the residual variance of its own fit."""
     parts = []
     for chosen in samples:
         x, y = chosen.regressors, chosen.effort
@@ -356,7 +355,7 @@ def _regression(rows: _Rows, inertia: float | None) -> LinearFit:
     signs = np.sign(rows.regressors[:, COULOMB])
     if np.all(signs > 0.0) or np.all(signs < 0.0):
         raise NotIdentifiedError(
-            "Coulomb friction: the motion runs in one direction, where it cannot be told from an "
+            "Coulomb friction: the motion has one direction, where it is indistinguishable from an "
             "offset; give a motion that reverses"
         )
     fit = linear_fit(rows.regressors, rows.target, rows.weights, names)
@@ -391,7 +390,7 @@ def effort_rmse(
     inertia: float,
     cutoff_hz: float,
 ) -> float:
-    """RMSE (N or Nm) of the filtered effort that given parameters predict, for held-out trials."""
+    """RMSE (N or Nm) of the filtered effort, predicted by given parameters, on held-out trials."""
     samples = [motion_samples(trial, cutoff_hz) for trial in trials]
     values = np.array([coulomb, viscous, offset, inertia])
     return _rmse(samples, values, None)[0]

@@ -1,4 +1,4 @@
-"""What a friction fit found: parameters by name, and how they were come by."""
+"""The result of a friction fit: parameters by name, and the evidence for them."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False)
 class FrictionResult(NamedEstimates, Shown):
-    """Friction parameters by their names in the bundle, and how they were come by.
+    """Friction parameters by their names in the bundle, and the evidence for them.
 
     `parameters` holds `static_nm`, `coulomb_nm`, `viscous_nm_s_per_rad`, `offset_nm` and,
     where estimated, `inertia_kg_m2` (linear: `static_n`, `coulomb_n`, `viscous_n_s_per_m`,
-    `offset_n`, `mass_kg`); one that the tests do not identify says so. Coulomb and viscous
-    friction come from `source` (the constant-effort tests where these identify them);
-    `cross_check` holds what the other kind of test says. `trials` tells of every test
-    whether it was used.
+    `offset_n`, `mass_kg`); one that the tests do not identify gives the reason. Coulomb and
+    viscous friction come from `source` (the constant-effort tests where these identify them);
+    `cross_check` holds the estimates of the other kind of test. `trials` gives the outcome of
+    every test.
     """
 
     units: Units
@@ -48,7 +48,7 @@ class FrictionResult(NamedEstimates, Shown):
 
     @property
     def rmse(self) -> dict[str, float]:
-        """Of each fit, in units of effort; of static friction, its repeatability."""
+        """RMSE of each fit, in units of effort; of static friction, its repeatability."""
         found = {
             STATIC: None if self.static is None else self.static.repeatability,
             SLIDING: None if self.sliding is None else self.sliding.rmse,
@@ -58,7 +58,7 @@ class FrictionResult(NamedEstimates, Shown):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What a summary says beside the numbers, a line each."""
+        """The remarks of a summary in addition to the numbers, one line each."""
         lines = []
         for kind in KINDS:
             uses = [use for use in self.trials if use.kind == kind]
@@ -87,7 +87,7 @@ class FrictionResult(NamedEstimates, Shown):
         return [(k, v) for k, v in self.rmse.items() if k != STATIC]
 
     def part(self) -> Parts:
-        """The bundle's `friction` (`spec/bundle.md`), with the tables behind it."""
+        """The bundle's `friction` (`spec/bundle.md`), with the supporting tables."""
         table: dict[str, Any] = dict(self.parameters)
         table["source"] = self.source
         table[f"rmse_{self.units.effort.lower()}"] = self.rmse
@@ -112,23 +112,23 @@ class FrictionResult(NamedEstimates, Shown):
         return self.parameters
 
     def headline(self) -> str:
-        """From how many tests."""
+        """The number of tests."""
         used = sum(use.used for use in self.trials)
         return f"friction from {used} of {len(self.trials)} tests"
 
     def records(self) -> list[dict[str, Any]]:
-        """One a parameter: its value, std, limits of the 95 % interval and unit."""
+        """One record per parameter: value, std, limits of the 95 % interval, unit."""
         return estimate_records(self.parameters)
 
     def tables(self) -> Iterable[ShownTable]:
-        """The parameters, and what motion says of them where both kinds of test were made."""
+        """The parameters, and their estimates from motion where both kinds of test were made."""
         yield estimate_table("", self.parameters)
         yield estimate_table("Cross-check, from motion", self.cross_check)
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Friction over speed: a point a constant-effort test, the fit as a line a direction.
+        """Friction over speed: one point per constant-effort test, one fitted line per direction.
 
-        Without such tests the parameters with their 95 % intervals, one place each.
+        Without such tests the parameters with their 95 % intervals, side by side.
         """
         ax = one_axes(ax)
         points = [u for u in self.trials if u.used and u.kind == SLIDING]
@@ -150,7 +150,7 @@ class FrictionResult(NamedEstimates, Shown):
         return ax
 
     def _offset(self) -> float:
-        """The offset of the constant-effort tests, 0 where they do not show one."""
+        """The offset of the constant-effort tests, 0 where there is none."""
         offset = self.parameters.get(self.units.offset)
         return offset.value if offset is not None and offset.identified else 0.0
 

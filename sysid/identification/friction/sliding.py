@@ -1,10 +1,10 @@
 """Coulomb and viscous friction from constant-effort trials (thesis 3.4.3, Table 3.4.2).
 
-The balance of momentum over each trial's stretch gives its mean friction at its mean speed,
-also where the speed is not quite steady. The regression over trials must respect how such
-tests are made: the experimenter sets the motor's effort, and friction scatters from trial
-to trial. Speed, and what the moving air and the inertia take of the effort, answer to that
-scatter, so that regressing effort on speed is biased. The set effort is therefore used as
+The balance of momentum over each trial's interval gives its mean friction at its mean speed,
+even if the speed is not quite steady. The regression over trials must respect the design of
+such tests: the experimenter sets the motor's effort, and friction scatters from trial to
+trial. Speed, and the share of the effort that the moving air and the inertia take, depend on
+that scatter, so that regressing effort on speed is biased. The set effort is therefore used as
 the instrument for the speed; where the friction balances just the set effort, this is the
 regression of speed on effort (inverse regression) and its intervals are Fieller's.
 """
@@ -38,7 +38,7 @@ from sysid.types import FloatArray
 
 LEVEL_GAP = 0.03  # relative: set efforts closer than this are one level
 MIN_PER_GROUP = 3
-CURVED = 0.01  # p-value of the lack of fit below which it is said
+CURVED = 0.01  # p-value of the lack of fit below which it is reported
 
 LEVELS, WITHIN = "levels", "within trials"
 
@@ -47,9 +47,9 @@ ANOTHER_LEVEL = "give constant-effort trials (friction-sliding) at a second leve
 
 @dataclass(frozen=True)
 class SlidingPoints:
-    """One row a trial, all (n,): direction of motion (+1, -1), the set effort, the mean
+    """One row per trial, all (n,): direction of motion (+1, -1), the set effort, the mean
     friction effort and the mean speed (signed, N or Nm, m/s or rad/s). `laws` holds each
-    trial's own friction at no speed and slope over speed, where the speed is not steady."""
+    trial's own friction at zero speed and slope over speed, where the speed is not steady."""
 
     labels: tuple[str, ...]
     direction: FloatArray
@@ -64,14 +64,14 @@ class SlidingPoints:
 
 @dataclass(frozen=True)
 class SlidingFriction:
-    """Coulomb and viscous friction over all trials; `offset` where both directions are.
+    """Coulomb and viscous friction over all trials; `offset` where both directions are present.
 
-    `rmse` is in effort, `scatter` the standard deviation of a trial's friction over what the
-    fit predicts. `method` is `levels` (regression over trials) or `within trials` (the mean
-    of each trial's own law, where the speed is not steady). `grouped`: each level has a
-    variance of its own (three trials or more at each), else one relative variance is shared.
-    `lack_of_fit` tests whether the levels' means leave the law of Coulomb and viscous
-    friction by more than the trials scatter.
+    `rmse` is in effort, `scatter` the standard deviation of a trial's friction relative to
+    the prediction. `method` is `levels` (regression over trials) or `within trials` (the mean
+    of each trial's own law, where the speed is not steady). `grouped`: each level has its
+    own variance (at least three trials at each), else one relative variance is shared.
+    `lack_of_fit` tests whether the levels' means deviate from the law of Coulomb and viscous
+    friction by more than the scatter of the trials.
     """
 
     coulomb: Estimate
@@ -88,7 +88,7 @@ class SlidingFriction:
 
 
 def levels_of(set_effort: FloatArray) -> NDArray[np.intp]:
-    """Number of each trial's level: sizes of set effort apart by more than 3 %, (n,)."""
+    """Number of each trial's level: magnitudes of set effort more than 3 % apart, (n,)."""
     size = np.abs(set_effort)
     order = np.argsort(size)
     steps = np.diff(size[order]) > LEVEL_GAP * size[order][1:]
@@ -98,7 +98,7 @@ def levels_of(set_effort: FloatArray) -> NDArray[np.intp]:
 
 
 def fit_sliding(points: SlidingPoints, units: Units) -> SlidingFriction:
-    """Regression over trials, or the mean of their own laws where they carry them.
+    """Regression over trials, or the mean of their own laws where they have them.
 
     Raises NotIdentifiedError where all ran at one level.
     """
@@ -111,7 +111,7 @@ def fit_sliding(points: SlidingPoints, units: Units) -> SlidingFriction:
     if len(points) <= len(names):
         raise NotIdentifiedError(
             f"viscous friction: {len(points)} usable trials for {len(names)} parameters leave "
-            "nothing to tell the error from; repeat the constant-effort trials"
+            "no estimate of the error; repeat the constant-effort trials"
         )
     # Friction scatters by a share of itself, so the error grows with it.
     weights = 1.0 / points.friction**2
@@ -126,7 +126,7 @@ def fit_sliding(points: SlidingPoints, units: Units) -> SlidingFriction:
         p_value = ratios.p_value(2)
     if not any(map(math.isfinite, viscous.interval)):
         raise NotIdentifiedError(
-            "viscous friction: the levels of the set effort lie too close for the scatter of the "
+            "viscous friction: the levels of the set effort are too close for the scatter of the "
             "trials; give constant-effort trials at levels farther apart"
         )
     estimates = (coulomb, viscous, offset)
@@ -136,12 +136,12 @@ def fit_sliding(points: SlidingPoints, units: Units) -> SlidingFriction:
 def _fit_laws(
     points: SlidingPoints, intercepts: FloatArray, slopes: FloatArray, units: Units
 ) -> SlidingFriction:
-    """Mean of the trials' own laws, with the errors that their scatter gives."""
+    """Mean of the trials' own laws, with errors from their scatter."""
     both = len(np.unique(points.direction)) == 2
     if len(points) < 2 + both:
         raise NotIdentifiedError(
-            f"Coulomb and viscous friction: {len(points)} usable trials leave nothing to tell "
-            "the error from; repeat the constant-effort trials"
+            f"Coulomb and viscous friction: {len(points)} usable trials leave no estimate of "
+            "the error; repeat the constant-effort trials"
         )
     columns = [points.direction] + ([np.ones(len(points))] if both else [])
     fit = linear_fit(np.column_stack(columns), intercepts)
@@ -160,8 +160,8 @@ def _offset_unknown(units: Units) -> Estimate:
     """The offset of trials in one direction only."""
     return Estimate.unidentified(
         units.effort,
-        "the trials run in one direction, where an offset cannot be told from Coulomb "
-        "friction; give constant-effort trials in the other",
+        "the trials run in one direction, where an offset cannot be distinguished from Coulomb "
+        "friction; give constant-effort trials in the other direction",
     )
 
 
@@ -173,7 +173,7 @@ def _finished(
     grouped: bool,
     method: str,
 ) -> SlidingFriction:
-    """Residuals, clusters, lack of fit and notices of Coulomb, viscous and offset as fitted."""
+    """Residuals, clusters, lack of fit and notices of the fitted Coulomb, viscous and offset."""
     coulomb, viscous, offset = estimates
     residual = points.friction - (
         coulomb.value * points.direction
@@ -200,7 +200,7 @@ def _finished(
 
 
 def _instruments(points: SlidingPoints, both: bool) -> FloatArray:
-    """Direction, set effort and, where both directions are, 1; (n, 2 or 3)."""
+    """Direction, set effort and, where both directions are present, 1; (n, 2 or 3)."""
     columns = [points.direction, points.set_effort]
     return np.column_stack([*columns, np.ones(len(points))] if both else columns)
 
@@ -236,7 +236,7 @@ def _notices(
     if curved is not None and curved.p_value < CURVED:
         notices.append(
             "Coulomb and viscous friction alone do not describe the sliding tests: the levels "
-            f"leave that law by more than the trials scatter (F = {curved.statistic:.3g}, "
+            f"deviate from it by more than the scatter of the trials (F = {curved.statistic:.3g}, "
             f"p = {curved.p_value:.2g})"
         )
     if p_value is not None and p_value < 0.05:
@@ -294,7 +294,7 @@ class _Ratios:
         return Estimate(ratio, math.sqrt(variance) / abs(denominator), unit, interval)
 
     def p_value(self, which: int) -> float:
-        """Of the parameter being zero."""
+        """p-value of the parameter being zero."""
         numerator, _, shares = self._fraction(which)
         variances = shares[:, 0, 0]
         if variances.sum() <= 0.0:

@@ -1,8 +1,8 @@
 """Breakaway: static friction from slow ramps (thesis 3.4.2, Table 3.4.1).
 
 The thesis stops a ramp when the shaft has moved by one encoder count. Below breakaway the
-contacts give elastically (presliding), so that criterion finds the resolution of the
-encoder. Here the onset of sustained motion is located, and the effort is taken there.
+contacts deform elastically (presliding), so that criterion depends on the resolution of
+the encoder. Here the onset of sustained motion is located, and the effort is taken there.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from sysid.types import FloatArray
 TRAVEL_SHARE = 1e-3  # of the stroke: motion beyond it is more than presliding
 SUSTAINED_SHARE = 1e-2  # of the stroke: a movement that ends within it was a slip
 NOISE_TIMES, QUANTUM_TIMES = 8.0, 4.0
-REST_S = 0.03  # a shaft that covers less than its noise for as long is at rest
+REST_S = 0.03  # a shaft that moves by less than its noise for this long is at rest
 AVERAGE_S = 0.2  # of the efforts before the onset
 POSITION_GAP = 0.05  # of the stroke, between one start position and the next
 SIGNIFICANT = 0.05
@@ -38,8 +38,8 @@ CRITERION = (
     "onset of sustained motion: the first movement that leaves the presliding range "
     f"({TRAVEL_SHARE:g} of the stroke, or {NOISE_TIMES:g} times the position's noise, or "
     f"{QUANTUM_TIMES:g} counts) and lasts to the end of the test or for {SUSTAINED_SHARE:g} of "
-    "the stroke; its start is where a course that leaves the rest with no speed fits the "
-    f"position best; the efforts are those of the {AVERAGE_S:g} s before, carried on to it"
+    "the stroke; its start is where a motion that begins at rest fits the "
+    f"position best; the efforts are those of the {AVERAGE_S:g} s before, extrapolated to it"
 )
 
 
@@ -55,7 +55,7 @@ class Onset:
 
 @dataclass(frozen=True)
 class PositionMean:
-    """Static friction at one place of the piston."""
+    """Static friction at one position of the piston."""
 
     position: float
     estimate: Estimate
@@ -72,9 +72,9 @@ class PositionMean:
 
 @dataclass(frozen=True)
 class StaticFriction:
-    """Mean static friction, and whether place or direction changes it.
+    """Mean static friction, and whether it depends on position or direction.
 
-    `repeatability` is the standard deviation between trials at one place and in one
+    `repeatability` is the standard deviation between trials at one position and in one
     direction. `tests` are the nested F tests by `position`, `direction` and their
     `interaction`.
     """
@@ -88,11 +88,11 @@ class StaticFriction:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Repeatability and tests, a line each."""
+        """Repeatability and tests, one line each."""
         unit = self.estimate.unit
         lines = [f"static friction repeats to {self.repeatability:.3g} {unit} (one std)"]
         for factor, test in self.tests.items():
-            verdict = "matters" if self.matters(factor) else "does not show"
+            verdict = "matters" if self.matters(factor) else "is not significant"
             lines.append(
                 f"static friction: {factor} {verdict} (F = {test.statistic:.3g} with "
                 f"{test.dof_numerator} and {test.dof_denominator} degrees of freedom, "
@@ -140,7 +140,7 @@ def breakaway(trial: EvenTrial, units: Units) -> TrialUse:
     if effort * onset.direction <= 0.0:
         use.leave_out(
             f"it moved against the applied effort ({effort:.3g} {units.effort}): is a load or "
-            "the vertical missing from the rig file?"
+            "the vertical orientation missing from the rig file?"
         )
         return use
     use.values = {
@@ -154,7 +154,7 @@ def breakaway(trial: EvenTrial, units: Units) -> TrialUse:
 
 
 def _carried_on(times: FloatArray, effort: FloatArray, when: float) -> float:
-    """Effort at `when` from the samples before: their line if it rises, else their mean."""
+    """Effort at `when` from the samples before: their fitted line if it rises, else their mean."""
     if len(times) < 5:
         return float(effort[-1])
     t = times - times.mean()
@@ -174,7 +174,7 @@ def find_onset(trial: EvenTrial) -> Onset | str:
     span = trial.travel if trial.travel is not None else 20.0 * float(np.ptp(x))
     threshold = max(TRAVEL_SHARE * span, NOISE_TIMES * noise.total, QUANTUM_TIMES * noise.quantum)
     hold = max(2, round(REST_S / dt))
-    # Over `hold` samples a shaft at rest covers less than this.
+    # Over `hold` samples a shaft at rest moves by less than this.
     still = max(6.0 * noise.total, 1.5 * noise.quantum, 0.05 * threshold)
     moving = np.abs(x[hold:] - x[:-hold]) > still
     edges = np.flatnonzero(np.diff(np.concatenate([[0], moving.astype(int), [0]])))
@@ -184,7 +184,7 @@ def find_onset(trial: EvenTrial) -> Onset | str:
         to_the_end = after >= len(x) - 2
         if abs(travel) > max(threshold, 0.0 if to_the_end else SUSTAINED_SHARE * span):
             if before < hold // 2:
-                return "it moves from its first samples on: not at rest when the ramp starts"
+                return "it moves from its first samples: not at rest when the ramp starts"
             return _locate(trial, before, after, threshold, hold)
     return (
         f"it never moves by more than {threshold:.2g} (noise, counts, presliding): the ramp ends "
@@ -196,9 +196,9 @@ def _locate(trial: EvenTrial, before: int, after: int, threshold: float, hold: i
     """Onset of the movement between two samples: rest, then a (t-t0)^2 + b (t-t0)^3.
 
     With a drop from static to Coulomb friction the acceleration jumps (a); without one it
-    grows with the ramp (b). Both are at least zero in the direction of motion, and the rest
-    may creep. Each candidate t0 is fitted by least squares over the samples from well
-    before the movement to where it passes the threshold.
+    grows with the ramp (b). Both are non-negative in the direction of motion, and the shaft
+    may creep before. Each candidate t0 is fitted by least squares over the samples from well before
+    the movement to where it passes the threshold.
     """
     x, t = trial.position, trial.time
     direction = 1 if x[after] > x[before] else -1
@@ -221,7 +221,7 @@ def _locate(trial: EvenTrial, before: int, after: int, threshold: float, hold: i
 
 
 def _least(misfit: Callable[[int], float], low: int, high: int) -> int:
-    """Row in [low, high) of the least misfit: coarse steps over all, then finer about it."""
+    """Row in [low, high) of the smallest sum of squares: coarse steps over all, then finer ones."""
     step = max(1, (high - low) // 12)
     best = min(range(low, high, step), key=misfit)
     while step > 1:
@@ -232,7 +232,7 @@ def _least(misfit: Callable[[int], float], low: int, high: int) -> int:
 
 
 def _refined(misfit: Callable[[float], float], best: float, period: float) -> float:
-    """Vertex of the parabola through the misfit at a candidate and its neighbours."""
+    """Vertex of the parabola through the sum of squares at a candidate and its neighbours."""
     left, middle, right = (misfit(best + k * period) for k in (-1.0, 0.0, 1.0))
     curvature = left - 2.0 * middle + right
     if curvature <= 0.0:
@@ -241,7 +241,7 @@ def _refined(misfit: Callable[[float], float], best: float, period: float) -> fl
 
 
 def _rest_then_motion(times: FloatArray, course: FloatArray, t0: float) -> float:
-    """Sum of squares about the best rest (with creep) and motion that starts at t0."""
+    """Sum of squares of the best rest (with creep) and motion from t0."""
     s = np.maximum(times - t0, 0.0)
     scale = max(float(s[-1]), 1e-12)
     creep = np.minimum(times - t0, 0.0) / max(t0 - float(times[0]), 1e-12)
@@ -256,7 +256,7 @@ def _rest_then_motion(times: FloatArray, course: FloatArray, t0: float) -> float
 
 
 def _places(starts: FloatArray, travel: float | None) -> NDArray[np.intp]:
-    """Number of the place each ramp starts from: places lie apart by a gap, (n,)."""
+    """Number of the position each ramp starts from, (n,); positions are separated by gaps."""
     gap = POSITION_GAP * (travel if travel is not None else 2.0 * float(np.ptp(starts)))
     order = np.argsort(starts)
     place = np.zeros(len(starts), dtype=np.intp)
@@ -273,9 +273,9 @@ def static_summary(
 ) -> StaticFriction:
     """Mean, repeatability and F tests of breakaway efforts, all arguments (n,).
 
-    `values` are sizes; `places` labels the place of each trial, `positions` where it
-    started; `directions` is +1 or -1. Where the place matters (p < 0.05), the mean's
-    error is that of a mean over places as drawn, not over trials.
+    `values` are magnitudes; `places` labels the place of each trial, `positions` where it
+    started; `directions` is +1 or -1. Where the place matters (p < 0.05), the mean's error is
+    that over places as a random factor, not over trials.
     """
     place, way = indicator(places), indicator(directions)
     cell = indicator([f"{p}|{d:g}" for p, d in zip(places, directions, strict=True)])
@@ -307,7 +307,7 @@ def static_summary(
 
 
 def _within(design: FloatArray, values: FloatArray) -> tuple[float, int]:
-    """Pooled standard deviation about a design's means, and its degrees of freedom."""
+    """Pooled standard deviation around a design's means, and its degrees of freedom."""
     fitted, _, rank, _ = np.linalg.lstsq(design, values, rcond=None)
     dof = len(values) - int(rank)
     if dof == 0:

@@ -1,4 +1,4 @@
-"""The steady stretch of a constant-effort trial, and the balance of momentum over it."""
+"""The steady interval of a constant-effort trial, and the balance of momentum over it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from sysid.identification.friction.within_trial import trial_law
 from sysid.types import FloatArray
 
 BLOCK_S = 0.05
-STEADY = 0.05  # a stretch is steady while its blocks keep within this share of its speed
+STEADY = 0.05  # an interval is steady while its blocks stay within this share of its speed
 STALL = 0.02  # of the fastest block: slower is a stall
 MIN_STRETCH_S = 0.2
 TAPER_S = 0.1
@@ -32,10 +32,10 @@ class SteadyStretch:
 
 
 def find_stretch(trial: EvenTrial) -> SteadyStretch | str:
-    """The stretch of constant effort and, if there is one, steady speed; or why there is none.
+    """The interval of constant effort and, if possible, steady speed; or why there is none.
 
-    Starts after the kick, once all later blocks of 50 ms keep within 5 % of the median speed
-    of the later half; where they never do, 0.1 s after the kick, as an unsteady stretch.
+    Starts after the kick, once all later blocks of 50 ms stay within 5 % of the median speed
+    of the later half; where they never do, 0.1 s after the kick, as an unsteady interval.
     Ends before the end stop.
     """
     start, stop = constant_run(trial.motor)
@@ -51,7 +51,7 @@ def find_stretch(trial: EvenTrial) -> SteadyStretch | str:
         return "its effort is constant for less than 0.2 s away from the end stops"
     x = trial.position[start:stop]
     blocks = (len(x) - 1) // block
-    # Blocks are counted from the end, so that the last one ends with the stretch.
+    # Blocks are counted from the end, so that the last one ends with the interval.
     marks = len(x) - 1 - block * np.arange(blocks, -1, -1)
     covered = np.diff(x[marks])
     direction = 1.0 if x[-1] > x[0] else -1.0
@@ -64,7 +64,7 @@ def find_stretch(trial: EvenTrial) -> SteadyStretch | str:
 
 def _stalls(speed: FloatArray, noise: float) -> bool:
     slow = speed < max(STALL * float(np.max(speed)), noise)
-    # The kick may still be under way in the first blocks.
+    # The kick may continue in the first blocks.
     return bool(np.any(slow[len(slow) // 4 :]))
 
 
@@ -88,7 +88,7 @@ def _settled(
 def momentum_balance(
     trial: EvenTrial, stretch: SteadyStretch, inertia: float | None
 ) -> dict[str, float]:
-    """Mean friction and mean speed over a stretch, in weak form (thesis 3.4.2 integrated).
+    """Mean friction and mean speed over an interval, in weak form (thesis 3.4.2 integrated).
 
     Both sides of friction = motor + cylinder - gravity - inertia * acceleration are averaged
     with a trapezoidal weight g, so that speed and acceleration need no differentiation:
@@ -124,10 +124,10 @@ def momentum_balance(
 def sliding_points(
     trials: Sequence[EvenTrial], inertia: float | None, units: Units, notices: list[str]
 ) -> tuple[SlidingPoints | None, list[TrialUse]]:
-    """One point a trial; trials that stall or are of no use are left out, with a notice.
+    """One point per trial; trials that stall or are unusable are left out, with a notice.
 
-    Where most trials are not steady, the steady ones are left out and the points carry each
-    trial's own law of friction against speed.
+    Where most trials are not steady, the steady ones are left out and the points have each
+    trial's own law of friction over speed.
     """
     uses = [_use(trial, inertia) for trial in trials]
     for use in uses:
@@ -136,18 +136,18 @@ def sliding_points(
     within = _keep_one_method(uses, notices)
     if inertia is None and any(use.used for use in uses):
         notices.append(
-            "the rig file gives no inertia: the change of momentum over each stretch is left out"
+            "the rig file gives no inertia: the change of momentum over each interval is neglected"
         )
     used = [use.values for use in uses if use.used]
     if not used:
         return None, uses
-    # A trial's own law is there for the unsteady ones only.
+    # Only unsteady trials have a law of their own.
     shared = set(used[0]).intersection(*used)
     table = {key: np.array([row[key] for row in used]) for key in shared}
     set_effort = table["motor"] - table["gravity"]
     applied = set_effort + table["cylinder"]
     if _spread(set_effort) < 0.3 * _spread(applied):
-        # The cylinder, not the motor, sets the levels.
+        # The cylinder, not the motor, determines the levels.
         set_effort = applied
     labels = tuple(use.label for use in uses if use.used)
     direction = np.sign(table["speed"])
@@ -157,7 +157,7 @@ def sliding_points(
 
 
 def _keep_one_method(uses: Sequence[TrialUse], notices: list[str]) -> bool:
-    """Whether to fit within the trials: most are unsteady. Leaves steady ones out then."""
+    """Whether to fit within the trials (most are unsteady); steady ones are then left out."""
     used = [use for use in uses if use.used]
     unsteady = [use.label for use in used if not use.values["steady"]]
     if not unsteady:
@@ -174,7 +174,7 @@ def _keep_one_method(uses: Sequence[TrialUse], notices: list[str]) -> bool:
     )
     for use in used:
         if use.values["steady"]:
-            use.leave_out("its speed is steady, that of most others is not")
+            use.leave_out("its speed is steady, but most others' are not")
     return True
 
 

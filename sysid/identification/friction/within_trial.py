@@ -1,13 +1,13 @@
 """Sliding friction within each trial, where the speed changes much under the set effort.
 
-A pendulum that slides uphill never moves steadily: levels do not tell speeds apart then,
-but each trial runs through many speeds. Its motion is integrated twice instead of being
+A pendulum that moves uphill never moves steadily: levels do not separate speeds then, but
+each trial covers many speeds. Its motion is integrated twice instead of being
 differentiated twice,
 
     inertia x - (double integral of the applied effort)
         = c0 + c1 t - b t^2 / 2 - viscous (integral of x - x0),
 
-with b = coulomb s + offset, so that the encoder's noise enters as it is, once.
+with b = coulomb s + offset, so that the encoder's noise enters unamplified.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from sysid.types import FloatArray
 
 
 def trial_law(trial: EvenTrial, start: int, stop: int, inertia: float) -> tuple[float, float]:
-    """Friction at no speed (signed) and its slope over speed, over rows [start, stop)."""
+    """Friction at zero speed (signed) and its slope over speed, over rows [start, stop)."""
     rows, dt = slice(start, stop), trial.period
     x = trial.position[rows] - trial.position[start]
     measured = (trial.cylinder - trial.gravity)[rows]
-    # The motor's command holds from its row to the next; the pressures run on in between.
+    # The motor's command holds from its row to the next; the pressures change in between.
     held = trial.motor[rows][:-1] + 0.5 * (measured[:-1] + measured[1:])
     impulse = _running(held) * dt
     twice = _running(impulse[:-1] * dt + 0.5 * held * dt**2)
@@ -37,5 +37,5 @@ def trial_law(trial: EvenTrial, start: int, stop: int, inertia: float) -> tuple[
 
 
 def _running(steps: FloatArray) -> FloatArray:
-    """Sums from the first on, beginning with zero; one longer than `steps`."""
+    """Cumulative sums that start with zero; one longer than `steps`."""
     return np.concatenate([[0.0], np.cumsum(steps)])

@@ -1,7 +1,7 @@
 """Fit of the whole pressure curve of valve-discrete tests by simulation error.
 
-Shared by all pieces: the valve's flows, coefficients and delays. Of each piece: its initial
-pressure, and where it shows them the supply and the atmosphere that it settles at.
+Shared by all pieces: the valve's flows, coefficients and delays. Per piece: its initial
+pressure and, where it settles, its supply and atmospheric pressure.
 """
 
 from __future__ import annotations
@@ -34,16 +34,16 @@ UNITS = {
 _DELAY_BOUNDS_S = (-0.02, 0.3)
 _DELAY_SIZE_S = 0.002
 _FLOW_RANGE = 1e3
-# Relative fall of the sum of squares at which the fit ends: over 10^4 rows, far below the noise.
+# Relative decrease of the sum of squares that ends the fit: over 10^4 rows, far below the noise.
 _TOLERANCE = 1e-8
 _MOST_EVALUATIONS = 100
-# Chance of calling tests different that are not.
+# Probability of calling equal tests different.
 _SCATTER_LEVEL = 0.01
 
 
 @dataclass(frozen=True)
 class CurveFit:
-    """The fitted curves, and covariances that hold for the errors as they are."""
+    """The fitted curves, and covariances that hold for autocorrelated errors."""
 
     problem: CurveProblem
     fit: LeastSquaresFit
@@ -58,7 +58,7 @@ class CurveFit:
 
     @cached_property
     def covariance(self) -> Covariance:
-        """Sensors' noise may be coloured, so the residuals' own correlation is used."""
+        """Sensor noise may be coloured, so the residuals' autocorrelation is used."""
         return self.fit.correlated_covariance(self.groups)
 
     def residuals(self, index: int) -> FloatArray:
@@ -72,8 +72,8 @@ class CurveFit:
     def estimate(self, name: str) -> tuple[Estimate, bool]:
         """A shared parameter, and whether it differs from test to test beyond its error.
 
-        Where it does, its error is taken from that scatter: the jackknife over tests, with
-        Student's interval for their number.
+        If so, its error is taken from that scatter: the jackknife over tests, with Student's
+        interval for their number.
         """
         plain = self.fit.estimate(name, self.covariance)
         labels = np.array([p.source for p in self.problem.pieces])
@@ -86,13 +86,13 @@ class CurveFit:
         return Estimate.symmetric(plain.value, std, plain.unit, float(wide.dof[i])), True
 
     def inflation(self, column: int) -> float:
-        """What the noise's correlation adds to the variance of a parameter, as a factor."""
+        """The factor by which correlated noise raises the variance of a parameter."""
         return float(self.covariance.matrix[column, column] / self.fit.covariance[column, column])
 
     def _scatters(self, name: str) -> bool:
         """Cochran's test of each piece's own estimate (one Gauss-Newton step) against their mean.
 
-        Each piece's error is its white one, raised by what correlation raises the whole's.
+        Each piece's error is that for white noise, scaled as correlation scales the total error.
         """
         from scipy.special import chdtrc
 

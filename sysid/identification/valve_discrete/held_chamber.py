@@ -38,7 +38,7 @@ class DiscreteValve:
 
 @dataclass(frozen=True)
 class HeldChamber:
-    """What drives the chamber: when, how large it is, and from what supply it is filled.
+    """What drives the chamber: valve times, volume and supply.
 
     `time` (n,) s; the valve is commanded on in [`opens`, `closes`) (s, minus infinity: on
     before the first row); `gain` k R T / V, Pa/kg; the supply is `supply` (m,) Pa from each

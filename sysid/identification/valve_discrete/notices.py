@@ -1,4 +1,4 @@
-"""What is said of a fitted on/off valve besides its numbers: notices and remarks."""
+"""Notices and remarks on a fitted on/off valve."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ def settled_notices(curves: CurveFit, title: str, air: Air) -> list[str]:
         if piece.supply_logged and abs(shift) > SUPPLY_TOLERANCE * declared:
             lines.append(
                 f"{piece.source}: the chamber fills to {supply:.6g} Pa, {abs(shift):.3g} Pa off "
-                "the logged supply: one of the two sensors is off; "
-                f"{title} is fitted to the chamber's"
+                "the logged supply: one of the two sensors has an offset; "
+                f"{title} is fitted to the chamber's sensor"
             )
         elif abs(supply - declared) > SUPPLY_TOLERANCE * declared:
             seen = "logged supply is" if piece.supply_logged else "chamber fills to"
@@ -46,8 +46,8 @@ def settled_notices(curves: CurveFit, title: str, air: Air) -> list[str]:
             and np.isfinite(piece.chamber.opens).any()
         ):
             lines.append(
-                f"{piece.source}: the filling does not settle, so the supply is taken to be the "
-                f"rig file's {declared:.6g} Pa; {title}'s c_fill rests on that"
+                f"{piece.source}: the filling does not settle, so the supply is assumed to be the "
+                f"rig file's {declared:.6g} Pa; {title}'s c_fill depends on that"
             )
         rest = curves.value("atmosphere", i)
         if abs(rest - air.atmospheric_pressure_pa) > _ATMOSPHERE_TOLERANCE * rest:
@@ -80,13 +80,13 @@ def misfit_notices(curves: CurveFit, title: str) -> list[str]:
                 lines.append(
                     f"{piece.source}: the two-regime law misses the {what} by {rms:.3g} Pa rms "
                     f"(noise {piece.noise:.3g} Pa): {title}'s {names[0]} and {names[1]} are its "
-                    "best compromise, not the valve's law"
+                    "best approximation, not the valve's law"
                 )
     return lines
 
 
 def delay_notices(estimates: Mapping[str, Estimate], title: str, rig: Rig) -> list[str]:
-    """Measured delays that are not the declared ones."""
+    """Measured delays that differ from the declared ones."""
     if rig.valves is None:
         return []
     lines = []

@@ -1,9 +1,9 @@
 """Where the choked boundary lies in the data: the critical ratio's profile (3.5.1).
 
-The sum of squares over the critical ratio is no parabola: where the fitted law is continuous
-at the boundary it is flat at its bottom, and it has corners where the boundary passes a
-sample. So it is followed, the flows and the delay fitted anew at each ratio, over the
-filling (or the discharge) alone.
+The sum of squares over the critical ratio is not a parabola: where the fitted law is
+continuous at the boundary it is flat at its minimum, and it has corners where the boundary
+passes a sample. It is therefore profiled over the filling (or the discharge) alone, with the
+flows and the delay refitted at each ratio.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from sysid.estimation.linear import Estimate, t_quantile
 from sysid.identification.valve_discrete.curve import CurveFit, fit_curves, fitted_valve
 from sysid.identification.valve_discrete.trials import Piece
 
-# Coarse over all that is plausible, then fine around the best.
+# Coarse over the plausible range, then fine around the best.
 _COARSE = tuple(float(r) for r in np.linspace(0.30, 0.80, 11))
 _FINE = 0.01
 _TOLERANCE = 1e-5
@@ -32,7 +32,7 @@ _WIDEST = 0.4
 
 @dataclass(frozen=True)
 class Direction:
-    """Filling or discharging: the ratio's name, and what is fitted beside it."""
+    """Filling or discharging: the ratio's name, and the parameters fitted with it."""
 
     ratio: str
     free: tuple[str, str, str]
@@ -50,11 +50,11 @@ DISCHARGE = Direction(
 def critical_ratio(curves: CurveFit, direction: Direction) -> Estimate:
     """The critical ratio of one direction with its profile's 95 % interval.
 
-    Initial pressures, supply and atmosphere stay as the whole curve gave them.
+    Initial pressures, supply and atmosphere stay as fitted to the whole curve.
     """
     pieces = _transients(curves, direction)
     if not pieces:
-        return Estimate.unidentified("-", "no test goes through the boundary in this direction")
+        return Estimate.unidentified("-", "no test crosses the boundary in this direction")
     sums = _profile(curves, pieces, direction)
     profile = {r: sums(r) for r in _COARSE}
     middle = min(profile, key=profile.__getitem__)
@@ -78,7 +78,7 @@ def critical_ratio(curves: CurveFit, direction: Direction) -> Estimate:
     lower = _crossing(sums, value, points, limit)
     upper = _crossing(sums, value, points[::-1], limit)
     if lower is None or upper is None or upper - lower > _WIDEST:
-        why = "the fitted law is nearly continuous at the boundary, which so leaves no mark"
+        why = "the fitted law is nearly continuous at the boundary, which is therefore not visible"
         return Estimate.unidentified("-", why)
     std = (upper - lower) / (2.0 * t_quantile(math.inf))
     return Estimate(value, std, "-", (lower, upper))
@@ -87,7 +87,7 @@ def critical_ratio(curves: CurveFit, direction: Direction) -> Estimate:
 def _profile(
     curves: CurveFit, pieces: Sequence[Piece], direction: Direction
 ) -> Callable[[float], float]:
-    """Sum of squares, Pa^2, over the ratio; each fit starts from the nearest one before."""
+    """Sum of squares, Pa^2, over the ratio; each fit starts from the nearest earlier one."""
     known = {0.53: fitted_valve(curves)}
 
     def sums(ratio: float) -> float:

@@ -1,9 +1,9 @@
-"""The thesis' own reading of a valve-discrete test: each regime's stretch by itself (3.5.3).
+"""The thesis' evaluation of a valve-discrete test: the interval of each regime alone (3.5.3).
 
-Choked flow from the slope of the linear stretch, c_fill from the slope of sqrt(Ps - P) over
-time, c_dis from that of log(P - P0), and the delays from where the linear stretches leave
-the level before them. These start the fit of the whole curve, and say which parameters the
-test can give.
+Choked flow from the slope of the linear interval, c_fill from the slope of sqrt(Ps - P) over
+time, c_dis from that of log(P - P0), and the delays from where the linear intervals leave
+the level before them. These values start the fit of the whole curve, and show which
+parameters the test can identify.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from sysid.identification.valve_discrete.trials import Piece
 from sysid.model.base import CRITICAL_RATIO
 from sysid.types import FloatArray
 
-# Rows that a stretch needs before anything is taken from it.
+# Smallest number of rows of an interval that is used.
 FEWEST_ROWS = 3
 # Distance from a regime's ends, in standard deviations of the noise.
 _MARGIN = 4.0
@@ -26,7 +26,7 @@ _BEFORE_S = 0.05
 
 @dataclass
 class Stretches:
-    """What one piece's stretches give: values by parameter, and why others are missing."""
+    """Estimates from one piece's intervals: values by parameter, and why others are missing."""
 
     values: dict[str, float] = field(default_factory=dict)
     reasons: dict[str, str] = field(default_factory=dict)
@@ -45,7 +45,7 @@ def read_stretches(piece: Piece) -> Stretches:
         return found
     _filling(piece, float(c.opens[0]), float(c.closes[0]), found)
     if c.closes[0] > c.time[-1]:
-        _no_discharge(found, "the valve is not switched off again: record on")
+        _no_discharge(found, "the valve is not switched off again: record longer")
     else:
         following = float(c.opens[1]) if len(c.opens) > 1 else math.inf
         _discharge(piece, float(c.closes[0]), following, found)
@@ -75,7 +75,7 @@ def _filling(piece: Piece, opened: float, closed: float, found: Stretches) -> No
     top = float(np.max(_smooth(p)))
     if top - level < 10.0 * piece.noise and level < boundary:
         why = f"the pressure stays at {level:.6g} Pa when the valve is switched on"
-        _no_filling(found, f"{why}: is it the other valve, or another chamber's sensor?")
+        _no_filling(found, f"{why}: is this the other valve, or another chamber's sensor?")
         return
     if not len(before) and level > 0.95 * supply:
         why = "the chamber is already filled in the first row: start with the valve off"
@@ -88,7 +88,7 @@ def _filling(piece: Piece, opened: float, closed: float, found: Stretches) -> No
         why = f"the filling starts at {level:.6g} Pa, not below the choked boundary of"
         found.miss("choked_flow_fill_kg_s", f"{why} {boundary:.6g} Pa: start from the atmosphere")
     elif line is None:
-        why = "fewer than 3 samples lie in the linear (choked) stretch of the filling: log faster"
+        why = "fewer than 3 samples lie in the linear (choked) part of the filling: log faster"
         found.miss("choked_flow_fill_kg_s", why)
         found.miss("on_delay_s", why)
     else:
@@ -113,10 +113,10 @@ def _parabola(
     rows = _between(p, boundary + margin, ceiling)
     if rows.stop - rows.start < FEWEST_ROWS:
         why = (
-            f"the filling never reaches the unchoked stretch (highest pressure {top:.6g} Pa, "
+            f"the filling never reaches the unchoked interval (highest pressure {top:.6g} Pa, "
             f"choked boundary {boundary:.6g} Pa): hold the valve on longer"
             if top < boundary + 2.0 * margin
-            else "fewer than 3 samples lie in the unchoked stretch of the filling: log faster"
+            else "fewer than 3 samples lie in the unchoked interval of the filling: log faster"
         )
         found.miss("c_fill", why)
         return
@@ -125,7 +125,7 @@ def _parabola(
     if slope < 0.0:
         found.values["c_fill"] = -2.0 * slope / piece.chamber.gain
     else:
-        found.miss("c_fill", "the pressure does not rise in the unchoked stretch of the filling")
+        found.miss("c_fill", "the pressure does not rise in the unchoked interval of the filling")
 
 
 def _discharge(piece: Piece, closed: float, following: float, found: Stretches) -> None:
@@ -151,7 +151,7 @@ def _discharge(piece: Piece, closed: float, following: float, found: Stretches) 
         return
     line = _line(t, -p, -level + margin, -boundary - margin)
     if line is None:
-        why = "fewer than 3 samples lie in the linear (choked) stretch of the discharge: log faster"
+        why = "fewer than 3 samples lie in the linear (choked) part of the discharge: log faster"
         found.miss("choked_flow_dis_kg_s", why)
         found.miss("off_delay_s", why)
     else:
@@ -169,10 +169,10 @@ def _exponential(
     rows = _between(-p, -boundary + margin, -floor)
     if rows.stop - rows.start < FEWEST_ROWS:
         why = (
-            f"the discharge never reaches the unchoked stretch (lowest pressure {bottom:.6g} Pa, "
+            f"the discharge never reaches the unchoked interval (lowest pressure {bottom:.6g} Pa, "
             f"choked boundary {boundary:.6g} Pa): record longer after switching off"
             if bottom > boundary - 2.0 * margin
-            else "fewer than 3 samples lie in the unchoked stretch of the discharge: log faster"
+            else "fewer than 3 samples lie in the unchoked interval of the discharge: log faster"
         )
         found.miss("c_dis", why)
         return
@@ -180,12 +180,12 @@ def _exponential(
     if slope < 0.0:
         found.values["c_dis"] = -slope / piece.chamber.gain
     else:
-        found.miss("c_dis", "the pressure does not fall in the unchoked stretch of the discharge")
+        found.miss("c_dis", "the pressure does not fall in the unchoked interval of the discharge")
 
 
 @dataclass(frozen=True)
 class _Line:
-    """A straight line through a stretch: its slope, Pa/s, and when it passes a level, s."""
+    """A straight line through an interval: its slope, Pa/s, and when it passes a level, s."""
 
     start: float
     slope: float
@@ -196,7 +196,7 @@ class _Line:
 
 
 def _line(t: FloatArray, p: FloatArray, low: float, high: float) -> _Line | None:
-    """The line through a rising signal between two levels; None where it has none."""
+    """The line through a rising signal between two levels; None without enough rows."""
     rows = _between(p, low, high)
     if rows.stop - rows.start < FEWEST_ROWS:
         return None

@@ -1,4 +1,4 @@
-"""What on/off valve tests give: estimates by name, and the curves that they were fitted to."""
+"""The result of on/off valve tests: estimates by name, and the fitted curves."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ class PressureCurve:
 
 @dataclass(frozen=True, repr=False)
 class DiscreteFit(NamedEstimates, Shown):
-    """What one valve's tests give.
+    """The result of one valve's tests.
 
     `estimates` by name: the four flow parameters, both delays, both critical ratios, both
     jumps of the law at the choked boundary (percent, unchoked over choked less one).
-    `stretches`: the first values, by 3.5.3. `choked_flow_fill_kg_s` holds at `supply` Pa.
+    `stretches`: the start values, by 3.5.3. `choked_flow_fill_kg_s` holds at `supply` Pa.
     `rmse`, `noise` Pa; `fit_percent` 100 (1 - NRMSE) over all tests.
     """
 
@@ -52,11 +52,11 @@ class DiscreteFit(NamedEstimates, Shown):
         return self.estimates
 
     def headline(self) -> str:
-        """Which valve, and how well its law follows the tests."""
+        """Which valve, and how well its law fits the tests."""
         return f"valve {self.valve.upper()}, on/off, fit {number(self.fit_percent)} %"
 
     def records(self) -> list[dict[str, Any]]:
-        """One an estimate: its value, std, limits of the 95 % interval and unit."""
+        """One record per estimate: value, std, limits of the 95 % interval, unit."""
         return estimate_records(self.estimates, valve=self.valve)
 
     def tables(self) -> Iterable[ShownTable]:
@@ -90,7 +90,7 @@ class DiscreteFit(NamedEstimates, Shown):
 
 @dataclass(frozen=True, repr=False)
 class ValveDiscreteResult(Shown):
-    """The fitted valves, "a" and "b" or one of them, and what to say about them."""
+    """The fitted valves, "a" and "b" or one of them, with notices and remarks."""
 
     valves: Mapping[str, DiscreteFit]
     remarks: tuple[str, ...]
@@ -104,15 +104,15 @@ class ValveDiscreteResult(Shown):
         return f"on/off law of valve {' and '.join(v.upper() for v in self.valves)}"
 
     def records(self) -> list[dict[str, Any]]:
-        """One an estimate of each valve."""
+        """One record per estimate of each valve."""
         return [record for fit in self.valves.values() for record in fit.records()]
 
     def tables(self) -> Iterable[ShownTable]:
-        """The estimates, a table a valve."""
+        """The estimates, one table per valve."""
         return (table for fit in self.valves.values() for table in fit.tables())
 
     def plot(self, axes: Axes | Iterable[Axes] | None = None) -> list[Axes]:
-        """Chamber pressures as measured and as fitted, a panel a valve; returns the axes."""
+        """Chamber pressures as measured and as fitted, one panel per valve; returns the axes."""
         panels = some_axes(len(self.valves), axes)
         return [fit.plot(ax) for fit, ax in zip(self.valves.values(), panels, strict=True)]
 

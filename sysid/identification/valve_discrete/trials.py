@@ -1,8 +1,8 @@
-"""Which rows of a valve-discrete test can be fitted, and with what known (`spec/log-format.md`).
+"""The rows of a valve-discrete test that can be fitted, and known values (log format).
 
 A test in which the piston moves is left out. Rows where the sensor is clipped, or in which
-the chamber was filled from a supply that did not hold still, are cut out: what lies between
-the cuts becomes a piece of its own, with its own initial pressure.
+the chamber was filled from an unsteady supply, are cut out: the rows between the cuts form
+separate pieces, each with its own initial pressure.
 """
 
 from __future__ import annotations
@@ -21,32 +21,32 @@ from sysid.model.valve_timing import switched_intervals
 from sysid.types import BoolArray, FloatArray
 
 FILLING = ("choked_flow_fill_kg_s", "c_fill", "on_delay_s")
-# The chamber's volume may change by this share of itself, which errs the flows by as much.
+# The chamber's volume may change by this share; the flows have the same relative error.
 _VOLUME_TOLERANCE = 0.005
-# A supply that differs by this share from what it is taken for changes the flows visibly.
+# A supply that differs by this share from the assumed one changes the flows visibly.
 SUPPLY_TOLERANCE = 0.005
 _BLOCK_S = 0.02
 _FLAT_S = 0.2
 _SETTLED_SHARE = 0.2
 _SUPPLY_BLOCK_S = 0.01
 _SUPPLY_STEP_PA = 100.0
-# Of the way to the lowest that an unsteady supply went: a filling up to there says little of it.
+# Share of the way to the minimum of an unsteady supply; a rise up to there hardly depends on it.
 _RISE_SHARE = 0.9
 # After a command's edge the valve's state is known once the slowest valve has switched.
 _EDGE_GUARD_S = 0.05
 _CLIPPED_RUN = 30
 _FEWEST_ROWS = 10
-# Least noise that is reckoned with, Pa: below it, rounding in the file is what is seen.
+# Smallest noise assumed, Pa: below it, rounding in the file dominates.
 _LEAST_NOISE_PA = 5.0
 
 
 @dataclass(frozen=True)
 class Piece:
-    """Rows of one test that one simulation goes through, and what is taken as known.
+    """Rows of one test that one simulation covers, and the values assumed known.
 
-    `pressure` (n,) Pa at `chamber.time`; `initial`, `atmosphere` Pa are starts of the fit;
+    `pressure` (n,) Pa at `chamber.time`; `initial`, `atmosphere` Pa are start values of the fit;
     `supply_shift` Pa is added to the chamber's supply. `fits_supply` and `fits_atmosphere`:
-    the piece shows the settled pressure, so that the fit takes it from there. `noise` Pa.
+    the piece shows the settled pressure, so that the fit estimates it. `noise` Pa.
     """
 
     label: str
@@ -64,15 +64,15 @@ class Piece:
 
     @property
     def supply(self) -> float:
-        """Mean supply, Pa, as the fit starts from it."""
+        """Mean supply, Pa, from which the fit starts."""
         return float(np.mean(self.chamber.supply)) + self.supply_shift
 
 
 @dataclass(frozen=True)
 class Screened:
-    """A test's pieces, what to say about it, and why a parameter is not to be had from it.
+    """A test's pieces, its notices, and why it does not identify a parameter.
 
-    `never_still`: the supply did not hold still in any of its fillings.
+    `never_still`: the supply was unsteady in all of its fillings.
     """
 
     pieces: tuple[Piece, ...]
@@ -84,11 +84,11 @@ class Screened:
 def screen(trial: Trial, valve: str, rig: Rig, *, keep_rise: bool = False) -> Screened:
     """Pieces of one test of valve "a" or "b". Raises InputError where a channel is missing.
 
-    `keep_rise`: a filling from an unsteady supply is cut only from near the supply on.
+    `keep_rise`: a filling from an unsteady supply is cut only close to the supply.
     """
     command, channel = f"valve_{valve}", f"pressure_{valve}_pa"
-    trial.require([command], f"which tells when valve {valve.upper()} switches")
-    trial.require([channel], f"which valve {valve.upper()}'s flow is taken from")
+    trial.require([command], f"which shows when valve {valve.upper()} switches")
+    trial.require([channel], f"which valve {valve.upper()}'s flow is computed from")
     trial.require([rig.position_channel], "which gives the chamber's volume")
     air = rig.require("air", "which the chamber equations need")
     volume, change = _volume(trial, valve, rig)
@@ -148,9 +148,9 @@ def _whole(
 
 
 def _logged_supply(time: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The logged supply as a staircase: from when (m,) s, how high (m,) Pa.
+    """The logged supply as steps: start (m,) s and pressure (m,) Pa of each.
 
-    Means over blocks, and blocks that differ by no more than the noise made one step.
+    Means over blocks; blocks that differ by no more than the noise form one step.
     """
     starts, means = _blocks(time, values, _SUPPLY_BLOCK_S)
     per_block = max(1, len(values) // len(means))
@@ -198,12 +198,12 @@ def _cut(trial: Trial, whole: Piece, valve: str, air: Air, keep_rise: bool) -> S
             wandering += 1
             risen = _risen(whole, bad, opened, closed) if keep_rise else opened
             bad |= (time >= risen) & (time < closed - _EDGE_GUARD_S)
-            why = f"{unsteady} while valve {valve.upper()} was on: the supply did not hold still"
+            why = f"{unsteady} while valve {valve.upper()} was on: the supply was unsteady"
             mend = "steady the supply, or log supply_pressure_pa"
             used = "fitted to its rise, at the declared supply" if keep_rise else "left out"
             notices.append(f"{trial.source}: {why}; its filling is {used}; {mend}")
             reasons += [(name, f"{why}; {mend}") for name in FILLING if not keep_rise]
-        # The rise and the last rows of a filling that wandered show no settled supply.
+        # The rise and the last rows of an unsteady filling show no settled supply.
         broken = keep_rise and unsteady is not None
         plateaus.append(None if broken else _settled(whole, bad, opened, closed))
     pieces = [_piece(whole, rows, plateaus, air) for rows in _segments(whole, bad)]
@@ -212,7 +212,7 @@ def _cut(trial: Trial, whole: Piece, valve: str, air: Air, keep_rise: bool) -> S
 
 
 def _risen(piece: Piece, bad: BoolArray, opened: float, closed: float) -> float:
-    """When a chamber has filled most of the way to the lowest that its supply went, s."""
+    """When a chamber has filled most of the way to the minimum of its supply, s."""
     rows = _on_rows(piece, bad, opened, closed)
     pressure = piece.pressure[rows]
     start, top = float(pressure[0]), int(np.argmax(pressure))
@@ -221,10 +221,10 @@ def _risen(piece: Piece, bad: BoolArray, opened: float, closed: float) -> float:
 
 
 def _clipped(piece: Piece) -> tuple[BoolArray, list[str]]:
-    """Rows at which the sensor is at an end of its range, and what to say about each end.
+    """Rows at which the sensor is at an end of its range, and a notice for each end.
 
     A sensor at its end repeats one value; with noise, a run of `_CLIPPED_RUN` equal samples
-    is no chance where the rest of the test holds none nearly as long.
+    is no coincidence where the rest of the test has none nearly as long.
     """
     p = piece.pressure
     clipped = np.zeros(len(p), dtype=bool)
@@ -238,7 +238,7 @@ def _clipped(piece: Piece) -> tuple[BoolArray, list[str]]:
             near = (p - end) * inner <= 4.0 * piece.noise
             clipped |= _widened(near, 3)
             lines.append(
-                f"is saturated ({name} at {end:.6g} Pa, {run} equal samples running); those rows "
+                f"is saturated ({name} at {end:.6g} Pa, {run} equal samples in a row); those rows "
                 "are left out, and the pressure it settles at is taken from the rig file"
             )
     return clipped, lines
@@ -264,10 +264,10 @@ def _on_rows(piece: Piece, bad: BoolArray, opened: float, closed: float) -> NDAr
 
 
 def _unsteady(piece: Piece, bad: BoolArray, opened: float, closed: float) -> str | None:
-    """How the filled chamber's pressure wandered with the valve on; None where it held still.
+    """How the filled chamber's pressure drifted with the valve on; None where it was steady.
 
-    A chamber that is open to a constant supply rises to it and stays. It may not fall, nor
-    rest at one level and then move to another.
+    The pressure of a chamber open to a constant supply rises to it and stays. It must not
+    fall, nor rest at one level and then move to another.
     """
     rows = _on_rows(piece, bad, opened, closed)
     if len(rows) < 4 * _FEWEST_ROWS:
@@ -286,7 +286,7 @@ def _unsteady(piece: Piece, bad: BoolArray, opened: float, closed: float) -> str
         return f"the pressure fell from {means.max():.6g} to {last:.6g} Pa"
     windows = np.lib.stride_tricks.sliding_window_view(means, flat)
     level, spread = windows.mean(axis=1), np.ptp(windows, axis=1)
-    # A chamber that is still waiting for its valve rests too: at the level it began from.
+    # Before its valve opens a chamber rests too: at its initial level.
     began = float(piece.pressure[rows[0]])
     resting = (spread < wobble) & (last - level > limit) & (level - began > 2.0 * limit)
     if np.any(resting):
@@ -296,7 +296,7 @@ def _unsteady(piece: Piece, bad: BoolArray, opened: float, closed: float) -> str
 
 
 def _settled(piece: Piece, bad: BoolArray, opened: float, closed: float) -> float | None:
-    """The pressure at which the chamber came to rest with the valve on, Pa; None: it did not."""
+    """The pressure at which the chamber settled with the valve on, Pa; None: it did not."""
     level = _resting_level(piece.pressure[_on_rows(piece, bad, opened, closed)], piece.noise)
     if level is None or level < 1.1 * CRITICAL_RATIO * piece.supply:
         return None
@@ -304,12 +304,12 @@ def _settled(piece: Piece, bad: BoolArray, opened: float, closed: float) -> floa
 
 
 def _resting_level(pressure: FloatArray, noise: float) -> float | None:
-    """Mean of the last fifth, where it does not differ from that of the fifth before."""
+    """Mean of the last fifth, where it equals that of the fifth before."""
     size = int(_SETTLED_SHARE * len(pressure))
     if size < _FEWEST_ROWS:
         return None
     last, before = float(np.mean(pressure[-size:])), float(np.mean(pressure[-2 * size : -size]))
-    # Sensors' noise may be coloured: twice the white standard error, at three of them.
+    # Sensor noise may be coloured: twice the white standard error, at three of them.
     return last if abs(last - before) < 6.0 * noise * np.sqrt(2.0 / size) else None
 
 
@@ -329,7 +329,7 @@ def _segments(piece: Piece, bad: BoolArray) -> list[slice]:
 
 
 def _after_guard(piece: Piece, run: slice) -> slice:
-    """The run from where the valve's state is certain at its first row."""
+    """The part of the run from where the valve's state is certain."""
     if run.start == 0:
         return run
     time, start = piece.chamber.time, run.start
@@ -340,7 +340,7 @@ def _after_guard(piece: Piece, run: slice) -> slice:
 
 
 def _piece(whole: Piece, rows: slice, plateaus: list[float | None], air: Air) -> Piece:
-    """One run of rows as a piece: valve state, initial pressure, what it shows at rest."""
+    """One run of rows as a piece: valve state, initial pressure, pressures at rest."""
     c, p = whole.chamber, whole.pressure[rows]
     time = c.time[rows]
     later = c.closes > time[0] - 0.5 * _EDGE_GUARD_S

@@ -1,6 +1,6 @@
-"""What a valve's PWM tests leave uncovered, and which test does not fit the others.
+"""What a valve's PWM tests do not cover, and which test deviates from the others.
 
-Nothing here changes a fit: each finding is a line that says what cannot be trusted.
+Nothing here changes a fit: each finding is a line on what cannot be trusted.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from sysid.io.rig import Rig
 from sysid.surfaces.domain import Domain, level_flows
 from sysid.types import FloatArray
 
-# A test that lies this far (in duty) off the line between its neighbours in duty, and six
-# times as far as is usual, is pointed out.
+# A test that deviates this far (in duty) from the line between its neighbours in duty, and
+# six times as far as is usual, is reported.
 OFF_SURFACE_DUTY = 0.015
 _OFF_SURFACE_FACTOR = 6.0
 
@@ -24,7 +24,7 @@ _OFF_SURFACE_FACTOR = 6.0
 def coverage(
     samples: FlowSamples, domain: Domain, other_duties: Sequence[float], rig: Rig
 ) -> list[str]:
-    """What the tests do not cover, and tests that do not lie on the surface of the rest."""
+    """What the tests do not cover, and tests that deviate from the surface of the others."""
     lines = []
     own = samples.duty[domain.holds_duty(samples.duty)]
     for low, high in duty_gaps(np.unique(own), other_duties):
@@ -36,8 +36,8 @@ def coverage(
     lines += unseen_regimes(samples, rig)
     for duty, off in off_surface_tests(samples.part(domain.holds_duty(samples.duty))):
         lines.append(
-            f"duty {duty:.4g} lies {off:+.3f} in duty off the line between its neighbours: the "
-            "supply, the logged duty or the chamber was not the same; see that test"
+            f"duty {duty:.4g} deviates by {off:+.3f} from the line between its neighbours in duty: "
+            "the supply, the logged duty or the chamber was different; check that test"
         )
     return lines
 
@@ -55,7 +55,7 @@ def _missing_ends(own: FloatArray, others: Sequence[float]) -> list[str]:
 
 
 def unseen_regimes(samples: FlowSamples, rig: Rig) -> list[str]:
-    """A regime of the direction's own flow that no sample lies in."""
+    """A regime of the direction's flow without samples."""
     air = rig.require("air", "which the choked boundaries follow from")
     fill, exhaust = choked_boundaries(air, air.supply_pressure_pa)
     low, high = float(samples.pressure.min()), float(samples.pressure.max())
@@ -77,7 +77,7 @@ def off_surface_tests(samples: FlowSamples) -> list[tuple[float, float]]:
     """Duties whose flow does not lie between that of the neighbouring duties, and by how much.
 
     At each pressure the flow is nearly a straight line over duty (the valve is open for a
-    share of the time that grows with it). Returns (duty, departure in duty).
+    share of the time that grows with it). Returns (duty, deviation in duty).
     """
     levels = level_flows(samples.duty, samples.pressure, samples.flow)
     u, m = levels.duty, levels.flow
@@ -97,7 +97,7 @@ def off_surface_tests(samples: FlowSamples) -> list[tuple[float, float]]:
     size = np.abs(departure)
     usual = float(np.median(size[size > 0])) if (size > 0).any() else 0.0
     limit = max(OFF_SURFACE_DUTY, _OFF_SURFACE_FACTOR * usual)
-    # A test that is off draws its neighbours' departures the other way, by half as much.
+    # A deviating test shifts its neighbours' deviations the other way, by half as much.
     found = np.flatnonzero(size > limit)
     last = len(u) - 1
     peaks = [i for i in found.tolist() if size[i] >= max(size[i - 1], size[min(i + 1, last)])]
@@ -107,7 +107,7 @@ def off_surface_tests(samples: FlowSamples) -> list[tuple[float, float]]:
 def duty_gaps(duties: Iterable[float], others: Iterable[float] = ()) -> list[tuple[float, float]]:
     """Gaps in the grid of duties: neighbours more than one and a half usual steps apart.
 
-    `others`: duties of the other direction's tests, each of which is asked for here too.
+    `others`: duties of the other direction's tests, each of which is expected here too.
     """
     own = np.unique(np.round(np.fromiter(duties, dtype=float), 4))
     if len(own) < 3:

@@ -1,4 +1,4 @@
-"""What PWM valve tests give: mean-flow surfaces, a pair a valve, and their errors."""
+"""The result of PWM valve tests: mean-flow surfaces, one pair per valve, and their errors."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ _SHOWN_DUTIES = 7
 class DirectionFit(Shown):
     """Surfaces of one valve in one direction ("fill" or "discharge").
 
-    `samples` are the measured mean flows, `points` their even reduction that was fitted.
+    `samples` are the measured mean flows, `points` the even reduction that was fitted.
     `bipolynomial` and `network` are None where not asked for. `errors` holds each surface's
-    error in duty by its name, on tests that it did not see (`held_out`) and on all that it
-    was fitted on (`fitted`). `comparison`: both on the same held-out tests. `resolution`:
+    error in duty by its name, on held-out tests (`held_out`) and on the training tests
+    (`fitted`). `comparison`: both on the same held-out tests. `resolution`:
     Table 3.7.1, None for unevenly spaced duties. `sweep`: hidden sizes, where asked for.
     """
 
@@ -61,12 +61,12 @@ class DirectionFit(Shown):
         return {name: surface for name, surface in both.items() if surface is not None}
 
     def headline(self) -> str:
-        """Which valve and direction, from how many tests."""
+        """Valve, direction and number of tests."""
         tests = len(np.unique(self.samples.test))
         return f"valve {self.valve.upper()}, {DIRECTIONS[self.direction]}, {tests} tests"
 
     def records(self) -> list[dict[str, Any]]:
-        """One a surface: its error in duty on held-out tests (else: on the training tests)."""
+        """One record per surface: its error in duty on held-out tests (else: training tests)."""
         return [
             {
                 "valve": self.valve,
@@ -133,7 +133,7 @@ class ValvePwmFit(Shown):
     """Surfaces of every valve and direction that the tests hold.
 
     `fits` by (valve, direction); `unidentified`: for each of the others, the reason.
-    `remarks` sum up, `notices` say what was left out or is doubtful.
+    `remarks` summarize, `notices` report what was left out or is doubtful.
     """
 
     fits: dict[tuple[str, str], DirectionFit]
@@ -148,11 +148,11 @@ class ValvePwmFit(Shown):
         return f"PWM surfaces of valve {', '.join(fitted)}"
 
     def records(self) -> list[dict[str, Any]]:
-        """One a valve, direction and surface."""
+        """One record per valve, direction and surface."""
         return [record for fit in self.fits.values() for record in fit.records()]
 
     def plot(self, axes: Axes | Iterable[Axes] | None = None) -> list[Axes]:
-        """Mean flow over pressure, a panel a valve and direction; returns the axes."""
+        """Mean flow over pressure, one panel per valve and direction; returns the axes."""
         panels = some_axes(len(self.fits), axes)
         return [fit.plot(ax) for fit, ax in zip(self.fits.values(), panels, strict=True)]
 

@@ -4,18 +4,18 @@ A window of pressure gives one sample: the mean flow over it, the mean pressure,
 flow's standard error. How:
 
 1. A moving mean over whole PWM periods (`pulse_block`) removes the ripple of the pulses.
-   Where a period is no multiple of the sampling period, the shortest run of samples is taken
+   Where a period is not a multiple of the sampling period, the shortest run of samples is used
    that is one of several periods (300 Hz at 1 kHz: 10 samples are 3 periods).
 2. The slope of that mean over a window, by least squares, is the mean of dP/dt with
    parabolic weights; the pressure is averaged with the same weights. So a flow that is a
    straight line over pressure within the window comes out without bias.
-3. A window is as long as the pressure takes for `TRAVEL_SHARE` of the way from atmosphere
-   to supply, and at least so long that the noise of the slope stays small; it never crosses
+3. A window is as long as the pressure takes for `TRAVEL_SHARE` of the range from atmosphere
+to supply, and at least long enough that the noise of the slope stays small; it never crosses
    a choked boundary, where the flow jumps (thesis 3.6.6, 3.6.10).
 
 The thesis filters with a zero-phase 50 Hz low-pass before differentiating. The least-squares
-slope is a zero-phase low-pass as well, but one whose reach and gain on noise are known
-exactly, and which does not smear the flow's jump beyond its window.
+slope is a zero-phase low-pass as well, but one whose length and noise gain are known
+exactly, and which does not spread the flow's jump beyond its window.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ from sysid.types import BoolArray, FloatArray, IntArray
 
 TRAVEL_SHARE = 0.03
 LONGEST_WINDOW_S = 0.2
-# Noise of a sample's flow, as a share of the flow of the widest open valve, that a window
-# is made long enough for.
+# Largest noise of a sample's flow, as a share of the flow of the fully open valve; windows are
+# made long enough for it.
 FLOW_NOISE_SHARE = 0.005
 # Phase by which a block of samples may miss whole PWM periods, as a share of a period.
 _PHASE_TOLERANCE = 0.01
@@ -95,10 +95,10 @@ class FlowSamples:
 
 
 def pulse_block(pwm_period: float, period: float) -> int:
-    """Samples (one every `period` s) that span whole PWM periods, but for rounding.
+    """Samples (one every `period` s) that span whole PWM periods, up to rounding.
 
-    The shortest run up to 20 ms (or four PWM periods) that misses whole periods by less
-    than 1 % of one; else the one that misses by least.
+    The shortest run up to 20 ms (or four PWM periods) that differs from whole periods by
+    less than 1 % of one; else the one with the smallest error.
     """
     ratio = pwm_period / period
     longest = max(_LONGEST_BLOCK_S, 4.0 * pwm_period, period)
@@ -116,9 +116,9 @@ def pulse_block(pwm_period: float, period: float) -> int:
 
 
 def settled_after(rig: Rig) -> float:
-    """Time, s, from a test's first row that is left out: the valve is not periodic yet.
+    """Time, s, from a test's first row that is left out: the valve is not yet periodic.
 
-    What the valve does depends on commands no older than the longer of the two delays. Before
+    The valve's state depends on commands no older than the longer of the two delays. Before
     that the first pulse has not opened it (filling), or it is still on from before the first
     row (discharging). Rounded up to whole PWM periods.
     """
@@ -145,9 +145,9 @@ def choked_boundaries(air: Air, supply: float) -> tuple[float, float]:
 def sample_tests(tests: Sequence[PwmTest], rig: Rig) -> FlowSamples:
     """Samples of mean flow from tests of one valve in one direction.
 
-    Tests too short for a window give none. Standard errors hold the pressure noise, with the
-    part of its autocorrelation that a mean over whole PWM periods keeps; an error of the
-    volume, the temperature or the sensor's scale is common to all samples and not in them.
+    Tests too short for a window give none. Standard errors include the pressure noise, with
+    the part of its autocorrelation that a mean over whole PWM periods keeps; an error of the
+    volume, the temperature or the sensor's scale is common to all samples and not included.
     """
     air: Air = rig.require("air", "which the flow from dP/dt needs")
     pwm_period = float(rig.require("pwm", "which the mean over pulses needs").period_s)
@@ -213,9 +213,9 @@ class _PulseMean:
     def noise(self) -> float:
         """White-noise equivalent of one sample, Pa: from third differences of the means.
 
-        Over disjoint blocks these hold neither ripple nor a smooth course, and the median
-        ignores the few that straddle a jump. Noise that is correlated within a block shows
-        here as it enters the flow.
+        Over disjoint blocks these contain neither ripple nor smooth motion, and the median
+        ignores the few across a jump. Noise that is correlated within a block is included as it
+        enters the flow.
         """
         b = self.block
         if len(self.values) < 6 * b:
@@ -243,7 +243,7 @@ class _PulseMean:
 def _pooled_noise(means: Sequence[_PulseMean], rig: Rig) -> float:
     """Noise of one pressure sample, Pa: the median over the tests.
 
-    Where all are too short to show it, the rig file's; NaN where that has none.
+    Where all are too short to show it, the rig file's; NaN without one.
     """
     found = [n for n in (m.noise() for m in means) if math.isfinite(n)]
     if found:
@@ -294,8 +294,8 @@ def _windows(
 
 
 def _stretches(test: PwmTest, mean: _PulseMean, air: Air) -> list[tuple[int, int]]:
-    """Runs of usable means that lie on one side of every choked boundary."""
-    # Of the running extreme, so that noise around a boundary does not cut again and again.
+    """Runs of usable means on one side of every choked boundary."""
+    # By the running extreme, so that noise around a boundary does not cut repeatedly.
     values = mean.values
     course = np.maximum.accumulate(values) if test.filling else np.minimum.accumulate(values)
     regime = sum((course > p).astype(np.int8) for p in choked_boundaries(air, test.supply))

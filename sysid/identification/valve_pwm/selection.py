@@ -1,6 +1,6 @@
-"""Which tests of a log can tell a pulsed valve's mean flow, and what the others lack.
+"""Which tests of a log identify a pulsed valve's mean flow, and what the others lack.
 
-A test that cannot be trusted is left out with a notice that says why; nothing is repaired.
+A test that cannot be trusted is left out with a notice that says why; nothing is corrected.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from sysid.types import BoolArray, FloatArray
 
 # Change of the chamber's volume that still counts as a held piston, as a share of it.
 HELD_SHARE_OF_VOLUME = 0.005
-# Departure from the rig file's supply pressure that is left out, as a share of it. Choked
-# flow is proportional to the supply, so that this is its error as well.
+# Deviation from the rig file's supply pressure above which rows are left out, as a share of
+# it. Choked flow is proportional to the supply and has the same relative error.
 SUPPLY_TOLERANCE = 0.02
-# Start of a test: within this share of the way from atmosphere to supply from either end.
+# Start of a test: within this share of the range from atmosphere to supply from either end.
 _START_TOLERANCE = 0.25
 _DUTY_TOLERANCE = 1e-6
 _LOST_SAMPLES = 1.5
@@ -34,13 +34,13 @@ _CLIPPED_START = 8
 _REST_S = 0.05
 _REST_SHARE = 0.01
 _SHOWN_LABELS = 8
-# Pressure travelled in one block next to a clipped stretch, as a share of the limit.
+# Change of pressure in one block next to a clipped interval, as a share of the limit.
 _CLIP_TRAVEL = 2e-3
 
 
 @dataclass
 class Remarks:
-    """Notices by reason, so that fifty tests with one fault make one line."""
+    """Notices by reason, so that fifty tests with one fault give one line."""
 
     tests: dict[tuple[str, str], list[str]] = field(default_factory=dict)
     lines: list[str] = field(default_factory=list)
@@ -80,7 +80,7 @@ def moved_valves(trials: Sequence[Trial]) -> list[str]:
 def select_tests(trials: Sequence[Trial], rig: Rig, valve: str, remarks: Remarks) -> list[PwmTest]:
     """The usable constant-duty tests of one valve, filling and discharging.
 
-    Raises InputError where a channel is missing that the flow cannot do without.
+    Raises InputError where a channel that the flow needs is missing.
     """
     tests = []
     for trial in trials:
@@ -112,7 +112,7 @@ def _prepared(
         remarks.about(trial, "lost samples; no flow is taken across the gaps")
     start = _start_pressure(pressure, float(duty[0]), period, rig)
     share = (start - air.atmospheric_pressure_pa) / (declared - air.atmospheric_pressure_pa)
-    # A sensor that clips shows the supply too low, but shows it as its highest value.
+    # A clipping sensor shows the supply too low, but as its highest value.
     clipped = bool(np.all(pressure[:_CLIPPED_START] == pressure.max()))
     if min(abs(share), abs(share - 1.0)) > _START_TOLERANCE and not clipped:
         remarks.leave_out(
@@ -124,8 +124,8 @@ def _prepared(
     if sagged.any():
         remarks.about(
             trial,
-            f"rows left out: supply_pressure_pa departs by more than {SUPPLY_TOLERANCE:.0%} from "
-            f"the rig file's {declared:.0f} Pa, for which alone the surface holds",
+            f"rows left out: supply_pressure_pa deviates by more than {100 * SUPPLY_TOLERANCE:.0f} % "
+            f"from the rig file's {declared:.0f} Pa, the only supply that the surface is valid for",
         )
     kept = usable & ~sagged
     temperature = trial.channels.get("temperature_k")
@@ -147,11 +147,11 @@ def _prepared(
 def _unusable(
     trial: Trial, duty: FloatArray, volume: FloatArray, rig: Rig, valve: str
 ) -> str | None:
-    """Why the trial is no constant-duty test with the piston held; None where it is one."""
+    """Why the trial is not a constant-duty test with the piston held; None where it is one."""
     if float(np.ptp(duty)) > _DUTY_TOLERANCE:
-        return f"duty_{valve} is not constant, and a sample has one duty only"
+        return f"duty_{valve} is not constant, but a sample has only one duty"
     if float(np.ptp(volume)) > HELD_SHARE_OF_VOLUME * float(volume.mean()):
-        return "the piston moved, and the flow is identified with it held only"
+        return "the piston moved, but the flow is identified only with the piston held"
     least = settled_after(rig) + _FEWEST_PERIODS * _pwm_period(rig)
     if trial.time[-1] - trial.time[0] < least:
         return f"it is shorter than {_FEWEST_PERIODS} PWM periods"
@@ -226,7 +226,7 @@ def _without_clipped(tests: Sequence[PwmTest], rig: Rig, remarks: Remarks) -> li
                 f"rows left out: pressure_{test.valve}_pa is saturated at {' and '.join(limits)}; "
                 "the flow beyond cannot be identified, and the surface's domain ends there",
             )
-            # Noise pushes single samples onto the limit earlier and later than the rest.
+            # With noise, single samples reach the limit earlier and later than the rest.
             rows = np.flatnonzero(clipped)
             clipped[max(rows[0] - block, 0) : rows[-1] + block] = True
         cleaned.append(replace(test, usable=test.usable & ~clipped))
@@ -246,13 +246,13 @@ def _pwm_period(rig: Rig) -> float:
 def _clip_level(values: FloatArray, block: int, noise: float, count: float) -> float:
     """The value that a sensor cannot exceed, if this test shows it; else infinity.
 
-    It shows in two blocks of samples or more of exactly the highest value, where either
-    noise of more than a count must have broken the run, or the pressure ran into it (or left
-    it) at full speed: an equilibrium is approached slowly.
+    It shows in at least two blocks of samples of exactly the highest value, where either noise
+    of more than a count would have interrupted the run, or the pressure reached (or left) it at
+    full speed: an equilibrium is approached slowly.
     """
     top = float(values.max())
     at_top = values == top
-    if at_top.all():  # clipped, or at rest: nothing tells
+    if at_top.all():  # clipped or at rest: indistinguishable
         return math.inf
     needed = max(2 * block, 8)
     if np.count_nonzero(at_top) < needed:
@@ -274,9 +274,9 @@ def _clip_level(values: FloatArray, block: int, noise: float, count: float) -> f
 
 
 def rest_pressure(test: PwmTest) -> float | None:
-    """Pressure at which the test comes to rest, Pa; None where it is still far from it.
+    """Pressure at which the test settles, Pa; None where it is still far from it.
 
-    From the means over the last three stretches of 50 ms: what is left to go is that of a
+    From the means over the last three stretches of 50 ms: the remaining change is that of a
     geometric series (Aitken), and must be small.
     """
     n = max(8, round(_REST_S / test.period))
@@ -292,10 +292,10 @@ def rest_pressure(test: PwmTest) -> float | None:
 def _consistent_supply(tests: Sequence[PwmTest], rig: Rig, remarks: Remarks) -> list[PwmTest]:
     """The tests that show no other supply than the rig file's.
 
-    What shows it: where a discharging test starts; where the pressure rests under a duty at
+    Evidence: where a discharging test starts; where the pressure rests under a duty at
     which the valve never closes; a filling test that rests elsewhere than the discharging one
     of the same duty; and a pressure at rest below that of two tests at lower duties. Filling
-    tests that show nothing themselves go with most of those that do.
+    tests without evidence are treated as the majority of those with evidence.
     """
     declared = float(rig.require("air", "which the supply is taken from").supply_pressure_pa)
     tolerance = SUPPLY_TOLERANCE * declared
@@ -315,7 +315,7 @@ def _consistent_supply(tests: Sequence[PwmTest], rig: Rig, remarks: Remarks) -> 
             remarks.leave_out(
                 test,
                 f"the supply was at about {supply:.0f} kPa, not the rig file's "
-                f"{declared / 1e3:.0f} kPa, for which alone the surface holds",
+                f"{declared / 1e3:.0f} kPa, the only supply that the surface is valid for",
             )
             verdicts.append(False)
             continue
@@ -323,8 +323,8 @@ def _consistent_supply(tests: Sequence[PwmTest], rig: Rig, remarks: Remarks) -> 
         if verdict is False:
             remarks.leave_out(
                 test,
-                "the pressure comes to rest elsewhere than in the other direction or under lower "
-                "duties: the supply sagged, or the duty is not what the log says",
+                "the pressure settles elsewhere than in the other direction or under lower "
+                "duties: the supply dropped, or the logged duty is wrong",
             )
         verdicts.append(True if seen[i] is not None and verdict is None else verdict)
     return _with_the_majority(tests, verdicts, remarks)
@@ -333,7 +333,7 @@ def _consistent_supply(tests: Sequence[PwmTest], rig: Rig, remarks: Remarks) -> 
 def _rests_as_others(
     test: PwmTest, rest: float, known: FloatArray, tolerance: float
 ) -> bool | None:
-    """Whether a test's pressure at rest fits the others'; None where they cannot say.
+    """Whether a test's pressure at rest fits the others'; None where they do not show it.
 
     `known` (m, 3): duty, pressure at rest and direction (1: filling) of the tests.
     """
@@ -363,7 +363,7 @@ def _with_the_majority(
 
 
 def _supply_seen(test: PwmTest, rest: float | None, rig: Rig) -> float | None:
-    """The supply pressure, Pa, as the test itself shows it; None where it does not."""
+    """The supply pressure, Pa, from the test itself; None where it does not show it."""
     if not test.filling and test.usable[0]:
         return _start_pressure(test.pressure, test.duty, test.period, rig)
     return rest if open_share(test.duty, rig) >= 1.0 else None

@@ -1,6 +1,6 @@
-"""Readers of foreign files, one a format; `read_foreign` picks by content, not by name.
+"""Readers of foreign files, one per format; `read_foreign` picks by content, not by name.
 
-Each gives a `ForeignTable` in the file's own names and units; `sysid.io.conversion` maps it.
+Each returns a `ForeignTable` in the file's own names and units; `sysid.io.conversion` maps it.
 """
 
 from __future__ import annotations
@@ -40,12 +40,12 @@ def read_foreign(path: Path, raw: bytes, options: ReadOptions) -> ForeignTable:
     reader: Reader = module.read
     table = reader(path, raw, options)
     if not any(len(values) for values in table.columns.values()):
-        raise input_error(path, f"holds no columns ({table.format})", "name another file")
+        raise input_error(path, f"holds no columns ({table.format})", "give another file")
     return table
 
 
 def _kind(path: Path, raw: bytes) -> str:
-    """Which reader: by the signature at the head of the file, else by what the name says."""
+    """Which reader: by the signature at the head of the file, else by the file's name."""
     if raw.startswith(b"TDSm"):
         return "tdms"
     if raw.startswith(b"PAR1"):
@@ -61,7 +61,7 @@ def _kind(path: Path, raw: bytes) -> str:
         raise input_error(
             path,
             "is protected by a password" if encrypted else "is an old Excel file (.xls)",
-            "save it from Excel without one" if encrypted else "save it from Excel as .xlsx",
+            "save it from Excel without a password" if encrypted else "save it from Excel as .xlsx",
         )
     if raw.startswith(b"\x1f\x8b"):
         raise input_error(path, "is compressed (gzip)", "unpack it with gunzip first")
@@ -71,13 +71,13 @@ def _kind(path: Path, raw: bytes) -> str:
         if not is_text:
             raise input_error(
                 path,
-                "is a binary file of no known format",
+                "is a binary file of an unknown format",
                 "save it as .mat, .xlsx, .tdms, Parquet or text",
             )
         return "text"
     if kind == "matlab":  # version 4 has no signature
         return kind
-    raise damaged(path, what, "its first bytes are another format's")
+    raise damaged(path, what, "its first bytes belong to another format")
 
 
 def _kind_of_archive(path: Path, raw: bytes) -> str:

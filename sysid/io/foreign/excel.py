@@ -15,7 +15,7 @@ from sysid.io.foreign.text import find_header
 
 
 def read(path: Path, raw: bytes, options: ReadOptions) -> ForeignTable:
-    """One sheet: the one asked for, else the first that is not empty (others are told)."""
+    """One sheet: the one asked for, else the first that is not empty (with a notice)."""
     import pandas as pd
 
     sheets: dict[Any, Any] = {}
@@ -23,25 +23,27 @@ def read(path: Path, raw: bytes, options: ReadOptions) -> ForeignTable:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # openpyxl's, about styles and validation
             sheets = pd.read_excel(io.BytesIO(raw), sheet_name=None, header=None, engine="openpyxl")
-    except Exception as error:  # openpyxl lets through what zipfile and its XML parser raise
+    except Exception as error:  # openpyxl passes on what zipfile and its XML parser raise
         raise damaged(path, "an Excel workbook", error) from None
     name, frame = _pick(path, sheets, options.sheet)
     table = ForeignTable(path, "Excel")
     others = [s for s, f in sheets.items() if s != name and len(f)]
     if others and options.sheet is None:
         table.notices.append(
-            f"{path}: sheet {name!r} was read, {', '.join(map(repr, others))} not (--sheet)"
+            f"{path}: sheet {name!r} was read; not read: {', '.join(map(repr, others))} (--sheet)"
         )
     frame = frame.iloc[options.skip_rows :].dropna(how="all").dropna(how="all", axis="columns")
     if frame.empty:
-        raise input_error(path, f"sheet {name!r} holds no rows", "name another with --sheet")
+        raise input_error(path, f"sheet {name!r} holds no rows", "choose another with --sheet")
     rows = [["" if v is None or v != v else str(v) for v in row] for row in frame.values[:200]]
     names, skipped = find_header(rows, options.header)
     if skipped:
-        table.notices.append(f"{path}: a row of units under the names was passed over")
+        table.notices.append(f"{path}: a row of units under the names was skipped")
     body = frame.iloc[skipped + (names is not None) :]
     if body.empty:
-        raise input_error(path, f"sheet {name!r} has a header but no rows", "name another")
+        raise input_error(
+            path, f"sheet {name!r} has a header but no rows", "choose another with --sheet"
+        )
     numbers = [int(i) + 1 for i in body.index]
     table.place = lambda row: f"sheet {name!r}, row {numbers[row]}"
     take_names(table, names, (_values(body[column]) for column in body.columns))
@@ -58,10 +60,10 @@ def _pick(path: Path, sheets: dict[Any, Any], wanted: str | None) -> tuple[str, 
     for name, frame in sheets.items():
         if len(frame):
             return str(name), frame
-    raise input_error(path, "holds no rows in any sheet", "name another file")
+    raise input_error(path, "holds no rows in any sheet", "give another file")
 
 
 def _values(series: Any) -> Any:
-    """Numbers as floats, time stamps as such, and whatever is mixed as objects."""
+    """Numbers as floats, time stamps as such, and mixed columns as objects."""
     values = series.infer_objects().to_numpy()
     return values.astype(np.float64) if values.dtype.kind in "iub" else values

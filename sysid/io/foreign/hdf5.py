@@ -22,7 +22,7 @@ def read(path: Path, raw: bytes, options: ReadOptions) -> ForeignTable:
     try:
         with h5py.File(io.BytesIO(raw), "r") as file:
             for name in file:
-                if not name.startswith("#"):  # #refs#, #subsystem#: MATLAB's own store
+                if not name.startswith("#"):  # #refs#, #subsystem#: MATLAB's internal data
                     _walk(table, file, name, "", file[name], 0)
     except Exception as error:  # h5py raises OSError, KeyError, RuntimeError, ValueError ...
         raise damaged(path, f"an HDF5 ({table.format}) file", error) from None

@@ -24,7 +24,7 @@ def read(path: Path, raw: bytes, options: ReadOptions) -> ForeignTable:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             content = loadmat(io.BytesIO(raw), struct_as_record=True)
-    except Exception as error:  # scipy lets through what numpy, struct and zlib raise
+    except Exception as error:  # scipy passes on what numpy, struct and zlib raise
         raise damaged(path, "a MATLAB file", error) from None
     table = ForeignTable(path, "MATLAB")
     for name, value in content.items():

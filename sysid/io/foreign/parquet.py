@@ -9,7 +9,7 @@ from sysid.io.foreign.table import ForeignTable, ReadOptions, damaged
 
 
 def read(path: Path, raw: bytes, options: ReadOptions) -> ForeignTable:
-    """One column a field of the schema; nested ones are skipped."""
+    """One column per field of the schema; nested ones are skipped."""
     import pyarrow as pa
     import pyarrow.parquet as parquet
 

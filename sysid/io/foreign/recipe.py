@@ -1,6 +1,7 @@
-"""How a foreign file becomes a log: the maps, constants and options, as given or by TOML.
+"""How a foreign file becomes a log: maps, constants and options, as given or from TOML.
 
-What the command line says can stand in a TOML file too (`--spec`); what it says besides wins:
+The options of the command line may also be given in a TOML file (`--spec`); the command
+line takes precedence:
 
     [map]                                # as --map
     time_s = "#1:ms"
@@ -10,14 +11,14 @@ What the command line says can stand in a TOML file too (`--spec`); what it says
     temperature_k = 293.15
 
     [options]
-    delimiter = ";"                      # also "tab", "blank"; found by itself where absent
+    delimiter = ";"                      # also "tab", "blank"; detected where absent
     decimal = ","
     thousands = "."                      # "." with decimal ".": all but the last dot
     header = false                       # the first row is data: columns #1, #2 ...
     skip_rows = 22                       # lines above the table
     sheet = "Run 3"
     rows = "0::3, 2::3"                  # rows of the table to keep, as Python's slices count
-                                         # them; with steps below 0 the table is turned round
+                                         # them; negative steps reverse the table
     sampling_period_s = 0.001            # where no column holds the time
     atmosphere_pa = 101325.0             # added to gauge pressures
 """
@@ -69,7 +70,7 @@ class Recipe:
 
 
 def read_recipe(path: Path) -> Recipe:
-    """The recipe of a `--spec` TOML file. Raises InputError naming the key and the mend."""
+    """The recipe of a `--spec` TOML file. Raises InputError naming the key and the fix."""
     content = read_toml(path, "a TOML file with [map] and [options]")
     notices = reject_misspelt(content, _SECTIONS, "section ", str(path))
     for section in _SECTIONS:
@@ -82,13 +83,13 @@ def read_recipe(path: Path) -> Recipe:
         wrong = not isinstance(value, types) or (isinstance(value, bool) and types != (bool,))
         if value is not None and wrong:
             raise input_error(
-                path, f"[options] {key} = {value!r} is not {_said(types)}", "mend the value"
+                path, f"[options] {key} = {value!r} is not {_said(types)}", "fix the value"
             )
     constants = {}
     for key, value in content.get("constants", {}).items():
         if isinstance(value, bool) or not isinstance(value, str | int | float):
             raise input_error(
-                path, f"[constants] {key} = {value!r} is no number or text", "mend the value"
+                path, f"[constants] {key} = {value!r} is neither a number nor text", "fix the value"
             )
         constants[key] = _constant(key, str(value), f"{path} [constants]")
     return Recipe(
@@ -104,7 +105,7 @@ def read_recipe(path: Path) -> Recipe:
 
 
 def _slices(text: str, where: str) -> tuple[slice, ...]:
-    """The slices of `0::3, 10:20`, all in one direction; none where nothing is written."""
+    """The slices of `0::3, 10:20`, all in one direction; none for an empty text."""
     found = []
     for part in text.split(",") if text.strip() else ():
         match = _SLICE.fullmatch(part.strip())
@@ -117,7 +118,7 @@ def _slices(text: str, where: str) -> tuple[slice, ...]:
         found.append(slice(*(int(g) if g else None for g in match.groups())))
     if len({(s.step or 1) > 0 for s in found}) > 1:
         raise input_error(
-            where, f"rows = {text!r} runs in both directions", "give all steps one sign"
+            where, f"rows = {text!r} runs in both directions", "give all steps the same sign"
         )
     return tuple(found)
 
@@ -141,11 +142,11 @@ def extended(
     atmosphere_pa: float | None,
     rows: str | None = None,
 ) -> Recipe:
-    """`base` with the command line's entries laid over it, checked as a whole.
+    """`base` updated by the command line's entries, checked as a whole.
 
-    `reading` holds `ReadOptions` by name, None where nothing was said; `period_s` in s,
+    `reading` holds `ReadOptions` by name, None where not given; `period_s` in s,
     `atmosphere_pa` in Pa; `rows` as a recipe writes them. Raises InputError for what is
-    implausible or said twice.
+    implausible or given twice.
     """
     extra = {}
     for text in constants:
@@ -165,17 +166,21 @@ def extended(
     )
     for target in recipe.constants:
         if target in recipe.maps:
-            raise input_error("convert", f"{target} is mapped and a constant", "keep one")
+            raise input_error("convert", f"{target} is both mapped and a constant", "keep one")
     period, atmosphere = recipe.period_s, recipe.atmosphere_pa
     if period is not None and not 1e-7 <= period <= 3600.0:
         raise input_error(
-            "--period", f"{period:g} s is no sampling period", "give it in seconds: 1 ms is 0.001"
+            "--period",
+            f"{period:g} s is not a sampling period",
+            "give it in seconds: 1 ms is 0.001",
         )
     if period is not None and "time_s" in recipe.maps:
-        raise input_error("--period", "is given beside a mapped time_s", "leave one of them out")
+        raise input_error("--period", "is given in addition to a mapped time_s", "omit one of them")
     if atmosphere is not None and not 4e4 <= atmosphere <= 1.2e5:
         raise input_error(
-            "--atmosphere", f"{atmosphere:g} Pa is no atmosphere", "give Pa: about 101325"
+            "--atmosphere",
+            f"{atmosphere:g} Pa is not an atmospheric pressure",
+            "give Pa: about 101325",
         )
     if recipe.read.skip_rows < 0:
         raise input_error("skip_rows", "is negative", "give the number of lines above the table")

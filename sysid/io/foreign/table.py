@@ -1,4 +1,4 @@
-"""What every reader of a foreign file gives: named columns, and how to speak of them."""
+"""What every reader of a foreign file returns: named columns, and how messages refer to them."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ _LISTED = 24
 
 @dataclass(frozen=True)
 class ReadOptions:
-    """How to read a file that does not say it itself; None lets the reader find out.
+    """How to read a file where it does not specify this itself; None: detected by the reader.
 
-    `header` False: the first row is data and columns are called #1, #2 ...; `skip_rows`
+    `header` False: the first row is data and columns are named #1, #2 ...; `skip_rows`
     lines or rows stand above the table; `decimal` is `.` or `,`;
     `thousands` groups digits (equal to `decimal`: all but the last one do); `sheet` is an
     Excel sheet.
@@ -51,9 +51,9 @@ class ForeignTable:
     """A foreign file as read, in its own names and units.
 
     `columns` maps each name to a (n,) array of numbers, text or time stamps; their lengths
-    may differ (.mat, TDMS). `skipped` says of other contents why they are no columns;
+    may differ (.mat, TDMS). `skipped` gives the reason why other contents are not columns;
     `stamped` names the columns that were read as time stamps or durations, in seconds.
-    `place` names a row of the file for messages (row 0 is the first sample).
+    `place` describes a row of the file for messages (row 0 is the first sample).
     """
 
     path: Path
@@ -67,7 +67,7 @@ class ForeignTable:
     explain_gap: Callable[[int], InputError | None] = lambda row: None
 
     def add(self, name: str, values: Column) -> None:
-        """Take an array in: signals run along its longer side and are called name#1, name#2 ..."""
+        """Add an array: signals run along its longer side and are named name#1, name#2 ..."""
         array = np.squeeze(np.asarray(values))
         if array.size == 0:
             self.skipped[name] = "empty"
@@ -94,7 +94,7 @@ class ForeignTable:
     def numbers(self, name: str, target: str) -> NDArray[np.float64]:
         """A column as finite floats (n,); time stamps give seconds from the first (`time_s`).
 
-        Raises InputError at the first cell that is no finite number.
+        Raises InputError at the first cell that is not a finite number.
         """
         import pandas as pd
 
@@ -114,7 +114,7 @@ class ForeignTable:
                 raise input_error(
                     f"{self.path}, {self.place(row)}",
                     f"column {name} (for {target}) holds {_shown(series[row])}, not a number",
-                    "mend the cell or map another column (a decimal comma: --decimal; digits "
+                    "fix the cell or map another column (a decimal comma: --decimal; digits "
                     "grouped by thousands: --thousands)",
                 )
         array = values.astype(np.float64)
@@ -139,7 +139,7 @@ class ForeignTable:
         return np.asarray((series - series.iloc[0]).dt.total_seconds(), dtype=np.float64)
 
     def labels(self, name: str) -> list[str]:
-        """A column as text labels; whole numbers lose their `.0`. InputError at a gap."""
+        """A column as text labels; whole numbers without `.0`. InputError at a gap."""
         import pandas as pd
 
         values = self.columns[name]
@@ -161,7 +161,7 @@ class ForeignTable:
         return input_error(
             f"{self.path}, {self.place(row)}",
             f"column {name} (for {target}) is {what}",
-            "delete the row, or fill the value in",
+            "delete the row, or fill in the value",
         )
 
 
@@ -181,9 +181,9 @@ def damaged(path: Path, what: str, error: BaseException | str) -> InputError:
 
 
 def take_names(table: ForeignTable, names: Sequence[str] | None, columns: Iterable[Column]) -> None:
-    """Name the columns of a table: by its header, or #1, #2 ... where it has none.
+    """Name the columns of a table: by its header, or #1, #2 ... without one.
 
-    A name that stands twice names nothing; those columns keep their numbers.
+    Columns that share a name are known by their numbers only.
     """
     named: Mapping[int, str] = dict(enumerate(names or ()))
     doubled = {n for n in named.values() if n and list(named.values()).count(n) > 1}

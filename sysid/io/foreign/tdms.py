@@ -23,13 +23,13 @@ def read(path: Path, raw: bytes, options: ReadOptions) -> ForeignTable:
         for group in content.groups():
             for channel in group.channels():
                 _take(table, f"{group.name}/{channel.name}", channel)
-    except Exception as error:  # npTDMS lets through what numpy and struct raise
+    except Exception as error:  # npTDMS passes on what numpy and struct raise
         raise damaged(path, "a TDMS file", error) from None
     if incomplete:
         raise input_error(
             path,
             "ends in the middle of a segment: it was cut off",
-            "copy it again, or open it in NI's software and save it anew",
+            "copy it again, or open it in NI's software and save it again",
         )
     return table
 

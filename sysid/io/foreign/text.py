@@ -1,4 +1,4 @@
-"""Text files: delimiter, decimal sign and header are found from their look, or told."""
+"""Text files: delimiter, decimal sign and header are detected, or given."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _DELIMITER_NAMES = {
     "bar": "|",
 }
 _SAID = {"\t": "tabs", ",": "commas", ";": "semicolons", BLANK: "blanks", "|": "bars"}
-# In this order: of two that fit equally well the first is taken.
+# In this order: of two that fit equally well the first is used.
 _CANDIDATES = (
     (";", "."),
     (";", ","),
@@ -43,7 +43,7 @@ _SAMPLE_LINES = 200
 
 @dataclass(frozen=True)
 class _Layout:
-    """How the lines are to be read; `fields` is the number of columns."""
+    """How the lines are read; `fields` is the number of columns."""
 
     delimiter: str
     decimal: str
@@ -52,7 +52,7 @@ class _Layout:
 
 
 def read(path: Path, raw: bytes, options: ReadOptions) -> ForeignTable:
-    """Comment lines (#, %, //) on top are passed over; `options` overrules what is found."""
+    """Comment lines (#, %, //) at the top are skipped; `options` overrides what is detected."""
     table = ForeignTable(path, "text")
     text = _decoded(table, raw)
     lines = text.splitlines()
@@ -63,7 +63,7 @@ def read(path: Path, raw: bytes, options: ReadOptions) -> ForeignTable:
         start += 1
     sample = [line for line in lines[start : start + _SAMPLE_LINES] if line.strip()]
     if not sample:
-        raise input_error(path, "holds no rows", "name another file (or fewer skip_rows)")
+        raise input_error(path, "holds no rows", "give another file (or fewer skip_rows)")
     layout = _find_layout(path, sample, options)
     rows = [_fields(line, layout.delimiter) for line in sample]
     table.format = f"text, separated by {_SAID.get(layout.delimiter, layout.delimiter)}"
@@ -72,12 +72,12 @@ def read(path: Path, raw: bytes, options: ReadOptions) -> ForeignTable:
     names, units = find_header(rows, options.header, layout.decimal)
     if units:
         table.notices.append(
-            f"{path}: the row under the names was passed over ({'; '.join(rows[1][:8])})"
+            f"{path}: the row under the names was skipped ({'; '.join(rows[1][:8])})"
         )
     numbered = [(n + 1, line) for n, line in enumerate(lines) if n >= start and line.strip()]
     body = numbered[units + (names is not None) :]
     if not body:
-        raise input_error(path, "has a header but no rows", "name another file")
+        raise input_error(path, "has a header but no rows", "give another file")
     _check_widths(path, names, numbered[0], body, layout)
     _reject_cut_off(path, text, body, layout)
     table.place = lambda row: f"line {body[row][0]}"
@@ -101,7 +101,7 @@ def _decoded(table: ForeignTable, raw: bytes) -> str:
 
 def _find_layout(path: Path, sample: Sequence[str], options: ReadOptions) -> _Layout:
     """The delimiter and decimal sign under which most fields of most lines are numbers."""
-    # Headers and preambles stand in front, so the later half of the lines decides.
+    # Headers and preambles come first, so the later half of the lines decides.
     lines = sample[len(sample) // 2 :]
     best: tuple[tuple[float, bool], _Layout] | None = None
     thousands = options.thousands
@@ -115,14 +115,14 @@ def _find_layout(path: Path, sample: Sequence[str], options: ReadOptions) -> _La
         score = (round(votes / len(rows) * numeric, 2), width > 1)
         if best is None or score > best[0]:
             best = score, _Layout(delimiter, decimal, width, thousands)
-    assert best is not None  # there is always a candidate
+    assert best is not None  # always at least one candidate
     return best[1]
 
 
 def _candidates(path: Path, options: ReadOptions) -> list[tuple[str, str]]:
     decimals = [options.decimal] if options.decimal else [".", ","]
     if options.decimal not in (None, ".", ","):
-        raise input_error(path, f"{options.decimal!r} is no decimal sign", "give . or ,")
+        raise input_error(path, f"{options.decimal!r} is not a decimal sign", "give . or ,")
     if options.thousands not in (None, ".", ",", "'", " "):
         raise input_error(
             path, f"{options.thousands!r} does not group digits", "give one of . , ' or a blank"
@@ -148,7 +148,7 @@ def _ungrouped(text: str, thousands: str, decimal: str) -> str:
 
 
 def _fields(line: str, delimiter: str) -> list[str]:
-    """A line's fields; a delimiter at its very end is no further field."""
+    """A line's fields; a delimiter at its very end does not start another field."""
     if delimiter == BLANK:
         return line.split()
     fields = [f.strip() for f in next(csv.reader([line], delimiter=delimiter), [])]
@@ -171,9 +171,9 @@ def is_number(text: str, decimal: str = ".") -> bool:
 def find_header(
     rows: Sequence[Sequence[str]], wanted: bool | None, decimal: str = "."
 ) -> tuple[list[str] | None, int]:
-    """The column names, or None; and 1 where a row of units stands under them, else 0.
+    """The column names, or None; and 1 where a row of units follows them, else 0.
 
-    Names are text where the rows below hold numbers. `wanted` True or False overrules.
+    Names are text where the rows below hold numbers. `wanted` True or False overrides.
     """
     first, below = rows[0], rows[1:]
     if wanted is False:
@@ -204,7 +204,7 @@ def _check_widths(
         raise input_error(
             f"{path}, line {first[0]}",
             f"{len(names)} column names over {layout.fields} fields",
-            "make them agree, or tell the lines above the table with skip_rows",
+            "make them agree, or give the number of lines above the table with skip_rows",
         )
     for number, line in body:
         if line.count(layout.delimiter) >= layout.fields or layout.delimiter == BLANK:
@@ -213,7 +213,7 @@ def _check_widths(
                 raise input_error(
                     f"{path}, line {number}",
                     f"{fields} fields where the other lines have {layout.fields}",
-                    "mend the line (two lines run together, a decimal comma?)",
+                    "fix the line (two lines run together, a decimal comma?)",
                 )
 
 
@@ -230,12 +230,12 @@ def _short_row(
         f"the row ends early: {fields} of {layout.fields} fields",
         "delete this last line: the recording was cut off there"
         if row == len(body) - 1
-        else "complete the row, or tell the lines above the table with skip_rows",
+        else "complete the row, or give the number of lines above the table with skip_rows",
     )
 
 
 def _reject_cut_off(path: Path, text: str, body: list[tuple[int, str]], layout: _Layout) -> None:
-    """A last line that breaks off within its last number would be a wrong value in silence."""
+    """A last line cut off within its last number would silently give a wrong value."""
     if text.endswith(("\n", "\r")) or len(body) < 20:
         return
     lengths = [len(_fields(line, layout.delimiter)[-1]) for _, line in body[-200:]]
@@ -267,7 +267,7 @@ def _parse(table: ForeignTable, lines: list[str], layout: _Layout, names: list[s
     except (pd.errors.ParserError, pd.errors.EmptyDataError, ValueError) as error:
         reason = str(error).splitlines()[0][:120]
         raise input_error(
-            table.path, f"cannot be read as text ({reason})", "tell --delimiter, or mend it"
+            table.path, f"cannot be read as text ({reason})", "give --delimiter, or fix the file"
         ) from None
     take_names(table, names, (_tidied(frame[i].to_numpy(), layout) for i in frame.columns))
 
