@@ -124,8 +124,9 @@ def _prepared(
     if sagged.any():
         remarks.about(
             trial,
-            f"rows left out: supply_pressure_pa deviates by more than {100 * SUPPLY_TOLERANCE:.0f} % "
-            f"from the rig file's {declared:.0f} Pa, the only supply that the surface is valid for",
+            "rows left out: supply_pressure_pa deviates by more than "
+            f"{100 * SUPPLY_TOLERANCE:.0f} % from the rig file's {declared:.0f} Pa, the only "
+            "supply that the surface is valid for",
         )
     kept = usable & ~sagged
     temperature = trial.channels.get("temperature_k")
