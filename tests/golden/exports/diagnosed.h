@@ -4,8 +4,8 @@
  * bundle: sysid-bundle/1, created 2026-11-22T03:24:25+00:00 by sysid 0.1.0
  * bundle SHA-256: 683d37f0077672a96b88c625612f4e2ffe843e8e6ded9426f7eca3ba50e6b664
  * SI, absolute pressures. Equation numbers are those of the thesis, as corrected.
- * What is not known is absent, and its HAS macro is 0. C99, link with the maths library;
- * not to be compiled with -ffast-math, which drops the checks for NaN.
+ * Unknown numbers are absent, and their HAS macros are 0. C99, link with the maths library;
+ * do not compile with -ffast-math, which drops the checks for NaN.
  * Effects, in the functions whose names end with _with_effects: seal-friction
  */
 #ifndef SYSID_CONTROLLER_H
@@ -13,7 +13,7 @@
 
 #include <math.h>
 
-/* --- what this header holds (1) and lacks (0) --- */
+/* --- contained (1) or absent (0) in this header --- */
 
 #define SYSID_HAS_CYLINDER 1
 #define SYSID_HAS_GRAVITY 1
@@ -236,7 +236,7 @@ static inline double sysid_flow_for_pressure_rate_b(double rate_pa_s, double pre
            / sysid_k_r_t_j_per_kg;
 }
 
-/* --- effects, which the laws above lack --- */
+/* --- effects that the laws above do not include --- */
 
 /* seal-friction */
 static const double sysid_effect_1_seal_torque_nm_per_pa = 2.9542994623283846e-07; /* Nm/Pa */

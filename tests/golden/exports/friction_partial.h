@@ -4,15 +4,15 @@
  * bundle: sysid-bundle/1, created 2026-11-22T03:26:24+00:00 by sysid 0.1.0
  * bundle SHA-256: 7cdab6ee8bfcd1e2bd1b195b246b83e991df93cc8adc0fc00e07e84dd340dcf4
  * SI, absolute pressures. Equation numbers are those of the thesis, as corrected.
- * What is not known is absent, and its HAS macro is 0. C99, link with the maths library;
- * not to be compiled with -ffast-math, which drops the checks for NaN.
+ * Unknown numbers are absent, and their HAS macros are 0. C99, link with the maths library;
+ * do not compile with -ffast-math, which drops the checks for NaN.
  */
 #ifndef SYSID_CONTROLLER_H
 #define SYSID_CONTROLLER_H
 
 #include <math.h>
 
-/* --- what this header holds (1) and lacks (0) --- */
+/* --- contained (1) or absent (0) in this header --- */
 
 #define SYSID_HAS_CYLINDER 1
 #define SYSID_HAS_GRAVITY 1

@@ -4,8 +4,8 @@
  * bundle: sysid-bundle/1, created 2026-11-22T03:26:27+00:00 by sysid 0.1.0
  * bundle SHA-256: 725ef7d841da525d5a800c492ecb52e581b84ffb9c3261a1e3f91940da73a5a1
  * SI, absolute pressures. Equation numbers are those of the thesis, as corrected.
- * What is not known is absent, and its HAS macro is 0. C99, link with the maths library;
- * not to be compiled with -ffast-math, which drops the checks for NaN.
+ * Unknown numbers are absent, and their HAS macros are 0. C99, link with the maths library;
+ * do not compile with -ffast-math, which drops the checks for NaN.
  * Effects, in the functions whose names end with _with_effects: asymmetric-viscous-friction
  */
 #ifndef SYSID_CONTROLLER_H
@@ -13,7 +13,7 @@
 
 #include <math.h>
 
-/* --- what this header holds (1) and lacks (0) --- */
+/* --- contained (1) or absent (0) in this header --- */
 
 #define SYSID_HAS_CYLINDER 0
 #define SYSID_HAS_GRAVITY 1
@@ -77,7 +77,7 @@ static inline double sysid_sliding_friction_force(double velocity_m_s)
     return sysid_friction_coulomb_n * sign + sysid_friction_viscous_n_s_per_m * velocity_m_s;
 }
 
-/* --- effects, which the laws above lack --- */
+/* --- effects that the laws above do not include --- */
 
 /* asymmetric-viscous-friction */
 static const double sysid_effect_1_viscous_asymmetry_n_s_per_m = -40.21437703327822; /* N s/m */
