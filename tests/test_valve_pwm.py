@@ -461,6 +461,6 @@ def test_a_test_off_the_surface_of_the_others_is_pointed_out() -> None:
     trials = [t for t in make_trials(directions=("fill",)) if t.label != "fill-0.46"]
     trials = changed(trials, lambda t: t.label == "fill-0.54", mislabel)
     fit = fit_valve_pwm(trials, make_rig())
-    assert "0.45" in one_line(fit, "off the line between its neighbours")
+    assert "0.45" in one_line(fit, "from the line between its neighbours")
     healthy = samples_of(make_trials(directions=("fill",)), make_rig(), "a", True)
     assert off_surface_tests(healthy.part(healthy.duty < 0.93)) == []
