@@ -170,7 +170,7 @@ def test_the_part_is_in_the_schema_and_gives_the_law_back(component: FrictionPoi
     assert component.law_of(Bundle.new(AXIS, part, [])).values == values
     absent = {"static_nm", "coulomb_nm", "viscous_nm_s_per_rad"} - values.keys()
     for name in absent:
-        assert "no reading is of it" in str(part.friction.estimates()[name].reason)
+        assert "no reading shows it" in str(part.friction.estimates()[name].reason)
     with pytest.raises(NotIdentifiedError, match="fit friction-points"):
         component.law_of(Bundle.new(AXIS, Parts(), []))
 
@@ -178,7 +178,7 @@ def test_the_part_is_in_the_schema_and_gives_the_law_back(component: FrictionPoi
 @pytest.mark.parametrize(
     ("speed", "torque", "said"),
     [
-        ([0.0, 1.0], [0.3, 0.3], "stand beside sliding"),
+        ([0.0, 1.0], [0.3, 0.3], "are mixed with sliding"),
         ([0.0, 0.0], [0.3, 0.0], "reading 2: motor_torque_nm = 0 is zero"),
         ([1.0, -1.0], [0.3, 0.3], "reading 2.*against the motion at -1"),
     ],
@@ -189,7 +189,7 @@ def test_readings_that_cannot_be_used(speed: Any, torque: Any, said: str) -> Non
 
 
 def test_what_is_not_there_is_said() -> None:
-    with pytest.raises(NotIdentifiedError, match="breakaway readings would be one"):
+    with pytest.raises(NotIdentifiedError, match="give breakaway or sliding readings"):
         friction_points([], AXIS)
     bare = readings([0.0], [0.3])
     for name in (SPEED, TORQUE):

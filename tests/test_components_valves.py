@@ -336,7 +336,7 @@ def test_bad_sweeps_are_refused(
 
 def test_missing_columns_and_sweeps_are_refused() -> None:
     for make in (valve_flow, valve_time):
-        with pytest.raises(NotIdentifiedError, match="a sweep of the duty would be one"):
+        with pytest.raises(NotIdentifiedError, match="give a sweep of the duty"):
             make([], BENCH)
         with pytest.raises(InputError, match=r"column .* is missing"):
             make([Trial("x", np.arange(30.0), {"duty_a": np.linspace(0, 1, 30)}, "x.csv")], BENCH)

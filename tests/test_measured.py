@@ -146,7 +146,7 @@ def test_a_set_that_fails_says_so_and_the_others_go_on(
     options = ["--data", tmp_path / "data", "--sets", tmp_path / "sets", "-o", output]
     options += ["--work", tmp_path / "work", "--readme", readme]
     assert command.main([str(o) for o in options]) == 1
-    assert "stays as it is" in capsys.readouterr().err
+    assert "is unchanged" in capsys.readouterr().err
     assert readme.read_text() == f"{BEGIN}\n{END}\n"
     sets = json.loads(output.with_suffix(".json").read_text())["sets"]
     assert [s["name"] for s in sets] == ["bad_recipe", "bad_set", "one_campaign"]
@@ -273,7 +273,7 @@ def test_the_overview_has_a_row_a_campaign() -> None:
         "After": "1.00",
         "Noise floor": "0.500",
         "Down by": "75 %",
-        "Remains": "motor_force_n follows velocity (12 %)",
+        "Remains": "motor_force_n over velocity (12 %)",
     }
     assert with_agreement(results)["sets"][0]["agreement"] == []
 

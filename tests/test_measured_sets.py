@@ -24,13 +24,13 @@ def test_tables_of_the_project_need_no_data_folder(tmp_path: Path) -> None:
     ("change", "said"),
     [
         (("licence = ", "license = "), "licence"),
-        (('folder = "axis"', "folder = 3"), "folder = 3 is no text"),
+        (('folder = "axis"', "folder = 3"), "folder = 3 is not text"),
         (('log = "axis_2.csv"', 'log = "../axis_2.csv"'), "without a folder"),
         (('source = "run2.txt"', "source = []"), "source = []"),
-        (('log = "axis_2.csv"', 'log = "axis_2.csv"\nrows = 3'), "rows = 3 is no text"),
+        (('log = "axis_2.csv"', 'log = "axis_2.csv"\nrows = 3'), "rows = 3 is not text"),
         (("repeat = true", 'repeat = "yes"'), "write true or false"),
         (("repeat = true", 'repeat = true\nof = "other.toml"'), "no campaign before it"),
-        (('file = "repeat_1.toml"', 'file = "campaign.toml"'), "stands twice"),
+        (('file = "repeat_1.toml"', 'file = "campaign.toml"'), "occurs twice"),
         (("[[campaign]]", "[[campagne]]"), "campaign"),
     ],
 )
@@ -50,7 +50,7 @@ def test_what_may_not_be_asked(tmp_path: Path) -> None:
         chosen(tmp_path / "sets", ["axes"], tmp_path / "data")
     with pytest.raises(InputError, match=r"no folder with a set\.toml"):
         chosen(tmp_path / "data", [], tmp_path / "data")
-    with pytest.raises(InputError, match="among the project's own files"):
+    with pytest.raises(InputError, match="is inside the project"):
         run_sets([folder], tmp_path / "data", SETS_FOLDER)
 
 

@@ -459,7 +459,7 @@ def test_an_adequate_model_without_held_out_tests_is_said_so() -> None:
                "notices": [], "figures": empty}  # fmt: skip
     with svg.styled():
         section = diagnosis_section(content, is_linear=False)
-    assert section.intro[0].startswith("Adequate: no structure above the noise")
+    assert section.intro[0].startswith("Adequate: no test found structure above the noise")
     assert "Errors before and after are not known" in str(section.blocks)
 
 

@@ -384,7 +384,7 @@ def test_a_parameter_that_was_not_identified_is_named() -> None:
 def test_no_inputs_no_runs_and_malformed_ones_are_refused() -> None:
     assert simulate([], []) == []
     time = seconds(0.1)
-    with pytest.raises(ValueError, match="as long as time"):
+    with pytest.raises(ValueError, match="have the length of time"):
         one(Inputs(time, np.zeros(3)), REFERENCE)
     with pytest.raises(ValueError, match="two rows"):
         one(Inputs(time[:1], np.zeros(1)), REFERENCE)

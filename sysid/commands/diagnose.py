@@ -187,7 +187,7 @@ def _before_after_tables(content: dict[str, Any]) -> Iterable[Table]:
     added = [f"+ {effect['id']}" for effect in content["effects"]]
     how = "" if "component" in content else ", simulated open loop"
     title = f"RMSE on held-out logs{how}"
-    table = new_table(title, "channel", "bundle given", *added, "noise floor")
+    table = new_table(title, "channel", "original bundle", *added, "noise floor")
     for name, errors in wording.errors_by_step(content).items():
         floor = content["residual"][name]["noise_floor"]
         cells = ("-" if math.isnan(e) else f"{e:.4g}" for e in errors)

@@ -213,7 +213,7 @@ def linear_fit(
         null = np.abs(vt[-1]) if len(vt) == x.shape[1] else np.ones(x.shape[1])
         tied = [name for name, part in zip(names, null, strict=False) if part > 0.1]
         raise NotIdentifiedError(
-            f"the data cannot tell apart {', '.join(tied) or 'the regressors'}"
+            f"the data cannot distinguish {', '.join(tied) or 'the regressors'}"
         )
     half = (vt.T / s) / scale[:, None]
     coefficients = half @ (u.T @ (np.sqrt(w) * target))

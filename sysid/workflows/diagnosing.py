@@ -62,7 +62,7 @@ class CampaignDiagnosis(Shown):
         """The effects' parameters, and the errors on held-out logs after each effect."""
         for effect in self.effects:
             yield estimate_table(effect.headline(), effect.by_label())
-        steps = ("bundle given", *(f"+ {effect.id}" for effect in self.effects))
+        steps = ("original bundle", *(f"+ {effect.id}" for effect in self.effects))
         rows = []
         for name, errors in self._errors().items():
             floor = self.residual[name].noise_floor
@@ -78,7 +78,7 @@ class CampaignDiagnosis(Shown):
         ax = one_axes(ax)
         errors = self._errors()
         floors = {name: self.residual[name].noise_floor or math.nan for name in errors}
-        steps = ["bundle given", *(f"+ {effect.id}" for effect in self.effects)]
+        steps = ["original bundle", *(f"+ {effect.id}" for effect in self.effects)]
         heights = {
             step: [errors[name][i] / floors[name] for name in errors]
             for i, step in enumerate(steps)

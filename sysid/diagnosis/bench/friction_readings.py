@@ -245,7 +245,7 @@ class FrictionPoints(Component):
         u = self.units
         units = {u.static: u.effort, u.coulomb: u.effort, u.viscous: u.viscous_unit}
         wanted = "steady motion" if self.is_breakaway else "breakaway"
-        reason = f"no reading shows it; {wanted} readings, in a separate campaign, would"
+        reason = f"no reading shows it; {wanted} readings in a separate campaign would identify it"
         found = {
             n: estimates.get(n, Estimate.unidentified(unit, reason)) for n, unit in units.items()
         }
