@@ -50,7 +50,7 @@ MECHANICS: tuple[CatalogueEffect, ...] = (
     PositionDependentFriction(0.2, -0.3, 3.1),
     SealFriction(3e-7),
     QuadraticDrag(0.01),
-    StribeckFriction(-0.05, 0.3, 2.0),
+    StribeckFriction(0.05, 0.3, 2.0),
     GearMeshRipple(0.02, -0.03, 17.0),
     CableSpring(0.2),
     MountingTilt(0.03, -0.02),

@@ -8,13 +8,16 @@ from __future__ import annotations
 import hashlib
 from pathlib import Path
 
-from sysid.bundle import Bundle, bundle_text, read_bundle
+from sysid.bundle import Bundle, EffectEntry, bundle_text, read_bundle
 from sysid.bundle.assembled_model import effects_from_bundle
-from sysid.errors import input_error
+from sysid.bundle.effects import effect_from_entry
+from sysid.errors import InputError, input_error
 from sysid.export.flat import Flat, flatten
 from sysid.io.files import write_atomic
 from sysid.io.tables import read_bytes
 from sysid.model.effects.catalogue import catalogue_with
+from sysid.model.effects.entry import SIDE_CHOICES, Catalogue, CatalogueEffect
+from sysid.model.effects.linear import for_rig
 
 FORMATS = ("c", "mat", "json")
 DEFAULT_PREFIX = "sysid_"
@@ -36,9 +39,10 @@ def export_file(
     effects that neither the catalogue nor `effects`, a user's file that is run, holds.
     """
     bundle = read_bundle(source)
-    effects_from_bundle(bundle, catalogue_with(effects) if effects else None)
+    catalogue = catalogue_with(effects)
+    effects_from_bundle(bundle, catalogue)
     digest = hashlib.sha256(read_bytes(source, "a bundle")).hexdigest()
-    return export_bundle(bundle, path, fmt, prefix=prefix, sha256=digest)
+    return export_bundle(bundle, path, fmt, prefix=prefix, sha256=digest, catalogue=catalogue)
 
 
 def export_bundle(
@@ -48,13 +52,15 @@ def export_bundle(
     *,
     prefix: str = DEFAULT_PREFIX,
     sha256: str | None = None,
+    catalogue: Catalogue | None = None,
 ) -> list[str]:
     """Write a checked bundle for a controller, whole or not at all; returns notices.
 
     fmt: "c" (one C99 header whose names begin with `prefix`), "mat" (MAT 5, a struct
     `sysid`) or "json". `sha256` is the bundle file's, by default that of the file which
-    `sysid.bundle.write_bundle` makes of it. Notices name every parameter that is absent, and
-    effects whose laws the C header does not hold.
+    `sysid.bundle.write_bundle` makes of it. `catalogue` maps ids to the effects' classes, whose
+    laws the C header holds; None is the project's own. Notices name every parameter that is
+    absent, and effects whose laws the C header does not hold.
     Raises InputError for an unknown format or prefix, for content that contradicts itself
     (units, PWM period), and where `path` cannot be written.
     """
@@ -65,9 +71,9 @@ def export_bundle(
     flat = flatten(bundle, sha256)
     data: bytes | str
     if fmt == "c":
-        from sysid.export.c_header import absences, render
+        from sysid.export.c_header import render
 
-        data, notices = render(flat, prefix), absences(flat, prefix)
+        data, notices = render(flat, prefix, _effects(bundle, catalogue))
     elif fmt == "mat":
         from sysid.export.matlab import encode
 
@@ -78,6 +84,20 @@ def export_bundle(
         data, notices = render_json(flat), flat.absences("null")
     write_atomic(path, data)
     return [*flat.notices, *notices]
+
+
+def _effects(bundle: Bundle, catalogue: Catalogue | None) -> list[CatalogueEffect | None]:
+    """The effects that a bundle lists, in its order; None for an entry that is none."""
+    known = for_rig(catalogue_with(None) if catalogue is None else catalogue, bundle.is_linear)
+    return [_effect(entry, bundle.source, known) for entry in bundle.effects]
+
+
+def _effect(entry: EffectEntry, where: str, catalogue: Catalogue) -> CatalogueEffect | None:
+    try:
+        found: CatalogueEffect = effect_from_entry(entry, where, catalogue)
+    except InputError:
+        return None
+    return found if getattr(found, "side", "both") in SIDE_CHOICES else None
 
 
 def _digest(bundle: Bundle) -> str:

@@ -6,14 +6,17 @@ law whose parameters are not all known is absent, and its feature macro is 0.
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from sysid.export import c_effects
+from sysid.export.c_effects import EffectsInC
+from sysid.export.c_maths import mathematics
 from sysid.export.c_surfaces import macro, slots, surfaces
-from sysid.export.c_text import Names, comment_text, constant, has, names
-from sysid.export.flat import Flat, NumberTable, gravity_name, inertia_name, values
+from sysid.export.c_text import Names, comment_text, constant, has, names, real
+from sysid.export.flat import Flat, gravity_name, inertia_name, values
 from sysid.io.channels import SIDES
+from sysid.model.effects.entry import CatalogueEffect
 
 _MEANING = {
     "critical_ratio": "downstream over upstream pressure of choked flow (3.5.1)",
@@ -44,33 +47,39 @@ class _Law:
     text: str = ""
 
 
-def render(flat: Flat, prefix: str) -> str:
-    """The header's text. Raises InputError for a prefix that is not a C name."""
+def render(
+    flat: Flat, prefix: str, effects: Sequence[CatalogueEffect | None]
+) -> tuple[str, list[str]]:
+    """The header's text, and notices: what it leaves out, and effects that it does not hold.
+
+    `effects` are the bundle's, None for an entry that is none. Raises InputError for a prefix
+    that is no C name.
+    """
     n = names(prefix)
+    held = EffectsInC(flat, effects, n)
     laws = _laws(flat, n)
-    features = _features(flat, laws)
+    features = _features(flat, held, laws)
     guard = f"{n.upper}CONTROLLER_H"
     parts = [
-        _title(flat),
+        _title(flat, held),
         f"#ifndef {guard}\n#define {guard}\n\n#include <math.h>\n",
-        _feature_lines(flat, features, n),
-        _constant_lines(flat, n),
+        _feature_lines(features, held, n),
+        mathematics(n),
+        _constant_lines(held, n),
         *(law.text for law in laws if law.text and features[law.feature]),
-        c_effects.effects(flat, n),
+        held.text(),
         surfaces(flat, n),
         f"#endif /* {guard} */\n",
     ]
-    return "\n".join(part for part in parts if part)
+    return "\n".join(part for part in parts if part), _notices(flat, held, features, n)
 
 
-def absences(flat: Flat, prefix: str) -> list[str]:
-    """Notices: what the header omits, and effects that it does not hold."""
-    n = names(prefix)
+def _notices(flat: Flat, held: EffectsInC, features: dict[str, bool], n: Names) -> list[str]:
     notices = flat.absences("left out")
-    absent = [k for k, present in _features(flat, _laws(flat, n)).items() if not present]
+    absent = [k for k, present in features.items() if not present]
     if absent:
         notices.append("0 in the header: " + ", ".join(n.upper + feature for feature in absent))
-    ids = ", ".join(effect.id for effect in c_effects.not_contained(flat))
+    ids = ", ".join(effect.id for effect, _ in held.not_contained())
     if ids:
         notices.append(
             f"the C header does not hold the laws of these effects of the bundle: {ids};"
@@ -79,31 +88,18 @@ def absences(flat: Flat, prefix: str) -> list[str]:
     return notices
 
 
-def _constants(flat: Flat) -> NumberTable:
-    """All scalars by C name without prefix: the rig's, friction, and each valve's law."""
-    table = dict(flat.constants)
-    table |= {f"friction_{name}": quantity for name, quantity in flat.friction.items()}
-    for side in SIDES:
-        law = flat.valves[side].discrete
-        table |= {f"valve_{side}_{name}": quantity for name, quantity in law.items()}
-    return table
-
-
-def _features(flat: Flat, laws: Iterable[_Law]) -> dict[str, bool]:
+def _features(flat: Flat, held: EffectsInC, laws: Iterable[_Law]) -> dict[str, bool]:
     """Feature macro without prefix -> whether the header holds it."""
-    known = {name for name, value in values(_constants(flat)).items() if value is not None}
+    known = {name for name, value in values(held.constants).items() if value is not None}
     features = {law.feature: known.issuperset(law.needs) for law in laws}
     features |= {macro(name, kind): surface is not None for name, kind, surface in slots(flat)}
     return features
 
 
-def _title(flat: Flat) -> str:
-    """The opening comment: contents, bundle and rig."""
+def _title(flat: Flat, effects: EffectsInC) -> str:
+    """The opening comment: what, from which bundle, for which rig."""
     made = flat.provenance
-    held, absent = (
-        ", ".join(effect.id for effect in part)
-        for part in (c_effects.contained(flat), c_effects.not_contained(flat))
-    )
+    absent = effects.not_contained()
     lines = [
         "Identified model of a pneumatic actuator, for a controller. Written by sysid export.",
         f"rig: {flat.rig.name} ({flat.rig.motion}, {flat.rig.orientation})",
@@ -111,30 +107,37 @@ def _title(flat: Flat) -> str:
         f"by sysid {made['bundle_sysid_version']}",
         f"bundle SHA-256: {made['bundle_sha256']}",
         "SI, absolute pressures. Equation numbers are those of the thesis, as corrected.",
-        "Unknown numbers are absent, and their HAS macros are 0. C99, link with the maths library;",
-        "do not compile with -ffast-math, which drops the checks for NaN.",
+        "What is not known is absent, and its HAS macro is 0. C99, link with the maths library;",
+        "not to be compiled with -ffast-math, which drops the checks for NaN.",
+        "Numbers are double; -DSYSID_REAL=float makes them single precision.",
     ]
-    if held:
-        lines.append(f"Effects, in the functions whose names end with _with_effects: {held}")
+    if effects.contained():
+        ids = ", ".join(effect.id for effect in effects.contained())
+        lines.append("Effects, in the constants and the functions that end with _with_effects:")
+        lines += textwrap.wrap(ids, 90, break_on_hyphens=False)
     if absent:
-        lines.append(f"NOT CONTAINED: the laws of these effects of the bundle: {absent}")
+        ids = ", ".join(effect.id for effect, _ in absent)
+        lines.append(f"NOT CONTAINED: the laws of these effects of the bundle: {ids}")
+        lines += [f"{effect.id}: {reason}" for effect, reason in absent]
     body = "\n".join(f" * {comment_text(line)}" for line in lines)
     return f"/*\n{body}\n */"
 
 
-def _feature_lines(flat: Flat, features: dict[str, bool], n: Names) -> str:
-    lines = ["/* --- contained (1) or absent (0) in this header --- */", ""]
+def _feature_lines(features: dict[str, bool], effects: EffectsInC, n: Names) -> str:
+    lines = ["/* --- what this header holds (1) and lacks (0) --- */", ""]
     lines += [has(f"{n.upper}{feature}", present) for feature, present in features.items()]
-    lines += c_effects.features(flat, n)
+    lines += effects.features()
     return "\n".join(lines) + "\n"
 
 
-def _constant_lines(flat: Flat, n: Names) -> str:
+def _constant_lines(effects: EffectsInC, n: Names) -> str:
     lines = ["/* --- constants --- */", ""]
-    for name, quantity in _constants(flat).items():
+    for name, quantity in effects.constants.items():
         if quantity.value is not None:
             meaning = f"; {_MEANING[name]}" if name in _MEANING else ""
-            lines.append(constant(f"{n.lower}{name}", quantity.value, quantity.unit + meaning))
+            changed = effects.changes(name)
+            comment = quantity.unit + meaning + (f"; with {changed}" if changed else "")
+            lines.append(constant(f"{n.lower}{name}", quantity.value, comment, n))
     return "\n".join(lines) + "\n"
 
 
@@ -176,10 +179,10 @@ def _cylinder(flat: Flat, n: Names) -> _Law:
     needs = ("area_a_m2", "area_b_m2", "pitch_radius_m", "atmospheric_pressure_pa")
     text = f"""\
 /* {word.capitalize()} of the cylinder, {unit}, from absolute pressures, Pa (3.3.3). */
-static inline double {p}cylinder_{word}(double pressure_a_pa, double pressure_b_pa)
+static inline {real(n)} {p}cylinder_{word}({real(n)} pressure_a_pa, {real(n)} pressure_b_pa)
 {{
-    double gauge_a = pressure_a_pa - {p}atmospheric_pressure_pa;
-    double gauge_b = pressure_b_pa - {p}atmospheric_pressure_pa;
+    {real(n)} gauge_a = pressure_a_pa - {p}atmospheric_pressure_pa;
+    {real(n)} gauge_b = pressure_b_pa - {p}atmospheric_pressure_pa;
     return (gauge_a * {p}area_a_m2 - gauge_b * {p}area_b_m2) * {p}pitch_radius_m;
 }}
 """
@@ -193,10 +196,10 @@ def _gravity(flat: Flat, n: Names) -> _Law:
     if flat.rig.is_linear:
         where, body = "the weight", f"(void){position};\n    return {n.lower}{name};"
     else:
-        where, body = "theta = 0 hangs down", f"return {n.lower}{name} * sin({position});"
+        where, body = "theta = 0 hangs down", f"return {n.lower}{name} * {n.lower}sin({position});"
     text = f"""\
 /* {word.capitalize()} of gravity against positive motion, {unit} (3.3.8-10): {where}. */
-static inline double {n.lower}gravity_{word}(double {position})
+static inline {real(n)} {n.lower}gravity_{word}({real(n)} {position})
 {{
     {body}
 }}
@@ -213,19 +216,18 @@ def _friction(flat: Flat, n: Names) -> Iterable[_Law]:
     viscous = f"friction_viscous_{slope}"
     sliding = f"""\
 /* Friction while moving, {unit} (3.4.1): Coulomb sign(w) + viscous w; 0 at rest. */
-static inline double {p}sliding_friction_{word}(double {velocity})
+static inline {real(n)} {p}sliding_friction_{word}({real(n)} {velocity})
 {{
-    double sign = (double)(({velocity} > 0.0) - ({velocity} < 0.0));
-    return {p}{coulomb} * sign + {p}{viscous} * {velocity};
+    return {p}{coulomb} * {p}sign({velocity}) + {p}{viscous} * {velocity};
 }}
 """
     whole = f"""\
 /* Friction in full, {unit} (3.4.1, corrected). applied = cylinder + motor - gravity (+ the
    constant friction_offset_{suffix}, where it is known). At rest it holds against what is
    applied, up to static friction. */
-static inline double {p}friction_{word}(double {velocity}, double applied_{suffix})
+static inline {real(n)} {p}friction_{word}({real(n)} {velocity}, {real(n)} applied_{suffix})
 {{
-    if ({velocity} != 0.0) {{
+    if ({velocity} != 0) {{
         return {p}sliding_friction_{word}({velocity});
     }}
     if (applied_{suffix} > {p}{static}) {{
@@ -246,14 +248,14 @@ def _motor(flat: Flat, n: Names) -> _Law:
         within, body = "no limit is declared", f"return volts * {p}{gain};"
     else:
         within = "within its declared limit"
-        body = f"""double effort = volts * {p}{gain};
+        body = f"""{real(n)} effort = volts * {p}{gain};
     if (effort > {p}{limit}) {{
         return {p}{limit};
     }}
     return effort < -{p}{limit} ? -{p}{limit} : effort;"""
     text = f"""\
 /* {word.capitalize()} of the motor at the output, {unit}, from volts (3.3.4); {within}. */
-static inline double {p}motor_{word}(double volts)
+static inline {real(n)} {p}motor_{word}({real(n)} volts)
 {{
     {body}
 }}
@@ -267,13 +269,13 @@ def _filling_law(side: str, n: Names) -> _Law:
     text = f"""\
 /* Flow into chamber {side.upper()}, kg/s, with the valve on (3.6.6). Choked up to 0.53 of the
    supply, in proportion to it; negative above the supply. */
-static inline double {p}valve_{side}_filling_flow(double pressure_pa, double supply_pa)
+static inline {real(n)} {p}valve_{side}_filling_flow({real(n)} pressure_pa, {real(n)} supply_pa)
 {{
-    double gap = supply_pa - pressure_pa;
+    {real(n)} gap = supply_pa - pressure_pa;
     if (pressure_pa <= {p}critical_ratio * supply_pa) {{
         return {p}{choked} * (supply_pa / {p}supply_pressure_pa);
     }}
-    return {p}{unchoked} * (gap < 0.0 ? -sqrt(-gap) : sqrt(gap));
+    return {p}{unchoked} * (gap < 0 ? -{p}sqrt(-gap) : {p}sqrt(gap));
 }}
 """
     return _Law(f"HAS_VALVE_{side.upper()}_FILLING", (choked, unchoked, "supply_pressure_pa"), text)
@@ -285,9 +287,9 @@ def _exhaust_law(side: str, n: Names) -> _Law:
     text = f"""\
 /* Flow into chamber {side.upper()}, kg/s, with the valve off (3.6.7, 3.6.10): negative (out)
    above the atmosphere, choked from atmosphere / 0.53 on; air comes in below it. */
-static inline double {p}valve_{side}_exhaust_flow(double pressure_pa, double atmosphere_pa)
+static inline {real(n)} {p}valve_{side}_exhaust_flow({real(n)} pressure_pa, {real(n)} atmosphere_pa)
 {{
-    if (pressure_pa >= (1.0 / {p}critical_ratio) * atmosphere_pa) {{
+    if (pressure_pa >= (1 / {p}critical_ratio) * atmosphere_pa) {{
         return -{p}{choked};
     }}
     return {p}{unchoked} * (atmosphere_pa - pressure_pa);
@@ -304,16 +306,16 @@ def _chamber(flat: Flat, side: str, n: Names) -> _Law:
     area, offset = f"area_{side}_m2", f"offset_{side}_m"
     swept = f"{'-' if side == 'b' else ''}{p}pitch_radius_m * {velocity}"
     volumes = f"""\
-    double volume = ({p}{offset} {sign} {p}pitch_radius_m * {position}) * {p}{area};
-    double volume_rate = {swept} * {p}{area};
-    if (!(volume > 0.0)) {{
-        return (double)NAN; /* no such position */
+    {real(n)} volume = ({p}{offset} {sign} {p}pitch_radius_m * {position}) * {p}{area};
+    {real(n)} volume_rate = {swept} * {p}{area};
+    if (!(volume > 0)) {{
+        return ({real(n)})NAN; /* no such position */
     }}"""
     text = f"""\
 /* dP/dt of chamber {side.upper()}, Pa/s (3.3.6): position and velocity in {unit}, flow into it
    in kg/s. */
-static inline double {p}pressure_rate_{side}(double pressure_pa, double {position},
-                                             double {velocity}, double flow_kg_s)
+static inline {real(n)} {p}pressure_rate_{side}({real(n)} pressure_pa, {real(n)} {position},
+                                             {real(n)} {velocity}, {real(n)} flow_kg_s)
 {{
 {volumes}
     return ({p}k_r_t_j_per_kg * flow_kg_s - {p}heat_capacity_ratio * pressure_pa * volume_rate)
@@ -321,8 +323,8 @@ static inline double {p}pressure_rate_{side}(double pressure_pa, double {positio
 }}
 
 /* The flow into chamber {side.upper()}, kg/s, that gives this dP/dt, Pa/s: (3.3.6) solved. */
-static inline double {p}flow_for_pressure_rate_{side}(double rate_pa_s, double pressure_pa,
-                                                      double {position}, double {velocity})
+static inline {real(n)} {p}flow_for_pressure_rate_{side}({real(n)} rate_pa_s, {real(n)} pressure_pa,
+                                                      {real(n)} {position}, {real(n)} {velocity})
 {{
 {volumes}
     return (volume * rate_pa_s + {p}heat_capacity_ratio * pressure_pa * volume_rate)

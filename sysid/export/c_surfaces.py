@@ -9,7 +9,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
-from sysid.export.c_text import Names, array, number
+from sysid.export.c_text import Names, array, literal
 from sysid.export.flat import DIRECTIONS, Flat
 from sysid.export.surface_tables import ExportedSurface, domain_arrays
 from sysid.surfaces.ann import DutyNetwork
@@ -51,12 +51,12 @@ def surfaces(flat: Flat, names: Names) -> str:
 def _domain(domain: Domain, name: str, names: Names) -> str:
     p = names.lower
     nodes = domain_arrays(domain)
-    lines = [array(f"{p}{name}_{key}", values) for key, values in nodes.items()]
-    duty, pressure = (", ".join(map(number, r)) for r in (domain.duty_range, domain.pressure_range))
+    lines = [array(f"{p}{name}_{key}", values, names) for key, values in nodes.items()]
+    duty, pressure = (_row(r, names) for r in (domain.duty_range, domain.pressure_range))
     pointers = ", ".join(f"{p}{name}_{key}" for key in nodes)
     lines += [
         f"static const {p}domain {p}{name}_domain = {{",
-        f"    {{{duty}}}, {{{pressure}}}, {len(domain.pressure)},",
+        f"    {duty}, {pressure}, {len(domain.pressure)},",
         *_wrapped(pointers.split(", ")),
         "};",
     ]
@@ -67,10 +67,10 @@ def _bipolynomial(model: Bipolynomial, slot: str, names: Names) -> str:
     p, name = names.lower, f"{slot}_bipolynomial"
     centre, half = model.scaling_[1]
     rows = [
-        _matrix(model.scaled_coefficients_.reshape(3, 3)),
-        _matrix(_duty_powers(*model.scaling_[0])),
-        f"{number(centre)}, {number(half)}",
-        _matrix(model.coefficients_.reshape(3, 3)),
+        _matrix(model.scaled_coefficients_.reshape(3, 3), names),
+        _matrix(_duty_powers(*model.scaling_[0]), names),
+        f"{literal(centre, names)}, {literal(half, names)}",
+        _matrix(model.coefficients_.reshape(3, 3), names),
         f"&{p}{name}_domain",
     ]
     table = ",\n    ".join(rows)
@@ -81,13 +81,13 @@ static const {p}bipolynomial {p}{name} = {{
 }};
 
 /* Mean flow, kg/s, over duty (0 to 1) and chamber pressure, Pa (3.7.1); flags may be NULL. */
-static inline double {p}{slot}_flow(double duty, double pressure_pa, unsigned *flags)
+static inline {p}real {p}{slot}_flow({p}real duty, {p}real pressure_pa, unsigned *flags)
 {{
     return {p}bipolynomial_flow(&{p}{name}, duty, pressure_pa, flags);
 }}
 
 /* Its inverse: duty for a wanted mean flow, kg/s, at a chamber pressure, Pa (3.7.3). */
-static inline double {p}{slot}_duty(double flow_kg_s, double pressure_pa, unsigned *flags)
+static inline {p}real {p}{slot}_duty({p}real flow_kg_s, {p}real pressure_pa, unsigned *flags)
 {{
     return {p}bipolynomial_duty(&{p}{name}, flow_kg_s, pressure_pa, flags);
 }}
@@ -101,21 +101,22 @@ def _network(model: DutyNetwork, slot: str, names: Names) -> str:
         "b1": model.hidden_bias_,
         "w2": model.output_weights_,
     }
-    arrays = "\n".join(array(f"{p}{name}_{key}", values) for key, values in weights.items())
+    arrays = "\n".join(array(f"{p}{name}_{key}", values, names) for key, values in weights.items())
     pointers = ", ".join(f"{p}{name}_{key}" for key in weights)
-    scaling = ", ".join(f"{{{number(c)}, {number(h)}}}" for c, h in model.scaling_)
+    scaling = ", ".join(_row(pair, names) for pair in model.scaling_)
     return f"""\
 {_domain(model.domain_, name, names)}
 {arrays}
 static const {p}network {p}{name} = {{
     {len(model.hidden_bias_)}, {pointers},
-    {number(model.output_bias_)},
+    {literal(model.output_bias_, names)},
     {scaling},
     &{p}{name}_domain
 }};
 
 /* Duty for a wanted mean flow, kg/s, at a chamber pressure, Pa, by the network (3.7.4). */
-static inline double {p}{slot}_network_duty(double flow_kg_s, double pressure_pa, unsigned *flags)
+static inline {p}real {p}{slot}_network_duty(
+    {p}real flow_kg_s, {p}real pressure_pa, unsigned *flags)
 {{
     return {p}network_duty(&{p}{name}, flow_kg_s, pressure_pa, flags);
 }}
@@ -132,8 +133,12 @@ def _duty_powers(centre: float, half: float) -> NDArray[np.float64]:
     return rows
 
 
-def _matrix(values: NDArray[np.float64]) -> str:
-    rows = ("{" + ", ".join(map(number, row)) + "}" for row in values)
+def _row(values: Iterable[float], names: Names) -> str:
+    return "{" + ", ".join(literal(value, names) for value in values) + "}"
+
+
+def _matrix(values: NDArray[np.float64], names: Names) -> str:
+    rows = (_row(row, names) for row in values)
     return "{" + ",\n     ".join(rows) + "}"
 
 

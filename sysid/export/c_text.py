@@ -41,17 +41,27 @@ def comment_text(text: str) -> str:
     return re.sub(r"/(?=/)", "_", _UNSAFE.sub("_", short))
 
 
-def constant(name: str, value: float, comment: str) -> str:
+def real(n: Names) -> str:
+    """The header's real type: SYSID_REAL, double unless the compiler is told otherwise."""
+    return f"{n.lower}real"
+
+
+def literal(value: float, n: Names) -> str:
+    """A number of the header's real type, without an implicit conversion."""
+    return f"({real(n)}){number(value)}"
+
+
+def constant(name: str, value: float, comment: str, n: Names) -> str:
     """One named constant with its unit or meaning."""
-    return f"static const double {name} = {number(value)}; /* {comment_text(comment)} */"
+    return f"static const {real(n)} {name} = {literal(value, n)}; /* {comment_text(comment)} */"
 
 
-def array(name: str, values: Iterable[float]) -> str:
-    """A named array, four numbers per line."""
-    items = [number(v) for v in values]
+def array(name: str, values: Iterable[float], n: Names) -> str:
+    """A named array, four numbers a line."""
+    items = [literal(v, n) for v in values]
     lines = [", ".join(items[k : k + 4]) for k in range(0, len(items), 4)]
     body = ",\n    ".join(lines)
-    return f"static const double {name}[{len(items)}] = {{\n    {body}\n}};"
+    return f"static const {real(n)} {name}[{len(items)}] = {{\n    {body}\n}};"
 
 
 def has(name: str, present: bool) -> str:
