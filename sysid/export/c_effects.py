@@ -17,7 +17,7 @@ from sysid.export.flat import ExportedEffect, Flat, NumberTable
 from sysid.model.effects.entry import CatalogueEffect
 
 if TYPE_CHECKING:  # sympy is loaded only for a bundle that has effects
-    from sysid.export.effect_laws import Laws, Stage
+    from sysid.export.effect_laws import EffectLaw, Laws
 
 # The steps in which a sensor that is not linear is solved: what it adds shrinks each time.
 _STEPS = 30
@@ -83,7 +83,7 @@ class EffectsInC:
     def _reasons(self) -> dict[int, str]:
         return dict(self._laws.reasons) if self._laws else {}
 
-    def _stages(self, port: Port) -> tuple[Stage, ...]:
+    def _stages(self, port: Port) -> tuple[EffectLaw, ...]:
         return self._laws.stages.get(port.name, ()) if self._laws else ()
 
     def _own(self, place: int, effect: ExportedEffect) -> str:
@@ -115,7 +115,7 @@ static inline {r} {whole}_with_effects({r} time_s)
 }}
 """
 
-    def _function(self, port: Port, stages: Sequence[Stage]) -> str:
+    def _function(self, port: Port, stages: Sequence[EffectLaw]) -> str:
         from sysid.export.effect_laws import VALUE, arguments_of
 
         r = real(self._n)
@@ -144,14 +144,14 @@ static inline {r} {whole}_with_effects({r} time_s)
 }}
 """
 
-    def _step(self, stage: Stage) -> list[str]:
+    def _step(self, stage: EffectLaw) -> list[str]:
         from sysid.export.c_printer import statements
 
         lines, result = statements(stage.law, self._n)
         last = f"value = {result};"
         return ["{", *(f"    {line}" for line in (*lines, last)), "}"] if lines else [last]
 
-    def _sensor(self, stage: Stage) -> list[str]:
+    def _sensor(self, stage: EffectLaw) -> list[str]:
         """The value that a sensor shows so, in steps of what is missing to what it shows."""
         from sysid.export.c_printer import statements
 

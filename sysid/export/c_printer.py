@@ -73,8 +73,8 @@ class _Printer(C99CodePrinter):  # type: ignore[misc]
     def _print_Float(self, expr: Any) -> str:  # noqa: N802
         return literal(float(expr), self._names)
 
-    _print_Integer = _print_Rational = _print_Float
-    _print_Zero = _print_One = _print_NegativeOne = _print_Half = _print_Float
+    _print_Integer = _print_Rational = _print_Float  # noqa: N815
+    _print_Zero = _print_One = _print_NegativeOne = _print_Half = _print_Float  # noqa: N815
 
     def _print_Pow(self, expr: Any) -> str:  # noqa: N802
         """Whole powers as products: nothing else is left as a power."""

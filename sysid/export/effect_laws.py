@@ -47,7 +47,7 @@ class _NotContainedError(Exception):
 
 
 @dataclass(frozen=True)
-class Stage:
+class EffectLaw:
     """What one effect makes of `value`. `is_sensor`: what it shows, to be solved for `value`."""
 
     place: int
@@ -67,7 +67,7 @@ class Laws:
     reasons: Mapping[int, str] = field(default_factory=dict)
     changed_by: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     drifts: Mapping[str, Reduced] = field(default_factory=dict)
-    stages: Mapping[str, tuple[Stage, ...]] = field(default_factory=dict)
+    stages: Mapping[str, tuple[EffectLaw, ...]] = field(default_factory=dict)
 
 
 def effect_laws(flat: Flat, effects: Sequence[CatalogueEffect | None], n: Names) -> Laws:
@@ -109,7 +109,7 @@ class _Maker:
         self.constants = header_constants(flat)
         self.changed_by: dict[str, list[int]] = {}
         self._drifting: dict[str, Symbolic] = {}
-        self._made: dict[tuple[str, int], Stage | None] = {}
+        self._made: dict[tuple[str, int], EffectLaw | None] = {}
 
     def checked(self, place: int, effect: CatalogueEffect | None) -> CatalogueEffect:
         """The effect with its parameters' names as numbers. Raises _NotContainedError."""
@@ -161,7 +161,7 @@ class _Maker:
         if any(key in fixed for key in GAS):
             self.changed_by.setdefault(K_R_T, []).append(place)
 
-    def stages(self, port: Port, held: Mapping[int, CatalogueEffect]) -> list[Stage]:
+    def stages(self, port: Port, held: Mapping[int, CatalogueEffect]) -> list[EffectLaw]:
         """What the effects do at a port, in the order in which they act there."""
         found = [
             stage
@@ -180,21 +180,21 @@ class _Maker:
             found[K_R_T] = reduced(product)
         return found
 
-    def _stage(self, port: Port, place: int, effect: CatalogueEffect) -> Stage | None:
+    def _stage(self, port: Port, place: int, effect: CatalogueEffect) -> EffectLaw | None:
         """What an effect does at a port, worked out anew only where constants drift."""
         key = (port.name, place)
         if key not in self._made or self._drifting:
             self._made[key] = self._new_stage(port, place, effect)
         return self._made[key]
 
-    def _new_stage(self, port: Port, place: int, effect: CatalogueEffect) -> Stage | None:
+    def _new_stage(self, port: Port, place: int, effect: CatalogueEffect) -> EffectLaw | None:
         value = _at_port(port, effect, self._point(), self._flat.rig.is_linear)
         if value is None or expression(value) == sympy.Symbol(VALUE):
             return None
         law, is_sensor = expression(value), bool(port.channels)
         if is_sensor:
             law, is_sensor = _solved(law)
-        stage = Stage(place, reduced(law), is_sensor)
+        stage = EffectLaw(place, reduced(law), is_sensor)
         _check_names(stage.law, "other channels" if port.channels else "")
         return stage
 
@@ -274,7 +274,7 @@ def _check_names(law: Reduced, why: str) -> None:
         raise _NotContainedError(f"a sensor reads {why}")
 
 
-def arguments_of(port: Port, stages: Sequence[Stage]) -> tuple[str, ...]:
+def arguments_of(port: Port, stages: Sequence[EffectLaw]) -> tuple[str, ...]:
     """The arguments of a port's function: its own, then what else its effects read."""
     read = {name for stage in stages for name in stage.law.names()}
     if DIRECTION in read:

@@ -4,9 +4,11 @@
  * bundle: sysid-bundle/1, created 2026-11-22T03:26:27+00:00 by sysid 0.1.0
  * bundle SHA-256: 725ef7d841da525d5a800c492ecb52e581b84ffb9c3261a1e3f91940da73a5a1
  * SI, absolute pressures. Equation numbers are those of the thesis, as corrected.
- * Unknown numbers are absent, and their HAS macros are 0. C99, link with the maths library;
- * do not compile with -ffast-math, which drops the checks for NaN.
- * Effects, in the functions whose names end with _with_effects: asymmetric-viscous-friction
+ * What is not known is absent, and its HAS macro is 0. C99, link with the maths library;
+ * not to be compiled with -ffast-math, which drops the checks for NaN.
+ * Numbers are double; -DSYSID_REAL=float makes them single precision.
+ * Effects, in the constants and the functions that end with _with_effects:
+ * asymmetric-viscous-friction
  */
 #ifndef SYSID_CONTROLLER_H
 #define SYSID_CONTROLLER_H
@@ -40,58 +42,180 @@
 #define SYSID_HAS_PWM_B_DISCHARGE_BIPOLYNOMIAL 0
 #define SYSID_HAS_PWM_B_DISCHARGE_NETWORK 0
 #define SYSID_EFFECTS_ACT_ON_SLIDING_FRICTION 1
+#define SYSID_EFFECTS_ACT_ON_STATIC_FRICTION 0
 #define SYSID_EFFECTS_ACT_ON_EXTERNAL 0
 #define SYSID_EFFECTS_ACT_ON_MOTOR 0
+#define SYSID_EFFECTS_ACT_ON_PITCH_RADIUS 0
+#define SYSID_EFFECTS_ACT_ON_DISPLACEMENT 0
+#define SYSID_EFFECTS_ACT_ON_TRUE_POSITION 0
+#define SYSID_EFFECTS_ACT_ON_SUPPLY_PRESSURE_A 0
+#define SYSID_EFFECTS_ACT_ON_EXHAUST_PRESSURE_A 0
+#define SYSID_EFFECTS_ACT_ON_FILLING_FLOW_A 0
+#define SYSID_EFFECTS_ACT_ON_EXHAUST_FLOW_A 0
 #define SYSID_EFFECTS_ACT_ON_CHAMBER_FLOW_A 0
+#define SYSID_EFFECTS_ACT_ON_PRESSURE_RATE_A 0
 #define SYSID_EFFECTS_ACT_ON_TRUE_PRESSURE_A 0
 #define SYSID_EFFECTS_ACT_ON_VALVE_A_ON_DELAY 0
 #define SYSID_EFFECTS_ACT_ON_VALVE_A_OFF_DELAY 0
+#define SYSID_EFFECTS_ACT_ON_SUPPLY_PRESSURE_B 0
+#define SYSID_EFFECTS_ACT_ON_EXHAUST_PRESSURE_B 0
+#define SYSID_EFFECTS_ACT_ON_FILLING_FLOW_B 0
+#define SYSID_EFFECTS_ACT_ON_EXHAUST_FLOW_B 0
 #define SYSID_EFFECTS_ACT_ON_CHAMBER_FLOW_B 0
+#define SYSID_EFFECTS_ACT_ON_PRESSURE_RATE_B 0
 #define SYSID_EFFECTS_ACT_ON_TRUE_PRESSURE_B 0
 #define SYSID_EFFECTS_ACT_ON_VALVE_B_ON_DELAY 0
 #define SYSID_EFFECTS_ACT_ON_VALVE_B_OFF_DELAY 0
+#define SYSID_EFFECTS_ACT_ON_CONSTANTS_OVER_TIME 0
 #define SYSID_EFFECTS_CONTAINED 1
 #define SYSID_EFFECTS_NOT_CONTAINED 0
 
+/* --- real numbers: double, or what SYSID_REAL says (-DSYSID_REAL=float) --- */
+
+#ifndef SYSID_REAL
+#define SYSID_REAL double
+#endif
+typedef SYSID_REAL sysid_real;
+
+/* The functions of the maths library, those of float where that is the real type. */
+static inline sysid_real sysid_sin(sysid_real x)
+{
+    return sizeof x == sizeof(float) ? (sysid_real)sinf((float)x) : (sysid_real)sin((double)x);
+}
+static inline sysid_real sysid_cos(sysid_real x)
+{
+    return sizeof x == sizeof(float) ? (sysid_real)cosf((float)x) : (sysid_real)cos((double)x);
+}
+static inline sysid_real sysid_tan(sysid_real x)
+{
+    return sizeof x == sizeof(float) ? (sysid_real)tanf((float)x) : (sysid_real)tan((double)x);
+}
+static inline sysid_real sysid_asin(sysid_real x)
+{
+    return sizeof x == sizeof(float) ? (sysid_real)asinf((float)x) : (sysid_real)asin((double)x);
+}
+static inline sysid_real sysid_acos(sysid_real x)
+{
+    return sizeof x == sizeof(float) ? (sysid_real)acosf((float)x) : (sysid_real)acos((double)x);
+}
+static inline sysid_real sysid_atan(sysid_real x)
+{
+    return sizeof x == sizeof(float) ? (sysid_real)atanf((float)x) : (sysid_real)atan((double)x);
+}
+static inline sysid_real sysid_sinh(sysid_real x)
+{
+    return sizeof x == sizeof(float) ? (sysid_real)sinhf((float)x) : (sysid_real)sinh((double)x);
+}
+static inline sysid_real sysid_cosh(sysid_real x)
+{
+    return sizeof x == sizeof(float) ? (sysid_real)coshf((float)x) : (sysid_real)cosh((double)x);
+}
+static inline sysid_real sysid_tanh(sysid_real x)
+{
+    return sizeof x == sizeof(float) ? (sysid_real)tanhf((float)x) : (sysid_real)tanh((double)x);
+}
+static inline sysid_real sysid_exp(sysid_real x)
+{
+    return sizeof x == sizeof(float) ? (sysid_real)expf((float)x) : (sysid_real)exp((double)x);
+}
+static inline sysid_real sysid_expm1(sysid_real x)
+{
+    return sizeof x == sizeof(float) ? (sysid_real)expm1f((float)x) : (sysid_real)expm1((double)x);
+}
+static inline sysid_real sysid_log(sysid_real x)
+{
+    return sizeof x == sizeof(float) ? (sysid_real)logf((float)x) : (sysid_real)log((double)x);
+}
+static inline sysid_real sysid_log1p(sysid_real x)
+{
+    return sizeof x == sizeof(float) ? (sysid_real)log1pf((float)x) : (sysid_real)log1p((double)x);
+}
+static inline sysid_real sysid_sqrt(sysid_real x)
+{
+    return sizeof x == sizeof(float) ? (sysid_real)sqrtf((float)x) : (sysid_real)sqrt((double)x);
+}
+static inline sysid_real sysid_fabs(sysid_real x)
+{
+    return sizeof x == sizeof(float) ? (sysid_real)fabsf((float)x) : (sysid_real)fabs((double)x);
+}
+static inline sysid_real sysid_floor(sysid_real x)
+{
+    return sizeof x == sizeof(float) ? (sysid_real)floorf((float)x) : (sysid_real)floor((double)x);
+}
+static inline sysid_real sysid_ceil(sysid_real x)
+{
+    return sizeof x == sizeof(float) ? (sysid_real)ceilf((float)x) : (sysid_real)ceil((double)x);
+}
+static inline sysid_real sysid_pow(sysid_real x, sysid_real y)
+{
+    return sizeof x == sizeof(float) ? (sysid_real)powf((float)x, (float)y) : (sysid_real)pow((double)x, (double)y);
+}
+static inline sysid_real sysid_atan2(sysid_real x, sysid_real y)
+{
+    return sizeof x == sizeof(float) ? (sysid_real)atan2f((float)x, (float)y) : (sysid_real)atan2((double)x, (double)y);
+}
+
+/* -1, 0 or 1; whole powers; the larger and the smaller of two. What is not a number stays so. */
+static inline sysid_real sysid_sign(sysid_real x)
+{
+    return x > 0 ? 1 : x < 0 ? -1 : x;
+}
+static inline sysid_real sysid_square(sysid_real x)
+{
+    return x * x;
+}
+static inline sysid_real sysid_cube(sysid_real x)
+{
+    return x * x * x;
+}
+static inline sysid_real sysid_maximum(sysid_real x, sysid_real y)
+{
+    return x > y || x != x ? x : y;
+}
+static inline sysid_real sysid_minimum(sysid_real x, sysid_real y)
+{
+    return x < y || x != x ? x : y;
+}
+
 /* --- constants --- */
 
-static const double sysid_critical_ratio = 0.53; /* 1; downstream over upstream pressure of choked flow (3.5.1) */
-static const double sysid_encoder_zero_counts = 0.0; /* counts */
-static const double sysid_mass_kg = 89.56518225378538; /* kg; payload included */
-static const double sysid_weight_n = 0.0; /* N */
-static const double sysid_friction_coulomb_n = 19.98209725734192; /* N */
-static const double sysid_friction_viscous_n_s_per_m = 201.49259089089745; /* N s/m */
-static const double sysid_friction_offset_n = 3.0123224046463957; /* N; constant force in the positive direction, part of what is applied */
+static const sysid_real sysid_critical_ratio = (sysid_real)0.53; /* 1; downstream over upstream pressure of choked flow (3.5.1) */
+static const sysid_real sysid_encoder_zero_counts = (sysid_real)0.0; /* counts */
+static const sysid_real sysid_mass_kg = (sysid_real)89.56518225378538; /* kg; payload included */
+static const sysid_real sysid_weight_n = (sysid_real)0.0; /* N */
+static const sysid_real sysid_friction_coulomb_n = (sysid_real)19.98209725734192; /* N */
+static const sysid_real sysid_friction_viscous_n_s_per_m = (sysid_real)201.49259089089745; /* N s/m */
+static const sysid_real sysid_friction_offset_n = (sysid_real)3.0123224046463957; /* N; constant force in the positive direction, part of what is applied */
 
 /* Force of gravity against positive motion, N (3.3.8-10): the weight. */
-static inline double sysid_gravity_force(double position_m)
+static inline sysid_real sysid_gravity_force(sysid_real position_m)
 {
     (void)position_m;
     return sysid_weight_n;
 }
 
 /* Friction while moving, N (3.4.1): Coulomb sign(w) + viscous w; 0 at rest. */
-static inline double sysid_sliding_friction_force(double velocity_m_s)
+static inline sysid_real sysid_sliding_friction_force(sysid_real velocity_m_s)
 {
-    double sign = (double)((velocity_m_s > 0.0) - (velocity_m_s < 0.0));
-    return sysid_friction_coulomb_n * sign + sysid_friction_viscous_n_s_per_m * velocity_m_s;
+    return sysid_friction_coulomb_n * sysid_sign(velocity_m_s) + sysid_friction_viscous_n_s_per_m * velocity_m_s;
 }
 
 /* --- effects that the laws above do not include --- */
 
 /* asymmetric-viscous-friction */
-static const double sysid_effect_1_viscous_asymmetry_n_s_per_m = -40.21437703327822; /* N s/m */
+static const sysid_real sysid_effect_1_viscous_asymmetry_n_s_per_m = (sysid_real)-40.21437703327822; /* N s/m */
 
 /* Friction while moving, Nm (linear rig: N), from that of the base law.
    Effects: asymmetric-viscous-friction. */
-static inline double sysid_sliding_friction_with_effects(double friction, double position, double velocity, double pressure_a_pa, double pressure_b_pa)
+static inline sysid_real sysid_sliding_friction_with_effects(sysid_real friction, sysid_real
+    position, sysid_real velocity, sysid_real pressure_a_pa, sysid_real pressure_b_pa)
 {
-    double value = friction;
-    double direction = (double)((velocity > 0.0) - (velocity < 0.0));
+    sysid_real value = friction;
+    const sysid_real direction = sysid_sign(velocity);
     (void)position;
     (void)pressure_a_pa;
     (void)pressure_b_pa;
-    value = value + sysid_effect_1_viscous_asymmetry_n_s_per_m * velocity * direction;
+    value = direction*sysid_effect_1_viscous_asymmetry_n_s_per_m*velocity + value;
     return value;
 }
 
