@@ -1,7 +1,8 @@
 """A bundle's content as one self-contained C99 header: constants and static functions.
 
 The functions are the laws of `sysid.model.base` and `sysid.surfaces`, branch by branch. A
-law whose parameters are not all known is absent, and its feature macro is 0.
+law whose parameters are not all known is absent, and its feature macro is 0. Effects are their
+own classes, printed (`effect_laws`). Numbers are of the type SYSID_REAL, double by default.
 """
 
 from __future__ import annotations
