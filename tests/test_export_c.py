@@ -354,3 +354,36 @@ def test_a_linear_rig_has_forces(tmp_path: Path) -> None:
     wanted = base.friction_effort(pa - pa, pb - 3e5, p.static_effort, 5.5, 34.0)
     assert_same(c("friction_force", 0.0 * pa, pb - 3e5)[0], wanted)
     assert "_nm" not in path.read_text()
+
+
+def test_laws_in_single_precision(rig_text: str, tmp_path: Path) -> None:
+    bundle = whole_bundle(upright(rig_text))
+    header(bundle, tmp_path)
+    calls = {
+        "cylinder_torque": (2.1e5, 1.4e5),
+        "gravity_torque": (0.7,),
+        "friction_torque": (-1.3, 0.2),
+        "motor_torque": (3.0,),
+        "pressure_rate_a": (2e5, 0.3, 1.1, 3e-4),
+        "flow_for_pressure_rate_b": (5e5, 2e5, 0.3, 1.1),
+        "valve_a_filling_flow": (2.4e5, 3e5),
+        "valve_b_exhaust_flow": (1.5e5, 1e5),
+        "pwm_a_fill_flow": (0.5, 2e5),
+        "pwm_b_discharge_duty": (-1e-4, 2e5),
+        "pwm_a_fill_network_duty": (2e-4, 2e5),
+    }
+    text = {
+        name: ", ".join(f"(SYSID_REAL){x!r}" for x in values) + (", 0" if "pwm" in name else "")
+        for name, values in calls.items()
+    }
+    shown = "".join(f'printf("%.9g ", (double)sysid_{n}({x}));\n' for n, x in text.items())
+    source = (
+        f'#include <stdio.h>\n#include "controller.h"\nint main(void) {{ {shown} return 0; }}\n'
+    )
+    found = []
+    for real in ("double", "float"):
+        program = compile_c(tmp_path, source, f"-DSYSID_REAL={real}", output=real)
+        run = subprocess.run([program], capture_output=True, text=True, check=True)
+        found.append([float(x) for x in run.stdout.split()])
+    assert len(found[0]) == len(calls) and found[0] != found[1]
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-4)

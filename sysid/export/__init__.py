@@ -1,6 +1,6 @@
 """A bundle for a controller: as a C header, a MAT file or flat JSON.
 
-All three hold the same content, worked out once in `flat.py`. MAT and JSON list the effects as
+All three hold the same content, computed once in `flat.py`. MAT and JSON list the effects as
 data; the C header holds their laws, and its constants include the effects that change them.
 """
 

@@ -52,12 +52,12 @@ class EffectsInC:
         return tuple(effect for k, effect in self._numbered() if k not in self._reasons())
 
     def not_contained(self) -> tuple[tuple[ExportedEffect, str], ...]:
-        """The effects whose laws it does not hold, and why."""
+        """The effects whose laws the header does not hold, and why."""
         reasons = self._reasons()
         return tuple((effect, reasons[k]) for k, effect in self._numbered() if k in reasons)
 
     def features(self) -> list[str]:
-        """One macro a port, 1 where an effect acts there and its function exists, and counts."""
+        """One macro per port, 1 if an effect acts there and its function exists, and counts."""
         upper = self._n.upper
         lines = [has(f"{upper}{port.feature}", bool(self._stages(port))) for port in ports()]
         drifts = bool(self._laws and self._laws.drifts)
@@ -70,7 +70,7 @@ class EffectsInC:
         """The parameters of the contained effects and a function for each port where they act."""
         if self._laws is None or not self.contained():
             return ""
-        parts = ["/* --- effects, which the laws above lack --- */\n"]
+        parts = ["/* --- effects that the laws above do not include --- */\n"]
         reasons = self._reasons()
         parts += [self._own(k, effect) for k, effect in self._numbered() if k not in reasons]
         parts += [self._drift(name) for name in self._laws.drifts]

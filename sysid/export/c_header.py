@@ -98,7 +98,7 @@ def _features(flat: Flat, held: EffectsInC, laws: Iterable[_Law]) -> dict[str, b
 
 
 def _title(flat: Flat, effects: EffectsInC) -> str:
-    """The opening comment: what, from which bundle, for which rig."""
+    """The opening comment: contents, bundle and rig."""
     made = flat.provenance
     absent = effects.not_contained()
     lines = [
@@ -108,8 +108,8 @@ def _title(flat: Flat, effects: EffectsInC) -> str:
         f"by sysid {made['bundle_sysid_version']}",
         f"bundle SHA-256: {made['bundle_sha256']}",
         "SI, absolute pressures. Equation numbers are those of the thesis, as corrected.",
-        "What is not known is absent, and its HAS macro is 0. C99, link with the maths library;",
-        "not to be compiled with -ffast-math, which drops the checks for NaN.",
+        "Unknown numbers are absent, and their HAS macros are 0. C99, link with the maths library;",
+        "do not compile with -ffast-math, which drops the checks for NaN.",
         "Numbers are double; -DSYSID_REAL=float makes them single precision.",
     ]
     if effects.contained():
@@ -125,7 +125,7 @@ def _title(flat: Flat, effects: EffectsInC) -> str:
 
 
 def _feature_lines(features: dict[str, bool], effects: EffectsInC, n: Names) -> str:
-    lines = ["/* --- what this header holds (1) and lacks (0) --- */", ""]
+    lines = ["/* --- contained (1) or absent (0) in this header --- */", ""]
     lines += [has(f"{n.upper}{feature}", present) for feature, present in features.items()]
     lines += effects.features()
     return "\n".join(lines) + "\n"

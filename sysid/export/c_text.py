@@ -57,7 +57,7 @@ def constant(name: str, value: float, comment: str, n: Names) -> str:
 
 
 def array(name: str, values: Iterable[float], n: Names) -> str:
-    """A named array, four numbers a line."""
+    """A named array, four numbers per line."""
     items = [literal(v, n) for v in values]
     lines = [", ".join(items[k : k + 4]) for k in range(0, len(items), 4)]
     body = ",\n    ".join(lines)

@@ -73,7 +73,7 @@ def export(
     chosen = format or _FORMAT_OF.get(Path(path).suffix.lower())
     if chosen is None:
         known = ", ".join(FORMATS)
-        raise input_error(path, "has no suffix that says the format", f"pass format, of {known}")
+        raise input_error(path, "has no suffix that gives the format", f"pass format, of {known}")
     catalogue = catalogue_from(effects)
     effects_from_bundle(bundle, catalogue)
     return tuple(export_bundle(bundle, Path(path), chosen, prefix=prefix, catalogue=catalogue))

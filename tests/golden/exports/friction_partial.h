@@ -4,8 +4,8 @@
  * bundle: sysid-bundle/1, created 2026-11-22T03:26:24+00:00 by sysid 0.1.0
  * bundle SHA-256: 7cdab6ee8bfcd1e2bd1b195b246b83e991df93cc8adc0fc00e07e84dd340dcf4
  * SI, absolute pressures. Equation numbers are those of the thesis, as corrected.
- * What is not known is absent, and its HAS macro is 0. C99, link with the maths library;
- * not to be compiled with -ffast-math, which drops the checks for NaN.
+ * Unknown numbers are absent, and their HAS macros are 0. C99, link with the maths library;
+ * do not compile with -ffast-math, which drops the checks for NaN.
  * Numbers are double; -DSYSID_REAL=float makes them single precision.
  */
 #ifndef SYSID_CONTROLLER_H

@@ -4,8 +4,8 @@
  * bundle: sysid-bundle/1, created 2026-11-22T03:26:27+00:00 by sysid 0.1.0
  * bundle SHA-256: 725ef7d841da525d5a800c492ecb52e581b84ffb9c3261a1e3f91940da73a5a1
  * SI, absolute pressures. Equation numbers are those of the thesis, as corrected.
- * What is not known is absent, and its HAS macro is 0. C99, link with the maths library;
- * not to be compiled with -ffast-math, which drops the checks for NaN.
+ * Unknown numbers are absent, and their HAS macros are 0. C99, link with the maths library;
+ * do not compile with -ffast-math, which drops the checks for NaN.
  * Numbers are double; -DSYSID_REAL=float makes them single precision.
  * Effects, in the constants and the functions that end with _with_effects:
  * asymmetric-viscous-friction
