@@ -13,10 +13,8 @@ trajectory 4 needs about 1.2.
 from __future__ import annotations
 
 import argparse
-import csv
 import sys
 import time
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -24,65 +22,24 @@ import numpy as np
 REPOSITORY = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(REPOSITORY))
 
-from datasets.thesis.reference_rig import bipolynomial_design, design, plant  # noqa: E402
-from sysid.control.backstepping import backstepping_type  # noqa: E402
-from sysid.control.dvmpc import DvmpcController  # noqa: E402
-from sysid.control.interface import Controller  # noqa: E402
-from sysid.control.loop import Case, closed_loop  # noqa: E402
+from datasets.thesis.reference_rig import design  # noqa: E402
+from sysid.control.design_model import with_bipolynomials  # noqa: E402
+from sysid.control.loop import closed_loop  # noqa: E402
 from sysid.control.modes import Mode  # noqa: E402
-from sysid.control.pva import PvaController  # noqa: E402
 from sysid.control.sensing import SensorSuite  # noqa: E402
-from sysid.control.trajectories import thesis_trajectory  # noqa: E402
+from sysid.control.thesis_tables import TRAJECTORIES, TableRig, printed  # noqa: E402
 
-TABLES = REPOSITORY / "datasets" / "thesis"
-TRAJECTORIES = (1, 2, 3, 4)
 SENSORS = {"rig's sensors": SensorSuite(), "perfect sensors": SensorSuite.perfect()}
-HORIZON = 40
 SEEDS = 4
 
 
-@dataclass(frozen=True)
-class Rig:
-    """The plant's motor limit, Nm, and the sensors of a table."""
-
-    max_torque: float
-    sensors: SensorSuite
-
-    def case(self, controller: Controller, number: int, mode: Mode, seed: int = 0) -> Case:
-        """A case on the reference plant."""
-        own = plant(max_effort=self.max_torque)
-        return Case(controller, own, thesis_trajectory(number), mode, self.sensors, seed=seed)
-
-    def rmse(self, cells: list[tuple[Controller, int, Mode]]) -> list[float]:
-        """RMSE, rad, of every cell, in one batch."""
-        return [r.metrics.rmse for r in closed_loop([self.case(*cell) for cell in cells])]
-
-    def backstepping(self, kind: int, mode: Mode) -> Controller:
-        """Type 1 to 4; without the motor's share where the motor is off."""
-        portion = 0.1 if mode.uses_motor else 0.0
-        return backstepping_type(
-            kind, bipolynomial_design(max_effort=self.max_torque), portion=portion
-        )
-
-    def dvmpc(self, horizon: int = HORIZON, **options: float) -> DvmpcController:
-        """DVMPC with this horizon."""
-        own = design(max_effort=self.max_torque)
-        return DvmpcController(own, horizon=horizon, **options)
-
-    def named(self, name: str, mode: Mode) -> Controller:
-        """The controller of a row of Tables 4.5.1 to 4.5.3."""
-        if name == "pva":
-            return PvaController()
-        return self.dvmpc() if name == "dvmpc" else self.backstepping(4, mode)
+def table_rig(max_torque: float, sensors: SensorSuite) -> TableRig:
+    """The thesis' rig with this motor limit, Nm, and these sensors."""
+    own = design(max_effort=max_torque)
+    return TableRig(own.model, own, with_bipolynomials(own), sensors)
 
 
-def printed(name: str) -> list[dict[str, str]]:
-    """Rows of a printed table."""
-    with (TABLES / f"{name}.csv").open(encoding="utf-8") as file:
-        return list(csv.DictReader(file))
-
-
-def comparison(rig: Rig) -> None:
+def comparison(rig: TableRig) -> None:
     """Tables 4.5.1 to 4.5.3: ours, the printed one, and the factor between them."""
     rows = printed("table_4_5")
     cells = [
@@ -119,7 +76,7 @@ def orders(rows: list[dict[str, str]], ours: np.ndarray, theirs: np.ndarray) -> 
                     print(f"  order differs: {value}, trajectory {n}: {order}; printed {wanted}")
 
 
-def compensations(rig: Rig) -> None:
+def compensations(rig: TableRig) -> None:
     """Tables 5.2.1 (hybrid, no feedforward) and 5.2.2 (pneumatic)."""
     rows = printed("table_5_2")
     cells = []
@@ -138,7 +95,7 @@ def compensations(rig: Rig) -> None:
         )
 
 
-def horizons(rig: Rig) -> None:
+def horizons(rig: TableRig) -> None:
     """Table 5.3.1, pneumatic."""
     print("\nTable 5.3.1, pneumatic: RMSE by horizon, trajectories 1 and 4 printed; ours 1 to 4")
     for row in printed("table_5_3_1"):
@@ -149,7 +106,7 @@ def horizons(rig: Rig) -> None:
         print(f"{horizon:4} {theirs} | {ours}", flush=True)
 
 
-def varying(rig: Rig) -> None:
+def varying(rig: TableRig) -> None:
     """Input that changes within the horizon against one that does not, both at their best.
 
     Both predict delays and trapezoidal positions; pneumatic, mean RMSE over seeds of the
@@ -171,7 +128,7 @@ def varying(rig: Rig) -> None:
         )
 
 
-def speed(rig: Rig) -> None:
+def speed(rig: TableRig) -> None:
     """10 s of all 28 cells in one batch against real time, compilation apart."""
     cells = [
         (rig.named(row["controller"], Mode(row["mode"])), n, Mode(row["mode"]))
@@ -212,7 +169,7 @@ def main() -> None:
         print(f"\n=== {name}, motor up to {options.max_torque:g} Nm ===")
         for part, show in PARTS.items():
             if options.only in (None, part):
-                show(Rig(options.max_torque, sensors))
+                show(table_rig(options.max_torque, sensors))
 
 
 if __name__ == "__main__":

@@ -4,8 +4,9 @@
 
 Read measurements (`read_campaign`, `read_rig`, `read_log`), see what they can be used for
 (`check`), fit them (`fit`, or one part: `fit_friction`, `fit_valve_discrete`,
-`fit_valve_pwm`), use the model (`simulate`, `effects`), find what it lacks (`diagnose`), see
-how well it predicts (`validate`), and write it out (`write_bundle`, `report`, `export`).
+`fit_valve_pwm`), use the model (`simulate`, `control`, `effects`), find what it lacks
+(`diagnose`), see how well it predicts (`validate`), and write it out (`write_bundle`, `report`,
+`export`).
 Values are SI, pressures absolute. Results print as tables, are displayed in a notebook, convert
 to a DataFrame (`to_frame`) and plot themselves on given or new axes (`plot`).
 
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from sysid.io.samples import Log
     from sysid.model import effects
     from sysid.model.ports import Model
+    from sysid.workflows.controlling import control
     from sysid.workflows.diagnosing import diagnose
     from sysid.workflows.fitting import fit, fit_friction, fit_valve_discrete, fit_valve_pwm
     from sysid.workflows.judging import check, validate
@@ -56,6 +58,7 @@ __all__ = [
     "Rig",
     "SysidError",
     "check",
+    "control",
     "diagnose",
     "effects",
     "export",
@@ -84,6 +87,7 @@ _HOMES = {
     "Rig": "sysid.io.rig",
     "SysidError": "sysid.errors",
     "check": "sysid.workflows.judging",
+    "control": "sysid.workflows.controlling",
     "diagnose": "sysid.workflows.diagnosing",
     "export": "sysid.workflows.writing",
     "fit": "sysid.workflows.fitting",
@@ -118,7 +122,7 @@ def __dir__() -> list[str]:
 
 
 class _Face(ModuleType):
-    """Keeps `report` and `export` the functions.
+    """Keeps `control`, `report` and `export` the functions.
 
     Importing the packages of these names would replace the functions; import from the packages
     by their full names, `from sysid.report import write_report`.

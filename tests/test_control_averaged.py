@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from datasets.thesis.reference_rig import bipolynomial_design, design, plant, surfaces
+from datasets.thesis.reference_rig import bipolynomial_design, design, plant
+from sysid.control.duty_inverse import bipolynomials
 from sysid.model import valve_timing as timing
 from sysid.model.base import ValveParameters
 from sysid.surfaces.averaged import AveragedLaw
@@ -69,7 +70,7 @@ def test_a_table_is_the_surface_it_was_made_from() -> None:
     """The tabulated inverse against the bipolynomials' own, filling and discharging."""
     own = design()
     exact = AveragedLaw.of(own.parameters, "a")
-    fill, out = surfaces(exact)
+    fill, out = bipolynomials(exact, (1.0e5, 3.0e5))
     inverse = bipolynomial_design().inverse_a
     for surface, flows in ((fill, (1e-4, 4e-4)), (out, (-3e-4, -5e-5))):
         flow, pressure = np.meshgrid(np.linspace(*flows, 7), np.linspace(1.3e5, 2.4e5, 9))

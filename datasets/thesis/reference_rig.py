@@ -2,24 +2,25 @@
 
 What the plant is there: friction of section 3.4, the on/off law with the coefficients of Table
 3.6.1, the valves' delays; what is not printed is assumed (README.md of the thesis' text,
-`datasets.generator.rigs.reference_rig`).
+`datasets.generator.rigs.reference_rig`). `python -m datasets.thesis.reference_rig` writes it as
+the bundle `reference_bundle.json`.
 """
 
 from __future__ import annotations
 
-import dataclasses
+import datetime
+import json
+from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from datasets.generator.rigs import reference_rig
-from sysid.control.design_model import DesignModel, design_model
-from sysid.control.duty_inverse import TabulatedInverse, tabulated
+from sysid import __version__
+from sysid.bundle.content import SCHEMA
+from sysid.control.design_model import DesignModel, design_model, with_bipolynomials
+from sysid.io.bundled import REFERENCE_BUNDLE
 from sysid.io.rig import Rig, rig_from_content
 from sysid.model.base import ValveParameters, parameters_from_rig
 from sysid.model.ports import Model
-from sysid.surfaces.averaged import AveragedLaw
-from sysid.surfaces.bipolynomial import Bipolynomial
 
 
 def rig(**options: Any) -> Rig:
@@ -52,31 +53,47 @@ def design(options: dict[str, Any] | None = None, **changes: Any) -> DesignModel
 
 def bipolynomial_design(options: dict[str, Any] | None = None, **changes: Any) -> DesignModel:
     """The same with the thesis' inverse: bipolynomials fitted to the mean flow (3.7.3)."""
-    own = design(options, **changes)
-    a, b = (_bipolynomial_inverse(AveragedLaw.of(own.parameters, side)) for side in "ab")
-    return dataclasses.replace(own, inverse_a=a, inverse_b=b)
+    return with_bipolynomials(design(options, **changes))
 
 
-def surfaces(law: AveragedLaw) -> tuple[Bipolynomial, Bipolynomial]:
-    """Filling and discharging bipolynomial of a law's mean flow, on the grid of 3.7.2.
+def bundle_content() -> dict[str, Any]:
+    """The rig as a bundle's content, for `sysid control --table`: values without intervals."""
+    made = reference_rig()
+    truth = made.truth
+    valves = {}
+    for side, valve in (("a", truth.valve_a), ("b", truth.valve_b)):
+        units = {
+            "c_fill": "kg/(s Pa^0.5)",
+            "c_dis": "kg/(s Pa)",
+            "choked_flow_fill_kg_s": "kg/s",
+            "choked_flow_dis_kg_s": "kg/s",
+        }
+        law = {key: _value(getattr(valve, key), unit) for key, unit in units.items()}
+        valves[side] = {"discrete": law}
+    return {
+        "schema": SCHEMA,
+        "created": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        "sysid_version": __version__,
+        "rig": made.content | {"rig": {"name": "thesis rig", "orientation": "horizontal"}},
+        "friction": {
+            "static_nm": _value(truth.static_friction, "Nm"),
+            "coulomb_nm": _value(truth.coulomb_friction, "Nm"),
+            "viscous_nm_s_per_rad": _value(truth.viscous_friction, "Nm s/rad"),
+        },
+        "valves": valves,
+        "effects": [],
+        "provenance": {
+            "logs": [],
+            "seeds": {},
+            "options": {"made_by": "datasets.thesis.reference_rig"},
+        },
+    }
 
-    Duties by steps of 0.01 (Table 3.7.1), pressures from the atmosphere to the supply.
-    """
-    duty, pressure = np.meshgrid(np.arange(0.01, 0.96, 0.01), np.linspace(1.0e5, 3.0e5, 81))
-    flow = np.asarray(law.flow(duty, pressure))
-    fits = []
-    for chosen in (flow > 0.0, flow < 0.0):
-        x = np.stack([duty[chosen], pressure[chosen]], axis=1)
-        fits.append(Bipolynomial().fit(x, flow[chosen]))
-    return fits[0], fits[1]
+
+def _value(value: float, unit: str) -> dict[str, Any]:
+    return {"value": value, "std": None, "unit": unit}
 
 
-def _bipolynomial_inverse(law: AveragedLaw) -> TabulatedInverse:
-    fill, out = surfaces(law)
-    grid = np.linspace(1.0e5, 3.0e5, 81)
-    return tabulated(
-        lambda m, p: fill.duty(m, p)[0],
-        lambda m, p: out.duty(m, p)[0],
-        (float(np.min(law.closed_flow(grid))), float(np.max(law.open_flow(grid)))),
-        (1.0e5, 3.0e5),
-    )
+if __name__ == "__main__":
+    text = json.dumps(bundle_content(), indent=2) + "\n"
+    (Path(__file__).parent / REFERENCE_BUNDLE).write_text(text, encoding="utf-8")

@@ -27,6 +27,7 @@ _INTERRUPTED = 130
 
 COMMANDS = {
     "check": "Data quality of each LOG, and what it can and cannot identify.",
+    "control": "Closed-loop simulation with a controller that reads BUNDLE.",
     "convert": "Bring a lab's own file (.mat, text, Excel, TDMS, Parquet) into the log format.",
     "demo": "The whole pipeline on the bundled campaign.",
     "diagnose": "What the model lacks: the residual's cause, and the errors with and without it.",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,11 +11,17 @@ import numpy as np
 from sysid.bundle.assembled_model import model_from_bundle, surfaces_for
 from sysid.bundle.content import BundleContent
 from sysid.bundle.valves import DIRECTIONS
-from sysid.control.duty_inverse import DutyInverse, TabulatedInverse, tabulated
+from sysid.control.duty_inverse import (
+    DutyInverse,
+    TabulatedInverse,
+    bipolynomial_inverse,
+    tabulated,
+)
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.io.channels import SIDES
 from sysid.io.rig import Rig
 from sysid.model.base import Array, Parameters
+from sysid.model.effects.entry import Catalogue
 from sysid.model.ports import Model
 from sysid.surfaces.averaged import AveragedLaw
 
@@ -67,11 +74,15 @@ def design_model(
 
 
 def design_from_bundle(
-    bundle: BundleContent, rig: Rig | None = None, inverse: str = "averaged"
+    bundle: BundleContent,
+    rig: Rig | None = None,
+    inverse: str = "averaged",
+    catalogue: Catalogue | None = None,
 ) -> DesignModel:
     """The model and inverses that a bundle holds; `inverse` is one of INVERSES.
 
-    `rig` (None: the bundle's own) says what the controller is to drive. Raises InputError or
+    `rig` (None: the bundle's own) says what the controller is to drive; `catalogue` maps ids to
+    effects (None: the project's own). Raises InputError or
     NotIdentifiedError, which name the missing key, where the bundle lacks the friction, a
     valve's on/off law, or the surfaces that the inverse needs.
     """
@@ -79,12 +90,20 @@ def design_from_bundle(
     if inverse not in INVERSES:
         raise input_error(f"inverse {inverse!r}", "is unknown", f"use {', '.join(INVERSES)}")
     _require_discrete_laws(bundle)
-    model = model_from_bundle(bundle, rig)
+    model = model_from_bundle(bundle, rig, catalogue)
     if inverse == "averaged":
         return design_model(model, rig=rig)
     surfaces_for(bundle, rig, inverse)  # refuses what is missing or of another period
     a, b = (_surface_inverse(bundle, side, inverse) for side in SIDES)
     return design_model(model, inverses=(a, b), rig=rig)
+
+
+def with_bipolynomials(design: DesignModel) -> DesignModel:
+    """The same with the thesis' inverse: bipolynomials fitted to the averaged law (3.7.3)."""
+    p = design.parameters
+    span = float(p.atmosphere), float(p.supply)
+    a, b = (bipolynomial_inverse(AveragedLaw.of(p, side), span) for side in SIDES)
+    return dataclasses.replace(design, inverse_a=a, inverse_b=b)
 
 
 def _require_discrete_laws(bundle: BundleContent) -> None:
@@ -126,4 +145,4 @@ def _surface(bundle: BundleContent, side: str, direction: str, kind: str, where:
     return held.model(f"{where}.{direction}.{kind}")
 
 
-__all__ = ["INVERSES", "DesignModel", "design_from_bundle", "design_model"]
+__all__ = ["INVERSES", "DesignModel", "design_from_bundle", "design_model", "with_bipolynomials"]

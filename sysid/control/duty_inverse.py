@@ -13,6 +13,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from sysid.model.base import Array, array_namespace
+from sysid.surfaces.averaged import AveragedLaw
+from sysid.surfaces.bipolynomial import Bipolynomial
 from sysid.types import FloatArray
 
 # Nodes over flow and pressure; between them a table is bilinear.
@@ -92,4 +94,38 @@ def tabulated(
     )
 
 
-__all__ = ["DutyInverse", "TabulatedInverse", "tabulated"]
+def bipolynomials(
+    law: AveragedLaw, pressures: tuple[float, float]
+) -> tuple[Bipolynomial, Bipolynomial]:
+    """Filling and discharging bipolynomial of a law's mean flow, on the grid of 3.7.2.
+
+    Duties by steps of 0.01 (Table 3.7.1), pressures (Pa) from the atmosphere to the supply.
+    """
+    duty, pressure = np.meshgrid(np.arange(0.01, 0.96, 0.01), np.linspace(*pressures, 81))
+    flow = np.asarray(law.flow(duty, pressure))
+    fits = []
+    for chosen in (flow > 0.0, flow < 0.0):
+        x = np.stack([duty[chosen], pressure[chosen]], axis=1)
+        fits.append(Bipolynomial().fit(x, flow[chosen]))
+    return fits[0], fits[1]
+
+
+def bipolynomial_inverse(law: AveragedLaw, pressures: tuple[float, float]) -> TabulatedInverse:
+    """The thesis' inverse (3.7.3) of a law's mean flow, from bipolynomials fitted to it."""
+    fill, out = bipolynomials(law, pressures)
+    grid = np.linspace(*pressures, 81)
+    return tabulated(
+        lambda m, p: fill.duty(m, p)[0],
+        lambda m, p: out.duty(m, p)[0],
+        (float(np.min(law.closed_flow(grid))), float(np.max(law.open_flow(grid)))),
+        pressures,
+    )
+
+
+__all__ = [
+    "DutyInverse",
+    "TabulatedInverse",
+    "bipolynomial_inverse",
+    "bipolynomials",
+    "tabulated",
+]

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-import importlib.util
-import sys
-import traceback
 from collections.abc import Iterable
-from importlib.machinery import SourceFileLoader
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 from sysid.errors import input_error
+from sysid.io.user_code import run_file
 from sysid.model.effects import bench, chamber, friction, linkage, motor, sensor, supply, valve
 from sysid.model.effects.entry import Catalogue, CatalogueEffect, Quantity
 
@@ -69,7 +65,7 @@ def load_user_effects(path: Path) -> dict[str, type[CatalogueEffect]]:
     Raises InputError where the file does not run, defines none, or defines one that is not
     complete or takes the id of another.
     """
-    module = _run(path)
+    module = run_file(path, "effects")
     found = [
         value
         for value in vars(module).values()
@@ -98,34 +94,6 @@ def _checked(
             raise input_error(place, f"takes the id {effect.id} of {of}", "choose another id")
         effects[effect.id] = effect
     return effects
-
-
-def _run(path: Path) -> ModuleType:
-    if not path.is_file():
-        raise input_error(path, "no such file", "name a Python file that defines effects")
-    name = f"sysid_user_effects_{path.stem}"
-    spec = importlib.util.spec_from_loader(name, SourceFileLoader(name, str(path)))
-    assert spec is not None and spec.loader is not None  # a loader was given
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # where dataclasses look up annotations that are text
-    try:
-        spec.loader.exec_module(module)
-    except (Exception, SystemExit) as error:
-        del sys.modules[name]
-        line = _line_of(error, path)
-        where = f"{path}, line {line}" if line else str(path)
-        reason = error.msg if isinstance(error, SyntaxError) else str(error)
-        what = f"does not run: {type(error).__name__}: {reason}"
-        raise input_error(where, what, "fix the file") from None
-    return module
-
-
-def _line_of(error: BaseException, path: Path) -> int | None:
-    """The line of the user's file at which an error arose, if any did."""
-    if isinstance(error, SyntaxError):
-        return error.lineno if error.filename == str(path) else None
-    lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)]
-    return lines[-1] if lines else None
 
 
 def _check_entry(where: str, effect: type[CatalogueEffect]) -> None:

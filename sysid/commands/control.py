@@ -1,0 +1,174 @@
+"""`sysid control`: a bundle and a controller in, the closed loop's run out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.text import Text
+
+from sysid.bundle import read_bundle
+from sysid.commands.options import SEED, PathArgument, effects_option, json_option, options
+from sysid.commands.printing import notices, print_json, print_written, progress
+from sysid.control.modes import Mode
+from sysid.control.run_files import make_folder
+from sysid.display.terminal import console, new_table
+from sysid.types import Progress, no_progress
+from sysid.workflows.controlling import ControlledRun
+from sysid.workflows.controlling import control as control_bundle
+from sysid.workflows.thesis_tables import ControlTable, control_table
+
+_TABLES = ("4.5.1", "4.5.2", "4.5.3", "5.2.1", "5.2.2", "5.3.1")
+
+_run_options = options(
+    click.option(
+        "--controller",
+        metavar="NAME",
+        help="pva, backstepping, dvmpc, or FILE.py:CLASS, a controller of your own; it is run.",
+    ),
+    click.option("--trajectory", type=click.IntRange(1, 4), help="Thesis, Table 4.2.1."),
+    click.option("--mode", type=click.Choice([m.value for m in Mode]), help="Which may act."),
+    click.option(
+        "--payload",
+        "payload_kg",
+        type=click.FloatRange(min=0.0),
+        metavar="KG",
+        help="On the plant; the controller is not told it (in the vertical it estimates it).",
+    ),
+    click.option("--plant-bundle", type=PathArgument, help="The plant, else BUNDLE's own model."),
+    click.option(
+        "--inverse",
+        type=click.Choice(["averaged", "bipolynomial", "ann"]),
+        help="Where backstepping's duties come from (default: averaged).",
+    ),
+    click.option("--seed", type=SEED, default=0, help="Of the sensors' noise."),
+)
+
+
+@click.command()
+@click.argument("bundle", type=PathArgument, required=False)
+@_run_options
+@click.option(
+    "--table",
+    type=click.Choice(_TABLES),
+    help="A table of the thesis with our figures; BUNDLE then stands for its rig.",
+)
+@click.option("-o", "output", type=PathArgument, help="Folder for the run as a log, and its page.")
+@effects_option
+@json_option
+def control(bundle: Path | None, table: str | None, as_json: bool, **chosen: Any) -> None:
+    """Closed-loop simulation with a controller that reads BUNDLE."""
+    if table is not None:
+        _no_run_options(chosen)
+        found = tabulate(table, bundle, chosen["output"], progress=progress())
+        _show_table(found, as_json)
+        return
+    if bundle is None:
+        raise click.UsageError("Missing argument 'BUNDLE'.")
+    for name in ("controller", "trajectory", "mode"):
+        if chosen[name] is None:
+            raise click.UsageError(f"Missing option '--{name}'.")
+    _show(control_run(bundle, **chosen, progress=progress()), as_json)
+
+
+def _no_run_options(chosen: dict[str, Any]) -> None:
+    given = [n for n, v in chosen.items() if v is not None and n not in ("output", "seed")]
+    if given:
+        name = {"payload_kg": "payload", "plant_bundle": "plant-bundle"}.get(given[0], given[0])
+        raise click.UsageError(f"--{name} does not go with --table.")
+
+
+@dataclass(frozen=True)
+class Controlled:
+    """What `sysid control` did, and the files that were written."""
+
+    found: ControlledRun | ControlTable
+    written: tuple[Path, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """What `sysid control --json` prints."""
+        return {**self.found.to_json(), "written": [str(path) for path in self.written]}
+
+
+def control_run(
+    bundle_path: Path,
+    *,
+    controller: str,
+    trajectory: int,
+    mode: str,
+    payload_kg: float | None = None,
+    plant_bundle: Path | None = None,
+    inverse: str | None = None,
+    seed: int = 0,
+    effects: Path | None = None,
+    output: Path | None = None,
+    progress: Progress = no_progress,
+) -> Controlled:
+    """Run the closed loop and write it to the folder `output`, if there is one.
+
+    `effects` is a file of a user's own effects, which is run, and so is the file of a
+    controller. Raises as `sysid.control` does.
+    """
+    if output is not None:
+        make_folder(output)
+    found = control_bundle(
+        read_bundle(bundle_path),
+        controller,
+        trajectory=trajectory,
+        mode=mode,
+        payload_kg=payload_kg,
+        plant=None if plant_bundle is None else read_bundle(plant_bundle),
+        inverse=inverse or "averaged",
+        seed=seed,
+        effects=effects,
+        progress=progress,
+    )
+    return Controlled(found, () if output is None else found.write(output))
+
+
+def tabulate(
+    name: str, bundle_path: Path | None, output: Path | None, progress: Progress = no_progress
+) -> Controlled:
+    """Compute a table of the thesis and write its page to the folder `output`."""
+    if output is not None:
+        make_folder(output)
+    bundle = None if bundle_path is None else read_bundle(bundle_path)
+    found = control_table(name, bundle, progress=progress)
+    return Controlled(found, () if output is None else found.write(output))
+
+
+def _show(done: Controlled, as_json: bool) -> None:
+    found = done.found
+    assert isinstance(found, ControlledRun)
+    notices(found.notices)
+    if as_json:
+        print_json(done.to_json())
+        return
+    _print_tables(found)
+    for line in found.faults:
+        console().print(Text(f"fault: {line}"), soft_wrap=True)
+    if not found.faults:
+        console().print("no fault")
+    print_written(done.written)
+
+
+def _show_table(done: Controlled, as_json: bool) -> None:
+    notices(getattr(done.found, "notices", ()))
+    if as_json:
+        print_json(done.to_json())
+        return
+    _print_tables(done.found)
+    print_written(done.written)
+
+
+def _print_tables(found: ControlledRun | ControlTable) -> None:
+    out = console()
+    for shown in found.tables():
+        out.print(Text(shown.title or found.headline(), style="bold"), soft_wrap=True)
+        table = new_table("", *shown.columns)
+        table.title = None
+        for row in shown.rows:
+            table.add_row(*(Text(cell) for cell in row))
+        out.print(table)
