@@ -172,11 +172,12 @@ def _taken(starts: FloatArray, inputs: Inputs, side: str, model: Model) -> Float
     for effect in model.effects:
         delays = effect.delays(delays, starts - inputs.time[0] + inputs.elapsed, True, side)
     if command is None or not command.is_duty:
-        return starts + delays
+        return np.asarray(starts + delays)
     period = float(model.parameters.pwm_period)
     share = valve_timing.period_duties(inputs.time, command.values, period)[1]
     before = np.concatenate(([float(command.starts_on)], share[:-1]))
-    return np.maximum.accumulate(starts + delays + (0.5 * (share + before) - 0.5) * period)
+    taken = starts + delays + (0.5 * (share + before) - 0.5) * period
+    return np.asarray(np.maximum.accumulate(taken))
 
 
 @functools.partial(

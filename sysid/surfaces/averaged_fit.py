@@ -59,8 +59,14 @@ class MeanFlows:
 
     def select(self, rows: NDArray[np.bool_]) -> MeanFlows:
         """The samples in `rows` (mask)."""
-        parts = (self.duty, self.pressure, self.flow, self.std, self.test, self.per_flow)
-        return MeanFlows(*(part[rows] for part in parts))
+        return MeanFlows(
+            self.duty[rows],
+            self.pressure[rows],
+            self.flow[rows],
+            self.std[rows],
+            self.test[rows],
+            self.per_flow[rows],
+        )
 
 
 @dataclass(frozen=True)
