@@ -217,7 +217,7 @@ def test_an_unusable_folder_is_one_line(
 ) -> None:
     (tmp_path / "file").write_text("")
     assert main(["run", str(campaign), "-o", str(tmp_path / "file" / "results")]) == 2
-    assert "name another with -o" in capsys.readouterr().err
+    assert "choose another with -o" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("seconds", [3.0, 7.0])
