@@ -147,24 +147,12 @@ def averaged_flow(side: str, surfaces: Any, point: Point, model: Model) -> Array
 
     `surfaces` maps (duty, pressure) to flow by `fill` and `discharge`. The first is what a
     chamber below its equilibrium receives and the second what one above it loses, so each
-    counts with its own sign only. Surfaces with `parts` say what the open and what the closed
-    valve passes.
+    counts with its own sign only.
     """
     duty, pressure = point.is_open(side), point.pressure(side)
-    if hasattr(surfaces, "parts"):
-        p = point.parameters
-        volume = chamber_volume(side, displacement(point, model), p)
-        fill, exhaust = surfaces.parts(
-            duty,
-            pressure,
-            supply_pressure(side, point, model),
-            exhaust_pressure(side, point, model),
-            p.heat_capacity_ratio * p.gas_constant * p.temperature / volume,
-        )
-    else:
-        xp = array_namespace(pressure, duty)
-        fill = xp.maximum(surfaces.fill(duty, pressure), 0.0)
-        exhaust = xp.minimum(surfaces.discharge(duty, pressure), 0.0)
+    xp = array_namespace(pressure, duty)
+    fill = xp.maximum(surfaces.fill(duty, pressure), 0.0)
+    exhaust = xp.minimum(surfaces.discharge(duty, pressure), 0.0)
     flow = model.through("filling_flow", fill, side, point) + model.through(
         "exhaust_flow", exhaust, side, point
     )

@@ -138,12 +138,11 @@ def _prepare(inputs: Inputs, model: Model, averaged: bool, max_step: float) -> _
 
 
 def _prepare_averaged(inputs: Inputs, model: Model, max_step: float) -> _PreparedRun:
-    """Sub-steps for an averaged valve model: split where a duty takes effect, not at edges."""
+    """Sub-steps for an averaged valve model: split where a PWM period starts, not at edges."""
     time = np.asarray(inputs.time, dtype=float)
     period = float(model.parameters.pwm_period)
     starts = valve_timing.period_duties(time, np.zeros_like(time), period)[0]
-    taken = {side: _taken(starts, inputs, side, model) for side in SIDES}
-    grid = valve_timing.split_at(time, np.concatenate([*taken.values()]), max_step)
+    grid = valve_timing.split_at(time, starts, max_step)
     after = grid.start + time[0] + valve_timing.TIME_TOLERANCE
     opens = {}
     for side in SIDES:
@@ -152,32 +151,10 @@ def _prepare_averaged(inputs: Inputs, model: Model, max_step: float) -> _Prepare
             opens[side] = np.zeros(len(grid.start))
         elif command.is_duty:
             held = valve_timing.period_duties(time, command.values, period)[1]
-            held = np.concatenate(([float(command.starts_on)], held))
-            opens[side] = held[np.searchsorted(taken[side], after)]
+            opens[side] = held[np.searchsorted(starts, after) - 1]
         else:
             opens[side] = np.asarray(command.values, dtype=float)[grid.row]
     return _PreparedRun(grid, np.asarray(inputs.motor, dtype=float)[grid.row], opens)
-
-
-def _taken(starts: FloatArray, inputs: Inputs, side: str, model: Model) -> FloatArray:
-    """When the duty of each PWM period (n,) takes effect in the mean over the pulses, s.
-
-    The pulse begins a switch-on delay after the period's `starts`. A pressure that ramps up
-    while the valve is open and down while it is not lies above the line through its troughs
-    by half its ripple, s (1 - s) T / 2 times what it ramps; a step of the share s therefore
-    lies (s - 1/2) T later in the mean, with s half way between before and after.
-    """
-    command = inputs.valve(side)
-    delays = np.full(len(starts), float(getattr(model.parameters, f"on_delay_{side}")))
-    for effect in model.effects:
-        delays = effect.delays(delays, starts - inputs.time[0] + inputs.elapsed, True, side)
-    if command is None or not command.is_duty:
-        return np.asarray(starts + delays)
-    period = float(model.parameters.pwm_period)
-    share = valve_timing.period_duties(inputs.time, command.values, period)[1]
-    before = np.concatenate(([float(command.starts_on)], share[:-1]))
-    taken = starts + delays + (0.5 * (share + before) - 0.5) * period
-    return np.asarray(np.maximum.accumulate(taken))
 
 
 @functools.partial(

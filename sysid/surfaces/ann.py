@@ -179,27 +179,16 @@ class DutyNetwork(Regressor):
         flags |= np.where((m < low) | (u < bottom), np.uint8(Saturation.BELOW), np.uint8(0))
         return finish(np.clip(u, bottom, top), flags, shape)
 
-    def flow(
-        self, duty: ArrayLike, pressure: ArrayLike, across_zero: float = 0.0
-    ) -> tuple[FloatArray, FlagArray]:
+    def flow(self, duty: ArrayLike, pressure: ArrayLike) -> tuple[FloatArray, FlagArray]:
         """Mean flow [kg/s] that the network maps to this duty, and `Saturation` flags.
 
         The forward map for simulation, by bisection between the lowest and highest flow
         seen at the pressure; where the network is not monotone, the lowest such flow.
-        `across_zero`: how far beyond zero flow, as a share of the largest flow that was seen,
-        the network is extrapolated, so that its flow can be zero at all: tests of one
-        direction end before that.
         """
         self._require_fitted()
         u, p, flags, shape = broadcast_inputs(duty, pressure)
         p, moved = self.domain_.clip_pressure(p)
         low, high = self.domain_.flow_limits(p)
-        if across_zero > 0.0:
-            most, least = float(self.domain_.flow_high.max()), float(self.domain_.flow_low.min())
-            reach = across_zero * max(most, -least)
-            low, high = (
-                (np.minimum(low, -reach), high) if most > -least else (low, np.maximum(high, reach))
-            )
         bottom, top = self.domain_.duty_range
         flags |= moved
         flags |= np.where(u > top + ROUNDING, np.uint8(Saturation.ABOVE), np.uint8(0))

@@ -21,7 +21,6 @@ counterpart. The inverse takes the nearer end of either gap.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from sysid.io.channels import SIDES
@@ -30,18 +29,14 @@ from sysid.model.base import Array, Parameters, array_namespace
 
 # Keeps a quotient finite where filling and exhaust meet, which no real valve's do.
 _TINY_FLOW = 1e-12
-# Pa: below it a ripple is none.
-_LEAST_RIPPLE = 1e-6
-# The ripple follows from the flows, and these from the ripple.
-_RIPPLE_STEPS = 2
 
 
 @dataclass(frozen=True)
 class AveragedLaw:
     """One valve's averaged law: kg/s, kg/(s Pa^0.5), kg/(s Pa), Pa, s; floats or (lanes,).
 
-    It serves as a valve's surfaces in `simulate`, which takes the two `parts` of the flow, so
-    that effects on filling and on exhaust act on each.
+    `fill` and `discharge` are the same law, each side of which `simulate` takes with its own
+    sign, so that the law serves as a valve's surfaces there.
     """
 
     choked_fill: Array
@@ -119,65 +114,12 @@ class AveragedLaw:
     fill = flow
     discharge = flow
 
-    def parts(
-        self, duty: Array, pressure: Array, supply: Array, exhaust: Array, per_flow: Array
-    ) -> tuple[Array, Array]:
-        """What the open and the closed valve let into the chamber, kg/s, in a moving chamber.
-
-        `supply` and `exhaust` (Pa) are those in force. `per_flow` = k R T / V in Pa/kg: the
-        pressure ripples about its mean, evenly over peak to peak, and where that range holds
-        a choked boundary, the flow is the mean over both of the law's branches. Without
-        ripple (`per_flow` 0) the sum of the two is `flow`.
-        """
-        share = self.open_share(duty)
-
-        def filling(p: Array, choked: bool | None = None) -> Array:
-            return base.filling_flow(
-                p, supply, self.choked_fill, self.c_fill, self.supply_reference, choked
-            )
-
-        def leaving(p: Array, choked: bool | None = None) -> Array:
-            return base.exhaust_flow(p, exhaust, self.choked_dis, self.c_dis, choked)
-
-        bounds = base.filling_boundary(supply), base.exhaust_boundary(exhaust)
-        flows = filling(pressure), leaving(pressure)
-        for _ in range(_RIPPLE_STEPS):
-            ramp = per_flow * self.period * share * (1.0 - share)
-            ripple = ramp * (flows[0] - flows[1])
-            flows = (
-                _over_ripple(pressure, ripple, (bounds[0], 1.0), filling),
-                _over_ripple(pressure, ripple, (bounds[1], -1.0), leaving),
-            )
-        return share * flows[0], (1.0 - share) * flows[1]
-
     def duty(self, flow: Array, pressure: Array) -> Array:
         """Duty, 0 to 1, for a wanted mean flow in kg/s; beyond what the valve can pass: 0 or 1."""
         xp = array_namespace(flow, pressure)
         closed = self.closed_flow(pressure)
         span = xp.maximum(self.open_flow(pressure) - closed, _TINY_FLOW)
         return self.duty_of_share(xp.clip((flow - closed) / span, 0.0, 1.0))
-
-
-def _over_ripple(
-    pressure: Array,
-    ripple: Array,
-    choked_below: tuple[Array, float],
-    law: Callable[[Array, bool], Array],
-) -> Array:
-    """Mean in time of a law over pressures that ramp across pressure +- ripple / 2.
-
-    `choked_below`: the boundary, and 1 where the law is choked below it, -1 above. The free
-    branch is taken at the middle of its part of the range; the ramp is the steeper the
-    larger the flow, so that the two branches' mean in time is the harmonic one in pressure.
-    """
-    boundary, way = choked_below
-    xp = array_namespace(pressure, ripple)
-    wide = way * xp.maximum(ripple, _LEAST_RIPPLE)
-    choked = xp.clip(0.5 + (boundary - pressure) / wide, 0.0, 1.0)
-    at_choked = law(pressure, True)
-    free = law(pressure + 0.5 * choked * wide, False)
-    weighted = choked * free + (1.0 - choked) * at_choked
-    return at_choked * free / xp.where(weighted == 0.0, 1.0, weighted)
 
 
 __all__ = ["AveragedLaw"]
