@@ -154,8 +154,8 @@ def negative_friction(bundle: BundleContent) -> list[str]:
         key: getattr(bundle.friction, key) for key in friction_keys(bundle.is_linear).values()
     }
     return [
-        f"{bundle.source}: {key} is {estimate.value:.3g}, which friction cannot be: the model uses "
-        "0; the friction tests show an effect that it lacks"
+        f"{bundle.source}: {key} is {estimate.value:.3g}, but friction cannot be negative: the "
+        "model uses 0; the friction tests show an effect that it lacks"
         for key, estimate in estimates.items()
         if estimate is not None and estimate.value < 0.0
     ]
