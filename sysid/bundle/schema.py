@@ -17,7 +17,7 @@ _NUMBER_OR_NULL = {"type": ["number", "null"]}
 _STD = {"type": ["number", "null"], "minimum": 0}
 _INTERVAL = {"type": "array", "items": _NUMBER_OR_NULL, "minItems": 2, "maxItems": 2}
 
-# `sysid.estimation.Estimate` in a file: in a bundle's part, and in an effect.
+# `sysid.estimation.linear.Estimate` in a file: in a bundle's part, and in an effect.
 PARAMETER: dict[str, Any] = {
     "oneOf": [
         {
