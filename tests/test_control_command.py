@@ -18,7 +18,6 @@ from datasets.thesis.reference_rig import bundle_content, plant
 from sysid.commands.app import main
 from sysid.control.cases import ClosedLoopRun
 from sysid.control.interface import Commands, Controller, Reference, StateEstimate
-from sysid.control.thesis_tables import TableRig, printed, thesis_table
 from sysid.io.bundled import REFERENCE_BUNDLE, thesis_folder
 from sysid.workflows.controlling import ControlledRun
 
@@ -283,7 +282,7 @@ def test_linear_rigs_and_pva_s_motor_are_refused(
         ("", "Missing argument 'BUNDLE'"),
         ("x.json --trajectory 1 --mode motor", "Missing option '--controller'"),
         ("--table 4.5.3 --mode motor", "--mode does not go with --table"),
-        ("--table 4.5.4", "'4.5.4' is not one of"),
+        ("--table 5.4.13", "'5.4.13' is not one of"),
     ],
 )
 def test_options_that_do_not_fit(words: str, said: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -312,37 +311,3 @@ def test_the_plant_is_the_other_bundle_s(tmp_path: Path, bundle: si.Bundle) -> N
     other = si.read_bundle(changed(tmp_path, heavier))
     found = si.control(bundle, Motor, mode="motor", plant=other, duration_s=0.05)
     assert found.task.plant == other.model()
-
-
-# --- tables ----------------------------------------------------------------------------------
-
-
-def test_a_table_from_the_command_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Table 4.5.3's figures are those of the loops themselves; printed ones are the file's."""
-    rows = [r for r in printed("table_4_5") if r["table"] == "4.5.3"]
-    monkeypatch.setattr(TableRig, "rmse", lambda self, cells: [1e-3 * n for _, n, _ in cells])
-    assert main(["control", "--table", "4.5.3", "-o", str(tmp_path), "--json"]) == 0
-    content = json.loads(capsys.readouterr().out)
-    assert [c["rmse_rad"] for c in content["cells"]] == [1e-3, 2e-3, 3e-3, 4e-3] * 2
-    assert content["cells"][4]["controller"] == "dvmpc"
-    assert content["cells"][4]["printed_rmse_rad"] == float(rows[1]["trajectory_1_rmse_rad"])
-    page = (tmp_path / "table-4.5.3.html").read_text("utf-8")
-    assert "fig-table" in page and "Trajectory 4, ours" in page
-
-
-@pytest.mark.parametrize(("name", "count"), [("5.2.1", 4), ("5.2.2", 4), ("5.3.1", 20)])
-def test_the_other_tables_ask_for_their_cells(
-    name: str, count: int, bundle: si.Bundle, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked: list[Any] = []
-
-    def note(self: TableRig, cells: list[Any]) -> list[float]:
-        asked.extend(cells)
-        return [1e-3] * len(cells)
-
-    monkeypatch.setattr(TableRig, "rmse", note)
-    table = thesis_table(name, TableRig.of(bundle))
-    assert len(asked) == count == sum(len(row.ours) for row in table.rows)
-    assert {mode.value for _, _, mode in asked} == {"hybrid" if name == "5.2.1" else "pneumatic"}

@@ -74,7 +74,7 @@ def bundle_content() -> dict[str, Any]:
         "schema": SCHEMA,
         "created": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         "sysid_version": __version__,
-        "rig": made.content | {"rig": {"name": "thesis rig", "orientation": "horizontal"}},
+        "rig": _rig_content(made.content),
         "friction": {
             "static_nm": _value(truth.static_friction, "Nm"),
             "coulomb_nm": _value(truth.coulomb_friction, "Nm"),
@@ -88,6 +88,13 @@ def bundle_content() -> dict[str, Any]:
             "options": {"made_by": "datasets.thesis.reference_rig"},
         },
     }
+
+
+def _rig_content(made: dict[str, Any]) -> dict[str, Any]:
+    """The horizontal rig with the arm that gravity needs in the tables of the vertical one."""
+    arm = reference_rig("vertical").content["inertia"]
+    name = {"name": "thesis rig", "orientation": "horizontal"}
+    return made | {"rig": name, "inertia": arm}
 
 
 def _value(value: float, unit: str) -> dict[str, Any]:

@@ -14,13 +14,12 @@ from sysid.commands.options import SEED, PathArgument, effects_option, json_opti
 from sysid.commands.printing import notices, print_json, print_written, progress
 from sysid.control.modes import Mode
 from sysid.control.run_files import make_folder
+from sysid.control.thesis_tables import TABLES
 from sysid.display.terminal import console, new_table
 from sysid.types import Progress, no_progress
 from sysid.workflows.controlling import ControlledRun
 from sysid.workflows.controlling import control as control_bundle
 from sysid.workflows.thesis_tables import ControlTable, control_table
-
-_TABLES = ("4.5.1", "4.5.2", "4.5.3", "5.2.1", "5.2.2", "5.3.1")
 
 _run_options = options(
     click.option(
@@ -52,8 +51,9 @@ _run_options = options(
 @_run_options
 @click.option(
     "--table",
-    type=click.Choice(_TABLES),
-    help="A table of the thesis with our figures; BUNDLE then stands for its rig.",
+    type=click.Choice(TABLES),
+    metavar="NUMBER",
+    help="A table of the thesis with our figures (4.5.1 to 5.5.3); BUNDLE stands for its rig.",
 )
 @click.option("-o", "output", type=PathArgument, help="Folder for the run as a log, and its page.")
 @effects_option

@@ -108,16 +108,7 @@ class BacksteppingController(Controller):
     ) -> tuple[tuple[Array, Array], Array]:
         """Virtual flows kg/s (4.3.29, 4.3.30) and the whole wanted effort Nm (4.3.13)."""
         p = point.parameters
-        z1 = reference.position - estimate.position
-        dz1 = reference.velocity - estimate.velocity
-        z2 = self.k1 * z1 + dz1
-        ddz1 = reference.acceleration - estimate.acceleration
-        beta = reference.acceleration + self.k1 * dz1 + z1 + self.k2 * z2
-        dbeta = reference.jerk + self.k1 * ddz1 + dz1 + self.k2 * (self.k1 * dz1 + ddz1)
-        friction = sliding_friction(point, model, reference.velocity)
-        effort = p.inertia * beta + opposing_effort(point, model) + friction
-        rate = p.inertia * dbeta + p.viscous * reference.acceleration
-        wanted = self._pressures(effort, rate, self.portion, point, model)
+        wanted, effort, z2 = self._wanted(point, estimate, reference, model)
         lever = plant.pitch_radius(point, model)
         coupling = z2 / (_GAMMA_3 * p.inertia) * lever
         flows = []
@@ -128,6 +119,36 @@ class BacksteppingController(Controller):
             wish = gain * error + coupling * area + wanted.rates[i]
             flows.append(_flow_for(side, wish, point.pressure(side), point, model))
         return (flows[0], flows[1]), effort
+
+    def _wanted(
+        self, point: Point, estimate: StateEstimate, reference: Reference, model: Model
+    ) -> tuple[_Wanted, Array, Array]:
+        """Wanted pressures, the whole wanted effort Nm (4.3.13), and the error z2 rad/s."""
+        p = point.parameters
+        z1 = reference.position - estimate.position
+        dz1 = reference.velocity - estimate.velocity
+        z2 = self.k1 * z1 + dz1
+        ddz1 = reference.acceleration - estimate.acceleration
+        beta = reference.acceleration + self.k1 * dz1 + z1 + self.k2 * z2
+        dbeta = reference.jerk + self.k1 * ddz1 + dz1 + self.k2 * (self.k1 * dz1 + ddz1)
+        friction = sliding_friction(point, model, reference.velocity)
+        effort = p.inertia * beta + opposing_effort(point, model) + friction
+        rate = p.inertia * dbeta + p.viscous * reference.acceleration
+        return self._pressures(effort, rate, self.portion, point, model), effort, z2
+
+    def wanted_pressures(
+        self, estimate: StateEstimate, reference: Reference
+    ) -> tuple[Array, Array]:
+        """Chamber pressures, Pa (n,), that the feedback wants at every row of a record.
+
+        With the design's own payload: an estimator's is not known from a record.
+        """
+        model, none = self.design.model, 0.0 * estimate.position
+        motion = Motion(
+            estimate.position, estimate.velocity, estimate.pressure_a, estimate.pressure_b
+        )
+        point = point_at(motion, model, none, none, reference.velocity)
+        return self._wanted(point, estimate, reference, model)[0].pressures
 
     def _pressures(
         self, effort: Array, rate: Array, portion: Array, point: Point, model: Model

@@ -31,6 +31,32 @@ class HtmlTable:
 
 
 @dataclass(frozen=True)
+class ComparedCell:
+    """Our figure above the other one and the factor between them; `level` tints the cell.
+
+    -2 to 2: far below, below, near, above, far above.
+    """
+
+    ours: str
+    other: str
+    factor: str
+    level: int = 0
+
+
+@dataclass(frozen=True)
+class ComparedTable:
+    """A table of our figures and others; `groups` are names and widths above the columns."""
+
+    caption: str
+    heading: str
+    groups: tuple[tuple[str, int], ...]
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, tuple[ComparedCell, ...]], ...]
+    id: str = ""
+    kind: Literal["compared"] = "compared"
+
+
+@dataclass(frozen=True)
 class Figure:
     """A static figure. `svg` is safe markup; `title` names it, `description` puts it in words."""
 
@@ -93,7 +119,7 @@ class Fold:
     kind: Literal["fold"] = "fold"
 
 
-Block = HtmlTable | FigureGroup | Plot | Lines | Heading | Fold
+Block = HtmlTable | ComparedTable | FigureGroup | Plot | Lines | Heading | Fold
 
 
 @dataclass(frozen=True)

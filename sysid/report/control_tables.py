@@ -1,17 +1,19 @@
-"""The page of a table of the thesis' controllers: our figures next to the printed ones."""
+"""Tables of the thesis' controllers: our figures next to the printed ones, and a page of one."""
 
 from __future__ import annotations
 
+import itertools
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid.control.thesis_tables import ThesisTable
+from sysid.control.thesis_tables import LOST_RAD, Agreement, Column, ThesisTable
 from sysid.display.numbers import number
 from sysid.io.files import write_atomic
 from sysid.report import svg
-from sysid.report.blocks import Figure, FigureGroup, HtmlTable, Section, table
+from sysid.report.blocks import ComparedCell, ComparedTable, Figure, FigureGroup, Section
 from sysid.report.html import fill
 from sysid.report.svg import COLOUR
 
@@ -19,8 +21,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _SIZE = (8.6, 3.2)
+_SQUARE = (5.2, 4.6)
+# Cells that a figure names one by one.
+_FEW = 20
 # Letters of a name that fits between two dots.
 _SHORT = 4
+# Factors from which on a cell is tinted, and tinted more.
+_TINTS = (2.0, 5.0)
 
 
 def write_table_page(path: Path, found: ThesisTable, rig: str) -> None:
@@ -30,13 +37,9 @@ def write_table_page(path: Path, found: ThesisTable, rig: str) -> None:
 
 def table_page(found: ThesisTable, rig: str) -> str:
     """One self-contained HTML page of a table."""
-    factors = np.array(
-        [[o / p for o, p in zip(r.ours, r.printed, strict=True)] for r in found.rows]
-    )
-    closest, farthest = float(factors.min()), float(factors.max())
-    caption = "RMSE of the position by cell, logarithmic."
     with svg.styled():
-        figure = _figure(found)
+        figure = scatter([found], "fig-table") if _is_large(found) else _dots(found)
+    caption = "RMSE of the position by cell, logarithmic."
     section = Section("figure", "Figure", (), (FigureGroup(caption, (figure,)),))
     return fill(
         "control.html",
@@ -44,29 +47,141 @@ def table_page(found: ThesisTable, rig: str) -> str:
         subject=found.title,
         facts=[("Rig", rig), ("Computed by", f"sysid control --table {found.name}")],
         level="plain",
-        sentence=(
-            f"Our errors are {number(closest, 2)} to {number(farthest, 2)} times the printed ones."
-        ),
-        metrics=_table(found),
+        sentence=agreement_sentence(Agreement.of([found])),
+        metrics=compared(found),
         notes=[],
         sections=[section],
     )
 
 
-def _table(found: ThesisTable) -> HtmlTable:
-    columns = [found.heading.capitalize()]
-    for column in found.columns:
-        columns += [f"{column.capitalize()}, ours", "printed", "factor"]
+def agreement_sentence(count: Agreement) -> str:
+    """The count in words."""
+    said = (
+        f"Of {count.tracked} printed errors {count.within} of ours are within a factor of 2, "
+        f"{count.lower} are smaller and {count.higher} larger."
+    )
+    if count.lost:
+        said += (
+            f" {count.lost} more are above 0.1 rad in print, which the thesis calls unstable; "
+            f"{count.both} of these are so in ours."
+        )
+    return said
+
+
+# --- the table -----------------------------------------------------------------------------
+
+
+def shown_error(value: float, column: Column, missing: str = "unstable") -> str:
+    """An RMSE in mrad or kPa; `missing` for NaN."""
+    return (
+        missing
+        if math.isnan(value)
+        else number(1e3 * value if column.unit == "rad" else 1e-3 * value)
+    )
+
+
+def shown_column(column: Column, found: ThesisTable) -> str:
+    """A column's name, with its unit where the table has several."""
+    return column.label + _unit(column, found)
+
+
+def _unit(column: Column, found: ThesisTable) -> str:
+    has_one = shown_unit(found).endswith("mrad")
+    return "" if has_one else {"rad": ", mrad", "Pa": ", kPa"}[column.unit]
+
+
+def shown_unit(found: ThesisTable) -> str:
+    """What the table holds, with the unit if it is one."""
+    return "RMSE" if len({c.unit for c in found.columns}) > 1 else "RMSE in mrad"
+
+
+def compared(found: ThesisTable) -> ComparedTable:
+    """The table for a page, each of our figures above the printed one."""
+    groups = [
+        (name[:1].upper() + name[1:], len(list(columns)))
+        for name, columns in itertools.groupby(c.group for c in found.columns)
+    ]
     rows = []
     for row in found.rows:
-        cells = [row.label]
-        for ours, theirs in zip(row.ours, row.printed, strict=True):
-            cells += [number(1e3 * ours), number(1e3 * theirs), number(ours / theirs, 2)]
-        rows.append(cells)
-    return table("RMSE in mrad", columns, rows)
+        cells = zip(found.columns, row.ours, row.printed, strict=True)
+        rows.append((row.label, tuple(_cell(*cell) for cell in cells)))
+    print_ = "measured, as printed" if found.is_experiment else "printed"
+    ours = "simulated" if found.is_experiment else "ours"
+    return ComparedTable(
+        caption=f"{found.title}: {shown_unit(found)}, {ours} above {print_} (ours / printed)",
+        heading=found.heading.capitalize(),
+        groups=tuple(groups) if any(name for name, _ in groups) else (),
+        columns=tuple(c.title[:1].upper() + c.title[1:] + _unit(c, found) for c in found.columns),
+        rows=tuple(rows),
+        id=f"table-{found.name.replace('.', '-')}",
+    )
 
 
-def _figure(found: ThesisTable) -> Figure:
+def _cell(column: Column, ours: float, theirs: float) -> ComparedCell:
+    mine, print_ = shown_error(ours, column), shown_error(theirs, column, "not legible")
+    if math.isnan(theirs):
+        return ComparedCell(mine, print_, "")
+    if math.isnan(ours):
+        return ComparedCell(mine, print_, "", 2)
+    factor = ours / theirs
+    if column.unit == "rad" and min(ours, theirs) >= LOST_RAD:
+        return ComparedCell(mine, print_, f"({number(factor, 2)})")
+    size = sum(max(factor, 1.0 / factor) > tint for tint in _TINTS)
+    return ComparedCell(mine, print_, f"({number(factor, 2)})", size if factor > 1.0 else -size)
+
+
+# --- figures -------------------------------------------------------------------------------
+
+
+def _is_large(found: ThesisTable) -> bool:
+    return len(found.columns) * len(found.rows) > _FEW
+
+
+def scatter(tables: list[ThesisTable], id: str, title: str = "RMSE, ours over printed") -> Figure:
+    """Ours over the printed figure, a dot a position; between the lines they are within 2."""
+    figure, ax = svg.panel(title, _SQUARE)
+    limits = np.array([1e-1, 1.5e3])
+    for factor, width in ((0.5, 0.6), (1.0, 1.0), (2.0, 0.6)):
+        ax.plot(limits, factor * limits, color=COLOUR["muted"], linewidth=width)
+    groups: dict[str, list[tuple[float, float]]] = {}
+    for table in tables:
+        for column, pair in _pairs(table):
+            groups.setdefault(_group(table, column, len(tables) > 1), []).append(pair)
+    styles = zip(groups.items(), ("model", "second", "third", "fourth"), strict=False)
+    for (name, pairs), role in styles:
+        ours, theirs = 1e3 * np.array(pairs).T
+        ax.plot(theirs, ours, "o", color=COLOUR[role], markersize=3.2, label=name)
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_major_formatter(lambda value, _: number(value, 1))
+    ax.set_xlabel("Printed (mrad)")
+    ax.set_ylabel("Ours (mrad)")
+    low = min(1e3 * min(o, p) for pairs in groups.values() for o, p in pairs)
+    ax.set_xlim(0.7 * low, limits[1])
+    ax.set_ylim(0.7 * low, limits[1])
+    svg.legend(ax, loc="lower right")
+    said = agreement_sentence(Agreement.of(tables))
+    return svg.to_figure(figure, id, title, said)
+
+
+def _pairs(table: ThesisTable) -> list[tuple[Column, tuple[float, float]]]:
+    """Ours and printed, rad, of every cell of a position that has both."""
+    return [
+        (column, (ours, theirs))
+        for row in table.rows
+        for column, ours, theirs in zip(table.columns, row.ours, row.printed, strict=True)
+        if column.unit == "rad" and not math.isnan(ours / theirs)
+    ]
+
+
+def _group(table: ThesisTable, column: Column, by_table: bool) -> str:
+    if by_table:
+        return "Experiments" if table.is_experiment else f"Section {table.name[:3]}"
+    return (column.group or column.title).capitalize()
+
+
+def _dots(found: ThesisTable) -> Figure:
     figure, ax = svg.panel("RMSE, ours and printed", _SIZE)
     places, labels = [], []
     for i in range(len(found.columns)):
@@ -103,7 +218,18 @@ def _name_places(ax: Axes, found: ThesisTable, places: list[int], labels: list[s
     for i, column in enumerate(found.columns):
         centre = i * (rows + 1) + 0.5 * (rows - 1)
         style: Any = {"ha": "center", "va": "top", "weight": "bold"}
-        ax.text(centre, 0.99, column.capitalize(), transform=ax.get_xaxis_transform(), **style)
+        ax.text(
+            centre, 0.99, column.label.capitalize(), transform=ax.get_xaxis_transform(), **style
+        )
 
 
-__all__ = ["table_page", "write_table_page"]
+__all__ = [
+    "agreement_sentence",
+    "compared",
+    "scatter",
+    "shown_column",
+    "shown_error",
+    "shown_unit",
+    "table_page",
+    "write_table_page",
+]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 from sysid.bundle import Bundle, read_bundle
 from sysid.control.run_files import make_folder
-from sysid.control.thesis_tables import TableRig, ThesisTable, thesis_table
+from sysid.control.thesis_tables import Column, TableRig, ThesisTable, thesis_table
 from sysid.display.numbers import number
 from sysid.display.plots import bars, one_axes
 from sysid.display.progress import progress_or_shown
 from sysid.display.tables import Shown, ShownTable
 from sysid.io.bundled import REFERENCE_BUNDLE, thesis_folder
-from sysid.report.control_tables import write_table_page
+from sysid.report.control_tables import shown_column, shown_error, shown_unit, write_table_page
 from sysid.types import Progress
 
 if TYPE_CHECKING:
@@ -34,46 +35,46 @@ class ControlTable(Shown):
         return f"{self.table.title}: RMSE on {self.rig}"
 
     def records(self) -> list[dict[str, Any]]:
-        """One a cell: ours, the printed one (rad), and the factor between them."""
-        heading = self.table.heading
+        """One a cell: ours and the printed one, rad or Pa, and the factor between them.
+
+        None in ours: the loop is unstable; in print: it cannot be read.
+        """
         return [
             {
                 "table": self.table.name,
-                heading: row.label,
-                "column": column,
-                "rmse_rad": ours,
-                "printed_rmse_rad": theirs,
-                "factor": ours / theirs,
+                self.table.heading: row.label,
+                "column": column.label,
+                f"rmse_{column.unit.lower()}": _known(ours),
+                f"printed_rmse_{column.unit.lower()}": _known(theirs),
+                "factor": _known(ours / theirs),
             }
             for row in self.table.rows
             for column, ours, theirs in zip(self.table.columns, row.ours, row.printed, strict=True)
         ]
 
     def tables(self) -> Iterable[ShownTable]:
-        """Ours / printed in mrad, and the factor."""
-        rows = []
-        for row in self.table.rows:
-            pairs = zip(row.ours, row.printed, strict=True)
-            rows.append(
-                (
-                    row.label,
-                    *(
-                        f"{number(1e3 * o)} / {number(1e3 * p)} ({number(o / p, 2)})"
-                        for o, p in pairs
-                    ),
-                )
+        """Ours / printed in mrad or kPa, and the factor."""
+        columns = self.table.columns
+        rows = tuple(
+            (
+                row.label,
+                *(_cell(*pair) for pair in zip(columns, row.ours, row.printed, strict=True)),
             )
-        title = f"{self.table.title}: RMSE in mrad on {self.rig}, ours / printed (factor)"
-        yield ShownTable(title, (self.table.heading, *self.table.columns), tuple(rows))
+            for row in self.table.rows
+        )
+        names = (shown_column(column, self.table) for column in columns)
+        kinds = "ours, simulated / printed" if self.table.is_experiment else "ours / printed"
+        title = f"{self.table.title}: {shown_unit(self.table)} on {self.rig}, {kinds} (factor)"
+        yield ShownTable(title, (self.table.heading, *names), rows)
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """RMSE of every cell, ours next to the printed one; logarithmic."""
+        """RMSE of the position in every cell, ours next to the printed one; logarithmic."""
         ax = one_axes(ax)
-        records = self.records()
+        records = [r for r in self.records() if "rmse_rad" in r]
         labels = [f"{r[self.table.heading]}\n{r['column']}" for r in records]
         heights = {
-            "ours": [1e3 * r["rmse_rad"] for r in records],
-            "printed": [1e3 * r["printed_rmse_rad"] for r in records],
+            name: [1e3 * (r[key] or 0.0) for r in records]
+            for name, key in (("ours", "rmse_rad"), ("printed", "printed_rmse_rad"))
         }
         bars(ax, labels, heights)
         ax.set_yscale("log")
@@ -96,13 +97,24 @@ class ControlTable(Shown):
         return {"table": self.table.name, "rig": self.rig, "cells": self.records()}
 
 
+def _known(value: float) -> float | None:
+    return None if math.isnan(value) else value
+
+
+def _cell(column: Column, ours: float, theirs: float) -> str:
+    mine, print_ = shown_error(ours, column), shown_error(theirs, column, "not legible")
+    factor = ours / theirs
+    return f"{mine} / {print_}" + ("" if math.isnan(factor) else f" ({number(factor, 2)})")
+
+
 def control_table(
     name: str, bundle: Bundle | None = None, *, progress: Progress | None = None
 ) -> ControlTable:
-    """Compute a table of the thesis, "4.5.1" to "4.5.3", "5.2.1", "5.2.2" or "5.3.1".
+    """Compute a table of the thesis' controllers: 4.5.1 to 4.5.6, 5.2.1 to 5.4.26, or 5.5.3.
 
-    On a bundle's rig, or (None) on the thesis' own, as far as it is printed. Raises InputError
-    or NotIdentifiedError for a bundle that controllers cannot use.
+    On a bundle's rig, or (None) on the thesis' own, as far as it is printed; tables of a
+    payload in the horizontal or the vertical turn it. Raises InputError or NotIdentifiedError for
+    another number, and for a bundle that the table's controllers cannot use.
     """
     known = bundle or read_bundle(thesis_folder() / REFERENCE_BUNDLE)
     rig = TableRig.of(known)

@@ -1,0 +1,224 @@
+"""The thesis' tables of controllers: their print, what they declare, and some computed."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import sysid as si
+from sysid.commands.app import main
+from sysid.control.cases import Case, ClosedLoopRun
+from sysid.control.thesis_tables import (
+    TABLES,
+    Agreement,
+    Cell,
+    Column,
+    Declaration,
+    TableRig,
+    TableRow,
+    ThesisTable,
+    declared,
+    printed,
+    thesis_table,
+)
+from sysid.errors import InputError
+from sysid.io.bundled import REFERENCE_BUNDLE, thesis_folder
+from sysid.workflows.thesis_tables import control_table
+
+# Rows and columns as printed; what cannot be read is an empty cell.
+SHAPES = (
+    {"4.5.1": (3, 4), "4.5.2": (2, 4), "4.5.3": (2, 4)}
+    | {"4.5.4": (12, 6), "4.5.5": (8, 6), "4.5.6": (8, 6)}
+    | {"5.2.1": (2, 2), "5.2.2": (2, 2), "5.3.1": (10, 2), "5.5.3": (8, 6)}
+    | {f"5.4.{n}": (6, 6) for n in range(4, 27) if n != 13}
+)
+NOT_LEGIBLE = {"4.5.6": 6, "5.4.26": 1}
+
+
+@pytest.fixture(scope="module")
+def bundle() -> si.Bundle:
+    return si.read_bundle(thesis_folder() / REFERENCE_BUNDLE)
+
+
+@pytest.fixture(scope="module")
+def rig(bundle: si.Bundle) -> TableRig:
+    return TableRig.of(bundle)
+
+
+def cells_of(found: Declaration) -> list[Cell]:
+    return [cell for _, row in found.rows for cell in row]
+
+
+# --- the print -------------------------------------------------------------------------------
+
+
+def test_all_tables_are_declared() -> None:
+    assert set(TABLES) == set(SHAPES)
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_a_table_has_the_printed_shape(name: str) -> None:
+    found = declared(name)
+    rows, columns = SHAPES[name]
+    assert len(found.rows) == len({label for label, _ in found.rows}) == rows
+    assert len(found.columns) == len({c.label for c in found.columns}) == columns
+    assert {len(row) for _, row in found.rows} == {columns}
+    given = [cell.printed for cell in cells_of(found)]
+    assert sum(math.isnan(value) for value in given) == NOT_LEGIBLE.get(name, 0)
+    assert all(value > 0.0 for value in given if not math.isnan(value))
+    for column in range(columns):
+        loops = [row[column].loops for _, row in found.rows]
+        assert len(set(loops)) == rows
+
+
+def test_printed_means_are_those_of_the_tests() -> None:
+    for row in printed("table_4_5_experiment"):
+        if row["mean_rmse_rad"]:
+            tests = [float(row[f"test_{n}_rmse_rad"]) for n in range(1, 6)]
+            assert np.mean(tests) == pytest.approx(float(row["mean_rmse_rad"]), rel=6e-3)
+
+
+def test_printed_inertias_are_those_of_the_rig(rig: TableRig) -> None:
+    """Table 5.4.2 follows from 5.4.1 with the rig's arm and lever."""
+    for row in printed("table_5_4_payloads"):
+        for name in ("controller", "actual"):
+            loaded = rig.assuming(float(row[f"{name}_payload_kg"])).design.parameters.inertia
+            assert float(loaded) == pytest.approx(float(row[f"{name}_inertia_kg_m2"]), abs=6e-4)
+
+
+def test_what_is_printed_twice_agrees_where_it_should() -> None:
+    """Without the estimator Tables 5.4.4 to 5.4.6 come again in 5.4.7 to 5.4.12, and so on."""
+    seen: dict[Any, dict[str, str]] = {}
+    factors = []
+    for row in printed("table_5_4"):
+        keys = ("orientation", "controller", "mode", "type", "trajectory", "estimator")
+        key = tuple(row[k] for k in (*keys, "controller_payload_kg"))
+        for case in ("below_rmse_rad", "equal_rmse_rad", "above_rmse_rad"):
+            if key in seen and row[case] and seen[key][case]:
+                factors.append(float(row[case]) / float(seen[key][case]))
+        seen.setdefault(key, row)
+    assert len(factors) == 251
+    assert np.median(np.abs(np.log(factors))) < 0.01
+
+
+# --- what is run -----------------------------------------------------------------------------
+
+
+def test_payloads_and_orientation_reach_controller_and_plant(rig: TableRig) -> None:
+    """Table 5.4.22, 0.5 kg assumed and 0.9 kg carried, type 4 with the estimator."""
+    found = declared("5.4.22")
+    label, row = found.rows[-1]
+    assert (label, found.columns[-1].label) == ("hybrid, type 4", "estimator on, 0.9 kg")
+    case = rig.case_of(row[-1].loops[0])
+    plant, controller = case.plant.parameters, case.controller
+    own = rig.design.parameters
+    arm = 0.5 * 0.30 * 0.46 * 9.81
+    assert plant.inertia - own.inertia == pytest.approx(0.9 * 0.37**2)
+    assert plant.gravity_moment == pytest.approx(arm + 0.9 * 0.37 * 9.81)
+    known = controller.design.parameters  # type: ignore[attr-defined]
+    assert known.inertia - own.inertia == pytest.approx(0.5 * 0.37**2)
+    assert known.gravity_moment == pytest.approx(arm + 0.5 * 0.37 * 9.81)
+    assert controller.estimator is not None  # type: ignore[attr-defined]
+    assert case.trajectory.sample(np.array([0.25]))[0, 0] == pytest.approx(0.6)
+
+
+def test_the_horizontal_has_no_weight(rig: TableRig) -> None:
+    upright = rig.turned(vertical=True)
+    assert upright.design.gravity == 1.0 and upright.plant.parameters.gravity_moment > 0.0
+    assert upright.turned(vertical=False) == rig
+
+
+def test_the_experiments_run_with_their_own_gains(rig: TableRig) -> None:
+    cell = cells_of(declared("4.5.6"))[-1]
+    assert [loop.seed for loop in cell.loops] == [1, 2, 3, 4, 5]
+    controller: Any = rig.case_of(cell.loops[0]).controller
+    inertia = rig.design.parameters.inertia
+    assert controller.horizon == 60
+    assert inertia * controller.natural_frequency**2 == pytest.approx(9.5)
+    damping = 2.0 * controller.damping * controller.natural_frequency * inertia
+    assert damping == pytest.approx(0.67)
+
+
+def test_a_vertical_table_needs_the_arm(rig: TableRig) -> None:
+    bare = dataclasses.replace(rig, arm_moment=None)
+    with pytest.raises(InputError, match="arm_mass_kg"):
+        thesis_table("5.4.16", bare, duration=0.1)
+
+
+# --- computed --------------------------------------------------------------------------------
+
+
+def test_a_table_holds_the_errors_of_its_loops(rig: TableRig) -> None:
+    found = thesis_table("5.2.2", rig, duration=0.5)
+    cells = cells_of(declared("5.2.2"))
+    runs = rig.run([rig.case_of(cell.loops[0]) for cell in cells], 0.5)
+    ours = [value for row in found.rows for value in row.ours]
+    assert ours == [run.metrics.rmse for run in runs]
+    assert [value for row in found.rows for value in row.printed] == [c.printed for c in cells]
+
+
+def test_pressures_are_tracked_and_a_lost_loop_is_unstable(
+    rig: TableRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Table 5.5.3, its first half second, with the last loop driven off its stroke."""
+    run = TableRig.run
+
+    def lose_one(self: TableRig, cases: list[Case], duration: float) -> list[ClosedLoopRun]:
+        runs = run(self, cases, duration)
+        return [*runs[:-1], dataclasses.replace(runs[-1], position=runs[-1].position + 2.0)]
+
+    monkeypatch.setattr(TableRig, "run", lose_one)
+    found = thesis_table("5.5.3", rig, duration=0.5)
+    ours = np.array([row.ours for row in found.rows])
+    assert np.isnan(ours[-1, 3:]).all() and np.isfinite(ours[:-1]).all()
+    assert [c.unit for c in found.columns] == ["rad", "Pa", "Pa"] * 2
+    # 1 Hz at low gains: the chambers are some kPa off, of 200 kPa that they have.
+    assert 500.0 < ours[0, 1] < 30e3 and 500.0 < ours[0, 2] < 30e3
+
+
+def test_agreement_counts_cells() -> None:
+    columns = tuple(Column(name) for name in "abcdef")
+    ours = (1.0e-3, 1.0e-3, 1.0e-3, math.nan, math.nan, 0.2)
+    print_ = (1.9e-3, 2.1e-3, 0.4e-3, 1.0e-3, 0.3, 0.3)
+    table = ThesisTable("0", "", "", columns, (TableRow("", ours, print_),))
+    assert Agreement.of([table]) == Agreement(4, 1, 1, 2, 2, 2)
+
+
+# --- the command -----------------------------------------------------------------------------
+
+
+def standing(case: Case) -> Any:
+    """Stands in for a run, with nothing simulated."""
+    metrics = SimpleNamespace(rmse=1e-3 * (1.0 + case.seed))
+    return SimpleNamespace(position=np.zeros(4), metrics=metrics)
+
+
+def test_a_table_from_the_command_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stand(self: TableRig, cases: list[Case], duration: float) -> list[Any]:
+        return [standing(case) for case in cases]
+
+    monkeypatch.setattr(TableRig, "run", stand)
+    assert main(["control", "--table", "5.4.26", "-o", str(tmp_path), "--json"]) == 0
+    content = json.loads(capsys.readouterr().out)
+    assert len(content["cells"]) == 36
+    row = content["cells"][8]
+    assert row["payload assumed for carried, estimator"].endswith("estimator off")
+    assert row["column"] == "trajectory 1, heavier" and row["printed_rmse_rad"] is None
+    page = (tmp_path / "table-5.4.26.html").read_text("utf-8")
+    assert "not legible" in page and "fig-table" in page and 'colspan="3"' in page
+
+
+def test_an_unknown_table_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["control", "--table", "5.4.13"]) == 2
+    assert "5.4.14" in capsys.readouterr().err
+    with pytest.raises(InputError, match=r"table 5\.4\.13"):
+        control_table("5.4.13")
