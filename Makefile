@@ -5,7 +5,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test browser reports measured clean
+.PHONY: demo test browser reports controllers measured clean
 
 demo: $(STAMP)
 	$(BIN)/sysid demo -o out/demo
@@ -25,6 +25,10 @@ browser:
 # The example report, regenerated from the bundled campaign.
 reports: $(STAMP)
 	$(BIN)/python reports/make.py
+
+# The thesis' tables and figures of controllers, computed anew: reports/controllers.html.
+controllers: $(STAMP)
+	$(BIN)/python reports/make_controllers.py
 
 # Every measured set next to the project: its report, and the table in README.md.
 measured: $(STAMP)

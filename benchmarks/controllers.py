@@ -2,17 +2,22 @@
 
     python benchmarks/controllers.py                 # Tables 4.5.1 to 4.5.3, 5.2.1 to 5.3.1
     python benchmarks/controllers.py --only speed    # how fast the 28 cells run in one batch
+    python benchmarks/controllers.py --table all     # how many cells agree, of 4.5.1 to 5.5.3
+    python benchmarks/controllers.py --table 5.4.14  # the cells of one table, and how many agree
 
 Each table is computed twice: with the rig's sensors (encoder counts, pressure noise, 50 Hz
 filter of the differences) and with perfect ones, since the thesis does not say which its
 simulations had. Backstepping takes its duties from bipolynomials, as there. `--max-torque`
 is the motor's limit in Nm: 0.795 is printed, but the printed error of the motor alone on
-trajectory 4 needs about 1.2.
+trajectory 4 needs about 1.2. `--table` runs on the bundle of the same rig, as
+`sysid control --table` does.
 """
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
+import math
 import sys
 import time
 from pathlib import Path
@@ -23,11 +28,21 @@ REPOSITORY = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(REPOSITORY))
 
 from datasets.thesis.reference_rig import design  # noqa: E402
+from sysid.bundle import read_bundle  # noqa: E402
 from sysid.control.design_model import with_bipolynomials  # noqa: E402
 from sysid.control.loop import closed_loop  # noqa: E402
 from sysid.control.modes import Mode  # noqa: E402
 from sysid.control.sensing import SensorSuite  # noqa: E402
-from sysid.control.thesis_tables import TRAJECTORIES, TableRig, printed  # noqa: E402
+from sysid.control.thesis_tables import (  # noqa: E402
+    TABLES,
+    TRAJECTORIES,
+    Agreement,
+    TableRig,
+    ThesisTable,
+    printed,
+    thesis_table,
+)
+from sysid.io.bundled import REFERENCE_BUNDLE, thesis_folder  # noqa: E402
 
 SENSORS = {"rig's sensors": SensorSuite(), "perfect sensors": SensorSuite.perfect()}
 SEEDS = 4
@@ -150,6 +165,52 @@ def speed(rig: TableRig) -> None:
     )
 
 
+def table_agreement(names: tuple[str, ...]) -> None:
+    """Tables as `sysid control --table` computes them: cells of one, counts of several."""
+    own = TableRig.of(read_bundle(thesis_folder() / REFERENCE_BUNDLE))
+    ideal = dataclasses.replace(own, sensors=SensorSuite.perfect())
+    for sensors, rig in (("rig's sensors", own), ("perfect sensors", ideal)):
+        print(f"\n=== {sensors} ===")
+        print("table    cells within-2 smaller larger  lost-in-print in-both  rank correlation")
+        made = [thesis_table(name, rig) for name in names]
+        for found in made:
+            print(f"{found.name:8}{counts([found])}", flush=True)
+            if len(names) == 1:
+                cells_of(found)
+        if len(made) > 1:
+            print(f"{'all':8}{counts(made)}")
+
+
+def counts(tables: list[ThesisTable]) -> str:
+    """The line of a table: how many cells agree, and whether they come in the printed order."""
+    n = Agreement.of(tables)
+    numbers = f"{n.tracked:6}{n.within:9}{n.lower:8}{n.higher:7}{n.lost:15}{n.both:8}"
+    return f"{numbers}{rank_correlation(tables):18.2f}"
+
+
+def rank_correlation(tables: list[ThesisTable]) -> float:
+    """Spearman's, of our and the printed errors of the position in all cells."""
+    from scipy.stats import spearmanr
+
+    pairs = [
+        (ours, theirs)
+        for found in tables
+        for row in found.rows
+        for column, ours, theirs in zip(found.columns, row.ours, row.printed, strict=True)
+        if column.unit == "rad" and not math.isnan(ours / theirs)
+    ]
+    return float(spearmanr(*zip(*pairs, strict=True)).statistic)
+
+
+def cells_of(found: ThesisTable) -> None:
+    """Every cell: ours, printed, factor."""
+    for row in found.rows:
+        cells = (
+            f"{o:.2e} / {p:.2e} ({o / p:4.2f})" for o, p in zip(row.ours, row.printed, strict=True)
+        )
+        print(f"    {row.label:42}" + "  ".join(cells))
+
+
 PARTS = {
     "tables": comparison,
     "types": compensations,
@@ -164,7 +225,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--max-torque", type=float, default=0.795, help="motor's limit, Nm")
     parser.add_argument("--only", choices=PARTS, help="one part (default: all)")
+    parser.add_argument("--table", choices=("all", *TABLES), metavar="NUMBER", help="or all")
     options = parser.parse_args()
+    if options.table:
+        table_agreement(TABLES if options.table == "all" else (options.table,))
+        return
     for name, sensors in SENSORS.items():
         print(f"\n=== {name}, motor up to {options.max_torque:g} Nm ===")
         for part, show in PARTS.items():

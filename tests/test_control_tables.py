@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import re
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -15,21 +16,28 @@ import pytest
 import sysid as si
 from sysid.commands.app import main
 from sysid.control.cases import Case, ClosedLoopRun
+from sysid.control.interface import Reference, StateEstimate
+from sysid.control.modes import Mode
 from sysid.control.thesis_tables import (
     TABLES,
     Agreement,
     Cell,
     Column,
     Declaration,
+    TableLoop,
     TableRig,
     TableRow,
     ThesisTable,
+    computed,
     declared,
     printed,
     thesis_table,
 )
+from sysid.control.thesis_tables.figures import figure_runs, figure_sets
+from sysid.control.trajectories import thesis_trajectory
 from sysid.errors import InputError
 from sysid.io.bundled import REFERENCE_BUNDLE, thesis_folder
+from sysid.report.controllers import ControllersPage, write_controllers_page
 from sysid.workflows.thesis_tables import control_table
 
 # Rows and columns as printed; what cannot be read is an empty cell.
@@ -76,6 +84,14 @@ def test_a_table_has_the_printed_shape(name: str) -> None:
     for column in range(columns):
         loops = [row[column].loops for _, row in found.rows]
         assert len(set(loops)) == rows
+
+
+def test_printed_tables_come_with_the_package() -> None:
+    project = Path(__file__).resolve().parent.parent
+    shipped = (project / "pyproject.toml").read_text("utf-8")
+    names = [path.name for path in (project / "datasets" / "thesis").glob("table_[45]*.csv")]
+    assert len(names) == 11
+    assert [name for name in names if f"sysid/_thesis/{name}" not in shipped] == []
 
 
 def test_printed_means_are_those_of_the_tests() -> None:
@@ -222,3 +238,54 @@ def test_an_unknown_table_is_refused(capsys: pytest.CaptureFixture[str]) -> None
     assert "5.4.14" in capsys.readouterr().err
     with pytest.raises(InputError, match=r"table 5\.4\.13"):
         control_table("5.4.13")
+
+
+# --- the page of all of them -----------------------------------------------------------------
+
+
+def test_the_figures_are_those_of_the_thesis() -> None:
+    figures = [figure for part in figure_sets() for figure in part.figures]
+    numbers = {number for figure in figures for number in figure.number.split(", ") if number}
+    assert numbers == {f"4.{n}" for n in range(2, 32)} | {"5.1", "5.2", "5.3"}
+    assert {figure.view for figure in figures} == {"tracking", "errors", "pressures", "payload"}
+
+
+def test_the_feedforward_alone_has_no_feedback(rig: TableRig) -> None:
+    """Its duties do not depend on where the arm is; backstepping's do."""
+    loop = TableLoop("feedforward", Mode.PNEUMATIC, 1)
+    feedforward, backstepping = (
+        rig.case_of(dataclasses.replace(loop, controller=name)).controller
+        for name in ("feedforward", "backstepping")
+    )
+    path = np.arange(1.5, 1.506, 1e-3)
+    rows = thesis_trajectory(1).sample(path).T[:, :, None]
+    reference = Reference(*rows[:, 0], Reference(*rows[:, 1:]))
+    zero = np.zeros(1)
+    duties = []
+    for off in (0.0, 5e-4):
+        at = StateEstimate(0, rows[0, 0] + off, rows[1, 0], zero, zero, zero + 2e5, zero + 2e5)  # type: ignore[arg-type]
+        for controller in (feedforward, backstepping):
+            commands = controller.commands(controller.start(1), at, reference)[1]
+            duties.append(float(commands.valve_a[0]))
+    assert duties[0] == duties[2] and 0.0 < duties[0] < 1.0
+    assert duties[1] != duties[3]
+
+
+def test_the_page_holds_every_table_and_figure(
+    rig: TableRig, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Laid out with one short run that stands for all."""
+    one = rig.run([rig.case_of(TableLoop("pva", Mode.PNEUMATIC, 1))], 0.05)[0]
+    one = dataclasses.replace(one, payload_kg=np.zeros(len(one.time)))
+    monkeypatch.setattr(TableRig, "run", lambda self, cases, duration=0.0: [one] * len(cases))
+    monkeypatch.setattr(computed, "pressure_rmse", lambda *_: 5e3)
+    tables = {name: thesis_table(name, rig) for name in TABLES}
+    content = ControllersPage("thesis rig", tables, tables, figure_runs(rig))
+    write_controllers_page(tmp_path / "page.html", content)
+    page = (tmp_path / "page.html").read_text("utf-8")
+    ids = re.findall(r' id="([^"]+)"', page)
+    assert len(ids) == len(set(ids))
+    assert {f"table-{name.replace('.', '-')}" for name in TABLES} <= set(ids)
+    shown = sum(len(part.figures) for part in figure_sets()) + len(("all cells", "5.4"))
+    assert page.count("<svg ") == shown
+    assert not re.search(r'(?:src|href)="(?!#|data:)', page) and "<script" not in page

@@ -24,6 +24,9 @@ _SIZE = (8.6, 3.2)
 _SQUARE = (5.2, 4.6)
 # Cells that a figure names one by one.
 _FEW = 20
+_SECTIONS = {"4.5": "4.5, simulated", "5.2": "5.2, 5.3, 5.5", "5.3": "5.2, 5.3, 5.5"}
+_SECTIONS |= {"5.4": "5.4, payloads", "5.5": "5.2, 5.3, 5.5"}
+_NAMES = {"pva": "PVA", "backstepping": "Backstepping", "dvmpc": "DVMPC"}
 # Letters of a name that fits between two dots.
 _SHORT = 4
 # Factors from which on a cell is tinted, and tinted more.
@@ -104,17 +107,22 @@ def compared(found: ThesisTable) -> ComparedTable:
     rows = []
     for row in found.rows:
         cells = zip(found.columns, row.ours, row.printed, strict=True)
-        rows.append((row.label, tuple(_cell(*cell) for cell in cells)))
-    print_ = "measured, as printed" if found.is_experiment else "printed"
-    ours = "simulated" if found.is_experiment else "ours"
+        rows.append((_row_name(row.label), tuple(_cell(*cell) for cell in cells)))
+    kind = ", simulated above measured" if found.is_experiment else ""
     return ComparedTable(
-        caption=f"{found.title}: {shown_unit(found)}, {ours} above {print_} (ours / printed)",
+        caption=f"{found.title}: {shown_unit(found)}{kind}",
         heading=found.heading.capitalize(),
         groups=tuple(groups) if any(name for name, _ in groups) else (),
         columns=tuple(c.title[:1].upper() + c.title[1:] + _unit(c, found) for c in found.columns),
         rows=tuple(rows),
         id=f"table-{found.name.replace('.', '-')}",
     )
+
+
+def _row_name(label: str) -> str:
+    """A row's label as the page writes it."""
+    name, *rest = label.split(",")
+    return ",".join((_NAMES.get(name, name), *rest))
 
 
 def _cell(column: Column, ours: float, theirs: float) -> ComparedCell:
@@ -125,9 +133,15 @@ def _cell(column: Column, ours: float, theirs: float) -> ComparedCell:
         return ComparedCell(mine, print_, "", 2)
     factor = ours / theirs
     if column.unit == "rad" and min(ours, theirs) >= LOST_RAD:
-        return ComparedCell(mine, print_, f"({number(factor, 2)})")
+        return ComparedCell(mine, print_, f"({_factor(factor)})")
     size = sum(max(factor, 1.0 / factor) > tint for tint in _TINTS)
-    return ComparedCell(mine, print_, f"({number(factor, 2)})", size if factor > 1.0 else -size)
+    return ComparedCell(mine, print_, f"({_factor(factor)})", size if factor > 1.0 else -size)
+
+
+def _factor(value: float) -> str:
+    if value < 0.01:
+        return "< 0.01"
+    return "> 100" if value > 100.0 else number(value, 2)
 
 
 # --- figures -------------------------------------------------------------------------------
@@ -144,10 +158,12 @@ def scatter(tables: list[ThesisTable], id: str, title: str = "RMSE, ours over pr
     for factor, width in ((0.5, 0.6), (1.0, 1.0), (2.0, 0.6)):
         ax.plot(limits, factor * limits, color=COLOUR["muted"], linewidth=width)
     groups: dict[str, list[tuple[float, float]]] = {}
-    for table in tables:
+    for table in reversed(tables):
         for column, pair in _pairs(table):
             groups.setdefault(_group(table, column, len(tables) > 1), []).append(pair)
-    styles = zip(groups.items(), ("model", "second", "third", "fourth"), strict=False)
+    # The largest group first: the others are drawn over it.
+    largest = sorted(groups.items(), key=lambda item: -len(item[1]))
+    styles = zip(largest, ("band", "model", "third", "fourth", "second"), strict=False)
     for (name, pairs), role in styles:
         ours, theirs = 1e3 * np.array(pairs).T
         ax.plot(theirs, ours, "o", color=COLOUR[role], markersize=3.2, label=name)
@@ -176,9 +192,11 @@ def _pairs(table: ThesisTable) -> list[tuple[Column, tuple[float, float]]]:
 
 
 def _group(table: ThesisTable, column: Column, by_table: bool) -> str:
-    if by_table:
-        return "Experiments" if table.is_experiment else f"Section {table.name[:3]}"
-    return (column.group or column.title).capitalize()
+    if not by_table:
+        return (column.group or column.title).capitalize()
+    if table.is_experiment:
+        return "4.5, measured"
+    return _SECTIONS.get(table.name[:3], table.name[:3])
 
 
 def _dots(found: ThesisTable) -> Figure:

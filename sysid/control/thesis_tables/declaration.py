@@ -19,11 +19,12 @@ Quantity = Literal["position", "pressure_a", "pressure_b"]
 class TableLoop:
     """One closed loop in words: what is run, whatever the rig.
 
-    `controller` is "pva", "backstepping" (with its `type` of Table 5.4.3 and its `inverse`) or
-    "dvmpc"; `trajectory` a number of Table 4.2.1 or a motion of its own. `orientation` "":
-    the rig's own. `assumed_kg` is the payload that the controller takes into account,
-    `carried_kg` the one on the plant; None: the rig's own. `options` are the controller's
-    fields by name; `as_tested`: DVMPC as in the experiments (Table 4.4.5). `seed`: the noise's.
+    `controller` is "pva", "backstepping" (with its `type` of Table 5.4.3 and its `inverse`),
+    "feedforward" (backstepping's alone) or "dvmpc"; `trajectory` a number of Table 4.2.1 or a
+    motion of its own. `orientation` "": the rig's own. `assumed_kg` is the payload that the
+    controller takes into account, `carried_kg` the one on the plant; None: the rig's own. `options`
+    are the controller's fields by name; `as_tested`: DVMPC as in the experiments (Table 4.4.5).
+    `seed`: the noise's.
     """
 
     controller: str

@@ -17,6 +17,7 @@ from sysid.control.backstepping import backstepping_type
 from sysid.control.cases import Case, ClosedLoopRun
 from sysid.control.design_model import DesignModel, design_from_bundle, with_bipolynomials
 from sysid.control.dvmpc import DvmpcController
+from sysid.control.feedforward import FeedforwardController
 from sysid.control.interface import Controller
 from sysid.control.modes import Mode
 from sysid.control.payload import PayloadEstimator
@@ -158,6 +159,8 @@ class TableRig:
             options["estimator"] = PayloadEstimator()
         if loop.controller == "dvmpc":
             return self.dvmpc(**(self._tested() if loop.as_tested else {}) | options)
+        if loop.controller == "feedforward":
+            return FeedforwardController(self.bipolynomial)
         exact = dataclasses.replace(self, bipolynomial=self.design)
         chosen = self if loop.inverse == "bipolynomial" else exact
         return chosen.backstepping(loop.type, loop.mode, **options)

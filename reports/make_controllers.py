@@ -1,0 +1,50 @@
+"""Regenerate `controllers.html`: the thesis' tables and figures of controllers, computed anew.
+
+    python reports/make_controllers.py               # about two minutes; `make controllers`
+    python reports/make_controllers.py -o page.html
+
+Every table is computed twice, with the rig's sensors and with perfect ones, on the bundle of the
+thesis' rig; the page shows the former, and how many cells agree with either.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import functools
+import sys
+from pathlib import Path
+
+from sysid.bundle import read_bundle
+from sysid.control.sensing import SensorSuite
+from sysid.control.thesis_tables import TABLES, TableRig, thesis_table
+from sysid.control.thesis_tables.figures import figure_runs
+from sysid.io.bundled import REFERENCE_BUNDLE, thesis_folder
+from sysid.report.controllers import ControllersPage, write_controllers_page
+
+PAGE = Path(__file__).resolve().parent / "controllers.html"
+
+
+def main() -> None:
+    """Compute everything and write the page."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("-o", dest="page", type=Path, default=PAGE, help="the page to write")
+    page = parser.parse_args().page
+    bundle = read_bundle(thesis_folder() / REFERENCE_BUNDLE)
+    rig = TableRig.of(bundle)
+    ideal = dataclasses.replace(rig, sensors=SensorSuite.perfect())
+    say = functools.partial(print, file=sys.stderr)
+    tables, perfect = (
+        {
+            name: thesis_table(name, chosen, lambda line, n=name: say(f"{n}: {line}"))
+            for name in TABLES
+        }
+        for chosen in (rig, ideal)
+    )
+    runs = figure_runs(rig, say)
+    write_controllers_page(page, ControllersPage(bundle.rig.name, tables, perfect, runs))
+    say(f"written: {page}")
+
+
+if __name__ == "__main__":
+    main()
