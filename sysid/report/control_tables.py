@@ -60,13 +60,13 @@ def table_page(found: ThesisTable, rig: str) -> str:
 def agreement_sentence(count: Agreement) -> str:
     """The count in words."""
     said = (
-        f"Of {count.tracked} printed errors {count.within} of ours are within a factor of 2, "
-        f"{count.lower} are smaller and {count.higher} larger."
+        f"Of {count.tracked} printed errors, ours are within a factor of 2 in {count.within}, "
+        f"smaller in {count.lower} and larger in {count.higher}."
     )
     if count.lost:
         said += (
-            f" {count.lost} more are above 0.1 rad in print, which the thesis calls unstable; "
-            f"{count.both} of these are so in ours."
+            f" Above 0.1 rad, which the thesis calls unstable, are {count.lost} more in print, and "
+            f"{count.both} of these in ours."
         )
     return said
 
@@ -108,9 +108,9 @@ def compared(found: ThesisTable) -> ComparedTable:
     for row in found.rows:
         cells = zip(found.columns, row.ours, row.printed, strict=True)
         rows.append((_row_name(row.label), tuple(_cell(*cell) for cell in cells)))
-    kind = ", simulated above measured" if found.is_experiment else ""
+    kind = "simulated above measured" if found.is_experiment else "ours above printed"
     return ComparedTable(
-        caption=f"{found.title}: {shown_unit(found)}{kind}",
+        caption=f"{found.title}: {shown_unit(found)}, {kind}",
         heading=found.heading.capitalize(),
         groups=tuple(groups) if any(name for name, _ in groups) else (),
         columns=tuple(c.title[:1].upper() + c.title[1:] + _unit(c, found) for c in found.columns),
@@ -205,7 +205,7 @@ def _dots(found: ThesisTable) -> Figure:
     for i in range(len(found.columns)):
         for j in range(len(found.rows)):
             places.append(i * (len(found.rows) + 1) + j)
-            labels.append(found.rows[j].label)
+            labels.append(_row_name(found.rows[j].label))
     cells = [(r.ours[i], r.printed[i]) for i in range(len(found.columns)) for r in found.rows]
     ours, theirs = 1e3 * np.array(cells).T
     for x, pair in zip(places, zip(ours, theirs, strict=True), strict=True):

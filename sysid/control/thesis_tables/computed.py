@@ -92,8 +92,10 @@ def thesis_table(
     found, entry = declared(name), ENTRIES[name]
     cells = [cell for _, row in found.rows for cell in row]
     loops = tuple(dict.fromkeys(loop for cell in cells for loop in cell.loops))
+    cases = [rig.case_of(loop) for loop in loops]
     progress(f"simulating {len(loops)} closed loops of {duration:g} s")
-    errors = _errors(cells, loops, rig, duration)
+    runs = dict(zip(loops, zip(cases, rig.run(cases, duration), strict=True), strict=True))
+    errors = _errors(cells, runs, rig.reach)
     rows = tuple(
         TableRow(
             label,
@@ -110,12 +112,10 @@ _Errors = dict[tuple[TableLoop, Quantity], float]
 
 
 def _errors(
-    cells: list[Cell], loops: tuple[TableLoop, ...], rig: TableRig, duration: float
+    cells: list[Cell], runs: dict[TableLoop, tuple[Case, ClosedLoopRun]], reach: float
 ) -> _Errors:
-    cases = [rig.case_of(loop) for loop in loops]
-    runs = dict(zip(loops, zip(cases, rig.run(cases, duration), strict=True), strict=True))
     wanted = {(loop, cell.quantity) for cell in cells for loop in cell.loops}
-    return {(loop, quantity): _error(*runs[loop], quantity, rig.reach) for loop, quantity in wanted}
+    return {(loop, quantity): _error(*runs[loop], quantity, reach) for loop, quantity in wanted}
 
 
 def _error(case: Case, run: ClosedLoopRun, quantity: Quantity, reach: float) -> float:

@@ -42,7 +42,8 @@ class TableRig:
 
     `bipolynomial` is `design` with the thesis' inverse; `is_vertical` chooses the trajectories.
     `arm_moment`: gravity's torque on the arm when it is level, Nm, None if it is not known;
-    `reach`: half of the travel, rad, beyond which a loop is unstable.
+    `reach`: half of the travel, rad, beyond which a loop is unstable. `source` names the rig in
+    errors.
     """
 
     plant: Model
@@ -52,6 +53,7 @@ class TableRig:
     is_vertical: bool = False
     arm_moment: float | None = None
     reach: float = math.inf
+    source: str = "rig"
 
     @classmethod
     def of(cls, bundle: BundleContent) -> TableRig:
@@ -71,6 +73,7 @@ class TableRig:
             is_vertical=rig.is_vertical,
             arm_moment=arm_moment(rig),
             reach=0.5 * (rig.travel or math.inf),
+            source=rig.source,
         )
 
     def case(self, controller: Controller, number: int, mode: Mode, seed: int = 0) -> Case:
@@ -115,7 +118,9 @@ class TableRig:
             path = loop.trajectory
         plant = rig.plant
         if loop.carried_kg is not None:
-            plant = _carrying(dataclasses.replace(rig.design, model=plant), loop.carried_kg).model
+            plant = rig._carrying(
+                dataclasses.replace(rig.design, model=plant), loop.carried_kg
+            ).model
         if loop.assumed_kg is not None:
             rig = rig.assuming(loop.assumed_kg)
         return Case(rig._controller(loop), plant, path, loop.mode, self.sensors, seed=loop.seed)
@@ -126,7 +131,7 @@ class TableRig:
             return self
         if vertical and self.arm_moment is None:
             raise input_error(
-                "rig",
+                self.source,
                 "[inertia] arm_mass_kg is missing, and the table is one of a vertical rig",
                 "add arm_mass_kg and arm_length_m under [inertia]",
             )
@@ -147,9 +152,21 @@ class TableRig:
         """The same rig, with controllers that take this payload, kg, into account."""
         return dataclasses.replace(
             self,
-            design=_carrying(self.design, payload_kg),
-            bipolynomial=_carrying(self.bipolynomial, payload_kg),
+            design=self._carrying(self.design, payload_kg),
+            bipolynomial=self._carrying(self.bipolynomial, payload_kg),
         )
+
+    def _carrying(self, design: DesignModel, payload_kg: float) -> DesignModel:
+        """The model with this payload, kg, in place of its own."""
+        lever = float(design.payload_length)
+        if payload_kg > 0.0 and not lever > 0.0:
+            raise input_error(
+                self.source,
+                "[inertia] payload_length_m is missing, and the table is one of payloads",
+                "add its distance from the shaft",
+            )
+        model = loaded(design, payload_kg * lever**2)
+        return dataclasses.replace(design, model=model, payload_mass=float(payload_kg))
 
     def _controller(self, loop: TableLoop) -> Controller:
         options = dict(loop.options)
@@ -184,19 +201,6 @@ def arm_moment(rig: Rig) -> float | None:
     if i is None or i.arm_mass_kg is None or i.arm_length_m is None:
         return None
     return 0.5 * i.arm_mass_kg * i.arm_length_m * GRAVITY_M_PER_S2
-
-
-def _carrying(design: DesignModel, payload_kg: float) -> DesignModel:
-    """The model with this payload, kg, in place of its own."""
-    lever = float(design.payload_length)
-    if payload_kg > 0.0 and not lever > 0.0:
-        raise input_error(
-            "rig",
-            "[inertia] payload_length_m is missing, and the table is one with payloads",
-            "add its distance from the shaft",
-        )
-    model = loaded(design, payload_kg * lever**2)
-    return dataclasses.replace(design, model=model, payload_mass=float(payload_kg))
 
 
 __all__ = ["TRAJECTORIES", "Setup", "TableRig", "arm_moment"]
