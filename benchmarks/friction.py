@@ -1,10 +1,11 @@
-"""Figures 1 to 3 of the friction slice, as measured.
+"""Figures of friction, as measured.
 
-    python benchmarks/friction.py [--only thesis|emps|generated] [--seeds 50]
+    python benchmarks/friction.py [--only thesis|emps|generated|vertical] [--seeds 50]
 
 thesis: Tables 3.4.1 and 3.4.2. emps: the measured positioning system of Janot, Gautier, Brunot
 (2019), skipped where ../shared/data is absent. generated: random rigs with known friction; the
-seeds are 0, 1, 2, ...
+seeds are 0, 1, 2, ... vertical: vertical rigs, trials that come to rest, and with bristles, in
+several forms; the seeds are 2000, 2001, ...
 """
 
 from __future__ import annotations
@@ -13,14 +14,16 @@ import argparse
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(REPOSITORY))
 
-from datasets.generator.campaign import make_friction_tests  # noqa: E402
+from datasets.generator.campaign import drawn_effects, make_friction_tests  # noqa: E402
 from datasets.thesis.recompute import sliding_friction, static_friction  # noqa: E402
+from sysid.errors import NotIdentifiedError  # noqa: E402
 from sysid.estimation.linear import Estimate  # noqa: E402
 from sysid.friction import FrictionResult, fit_friction, friction_rmse  # noqa: E402
 from sysid.io.logs import Trial  # noqa: E402
@@ -32,6 +35,13 @@ PUBLISHED = {
     "viscous_n_s_per_m": (203.5, 2.0),
     "coulomb_n": (20.4, 3.0),
     "offset_n": (-3.2, 5.0),
+}
+FORMS: dict[str, dict[str, Any]] = {
+    "vertical arm": {"orientation": "vertical"},
+    "vertical arm, from rest to rest": {"orientation": "vertical", "to_rest": True},
+    "the same with bristles": {"orientation": "vertical", "to_rest": True, "bristles": True},
+    "vertical linear axis": {"orientation": "vertical", "motion": "linear"},
+    "horizontal arm from rest, with bristles": {"to_rest": True, "bristles": True},
 }
 TARGETS = {"static": 3.0, "coulomb": 2.0, "viscous": 6.0}
 
@@ -103,9 +113,9 @@ def with_pulses(trial: Trial, factor: float) -> Trial:
     return replace(trial, channels={**trial.channels, "motor_force_n": force})
 
 
-def generated_fit(seed: int) -> tuple[FrictionResult, dict[str, float]]:
-    """One random rig's fit and its true friction."""
-    tests = make_friction_tests(seed, kinds=("friction-static", "friction-sliding"))
+def generated_fit(seed: int, **form: Any) -> tuple[FrictionResult, dict[str, float]]:
+    """One random rig's fit and its true friction; `form` as in `make_friction_tests`."""
+    tests = make_friction_tests(seed, kinds=("friction-static", "friction-sliding"), **form)
     rig = rig_from_content(tests.rig, "generated")
     trials = [
         Trial(
@@ -138,9 +148,34 @@ def generated(seeds: int) -> None:
         )
 
 
+def vertical(seeds: int) -> None:
+    """Friction comes out whenever the log holds it: medians, and how many rigs are refused."""
+    for name, form in FORMS.items():
+        errors: dict[str, list[float]] = {}
+        refused = []
+        for seed in range(2000, 2000 + seeds):
+            chosen = dict(form)
+            bristles = [("presliding", "lugre", 1.0)] if chosen.pop("bristles", False) else []
+            try:
+                result, truth = generated_fit(seed, effects=drawn_effects(seed, bristles), **chosen)
+            except NotIdentifiedError:
+                refused.append(seed)
+                continue
+            if not result.has_sliding:
+                refused.append(seed)
+                continue
+            for key, value in truth.items():
+                errors.setdefault(key, []).append(abs(result[key].value / value - 1.0))
+        found = ", ".join(
+            f"{key.split('_')[0]} {100.0 * np.median(v):.2f} % (largest {100.0 * np.max(v):.1f})"
+            for key, v in errors.items()
+        )
+        print(f"4. {name}, {seeds} seeds: median error of {found}; refused {refused}", flush=True)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--only", choices=("thesis", "emps", "generated"))
+    parser.add_argument("--only", choices=("thesis", "emps", "generated", "vertical"))
     parser.add_argument("--seeds", type=int, default=50)
     options = parser.parse_args()
     if options.only in (None, "thesis"):
@@ -149,6 +184,8 @@ def main() -> None:
         emps()
     if options.only in (None, "generated"):
         generated(options.seeds)
+    if options.only in (None, "vertical"):
+        vertical(options.seeds)
 
 
 if __name__ == "__main__":

@@ -10,6 +10,8 @@ from typing import Protocol
 from sysid.bundle import Bundle, Parts
 from sysid.errors import NotIdentifiedError
 from sysid.friction import fit_friction
+from sysid.identification.friction.effort import MOTION
+from sysid.identification.friction.result import FrictionResult
 from sysid.io.campaign import (
     BENCH_KINDS,
     FRICTION_KINDS,
@@ -17,8 +19,10 @@ from sysid.io.campaign import (
     Campaign,
     CampaignLog,
 )
+from sysid.io.channels import CHAMBER_PRESSURES
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
+from sysid.io.source import Source
 from sysid.types import Progress, no_progress
 from sysid.valve_discrete import fit_valve_discrete
 from sysid.valve_pwm import fit_valve_pwm
@@ -45,6 +49,8 @@ class _Assembly:
     parts: Parts = field(default_factory=Parts)
     remarks: list[str] = field(default_factory=list)
     notices: list[str] = field(default_factory=list)
+    reasons: list[str] = field(default_factory=list)
+    motion_for_friction: bool = False
 
     def read(self, entries: Sequence[CampaignLog]) -> list[Trial]:
         """All trials of these entries."""
@@ -61,8 +67,17 @@ class _Assembly:
         try:
             result = fit()
         except NotIdentifiedError as error:
-            self.notices.append(str(error))
+            self.lack(str(error))
             return
+        self.merge(result)
+
+    def lack(self, reason: str) -> None:
+        """Note why a part is not identified."""
+        self.notices.append(reason)
+        self.reasons.append(reason)
+
+    def merge(self, result: PartResult) -> None:
+        """Add what a pipeline found."""
         self.remarks += result.remarks
         self.notices += result.notices
         self.parts = self.parts.merged(result.part())
@@ -96,33 +111,84 @@ def fit_campaign(
     _add_valves(assembly, surface, seed)
     _add_bench(assembly)
     if not assembly.parts:
-        raise NotIdentifiedError(
-            f"{campaign.path}: no training log identifies anything; add friction or valve tests "
-            'with use = "fit"'
-        )
+        raise NotIdentifiedError(_nothing(assembly))
     bundle = Bundle.new(
         campaign.rig,
         assembly.parts,
-        # Only a diagnosis fits on motion logs.
-        [s for s in campaign.sources() if s.use == "holdout" or s.kind not in MOTION_KINDS],
+        [s for s in campaign.sources() if _is_used(s, assembly)],
         seeds={"valve-pwm": seed},
         options={"valve-pwm": {"surface": surface}},
     )
     return CampaignFit(bundle, tuple(assembly.remarks), tuple(assembly.notices))
 
 
+def _nothing(assembly: _Assembly) -> str:
+    """Why a campaign identifies nothing: each part's reason, or that no log is for any part."""
+    start = f"{assembly.campaign.path}: no training log identifies anything"
+    reasons = "; ".join(dict.fromkeys(assembly.reasons))
+    if reasons:
+        return f"{start}: {reasons}"
+    return f'{start}; add friction or valve tests with use = "fit"'
+
+
+def _is_used(source: Source, assembly: _Assembly) -> bool:
+    """Whether a log belongs in the provenance: motion logs are for a diagnosis to fit on, unless
+    friction needed them."""
+    fits_nothing = source.kind in MOTION_KINDS and not assembly.motion_for_friction
+    return source.use == "holdout" or not fits_nothing
+
+
 def _add_friction(assembly: _Assembly) -> None:
-    entries = assembly.campaign.select(FRICTION_KINDS)
-    if not entries:
+    """Friction from its own tests; where they do not identify it, from the motion logs as well."""
+    campaign, rig = assembly.campaign, assembly.campaign.rig
+    tests = _labelled(assembly, campaign.select(FRICTION_KINDS))
+    if tests:
+        assembly.progress("friction")
+    own, why = _friction_of(tests, rig)
+    if own is not None and own.has_sliding:
+        assembly.merge(own)
         return
-    trials: list[Trial] = []
-    kinds: list[str] = []
-    for entry in entries:
-        own = assembly.read([entry])
-        trials += own
-        kinds += [entry.kind] * len(own)
-    rig = assembly.campaign.rig
-    assembly.add("friction", lambda: fit_friction(trials, rig, kind=kinds))
+    moving = _labelled(assembly, campaign.select(MOTION_KINDS))
+    motion = [(trial, MOTION) for trial, _ in moving if _balances(trial, rig)]
+    found, why_moving = None, ""
+    if motion:
+        assembly.progress("friction, from motion")
+        found, why_moving = _friction_of([*tests, *motion], rig)
+    if found is not None and (found.has_sliding or own is None):
+        assembly.motion_for_friction = True
+        assembly.merge(found)
+        assembly.notices.append(
+            "friction is taken from the motion logs, since "
+            + (f"the friction tests do not identify it: {why}" if tests else "no test is for it")
+        )
+    elif own is not None:
+        assembly.merge(own)
+    else:
+        for reason in filter(None, (why, why_moving)):
+            assembly.lack(reason)
+
+
+def _balances(trial: Trial, rig: Rig) -> bool:
+    """Whether a motion trial has every channel of the balance that friction closes: without a
+    pressure, what the cylinder does would be taken for friction."""
+    pressures = () if rig.cylinder is None else CHAMBER_PRESSURES
+    return all(c in trial for c in (rig.position_channel, rig.effort_channel, *pressures))
+
+
+def _labelled(assembly: _Assembly, entries: Sequence[CampaignLog]) -> list[tuple[Trial, str]]:
+    """The trials of these entries, each with its entry's kind."""
+    return [(trial, entry.kind) for entry in entries for trial in assembly.read([entry])]
+
+
+def _friction_of(tests: list[tuple[Trial, str]], rig: Rig) -> tuple[FrictionResult | None, str]:
+    """The fit of these tests by kind, and why it lacks sliding friction."""
+    if not tests:
+        return None, ""
+    try:
+        found = fit_friction([t for t, _ in tests], rig, kind=[kind for _, kind in tests])
+    except NotIdentifiedError as error:
+        return None, str(error)
+    return found, found.why_no_sliding
 
 
 @dataclass(frozen=True)
@@ -205,3 +271,5 @@ def _add_valves(assembly: _Assembly, surface: str, seed: int) -> None:
         assembly.parts = assembly.parts.merged(part)
         assembly.remarks += remarks
         assembly.notices += notices
+        if not part:
+            assembly.reasons += notices

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from benchmarks.friction import PUBLISHED, emps_trial, generated_fit
-from datasets.generator.campaign import make_friction_tests
+from datasets.generator.campaign import GeneratedTests, drawn_effects, make_friction_tests
 from datasets.thesis import recompute
 from sysid.bundle import Friction
 from sysid.errors import InputError, NotIdentifiedError
@@ -72,17 +72,24 @@ def simulated(
     viscous: float,
     start: float = 0.0,
     offset: float = 0.0,
+    cushion: float = math.inf,
 ) -> FloatArray:
-    """Angle of an arm with breakaway, (n,): ten Euler steps a sample, effort held."""
+    """Angle of an arm with breakaway, (n,): ten Euler steps a sample, effort held.
+
+    Beyond the angle `cushion`, above it or, where it is negative, below, a spring of 2 Nm/rad
+    pushes back.
+    """
     theta = np.empty(len(effort))
     x, w, h = start, 0.0, PERIOD / 10
+    side = math.copysign(1.0, cushion)
     for k, torque in enumerate(effort - offset):
         theta[k] = x
         for _ in range(10):
-            if w == 0.0 and abs(torque) <= static:
+            net = torque - 2.0 * math.copysign(max(side * x - abs(cushion), 0.0), side)
+            if w == 0.0 and abs(net) <= static:
                 break
-            sign = math.copysign(1.0, w if w != 0.0 else torque)
-            new = w + h * (torque - sign * coulomb - viscous * w) / INERTIA
+            sign = math.copysign(1.0, w if w != 0.0 else net)
+            new = w + h * (net - sign * coulomb - viscous * w) / INERTIA
             # Friction stops the shaft, it does not turn it round.
             w = 0.0 if w * new < 0.0 else new
             x += h * w
@@ -97,15 +104,22 @@ def ramp(static: float, coulomb: float, start: float, way: int, rate: float = 0.
 
 
 def constant(
-    level: float, scatter: float, label: str = "c", offset: float = 0.0, seconds: float = 1.6
+    level: float,
+    scatter: float,
+    label: str = "c",
+    offset: float = 0.0,
+    seconds: float = 1.6,
+    kick_s: float = 0.06,
+    cushion: float = math.inf,
 ) -> Trial:
     """A kick, then a constant effort; friction 0.208 + 0.0488 w times 1 + scatter."""
     way = math.copysign(1.0, level)
     effort = np.full(round(seconds / PERIOD), level)
-    effort[:60] = way * 0.6
+    effort[: round(kick_s / PERIOD)] = way * 0.6
     share = 1.0 + scatter
     start = -way * 1.3
-    theta = simulated(effort, 0.3 * share, 0.208 * share, 0.0488 * share, start, offset)
+    friction = (0.3 * share, 0.208 * share, 0.0488 * share)
+    theta = simulated(effort, *friction, start, offset, way * cushion)
     return trial(label, effort, theta)
 
 
@@ -272,10 +286,26 @@ def test_one_level_identifies_no_viscous_friction() -> None:
 
 def test_a_trial_that_stalls_is_left_out() -> None:
     good = [constant(level, 0.0, f"{level} {k}") for level in (0.25, 0.30) for k in range(3)]
-    stalled = constant(0.15, 0.0, "stalled")
+    stalled = constant(0.15, 0.0, "stalled", kick_s=0.01)
     result = fit_friction([*good, stalled], RIG)
     assert [use.used for use in result.trials] == [True] * 6 + [False]
     assert any("test stalled" in n and "stalls" in n for n in result.notices)
+
+
+def test_a_trial_that_comes_to_rest_counts_for_its_steady_stretch() -> None:
+    """A cushion that is not in the model stops every trial; before it the slide is steady."""
+    trials = [
+        constant(way * level, 0.0, f"{way * level} {k}", kick_s=kick, cushion=0.1, seconds=4.0)
+        for way in (1.0, -1.0)
+        for level, kick in ((0.235, 0.04), (0.25, 0.06), (0.27, 0.08))
+        for k in range(2)
+    ]
+    result = fit_friction(trials, RIG, kind="sliding")
+    uses = [use for use in result.trials if use.used]
+    assert len(uses) == 12
+    assert all(use.values["steady"] and use.values["stop_s"] < 3.5 for use in uses)
+    assert result["coulomb_nm"].value == pytest.approx(0.208, rel=0.005)
+    assert result["viscous_nm_s_per_rad"].value == pytest.approx(0.0488, rel=0.03)
 
 
 def slowing(level: float, share: float) -> Trial:
@@ -451,22 +481,44 @@ def test_the_result_goes_into_a_bundle() -> None:
     assert [row["used"] for row in table["trials"]] == [True] * 5
 
 
+def trials_of(tests: GeneratedTests) -> list[Trial]:
+    """All generated tests as trials."""
+    return [
+        Trial(t.label, t.columns["time_s"], t.columns, "generated")
+        for group in tests.kinds.values()
+        for t in group
+    ]
+
+
 @pytest.mark.parametrize("orientation", ["horizontal", "vertical"])
 @pytest.mark.parametrize("motion", ["rotary", "linear"])
 def test_every_make_of_rig_without_scatter(orientation: str, motion: str) -> None:
     """Gravity, pumped air, sensors' noise, newtons or newton metres."""
     tests = make_friction_tests(11, scatter=0.0, orientation=orientation, motion=motion)
     rig = rig_from_content(tests.rig, "generated")
-    trials = [
-        Trial(t.label, t.columns["time_s"], t.columns, "generated")
-        for group in tests.kinds.values()
-        for t in group
-    ]
-    result = fit_friction(trials, rig)
+    result = fit_friction(trials_of(tests), rig)
     # In the vertical a pendulum slides for half a second only, never steadily.
     within = {"static": 0.004, "coulomb": 0.006, "viscous": 0.02}
     for name, truth in tests.truth["friction"].items():
         assert result[name].value == pytest.approx(truth, rel=within[name.split("_")[0]])
+
+
+@pytest.mark.parametrize("bristles", [False, True])
+def test_an_arm_that_swings_uphill_to_rest_gives_its_friction(bristles: bool) -> None:
+    """A short run of `benchmarks/friction.py --only vertical`; no steady stretch anywhere."""
+    effects = drawn_effects(21, [("presliding", "lugre", 1.0)] if bristles else [])
+    errors: dict[str, list[float]] = {}
+    for seed in range(21, 25):
+        tests = make_friction_tests(
+            seed, orientation="vertical", kinds=("friction-sliding",), to_rest=True, effects=effects
+        )
+        result = fit_friction(trials_of(tests), rig_from_content(tests.rig, "generated"))
+        assert sum(use.used for use in result.trials) >= 15
+        for name in ("coulomb_nm", "viscous_nm_s_per_rad"):
+            truth = tests.truth["friction"][name]
+            errors.setdefault(name, []).append(abs(result[name].value / truth - 1))
+    assert np.median(errors["coulomb_nm"]) < 0.03
+    assert np.median(errors["viscous_nm_s_per_rad"]) < 0.08
 
 
 def test_generated_rigs_with_scatter() -> None:

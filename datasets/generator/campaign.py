@@ -156,6 +156,16 @@ class _Maker:
             for i, r in enumerate(rngs)
         ]
 
+    def sliding_to_rest(self, repeats: int) -> list[GeneratedTest]:
+        """All levels in both directions, `repeats` times, each from rest to rest."""
+        speeds = friction_tests.SPEEDS
+        plan = [(s, d) for s in speeds for d in (1, -1) for _ in range(repeats)]
+        rngs = self.rngs("friction-sliding", len(plan))
+        return [
+            friction_tests.rest_test(self.rig, str(i + 1), *plan[i], self.scatter, self.noise, r)
+            for i, r in enumerate(rngs)
+        ]
+
     def friction_motion(self, count: int) -> list[GeneratedTest]:
         return [
             friction_tests.motion_test(self.rig, str(i + 1), 8.0, self.scatter, self.noise, r)
@@ -237,17 +247,28 @@ def make_friction_tests(
     repeats: int = 3,
     rig: GeneratedRig | None = None,
     kinds: tuple[str, ...] = FRICTION_KINDS,
+    to_rest: bool = False,
+    effects: tuple[Injected, ...] = (),
 ) -> GeneratedTests:
     """The three friction kinds for a random rig (or the one given).
 
     `scatter`: each trial's static friction, and its Coulomb and viscous friction together, are the
     rig's times (1 + scatter N(0, 1)). `noise_pa`: pressure noise in place of the rig's own.
     `repeats`: trials per position and direction (static) or level and direction (sliding).
+    `to_rest`: the sliding trials run without a kick, from rest to rest. `effects` as in
+    `make_campaign`.
     """
     maker = _maker(seed, scatter, orientation, motion, noise_pa, rig)
+    if effects:
+        maker = dataclasses.replace(
+            maker,
+            rig=dataclasses.replace(maker.rig, effects=(*maker.rig.effects, *effects)),
+        )
     makers: dict[str, Callable[[], list[GeneratedTest]]] = {
         "friction-static": lambda: maker.static(repeats),
-        "friction-sliding": lambda: maker.sliding(repeats, None),
+        "friction-sliding": lambda: (
+            maker.sliding_to_rest(repeats) if to_rest else maker.sliding(repeats, None)
+        ),
         "friction-motion": lambda: maker.friction_motion(3),
     }
     tests = {kind: make() for kind, make in makers.items() if kind in kinds}

@@ -27,6 +27,7 @@ CLEAR_MOTION = 0.006  # half travels that are not mistaken for elasticity, 10 mr
 FIRMER, MOST_FIRMER = 0.03, 8  # of the limit: raise of a level that stalls, and how often
 SPEEDS = (0.25, 0.5, 0.9)  # half travels a second at which the levels aim
 KICK_S = 0.06
+REST_S = 0.15  # recorded after a trial that comes to rest
 
 
 def friction_factors(rng: np.random.Generator, scatter: float) -> tuple[float, float]:
@@ -145,6 +146,40 @@ def sliding_test(
             break
     truth = {**factors_truth(*factors), "direction": direction, "position": position}
     return logged(label, rig, commands, states, noise_pa, rng, truth)
+
+
+def rest_test(
+    rig: GeneratedRig,
+    label: str,
+    speed_share: float,
+    direction: int,
+    scatter: float,
+    noise_pa: float,
+    rng: np.random.Generator,
+) -> GeneratedTest:
+    """Constant effort from rest to rest, without a kick, recorded until 0.15 s after the stop.
+
+    What stops it is gravity, or an effect such as a spring; without one it runs to its end stop.
+    """
+    factors = friction_factors(rng, scatter)
+    climb = (0.25 + 0.35 * speed_share) * rig.max_effort
+    swings = rig.is_vertical and not rig.is_linear
+    level = sliding_level(rig, speed_share * rig.half_travel)
+    if swings:
+        level = rig.truth.coulomb_friction + climb
+    level = max(level, 1.08 * rig.truth.static_friction * factors[0])
+    weight = rig.gravity() if rig.is_linear and rig.is_vertical else 0.0
+    start = SLIDING_START * rig.half_travel
+    position = -direction * start + rng.uniform(-0.012, 0.012) * rig.half_travel
+    n = round(SLIDING_LIMIT_S / rig.row_period)
+    commands = Commands(rounded_effort(np.full(n, weight + direction * level), rig))
+    end = STATIC_LIMIT * rig.half_travel
+    band = (-np.inf, end) if direction > 0 else (-end, np.inf)
+    states = simulated(rig, rig.plant(*factors), commands, at_atmosphere(rig, position), band)
+    moving = np.flatnonzero(np.abs(states[:, VELOCITY]) > 1e-3 * rig.half_travel)
+    last = (int(moving[-1]) if moving.size else 0) + round(REST_S / rig.row_period)
+    truth = {**factors_truth(*factors), "direction": direction, "position": position}
+    return logged(label, rig, commands, states[:last], noise_pa, rng, truth)
 
 
 def _kick_time(rig: GeneratedRig, kick: float, speed: float) -> float:

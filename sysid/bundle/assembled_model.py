@@ -11,6 +11,7 @@ import numpy as np
 from sysid.bundle.base import Part
 from sysid.bundle.content import BundleContent
 from sysid.bundle.effects import effect_from_entry
+from sysid.bundle.friction import Friction
 from sysid.bundle.valves import DIRECTIONS, SURFACE_KINDS, PwmSurfaces
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.io.channels import SIDES
@@ -109,18 +110,21 @@ def parameters_from_bundle(bundle: BundleContent, rig: Rig) -> Parameters:
     A valve without a discrete law gets NaN flows, so that it cannot be used by mistake; see
     `has_discrete_law`. The offset that a friction fit estimates next to friction is left out: the
     base model has none, and an offset that is only noise would push an open-loop position away
-    (the effect `torque-offset` is for a real one). Negative friction is set to 0
-    (`negative_friction` says so). Raises InputError where the rig file lacks a section,
-    NotIdentifiedError where the bundle has no friction.
+    (the effect `torque-offset` is for a real one). Negative friction is set to 0, static friction
+    that is not identified to Coulomb friction (`assumed_friction` says so). Raises InputError
+    where the rig file lacks a section, NotIdentifiedError where the bundle has no friction.
     """
     friction, where = bundle.friction, bundle.source
     if friction is None:
         raise NotIdentifiedError(
             f"{where}: holds no friction; fit friction-static and friction-sliding tests into it"
         )
+    keys = friction_keys(rig.is_linear)
+    if _lacks_static_alone(friction, rig.is_linear):
+        keys["static"] = keys["coulomb"]
     values = {
         name: max(_identified(friction, key, f"{where}, friction", _TESTS[name]), 0.0)
-        for name, key in friction_keys(rig.is_linear).items()
+        for name, key in keys.items()
     }
     parameters = parameters_from_rig(
         rig,
@@ -146,18 +150,31 @@ def friction_keys(is_linear: bool) -> dict[str, str]:
     }
 
 
-def negative_friction(bundle: BundleContent) -> list[str]:
-    """Notices of friction estimates that are negative, which models set to 0."""
-    if bundle.friction is None:
+def _lacks_static_alone(friction: Friction, is_linear: bool) -> bool:
+    """Whether the tests identify sliding friction and not breakaway: motion alone does not."""
+    static, coulomb = friction.static, getattr(friction, friction_keys(is_linear)["coulomb"])
+    unknown = static is not None and not static.identified
+    return unknown and coulomb is not None and coulomb.identified
+
+
+def assumed_friction(bundle: BundleContent) -> list[str]:
+    """Notices of friction that models set otherwise than estimated: to 0 where it is negative,
+    static friction to Coulomb friction where it is not identified."""
+    friction = bundle.friction
+    if friction is None:
         return []
-    estimates = {
-        key: getattr(bundle.friction, key) for key in friction_keys(bundle.is_linear).values()
-    }
-    return [
+    notices = []
+    keys = friction_keys(bundle.is_linear)
+    if _lacks_static_alone(friction, bundle.is_linear):
+        notices.append(
+            f"{bundle.source}: {keys['static']} is not identified: the model takes "
+            f"{keys['coulomb']} for it; give {_TESTS['static']}"
+        )
+    return notices + [
         f"{bundle.source}: {key} is {estimate.value:.3g}, but friction cannot be negative: the "
         "model uses 0; the friction tests show an effect that it lacks"
-        for key, estimate in estimates.items()
-        if estimate is not None and estimate.value < 0.0
+        for key in keys.values()
+        if (estimate := getattr(friction, key)) is not None and estimate.value < 0.0
     ]
 
 
@@ -314,11 +331,11 @@ __all__ = [
     "LAW_KEYS",
     "VALVE_MODELS",
     "TabulatedSurfaces",
+    "assumed_friction",
     "effects_from_bundle",
     "first_valve_model",
     "friction_keys",
     "model_from_bundle",
-    "negative_friction",
     "parameters_from_bundle",
     "surfaces_for",
     "surfaces_from_bundle",

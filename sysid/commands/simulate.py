@@ -12,8 +12,8 @@ from rich.text import Text
 
 from sysid.bundle import read_bundle
 from sysid.bundle.assembled_model import (
+    assumed_friction,
     first_valve_model,
-    negative_friction,
     surfaces_for,
 )
 from sysid.commands.options import (
@@ -120,7 +120,7 @@ def simulate_log(
     catalogue = catalogue_with(effects) if effects else None
     model = bundle.model(rig, catalogue)
     chosen = valve_model or first_valve_model(bundle, rig, model.parameters)
-    notices = [*rig.notices, *log.notices, *negative_friction(bundle)]
+    notices = [*rig.notices, *log.notices, *assumed_friction(bundle)]
     for trial in log.trials:
         check_commands(trial, rig, chosen)
         notices += assumed_starts(trial, rig)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, TypeVar
 
 from sysid.bundle import Bundle, EffectEntry, HeldOutError
-from sysid.bundle.assembled_model import LAW_KEYS, friction_keys, negative_friction
+from sysid.bundle.assembled_model import LAW_KEYS, assumed_friction, friction_keys
 from sysid.bundle.base import Part
 from sysid.bundle.effects import entry_of
 from sysid.diagnosis import Diagnosis, diagnose
@@ -58,7 +58,7 @@ def diagnose_logs(
         )
         return found, tuple(notices)
     model = bundle.model(campaign.rig, catalogue)
-    notices += negative_friction(bundle)
+    notices += assumed_friction(bundle)
     diagnosis = diagnose(logs, campaign.rig, model, open_ones, seed=seed, progress=progress)
     return diagnosis, tuple(notices)
 

@@ -18,7 +18,7 @@ from sysid.bundle import Bundle
 from sysid.bundle.assembled_model import (
     DISCRETE,
     VALVE_MODELS,
-    negative_friction,
+    assumed_friction,
     surfaces_from_bundle,
 )
 from sysid.bundle.valves import SURFACE_KINDS
@@ -84,7 +84,7 @@ def validate(
     """
     tell = progress or (lambda line: None)
     rig = campaign.rig
-    notices = [*_other_rig(bundle, rig), *_offset(bundle, rig), *negative_friction(bundle)]
+    notices = [*_other_rig(bundle, rig), *_offset(bundle, rig), *assumed_friction(bundle)]
     entries = campaign.select(tuple(kinds), use=None)
     if not entries:
         raise input_error(

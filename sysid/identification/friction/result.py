@@ -83,6 +83,17 @@ class FrictionResult(NamedEstimates, Shown):
         lines += [f"RMSE of the fit of {k}: {v:.3g} {self.units.effort}" for k, v in self._rmse()]
         return tuple(lines)
 
+    @property
+    def why_no_sliding(self) -> str:
+        """Why Coulomb or viscous friction is not identified; empty where both are."""
+        own = (self.parameters[name] for name in (self.units.coulomb, self.units.viscous))
+        return next((e.reason or "" for e in own if not e.identified), "")
+
+    @property
+    def has_sliding(self) -> bool:
+        """Whether Coulomb and viscous friction are both identified."""
+        return not self.why_no_sliding
+
     def _rmse(self) -> list[tuple[str, float]]:
         return [(k, v) for k, v in self.rmse.items() if k != STATIC]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -16,9 +17,11 @@ from sysid.types import FloatArray
 BLOCK_S = 0.05
 STEADY = 0.05  # an interval is steady while its blocks stay within this share of its speed
 STALL = 0.02  # of the fastest block: slower is a stall
+COAST = 0.2  # of the fastest block: a trial that comes to rest counts while it is faster
 MIN_STRETCH_S = 0.2
 TAPER_S = 0.1
 SETTLE_S = 0.1
+STALLED = "it stalls: the shaft comes to rest under the constant effort"
 
 
 @dataclass(frozen=True)
@@ -36,7 +39,7 @@ def find_stretch(trial: EvenTrial) -> SteadyStretch | str:
 
     Starts after the kick, once all later blocks of 50 ms stay within 5 % of the median speed
     of the later half; where they never do, 0.1 s after the kick, as an unsteady interval.
-    Ends before the end stop.
+    Ends before the end stop. A trial that comes to rest counts for the stretch before.
     """
     start, stop = constant_run(trial.motor)
     outside = np.flatnonzero(~trial.inside[start:stop])
@@ -57,9 +60,11 @@ def find_stretch(trial: EvenTrial) -> SteadyStretch | str:
     direction = 1.0 if x[-1] > x[0] else -1.0
     speed = direction * covered / (block * trial.period)
     noise = 3.0 * trial.position_noise.total / (block * trial.period)
-    if float(np.max(speed)) <= 3.0 * noise or _stalls(speed, noise):
-        return "it stalls: the shaft comes to rest under the constant effort"
-    return _settled(trial, speed, start + marks, noise, stop)
+    if float(np.max(speed)) <= 3.0 * noise:
+        return STALLED
+    if not _stalls(speed, noise):
+        return _settled(trial, speed, start + marks, noise, stop)
+    return _before_rest(trial, speed, start + marks, noise)
 
 
 def _stalls(speed: FloatArray, noise: float) -> bool:
@@ -83,6 +88,55 @@ def _settled(
         first = int(np.searchsorted(marks[:-1], start))
     inside = speed[min(first, len(speed) - 1) :]
     return SteadyStretch(start, stop, steady, float(np.ptp(inside)) / reference)
+
+
+def _before_rest(
+    trial: EvenTrial, speed: FloatArray, marks: NDArray[np.intp], noise: float
+) -> SteadyStretch | str:
+    """The stretch of a trial that comes to rest: against a stop, a cushion, a spring, gravity.
+
+    Its longest steady stretch while it is fast, since what stops it may not be in the model;
+    where there is none (an arm that swings uphill), all of its motion while it is fast.
+    """
+    least = math.ceil(MIN_STRETCH_S / (trial.period * (marks[1] - marks[0])))
+    first, last = _longest(speed >= max(COAST * float(np.max(speed)), noise))
+    if last - first < least:
+        return STALLED
+    from_, to = _longest_steady(speed[first:last], noise)
+    # The top of a swing is flat, too, but most of a swing is not.
+    steady = to - from_ >= max(least, (last - first) // 2)
+    if steady:
+        first, last = first + from_, first + to
+    elif last - first > least:
+        first = min(first + math.ceil(SETTLE_S / BLOCK_S), last - least)
+    inside = speed[first:last]
+    drift = float(np.ptp(inside)) / float(np.median(inside))
+    return SteadyStretch(int(marks[first]), int(marks[last]), steady, drift)
+
+
+def _longest(mask: NDArray[np.bool_]) -> tuple[int, int]:
+    """The longest run [first, last) of set blocks; (0, 0) where none is set."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
+    if len(edges) == 0:
+        return 0, 0
+    longest = int(np.argmax(edges[1::2] - edges[::2]))
+    return int(edges[2 * longest]), int(edges[2 * longest + 1])
+
+
+def _longest_steady(speed: FloatArray, noise: float) -> tuple[int, int]:
+    """The longest run [first, last) of blocks that stay within 5 % of its mid-range speed."""
+    best, first = (0, 0), 0
+    for last in range(1, len(speed) + 1):
+        while not _is_steady(speed[first:last], noise):
+            first += 1
+        if last - first > best[1] - best[0]:
+            best = (first, last)
+    return best
+
+
+def _is_steady(speed: FloatArray, noise: float) -> bool:
+    high, low = float(np.max(speed)), float(np.min(speed))
+    return high - low <= STEADY * (high + low) + 2.0 * noise
 
 
 def momentum_balance(

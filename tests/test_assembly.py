@@ -1,0 +1,67 @@
+"""A campaign's parts in one bundle: where friction comes from when its own tests do not give it."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import pytest
+from golden_folder import BUNDLED
+
+from sysid.assembly import fit_campaign
+from sysid.bundle.assembled_model import assumed_friction, model_from_bundle
+from sysid.io.campaign import FRICTION_KINDS, MOTION_KINDS, Campaign, read_campaign
+
+
+def only(campaign: Campaign, *kinds: str) -> Campaign:
+    """The campaign with its logs of these kinds alone."""
+    logs = tuple(entry for entry in campaign.logs if entry.kind in kinds)
+    return dataclasses.replace(campaign, logs=logs)
+
+
+@pytest.fixture(scope="module")
+def bundled() -> Campaign:
+    return read_campaign(BUNDLED / "campaign.toml")
+
+
+def test_motion_logs_give_friction_where_no_test_is_for_it(bundled: Campaign) -> None:
+    own = fit_campaign(only(bundled, *FRICTION_KINDS)).bundle.friction
+    found = fit_campaign(only(bundled, *MOTION_KINDS))
+    friction = found.bundle.friction
+    assert own is not None and friction is not None
+    assert friction.source == "friction-motion"
+    # Under pressure the seals, an effect that the rig does not declare, add to it.
+    assert friction.coulomb_nm.value == pytest.approx(own.coulomb_nm.value, rel=0.2)
+    assert any("taken from the motion logs" in n for n in found.notices)
+    logs = {log.file: log.use for log in found.bundle.provenance.logs}
+    assert logs["motion_motor.parquet"] == "fit"
+
+
+def test_static_friction_that_no_test_shows_is_coulomb_friction_and_said(bundled: Campaign) -> None:
+    bundle = fit_campaign(only(bundled, *MOTION_KINDS)).bundle
+    assert bundle.friction is not None and not bundle.friction.static_nm.identified
+    p = model_from_bundle(bundle, bundled.rig).parameters
+    assert p.static_effort == p.coulomb_effort == bundle.friction.coulomb_nm.value
+    (notice,) = assumed_friction(bundle)
+    assert "static_nm is not identified: the model takes coulomb_nm" in notice
+
+
+def test_friction_tests_that_suffice_leave_the_motion_logs_alone(bundled: Campaign) -> None:
+    found = fit_campaign(only(bundled, *FRICTION_KINDS, *MOTION_KINDS))
+    assert found.bundle.friction is not None
+    assert found.bundle.friction.source == "friction-sliding"
+    fitted = {log.kind for log in found.bundle.provenance.logs if log.use == "fit"}
+    assert not fitted & set(MOTION_KINDS)
+
+
+def test_the_vertical_sample_has_friction(shared_samples: Path) -> None:
+    """Its arm swings to rest in every trial; the friction is that of the samples' README."""
+    campaign = read_campaign(shared_samples / "rig-3" / "campaign.toml")
+    found = fit_campaign(only(campaign, "friction-static", "friction-sliding")).bundle.friction
+    assert found is not None
+    assert found.coulomb_nm.value == pytest.approx(0.249, rel=0.03)
+    assert found.viscous_nm_s_per_rad.value == pytest.approx(0.049, rel=0.08)
+    without = fit_campaign(only(campaign, "friction-static", *MOTION_KINDS)).bundle.friction
+    assert without is not None and without.source == "friction-motion"
+    assert without.coulomb_nm.value == pytest.approx(0.249, rel=0.03)
+    assert without.viscous_nm_s_per_rad.value == pytest.approx(0.049, rel=0.08)
