@@ -145,6 +145,9 @@ def _add_friction(assembly: _Assembly) -> None:
     if tests:
         assembly.progress("friction")
     own, why = _friction_of(tests, rig)
+    if own is not None:
+        # What cannot be friction alone is for the diagnosis to name, not a reason to stop.
+        assembly.notices += [f"friction tests: {line}" for line in own.impossible]
     if own is not None and own.has_sliding:
         assembly.merge(own)
         return

@@ -22,6 +22,7 @@ from sysid.identification.friction.effort import (
     classify,
     classify_trial,
     even_trial,
+    pushed_along,
     units_of,
 )
 from sysid.identification.friction.motion import (
@@ -154,6 +155,9 @@ def _prepared(
             continue
         even = even_trial(trial, rig, fit.notices)
         fit.by_kind[_kind(name) if name else classify(even)].append(even)
+    pushed = pushed_along([e for kind in (SLIDING, MOTION) for e in fit.by_kind[kind]])
+    if pushed:
+        fit.notices.append(pushed)
     if cutoff_hz is None:
         lowest = [default_cutoff(e, DEFAULT_CUTOFF_HZ) for e in fit.by_kind[MOTION] if len(e) > 1]
         fit.cutoff_hz = min(lowest, default=DEFAULT_CUTOFF_HZ)

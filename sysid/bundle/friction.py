@@ -72,6 +72,7 @@ class Friction(Part):
     source: Lenient[str | None] = None
     rmse_nm: Lenient[dict[str, Number] | None] = None
     rmse_n: Lenient[dict[str, Number] | None] = None
+    explained: Absent[Lenient[dict[str, Number] | None]] = None
     cross_check: Lenient[dict[str, Estimate]] = Field(default_factory=dict)
     trials: Lenient[list[TestUse]] = Field(default_factory=list)
     static_by_position: list[Lenient[StaticAtPosition]] = Field(default_factory=list)

@@ -46,6 +46,11 @@ from sysid.io.conversion import ConversionReport
     type=float,
     help="Atmospheric pressure, Pa, for gauge pressures.",
 )
+@click.option("--unwrap", is_flag=True, help="Follow an angle that wraps around over its turns.")
+@click.option("--trim", metavar="FROM:TO", help="Seconds of each test to keep, from its start.")
+@click.option(
+    "--resample", "resample_s", type=float, help="Even sampling period of the log written, s."
+)
 @json_option
 def convert(foreign: Sequence[Path], output: Path, as_json: bool, **options: Any) -> None:
     """Bring a lab's own file (.mat, text, Excel, TDMS, Parquet) into the log format."""

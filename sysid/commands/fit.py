@@ -35,7 +35,7 @@ from sysid.commands.printing import (
 )
 from sysid.display.terminal import console, new_table
 from sysid.errors import input_error
-from sysid.friction import fit_friction
+from sysid.friction import FrictionResult, fit_friction
 from sysid.io.campaign import read_campaign
 from sysid.io.logs import Log, Trial, read_log
 from sysid.io.rig import Rig, find_rig_file, read_rig
@@ -111,13 +111,21 @@ def _friction(
     """Static, Coulomb and viscous friction from ramped, constant or general motion tests."""
     fitted = _fit_part(
         "friction",
-        lambda trials, rig: fit_friction(
-            trials, rig, kind=kind, estimate_inertia=estimate_inertia, cutoff_hz=cutoff_hz
+        lambda trials, rig: _possible(
+            fit_friction(
+                trials, rig, kind=kind, estimate_inertia=estimate_inertia, cutoff_hz=cutoff_hz
+            )
         ),
         _Files(**files),
         options={"cutoff_hz": cutoff_hz, "kind": kind},
     )
     _show(fitted, as_json, _friction_tables)
+
+
+def _possible(result: FrictionResult) -> FrictionResult:
+    """The result; NotIdentifiedError where it cannot be friction."""
+    result.require_possible()
+    return result
 
 
 @fit.command("valve-discrete")

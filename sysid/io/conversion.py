@@ -18,6 +18,7 @@ import numpy as np
 from sysid.errors import InputError, input_error
 from sysid.io.foreign import ForeignTable, read_foreign
 from sysid.io.foreign.recipe import Recipe, extended, kept_rows, read_recipe
+from sysid.io.reshaping import Reshaping, read_trim, reshaped
 from sysid.io.rig import nearest_rig_file, read_rig
 from sysid.io.tables import read_bytes, write_table
 from sysid.io.units import (
@@ -84,12 +85,17 @@ def convert(
     sheet: str | None = None,
     period_s: float | None = None,
     atmosphere_pa: float | None = None,
+    unwrap: bool = False,
+    trim: str | None = None,
+    resample_s: float | None = None,
 ) -> ConversionReport:
     """Read foreign file(s), map their columns to SI and write a log (CSV or Parquet).
 
     `maps` are entries `target=column[:unit]` (`sysid.io.units`), `constants` entries
     `target=value`, `rows` the slices of each file's rows that are kept ("0:500, 900:").
-    Several files become the tests of one log, labelled with their file names.
+    Several files become the tests of one log, labelled with their file names. `unwrap` follows an
+    angle over its turns, `trim` ("FROM:TO", s) keeps a part of each test, `resample_s` gives the
+    rows an even period (`sysid.io.reshaping`).
     Without maps, columns that already have the log format's names are used; without
     `atmosphere_pa`, gauge pressures use that of the rig file nearest to the files. Raises
     InputError, one line with the place and the fix; the output is complete or absent.
@@ -126,11 +132,12 @@ def convert(
         sources.append(ForeignSource(str(path), table.format, hashlib.sha256(raw).hexdigest()))
         unmapped += [name for name in _unused(table, recipe) if name not in unmapped]
         notices += table.notices
-    frame = _joined(frames, paths)
+    how = Reshaping(unwrap, read_trim(trim), resample_s)
+    frame = reshaped(_joined(frames, paths), how, ", ".join(map(str, paths)))
     if unmapped:
         more = " ..." if len(unmapped) > 30 else ""
         notices.append(f"left out, not mapped: {', '.join(unmapped[:30])}{more}")
-    _write(frame, output, sources, recipe)
+    _write(frame, output, sources, recipe, how)
     return ConversionReport(
         output=str(output),
         sources=tuple(sources),
@@ -326,7 +333,11 @@ def _joined(frames: Sequence[pd.DataFrame], paths: Sequence[Path]) -> pd.DataFra
 
 
 def _write(
-    frame: pd.DataFrame, output: Path, sources: Sequence[ForeignSource], recipe: Recipe
+    frame: pd.DataFrame,
+    output: Path,
+    sources: Sequence[ForeignSource],
+    recipe: Recipe,
+    how: Reshaping,
 ) -> None:
     """CSV under comment lines that give its origin, or Parquet with the same metadata."""
     lines = [f"source: {Path(s.path).name} ({s.format}), SHA-256 {s.sha256}" for s in sources]
@@ -338,4 +349,5 @@ def _write(
         lines.append(f"map: sampling period {recipe.period_s:g} s")
     if recipe.rows:
         lines.append(f"map: rows {recipe.rows_text}")
+    lines += how.lines()
     write_table(frame, output, lines)

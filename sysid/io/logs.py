@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from sysid.errors import InputError, input_error
 from sysid.io import plausibility
-from sysid.io.channels import PRESSURES, VALVE_COMMANDS
+from sysid.io.channels import CHAMBER_PRESSURES, PRESSURES, VALVE_COMMANDS
 from sysid.io.rig import Rig
 from sysid.io.samples import Log, Trial, with_channels
 from sysid.io.tables import LogTable, read_table
@@ -31,6 +31,8 @@ _SELDOM_NEEDED = (
 # Consecutive rows of a second sampling period from which a test counts as mixed.
 _MIXED_RUN = 10
 _MIXED_DEVIATION = 0.25
+# Of the motor's limit: no controller saturates a command by so much.
+_FAR_BEYOND = 3.0
 
 
 @dataclass
@@ -80,6 +82,7 @@ def read_log(
     _convert_motor(reading)
     _check_values(reading)
     _check_time(reading, groups)
+    _check_tests(reading, groups)
     trials = tuple(_trial(reading, label, rows) for label, rows in groups)
     return Log(path, table.sha256, trials, tuple(reading.notices), rig)
 
@@ -207,13 +210,21 @@ def _convert_motor(reading: _Reading) -> None:
     plausibility.check_effort(reading.where, target, reading.origin[target], columns[target], rig)
     limit = rig.max_effort
     if limit is not None:
+        highest = float(np.max(np.abs(columns[target])))
         over = int(np.count_nonzero(np.abs(columns[target]) > limit * (1 + 1e-6)))
         if over:
             columns[target] = np.clip(columns[target], -limit, limit)
             reading.notices.append(
                 f"{reading.where}: {target} exceeds the motor's limit of {limit:g} in {over} "
-                "rows; the limit is used there"
+                "rows; the limit is used there" + _volts_hint(highest / limit)
             )
+
+
+def _volts_hint(share: float) -> str:
+    """What to look at where a command goes far beyond the motor's limit."""
+    if share < _FAR_BEYOND:
+        return ""
+    return f" (it reaches {share:.3g} times that: a column in volts is motor_volts)"
 
 
 def _check_values(reading: _Reading) -> None:
@@ -240,13 +251,20 @@ def _check_values(reading: _Reading) -> None:
     position = rig.position_channel
     if position in columns:
         values = columns[position]
-        plausibility.check_position(
+        notice = plausibility.check_position(
             where, position, reading.origin[position], values, smallest_step(values), rig
         )
+        if notice:
+            reading.notices.append(notice)
     if "temperature_k" in columns:
         plausibility.check_temperature(
             where, "temperature_k", reading.origin["temperature_k"], columns["temperature_k"]
         )
+    if not any(np.any(columns[name] != 0.0) for name in VALVE_COMMANDS if name in columns):
+        chambers = {name: columns[name] for name in CHAMBER_PRESSURES if name in columns}
+        notice = plausibility.check_rest(where, chambers, rig)
+        if notice:
+            reading.notices.append(notice)
 
 
 def smallest_step(values: FloatArray) -> float | None:
@@ -319,8 +337,41 @@ def _check_mixed(
                 f"{reading.where}, {_place(reading, rows, int(start) + 1)}",
                 f"the sampling period{name} changes to {float(np.median(second)):.4g} s "
                 f"(elsewhere {median:.4g} s)",
-                "give each rate its own label in the column `test`",
+                "give each rate its own label in the column `test`, or bring them onto one period "
+                "with `sysid convert --resample`",
             )
+
+
+def _check_tests(reading: _Reading, groups: list[tuple[str, NDArray[np.int64] | slice]]) -> None:
+    """What shows within one test: an angle that wraps, single samples that are none."""
+    position = reading.rig.position_channel
+    for label, rows in groups:
+        where = f"{reading.where}, test {label}" if label else reading.where
+        if position in reading.columns:
+            plausibility.check_wraps(where, position, reading.columns[position][rows], reading.rig)
+        for name in (position, *PRESSURES):
+            if name in reading.columns:
+                _drop_spikes(reading, name, rows, where)
+
+
+def _drop_spikes(reading: _Reading, name: str, rows: NDArray[np.int64] | slice, where: str) -> None:
+    """Put single samples far outside a test's own range on the line between their neighbours."""
+    values = reading.columns[name][rows]
+    spikes = plausibility.spikes(values)
+    if spikes.size == 0:
+        return
+    ordinary = np.delete(np.arange(len(values)), spikes)
+    mended = values.copy()
+    mended[spikes] = np.interp(spikes, ordinary, values[ordinary])
+    column = reading.columns[name].copy()
+    column[rows] = mended
+    reading.columns[name] = column
+    shown = ", ".join(
+        f"{values[i]:.4g} in {_place(reading, rows, int(i))}" for i in spikes.tolist()
+    )
+    reading.notices.append(
+        f"{where}: {name}: a single sample far outside all others is left out: {shown}"
+    )
 
 
 def _trial(reading: _Reading, label: str, rows: NDArray[np.int64] | slice) -> Trial:

@@ -8,8 +8,10 @@ likely unit and the `--map` entry that converts it.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.errors import SysidError, input_error
 from sysid.io.rig import Rig
@@ -24,11 +26,27 @@ PRESSURE_UNITS = {
     "MPa": 1e6,
 }
 _LEAST_SPREAD_PA = 50.0
+_SLOWEST_S = 0.25
+_LEAST_FOR_SPIKES = 50
+_MOST_SPIKES = 3
+_APART = 0.5
+_STEPS_APART = 20.0
 _TIME_UNITS = {"ms": 1e-3, "us": 1e-6, "min": 60.0}
 # An actuator's chamber is never evacuated far below the atmosphere.
 _LOWEST_SHARE_OF_ATMOSPHERE = 0.5
 _HIGHEST_SHARE_OF_SUPPLY = 4.0
-_DEGREES = 180.0 / math.pi
+# Of the travel: a stop yields, and a pitch radius is known to some percent.
+_BEYOND_THE_STOP = 0.05
+_ROTARY_STEPS = {"deg": 180.0 / math.pi, "rev": 0.5 / math.pi, "mrad": 1e3}
+_LINEAR_STEPS = {"mm": 1e3, "um": 1e6, "cm": 1e2}
+_NAMES = {
+    "deg": "degrees",
+    "rev": "revolutions",
+    "mrad": "milliradians",
+    "mm": "millimetres",
+    "um": "micrometres",
+    "cm": "centimetres",
+}
 
 
 def _mapping(target: str, column: str, unit: str) -> str:
@@ -71,33 +89,98 @@ def _pressure_mend(
 
 def check_position(
     where: str, target: str, column: str, values: FloatArray, step: float | None, rig: Rig
-) -> None:
+) -> str | None:
     """Position (n,) rad or m against the stroke and the encoder's resolution.
 
-    `step` is the smallest change in the data, or None where it is unknown.
+    `step` is the smallest change in the data, or None where it is unknown. Raises InputError on a
+    wrong unit; a notice where the zero cannot lie in the middle of the stroke, else None.
     """
-    resolution = None
-    if rig.sensors.encoder_counts_per_rev is not None and not rig.is_linear:
-        resolution = 2 * math.pi / rig.sensors.encoder_counts_per_rev
-    if resolution and step and abs(step / resolution / _DEGREES - 1.0) < 0.02:
+    _check_step(where, target, column, step, rig)
+    if rig.travel is None:
+        return None
+    low, high = float(np.min(values)), float(np.max(values))
+    unit, si = ("mm", "m") if rig.is_linear else ("deg", "rad")
+    if high - low > 1.15 * rig.travel or max(-low, high) > 1.5 * rig.travel:
         raise input_error(
             where,
-            f"{target} moves in steps of {step:.3g}, {_DEGREES:.1f} times the encoder's "
-            f"resolution of {resolution:.3g} rad: it looks like degrees",
-            _mapping(target, column, "deg"),
+            f"{target} runs from {low:.4g} to {high:.4g} {si}, "
+            f"more than the stroke of {rig.travel:.4g} {si} allows",
+            _mapping(target, column, unit),
         )
-    if rig.travel is None:
-        return
-    span, reach = float(np.ptp(values)), float(np.max(np.abs(values)))
-    if span <= 1.15 * rig.travel and reach <= 1.5 * rig.travel:
-        return
-    unit, si = ("mm", "m") if rig.is_linear else ("deg", "rad")
-    raise input_error(
-        where,
-        f"{target} runs from {float(np.min(values)):.4g} to {float(np.max(values)):.4g} {si}, "
-        f"more than the stroke of {rig.travel:.4g} {si} allows",
-        _mapping(target, column, unit),
+    if max(-low, high) <= (0.5 + _BEYOND_THE_STOP) * rig.travel:
+        return None
+    return (
+        f"{where}: {target} runs from {low:.4g} to {high:.4g} {si}, beyond the end stops at "
+        f"+-{0.5 * rig.travel:.4g} {si}: its zero is not the middle of the stroke, or stroke_m "
+        "or pitch_radius_m is wrong"
     )
+
+
+def _check_step(where: str, target: str, column: str, step: float | None, rig: Rig) -> None:
+    """The smallest change in the data against the encoder's resolution: the unit that it shows."""
+    per_unit = rig.sensors.encoder_counts_per_m
+    if not rig.is_linear:
+        per_turn = rig.sensors.encoder_counts_per_rev
+        per_unit = None if per_turn is None else per_turn / (2.0 * math.pi)
+    if per_unit is None or not step:
+        return
+    units = _LINEAR_STEPS if rig.is_linear else _ROTARY_STEPS
+    si = "m" if rig.is_linear else "rad"
+    for unit, factor in units.items():
+        if abs(step * per_unit / factor - 1.0) < 0.02:
+            raise input_error(
+                where,
+                f"{target} moves in steps of {step:.3g}, {factor:.3g} times the encoder's "
+                f"resolution of {1.0 / per_unit:.3g} {si}: it looks like {_NAMES[unit]}",
+                _mapping(target, column, unit),
+            )
+
+
+def check_wraps(where: str, target: str, values: FloatArray, rig: Rig) -> None:
+    """One test's angle (n,) rad: InputError where it wraps around at a full turn."""
+    if rig.is_linear or len(values) < 2:
+        return
+    steps = np.abs(np.diff(values))
+    wraps = np.abs(steps - 2.0 * math.pi) < 0.3
+    if wraps.any() and float(np.max(steps[~wraps], initial=0.0)) < 1.0:
+        raise input_error(
+            where,
+            f"{target} wraps around at 2 pi {int(np.count_nonzero(wraps))} times",
+            "unwrap it with `sysid convert --unwrap`",
+        )
+
+
+def spikes(values: FloatArray) -> NDArray[np.intp]:
+    """Rows of single samples that lie farther outside all others than half these others' range.
+
+    `values` (n,), of one test; at most `_MOST_SPIKES` rows to a side, none beside another. A
+    transmission error is such a sample; no pressure or position jumps there and back.
+    """
+    found: list[int] = []
+    steps = np.abs(np.diff(values))
+    moves = steps[steps > 0.0]
+    if len(values) < _LEAST_FOR_SPIKES or moves.size == 0:
+        return np.array(found, dtype=np.intp)
+    least = _STEPS_APART * float(np.median(moves))
+    for side in (1.0, -1.0):
+        found += _highest_apart(side * values, least)
+    return np.array(sorted(found), dtype=np.intp)
+
+
+def _highest_apart(values: FloatArray, least: float) -> list[int]:
+    """The rows of the few highest values that stand apart from the rest, each alone, by `least`."""
+    count = _MOST_SPIKES + 1
+    top = np.argpartition(values, -count)[-count:]
+    top = top[np.argsort(values[top])[::-1]]
+    low = float(np.min(values))
+    for many in range(_MOST_SPIKES, 0, -1):
+        rest = float(values[top[many]])
+        rows = set(top[:many].tolist())
+        apart = float(values[top[many - 1]]) - rest > max(_APART * (rest - low), least)
+        alone = not any(i + 1 in rows for i in rows)
+        if apart and alone and rest > low:
+            return sorted(rows)
+    return []
 
 
 def check_effort(where: str, target: str, column: str, values: FloatArray, rig: Rig) -> None:
@@ -131,7 +214,7 @@ def check_fraction(where: str, target: str, column: str, values: FloatArray) -> 
 def check_sampling(where: str, column: str, period: float, rig: Rig) -> str | None:
     """Sampling period (s) against the rig's: raises on a wrong unit, else a notice or None."""
     if rig.sampling is None:
-        return None
+        return _slow(where, column, period)
     ratio = period / rig.sampling.period_s
     for unit, factor in _TIME_UNITS.items():
         if abs(ratio * factor - 1.0) < 0.02:
@@ -147,6 +230,32 @@ def check_sampling(where: str, column: str, period: float, rig: Rig) -> str | No
             f"{rig.sampling.period_s:.4g} s; the log's is used"
         )
     return None
+
+
+def _slow(where: str, column: str, period: float) -> str | None:
+    """A notice of rows so far apart that no actuator moves between them; or None."""
+    if period <= _SLOWEST_S:
+        return None
+    return (
+        f"{where}: time_s advances by {period:.4g} s per row, too slow for an actuator's motion: "
+        + _mapping("time_s", column, "ms")
+    )
+
+
+def check_rest(where: str, pressures: Mapping[str, FloatArray], rig: Rig) -> str | None:
+    """Chamber pressures, (n,) Pa each, of a log whose valves never switch: a notice where the
+    chambers rest at the atmosphere's pressure twice over, else None."""
+    if rig.air is None or not pressures:
+        return None
+    twice = 2.0 * rig.air.atmospheric_pressure_pa
+    rests = [float(np.median(values)) for values in pressures.values()]
+    lowest = min(float(np.min(values)) for values in pressures.values())
+    if lowest < 0.9 * twice or any(abs(rest / twice - 1.0) > 0.05 for rest in rests):
+        return None
+    return (
+        f"{where}: {' and '.join(pressures)} rest at {rests[0]:.4g} Pa though no valve opens: is "
+        "the atmosphere's pressure added twice? Map an absolute pressure without (g)"
+    )
 
 
 def check_temperature(where: str, target: str, column: str, values: FloatArray) -> None:

@@ -58,20 +58,23 @@ def fit_friction(
     `coulomb_n`), with `value`, `std`, `interval` (95 %) and `unit`. `rig` None: that of the logs.
     `kind` ("static", "sliding", "motion"; one, or one per test) overrides a test's content;
     `estimate_inertia` even if the rig file gives one; `cutoff_hz` of the zero-phase filter.
-    Raises InputError where a channel is missing, NotIdentifiedError where nothing is identified.
+    Raises InputError where a channel is missing, NotIdentifiedError where nothing is identified or
+    what is found cannot be friction.
 
     >>> friction = si.fit_friction(log)
     >>> low, high = friction.coulomb_nm.interval
     >>> low < friction.coulomb_nm.value < high, friction.coulomb_nm.unit
     (True, 'Nm')
     """
-    return friction.fit_friction(
+    found = friction.fit_friction(
         trials_of(tests),
         rig_of(tests, rig),
         kind=kind,
         estimate_inertia=estimate_inertia,
         cutoff_hz=cutoff_hz,
     )
+    found.require_possible()
+    return found
 
 
 def fit_valve_discrete(

@@ -7,6 +7,7 @@ or m accordingly.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -27,6 +28,8 @@ KINDS = (STATIC, SLIDING, MOTION)
 # Samples within this share of the stroke from an end are not part of the model (log-format.md).
 END_MARGIN = 0.01
 MIN_SAMPLES = 50
+_BLOCK_S = 0.05
+_PUSHED = 0.3  # correlation of speed and push
 
 
 @dataclass(frozen=True)
@@ -248,3 +251,32 @@ def constant_run(drive: FloatArray) -> tuple[int, int]:
     lengths = edges[1::2] - edges[::2]
     longest = int(np.argmax(lengths))
     return int(edges[2 * longest]), int(edges[2 * longest + 1])
+
+
+def pushed_along(trials: Sequence[EvenTrial]) -> str | None:
+    """A notice where the chambers' air pushes the motion along though only the motor drives it.
+
+    Air that breathes through open exhausts resists: its effort and the speed have opposite signs
+    in the mean over all trials. None where they do, or where the trials do not tell.
+    """
+    pairs = [_blocks(t) for t in trials if not t.valves_move and np.any(t.motor)]
+    pairs = [(v, c) for v, c in pairs if np.any(c)]
+    if not pairs:
+        return None
+    speed, push = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
+    size = math.sqrt(float(speed @ speed) * float(push @ push))
+    if size == 0.0 or float(speed @ push) < _PUSHED * size:
+        return None
+    return (
+        "the chambers' pressures push the motion along though only the motor drives it: are "
+        "pressure_a_pa and pressure_b_pa swapped, or is the position's sign reversed?"
+    )
+
+
+def _blocks(trial: EvenTrial) -> tuple[FloatArray, FloatArray]:
+    """Mean speed and mean effort of the cylinder over blocks of 50 ms, (m,) each."""
+    size = max(1, round(_BLOCK_S / trial.period))
+    count = (len(trial) - 1) // size
+    marks = size * np.arange(count + 1)
+    push = trial.cylinder[: count * size].reshape(count, size).mean(axis=1)
+    return np.diff(trial.position[marks]) / (size * trial.period), push

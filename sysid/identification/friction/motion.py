@@ -74,7 +74,10 @@ class MotionSamples:
 
 @dataclass(frozen=True)
 class MotionFriction:
-    """Friction from motion; `inertia` is None where the rig file's was used."""
+    """Friction from motion; `inertia` is None where the rig file's was used.
+
+    `explained` is the share of the filtered effort's variance that the law explains (R2).
+    """
 
     coulomb: Estimate
     viscous: Estimate
@@ -83,6 +86,7 @@ class MotionFriction:
     rmse: float
     samples: int
     apart: bool
+    explained: float
     notices: tuple[str, ...] = ()
 
 
@@ -260,6 +264,7 @@ def _fit_samples(
         rmse,
         count,
         fits is not None,
+        _explained(samples, rmse, values, inertia),
         tuple(notices),
     )
 
@@ -292,6 +297,7 @@ def _coulomb_alone(
         rmse,
         count,
         False,
+        _explained(samples, rmse, values, inertia),
         (f"friction from motion: {reason}; the Coulomb friction holds at that speed",),
     )
 
@@ -380,6 +386,16 @@ def _rmse(
     squares = [(s.effort - s.regressors @ full) ** 2 for s in samples]
     count = sum(map(len, squares))
     return math.sqrt(sum(float(np.sum(part)) for part in squares) / count), count
+
+
+def _explained(
+    samples: Sequence[MotionSamples], rmse: float, values: FloatArray, inertia: float | None
+) -> float:
+    """R2 of the effort that the parameters balance; what a given inertia takes is not explained."""
+    known = 0.0 if inertia is None or len(values) > INERTIA else inertia
+    effort = np.concatenate([s.effort - known * s.regressors[:, INERTIA] for s in samples])
+    spread = float(np.var(effort))
+    return 1.0 - rmse**2 / spread if spread > 0.0 else 0.0
 
 
 def effort_rmse(

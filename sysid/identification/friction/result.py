@@ -12,6 +12,7 @@ import numpy as np
 from sysid.bundle import Friction, Parts
 from sysid.display.plots import legend, one_axes
 from sysid.display.tables import Shown, ShownTable, estimate_records, estimate_table
+from sysid.errors import NotIdentifiedError
 from sysid.estimation.linear import Estimate, FTest
 from sysid.estimation.named import NamedEstimates
 from sysid.identification.friction.effort import KINDS, MOTION, SLIDING, STATIC, TrialUse, Units
@@ -21,6 +22,11 @@ from sysid.identification.friction.static import CRITERION, StaticFriction
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+# From there on the numbers describe something else than friction.
+_LEAST_EXPLAINED = 0.5
+_MOST_SCATTER = 0.5
+_MOST_INERTIAL = 0.3
 
 
 @dataclass(frozen=True, repr=False)
@@ -80,8 +86,52 @@ class FrictionResult(NamedEstimates, Shown):
                     f"cross-check, from motion: {name} {estimate.value:.4g} +- "
                     f"{estimate.std:.2g} {estimate.unit}"
                 )
-        lines += [f"RMSE of the fit of {k}: {v:.3g} {self.units.effort}" for k, v in self._rmse()]
+        for k, v in self._rmse():
+            share = f", R2 {self.explained[k]:.4g}" if k in self.explained else ""
+            lines.append(f"RMSE of the fit of {k}: {v:.3g} {self.units.effort}{share}")
         return tuple(lines)
+
+    @property
+    def impossible(self) -> tuple[str, ...]:
+        """What cannot be in the estimates, one line each: the tests then show something else."""
+        u = self.units
+        found = []
+        for name in (u.static, u.coulomb, u.viscous):
+            e = self.parameters[name]
+            if e.identified and e.interval[1] < 0.0:
+                found.append(f"{name} is {e.value:.3g} {e.unit}, below zero beyond its interval")
+        if self.sliding is not None and self.sliding.scatter > _MOST_SCATTER:
+            found.append(
+                "friction scatters by "
+                f"{100.0 * self.sliding.scatter:.0f} % from constant-effort trial to trial"
+            )
+        share = self._inertial_share()
+        if share > _MOST_INERTIAL:
+            found.append(
+                f"the change of momentum is {100.0 * share:.0f} % of the friction in trials of "
+                "steady speed: the rig file's inertia is too large"
+            )
+        if self.motion is not None and self.motion.explained < _LEAST_EXPLAINED:
+            share = max(100.0 * self.motion.explained, 0.0)
+            found.append(
+                f"the law explains {share:.0f} % of the effort in motion "
+                f"(RMSE {self.motion.rmse:.3g} {u.effort})"
+            )
+        return tuple(found)
+
+    def _inertial_share(self) -> float:
+        """Median share of the inertia in the balance of the steady trials, 0 without any."""
+        steady = [u.values for u in self.trials if u.used and u.values.get("steady")]
+        return float(np.median([abs(v["inertial"] / v["friction"]) for v in steady] or [0.0]))
+
+    def require_possible(self) -> None:
+        """Raise NotIdentifiedError where an estimate cannot be friction (`impossible`)."""
+        if self.impossible:
+            raise NotIdentifiedError(
+                f"friction: {'; '.join(self.impossible)}: look for a wrong unit or time base, "
+                "swapped or wrong pressures, an effort that is not logged, or a load that the rig "
+                "file lacks"
+            )
 
     @property
     def why_no_sliding(self) -> str:
@@ -96,6 +146,11 @@ class FrictionResult(NamedEstimates, Shown):
 
     def _rmse(self) -> list[tuple[str, float]]:
         return [(k, v) for k, v in self.rmse.items() if k != STATIC]
+
+    @property
+    def explained(self) -> dict[str, float]:
+        """R2 by kind: share of the variance of the effort in motion that the law explains."""
+        return {} if self.motion is None else {MOTION: self.motion.explained}
 
     def part(self) -> Parts:
         """The bundle's `friction` (`spec/bundle.md`), with the supporting tables."""
@@ -114,6 +169,7 @@ class FrictionResult(NamedEstimates, Shown):
             curved = self.sliding.lack_of_fit
             table["sliding_lack_of_fit"] = None if curved is None else _test(curved)
         if self.motion is not None:
+            table["explained"] = self.explained
             table["motion_rule"] = RULE
             table["cutoff_hz"] = self.cutoff_hz
         return Parts(friction=Friction(**table))

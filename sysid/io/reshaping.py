@@ -1,0 +1,131 @@
+"""A log's rows brought into shape by `sysid convert`: unwrapped, trimmed, on an even period.
+
+Measured signals are interpolated linearly between their own rows, which neither overshoots nor
+adds what was not measured; commands hold from their row to the next.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sysid.errors import input_error
+from sysid.io.channels import VALVE_COMMANDS
+from sysid.io.units import TEST_COLUMN
+from sysid.types import FloatArray
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_HELD = (*VALVE_COMMANDS, "motor_volts", "motor_torque_nm", "motor_force_n", "pump_volts")
+_MOST_ROWS = 50_000_000
+_COUNTS = "encoder_counts"
+
+
+@dataclass(frozen=True)
+class Reshaping:
+    """What to do with a log's rows: `unwrap` its angle, keep the seconds from `trim_s[0]` to
+    `trim_s[1]` of each test (None: open), `period_s` (s) of the rows afterwards."""
+
+    unwrap: bool = False
+    trim_s: tuple[float | None, float | None] = (None, None)
+    period_s: float | None = None
+
+    def lines(self) -> Iterable[str]:
+        """What a log's header says about it, one line each."""
+        if self.unwrap:
+            yield "map: angle unwrapped"
+        if self.trim_s != (None, None):
+            first, last = ("" if s is None else f"{s:g}" for s in self.trim_s)
+            yield f"map: trimmed to {first}:{last} s of each test"
+        if self.period_s is not None:
+            yield f"map: resampled to {self.period_s:g} s (measurements linear, commands held)"
+
+
+def read_trim(text: str | None) -> tuple[float | None, float | None]:
+    """Seconds "FROM:TO", either of them left out. Raises InputError."""
+    if text is None:
+        return None, None
+    first, colon, last = text.partition(":")
+    try:
+        limits = tuple(float(part) if part.strip() else None for part in (first, last))
+    except ValueError:
+        limits = ()
+    known = [s for s in limits if s is not None]
+    if not colon or not known or not all(map(math.isfinite, known)) or known != sorted(known):
+        raise input_error("--trim", f"{text!r} is not FROM:TO in seconds", "write --trim 0.5:8")
+    return limits[0], limits[1]
+
+
+def reshaped(frame: pd.DataFrame, how: Reshaping, where: str) -> pd.DataFrame:
+    """The log's columns (SI) after `how`, test by test. Raises InputError, naming `where`."""
+    if how == Reshaping():
+        return frame
+    import pandas as pd
+
+    if how.period_s is not None and not 0.0 < how.period_s < math.inf:
+        raise input_error("--resample", f"{how.period_s:g} s is no period", "give one above 0")
+    if TEST_COLUMN not in frame:
+        return _one(frame, how, where)
+    groups = frame.groupby(TEST_COLUMN, sort=False)
+    parts = [_one(group, how, f"{where}, test {label}") for label, group in groups]
+    return pd.concat(parts, ignore_index=True)
+
+
+def _one(frame: pd.DataFrame, how: Reshaping, where: str) -> pd.DataFrame:
+    """One test."""
+    frame = frame.copy()
+    if how.unwrap:
+        _unwrap(frame, where)
+    first, last = how.trim_s
+    since = frame["time_s"] - frame["time_s"].iloc[0]
+    kept = (since >= (-math.inf if first is None else first)) & (
+        since <= (math.inf if last is None else last)
+    )
+    if not kept.any():
+        raise input_error("--trim", f"keeps no row of {where}", "give seconds within the test")
+    frame = frame[kept]
+    return frame if how.period_s is None else _resampled(frame, how.period_s, where)
+
+
+def _unwrap(frame: pd.DataFrame, where: str) -> None:
+    """Follow the angle over its turns; in place."""
+    if "theta_rad" not in frame:
+        why = f"{_COUNTS} wrap at a number that the log does not say" if _COUNTS in frame else ""
+        raise input_error(where, f"has no theta_rad to unwrap{why and '; ' + why}", "map an angle")
+    frame["theta_rad"] = np.unwrap(frame["theta_rad"].to_numpy(float))
+
+
+def _resampled(frame: pd.DataFrame, period: float, where: str) -> pd.DataFrame:
+    """Rows every `period` s from the test's first to its last."""
+    import pandas as pd
+
+    time: FloatArray = frame["time_s"].to_numpy(float)
+    if np.any(np.diff(time) <= 0.0):
+        raise input_error(
+            where, "time_s does not increase from row to row", "sort the rows, or label the tests"
+        )
+    rows = math.floor((time[-1] - time[0]) / period + 1e-9) + 1
+    if not 2 <= rows <= _MOST_ROWS:
+        raise input_error(
+            "--resample", f"{period:g} s leaves {where} {rows} rows", "choose another"
+        )
+    grid = time[0] + period * np.arange(rows)
+    held = np.clip(np.searchsorted(time, grid + 1e-6 * period, side="right") - 1, 0, None)
+    columns = {}
+    for name in frame.columns:
+        values = frame[name].to_numpy()
+        if name == "time_s":
+            columns[name] = grid
+        elif name == TEST_COLUMN or name in _HELD:
+            columns[name] = values[held]
+        else:
+            columns[name] = np.interp(grid, time, values.astype(float))
+    return pd.DataFrame(columns)
+
+
+__all__ = ["Reshaping", "read_trim", "reshaped"]

@@ -1,0 +1,177 @@
+"""Well-formed logs whose numbers cannot be: said before a number is (`benchmarks/slips.py`)."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from golden_folder import BUNDLED
+
+from sysid.errors import InputError, NotIdentifiedError
+from sysid.friction import fit_friction
+from sysid.identification.friction.result import FrictionResult
+from sysid.io.conversion import convert
+from sysid.io.logs import Log, read_log
+from sysid.io.plausibility import spikes
+from sysid.io.rig import Rig, read_rig
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    return read_rig(BUNDLED / "rig.toml")
+
+
+def bundled(name: str = "friction_sliding") -> pd.DataFrame:
+    return pd.read_parquet(BUNDLED / f"{name}.parquet")
+
+
+def read(frame: pd.DataFrame, rig: Rig, folder: Path) -> Log:
+    file = folder / "log.parquet"
+    frame.to_parquet(file)
+    return read_log(file, rig)
+
+
+def fitted(frame: pd.DataFrame, rig: Rig, folder: Path) -> FrictionResult:
+    return fit_friction(read(frame, rig, folder).trials, rig)
+
+
+@pytest.mark.parametrize(
+    ("factor", "unit"), [(180.0 / np.pi, "deg"), (0.5 / np.pi, "rev"), (1e3, "mrad")]
+)
+def test_an_angle_in_another_unit_is_known_by_the_encoder(
+    factor: float, unit: str, rig: Rig, tmp_path: Path
+) -> None:
+    frame = bundled("friction_static").assign(theta_rad=lambda f: factor * f["theta_rad"])
+    with pytest.raises(InputError, match=f"theta_rad=theta_rad:{unit}"):
+        read(frame, rig, tmp_path)
+
+
+def test_an_angle_beyond_its_stops_is_said(rig: Rig, tmp_path: Path) -> None:
+    shifted = read(bundled().assign(theta_rad=lambda f: f["theta_rad"] + 0.5), rig, tmp_path)
+    assert any("beyond the end stops" in n for n in shifted.notices)
+    assert not any("end stops" in n for n in read(bundled(), rig, tmp_path).notices)
+
+
+def test_an_angle_that_wraps_is_refused_and_can_be_unwrapped(rig: Rig, tmp_path: Path) -> None:
+    frame = bundled("friction_motion")
+    turned = dataclasses.replace(rig, cylinder=None, sensors=type(rig.sensors)())
+    wide = frame.assign(theta_rad=4.0 * frame["theta_rad"])
+    wrapped = wide.assign(theta_rad=np.mod(wide["theta_rad"], 2.0 * np.pi))
+    with pytest.raises(InputError, match=r"wraps around at 2 pi.*convert --unwrap"):
+        read(wrapped, turned, tmp_path)
+    wrapped.to_parquet(tmp_path / "wrapped.parquet")
+    convert(tmp_path / "wrapped.parquet", tmp_path / "out.parquet", unwrap=True)
+    for trial in read_log(tmp_path / "out.parquet", turned).trials:
+        own = wide[wide["test"].astype(str) == trial.label]["theta_rad"].to_numpy()
+        offset = trial["theta_rad"] - own
+        assert np.ptp(offset) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_rows_every_ten_seconds_are_said_without_a_declared_period(
+    rig: Rig, tmp_path: Path
+) -> None:
+    slow = bundled().assign(time_s=lambda f: 1e3 * f["time_s"])
+    open_rig = dataclasses.replace(rig, sampling=None)
+    assert any("too slow for an actuator" in n for n in read(slow, open_rig, tmp_path).notices)
+
+
+def test_chambers_that_rest_at_twice_the_atmosphere_are_said(rig: Rig, tmp_path: Path) -> None:
+    names = ("pressure_a_pa", "pressure_b_pa")
+    twice = bundled().assign(**{n: bundled()[n] + 100200.0 for n in names})
+    assert any("added twice" in n for n in read(twice, rig, tmp_path).notices)
+
+
+def test_volts_under_the_name_of_a_torque_are_said(rig: Rig, tmp_path: Path) -> None:
+    volts = bundled().assign(motor_torque_nm=lambda f: f["motor_torque_nm"] / 0.078)
+    assert any("motor_volts" in n for n in read(volts, rig, tmp_path).notices)
+
+
+def test_a_single_wild_sample_is_left_out_and_named(rig: Rig, tmp_path: Path) -> None:
+    frame = bundled()
+    frame.loc[1000, "pressure_a_pa"] = 1.2e6
+    log = read(frame, rig, tmp_path)
+    (notice,) = (n for n in log.notices if "single sample" in n)
+    assert "1.2e+06" in notice and "1001" in notice
+    clean = fit_friction(read(bundled(), rig, tmp_path).trials, rig)
+    again = fit_friction(log.trials, rig)
+    assert again.coulomb_nm.value == pytest.approx(clean.coulomb_nm.value, rel=1e-3)
+
+
+def test_spikes_are_not_seen_in_ordinary_signals() -> None:
+    rng = np.random.default_rng(3)
+    time = np.arange(4000) / 1000.0
+    signals = [
+        rng.normal(size=4000),
+        np.round(rng.normal(size=4000) * 0.4),
+        np.where(time < 2.0, 1e5, 3e5) + 150.0 * rng.normal(size=4000),
+        2e5 + 5e3 * ((time * 200.0) % 1.0 < 0.1) + 150.0 * rng.normal(size=4000),
+        np.cumsum(rng.normal(size=4000)),
+        np.zeros(4000),
+    ]
+    assert [spikes(s).size for s in signals] == [0] * len(signals)
+    with_two = signals[0].copy()
+    with_two[[0, 700]] = 40.0, -30.0
+    assert spikes(with_two).tolist() == [0, 700]
+
+
+def test_swapped_chambers_push_the_motion_along(rig: Rig, tmp_path: Path) -> None:
+    frame = bundled()
+    swapped = frame.assign(
+        pressure_a_pa=frame["pressure_b_pa"], pressure_b_pa=frame["pressure_a_pa"]
+    )
+    assert any("swapped" in n for n in fitted(swapped, rig, tmp_path).notices)
+    assert not any("swapped" in n for n in fitted(frame, rig, tmp_path).notices)
+
+
+@pytest.mark.parametrize("column", ["motor_torque_nm", "theta_rad"])
+def test_friction_that_cannot_be_is_no_result(column: str, rig: Rig, tmp_path: Path) -> None:
+    frame = bundled("friction_motion")
+    found = fitted(frame.assign(**{column: -frame[column]}), rig, tmp_path)
+    with pytest.raises(NotIdentifiedError, match="below zero beyond its interval"):
+        found.require_possible()
+    fitted(frame, rig, tmp_path).require_possible()
+
+
+def test_an_inertia_a_thousand_times_too_large_is_no_result(rig: Rig, tmp_path: Path) -> None:
+    text = (BUNDLED / "rig.toml").read_text()
+    (tmp_path / "rig.toml").write_text(text.replace("= 0.019623", "= 19.623"))
+    heavy = read_rig(tmp_path / "rig.toml")
+    assert heavy.total_inertia() == pytest.approx(1e3 * (rig.total_inertia() or 0.0), rel=0.1)
+    found = fitted(bundled(), heavy, tmp_path)
+    with pytest.raises(NotIdentifiedError, match="inertia is too large"):
+        found.require_possible()
+
+
+def test_a_drifting_period_can_be_resampled(tmp_path: Path) -> None:
+    rng = np.random.default_rng(5)
+    time = np.cumsum(np.where(np.arange(400) < 200, 0.010, 0.018) + 1e-4 * rng.random(400))
+    frame = pd.DataFrame(
+        {
+            "time_s": time,
+            "motor_torque_nm": np.sign(np.sin(3.0 * time)),
+            "theta_rad": 0.2 * np.sin(2.0 * time),
+        }
+    )
+    frame.to_csv(tmp_path / "drift.csv", index=False)
+    axis = Rig("axis", "horizontal", "rotary")
+    with pytest.raises(InputError, match="convert --resample"):
+        read_log(tmp_path / "drift.csv", axis)
+    convert(tmp_path / "drift.csv", tmp_path / "even.csv", resample_s=0.01, trim="0.5:4")
+    assert "resampled to 0.01 s" in (tmp_path / "even.csv").read_text()
+    (trial,) = read_log(tmp_path / "even.csv", axis).trials
+    assert np.ptp(np.diff(trial.time)) < 1e-9
+    assert trial.time[0] == pytest.approx(time[0] + 0.5, abs=0.02)
+    assert set(np.unique(trial["motor_torque_nm"])) <= {-1.0, 1.0}
+    assert trial["theta_rad"] == pytest.approx(0.2 * np.sin(2.0 * trial.time), abs=1e-4)
+
+
+@pytest.mark.parametrize("trim", ["5", "a:b", ":", "4:1"])
+def test_a_trim_that_is_none_is_refused(trim: str, tmp_path: Path) -> None:
+    pd.DataFrame({"time_s": [0.0, 1.0], "theta_rad": [0.0, 1.0]}).to_csv(
+        tmp_path / "a.csv", index=False
+    )
+    with pytest.raises(InputError, match="FROM:TO"):
+        convert(tmp_path / "a.csv", tmp_path / "b.csv", trim=trim)
