@@ -23,6 +23,7 @@ from sysid.io.channels import CHAMBER_PRESSURES
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.io.source import Source
+from sysid.parallel import run_all
 from sysid.types import Progress, no_progress
 from sysid.valve_discrete import fit_valve_discrete
 from sysid.valve_pwm import fit_valve_pwm
@@ -265,11 +266,8 @@ def _add_valves(assembly: _Assembly, surface: str, seed: int) -> None:
             jobs.append(_ValveJob(kind, valve, trials, assembly.campaign.rig, surface, seed))
     if not jobs:
         return
-    import joblib
-
     assembly.progress("; ".join(job.name for job in jobs))
-    workers = min(len(jobs), joblib.cpu_count())
-    found = joblib.Parallel(n_jobs=workers)(joblib.delayed(job.fit)() for job in jobs)
+    found = run_all(job.fit for job in jobs)
     for part, remarks, notices in reversed(found):
         assembly.parts = assembly.parts.merged(part)
         assembly.remarks += remarks

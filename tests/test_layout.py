@@ -17,7 +17,7 @@ PACKAGE = Path(__file__).resolve().parent.parent / "sysid"
 
 FLOORS: tuple[tuple[str, ...], ...] = (
     ("errors", "types"),
-    ("signals", "estimation"),
+    ("signals", "estimation", "parallel"),
     ("display",),
     ("io",),
     ("model",),

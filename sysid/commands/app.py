@@ -14,7 +14,7 @@ from typing import Any
 
 import click
 
-from sysid import __version__
+from sysid import __version__, parallel
 from sysid.errors import SysidError
 
 # Small matrices are slower on several BLAS threads; read when numpy is first imported.
@@ -79,6 +79,12 @@ class _App(click.Group):
 
 @click.group(cls=_App, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="sysid")
+@click.option(
+    "--jobs",
+    metavar="N",
+    expose_value=False,
+    help="Processes at most, anywhere on the line (also SYSID_JOBS); 1: none but this one.",
+)
 def app() -> None:
     """Turn logged tests of a pneumatic actuator into a model that controllers can trust."""
 
@@ -86,7 +92,8 @@ def app() -> None:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; the exit status of `spec/cli.md`, errors as one line on standard error."""
     try:
-        app(args=arguments, prog_name="sysid", standalone_mode=False)
+        words = _without_jobs(sys.argv[1:] if arguments is None else arguments)
+        app(args=words, prog_name="sysid", standalone_mode=False)
     except SysidError as error:
         return _report("error", str(error), error.exit_code)
     except click.exceptions.NoArgsIsHelpError as error:
@@ -111,6 +118,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
             "fault", f"{what} (a fault in sysid itself; SYSID_DEBUG=1 shows where)", _FAULT
         )
     return 0
+
+
+def _without_jobs(words: Sequence[str]) -> list[str]:
+    """The line without `--jobs N`, which holds for every command. Raises InputError."""
+    kept: list[str] = []
+    rest = list(words)
+    while rest:
+        word = rest.pop(0)
+        if word == "--":
+            return [*kept, word, *rest]
+        name, equals, value = word.partition("=")
+        if name != "--jobs":
+            kept.append(word)
+            continue
+        if not equals and not rest:
+            raise click.UsageError("Option '--jobs' requires an argument.")
+        os.environ[parallel.VARIABLE] = value if equals else rest.pop(0)
+        parallel.check_jobs("--jobs")
+    return kept
 
 
 def _report(kind: str, line: str, code: int) -> int:

@@ -292,11 +292,12 @@ def _check_time(reading: _Reading, groups: list[tuple[str, NDArray[np.int64] | s
             raise _time_error(reading, rows, int(bad[0]), name)
         periods.append(float(np.median(steps)))
         _check_mixed(reading, rows, steps, name)
-    notice = plausibility.check_sampling(
-        reading.where, reading.origin["time_s"], float(np.median(periods)), reading.rig
+    period, column = float(np.median(periods)), reading.origin["time_s"]
+    told = (
+        plausibility.check_sampling(reading.where, column, period, reading.rig),
+        plausibility.check_speed(reading.where, column, period, len(time), reading.rig),
     )
-    if notice:
-        reading.notices.append(notice)
+    reading.notices += filter(None, told)
 
 
 def _place(reading: _Reading, rows: NDArray[np.int64] | slice, index: int) -> str:

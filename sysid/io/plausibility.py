@@ -27,6 +27,7 @@ PRESSURE_UNITS = {
 }
 _LEAST_SPREAD_PA = 50.0
 _SLOWEST_S = 0.25
+_LEAST_ROWS = 200
 _LEAST_FOR_SPIKES = 50
 _MOST_SPIKES = 3
 _APART = 0.5
@@ -214,7 +215,7 @@ def check_fraction(where: str, target: str, column: str, values: FloatArray) -> 
 def check_sampling(where: str, column: str, period: float, rig: Rig) -> str | None:
     """Sampling period (s) against the rig's: raises on a wrong unit, else a notice or None."""
     if rig.sampling is None:
-        return _slow(where, column, period)
+        return None
     ratio = period / rig.sampling.period_s
     for unit, factor in _TIME_UNITS.items():
         if abs(ratio * factor - 1.0) < 0.02:
@@ -232,9 +233,14 @@ def check_sampling(where: str, column: str, period: float, rig: Rig) -> str | No
     return None
 
 
-def _slow(where: str, column: str, period: float) -> str | None:
-    """A notice of rows so far apart that no actuator moves between them; or None."""
-    if period <= _SLOWEST_S:
+def check_speed(where: str, column: str, period: float, rows: int, rig: Rig) -> str | None:
+    """A notice of rows so far apart that no actuator is measured by them; or None.
+
+    `period` s, of a recording of `rows` rows; a short table of readings is no recording, and a
+    part alone, as a tank, may be slow.
+    """
+    slow = period > _SLOWEST_S and rows >= _LEAST_ROWS
+    if rig.sampling is not None or rig.cylinder is None or not slow:
         return None
     return (
         f"{where}: time_s advances by {period:.4g} s per row, too slow for an actuator's motion: "

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 
 from sysid.diagnosis.actuator.equation_error import CHANNELS
 from sysid.diagnosis.actuator.screening import Projected, screen_group
 from sysid.diagnosis.actuator.signatures import Candidate
+from sysid.parallel import run_all
 from sysid.types import FloatArray
 
 _SMALLEST_P = 1e-300
@@ -51,13 +53,11 @@ class Null:
         self._screen(clear, self._twins[1:])
 
     def _screen(self, effects: Iterable[str], twins: Sequence[Projected]) -> None:
-        from joblib import Parallel, delayed
-
         known = 0 if twins and twins[0] is self._twins[0] else 1
         wanted = [e for e in effects if len(self._gains.get(e, ())) == known]
         forms = {e: [f for f in self._forms if f.id == e] for e in wanted}
         jobs = [(e, twin) for e in wanted for twin in twins]
-        found = Parallel(n_jobs=-1)(delayed(screen_group)(twin, forms[e]) for e, twin in jobs)
+        found = run_all(partial(screen_group, twin, forms[e]) for e, twin in jobs)
         for (e, _), results in zip(jobs, found, strict=True):
             best = max((r.gain for r in results), default=0.0)
             self._gains[e] = np.append(self._gains.get(e, np.zeros(0)), best)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from sysid.diagnosis.actuator.signatures import (
 from sysid.diagnosis.actuator.whitening import Frame
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import Model
+from sysid.parallel import run_all
 from sysid.types import FloatArray
 
 # Below this remaining share of its length a signature is one the base parameters can imitate.
@@ -91,11 +93,9 @@ class Explained:
 
 def screen(base: Projected, forms: Sequence[Candidate]) -> list[Explained]:
     """Every form against a residual, in parallel on the machine's cores."""
-    from joblib import Parallel, delayed
-
     # The forms of one effect stay together: those on both sides build on those on either.
     groups = [list(group) for _, group in itertools.groupby(forms, key=lambda f: f.id)]
-    found = Parallel(n_jobs=-1)(delayed(screen_group)(base, group) for group in groups)
+    found = run_all(partial(screen_group, base, group) for group in groups)
     return [result for group in found for result in group]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.stats import chi2
@@ -34,6 +35,7 @@ from sysid.estimation.linear import Estimate
 from sysid.model.effects.catalogue import class_of
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import Model
+from sysid.parallel import run_all
 from sysid.types import FloatArray
 
 SIGNIFICANCE = 1e-3
@@ -280,10 +282,8 @@ def _least_wald(found: Refit, excess: Mapping[str, float]) -> float:
 
 def _refit(base: Projected, starts: Sequence[Sequence[CatalogueEffect]]) -> list[Refit]:
     """Each effect from its starting points; the best of each."""
-    from joblib import Parallel, delayed
-
     flat = [start for points in starts for start in points]
-    found = list(Parallel(n_jobs=-1)(delayed(refit)(base, [start]) for start in flat))
+    found = run_all(partial(refit, base, [start]) for start in flat)
     best: dict[str, Refit] = {}
     for one in found:
         if one.id not in best or one.gain > best[one.id].gain:

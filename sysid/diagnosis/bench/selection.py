@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from sysid.diagnosis.thresholds import DIGITS, LEAST_GAIN, RIVAL_SHARE, SIGNIFIC
 from sysid.estimation.nonlinear import LeastSquaresFit
 from sysid.model.effects.catalogue import class_of
 from sysid.model.effects.entry import CatalogueEffect
+from sysid.parallel import run_all
 from sysid.types import FloatArray
 
 Kind = type[CatalogueEffect]
@@ -144,11 +146,9 @@ def _attempts(
     error: FloatArray,
 ) -> list[tuple[Attempt, FittedLaw]]:
     """Every open effect with its fit, the best prediction first; computed in parallel."""
-    from joblib import Parallel, delayed
-
     everything = range(len(component.tests))
-    tried = Parallel(n_jobs=-1)(
-        delayed(_attempt)(component, [*chosen, kind], without, folds, error) for kind in kinds
+    tried = run_all(
+        partial(_attempt, component, [*chosen, kind], without, folds, error) for kind in kinds
     )
     found = [
         (done[0], FittedLaw.of(component, [*chosen, kind], everything, done[1]))

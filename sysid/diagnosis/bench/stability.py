@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ import numpy as np
 from sysid.diagnosis.bench.component import Component
 from sysid.diagnosis.bench.fitting import FittedLaw, fit_law
 from sysid.diagnosis.thresholds import DIGITS, LEAST_GAIN, RIVAL_SHARE, SIGNIFICANCE
+from sysid.parallel import run_all
 
 PARTS = 3
 # Below it a part is two thirds of the tests, not one.
@@ -71,10 +73,8 @@ def repeats(component: Component, without: FittedLaw, contenders: Sequence[Fitte
 
     A contender has one effect beyond `without`, the last of its law.
     """
-    from joblib import Parallel, delayed
-
-    found = Parallel(n_jobs=-1)(
-        delayed(_named)(component, without, contenders, part) for part in parts(component)
+    found = run_all(
+        partial(_named, component, without, contenders, part) for part in parts(component)
     )
     return Repeats(_id(contenders[0]), tuple(found))
 

@@ -1,0 +1,78 @@
+"""One door to several processes: how many, and that none outlives its parent.
+
+`SYSID_JOBS` (the command line's `--jobs`) bounds the processes; 1 means none but one's own, and
+without it there is one to each core.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterable
+from typing import TypeVar
+
+from sysid.errors import input_error
+
+Result = TypeVar("Result")
+
+VARIABLE = "SYSID_JOBS"
+_WATCH_S = 1.0
+_MOST = 4096
+
+
+def job_count() -> int:
+    """How many processes may work at a time, 1 or more. Raises InputError for a bad variable."""
+    text = check_jobs(VARIABLE)
+    if text:
+        return int(text)
+    import joblib
+
+    return int(joblib.cpu_count())
+
+
+def check_jobs(where: str) -> str:
+    """The text of `SYSID_JOBS`, empty without one; InputError, naming `where`, for a bad one."""
+    text = os.environ.get(VARIABLE, "").strip()
+    if text and not (text.isdecimal() and 1 <= int(text) <= _MOST):
+        raise input_error(where, f"{text[:20]!r} is no number of processes", "give 1 or more")
+    return text
+
+
+def run_all(jobs: Iterable[Callable[[], Result]]) -> list[Result]:
+    """The results of `jobs`, in order; each is picklable and runs in some process.
+
+    Raises what a job raises. Within a worker the jobs run one after the other.
+    """
+    waiting = list(jobs)
+    workers = min(job_count(), len(waiting))
+    if workers <= 1:
+        return [job() for job in waiting]
+    from joblib import Parallel, delayed, parallel_config
+
+    with parallel_config(
+        backend="loky", n_jobs=workers, initializer=_serve, initargs=(os.getpid(),)
+    ):
+        return list(Parallel()(delayed(_call)(job) for job in waiting))
+
+
+def _call(job: Callable[[], Result]) -> Result:
+    return job()
+
+
+def _serve(parent: int) -> None:
+    """A worker leaves Ctrl-C to its parent, and ends when that has ended, however it did."""
+    os.environ[VARIABLE] = "1"
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_watch, args=(parent,), daemon=True).start()
+
+
+def _watch(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(_WATCH_S)
+    os._exit(1)
+
+
+__all__ = ["VARIABLE", "check_jobs", "job_count", "run_all"]

@@ -1,0 +1,98 @@
+"""Several processes: bounded in number, and none outlives its parent."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from sysid.commands.app import main
+from sysid.errors import InputError
+from sysid.parallel import VARIABLE, job_count, run_all
+
+PARENT = """
+import os, sys, time
+from functools import partial
+sys.path.insert(0, {folder!r})
+from test_parallel import told_and_slept
+from sysid.parallel import run_all
+run_all(partial(told_and_slept, {told!r}) for _ in range(2))
+"""
+
+
+def told_and_slept(folder: str) -> None:
+    """Leave one's process number in a folder, and keep busy."""
+    (Path(folder) / str(os.getpid())).touch()
+    time.sleep(60.0)
+
+
+def process_number(_: int) -> int:
+    time.sleep(0.2)
+    return os.getpid()
+
+
+def test_one_job_is_this_process_and_two_are_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    jobs = [partial(process_number, i) for i in range(4)]
+    monkeypatch.setenv(VARIABLE, "1")
+    assert run_all(jobs) == [os.getpid()] * 4
+    monkeypatch.setenv(VARIABLE, "2")
+    others = set(run_all(jobs))
+    assert os.getpid() not in others and len(others) == 2
+
+
+@pytest.mark.parametrize("text", ["0", "-1", "two", "1e3", "9" * 30])
+def test_a_bad_number_of_jobs_is_refused(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(VARIABLE, text)
+    with pytest.raises(InputError, match="SYSID_JOBS"):
+        job_count()
+
+
+def test_the_command_line_bounds_every_command(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv(VARIABLE, "7")
+    assert main(["effects", "--jobs", "3"]) == 0
+    assert job_count() == 3
+    assert main(["--jobs=none", "effects"]) == 2
+    assert "--jobs: 'none' is no number of processes" in capsys.readouterr().err
+    assert main(["effects", "--jobs"]) == 2
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+def test_workers_end_with_their_parent(how: signal.Signals, tmp_path: Path) -> None:
+    """And let go of its output: whoever reads it comes to an end."""
+    told = tmp_path / "told"
+    told.mkdir()
+    script = PARENT.format(folder=str(Path(__file__).parent), told=str(told))
+    parent = subprocess.Popen(
+        [sys.executable, "-c", script],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        env={**os.environ, VARIABLE: "2"},
+    )
+    deadline = time.monotonic() + 60.0
+    while len(list(told.iterdir())) < 2 and time.monotonic() < deadline:
+        time.sleep(0.1)
+    workers = [int(file.name) for file in told.iterdir()]
+    assert len(workers) == 2
+    parent.send_signal(how)
+    parent.communicate(timeout=30.0)
+    deadline = time.monotonic() + 10.0
+    while any(map(is_alive, workers)) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert not any(map(is_alive, workers))
+
+
+def is_alive(number: int) -> bool:
+    try:
+        os.kill(number, 0)
+    except ProcessLookupError:
+        return False
+    stat = Path(f"/proc/{number}/stat")
+    return not (stat.exists() and stat.read_text().rsplit(")", 1)[1].split()[0] == "Z")
