@@ -244,7 +244,20 @@ def test_the_payload_is_found() -> None:
         assert (known.payload_kg == 0.0).all() and (found.payload_kg[:1000] == 0.0).all()
         assert found.payload_kg[-1] == pytest.approx(0.2, rel=0.4)
         assert found.metrics.rmse < 0.5 * known.metrics.rmse
+        detected = PayloadEstimator().detects(found.payload_kg * own.payload_length**2, own)
+        assert detected[-1] and not detected[:1000].any()
     assert (level.payload_kg == 0.0).all()
+
+
+def test_what_counts_as_a_payload() -> None:
+    """From the mass on that weighs the threshold with the whole lever; in the vertical alone."""
+    own, flat, estimator = design(UPRIGHT), design(), PayloadEstimator()
+    lever = float(own.payload_length)
+    least = 0.15 / (9.81 * lever)
+    mass = least * np.array([0.0, 0.99, 1.01, 5.0])
+    found = estimator.detects(mass * lever**2, own)
+    assert found.tolist() == [False, False, True, True]
+    assert not estimator.detects(mass * lever**2, flat).any()
 
 
 # --- from a bundle -----------------------------------------------------------------------

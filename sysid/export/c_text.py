@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+import textwrap
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from sysid.errors import input_error
@@ -67,3 +68,18 @@ def array(name: str, values: Iterable[float], n: Names) -> str:
 def has(name: str, present: bool) -> str:
     """A feature macro, 0 or 1; `name` with its prefix."""
     return f"#define {name} {int(present)}"
+
+
+def wrapped(text: str, width: int = 96) -> list[str]:
+    """Lines of at most `width` characters, broken between words."""
+    return textwrap.wrap(text, width, break_long_words=False, break_on_hyphens=False)
+
+
+def indented(lines: Sequence[str]) -> str:
+    """Lines of a function's body, those that are too long with more lines below them."""
+    found = []
+    for line in lines:
+        depth = 4 + len(line) - len(line.lstrip())
+        first, *more = wrapped(line.lstrip(), 96 - depth)
+        found += [" " * depth + first, *(" " * (depth + 4) + part for part in more)]
+    return "\n".join(found)

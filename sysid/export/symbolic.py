@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import sympy
 
-from sysid.export.symbolic_names import BINARY, NEGATION, UNARY, WHERE
+from sysid.export.symbolic_names import BINARY, IS_FINITE, NEGATION, UNARY, WHERE
 
 # A number that is whole and small is exact in sympy too: x + 0 is x, and 1 * x is x.
 _LARGEST_WHOLE = 1000.0
@@ -34,6 +34,8 @@ def expression(value: Any) -> Any:
         return value.expr
     if isinstance(value, bool | np.bool_):
         return sympy.true if value else sympy.false
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value.item()
     if not isinstance(value, int | float | np.number):
         raise TypeError(f"a {type(value).__name__} has no C form")
     number = float(value)
@@ -144,7 +146,15 @@ def _compared(name: str, left: Any, right: Any) -> Symbolic:
     a, b = expression(left), expression(right)
     if a == b:
         return Symbolic(sympy.true if name in ("equal", "less_equal") else sympy.false)
+    if a.is_number and b.is_number:
+        return Symbolic(sympy.true if _holds(name, float(a), float(b)) else sympy.false)
     return _function(name, a, b)
+
+
+def _holds(name: str, a: float, b: float) -> bool:
+    if name in ("equal", "not_equal"):
+        return (a == b) == (name == "equal")
+    return a < b if name == "less" else a <= b
 
 
 def _joined(name: str, left: Any, right: Any) -> Symbolic:
@@ -164,6 +174,8 @@ def _where(condition: Any, chosen: Any, other: Any) -> Symbolic:
     test, a, b = map(expression, (condition, chosen, other))
     if test in (sympy.true, sympy.false):
         return Symbolic(a if test == sympy.true else b)
+    if a == b:
+        return Symbolic(a)
     return _function(WHERE, test, a, b)
 
 
@@ -192,12 +204,15 @@ class _Namespace:
 NAMESPACE: Any = _Namespace()
 
 
-def _unary(name: str) -> Callable[[Any], Symbolic]:
-    return lambda x: _function(name, expression(x))
+def _called(name: str, numpys: str) -> Callable[..., Any]:
+    """A function of names, worked out at once where all its arguments are numbers."""
 
+    def call(*arguments: Any) -> Any:
+        if not any(isinstance(a, Symbolic) for a in arguments):
+            return getattr(np, numpys)(*arguments)
+        return _function(name, *map(expression, arguments))
 
-def _binary(name: str) -> Callable[[Any, Any], Symbolic]:
-    return lambda x, y: _function(name, expression(x), expression(y))
+    return call
 
 
 def _wrapped(value: Any) -> Symbolic:
@@ -205,8 +220,11 @@ def _wrapped(value: Any) -> Symbolic:
 
 
 _FUNCTIONS: dict[str, Callable[..., Any]] = {
-    **{known: _unary(name) for name, numpys in UNARY.items() for known in (name, numpys)},
-    **{known: _binary(name) for name, numpys in BINARY.items() for known in (name, numpys)},
+    **{
+        known: _called(name, numpys)
+        for name, numpys in (UNARY | BINARY).items()
+        for known in (name, numpys)
+    },
     "abs": abs,
     "square": lambda x: x * x,
     "negative": lambda x: -_wrapped(x),
@@ -230,6 +248,8 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
     "zeros_like": lambda x: 0.0,
     "ones_like": lambda x: 1.0,
     "isnan": lambda x: Symbolic(sympy.false),
+    "isfinite": lambda x: _function(IS_FINITE, expression(x)),
+    "stack": tuple,
 }
 
 

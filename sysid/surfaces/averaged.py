@@ -82,17 +82,17 @@ class AveragedLaw:
     def duty_of_share(self, share: Array) -> Array:
         """Duty, 0 to 1, whose open share is nearest; the inverse of `open_share`.
 
-        The least duty above 0 stands for its limit: it is 1e-9, whose pulse opens the valve
+        The least duty above 0 stands for its limit: it is 1e-6, whose pulse opens the valve
         for the delays' difference.
         """
         xp = array_namespace(share, self._overhang)
         duty = share - self._overhang
         # Below the shortest pulse's share: none at all or the shortest, whichever is nearer.
         shortest = xp.maximum(self._overhang, 0.0)
-        duty = xp.where(share < shortest, xp.where(share < 0.5 * shortest, 0.0, 1e-9), duty)
+        duty = xp.where(share < shortest, xp.where(share < 0.5 * shortest, 0.0, 1e-6), duty)
         # Above the share of the longest pause: without delays' difference there is no gap.
         longest = 1.0 + xp.minimum(self._overhang, 0.0)
-        beyond = xp.where(share < 0.5 * (longest + 1.0), 1.0 - 1e-9, 1.0)
+        beyond = xp.where(share < 0.5 * (longest + 1.0), 1.0 - 1e-6, 1.0)
         duty = xp.clip(xp.where(share > longest, beyond, duty), 0.0, 1.0)
         return xp.where(share < 1.0, duty, 1.0)
 

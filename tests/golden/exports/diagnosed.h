@@ -7,6 +7,16 @@
  * Unknown numbers are absent, and their HAS macros are 0. C99, link with the maths library;
  * do not compile with -ffast-math, which drops the checks for NaN.
  * Numbers are double; -DSYSID_REAL=float makes them single precision.
+ *
+ * On a microcontroller: include this file in one source file, compile it with -std=c99 -O2,
+ * and -DSYSID_REAL=float where the unit for floating point is single. Nothing is allocated, and
+ * nothing is global but constants. The folder ..._check beside this file replays numbers of the
+ * Python package through it: cmake and ctest on a computer, or check.c with its vectors.h on
+ * the target itself.
+ * Controllers: each loop keeps its own structs. Each tick (1 ms) sense() turns readings into an
+ * estimate; then pva_control() or backstepping_control(), at the start of each PWM period, or
+ * dvmpc_control(), at each tick, gives the commands. For other gains copy ..._defaults and
+ * change the copy.
  * Effects, in the constants and the functions that end with _with_effects:
  * seal-friction
  */
@@ -41,6 +51,7 @@
 #define SYSID_HAS_PWM_B_FILL_NETWORK 1
 #define SYSID_HAS_PWM_B_DISCHARGE_BIPOLYNOMIAL 1
 #define SYSID_HAS_PWM_B_DISCHARGE_NETWORK 1
+#define SYSID_HAS_CONTROLLERS 1
 #define SYSID_EFFECTS_ACT_ON_SLIDING_FRICTION 1
 #define SYSID_EFFECTS_ACT_ON_STATIC_FRICTION 0
 #define SYSID_EFFECTS_ACT_ON_EXTERNAL 0
@@ -578,27 +589,33 @@ static inline sysid_real sysid_bipolynomial_duty(const sysid_bipolynomial *s, sy
     return duty;
 }
 
+/* The bare network's duty (3.7.4), nothing saturated. */
+static inline sysid_real sysid_network_value(const sysid_network *s, sysid_real flow_kg_s, sysid_real pressure_pa)
+{
+    sysid_real x = (flow_kg_s - s->flow_scaling_kg_s[0]) / s->flow_scaling_kg_s[1];
+    sysid_real y = (pressure_pa - s->pressure_scaling_pa[0]) / s->pressure_scaling_pa[1];
+    sysid_real sum = 0;
+    int i;
+    for (i = 0; i < s->hidden; i++) {
+        sum += s->w2[i] * sysid_tanh(s->w1[2 * i] * x + s->w1[2 * i + 1] * y + s->b1[i]);
+    }
+    return s->duty_scaling[0] + s->duty_scaling[1] * (sum + s->b2);
+}
+
 /* Duty for a wanted mean flow by the network (3.7.4); flow, pressure and duty saturated. */
 static inline sysid_real sysid_network_duty(const sysid_network *s, sysid_real flow_kg_s, sysid_real pressure_pa,
                                      unsigned *flags)
 {
     const sysid_domain *d = s->domain;
     unsigned found = 0u;
-    sysid_real p, low, high, m, x, y, sum = 0, u, duty = (sysid_real)NAN;
-    int i;
+    sysid_real p, low, high, u, duty = (sysid_real)NAN;
     if (!isfinite(flow_kg_s) || !isfinite(pressure_pa)) {
         found = SYSID_INVALID;
     } else {
         p = sysid_clip_pressure(d, pressure_pa, &found);
         low = sysid_interpolate(p, d->pressure_pa, d->flow_low_kg_s, d->nodes);
         high = sysid_interpolate(p, d->pressure_pa, d->flow_high_kg_s, d->nodes);
-        m = sysid_clip(flow_kg_s, low, high);
-        x = (m - s->flow_scaling_kg_s[0]) / s->flow_scaling_kg_s[1];
-        y = (p - s->pressure_scaling_pa[0]) / s->pressure_scaling_pa[1];
-        for (i = 0; i < s->hidden; i++) {
-            sum += s->w2[i] * sysid_tanh(s->w1[2 * i] * x + s->w1[2 * i + 1] * y + s->b1[i]);
-        }
-        u = s->duty_scaling[0] + s->duty_scaling[1] * (sum + s->b2);
+        u = sysid_network_value(s, sysid_clip(flow_kg_s, low, high), p);
         if (flow_kg_s > high || u > d->duty_range[1]) {
             found |= SYSID_ABOVE;
         }
@@ -611,6 +628,74 @@ static inline sysid_real sysid_network_duty(const sysid_network *s, sysid_real f
         *flags = found;
     }
     return duty;
+}
+
+/* The lowest flow in [low, high] that the network maps to a duty: the first of 32 intervals in
+   which the duty is reached, then bisection. A duty that is never reached gives the flow of the
+   highest, flagged. */
+static inline sysid_real sysid_network_inverted(const sysid_network *s, sysid_real duty, sysid_real pressure_pa,
+                                         sysid_real low, sysid_real high, unsigned *flags)
+{
+    sysid_real left = low, right = low, best = low, highest = sysid_network_value(s, low, pressure_pa);
+    int k;
+    if (highest >= duty) {
+        *flags |= highest > duty ? SYSID_BELOW : 0u;
+        return low;
+    }
+    for (k = 1; k <= 32; k++) {
+        sysid_real value;
+        left = right;
+        right = low + (sysid_real)k / 32 * (high - low);
+        value = sysid_network_value(s, right, pressure_pa);
+        if (value >= duty) {
+            break;
+        }
+        if (value > highest) {
+            highest = value;
+            best = right;
+        }
+    }
+    if (k > 32) {
+        *flags |= SYSID_ABOVE;
+        return best;
+    }
+    for (k = 0; k < 45; k++) {
+        sysid_real middle = (left + right) / 2;
+        if (sysid_network_value(s, middle, pressure_pa) >= duty) {
+            right = middle;
+        } else {
+            left = middle;
+        }
+    }
+    return (left + right) / 2;
+}
+
+/* Mean flow, kg/s, that the network maps to a duty: its forward map; all inputs saturated. */
+static inline sysid_real sysid_network_flow(const sysid_network *s, sysid_real duty, sysid_real pressure_pa,
+                                     unsigned *flags)
+{
+    const sysid_domain *d = s->domain;
+    unsigned found = 0u;
+    sysid_real p, low, high, flow = (sysid_real)NAN;
+    if (!isfinite(duty) || !isfinite(pressure_pa)) {
+        found = SYSID_INVALID;
+    } else {
+        p = sysid_clip_pressure(d, pressure_pa, &found);
+        low = sysid_interpolate(p, d->pressure_pa, d->flow_low_kg_s, d->nodes);
+        high = sysid_interpolate(p, d->pressure_pa, d->flow_high_kg_s, d->nodes);
+        if (duty > d->duty_range[1] + (sysid_real)1e-9) {
+            found |= SYSID_ABOVE;
+        }
+        if (duty < d->duty_range[0] - (sysid_real)1e-9) {
+            found |= SYSID_BELOW;
+        }
+        flow = sysid_network_inverted(s, sysid_clip(duty, d->duty_range[0], d->duty_range[1]), p, low,
+                                   high, &found);
+    }
+    if (flags) {
+        *flags = found;
+    }
+    return flow;
 }
 
 static const sysid_real sysid_pwm_a_fill_bipolynomial_pressure_pa[25] = {
@@ -776,6 +861,13 @@ static inline sysid_real sysid_pwm_a_fill_network_duty(
     return sysid_network_duty(&sysid_pwm_a_fill_network, flow_kg_s, pressure_pa, flags);
 }
 
+/* Mean flow, kg/s, that the network maps to this duty: its forward map. */
+static inline sysid_real sysid_pwm_a_fill_network_flow(
+    sysid_real duty, sysid_real pressure_pa, unsigned *flags)
+{
+    return sysid_network_flow(&sysid_pwm_a_fill_network, duty, pressure_pa, flags);
+}
+
 static const sysid_real sysid_pwm_a_discharge_bipolynomial_pressure_pa[25] = {
     (sysid_real)123712.22359142273, (sysid_real)131437.39869638308, (sysid_real)139162.57380134345, (sysid_real)146887.7489063038,
     (sysid_real)154612.92401126417, (sysid_real)162338.09911622453, (sysid_real)170063.2742211849, (sysid_real)177788.44932614526,
@@ -937,6 +1029,13 @@ static inline sysid_real sysid_pwm_a_discharge_network_duty(
     sysid_real flow_kg_s, sysid_real pressure_pa, unsigned *flags)
 {
     return sysid_network_duty(&sysid_pwm_a_discharge_network, flow_kg_s, pressure_pa, flags);
+}
+
+/* Mean flow, kg/s, that the network maps to this duty: its forward map. */
+static inline sysid_real sysid_pwm_a_discharge_network_flow(
+    sysid_real duty, sysid_real pressure_pa, unsigned *flags)
+{
+    return sysid_network_flow(&sysid_pwm_a_discharge_network, duty, pressure_pa, flags);
 }
 
 static const sysid_real sysid_pwm_b_fill_bipolynomial_pressure_pa[25] = {
@@ -1102,6 +1201,13 @@ static inline sysid_real sysid_pwm_b_fill_network_duty(
     return sysid_network_duty(&sysid_pwm_b_fill_network, flow_kg_s, pressure_pa, flags);
 }
 
+/* Mean flow, kg/s, that the network maps to this duty: its forward map. */
+static inline sysid_real sysid_pwm_b_fill_network_flow(
+    sysid_real duty, sysid_real pressure_pa, unsigned *flags)
+{
+    return sysid_network_flow(&sysid_pwm_b_fill_network, duty, pressure_pa, flags);
+}
+
 static const sysid_real sysid_pwm_b_discharge_bipolynomial_pressure_pa[25] = {
     (sysid_real)135896.6743122265, (sysid_real)143119.75003636957, (sysid_real)150342.82576051264, (sysid_real)157565.9014846557,
     (sysid_real)164788.97720879878, (sysid_real)172012.05293294185, (sysid_real)179235.12865708492, (sysid_real)186458.204381228,
@@ -1263,6 +1369,710 @@ static inline sysid_real sysid_pwm_b_discharge_network_duty(
     sysid_real flow_kg_s, sysid_real pressure_pa, unsigned *flags)
 {
     return sysid_network_duty(&sysid_pwm_b_discharge_network, flow_kg_s, pressure_pa, flags);
+}
+
+/* Mean flow, kg/s, that the network maps to this duty: its forward map. */
+static inline sysid_real sysid_pwm_b_discharge_network_flow(
+    sysid_real duty, sysid_real pressure_pa, unsigned *flags)
+{
+    return sysid_network_flow(&sysid_pwm_b_discharge_network, duty, pressure_pa, flags);
+}
+
+/* --- controllers ----------------------------------------------------------------------- */
+
+/* Absolute pressures in Pa; position in rad (linear rig: m), efforts in Nm (N). No allocation and
+   no global state: what a controller remembers is in the struct that its caller passes. The
+   bundle's effects count in what they predict; an effect with a state starts at rest there, for
+   nothing measures it. */
+
+typedef struct {
+    sysid_real position, velocity, pressure_a_pa, pressure_b_pa;
+} sysid_motion;
+
+/* What is known of the plant at a tick; raw_velocity is the unfiltered difference. */
+typedef struct {
+    sysid_real position, velocity, acceleration, raw_velocity, pressure_a_pa, pressure_b_pa;
+} sysid_estimate;
+
+/* The wanted motion at a tick. */
+typedef struct {
+    sysid_real position, velocity, acceleration, jerk;
+} sysid_reference;
+
+/* To the actuators: the motor's effort; valves A and B by duty (0 to 1), or 1 on and 0 off. */
+typedef struct {
+    sysid_real motor, valve_a, valve_b, payload_kg;
+} sysid_commands;
+
+/* A Butterworth low-pass of the differences, for ticks of period_s. */
+typedef struct {
+    sysid_real b[3], a[3], period_s;
+} sysid_filter;
+
+/* What is remembered of the sensors; rejected counts readings that were not finite. */
+typedef struct {
+    sysid_real position, pressure_a_pa, pressure_b_pa, difference;
+    sysid_real velocity_filter[2], acceleration_filter[2], rejected;
+} sysid_sensing;
+
+/* The payload's inertia, kg m2, and the motor's last effort. */
+typedef struct {
+    sysid_real payload, motor;
+} sysid_backstepping_state;
+
+/* Held inputs, 0 or 1, and how many ticks ago they were decided. */
+typedef struct {
+    sysid_real payload, motor, valve_a, valve_b;
+    int tick;
+} sysid_dvmpc_state;
+
+/* The payload that the constants contain, at its lever, kg m2. */
+static const sysid_real sysid_payload_inertia_kg_m2 = (sysid_real)0.0;
+
+typedef struct {
+    sysid_real position_gain;
+    sysid_real velocity_gain;
+    sysid_real acceleration_gain;
+    sysid_real feedforward_velocity;
+    sysid_real feedforward_acceleration;
+    sysid_real full_scale;
+    sysid_real duty_a_min;
+    sysid_real duty_a_max;
+    sysid_real duty_b_min;
+    sysid_real duty_b_max;
+} sysid_pva;
+
+static const sysid_pva sysid_pva_defaults = {
+    (sysid_real)140.0, (sysid_real)45.0, (sysid_real)1.0, (sysid_real)1.0, (sysid_real)0.1,
+        (sysid_real)10.0, (sysid_real)0.08, (sysid_real)0.8, (sysid_real)0.08, (sysid_real)0.72
+};
+
+typedef struct {
+    sysid_real threshold; /* Nm */
+    sysid_real least_angle; /* rad */
+    sysid_real least_speed; /* rad/s */
+    sysid_real forgetting; /* per tick */
+    sysid_real heaviest; /* kg */
+} sysid_payload_estimator;
+
+static const sysid_payload_estimator sysid_payload_estimator_defaults = {
+    (sysid_real)0.15, (sysid_real)0.318, (sysid_real)0.05, (sysid_real)0.999, (sysid_real)2.0
+};
+
+/* Inverses from flow to duty that this header holds. */
+enum { SYSID_AVERAGED, SYSID_BIPOLYNOMIAL, SYSID_NETWORK };
+
+typedef struct {
+    sysid_real k1;
+    sysid_real k2;
+    sysid_real k3;
+    sysid_real k4;
+    sysid_real portion; /* the motor's share of the cylinder's effort; 0 without a motor */
+    sysid_real motor_p;
+    sysid_real motor_d;
+    int feedforward; /* pneumatic feedforward, 1 or 0 */
+    int compensation; /* the motor's feedback, 1 or 0 */
+    int inverse; /* which of the inverses below gives the duties */
+} sysid_backstepping;
+
+static const sysid_backstepping sysid_backstepping_defaults = {
+    (sysid_real)60.0, (sysid_real)20.0, (sysid_real)65.0, (sysid_real)65.0, (sysid_real)0.1,
+        (sysid_real)85.0, (sysid_real)14.0, 1, 1, SYSID_AVERAGED
+};
+
+typedef struct {
+    int horizon; /* ticks predicted */
+    int hold; /* ticks for which a decision holds */
+    sysid_real period_s; /* of a tick, s */
+    sysid_real natural_frequency; /* rad/s */
+    sysid_real damping;
+    int predicts_delays; /* inputs act after the valves' delays */
+    int trapezoidal; /* positions by the mean velocity of a step */
+    int filtered_velocity; /* predictions start from it, else from raw_velocity */
+    int varying; /* the input changes once within the horizon */
+    int coarse; /* ticks of a step after the change */
+} sysid_dvmpc;
+
+static const sysid_dvmpc sysid_dvmpc_defaults = {
+    40, 5, (sysid_real)0.001, (sysid_real)50.0, (sysid_real)1.0, 0, 0, 0, 0, 4
+};
+
+/* 50 Hz, second order, at ticks of 1 ms. */
+static const sysid_filter sysid_filter_defaults = {{(sysid_real)0.020083365564211232, (sysid_real)0.040166731128422464, (sysid_real)0.020083365564211232}, {(sysid_real)1.0, (sysid_real)-1.5610180758007182, (sysid_real)0.6413515380575631}, (sysid_real)0.001};
+
+/* Mean flow into chamber A, kg/s, over a duty (0 to 1) and pressure, Pa: the averaged law. */
+static inline sysid_real sysid_averaged_a_flow(sysid_real duty, sysid_real pressure_pa)
+{
+    const sysid_real x0 = ((sysid_real)0.0 < duty) ? ((duty < (sysid_real)1.0) ?
+        sysid_minimum(sysid_maximum(duty + (sysid_declared_off_delay_s -
+        sysid_declared_on_delay_s)/sysid_pwm_period_s, (sysid_real)0.0), (sysid_real)1.0) :
+        (sysid_real)1.0) : (sysid_real)0.0;
+    const sysid_real x1 = -pressure_pa + sysid_supply_pressure_pa;
+    const sysid_real x2 = sysid_sqrt(sysid_fabs(x1));
+    return x0*((pressure_pa <= (sysid_real)0.53*sysid_supply_pressure_pa) ?
+        sysid_valve_a_choked_flow_fill_kg_s : sysid_valve_a_c_fill*((x1 < (sysid_real)0.0) ? -x2 :
+        x2)) + ((sysid_real)1.0 - x0)*(((sysid_real)1.8867924528301885*sysid_atmospheric_pressure_pa
+        <= pressure_pa) ? -sysid_valve_a_choked_flow_dis_kg_s : sysid_valve_a_c_dis*(-pressure_pa +
+        sysid_atmospheric_pressure_pa));
+}
+
+/* Its inverse: duty for a wanted mean flow, kg/s; 0 or 1 beyond what the valve passes. */
+static inline sysid_real sysid_averaged_a_duty(sysid_real flow_kg_s, sysid_real pressure_pa)
+{
+    const sysid_real x0 = -(((sysid_real)1.8867924528301885*sysid_atmospheric_pressure_pa <=
+        pressure_pa) ? -sysid_valve_a_choked_flow_dis_kg_s : sysid_valve_a_c_dis*(-pressure_pa +
+        sysid_atmospheric_pressure_pa));
+    const sysid_real x1 = -pressure_pa + sysid_supply_pressure_pa;
+    const sysid_real x2 = sysid_sqrt(sysid_fabs(x1));
+    const sysid_real x3 = sysid_minimum(sysid_maximum((flow_kg_s + x0)/sysid_maximum(x0 +
+        ((pressure_pa <= (sysid_real)0.53*sysid_supply_pressure_pa) ?
+        sysid_valve_a_choked_flow_fill_kg_s : sysid_valve_a_c_fill*((x1 < (sysid_real)0.0) ? -x2 :
+        x2)), (sysid_real)1e-12), (sysid_real)0.0), (sysid_real)1.0);
+    const sysid_real x4 = (sysid_declared_off_delay_s -
+        sysid_declared_on_delay_s)/sysid_pwm_period_s;
+    const sysid_real x5 = sysid_minimum(x4, (sysid_real)0.0);
+    const sysid_real x6 = sysid_maximum(x4, (sysid_real)0.0);
+    return (x3 < (sysid_real)1.0) ? sysid_minimum(sysid_maximum((x5 + (sysid_real)1.0 < x3) ?
+        ((x3 < (sysid_real)0.5*x5 + (sysid_real)1.0) ? (sysid_real)0.999999 : (sysid_real)1.0) :
+        ((x3 < x6) ? ((x3 < (sysid_real)0.5*x6) ? (sysid_real)0.0 : (sysid_real)1e-06) : x3 - x4),
+        (sysid_real)0.0), (sysid_real)1.0) : (sysid_real)1.0;
+}
+
+/* Mean flow into chamber B, kg/s, over a duty (0 to 1) and pressure, Pa: the averaged law. */
+static inline sysid_real sysid_averaged_b_flow(sysid_real duty, sysid_real pressure_pa)
+{
+    const sysid_real x0 = ((sysid_real)0.0 < duty) ? ((duty < (sysid_real)1.0) ?
+        sysid_minimum(sysid_maximum(duty + (sysid_declared_off_delay_s -
+        sysid_declared_on_delay_s)/sysid_pwm_period_s, (sysid_real)0.0), (sysid_real)1.0) :
+        (sysid_real)1.0) : (sysid_real)0.0;
+    const sysid_real x1 = -pressure_pa + sysid_supply_pressure_pa;
+    const sysid_real x2 = sysid_sqrt(sysid_fabs(x1));
+    return x0*((pressure_pa <= (sysid_real)0.53*sysid_supply_pressure_pa) ?
+        sysid_valve_b_choked_flow_fill_kg_s : sysid_valve_b_c_fill*((x1 < (sysid_real)0.0) ? -x2 :
+        x2)) + ((sysid_real)1.0 - x0)*(((sysid_real)1.8867924528301885*sysid_atmospheric_pressure_pa
+        <= pressure_pa) ? -sysid_valve_b_choked_flow_dis_kg_s : sysid_valve_b_c_dis*(-pressure_pa +
+        sysid_atmospheric_pressure_pa));
+}
+
+/* Its inverse: duty for a wanted mean flow, kg/s; 0 or 1 beyond what the valve passes. */
+static inline sysid_real sysid_averaged_b_duty(sysid_real flow_kg_s, sysid_real pressure_pa)
+{
+    const sysid_real x0 = -(((sysid_real)1.8867924528301885*sysid_atmospheric_pressure_pa <=
+        pressure_pa) ? -sysid_valve_b_choked_flow_dis_kg_s : sysid_valve_b_c_dis*(-pressure_pa +
+        sysid_atmospheric_pressure_pa));
+    const sysid_real x1 = -pressure_pa + sysid_supply_pressure_pa;
+    const sysid_real x2 = sysid_sqrt(sysid_fabs(x1));
+    const sysid_real x3 = sysid_minimum(sysid_maximum((flow_kg_s + x0)/sysid_maximum(x0 +
+        ((pressure_pa <= (sysid_real)0.53*sysid_supply_pressure_pa) ?
+        sysid_valve_b_choked_flow_fill_kg_s : sysid_valve_b_c_fill*((x1 < (sysid_real)0.0) ? -x2 :
+        x2)), (sysid_real)1e-12), (sysid_real)0.0), (sysid_real)1.0);
+    const sysid_real x4 = (sysid_declared_off_delay_s -
+        sysid_declared_on_delay_s)/sysid_pwm_period_s;
+    const sysid_real x5 = sysid_minimum(x4, (sysid_real)0.0);
+    const sysid_real x6 = sysid_maximum(x4, (sysid_real)0.0);
+    return (x3 < (sysid_real)1.0) ? sysid_minimum(sysid_maximum((x5 + (sysid_real)1.0 < x3) ?
+        ((x3 < (sysid_real)0.5*x5 + (sysid_real)1.0) ? (sysid_real)0.999999 : (sysid_real)1.0) :
+        ((x3 < x6) ? ((x3 < (sysid_real)0.5*x6) ? (sysid_real)0.0 : (sysid_real)1e-06) : x3 - x4),
+        (sysid_real)0.0), (sysid_real)1.0) : (sysid_real)1.0;
+}
+
+/* One Euler step of step_s (4.4.2): valves A and B open for shares of it, 0 to 1; friction by
+   the wanted velocity; payload in kg m2. */
+static inline void sysid_prediction_step(const sysid_motion *now, sysid_real share_a,
+    sysid_real share_b, sysid_real wanted_velocity, sysid_real payload, sysid_real step_s,
+    int trapezoidal, sysid_motion *next)
+{
+    const sysid_real x0 = -sysid_max_torque_nm;
+    const sysid_real x1 = ((sysid_real)0.0 < sysid_max_torque_nm) ? (sysid_real)0.0 :
+        sysid_max_torque_nm;
+    const sysid_real x2 = sysid_sign(wanted_velocity);
+    const sysid_real x3 = -sysid_atmospheric_pressure_pa;
+    const sysid_real x4 = now->pressure_a_pa + x3;
+    const sysid_real x5 = now->pressure_b_pa + x3;
+    const sysid_real x6 = now->pressure_a_pa + now->pressure_b_pa -
+        (sysid_real)2.0*sysid_atmospheric_pressure_pa;
+    const sysid_real x7 =
+        step_s*(-sysid_effect_1_seal_torque_nm_per_pa*x2*(sysid_effect_1_difference_share*(-x6 +
+        sysid_fabs(now->pressure_a_pa - now->pressure_b_pa)) + x6) - sysid_friction_coulomb_nm*x2 -
+        sysid_friction_viscous_nm_s_per_rad*wanted_velocity +
+        sysid_pitch_radius_m*(sysid_area_a_m2*x4 - sysid_area_b_m2*x5) + ((x0 < x1) ? x1 :
+        x0))/(payload + sysid_inertia_kg_m2);
+    const sysid_real x8 = now->position*sysid_pitch_radius_m;
+    const sysid_real x9 = (sysid_real)0.53*sysid_supply_pressure_pa;
+    const sysid_real x10 = -sysid_supply_pressure_pa;
+    const sysid_real x11 = -now->pressure_a_pa - x10;
+    const sysid_real x12 = sysid_sqrt(sysid_fabs(x11));
+    const sysid_real x13 = (sysid_real)1.8867924528301885*sysid_atmospheric_pressure_pa;
+    const sysid_real x14 = now->velocity*sysid_pitch_radius_m;
+    const sysid_real x15 = step_s*sysid_heat_capacity_ratio;
+    const sysid_real x16 = -now->pressure_b_pa - x10;
+    const sysid_real x17 = sysid_sqrt(sysid_fabs(x16));
+    const sysid_real y0 = trapezoidal ? now->position + step_s*((sysid_real)1.0*now->velocity +
+        (sysid_real)0.5*x7) : now->position + now->velocity*step_s;
+    const sysid_real y1 = now->velocity + x7;
+    const sysid_real y2 = now->pressure_a_pa + x15*(-now->pressure_a_pa*sysid_area_a_m2*x14 +
+        sysid_gas_constant_j_per_kg_k*sysid_temperature_k*(share_a*((now->pressure_a_pa <= x9) ?
+        sysid_valve_a_choked_flow_fill_kg_s : sysid_valve_a_c_fill*((x11 < (sysid_real)0.0) ? -x12 :
+        x12)) + ((sysid_real)1.0 - share_a)*((x13 <= now->pressure_a_pa) ?
+        -sysid_valve_a_choked_flow_dis_kg_s :
+        -sysid_valve_a_c_dis*x4)))/(sysid_area_a_m2*(sysid_offset_a_m + x8));
+    const sysid_real y3 = now->pressure_b_pa + x15*(now->pressure_b_pa*sysid_area_b_m2*x14 +
+        sysid_gas_constant_j_per_kg_k*sysid_temperature_k*(share_b*((now->pressure_b_pa <= x9) ?
+        sysid_valve_b_choked_flow_fill_kg_s : sysid_valve_b_c_fill*((x16 < (sysid_real)0.0) ? -x17 :
+        x17)) + ((sysid_real)1.0 - share_b)*((x13 <= now->pressure_b_pa) ?
+        -sysid_valve_b_choked_flow_dis_kg_s :
+        -sysid_valve_b_c_dis*x5)))/(sysid_area_b_m2*(sysid_offset_b_m - x8));
+    next->position = y0;
+    next->velocity = y1;
+    next->pressure_a_pa = y2;
+    next->pressure_b_pa = y3;
+}
+
+/* Share of a step of span_s in which valve A is open, since_s after its command changed from
+   before, by its delays. */
+static inline sysid_real sysid_delayed_share_a(sysid_real command, sysid_real before,
+    sysid_real since_s, sysid_real span_s)
+{
+    const sysid_real x0 = sysid_minimum(sysid_maximum(((before < command) ? -since_s +
+        sysid_declared_on_delay_s : -since_s + sysid_declared_off_delay_s)/span_s, (sysid_real)0.0),
+        (sysid_real)1.0);
+    return before*x0 + command*((sysid_real)1.0 - x0);
+}
+
+/* Share of a step of span_s in which valve B is open, since_s after its command changed from
+   before, by its delays. */
+static inline sysid_real sysid_delayed_share_b(sysid_real command, sysid_real before,
+    sysid_real since_s, sysid_real span_s)
+{
+    const sysid_real x0 = sysid_minimum(sysid_maximum(((before < command) ? -since_s +
+        sysid_declared_on_delay_s : -since_s + sysid_declared_off_delay_s)/span_s, (sysid_real)0.0),
+        (sysid_real)1.0);
+    return before*x0 + command*((sysid_real)1.0 - x0);
+}
+
+/* A tick's readings to an estimate: differences of the position, filtered; a reading that is
+   not finite is the last good one, and counted in rejected. */
+static inline void sysid_sense(const sysid_filter *filter, sysid_sensing *memory,
+    sysid_real position, sysid_real pressure_a_pa, sysid_real pressure_b_pa,
+    sysid_estimate *now)
+{
+    const int x0 = isfinite(position);
+    const sysid_real x1 = x0 ? position : memory->position;
+    const int x2 = isfinite(pressure_a_pa);
+    const sysid_real x3 = x2 ? pressure_a_pa : memory->pressure_a_pa;
+    const int x4 = isfinite(pressure_b_pa);
+    const sysid_real x5 = x4 ? pressure_b_pa : memory->pressure_b_pa;
+    const sysid_real x6 = (sysid_real)1.0/filter->period_s;
+    const sysid_real x7 = -memory->position + x1;
+    const sysid_real x8 = x6*x7;
+    const sysid_real x9 = filter->b[0]*x8 + memory->velocity_filter[0];
+    const sysid_real x10 = -memory->difference + x6*x7;
+    const sysid_real x11 = x10*x6;
+    const sysid_real x12 = filter->b[0]*x11 + memory->acceleration_filter[0];
+    const sysid_real y0 = x1;
+    const sysid_real y1 = x3;
+    const sysid_real y2 = x5;
+    const sysid_real y3 = x8;
+    const sysid_real y4 = memory->rejected + (x0 ? (sysid_real)0.0 : (sysid_real)1.0) + (x2 ?
+        (sysid_real)0.0 : (sysid_real)1.0) + (x4 ? (sysid_real)0.0 : (sysid_real)1.0);
+    const sysid_real y5 = -filter->a[1]*x9 + filter->b[1]*x8 + memory->velocity_filter[1];
+    const sysid_real y6 = -filter->a[2]*x9 + filter->b[2]*x6*x7;
+    const sysid_real y7 = -filter->a[1]*x12 + filter->b[1]*x11 + memory->acceleration_filter[1];
+    const sysid_real y8 = -filter->a[2]*x12 + filter->b[2]*x10*x6;
+    const sysid_real y9 = x1;
+    const sysid_real y10 = x9;
+    const sysid_real y11 = x12;
+    const sysid_real y12 = x8;
+    const sysid_real y13 = x3;
+    const sysid_real y14 = x5;
+    memory->position = y0;
+    memory->pressure_a_pa = y1;
+    memory->pressure_b_pa = y2;
+    memory->difference = y3;
+    memory->rejected = y4;
+    memory->velocity_filter[0] = y5;
+    memory->velocity_filter[1] = y6;
+    memory->acceleration_filter[0] = y7;
+    memory->acceleration_filter[1] = y8;
+    now->position = y9;
+    now->velocity = y10;
+    now->acceleration = y11;
+    now->raw_velocity = y12;
+    now->pressure_a_pa = y13;
+    now->pressure_b_pa = y14;
+}
+
+/* The payload's inertia at its lever, kg m2, from the one before and the motor's effort now
+   (4.4.18 to 4.4.24); it moves in the vertical only. */
+static inline sysid_real sysid_payload_update(const sysid_payload_estimator *gains,
+    sysid_real payload, sysid_real motor, const sysid_estimate *now,
+    const sysid_reference *wanted)
+{
+    (void)gains;
+    (void)motor;
+    (void)now;
+    (void)wanted;
+    return payload;
+}
+
+/* Mass, kg, of a payload of this inertia, kg m2. */
+static inline sysid_real sysid_payload_mass(sysid_real payload)
+{
+    return (sysid_real)7.304601899196494*payload;
+}
+
+/* 1 where an estimate is a payload, 0 where it cannot be told from none. */
+static inline int sysid_payload_detected(const sysid_payload_estimator *gains,
+    sysid_real payload)
+{
+    (void)gains;
+    (void)payload;
+    return 0;
+}
+
+/* Duties of valves A and B, past their dead zones (4.2.1 to 4.2.3). */
+static inline void sysid_pva_duties(const sysid_pva *gains, const sysid_estimate *now,
+    const sysid_reference *wanted, sysid_real duty[2])
+{
+    const sysid_real x0 =
+        sysid_minimum(sysid_maximum((gains->acceleration_gain*(-now->acceleration +
+        wanted->acceleration) + gains->feedforward_acceleration*wanted->acceleration +
+        gains->feedforward_velocity*wanted->velocity + gains->position_gain*(-now->position +
+        wanted->position) + gains->velocity_gain*(-now->velocity +
+        wanted->velocity))/gains->full_scale, (sysid_real)-1.0), (sysid_real)1.0);
+    const sysid_real x1 = sysid_fabs(x0);
+    const sysid_real y0 = ((sysid_real)0.0 < x0) ? gains->duty_a_min + x1*(gains->duty_a_max -
+        gains->duty_a_min) : (sysid_real)0.0;
+    const sysid_real y1 = (x0 < (sysid_real)0.0) ? gains->duty_b_min + x1*(gains->duty_b_max -
+        gains->duty_b_min) : (sysid_real)0.0;
+    duty[0] = y0;
+    duty[1] = y1;
+}
+
+/* Flows into chambers A and B, kg/s (4.3.59), and the motor's effort (4.3.41); soon is the
+   reference one PWM period ahead, motor the effort now. */
+static inline void sysid_backstepping_wanted(const sysid_backstepping *gains,
+    sysid_real payload, sysid_real motor, const sysid_estimate *now,
+    const sysid_reference *wanted, const sysid_reference *soon, sysid_real flow_kg_s[2],
+    sysid_real *effort)
+{
+    const sysid_real x0 = sysid_area_a_m2*sysid_pitch_radius_m;
+    const sysid_real x1 = now->position*sysid_pitch_radius_m;
+    const sysid_real x2 = (sysid_real)1.0/(sysid_area_a_m2 + sysid_area_b_m2);
+    const sysid_real x3 = (sysid_real)0.5*sysid_atmospheric_pressure_pa;
+    const sysid_real x4 = -(sysid_real)0.5*sysid_supply_pressure_pa;
+    const sysid_real x5 = x3 + x4;
+    const sysid_real x6 = -x5;
+    const sysid_real x7 = x2*x6*(sysid_area_a_m2 - sysid_area_b_m2);
+    const sysid_real x8 = (sysid_real)1.0/sysid_pitch_radius_m;
+    const sysid_real x9 = (sysid_real)1.0/(gains->portion + (sysid_real)1.0);
+    const sysid_real x10 = payload + sysid_inertia_kg_m2;
+    const sysid_real x11 = -now->position + wanted->position;
+    const sysid_real x12 = -now->velocity + wanted->velocity;
+    const sysid_real x13 = gains->k1*x11 + x12;
+    const sysid_real x14 = -now->velocity + wanted->velocity;
+    const sysid_real x15 = gains->k1*x14 + wanted->acceleration;
+    const sysid_real x16 = now->pressure_a_pa + now->pressure_b_pa -
+        (sysid_real)2.0*sysid_atmospheric_pressure_pa;
+    const sysid_real x17 = sysid_sign(wanted->velocity);
+    const sysid_real x18 = sysid_effect_1_seal_torque_nm_per_pa*x17;
+    const sysid_real x19 = -sysid_max_torque_nm;
+    const sysid_real x20 = ((sysid_real)0.0 < sysid_max_torque_nm) ? (sysid_real)0.0 :
+        sysid_max_torque_nm;
+    const sysid_real x21 = -((x19 < x20) ? x20 : x19);
+    const sysid_real x22 = sysid_friction_coulomb_nm*x17 +
+        sysid_friction_viscous_nm_s_per_rad*wanted->velocity + x21;
+    const sysid_real x23 = x10*(gains->k2*x13 - now->position + wanted->position + x15) +
+        x18*(sysid_effect_1_difference_share*(-x16 + sysid_fabs(now->pressure_a_pa -
+        now->pressure_b_pa)) + x16) + x22;
+    const sysid_real x24 = sysid_minimum(sysid_maximum(x2*x23*x8*x9 - x7, x5), x6);
+    const sysid_real x25 = (sysid_real)0.5*sysid_supply_pressure_pa + x3;
+    const sysid_real x26 = x13/x10;
+    const sysid_real x27 = sysid_friction_viscous_nm_s_per_rad*wanted->acceleration +
+        x10*(gains->k1*(-now->acceleration + wanted->acceleration) + gains->k2*(-now->acceleration +
+        x15) + wanted->jerk + x12);
+    const sysid_real x28 = x2*x8*x9;
+    const sysid_real x29 = (sysid_real)1.0/sysid_heat_capacity_ratio;
+    const sysid_real x30 = sysid_area_a_m2*x29;
+    const sysid_real x31 = (sysid_real)1.0/(sysid_gas_constant_j_per_kg_k*sysid_temperature_k);
+    const sysid_real x32 = x31*(now->pressure_a_pa*now->velocity*x0 + x30*(sysid_offset_a_m +
+        x1)*(gains->k3*(-now->pressure_a_pa + x24 + x25) + x0*x26 + x27*x28));
+    const sysid_real x33 = sysid_sign(soon->velocity);
+    const sysid_real x34 = sysid_effect_1_difference_share*sysid_fabs((sysid_real)0.0);
+    const sysid_real x35 = sysid_minimum(sysid_maximum(x2*x8*(soon->acceleration*x10 +
+        soon->velocity*sysid_friction_viscous_nm_s_per_rad +
+        sysid_effect_1_seal_torque_nm_per_pa*x33*x34 + sysid_friction_coulomb_nm*x33 + x21) - x7,
+        x5), x6);
+    const sysid_real x36 = (sysid_real)1.0/sysid_pwm_period_s;
+    const sysid_real x37 = soon->position*sysid_pitch_radius_m;
+    const sysid_real x38 = x35 - sysid_minimum(sysid_maximum(x2*x8*(wanted->acceleration*x10 +
+        x18*x34 + x22) - x7, x5), x6);
+    const sysid_real x39 = sysid_area_b_m2*sysid_pitch_radius_m;
+    const sysid_real x40 = -sysid_offset_b_m;
+    const sysid_real x41 = x31*(-now->pressure_b_pa*now->velocity*x39 + sysid_area_b_m2*x29*(-x1
+        - x40)*(gains->k4*(-now->pressure_b_pa - x24 + x3 - x4) - x26*x39 - x27*x28));
+    const sysid_real x42 = gains->portion*x23*x9;
+    const sysid_real x43 = gains->motor_d*x14 + gains->motor_p*x11 + x42;
+    const sysid_real x44 = (x43 < sysid_max_torque_nm) ? x43 : sysid_max_torque_nm;
+    const sysid_real x45 = (x42 < sysid_max_torque_nm) ? x42 : sysid_max_torque_nm;
+    (void)motor;
+    const sysid_real y0 = gains->feedforward ? x31*(soon->velocity*x0*(x25 + x35) +
+        x30*x36*x38*(sysid_offset_a_m + x37)) + x32 : x32;
+    const sysid_real y1 = gains->feedforward ? x31*(-soon->velocity*x39*(x25 - x35) -
+        sysid_area_b_m2*x29*x36*x38*(-x37 - x40)) + x41 : x41;
+    const sysid_real y2 = gains->compensation ? ((x19 < x44) ? x44 : x19) : ((x19 < x45) ? x45 :
+        x19);
+    flow_kg_s[0] = y0;
+    flow_kg_s[1] = y1;
+    *effort = y2;
+}
+
+/* The motor's effort (4.4.10): what the cylinder does not give, and feedback (4.4.17). */
+static inline sysid_real sysid_inverse_dynamics(const sysid_dvmpc *gains,
+    sysid_real payload, const sysid_estimate *now, const sysid_reference *wanted)
+{
+    const sysid_real x0 = -sysid_max_torque_nm;
+    const sysid_real x1 = ((sysid_real)0.0 < sysid_max_torque_nm) ? (sysid_real)0.0 :
+        sysid_max_torque_nm;
+    const sysid_real x2 = sysid_sign(wanted->velocity);
+    const sysid_real x3 = payload + sysid_inertia_kg_m2;
+    const sysid_real x4 = -sysid_atmospheric_pressure_pa;
+    const sysid_real x5 = now->pressure_a_pa + now->pressure_b_pa -
+        (sysid_real)2.0*sysid_atmospheric_pressure_pa;
+    const sysid_real x6 =
+        (sysid_real)2.0*gains->damping*gains->natural_frequency*x3*(-now->velocity +
+        wanted->velocity) + sysid_square(gains->natural_frequency)*x3*(-now->position +
+        wanted->position) +
+        sysid_effect_1_seal_torque_nm_per_pa*x2*(sysid_effect_1_difference_share*(-x5 +
+        sysid_fabs(now->pressure_a_pa - now->pressure_b_pa)) + x5) + sysid_friction_coulomb_nm*x2 +
+        sysid_friction_viscous_nm_s_per_rad*wanted->velocity -
+        sysid_pitch_radius_m*(sysid_area_a_m2*(now->pressure_a_pa + x4) -
+        sysid_area_b_m2*(now->pressure_b_pa + x4)) + wanted->acceleration*x3 - ((x0 < x1) ? x1 :
+        x0);
+    const sysid_real x7 = (x6 < sysid_max_torque_nm) ? x6 : sysid_max_torque_nm;
+    return (x0 < x7) ? x7 : x0;
+}
+
+/* Memory at rest at the first readings. */
+static inline sysid_sensing sysid_sensing_start(sysid_real position, sysid_real pressure_a_pa,
+                                          sysid_real pressure_b_pa)
+{
+    sysid_sensing memory;
+    memory.position = position;
+    memory.pressure_a_pa = pressure_a_pa;
+    memory.pressure_b_pa = pressure_b_pa;
+    memory.difference = memory.rejected = 0;
+    memory.velocity_filter[0] = memory.velocity_filter[1] = 0;
+    memory.acceleration_filter[0] = memory.acceleration_filter[1] = 0;
+    return memory;
+}
+
+static inline sysid_backstepping_state sysid_backstepping_start(void)
+{
+    sysid_backstepping_state state = {sysid_payload_inertia_kg_m2, 0};
+    return state;
+}
+
+static inline sysid_dvmpc_state sysid_dvmpc_start(void)
+{
+    sysid_dvmpc_state state = {sysid_payload_inertia_kg_m2, 0, 0, 0, 0};
+    return state;
+}
+
+/* Types 1 to 4 (Table 5.4.3): without compensation, with the motor's, pneumatic, both. */
+static inline sysid_backstepping sysid_backstepping_type(int number)
+{
+    sysid_backstepping gains = sysid_backstepping_defaults;
+    gains.feedforward = number == 3 || number == 4;
+    gains.compensation = number == 2 || number == 4;
+    return gains;
+}
+
+/* Duty of valve A for a wanted mean flow, kg/s. */
+static inline sysid_real sysid_duty_a(int inverse, sysid_real flow_kg_s, sysid_real pressure_pa)
+{
+    if (inverse == SYSID_BIPOLYNOMIAL) {
+        return flow_kg_s >= 0 ? sysid_pwm_a_fill_duty(flow_kg_s, pressure_pa, 0)
+                              : sysid_pwm_a_discharge_duty(flow_kg_s, pressure_pa, 0);
+    }
+    if (inverse == SYSID_NETWORK) {
+        return flow_kg_s >= 0 ? sysid_pwm_a_fill_network_duty(flow_kg_s, pressure_pa, 0)
+                              : sysid_pwm_a_discharge_network_duty(flow_kg_s, pressure_pa, 0);
+    }
+    return sysid_averaged_a_duty(flow_kg_s, pressure_pa);
+}
+
+
+/* Duty of valve B for a wanted mean flow, kg/s. */
+static inline sysid_real sysid_duty_b(int inverse, sysid_real flow_kg_s, sysid_real pressure_pa)
+{
+    if (inverse == SYSID_BIPOLYNOMIAL) {
+        return flow_kg_s >= 0 ? sysid_pwm_b_fill_duty(flow_kg_s, pressure_pa, 0)
+                              : sysid_pwm_b_discharge_duty(flow_kg_s, pressure_pa, 0);
+    }
+    if (inverse == SYSID_NETWORK) {
+        return flow_kg_s >= 0 ? sysid_pwm_b_fill_network_duty(flow_kg_s, pressure_pa, 0)
+                              : sysid_pwm_b_discharge_network_duty(flow_kg_s, pressure_pa, 0);
+    }
+    return sysid_averaged_b_duty(flow_kg_s, pressure_pa);
+}
+
+/* Whether all of an estimate is finite; where it is not, a controller lets go: motor 0, valves
+   off, its memory as it was, and 0 returned instead of 1. */
+static inline int sysid_is_finite(const sysid_estimate *now)
+{
+    return isfinite(now->position) && isfinite(now->velocity) && isfinite(now->acceleration)
+           && isfinite(now->raw_velocity) && isfinite(now->pressure_a_pa)
+           && isfinite(now->pressure_b_pa);
+}
+
+static inline int sysid_let_go(sysid_commands *out)
+{
+    out->motor = out->valve_a = out->valve_b = 0;
+    out->payload_kg = (sysid_real)NAN;
+    return 0;
+}
+
+/* PVA with feedforward and dead-zone compensation (4.2); at the start of a PWM period. */
+static inline int sysid_pva_control(const sysid_pva *gains, const sysid_estimate *now,
+                                 const sysid_reference *wanted, sysid_commands *out)
+{
+    sysid_real duty[2];
+    if (!sysid_is_finite(now)) {
+        return sysid_let_go(out);
+    }
+    sysid_pva_duties(gains, now, wanted, duty);
+    out->motor = 0;
+    out->valve_a = duty[0];
+    out->valve_b = duty[1];
+    out->payload_kg = (sysid_real)NAN;
+    return 1;
+}
+
+/* Backstepping (4.3). estimator: of the payload, or NULL for none; soon: the reference one PWM
+   period ahead. The duties count at the start of a PWM period. */
+static inline int sysid_backstepping_control(const sysid_backstepping *gains,
+                                          const sysid_payload_estimator *estimator,
+                                          sysid_backstepping_state *state, const sysid_estimate *now,
+                                          const sysid_reference *wanted, const sysid_reference *soon,
+                                          sysid_commands *out)
+{
+    sysid_real flow[2], effort;
+    if (!sysid_is_finite(now)) {
+        return sysid_let_go(out);
+    }
+    if (estimator) {
+        state->payload = sysid_payload_update(estimator, state->payload, state->motor, now, wanted);
+    }
+    sysid_backstepping_wanted(gains, state->payload, state->motor, now, wanted, soon, flow, &effort);
+    state->motor = effort;
+    out->motor = effort;
+    out->valve_a = sysid_duty_a(gains->inverse, flow[0], now->pressure_a_pa);
+    out->valve_b = sysid_duty_b(gains->inverse, flow[1], now->pressure_b_pa);
+    out->payload_kg = sysid_payload_mass(state->payload);
+    return 1;
+}
+
+/* The motion and the sum of squared errors after a stretch of the horizon with one input:
+   steps of ticks each, the first at the tick first; before: the inputs that the delays end. */
+static inline void sysid_dvmpc_roll(const sysid_dvmpc *gains, sysid_real payload, int steps, int ticks,
+                                 int first, const sysid_real input[2], const sysid_real before[2],
+                                 const sysid_reference *ahead, sysid_motion *motion, sysid_real *cost)
+{
+    const sysid_real span = (sysid_real)ticks * gains->period_s;
+    int i;
+    for (i = 0; i < steps; i++) {
+        const int tick = first + i * ticks;
+        const sysid_real since = (sysid_real)(i * ticks) * gains->period_s;
+        sysid_real a = input[0], b = input[1], error;
+        sysid_motion next;
+        if (gains->predicts_delays) {
+            a = sysid_delayed_share_a(a, before[0], since, span);
+            b = sysid_delayed_share_b(b, before[1], since, span);
+        }
+        sysid_prediction_step(motion, a, b, ahead[tick].velocity, payload, span, gains->trapezoidal,
+                           &next);
+        *motion = next;
+        error = ahead[tick + ticks].position - next.position;
+        *cost += (sysid_real)ticks * error * error;
+    }
+}
+
+/* Sum of squared errors (4.4.1) of every sequence of inputs: 4 in the order of Table 4.4.1 (off
+   and off, A on, B on, on and on); with varying 16, four times the first input plus the second.
+   ahead: the reference from now on, horizon + 1 ticks. Returns how many there are. */
+static inline int sysid_dvmpc_costs(const sysid_dvmpc *gains, const sysid_dvmpc_state *state,
+                                 const sysid_estimate *now, const sysid_reference *ahead,
+                                 sysid_real costs[16])
+{
+    const int coarse = gains->coarse < 1 ? 1 : gains->coarse;
+    const int whole = gains->varying ? gains->hold : gains->horizon;
+    const sysid_real held[2] = {state->valve_a, state->valve_b};
+    int first, second;
+    for (first = 0; first < 4; first++) {
+        const sysid_real input[2] = {(sysid_real)(first & 1), (sysid_real)(first >> 1)};
+        sysid_motion motion;
+        sysid_real cost = 0;
+        motion.position = now->position;
+        motion.velocity = gains->filtered_velocity ? now->velocity : now->raw_velocity;
+        motion.pressure_a_pa = now->pressure_a_pa;
+        motion.pressure_b_pa = now->pressure_b_pa;
+        sysid_dvmpc_roll(gains, state->payload, whole, 1, 0, input, held, ahead, &motion, &cost);
+        if (!gains->varying) {
+            costs[first] = cost;
+            continue;
+        }
+        for (second = 0; second < 4; second++) {
+            const sysid_real then[2] = {(sysid_real)(second & 1), (sysid_real)(second >> 1)};
+            sysid_motion later = motion;
+            sysid_real sum = cost;
+            sysid_dvmpc_roll(gains, state->payload, (gains->horizon - gains->hold) / coarse, coarse,
+                          gains->hold, then, input, ahead, &later, &sum);
+            costs[4 * first + second] = sum;
+        }
+    }
+    return gains->varying ? 16 : 4;
+}
+
+/* The inputs of least cost, into the state; a cost that overflowed is none. */
+static inline void sysid_dvmpc_decide(const sysid_dvmpc *gains, sysid_dvmpc_state *state,
+                                   const sysid_estimate *now, const sysid_reference *ahead)
+{
+    sysid_real costs[16];
+    const int count = sysid_dvmpc_costs(gains, state, now, ahead, costs);
+    int k, best = 0;
+    for (k = 1; k < count; k++) {
+        if (costs[k] < costs[best] || isnan(costs[best])) {
+            best = k;
+        }
+    }
+    best = gains->varying ? best / 4 : best;
+    state->valve_a = (sysid_real)(best & 1);
+    state->valve_b = (sysid_real)(best >> 1);
+}
+
+/* DVMPC with inverse dynamics of the motor (4.4), each tick; it decides every hold ticks.
+   estimator: of the payload, or NULL; ahead: the reference from now on, horizon + 1 ticks. */
+static inline int sysid_dvmpc_control(const sysid_dvmpc *gains, const sysid_payload_estimator *estimator,
+                                   sysid_dvmpc_state *state, const sysid_estimate *now,
+                                   const sysid_reference *ahead, sysid_commands *out)
+{
+    if (!sysid_is_finite(now)) {
+        return sysid_let_go(out);
+    }
+    if (estimator) {
+        state->payload = sysid_payload_update(estimator, state->payload, state->motor, now, ahead);
+    }
+    if (state->tick == 0) {
+        sysid_dvmpc_decide(gains, state, now, ahead);
+    }
+    state->tick = state->tick + 1 < gains->hold ? state->tick + 1 : 0;
+    state->motor = sysid_inverse_dynamics(gains, state->payload, now, ahead);
+    out->motor = state->motor;
+    out->valve_a = state->valve_a;
+    out->valve_b = state->valve_b;
+    out->payload_kg = sysid_payload_mass(state->payload);
+    return 1;
 }
 
 #endif /* SYSID_CONTROLLER_H */

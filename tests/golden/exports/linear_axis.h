@@ -7,6 +7,12 @@
  * Unknown numbers are absent, and their HAS macros are 0. C99, link with the maths library;
  * do not compile with -ffast-math, which drops the checks for NaN.
  * Numbers are double; -DSYSID_REAL=float makes them single precision.
+ *
+ * On a microcontroller: include this file in one source file, compile it with -std=c99 -O2,
+ * and -DSYSID_REAL=float where the unit for floating point is single. Nothing is allocated, and
+ * nothing is global but constants. The folder ..._check beside this file replays numbers of the
+ * Python package through it: cmake and ctest on a computer, or check.c with its vectors.h on
+ * the target itself.
  * Effects, in the constants and the functions that end with _with_effects:
  * asymmetric-viscous-friction
  */
@@ -41,6 +47,7 @@
 #define SYSID_HAS_PWM_B_FILL_NETWORK 0
 #define SYSID_HAS_PWM_B_DISCHARGE_BIPOLYNOMIAL 0
 #define SYSID_HAS_PWM_B_DISCHARGE_NETWORK 0
+#define SYSID_HAS_CONTROLLERS 0
 #define SYSID_EFFECTS_ACT_ON_SLIDING_FRICTION 1
 #define SYSID_EFFECTS_ACT_ON_STATIC_FRICTION 0
 #define SYSID_EFFECTS_ACT_ON_EXTERNAL 0

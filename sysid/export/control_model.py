@@ -1,0 +1,116 @@
+"""The controllers' model on names of the header, and the same in numbers.
+
+The effects of the bundle count in it as they do in Python: the functions of `sysid.control` are
+evaluated with the effects' own classes. An effect with a state starts it anew at each
+prediction, there as here.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from sysid.bundle import Bundle
+from sysid.control.design_model import DesignModel, design_from_bundle
+from sysid.errors import SysidError
+from sysid.export.c_constants import read_constants
+from sysid.export.c_text import Names
+from sysid.export.control_laws import ControlLaw, control_laws
+from sysid.export.effect_laws import constant_name
+from sysid.export.flat import Flat, NumberTable
+from sysid.export.symbolic import symbol
+from sysid.model.base import PARAMETER_NAMES, Parameters
+from sysid.model.effects.entry import CatalogueEffect
+from sysid.model.ports import Model
+from sysid.surfaces.averaged import AveragedLaw
+
+_NO_LIMIT = 1e30
+"""Stands for an infinite number in C; within the range of single precision."""
+
+
+# An effect in numbers, and on the names of its constants.
+_Pair = tuple[CatalogueEffect, CatalogueEffect]
+
+
+@dataclass(frozen=True)
+class ControlModel:
+    """What the controllers in C know: their laws, and the same model in numbers."""
+
+    design: DesignModel
+    laws: tuple[ControlLaw, ...]
+    ignored: tuple[str, ...] = ()
+
+
+def control_model(
+    bundle: Bundle,
+    flat: Flat,
+    constants: NumberTable,
+    effects: Sequence[tuple[CatalogueEffect | None, bool]],
+    n: Names,
+) -> ControlModel | str:
+    """The controllers' model of a bundle, or why there is none.
+
+    `constants` are the header's; `effects` the bundle's in its order, None for an entry that
+    is none, and whether the header holds their own constants.
+    """
+    try:
+        design = design_from_bundle(bundle.replaced(effects=[]))
+    except SysidError as reason:
+        return str(reason)
+    parameters = _on_names(design.parameters, flat, constants, n)
+    known = [
+        (effect, _named(effect, place, n) if has_names else effect)
+        for place, (effect, has_names) in enumerate(effects)
+        if effect is not None
+    ]
+    kept, laws = known, _laws(design, parameters, known)
+    if laws is None:
+        kept = [pair for pair in known if _laws(design, parameters, [pair]) is not None]
+        laws = _laws(design, parameters, kept)
+    assert laws is not None  # each has a form in C, and they act one after the other
+    model = Model(design.parameters, tuple(effect for effect, _ in kept))
+    ignored = tuple(pair[0].id for pair in known if not any(pair is k for k in kept))
+    return ControlModel(dataclasses.replace(design, model=model), laws, ignored)
+
+
+def _laws(
+    design: DesignModel, parameters: Parameters, effects: Sequence[_Pair]
+) -> tuple[ControlLaw, ...] | None:
+    """The laws with the second of each pair; None where an effect's code has no form in C."""
+    model = Model(parameters, tuple(named for _, named in effects))
+    inverses = {f"inverse_{side}": AveragedLaw.of(model.parameters, side) for side in "ab"}
+    symbolic: Any = dataclasses.replace(design, model=model, **inverses)
+    try:
+        return tuple(control_laws(symbolic))
+    except Exception:  # whatever an effect's code raises
+        if not effects:
+            raise
+        return None
+
+
+def _named(effect: CatalogueEffect, place: int, n: Names) -> CatalogueEffect:
+    names = {q.name: symbol(constant_name(place, q.label, n)) for q in effect.quantities}
+    return dataclasses.replace(effect, **names)  # type: ignore[type-var]
+
+
+def _on_names(parameters: Parameters, flat: Flat, constants: NumberTable, n: Names) -> Parameters:
+    """Each parameter by the name of the constant that is it; else, and where 0, as a number.
+
+    A constant that an effect has changed is not the parameter: effects act on that here.
+    """
+    names, found = read_constants(flat), dict[str, Any]()
+    for key in PARAMETER_NAMES:
+        value = float(getattr(parameters, key))
+        name = names.get(key)
+        held = constants[name].value if name in constants else None
+        if value != 0.0 and held == value:
+            found[key] = symbol(f"{n.lower}{name}")
+        else:
+            found[key] = math.copysign(_NO_LIMIT, value) if math.isinf(value) else value
+    return Parameters(**found)
+
+
+__all__ = ["ControlModel", "control_model"]
