@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -9,20 +10,38 @@ from typing import Any
 import numpy as np
 import pytest
 
-from datasets.thesis.reference_rig import plant
+from datasets.thesis.reference_rig import plant, rig
+from sysid.control.backstepping import BacksteppingController
+from sysid.control.design_model import design_model
+from sysid.control.effective_law import averaged_law
 from sysid.control.interface import Commands, Controller, Reference, StateEstimate
 from sysid.control.loop import PERIOD_S, Case, ClosedLoopRun, closed_loop
+from sysid.control.modes import Mode
+from sysid.control.prediction import Motion, corrected, loaded, motor_command, point_at
 from sysid.control.sensing import SensorSuite
 from sysid.control.trajectories import thesis_trajectory
 from sysid.errors import InputError
+from sysid.model import plant as model_plant
 from sysid.model.base import Array
 from sysid.model.effects.catalogue import catalogue
 from sysid.model.effects.entry import CatalogueEffect
-from sysid.model.effects.sensor import PressureLag, TimeSkew
-from sysid.model.effects.valve import DutyDeadZone
+from sysid.model.effects.friction import StribeckFriction
+from sysid.model.effects.linkage import LinkFlexibility
+from sysid.model.effects.motor import TorqueConstantError, TorqueOffset, TorqueRipple
+from sysid.model.effects.sensor import (
+    AmbientPressureError,
+    EncoderEccentricity,
+    PressureGain,
+    PressureLag,
+    PressureOffset,
+    TimeSkew,
+)
+from sysid.model.effects.supply import ExhaustBackPressure, SupplyDroop
+from sysid.model.effects.valve import DutyDeadZone, SubsonicFlowShape, ValveDelay
 from sysid.model.ports import Effect, Model
 from sysid.model.sensors import measured_channels
 from sysid.model.simulator import Inputs, ValveCommand, simulate
+from sysid.surfaces.averaged import AveragedLaw
 
 
 @dataclass(frozen=True)
@@ -157,3 +176,89 @@ def test_an_effect_that_no_loop_can_take_is_refused(effect: Effect, words: str) 
         runs_on(plant() + effect, 0.01)
     assert "own-effect" in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+# --- what controllers make of their bundle's effects ------------------------------------------
+
+
+def estimate_of(position: float, pressure_a: float, pressure_b: float) -> StateEstimate:
+    values = (position, 0.1, 0.2, 0.1, pressure_a, pressure_b)
+    return StateEstimate(np.array(0), *(np.array([v]) for v in values))
+
+
+def test_known_sensor_errors_are_undone() -> None:
+    model = plant() + PressureOffset(1.7e3, "a") + PressureGain(0.01, "b")
+    model = model + EncoderEccentricity(7e-4, 7e-4) + PressureLag(2e-3)
+    true = {"theta_rad": np.array([0.3]), "pressure_a_pa": np.array([2e5])}
+    true["pressure_b_pa"] = np.array([1.5e5])
+    shown = true
+    for effect in model.effects[:3]:
+        shown = effect.measure(shown, np.zeros(1))
+    found = corrected(estimate_of(*(float(row[0]) for row in shown.values())), model)
+    assert found.position[0] == pytest.approx(0.3, abs=1e-7)
+    assert found.pressure_a[0] == pytest.approx(2e5, abs=1.0)
+    assert found.pressure_b[0] == pytest.approx(1.5e5, abs=1.0)
+    plain = estimate_of(0.3, 2e5, 1.5e5)
+    assert corrected(plain, plant()) == plain
+
+
+def test_the_motor_is_told_what_gives_the_wanted_effort() -> None:
+    model = plant() + TorqueConstantError(-0.08) + TorqueRipple(0.05, 0.02)
+    point = point_at(Motion(*np.array([[0.2], [0.1], [2e5], [1e5]])), model, 0.0, 0.0, 0.1)
+    command = motor_command(np.array([0.3]), point, model)
+    given = model_plant.motor_effort(dataclasses.replace(point, motor=command), model)
+    assert command[0] > 0.31
+    assert given[0] == pytest.approx(0.3, rel=1e-3)
+    wanted = np.array([0.3])
+    assert motor_command(wanted, point, plant()) is wanted
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        SupplyDroop(10e3 / 7.8e-4),
+        ExhaustBackPressure(5e3 / 3.5e-4),
+        SubsonicFlowShape(1.0, 1.0),
+        DutyDeadZone(9e-4),
+        ValveDelay(5e-4, -5e-4),
+        AmbientPressureError(-2e3),
+    ],
+    ids=lambda effect: effect.id,
+)
+def test_the_averaged_law_has_the_effects_and_inverts(effect: Effect) -> None:
+    plain, own = AveragedLaw.of(plant().parameters, "a"), averaged_law(plant() + effect, "a")
+    duty, pressure = np.meshgrid(np.linspace(0.2, 0.78, 30), np.linspace(1.1e5, 2.7e5, 17))
+    flow = own.flow(duty, pressure)
+    np.testing.assert_allclose(own.duty(flow, pressure), duty, atol=1e-6)
+    changed = np.max(np.abs(own.flow(0.1, pressure) - plain.flow(0.1, pressure)))
+    assert changed > 1e-6  # 1e-3 of a valve's flow
+
+
+def test_the_law_of_the_dead_zone_takes_the_nearer_end() -> None:
+    own = averaged_law(plant() + DutyDeadZone(1e-3), "a")
+    duties = own.duty_of_share(np.array([0.13, 0.2, 0.3, 0.9, 0.99]))
+    np.testing.assert_allclose(duties, [0.0, 0.2, 0.24, 0.8, 1.0], atol=1e-9)
+    assert (own.open_share(np.array([0.1, 0.95])) == [0.0, 1.0]).all()
+
+
+def test_states_that_no_controller_measures_leave_its_model() -> None:
+    flexible = design_model(plant() + LinkFlexibility(0.5) + TorqueOffset(0.01), rig=rig())
+    seen = loaded(flexible, 0.0)
+    assert [type(e) for e in seen.effects] == [TorqueOffset]
+    assert seen.at(0.0).inertia == plant().parameters.inertia
+
+
+def test_a_found_effect_is_worth_its_name() -> None:
+    """Backstepping, pneumatic, on a plant with Stribeck friction: told of it and not told."""
+    true = plant() + StribeckFriction(0.12)
+    cases = [
+        Case(
+            BacksteppingController(design_model(known, rig=rig()), portion=0.0),
+            true,
+            thesis_trajectory(1),
+            Mode.PNEUMATIC,
+        )
+        for known in (plant(), true)
+    ]
+    base, told = (run.metrics.rmse for run in closed_loop(cases))
+    assert told < 0.6 * base
