@@ -358,6 +358,29 @@ def test_in_the_vertical_a_payload_is_carried_and_estimated(tmp_path: Path) -> N
     assert found.run.payload_kg[0] == 0.0 and 0.3 < found.run.payload_kg[-1] < 0.6
 
 
+def test_a_payload_beyond_the_limit_is_said_everywhere(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """4 kg, more than the actuators hold: in the terminal, in JSON and on the page."""
+    path = changed(tmp_path, _upright)
+    upright = si.read_bundle(path)
+    found = si.control(
+        upright, "dvmpc", trajectory=3, mode="hybrid", payload_kg=4.0, duration_s=3.0
+    )
+    assert np.isfinite(found.run.position).all() and np.isfinite(found.run.motor).all()
+    for word in ("motor: at its limit", "tracking: more than 0.2 off"):
+        assert any(line.startswith(word) for line in found.faults), word
+    monkeypatch.setattr("sysid.commands.control.control_bundle", lambda *a, **k: found)
+    words = f"control {path} --controller dvmpc --trajectory 3 --mode hybrid".split()
+    assert main([*words, "-o", str(tmp_path / "run")]) == 0
+    shown = capsys.readouterr().out
+    page = (tmp_path / "run" / "page.html").read_text("utf-8")
+    assert main([*words, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["faults"] == list(found.faults)
+    for line in found.faults:
+        assert f"fault: {line}" in shown and f"Fault: {line}." in page
+
+
 def test_the_plant_is_the_other_bundle_s(tmp_path: Path, bundle: si.Bundle) -> None:
     def heavier(content: dict[str, Any]) -> None:
         content["rig"]["inertia"]["equivalent_kg_m2"] *= 1.5
