@@ -41,8 +41,8 @@ from sysid.model.effects.entry import CatalogueEffect  # noqa: E402
 from sysid.model.ports import Model  # noqa: E402
 
 SCALES = (1.0, 3.0)
-# Pairs are made of so many of the best single effects at their usual size.
-BEST = 8
+# Pairs are made of so many of the best single effects, at either size.
+BEST = (5, 3)
 # A loop that is lost counts as this far off, rad.
 LOST_RAD = 1.0
 
@@ -74,14 +74,15 @@ def scales_of(kind: type[CatalogueEffect]) -> list[float]:
 
 
 def rmse(rig: TableRig, plants: list[Model]) -> np.ndarray:
-    """RMSE, rad, (plants, cells); all in one batch."""
+    """RMSE, rad, (plants, cells), of the position that the encoder shows, as on the rig."""
     cells = experiments()
     cases = [
         Case(rig.named(name, mode), plant, thesis_trajectory(n), mode, rig.sensors)
         for plant in plants
         for name, mode, n, _ in cells
     ]
-    found = [run.metrics.rmse for run in closed_loop(cases)]
+    errors = [run.reference[:, 0] - run.measured for run in closed_loop(cases)]
+    found = [np.sqrt(np.mean(error**2)) for error in errors]
     return np.array(found).reshape(len(plants), len(cells))
 
 
@@ -99,7 +100,8 @@ def run(path: Path, max_torque: float) -> None:
 
         def add(names: tuple[str, ...], scales: list[tuple[float, ...]]) -> None:
             key = {"effects": list(names), "max_torque_nm": max_torque}
-            if any(all(r[k] == v for k, v in key.items()) for r in known):
+            done = [r["scales"] for r in known if all(r[k] == v for k, v in key.items())]
+            if list(scales[0]) in done:
                 return
             plants = [
                 Model(
@@ -122,11 +124,12 @@ def run(path: Path, max_torque: float) -> None:
 
         add((), [()])
         for name, kind in own.items():
-            add((name,), [(s,) for s in scales_of(kind)])
-        best = [r for r in ranked(known, 1) if not r["idle"]][:BEST]
-        for one, other in itertools.combinations(best, 2):
-            names = (*one["effects"], *other["effects"])
-            add(names, [(*one["scales"], *other["scales"])])
+            if not kind.averaged_only:
+                add((name,), [(s,) for s in scales_of(kind)])
+        for size, count in zip(SCALES, BEST, strict=True):
+            for one, other in itertools.combinations(ranked(known, 1, size)[:count], 2):
+                names = (*one["effects"], *other["effects"])
+                add(names, [(*one["scales"], *other["scales"])])
 
 
 def read(path: Path) -> list[dict[str, Any]]:
@@ -178,12 +181,15 @@ def table(path: Path, max_torque: float, shown: int) -> None:
     print(f"| plant | mean of abs ln | cells within 2 | {' | '.join(groups)} |")
     print("| " + " | ".join(["---"] * (3 + len(groups))) + " |")
     nothing = ranked(results, 0)
-    singles, large = ranked(results, 1), ranked(results, 1, 3.0)
-    for chosen in (nothing, singles[:shown], ranked(results, 2)[:shown], large[:shown]):
-        for result in chosen:
-            print(row_of(result))
+    print(row_of(nothing[0]))
+    singles = ranked(results, 1)
+    for size in SCALES:
+        print(f"| at {size:g} times the usual size |" + " |" * (2 + len(groups)))
+        for count in (1, 2):
+            for result in ranked(results, count, size)[:shown]:
+                print(row_of(result))
     base = distance(nothing[0])
-    idle = [r["effects"][0] for r in singles if r["idle"]]
+    idle = [name for name, kind in catalogue().items() if kind.averaged_only]
     no_nearer = [r["effects"][0] for r in singles if distance(r) > 0.98 * base]
     print(f"\ncannot act in a loop: {', '.join(idle)}")
     print(f"no nearer to the print (within 2 %) or further: {', '.join(no_nearer)}")
