@@ -58,8 +58,6 @@ EFFECTS = {
     "pressure-lag:first-order": "sensor",
     "inertia-mismatch:balanced": "payload",
     "torque-constant-error:gain": "motor",
-    "torque-offset:constant": "motor",
-    "cable-spring:linear": "mechanics",
 }
 """Forms that the catalogue holds as laws, by family; each is made with the seed of its place."""
 
