@@ -68,6 +68,9 @@ SAME_LAW: dict[str, dict[str, str | float]] = {
     "pressure-gain:absolute": {"pressure_gain_error": "pressure_gain"},
     "pressure-lag:first-order": {"pressure_lag_s": "pressure_lag_s"},
     "time-skew:delay": {"time_skew_s": "skew_s"},
+    "piston-leakage:quadratic": {"piston_leakage_kg_per_s_pa2": "piston_quadratic"},
+    "atmosphere-leakage:quadratic": {"atmosphere_leakage_kg_per_s_pa2": "leak_quadratic"},
+    "duty-dead-zone:vanish": {"dead_time_s": "dead_s"},
 }
 
 

@@ -18,6 +18,10 @@ from datasets.thesis.reference_rig import bundle_content, plant
 from sysid.commands.app import main
 from sysid.control.cases import ClosedLoopRun
 from sysid.control.interface import Commands, Controller, Reference, StateEstimate
+from sysid.control.modes import Mode
+from sysid.control.sensing import SensorSuite
+from sysid.control.task import HORIZON, Choice, prepared
+from sysid.control.tuning import Tuning
 from sysid.io.bundled import REFERENCE_BUNDLE, thesis_folder
 from sysid.workflows.controlling import ControlledRun
 
@@ -283,10 +287,60 @@ def test_linear_rigs_and_pva_s_motor_are_refused(
         ("x.json --trajectory 1 --mode motor", "Missing option '--controller'"),
         ("--table 4.5.3 --mode motor", "--mode does not go with --table"),
         ("--table 5.4.13", "'5.4.13' is not one of"),
+        ("--table 4.5.3 --varying-input", "--varying-input does not go with --table"),
+        ("--table 4.5.3 --type 2", "--type does not go with --table"),
     ],
 )
 def test_options_that_do_not_fit(words: str, said: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert said in refused(f"control {words}", capsys)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("pva --horizon 20", "option horizon: does not go with pva; use it with dvmpc"),
+        ("backstepping --varying-input", "option varying_input: does not go with backstepping"),
+        ("dvmpc --type 2", "option type: does not go with dvmpc; use it with backstepping"),
+        ("pva --no-estimate-payload", "does not go with pva; use it with dvmpc or backstepping"),
+        ("dvmpc --horizon 0", "horizon 0: is out of range; give 1 to 200 ticks"),
+        ("dvmpc --varying-input --horizon 9", "with a varying input; give 11 to 200 ticks"),
+        ("dvmpc --estimate-payload", "the rig is horizontal, and a payload is estimated by"),
+    ],
+)
+def test_options_of_another_controller_are_refused(
+    words: str, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = thesis_folder() / REFERENCE_BUNDLE
+    run = f"control {path} --trajectory 1 --mode pneumatic --controller {words}"
+    assert said in refused(run, capsys)
+
+
+def made(bundle: si.Bundle, controller: str, **options: Any) -> Any:
+    """The controller that the options make, without a run."""
+    options = {"perfect_sensors": False} | options
+    perfect = options.pop("perfect_sensors")
+    choice = Choice(controller, 1, Mode.HYBRID, tuning=Tuning(**options), perfect_sensors=perfect)
+    return prepared(choice, bundle)
+
+
+def test_options_reach_the_controller(bundle: si.Bundle, tmp_path: Path) -> None:
+    plain = made(bundle, "dvmpc").make()
+    assert (plain.horizon, plain.varying, plain.predicts_delays) == (HORIZON, False, False)
+    assert made(bundle, "dvmpc", horizon=20).make().horizon == 20
+    varying = made(bundle, "dvmpc", varying_input=True).make()
+    assert varying.varying and varying.predicts_delays and varying.predicted_steps < 160
+    for number, wanted in enumerate([(False, False), (False, True), (True, False), (True, True)]):
+        found = made(bundle, "backstepping", type=number + 1).make()
+        assert (found.feedforward, found.compensation) == wanted and found.portion > 0.0
+    task = made(bundle, "dvmpc", perfect_sensors=True, horizon=3)
+    assert task.case(task.make()).sensors == SensorSuite.perfect()
+    assert task.choice.words == ("horizon 3", "perfect sensors")
+    upright = si.read_bundle(changed(tmp_path, _upright))
+    for wanted in (True, False):
+        found = made(upright, "dvmpc", estimate_payload=wanted).make()
+        assert (found.estimator is not None) == wanted
+    with pytest.raises(si.InputError, match="does not go with a controller of your own"):
+        si.control(bundle, Motor, mode="motor", horizon=10)
 
 
 def test_in_the_vertical_a_payload_is_carried_and_estimated(tmp_path: Path) -> None:
@@ -302,6 +356,29 @@ def test_in_the_vertical_a_payload_is_carried_and_estimated(tmp_path: Path) -> N
     rig = si.read_rig(tmp_path / "run" / "rig.toml")
     assert rig.inertia is not None and rig.inertia.payload_mass_kg == 0.5
     assert found.run.payload_kg[0] == 0.0 and 0.3 < found.run.payload_kg[-1] < 0.6
+
+
+def test_a_payload_beyond_the_limit_is_said_everywhere(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """4 kg, more than the actuators hold: in the terminal, in JSON and on the page."""
+    path = changed(tmp_path, _upright)
+    upright = si.read_bundle(path)
+    found = si.control(
+        upright, "dvmpc", trajectory=3, mode="hybrid", payload_kg=4.0, duration_s=3.0
+    )
+    assert np.isfinite(found.run.position).all() and np.isfinite(found.run.motor).all()
+    for word in ("motor: at its limit", "tracking: more than 0.2 off"):
+        assert any(line.startswith(word) for line in found.faults), word
+    monkeypatch.setattr("sysid.commands.control.control_bundle", lambda *a, **k: found)
+    words = f"control {path} --controller dvmpc --trajectory 3 --mode hybrid".split()
+    assert main([*words, "-o", str(tmp_path / "run")]) == 0
+    shown = capsys.readouterr().out
+    page = (tmp_path / "run" / "page.html").read_text("utf-8")
+    assert main([*words, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["faults"] == list(found.faults)
+    for line in found.faults:
+        assert f"fault: {line}" in shown and f"Fault: {line}." in page
 
 
 def test_the_plant_is_the_other_bundle_s(tmp_path: Path, bundle: si.Bundle) -> None:

@@ -224,12 +224,14 @@ def test_the_printed_motor_gains() -> None:
 
 UPRIGHT = {"orientation": "vertical"}
 LOADED = {"orientation": "vertical", "payload_kg": 0.2}
+QUICK = PayloadEstimator(heaviest=0.1, forgetting=0.99)
 
 
 def test_the_payload_is_found() -> None:
     """Vertical, 0.2 kg unknown to the controllers: half the error, the mass within 40 %.
 
-    In the horizontal, where a payload has no weight, the estimate stays.
+    In the horizontal, where a payload has no weight, the estimate stays. One beyond what the
+    estimator may find is reported.
     """
     own, cycloid = design(UPRIGHT), thesis_trajectory(1, vertical=True)
     cases = []
@@ -239,7 +241,11 @@ def test_the_payload_is_found() -> None:
             Case(DvmpcController(own, horizon=40, estimator=given), plant(LOADED), cycloid),
         ]
     flat = DvmpcController(design(), horizon=40, estimator=PayloadEstimator())
-    *runs, level = closed_loop([*cases, Case(flat, plant(), thesis_trajectory(1))], 5.6)
+    narrow = DvmpcController(own, horizon=40, estimator=QUICK)
+    cases.append(Case(narrow, plant(LOADED), cycloid))
+    *runs, beyond, level = closed_loop([*cases, Case(flat, plant(), thesis_trajectory(1))], 5.6)
+    assert any("payload: the estimate is at its limit of 0.1 kg" in f for f in beyond.faults)
+    assert not any(f.startswith("payload") for run in runs for f in run.faults)
     for known, found in zip(runs[:2], runs[2:], strict=True):
         assert (known.payload_kg == 0.0).all() and (found.payload_kg[:1000] == 0.0).all()
         assert found.payload_kg[-1] == pytest.approx(0.2, rel=0.4)

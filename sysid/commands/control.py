@@ -42,6 +42,30 @@ _run_options = options(
         type=click.Choice(["averaged", "bipolynomial", "ann"]),
         help="Where backstepping's duties come from (default: averaged).",
     ),
+    click.option("--horizon", type=int, metavar="N", help="Ticks that dvmpc predicts."),
+    click.option(
+        "--varying-input",
+        is_flag=True,
+        default=None,
+        help="dvmpc: the input may change within the horizon.",
+    ),
+    click.option(
+        "--type",
+        "backstepping_type",
+        type=click.IntRange(1, 4),
+        help="backstepping: 1 plain, 2 motor's compensation, 3 feedforward, 4 both (default).",
+    ),
+    click.option(
+        "--estimate-payload/--no-estimate-payload",
+        default=None,
+        help="In the vertical (default: where --payload is given).",
+    ),
+    click.option(
+        "--perfect-sensors",
+        is_flag=True,
+        default=None,
+        help="No counts, noise or filter between plant and controller.",
+    ),
     click.option("--seed", type=SEED, default=0, help="Of the sensors' noise."),
 )
 
@@ -76,7 +100,8 @@ def control(bundle: Path | None, table: str | None, as_json: bool, **chosen: Any
 def _no_run_options(chosen: dict[str, Any]) -> None:
     given = [n for n, v in chosen.items() if v is not None and n not in ("output", "seed")]
     if given:
-        name = {"payload_kg": "payload", "plant_bundle": "plant-bundle"}.get(given[0], given[0])
+        names = {"payload_kg": "payload", "backstepping_type": "type"}
+        name = names.get(given[0], given[0]).replace("_", "-")
         raise click.UsageError(f"--{name} does not go with --table.")
 
 
@@ -101,6 +126,11 @@ def control_run(
     payload_kg: float | None = None,
     plant_bundle: Path | None = None,
     inverse: str | None = None,
+    horizon: int | None = None,
+    varying_input: bool | None = None,
+    backstepping_type: int | None = None,
+    estimate_payload: bool | None = None,
+    perfect_sensors: bool | None = None,
     seed: int = 0,
     effects: Path | None = None,
     output: Path | None = None,
@@ -121,6 +151,11 @@ def control_run(
         payload_kg=payload_kg,
         plant=None if plant_bundle is None else read_bundle(plant_bundle),
         inverse=inverse or "averaged",
+        horizon=horizon,
+        varying_input=varying_input,
+        backstepping_type=backstepping_type,
+        estimate_payload=estimate_payload,
+        perfect_sensors=bool(perfect_sensors),
         seed=seed,
         effects=effects,
         progress=progress,

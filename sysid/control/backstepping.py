@@ -11,9 +11,18 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from sysid.control.design_model import DesignModel
+from sysid.control.effective_law import leakage
 from sysid.control.interface import Commands, Controller, Reference, StateEstimate
 from sysid.control.payload import PayloadEstimator, payload_mass
-from sysid.control.prediction import Motion, loaded, opposing_effort, point_at, sliding_friction
+from sysid.control.prediction import (
+    Motion,
+    corrected,
+    loaded,
+    motor_command,
+    opposing_effort,
+    point_at,
+    sliding_friction,
+)
 from sysid.control.stability import StabilityCheck, check_stability
 from sysid.errors import input_error
 from sysid.model import base, plant
@@ -80,6 +89,7 @@ class BacksteppingController(Controller):
     ) -> tuple[Any, Commands]:
         """Duties for the wanted flows (4.3.59) and the motor's effort (4.3.41)."""
         design, payload = self.design, memory.payload
+        estimate = corrected(estimate, design.model)
         if self.estimator is not None:
             payload = self.estimator.update(payload, memory.motor, estimate, reference, design)
         model = loaded(design, payload)
@@ -95,9 +105,13 @@ class BacksteppingController(Controller):
         if self.compensation:
             motor = motor + self.motor_p * (reference.position - estimate.position)
             motor = motor + self.motor_d * (reference.velocity - estimate.velocity)
-        motor = base.limit_effort(motor, model.parameters.max_effort)
-        return BacksteppingMemory(payload, motor), Commands(
-            motor=motor,
+        limit = model.parameters.max_effort
+        command = base.limit_effort(motor_command(motor, point, model), limit)
+        if not design.is_measured:
+            flow_a = flow_a - leakage("a", point, model)
+            flow_b = flow_b - leakage("b", point, model)
+        return BacksteppingMemory(payload, base.limit_effort(motor, limit)), Commands(
+            motor=command,
             valve_a=design.inverse_a.duty(flow_a, estimate.pressure_a),
             valve_b=design.inverse_b.duty(flow_b, estimate.pressure_b),
             payload_kg=payload_mass(payload, design),

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from sysid.control.faults import Evidence, SensorFaults, report_faults
 from sysid.control.interface import Controller
 from sysid.control.metrics import TrackingMetrics, tracking_metrics
@@ -87,6 +89,7 @@ def faults_of(
         motor=own["motor"],
         open_a=own["command_a"],
         open_b=own["command_b"],
+        payload=own["payload_kg"],
         rejected=counts[0],
         invalid=counts[1],
     )
@@ -97,6 +100,7 @@ def faults_of(
         supply=float(p.supply),
         atmosphere=float(p.atmosphere),
         resolution=case.sensors.position_step,
+        heaviest=getattr(getattr(case.controller, "estimator", None), "heaviest", np.inf),
     )
 
 

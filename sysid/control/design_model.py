@@ -17,13 +17,13 @@ from sysid.control.duty_inverse import (
     bipolynomial_inverse,
     tabulated,
 )
+from sysid.control.effective_law import averaged_law
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.io.channels import SIDES
 from sysid.io.rig import Rig
 from sysid.model.base import Array, Parameters
 from sysid.model.effects.entry import Catalogue
 from sysid.model.ports import Model
-from sysid.surfaces.averaged import AveragedLaw
 
 INVERSES = ("averaged", "bipolynomial", "ann")
 
@@ -35,6 +35,7 @@ class DesignModel:
     `inverse_a`, `inverse_b`: duty by flow and pressure (`DutyInverse`). `payload_mass` kg is
     the payload that `model`'s inertia and gravity contain, `payload_length` m its lever;
     `gravity` 1 in the vertical, else 0: the payload's weight acts on the position.
+    `is_measured`: the inverses are of measured mean flows, which contain a chamber's leaks.
     """
 
     model: Model
@@ -43,6 +44,7 @@ class DesignModel:
     payload_mass: Array = 0.0
     payload_length: Array = 0.0
     gravity: Array = 0.0
+    is_measured: bool = False
 
     @property
     def parameters(self) -> Parameters:
@@ -56,12 +58,11 @@ def design_model(
     inverses: tuple[DutyInverse, DutyInverse] | None = None,
     rig: Rig | None = None,
 ) -> DesignModel:
-    """A controller's model; without `inverses` those of the averaged law.
+    """A controller's model; without `inverses` those of the averaged law with its effects.
 
     The payload's mass and lever are the rig's, if it is given.
     """
-    p = model.parameters
-    a, b = inverses or (AveragedLaw.of(p, "a"), AveragedLaw.of(p, "b"))
+    a, b = inverses or (averaged_law(model, "a"), averaged_law(model, "b"))
     inertia = rig.inertia if rig else None
     return DesignModel(
         model=model,
@@ -95,14 +96,15 @@ def design_from_bundle(
         return design_model(model, rig=rig)
     surfaces_for(bundle, rig, inverse)  # refuses what is missing or of another period
     a, b = (_surface_inverse(bundle, side, inverse) for side in SIDES)
-    return design_model(model, inverses=(a, b), rig=rig)
+    made = design_model(model, inverses=(a, b), rig=rig)
+    return dataclasses.replace(made, is_measured=True)
 
 
 def with_bipolynomials(design: DesignModel) -> DesignModel:
     """The same with the thesis' inverse: bipolynomials fitted to the averaged law (3.7.3)."""
     p = design.parameters
     span = float(p.atmosphere), float(p.supply)
-    a, b = (bipolynomial_inverse(AveragedLaw.of(p, side), span) for side in SIDES)
+    a, b = (bipolynomial_inverse(averaged_law(design.model, side), span) for side in SIDES)
     return dataclasses.replace(design, inverse_a=a, inverse_b=b)
 
 

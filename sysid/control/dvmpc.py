@@ -14,13 +14,16 @@ import numpy as np
 
 from sysid.control.arrays import repeat, when
 from sysid.control.design_model import DesignModel
+from sysid.control.effective_law import edge_delay
 from sysid.control.interface import Commands, Controller, Reference, StateEstimate
 from sysid.control.payload import PayloadEstimator, payload_mass
 from sysid.control.prediction import (
     Motion,
+    corrected,
     cylinder_effort,
     euler_step,
     loaded,
+    motor_command,
     opposing_effort,
     point_at,
     sliding_friction,
@@ -111,6 +114,7 @@ class DvmpcController(Controller):
     ) -> tuple[Any, Commands]:
         """The held combination, decided anew every `hold` ticks, and the motor's effort."""
         payload = memory.payload
+        estimate = corrected(estimate, self.design.model)
         if self.estimator is not None:
             payload = self.estimator.update(payload, memory.motor, estimate, reference, self.design)
         model = loaded(self.design, payload)
@@ -236,7 +240,8 @@ class DvmpcController(Controller):
         w = self.natural_frequency
         stiff = inertia * w * w * (reference.position - estimate.position)
         damped = 2.0 * self.damping * w * inertia * (reference.velocity - estimate.velocity)
-        return base.limit_effort(missing + stiff + damped, model.parameters.max_effort)
+        command = motor_command(missing + stiff + damped, point, model)
+        return base.limit_effort(command, model.parameters.max_effort)
 
 
 def delayed_share(
@@ -246,9 +251,9 @@ def delayed_share(
 
     `new` and `old` are the commands, 0 or 1; the old one acts until the valve's delay is over.
     """
-    xp, p = array_namespace(new), model.parameters
-    opens = getattr(p, f"on_delay_{side}") - since
-    closes = getattr(p, f"off_delay_{side}") - since
+    xp = array_namespace(new)
+    opens = edge_delay(side, True, model, new) - since
+    closes = edge_delay(side, False, model, new) - since
     late = xp.where(new > old, opens, closes)
     share = xp.clip(late / span, 0.0, 1.0)
     return share * old + (1.0 - share) * new

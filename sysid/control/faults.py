@@ -14,6 +14,7 @@ _STUCK_S = 0.25
 _LOST = 0.2
 _EMPTY_SHARE = 0.25
 _LEAST_OPEN_S = 0.2
+_NEAR_HEAVIEST = 0.95
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ class Evidence:
     """A run's rows as the report needs them, (n,): s, rad, Pa, Nm, share open.
 
     Position as it is and as the encoder shows it (`measured`), pressures as measured; `open_a`
-    and `open_b` are the commands, 0 to 1.
+    and `open_b` are the commands, 0 to 1; `payload` the controller's estimate, kg (NaN: none).
     """
 
     time: FloatArray
@@ -49,16 +50,24 @@ class Evidence:
     motor: FloatArray
     open_a: FloatArray
     open_b: FloatArray
+    payload: FloatArray
     rejected: float
     invalid: float
 
 
 def report_faults(
-    rows: Evidence, *, max_effort: float, supply: float, atmosphere: float, resolution: float
+    rows: Evidence,
+    *,
+    max_effort: float,
+    supply: float,
+    atmosphere: float,
+    resolution: float,
+    heaviest: float = np.inf,
 ) -> list[str]:
     """One line for each thing that kept the loop from working as designed; empty for none.
 
-    `max_effort` Nm or N, pressures Pa, `resolution` the encoder's step, rad or m.
+    `max_effort` Nm or N, pressures Pa, `resolution` the encoder's step, rad or m, `heaviest`
+    the largest payload that the controller can estimate, kg.
     """
     found: list[str] = []
     period = float(np.median(np.diff(rows.time)))
@@ -84,6 +93,11 @@ def report_faults(
                 f"supply: chamber {side} reached {top:.0%} of the supply's gauge pressure only, "
                 "with its valve open"
             )
+    beyond = float(np.mean(rows.payload >= _NEAR_HEAVIEST * heaviest))
+    if beyond > 0.0:
+        found.append(
+            f"payload: the estimate is at its limit of {heaviest:.3g} kg in {beyond:.0%} of the run"
+        )
     lost = float(np.mean(np.abs(rows.reference - rows.position) > _LOST))
     if lost > 0.0:
         found.append(f"tracking: more than {_LOST:g} off the reference in {lost:.0%} of the run")

@@ -14,9 +14,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sysid.control.arrays import put_together, stacked, take_apart
+from sysid.control.arrays import put_together, take_apart
 from sysid.control.cases import PERIOD_S, Case, ClosedLoopRun, faults_of
+from sysid.control.groups import Group, grouped
 from sysid.control.interface import Commands, Controller, Reference
+from sysid.control.plant_effects import (
+    SensorMemory,
+    TrueSignals,
+    check_effects,
+    idle_effects,
+    start_sensors,
+    through_sensors,
+)
 from sysid.control.sensing import (
     Readings,
     SensingMemory,
@@ -48,17 +57,10 @@ _MEASURED = ("measured", "measured_a", "measured_b")
 _RECORDED = (*_SHOWN, *_MEASURED, "motor", "command_a", "command_b", "payload_kg")
 
 
-class _Group(NamedTuple):
-    """Lanes whose controllers share a structure: (structure or the object, whole, lanes)."""
-
-    structure: Any
-    is_object: bool
-    lanes: tuple[int, ...]
-
-
 class _Carry(NamedTuple):
     lanes: Lanes
     valves: tuple[ValveIntervals, ValveIntervals]
+    sensors: SensorMemory
     sensing: SensingMemory
     memories: tuple[Any, ...]
     invalid: Array
@@ -83,9 +85,10 @@ class _Fixed(NamedTuple):
     """What is compiled for."""
 
     plant: Any
-    groups: tuple[_Group, ...]
+    groups: tuple[Group, ...]
     ticks_a_period: int
     ticks: int
+    is_linear: bool
 
 
 def closed_loop(
@@ -93,8 +96,9 @@ def closed_loop(
 ) -> list[ClosedLoopRun]:
     """Run every case for `duration` s at 1 kHz, all in one batch; the result in their order.
 
-    Raises InputError for a PWM period that is no multiple of the control period or plants
-    with unlike effects, NotIdentifiedError for a plant with a parameter that is NaN.
+    Raises InputError for a PWM period that is no multiple of the control period, plants with
+    unlike effects or an effect that no loop can take, NotIdentifiedError for a plant with a
+    parameter that is NaN.
     """
     if not cases:
         return []
@@ -111,12 +115,13 @@ def closed_loop(
 
 
 def _prepared(cases: Sequence[Case], duration: float) -> tuple[_Batch, _Fixed]:
-    groups, numbers = _grouped([case.controller for case in cases])
+    groups, numbers = grouped([case.controller for case in cases])
     try:
         model = stack_models([case.plant for case in cases])
     except ValueError:
         raise input_error("plants", "differ in their effects", "run them in two batches") from None
     _check_known(model)
+    check_effects(cases[0].plant)
     structure, plant_numbers = take_apart(model)
     ticks = round(duration / PERIOD_S)
     preview = max(case.controller.preview for case in cases)
@@ -144,7 +149,8 @@ def _prepared(cases: Sequence[Case], duration: float) -> tuple[_Batch, _Fixed]:
             [filter_coefficients(PERIOD_S, c.sensors.cutoff_hz) for c in cases], axis=2
         ),
     )
-    return batch, _Fixed(structure, groups, _ticks_a_period(model), ticks)
+    is_linear = bool(np.all(np.asarray(model.parameters.pitch_radius) == 1.0))
+    return batch, _Fixed(structure, groups, _ticks_a_period(model), ticks, is_linear)
 
 
 def _ticks(count: int) -> FloatArray:
@@ -178,32 +184,14 @@ def _check_known(model: Model) -> None:
         )
 
 
-def _grouped(controllers: list[Controller]) -> tuple[tuple[_Group, ...], list[list[Array]]]:
-    """Controllers by structure, in the order of their first lane, and their stacked numbers."""
-    members: dict[Any, list[int]] = {}
-    parts: list[list[Array]] = []
-    for lane, controller in enumerate(controllers):
-        structure, numbers = take_apart(controller)
-        parts.append(numbers)
-        shapes = tuple(np.shape(n) for n in numbers)
-        members.setdefault((structure, shapes), []).append(lane)
-    groups = []
-    for structure, _ in members:
-        is_object = structure[0] == "fixed"
-        groups.append(_Group(structure, is_object, tuple(members[structure, _])))
-    numbers_by_group = [stacked([parts[lane] for lane in g.lanes]) for g in groups]
-    return tuple(groups), numbers_by_group
-
-
 def _start(cases: Sequence[Case], batch: _Batch, fixed: _Fixed) -> _Carry:
     n = len(cases)
     zero = np.zeros(n)
     model: Model = put_together(fixed.plant, batch.plant)
     position = batch.reference[0, 0]
-    atmosphere = zero + model.parameters.atmosphere
-    point = Point(
-        zero, position, zero, atmosphere, atmosphere, zero, zero, zero, zero, model.parameters
-    )
+    parameters = model.at(zero)
+    atmosphere = zero + parameters.atmosphere
+    point = Point(zero, position, zero, atmosphere, atmosphere, zero, zero, zero, zero, parameters)
     extra = plant.initial_states(point, model)
     lanes = Lanes(
         time=zero,
@@ -216,16 +204,20 @@ def _start(cases: Sequence[Case], batch: _Batch, fixed: _Fixed) -> _Carry:
         index=np.zeros(n, dtype=int),
         elapsed=zero,
     )
-    shown = quantised(position, batch.sensors[0])
-    sensing = start_sensing(Readings(shown, atmosphere, atmosphere))
+    signals = TrueSignals(position, zero, atmosphere, atmosphere)
+    sensors = start_sensors(signals, model, PERIOD_S, fixed.is_linear)
+    shown, _ = through_sensors(signals, model, sensors, zero, PERIOD_S, fixed.is_linear)
+    first = Readings(
+        quantised(shown.position, batch.sensors[0]), shown.pressure_a, shown.pressure_b
+    )
     memories = tuple(
         controller.start(len(group.lanes)) for controller, group in _controllers(batch, fixed)
     )
     closed = no_intervals(n)
-    return _Carry(lanes, (closed, closed), sensing, memories, zero)
+    return _Carry(lanes, (closed, closed), sensors, start_sensing(first), memories, zero)
 
 
-def _controllers(batch: _Batch, fixed: _Fixed) -> list[tuple[Controller, _Group]]:
+def _controllers(batch: _Batch, fixed: _Fixed) -> list[tuple[Controller, Group]]:
     return [
         (put_together(group.structure, numbers), group)
         for group, numbers in zip(fixed.groups, batch.controllers, strict=True)
@@ -235,22 +227,30 @@ def _controllers(batch: _Batch, fixed: _Fixed) -> list[tuple[Controller, _Group]
 # --- a tick --------------------------------------------------------------------------------
 
 
-def _measured(carry: _Carry, tick: Array, batch: _Batch) -> Readings:
-    """The readings at a tick: quantised, noisy, and faulty where a fault says so."""
+def _measured(
+    carry: _Carry, tick: Array, batch: _Batch, fixed: _Fixed
+) -> tuple[Readings, SensorMemory]:
+    """The readings at a tick: as the plant's sensors show it, quantised, noisy, and faulty
+    where a fault says so."""
     time = tick * PERIOD_S
-    lanes, last = carry.lanes, carry.sensing.last
-    position = quantised(lanes.position, batch.sensors[0])
+    signals = TrueSignals(*(getattr(carry.lanes, name) for name in _SHOWN))
+    model: Model = put_together(fixed.plant, batch.plant)
+    now = time + 0.0 * signals.position
+    shown, sensors = through_sensors(signals, model, carry.sensors, now, PERIOD_S, fixed.is_linear)
+    last = carry.sensing.last
+    position = quantised(shown.position, batch.sensors[0])
     position = jnp.where(time >= batch.sticks, last.position, position)
     noise = batch.noise[tick]
     a, b = (
         quantised(pressure + noise[i], batch.sensors[1])
-        for i, pressure in enumerate((lanes.pressure_a, lanes.pressure_b))
+        for i, pressure in enumerate((shown.pressure_a, shown.pressure_b))
     )
     out = (time >= batch.fails[:, 0]) & (time < batch.fails[:, 1])
-    return Readings(jnp.where(out[1], jnp.nan, position), jnp.where(out[0], jnp.nan, a), b)
+    readings = Readings(jnp.where(out[1], jnp.nan, position), jnp.where(out[0], jnp.nan, a), b)
+    return readings, sensors
 
 
-def _reference(tick: Array, batch: _Batch, group: _Group, preview: int) -> Reference:
+def _reference(tick: Array, batch: _Batch, group: Group, preview: int) -> Reference:
     lanes, table = np.array(group.lanes), batch.reference
     rows: Array
     if isinstance(table, np.ndarray):
@@ -302,7 +302,9 @@ def _driven(
         valve = command_duty(valve, time, command, model.parameters.pwm_period, starts)
         valves.append(command_switch(valve, time, command > 0.5, ~batch.is_duty))
     pair = (valves[0], valves[1])
-    span = (time, (tick + 1) * PERIOD_S)
+    period = fixed.ticks_a_period
+    follows = jnp.where(batch.is_duty, (tick // period + 1) * period * PERIOD_S, jnp.inf)
+    span = (time, (tick + 1) * PERIOD_S, follows)
     return advance_period(carry.lanes, pair, commands.motor, span, model), pair
 
 
@@ -314,23 +316,25 @@ def _recorded(carry: _Carry, estimate: Any, commands: Commands) -> tuple[Array, 
 @functools.partial(jax.jit, static_argnames=("fixed",), compiler_options=_COMPILER_OPTIONS)
 def _run(carry: _Carry, batch: _Batch, *, fixed: _Fixed) -> tuple[_Carry, tuple[Array, ...]]:
     def body(carry: _Carry, tick: Array) -> tuple[_Carry, tuple[Array, ...]]:
-        readings = _measured(carry, tick, batch)
+        readings, sensors = _measured(carry, tick, batch, fixed)
         sensing, estimate = sense(carry.sensing, readings, tick, PERIOD_S, batch.filters)
         memories, commands = _commanded(carry, estimate, batch, fixed)
         commands, bad = _admitted(commands, batch)
         lanes, valves = _driven(carry, commands, tick, batch, fixed)
         row = _recorded(carry, estimate, commands)
-        return _Carry(lanes, valves, sensing, memories, carry.invalid + bad), row
+        return _Carry(lanes, valves, sensors, sensing, memories, carry.invalid + bad), row
 
     carry, batch = jax.tree.map(jnp.asarray, (carry, batch))
     result: tuple[_Carry, tuple[Array, ...]] = jax.lax.scan(body, carry, jnp.arange(fixed.ticks))
     return result
 
 
-@functools.partial(jax.jit, compiler_options=_COMPILER_OPTIONS)
-def _sense_once(carry: _Carry, tick: Array, batch: _Batch) -> tuple[SensingMemory, Any]:
-    readings = _measured(carry, tick, batch)
-    return sense(carry.sensing, readings, tick, PERIOD_S, batch.filters)
+@functools.partial(jax.jit, static_argnames=("fixed",), compiler_options=_COMPILER_OPTIONS)
+def _sense_once(
+    carry: _Carry, tick: Array, batch: _Batch, *, fixed: _Fixed
+) -> tuple[SensorMemory, SensingMemory, Any]:
+    readings, sensors = _measured(carry, tick, batch, fixed)
+    return sensors, *sense(carry.sensing, readings, tick, PERIOD_S, batch.filters)
 
 
 @functools.partial(jax.jit, static_argnames=("fixed",), compiler_options=_COMPILER_OPTIONS)
@@ -350,12 +354,12 @@ def _run_in_python(carry: _Carry, batch: _Batch, fixed: _Fixed) -> tuple[_Carry,
     for tick in range(fixed.ticks):
         memories = carry.memories
         seen = carry._replace(memories=())
-        sensing, estimate = _sense_once(seen, tick, numbers)
+        sensors, sensing, estimate = _sense_once(seen, tick, numbers, fixed=bare)
         estimate = type(estimate)(tick, *(np.asarray(x) for x in estimate[1:]))
         memories, commands = _commanded(carry, estimate, batch, fixed)
         lanes, valves, commands, bad = _drive_once(seen, commands, tick, numbers, fixed=bare)
         rows.append([np.asarray(x) for x in _recorded(carry, estimate, commands)])
-        carry = _Carry(lanes, valves, sensing, memories, carry.invalid + np.asarray(bad))
+        carry = _Carry(lanes, valves, sensors, sensing, memories, carry.invalid + np.asarray(bad))
     return carry, tuple(np.stack(column) for column in zip(*rows, strict=True))
 
 
@@ -376,7 +380,7 @@ def _results(
         own = {name: column[:, lane] for name, column in columns.items()}
         reference = np.asarray(batch.reference[: fixed.ticks, :, lane])
         counts = float(carry.sensing.rejected[lane]), float(carry.invalid[lane])
-        lines = faults_of(case, time, reference[:, 0], own, counts)
+        lines = idle_effects(case.plant) + faults_of(case, time, reference[:, 0], own, counts)
         duty = case.controller.is_duty
         runs.append(ClosedLoopRun(time, reference, **own, is_duty=duty, faults=tuple(lines)))
     return runs

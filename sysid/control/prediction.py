@@ -10,10 +10,14 @@ import dataclasses
 from typing import Any, NamedTuple
 
 from sysid.control.design_model import DesignModel
+from sysid.control.interface import StateEstimate
 from sysid.io.rig import GRAVITY_M_PER_S2
 from sysid.model import plant
 from sysid.model.base import Array, array_namespace
-from sysid.model.ports import Model, Point
+from sysid.model.ports import Model, Point, overrides
+
+# Each divides the error of an inverted port by the port's slope, a few per cent.
+_ROUNDS = 2
 
 
 class Motion(NamedTuple):
@@ -46,6 +50,11 @@ def point_at(
         direction=xp.sign(friction_velocity),
         parameters=model.at(time),
     )
+    return _at_rest(point, model)
+
+
+def _at_rest(point: Point, model: Model) -> Point:
+    """The point with the states of its effects where they start."""
     if not model.state_names:
         return point
     return dataclasses.replace(point, extra=plant.initial_states(point, model))
@@ -67,6 +76,35 @@ def cylinder_effort(point: Point, model: Model) -> Array:
     return (force_a - force_b) * plant.pitch_radius(point, model)
 
 
+def motor_command(effort: Array, point: Point, model: Model) -> Array:
+    """The motor's command, Nm or N, at which it gives an effort, by its effects in the model."""
+    if not any(overrides(e, "motor_effort") for e in model.effects):
+        return effort
+    command = effort
+    for _ in range(_ROUNDS):
+        given = plant.motor_effort(dataclasses.replace(point, motor=command), model)
+        command = command + effort - given
+    return command
+
+
+def corrected(estimate: StateEstimate, model: Model) -> StateEstimate:
+    """The estimate of a rotary rig without the known errors of its sensors.
+
+    Those of a single sample: offsets, gains, an eccentric encoder. A lag and a delay stay.
+    """
+    known = [e for e in model.effects if overrides(e, "measure", "sense")]
+    known = [e for e in known if not overrides(e, "start_sensing")]
+    names = {"theta_rad": "position", "pressure_a_pa": "pressure_a", "pressure_b_pa": "pressure_b"}
+    measured = {channel: getattr(estimate, field) for channel, field in names.items()}
+    true = measured
+    for _ in range(_ROUNDS if known else 0):
+        shown = dict(true)
+        for effect in known:
+            shown, _ = effect.sense(shown, (), 0.0 * estimate.position, 1e-3)
+        true = {name: value - (shown[name] - true[name]) for name, value in measured.items()}
+    return estimate._replace(**{field: true[channel] for channel, field in names.items()})
+
+
 def opposing_effort(point: Point, model: Model) -> Array:
     """What opposes positive motion but friction: gravity, offset, external; Nm or N."""
     still = dataclasses.replace(point, motor=0.0 * point.position)
@@ -74,15 +112,19 @@ def opposing_effort(point: Point, model: Model) -> Array:
 
 
 def shared_flow(side: str, share: Array, point: Point, model: Model) -> Array:
-    """Mean flow into a chamber whose valve is open for a share of the step, kg/s."""
+    """Mean flow into a chamber whose valve is open for a share of the step, kg/s.
+
+    The other valve is as open as the point says.
+    """
     pressure = point.pressure(side)
     on: dict[str, Any] = {f"open_{side}": 1.0 + 0.0 * pressure}
-    opened = dataclasses.replace(point, **on)
+    off: dict[str, Any] = {f"open_{side}": 0.0 * pressure}
+    opened, closed = dataclasses.replace(point, **on), dataclasses.replace(point, **off)
     fills = pressure <= plant.filling_boundary(side, opened, model)
-    empties = pressure >= plant.exhaust_boundary(side, point, model)
+    empties = pressure >= plant.exhaust_boundary(side, closed, model)
     return share * plant.discrete_flow(side, fills, opened, model) + (
         1.0 - share
-    ) * plant.discrete_flow(side, empties, point, model)
+    ) * plant.discrete_flow(side, empties, closed, model)
 
 
 def euler_step(
@@ -102,7 +144,9 @@ def euler_step(
     """
     friction = plant.sliding_friction(point, model)
     applied = plant.applied_effort(point, model)
-    moving = dataclasses.replace(point, velocity=motion.velocity)
+    moving = dataclasses.replace(
+        point, velocity=motion.velocity, open_a=shares[0], open_b=shares[1]
+    )
     rates = [
         plant.pressure_rate(side, shared_flow(side, share, moving, model), moving, model)
         for side, share in zip("ab", shares, strict=True)
@@ -118,7 +162,21 @@ def euler_step(
 
 
 def loaded(design: DesignModel, payload_inertia: Array) -> Model:
-    """The controller's model with a payload of this inertia (kg m2) in place of its own.
+    """What a controller computes with: its model with a payload of this inertia (kg m2).
+
+    It takes the place of the model's own. Effects with states that no controller measures are
+    left out (`quasi_static`).
+    """
+    return quasi_static(with_payload(design, payload_inertia))
+
+
+def quasi_static(model: Model) -> Model:
+    """The model without the effects that have states, which are gone where they settle."""
+    return Model(model.parameters, tuple(e for e in model.effects if not e.states))
+
+
+def with_payload(design: DesignModel, payload_inertia: Array) -> Model:
+    """The design's model with a payload of this inertia (kg m2) in place of its own.
 
     Its weight counts where the rig is in the vertical.
     """
@@ -140,11 +198,15 @@ def _at_least(length: Array, least: float = 1e-3) -> Array:
 
 __all__ = [
     "Motion",
+    "corrected",
     "cylinder_effort",
     "euler_step",
     "loaded",
+    "motor_command",
     "opposing_effort",
     "point_at",
+    "quasi_static",
     "shared_flow",
     "sliding_friction",
+    "with_payload",
 ]

@@ -10,17 +10,15 @@ from pathlib import Path
 import numpy as np
 
 from sysid.bundle.content import BundleContent
-from sysid.control.backstepping import BacksteppingController
 from sysid.control.cases import Case, ClosedLoopRun
 from sysid.control.design_model import DesignModel, design_from_bundle
-from sysid.control.dvmpc import DvmpcController
 from sysid.control.interface import Controller
 from sysid.control.modes import Mode
-from sysid.control.payload import PayloadEstimator
-from sysid.control.prediction import loaded
+from sysid.control.prediction import with_payload
 from sysid.control.pva import PvaController
 from sysid.control.sensing import SensorSuite
 from sysid.control.trajectories import DURATION_S, DesiredMotion, thesis_trajectory
+from sysid.control.tuning import NO_TUNING, Tuning
 from sysid.control.user_controller import (
     load_controller,
     make_controller,
@@ -48,6 +46,7 @@ class Choice:
 
     `payload_kg` is on the plant, and the controller is not told (None: the rig file's).
     `inverse`: which of `INVERSES` gives backstepping its duties; `seed` that of the noise.
+    `tuning`: what the named controllers may be told; `perfect_sensors`: no counts, noise, filter.
     """
 
     controller: str
@@ -56,6 +55,18 @@ class Choice:
     payload_kg: float | None = None
     inverse: str = "averaged"
     seed: int = 0
+    tuning: Tuning = NO_TUNING
+    perfect_sensors: bool = False
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """The options that were given, in words."""
+        found = [
+            name if value is True else f"no {name}" if value is False else f"{name} {value}"
+            for name, value in self.tuning.given().items()
+        ]
+        sensors = ["perfect sensors"] if self.perfect_sensors else []
+        return tuple(word.replace("_", " ") for word in (*found, *sensors))
 
 
 @dataclass(frozen=True)
@@ -80,7 +91,7 @@ class Task:
             self.plant,
             self.trajectory,
             self.choice.mode,
-            SensorSuite.of(self.rig),
+            SensorSuite.perfect() if self.choice.perfect_sensors else SensorSuite.of(self.rig),
             seed=self.choice.seed,
         )
 
@@ -108,6 +119,7 @@ def prepared(
     if choice.mode.uses_motor:
         rig.require("motor", f"which mode {choice.mode.value} drives")
     named = split_reference(choice.controller) if own is None else None
+    choice.tuning.check(choice.controller if own is None and named is None else None)
     notices = [*rig.notices]
     if own is None and named is None:
         make = _by_name(choice, bundle, catalogue)
@@ -175,30 +187,30 @@ def _plant(bundle: BundleContent, rig: Rig, catalogue: Catalogue | None) -> Mode
     if rig.inertia is None:
         return made.model
     payload = rig.inertia.payload_mass_kg * rig.inertia.payload_length_m**2
-    return loaded(made, payload)
+    return with_payload(made, payload)
 
 
 def _by_name(
     choice: Choice, bundle: BundleContent, catalogue: Catalogue | None
 ) -> Callable[[], Controller]:
     name, mode = choice.controller, choice.mode
-    if name == "pva":
-        if mode is not Mode.PNEUMATIC:
-            raise input_error(f"mode {mode.value}", "pva drives no motor", "use mode pneumatic")
-        return PvaController
     if name not in CONTROLLERS:
         known = ", ".join(CONTROLLERS)
         raise input_error(
             f"controller {name!r}", "is unknown", f"give {known} or FILE.py:CLASS of your own"
         )
+    if name == "pva":
+        if mode is not Mode.PNEUMATIC:
+            raise input_error(f"mode {mode.value}", "pva drives no motor", "use mode pneumatic")
+        return PvaController
     inverse = choice.inverse if name == "backstepping" else "averaged"
     design = design_from_bundle(bundle, inverse=inverse, catalogue=catalogue)
     seen = choice.payload_kg is not None and bundle.rig.is_vertical
-    estimator = PayloadEstimator() if seen else None
+    estimator = choice.tuning.estimator(seen, bundle.rig)
     if name == "dvmpc":
-        return lambda: DvmpcController(design, horizon=HORIZON, estimator=estimator)
+        return lambda: choice.tuning.dvmpc(design, HORIZON, estimator)
     portion = MOTOR_SHARE if mode.uses_motor else 0.0
-    return lambda: BacksteppingController(design, portion=portion, estimator=estimator)
+    return lambda: choice.tuning.backstepping(design, portion, estimator)
 
 
 def _users(

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from sysid.io.channels import SIDES
 from sysid.model._jax import jax, jnp
 from sysid.model.base import Array
 from sysid.model.ports import Model
@@ -85,29 +86,49 @@ class _Edges(NamedTuple):
         return jnp.where(jnp.any((self.opens <= now) & (now < self.closes), axis=0), 1.0, 0.0)
 
 
-def _edges(valve: ValveIntervals, on_delay: Array, off_delay: Array) -> _Edges:
-    opens, closes = valve.on + on_delay, valve.off + off_delay
+def _edges(valve: ValveIntervals, until: Array, side: str, model: Model) -> _Edges:
+    """The edges, with the model's effects on pulses and delays."""
+    on, off = _passed_pulses(valve, until, side, model)
+    opens = on + _delays(on, True, side, model)
+    closes = off + _delays(off, False, side, model)
     # An edge that is overtaken cancels, and with it the pulse.
     real = closes - opens > TIME_TOLERANCE
     return _Edges(jnp.where(real, opens, -jnp.inf), jnp.where(real, closes, -jnp.inf))
+
+
+def _passed_pulses(valve: ValveIntervals, until: Array, side: str, model: Model) -> ValveIntervals:
+    """The intervals as the model's effects let them pass; `until` as in `advance_period`."""
+    on, off = valve
+    for effect in model.effects:
+        on, off = effect.recent_pulses(on, off, until, side)
+    return ValveIntervals(on, off)
+
+
+def _delays(times: Array, opening: bool, side: str, model: Model) -> Array:
+    """Delay of every edge commanded at `times`, (KEPT_INTERVALS, lanes), s."""
+    name = "on_delay" if opening else "off_delay"
+    delays = jnp.broadcast_to(getattr(model.parameters, f"{name}_{side}"), times.shape)
+    for effect in model.effects:
+        delays = effect.delays(delays, times, opening, side)
+    return delays
 
 
 def advance_period(
     lanes: Lanes,
     valves: tuple[ValveIntervals, ValveIntervals],
     motor: Array,
-    span: tuple[Array, Array],
+    span: tuple[Array, Array, Array],
     model: Model,
 ) -> Lanes:
     """Every lane from span[0] to span[1] (s) under its motor effort (Nm or N) and valves.
 
     The step ends at every valve edge and event of the plant in between; the valves follow
-    the discrete law. Delays are those of the model's parameters.
+    the discrete law. Delays are those of the model's parameters and effects; span[2], (lanes,)
+    or a number, is when the next pulse may start.
     """
-    p, (start, end) = model.parameters, span
-    edges = (
-        _edges(valves[0], p.on_delay_a, p.off_delay_a),
-        _edges(valves[1], p.on_delay_b, p.off_delay_b),
+    start, end, until = span
+    edges = tuple(
+        _edges(valve, until, side, model) for valve, side in zip(valves, SIDES, strict=True)
     )
     zero = jnp.zeros_like(lanes.time)
 

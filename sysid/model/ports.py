@@ -136,6 +136,32 @@ class Effect:
         """Measured channels from true ones; arrays (n,) by log-format names, time in s."""
         return dict(channels)
 
+    def recent_pulses(self, on: Array, off: Array, until: Array, side: str) -> tuple[Array, Array]:
+        """`pulses` as a closed loop knows them: the last intervals (kept, lanes), newest first.
+
+        `until` (lanes,): when the next pulse may start, s. An interval that does not exist, or
+        no longer, is at minus infinity; one whose end is not decided ends at infinity. To be
+        overridden together with `pulses`.
+        """
+        return on, off
+
+    def start_sensing(self, channels: Mapping[str, Array], step: float) -> tuple[Array, ...]:
+        """Memory of `sense` at rest at these true channels; none if rows are independent."""
+        return ()
+
+    def sense(
+        self,
+        channels: Mapping[str, Array],
+        memory: tuple[Array, ...],
+        time: Array,
+        step: float,
+    ) -> tuple[dict[str, Array], tuple[Array, ...]]:
+        """`measure` a sample at a time, `step` s apart, as a closed loop does; arrays (lanes,).
+
+        To be overridden, with `start_sensing`, where `measure` looks at more than one row.
+        """
+        return self.measure(channels, time), memory
+
 
 def overrides(effect: Effect | type[Effect], *ports: str) -> bool:
     """Whether an effect acts through any of these ports."""

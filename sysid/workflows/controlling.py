@@ -16,6 +16,7 @@ from sysid.control.modes import Mode
 from sysid.control.run_files import log_frame, write_run
 from sysid.control.task import Choice, Task, prepared, run_task
 from sysid.control.trajectories import DURATION_S
+from sysid.control.tuning import Tuning
 from sysid.display.numbers import number
 from sysid.display.plots import legend, some_axes
 from sysid.display.progress import progress_or_shown
@@ -166,8 +167,9 @@ class ControlledRun(Shown):
         controller, plant = (Path(source).name for source in self.sources)
         choice = self.task.choice
         payload = f"{number(self.payload_kg)} kg" if self.payload_kg else "none"
+        told = ", ".join([choice.controller, *choice.words])
         return {
-            "Controller": f"{choice.controller}, bundle {controller}",
+            "Controller": f"{told}, bundle {controller}",
             "Plant": plant if plant != controller else "the same bundle",
             "Trajectory": f"{choice.trajectory}, mode {choice.mode.value}",
             "Payload": payload,
@@ -179,7 +181,12 @@ class ControlledRun(Shown):
             k: None if isinstance(v, float) and math.isnan(v) else v
             for k, v in self.records()[0].items()
         }
-        return {**record, "faults": list(self.faults), "notices": list(self.notices)}
+        return {
+            **record,
+            "options": list(self.task.choice.words),
+            "faults": list(self.faults),
+            "notices": list(self.notices),
+        }
 
 
 def control(
@@ -191,6 +198,11 @@ def control(
     payload_kg: float | None = None,
     plant: Bundle | None = None,
     inverse: str = "averaged",
+    horizon: int | None = None,
+    varying_input: bool | None = None,
+    backstepping_type: int | None = None,
+    estimate_payload: bool | None = None,
+    perfect_sensors: bool = False,
     duration_s: float = DURATION_S,
     seed: int = 0,
     effects: EffectSource = None,
@@ -203,7 +215,10 @@ def control(
     4.2.1), `mode` "pneumatic", "motor" or "hybrid". `payload_kg` is on the plant; the controller
     is not told it, in the vertical it estimates it. `plant`: a bundle that stands for the rig
     (None: the controller's). `inverse`: where backstepping's duties come from, "averaged",
-    "bipolynomial" or "ann". `seed` is that of the sensors' noise. Raises InputError for a rig or
+    "bipolynomial" or "ann". DVMPC's `horizon` in ticks, and whether its input may vary within it;
+    `backstepping_type` 1 to 4 (Table 5.4.3: without compensation, motor's, feedforward, both);
+    `estimate_payload` (None: where `payload_kg` is given in the vertical). `perfect_sensors`: no
+    counts, noise or filter. `seed` is that of the sensors' noise. Raises InputError for a rig or
     choice that cannot be run, NotIdentifiedError, with the missing key, for a bundle that lacks
     what controller or plant needs.
 
@@ -219,6 +234,8 @@ def control(
         payload_kg,
         inverse,
         seed,
+        Tuning(horizon, varying_input, backstepping_type, estimate_payload),
+        perfect_sensors,
     )
     task = prepared(choice, bundle, plant, own=own, catalogue=catalogue_from(effects))
     with progress_or_shown(progress, "controlling") as tell:

@@ -21,7 +21,7 @@ from sysid.control.feedforward import FeedforwardController
 from sysid.control.interface import Controller
 from sysid.control.modes import Mode
 from sysid.control.payload import PayloadEstimator
-from sysid.control.prediction import loaded
+from sysid.control.prediction import with_payload
 from sysid.control.pva import PvaController
 from sysid.control.sensing import SensorSuite
 from sysid.control.task import HORIZON, MOTOR_SHARE, check_rotary, check_travel
@@ -165,7 +165,7 @@ class TableRig:
                 "[inertia] payload_length_m is missing, and the table is one of payloads",
                 "add its distance from the shaft",
             )
-        model = loaded(design, payload_kg * lever**2)
+        model = with_payload(design, payload_kg * lever**2)
         return dataclasses.replace(design, model=model, payload_mass=float(payload_kg))
 
     def _controller(self, loop: TableLoop) -> Controller:

@@ -1,23 +1,27 @@
 """Effects of the sensors: what a log shows compared with the true values.
 
 They act through `measure`, on numpy arrays (n,) by log-format names; a channel that is
-absent stays absent. The ambient pressure, which is no channel, acts as a parameter.
+absent stays absent. In a closed loop they act through `sense`, a sample at a time. The ambient
+pressure, which is no channel, acts as a parameter.
 """
 
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from sysid.io.channels import SIDES
-from sysid.model.base import Array, Parameters
+from sysid.model.base import Array, Parameters, array_namespace
 from sysid.model.effects.entry import CatalogueEffect, Quantity, of_side
 from sysid.types import FloatArray
 
 POSITION_CHANNELS = ("theta_rad", "position_m")
+# Keeps a quotient finite where there is no lag, s.
+_LEAST_LAG_S = 1e-9
 
 
 def lagged(values: Array, time: Array, lag: float) -> FloatArray:
@@ -55,6 +59,12 @@ def _changed_pressures(
         if of_side(side, chosen) and name in found:
             found[name] = change(found[name])
     return found
+
+
+def _pressures(channels: Mapping[str, Array], chosen: str) -> list[Array]:
+    """The pressures of the chosen side that are there, in the order of `_changed_pressures`."""
+    names = [f"pressure_{side}_pa" for side in SIDES if of_side(side, chosen)]
+    return [channels[name] for name in names if name in channels]
 
 
 @dataclass(frozen=True)
@@ -122,6 +132,28 @@ class PressureLag(CatalogueEffect):
         lag = float(self.pressure_lag_s)
         return _changed_pressures(channels, self.side, lambda p: lagged(p, time, lag))
 
+    def start_sensing(self, channels: Mapping[str, Array], step: float) -> tuple[Array, ...]:
+        """See `Effect`: of each pressure its last value and how far the sensor is behind."""
+        return tuple(row for p in _pressures(channels, self.side) for row in (p, 0.0 * p))
+
+    def sense(
+        self, channels: Mapping[str, Array], memory: tuple[Array, ...], time: Array, step: float
+    ) -> tuple[dict[str, Array], tuple[Array, ...]]:
+        """See `Effect`: the recursion of `lagged`."""
+        xp = array_namespace(time, self.pressure_lag_s)
+        lag = xp.maximum(self.pressure_lag_s, _LEAST_LAG_S)
+        forgets = xp.where(self.pressure_lag_s > 0.0, -xp.expm1(-step / lag), 1.0)
+        shown, kept = [], []
+        for p, last, behind in zip(
+            _pressures(channels, self.side), memory[::2], memory[1::2], strict=True
+        ):
+            fed = (p - last) * (self.pressure_lag_s / step) * forgets
+            behind = (1.0 - forgets) * behind + fed
+            shown.append(p - behind)
+            kept += [p, behind]
+        rest = iter(shown)
+        return _changed_pressures(channels, self.side, lambda _: next(rest)), tuple(kept)
+
 
 @dataclass(frozen=True)
 class TimeSkew(CatalogueEffect):
@@ -142,6 +174,29 @@ class TimeSkew(CatalogueEffect):
     def measure(self, channels: Mapping[str, Array], time: Array) -> dict[str, Array]:
         skew = float(self.time_skew_s)
         return _changed_pressures(channels, self.side, lambda p: delayed(p, time, skew))
+
+    def start_sensing(self, channels: Mapping[str, Array], step: float) -> tuple[Array, ...]:
+        """See `Effect`: each pressure's last values, newest first, (rows, lanes)."""
+        longest = float(np.max(np.maximum(self.time_skew_s, 0.0)))
+        rows = np.zeros((math.ceil(longest / step) + 2, 1))
+        return tuple(rows + p for p in _pressures(channels, self.side))
+
+    def sense(
+        self, channels: Mapping[str, Array], memory: tuple[Array, ...], time: Array, step: float
+    ) -> tuple[dict[str, Array], tuple[Array, ...]]:
+        """See `Effect`; a channel that would be early is on time, as no loop sees ahead."""
+        xp = array_namespace(time, self.time_skew_s)
+        late = xp.maximum(self.time_skew_s, 0.0) / step
+        shown, kept = [], []
+        for p, last in zip(_pressures(channels, self.side), memory, strict=True):
+            rows = xp.concatenate([p[None], last[:-1]])
+            whole = xp.minimum(xp.floor(late), len(rows) - 2.0)
+            place = (whole + 0.0 * p).astype(int)[None]
+            newer, older = (xp.take_along_axis(rows, place + i, axis=0)[0] for i in (0, 1))
+            shown.append(newer + (late - whole) * (older - newer))
+            kept.append(rows)
+        rest = iter(shown)
+        return _changed_pressures(channels, self.side, lambda _: next(rest)), tuple(kept)
 
 
 @dataclass(frozen=True)
@@ -167,8 +222,9 @@ class EncoderEccentricity(CatalogueEffect):
         for name in POSITION_CHANNELS:
             if name in found:
                 true = found[name]
-                sine = self.encoder_sine_rad * np.sin(true)
-                found[name] = true + sine + self.encoder_cosine_rad * np.cos(true)
+                xp = array_namespace(true, self.encoder_sine_rad)
+                sine = self.encoder_sine_rad * xp.sin(true)
+                found[name] = true + sine + self.encoder_cosine_rad * xp.cos(true)
         return found
 
 

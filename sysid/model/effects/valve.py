@@ -201,6 +201,29 @@ class DutyDeadZone(CatalogueEffect):
         rises = state[1:] == 1
         return edges[moves & rises], edges[moves & ~rises]
 
+    def recent_pulses(self, on: Array, off: Array, until: Array, side: str) -> tuple[Array, Array]:
+        """See `Effect`; a pause up to `until` counts as one that a pulse ends."""
+        if not of_side(side, self.side):
+            return on, off
+        xp = array_namespace(on, self.dead_time_s)
+        least = self.dead_time_s - TIME_TOLERANCE
+        follows = [until]
+        for i in range(len(on) - 1):
+            follows.append(xp.where(on[i] > -xp.inf, on[i], follows[i]))
+        start, holding = xp.full_like(on[0], -xp.inf), on[0] != on[0]
+        rows: list[tuple[Array, Array]] = []
+        for i in reversed(range(len(on))):
+            real = on[i] > -xp.inf
+            obeyed = real & (off[i] >= on[i] + least)
+            start = xp.where(obeyed & ~holding, on[i], start)
+            holding = holding | obeyed
+            ends = real & holding & (follows[i] >= off[i] + least)
+            rows.insert(0, (xp.where(ends, start, -xp.inf), xp.where(ends, off[i], -xp.inf)))
+            holding = holding & ~ends
+        # Still on: whether it closes is decided by the next pulse.
+        rows[0] = xp.where(holding, start, rows[0][0]), xp.where(holding, xp.inf, rows[0][1])
+        return xp.stack([row[0] for row in rows]), xp.stack([row[1] for row in rows])
+
 
 @dataclass(frozen=True)
 class CoilHeating(CatalogueEffect):
@@ -239,7 +262,8 @@ class CoilHeating(CatalogueEffect):
         if not of_side(side, self.side):
             return delays
         # A valve that was on before the test has an edge at minus infinity.
-        warmed = -np.expm1(-np.maximum(times, 0.0) / self.heating_time_s)
+        xp = array_namespace(times, self.heating_time_s)
+        warmed = -xp.expm1(-xp.maximum(times, 0.0) / self.heating_time_s)
         return delays + (self.on_delay_drift_s if opening else self.off_delay_drift_s) * warmed
 
 
