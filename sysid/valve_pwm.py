@@ -8,14 +8,20 @@ and discharging separately.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sysid.errors import NotIdentifiedError, input_error
+from sysid.identification.valve_pwm.averaged import average_of
 from sysid.identification.valve_pwm.coverage import coverage, unseen_regimes
-from sysid.identification.valve_pwm.result import DIRECTIONS, DirectionFit, ValvePwmFit
+from sysid.identification.valve_pwm.result import (
+    DIRECTIONS,
+    DirectionFit,
+    ValveAverage,
+    ValvePwmFit,
+)
 from sysid.identification.valve_pwm.samples import FlowSamples, PwmTest, sample_tests
 from sysid.identification.valve_pwm.selection import Remarks, moved_valves, select_tests
 from sysid.io.logs import Trial
@@ -86,8 +92,25 @@ def fit_valve_pwm(
                 missing[v, direction] = reason
     if not fits:
         raise NotIdentifiedError("; ".join((*missing.values(), *remarks.notices())))
-    notices = (*remarks.notices(), *(f"not identified: {r}" for r in missing.values()))
-    return ValvePwmFit(fits, missing, tuple(_summary(f) for f in fits.values()), notices, seed)
+    averaged, unknown = _averaged(fits, rig, seed)
+    unidentified = (*missing.values(), *unknown)
+    notices = (*remarks.notices(), *(f"not identified: {r}" for r in unidentified))
+    summaries = tuple(_summary(f) for f in fits.values())
+    return ValvePwmFit(fits, missing, summaries, notices, seed, averaged)
+
+
+def _averaged(
+    fits: Mapping[tuple[str, str], DirectionFit], rig: Rig, seed: int
+) -> tuple[dict[str, ValveAverage], list[str]]:
+    """Each valve's averaged law, and why those that are not identified are not."""
+    found, unknown = {}, []
+    for valve in dict.fromkeys(v for v, _ in fits):
+        own = {direction: fit for (v, direction), fit in fits.items() if v == valve}
+        try:
+            found[valve] = average_of(own, rig, FOLDS, seed)
+        except NotIdentifiedError as error:
+            unknown.append(f"valve {valve.upper()}: {error}")
+    return found, unknown
 
 
 def _place(trials: Sequence[Trial]) -> str:

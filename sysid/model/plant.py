@@ -142,17 +142,84 @@ def discrete_flow(side: str, choked: Array, point: Point, model: Model) -> Array
     return model.through("chamber_flow", flow, side, point)
 
 
-def averaged_flow(side: str, surfaces: Any, point: Point, model: Model) -> Array:
+def knows_pulses(surfaces: tuple[Any, ...]) -> bool:
+    """Whether mean flows know how far the pulses lift the pressure (`pulse_ripple`)."""
+    return all(hasattr(s, "pulse") or hasattr(s, "span") for s in surfaces)
+
+
+def takes_shares(surface: Any) -> bool:
+    """Whether a mean flow takes the share of the period that the valve is open, not the duty."""
+    return hasattr(surface, "pulse")
+
+
+def own_delays(surface: Any) -> tuple[float, float] | None:
+    """Delays of opening and closing, s, that a mean flow was identified with; None: none."""
+    return (float(surface.on_delay), float(surface.off_delay)) if takes_shares(surface) else None
+
+
+def _pulse(side: str, surface: Any, point: Point, model: Model) -> Any:
+    """`PulseFlows` of a valve's averaged law, at the lines' pressures in force."""
+    p = point.parameters
+    volume = chamber_volume(side, displacement(point, model), p)
+    relative = volume_rate(side, point, model) / volume
+    swept = -(p.heat_capacity_ratio * point.pressure(side) * relative * p.pwm_period)
+    lines = supply_pressure(side, point, model), exhaust_pressure(side, point, model)
+    rates = _per_flow(side, point, model), swept
+    return surface.pulse(point.is_open(side), point.pressure(side), lines, rates)
+
+
+def _per_flow(side: str, point: Point, model: Model) -> Array:
+    """k R T / V of a chamber, Pa/kg."""
+    p = point.parameters
+    volume = chamber_volume(side, displacement(point, model), p)
+    return p.heat_capacity_ratio * p.gas_constant * p.temperature / volume
+
+
+def pulse_ripple(
+    side: str, surface: Any, rises: Array, point: Point, model: Model
+) -> tuple[Array, Array, Array]:
+    """Of a chamber in a PWM period: the swing, Pa, and where the ramp in force bends.
+
+    The swing is what an open valve would add to the pressure in a period over a closed one. The
+    bend: height on a straight ramp (0 to 1) and in truth, of the one that `rises`, or falls.
+    """
+    if not takes_shares(surface):
+        swing, half = _swing(side, surface.span(point.pressure(side)), point, model), 0.5
+        return swing, half + 0.0 * swing, half + 0.0 * swing
+    flows = _pulse(side, surface, point, model)
+    xp = array_namespace(rises)
+    straight = xp.where(rises, flows.rise[0], 1.0 - flows.fall[0])
+    true = xp.where(rises, flows.rise[1], 1.0 - flows.fall[1])
+    return _swing(side, flows.open - flows.closed, point, model), straight, true
+
+
+def _swing(side: str, span: Array, point: Point, model: Model) -> Array:
+    """Pa that a flow (kg/s) adds to a chamber's pressure in a PWM period."""
+    return _per_flow(side, point, model) * point.parameters.pwm_period * span
+
+
+def averaged_flow(
+    side: str, surfaces: Any, point: Point, model: Model, ripple_mean: Array | None = None
+) -> Array:
     """Flow into a chamber averaged over a PWM period, kg/s, from surfaces (3.7).
 
     `surfaces` maps (duty, pressure) to flow by `fill` and `discharge`. The first is what a
     chamber below its equilibrium receives and the second what one above it loses, so each
-    counts with its own sign only.
+    counts with its own sign only. They hold at the mean pressure, which is `ripple_mean`
+    shares of a period above the point's. A surface with a `pulse` gives what the open and the
+    closed valve pass from the point's pressure on, by the share that the valve is open.
     """
     duty, pressure = point.is_open(side), point.pressure(side)
-    xp = array_namespace(pressure, duty)
-    fill = xp.maximum(surfaces.fill(duty, pressure), 0.0)
-    exhaust = xp.minimum(surfaces.discharge(duty, pressure), 0.0)
+    if takes_shares(surfaces):
+        flows = _pulse(side, surfaces, point, model)
+        fill, exhaust = duty * flows.open, (1.0 - duty) * flows.closed
+    else:
+        if ripple_mean is not None:
+            span = surfaces.span(pressure)
+            pressure = pressure + ripple_mean * _swing(side, span, point, model)
+        xp = array_namespace(pressure, duty)
+        fill = xp.maximum(surfaces.fill(duty, pressure), 0.0)
+        exhaust = xp.minimum(surfaces.discharge(duty, pressure), 0.0)
     flow = model.through("filling_flow", fill, side, point) + model.through(
         "exhaust_flow", exhaust, side, point
     )

@@ -18,6 +18,7 @@ from sysid.io.channels import SIDES
 from sysid.model import plant, valve_timing
 from sysid.model._jax import jax, jnp
 from sysid.model.ports import Model, Point, Structure, join, split, stack_models
+from sysid.model.pulse_means import pulse_means
 from sysid.model.stepper import EventTable, Lanes, advance
 from sysid.types import FloatArray
 
@@ -86,18 +87,28 @@ class Trajectory:
 
 @dataclass
 class _PreparedRun:
-    """One run prepared: its sub-steps and commands on them."""
+    """One run prepared: its sub-steps and commands on them.
+
+    `ripple`, of mean-flow models that know of the pulses: by valve, at the sub-steps' starts,
+    their ends, and its mean over the period (see `pulse_means`).
+    """
 
     grid: valve_timing.Grid
     motor: FloatArray
     opens: dict[str, FloatArray]
+    ripple: tuple[FloatArray, ...] = ()
 
     def __len__(self) -> int:
         return len(self.motor)
 
 
-def open_intervals(inputs: Inputs, side: str, model: Model) -> valve_timing.OpenIntervals:
-    """When a valve is really open, through the timing ports of the model's effects."""
+def open_intervals(
+    inputs: Inputs, side: str, model: Model, delays: tuple[float, float] | None = None
+) -> valve_timing.OpenIntervals:
+    """When a valve is really open, through the timing ports of the model's effects.
+
+    `delays` of opening and closing, s, in place of the model's.
+    """
     command = inputs.valve(side)
     if command is None:
         return valve_timing.OpenIntervals(np.zeros(0), np.zeros(0))
@@ -112,19 +123,33 @@ def open_intervals(inputs: Inputs, side: str, model: Model) -> valve_timing.Open
         on, off = effect.pulses(on, off, side)
 
     def port(delays: FloatArray, times: FloatArray, opening: bool) -> FloatArray:
-        since = times - inputs.time[0] + inputs.elapsed
-        for effect in model.effects:
-            delays = effect.delays(delays, since, opening, side)
-        return delays
+        return _through_delays(delays, times, opening, side, inputs, model)
 
-    on_delay = float(getattr(p, f"on_delay_{side}"))
-    off_delay = float(getattr(p, f"off_delay_{side}"))
-    return valve_timing.delayed(on, off, on_delay, off_delay, port)
+    return valve_timing.delayed(on, off, *(delays or _delays(side, model)), port)
 
 
-def _prepare(inputs: Inputs, model: Model, averaged: bool, max_step: float) -> _PreparedRun:
+def _delays(side: str, model: Model) -> tuple[float, float]:
+    p = model.parameters
+    return float(getattr(p, f"on_delay_{side}")), float(getattr(p, f"off_delay_{side}"))
+
+
+def _through_delays(
+    delays: FloatArray, times: FloatArray, opening: bool, side: str, inputs: Inputs, model: Model
+) -> FloatArray:
+    """Delays (n,) of edges at `times` (n,) through the effects' ports, s."""
+    since = times - inputs.time[0] + inputs.elapsed
+    for effect in model.effects:
+        delays = effect.delays(delays, since, opening, side)
+    return delays
+
+
+def _prepare(
+    inputs: Inputs, model: Model, surfaces: tuple[Any, ...], max_step: float
+) -> _PreparedRun:
     time = np.asarray(inputs.time, dtype=float)
-    if averaged:
+    if surfaces and plant.knows_pulses(surfaces):
+        return _prepare_pulsed(inputs, model, surfaces, max_step)
+    if surfaces:
         return _prepare_averaged(inputs, model, max_step)
     intervals = {side: open_intervals(inputs, side, model) for side in SIDES}
     edges = [e for i in intervals.values() for e in (i.opens, i.closes)]
@@ -155,6 +180,42 @@ def _prepare_averaged(inputs: Inputs, model: Model, max_step: float) -> _Prepare
         else:
             opens[side] = np.asarray(command.values, dtype=float)[grid.row]
     return _PreparedRun(grid, np.asarray(inputs.motor, dtype=float)[grid.row], opens)
+
+
+def _prepare_pulsed(
+    inputs: Inputs, model: Model, surfaces: tuple[Any, ...], max_step: float
+) -> _PreparedRun:
+    """Sub-steps for mean flows that know of the pulses: split at these and at the periods.
+
+    A period's mean flow begins when its pulse can, a switch-on delay after the command's.
+    """
+    time = np.asarray(inputs.time, dtype=float)
+    period = float(model.parameters.pwm_period)
+    starts = valve_timing.period_duties(time, np.zeros_like(time), period)[0]
+    intervals, begins = {}, {}
+    for side, surface in zip(SIDES, surfaces, strict=True):
+        delays = plant.own_delays(surface) or _delays(side, model)
+        intervals[side] = open_intervals(inputs, side, model, delays)
+        on = np.full(len(starts), delays[0])
+        late = _through_delays(on, starts, True, side, inputs, model)
+        begins[side] = np.maximum.accumulate(starts + late)
+    edges = [e for s in SIDES for e in (intervals[s].opens, intervals[s].closes, begins[s])]
+    grid = valve_timing.split_at(time, np.concatenate(edges), max_step)
+    opens, ripple = {}, []
+    for side, surface in zip(SIDES, surfaces, strict=True):
+        last = float(begins[side][-1]) + period
+        means = pulse_means(
+            begins[side], intervals[side], grid.start + time[0], grid.duration, last
+        )
+        ripple += [means.ripple_start, means.ripple_end, means.ripple_mean]
+        opens[side] = means.share
+        command = inputs.valve(side)
+        if not plant.takes_shares(surface) and command is not None and command.is_duty:
+            held = valve_timing.period_duties(time, command.values, period)[1]
+            held = np.concatenate(([means.share[0]], held))
+            opens[side] = held[means.period + 1]
+    motor = np.asarray(inputs.motor, dtype=float)[grid.row]
+    return _PreparedRun(grid, motor, opens, tuple(ripple))
 
 
 @functools.partial(
@@ -189,7 +250,7 @@ def _advance_chunk(
         step, lanes, states, reached = carry
         after = advance(lanes, table, model, surfaces)
         states = tuple(
-            record(s, getattr(after, name), step, 0) for s, name in zip(states, _STATE, strict=True)
+            record(s, value, step, 0) for s, value in zip(states, after.shown(), strict=True)
         )
         at = jnp.minimum(lanes.index, table.duration.shape[1] - 1)
         sample = (after.index > lanes.index) & table.ends_sample[run, at]
@@ -210,6 +271,8 @@ def _advance_block(
     lanes = _start(inputs, model)
     counts = np.array([len(r) for r in runs])
     pieces = [[np.array([[getattr(lanes, n)[i]] for n in _STATE])] for i in range(len(runs))]
+    if runs[0].ripple:
+        lanes = lanes._replace(ripple_a=np.zeros(len(runs)), ripple_b=np.zeros(len(runs)))
     for start in range(0, int(counts.max()), _CHUNK):
         count = np.clip(counts - start, 0, _CHUNK)
         table = _table(runs, start, count)
@@ -248,17 +311,17 @@ _STATE = ("position", "velocity", "pressure_a", "pressure_b")
 
 def _table(runs: list[_PreparedRun], start: int, count: NDArray[np.intp]) -> EventTable:
     """The runs' sub-steps from `start` on, next to each other, as many as a chunk holds."""
-    numbers = np.zeros((4, len(runs), _CHUNK))
+    numbers = np.zeros((4 + len(runs[0].ripple), len(runs), _CHUNK))
     ends_sample = np.zeros((len(runs), _CHUNK), dtype=bool)
     for i, (run, n) in enumerate(zip(runs, count, strict=True)):
         rows = slice(start, start + n)
         for table, values in zip(
-            numbers, (run.grid.duration, run.motor, *run.opens.values()), strict=True
+            numbers, (run.grid.duration, run.motor, *run.opens.values(), *run.ripple), strict=True
         ):
             table[i, :n] = values[rows]
         ends_sample[i, :n] = run.grid.ends_sample[rows]
-    duration, motor, open_a, open_b = numbers
-    return EventTable(duration, motor, open_a, open_b, ends_sample, count)
+    duration, motor, open_a, open_b, *ripple = numbers
+    return EventTable(duration, motor, open_a, open_b, ends_sample, count, tuple(ripple))
 
 
 def _start(inputs: list[Inputs], model: Model) -> Lanes:
@@ -358,9 +421,11 @@ def simulate(
 
     def block(members: list[int]) -> list[FloatArray]:
         own = [pairs[i] for i in members]
-        runs = [_prepare(one, model, bool(surfaces), max_step) for one, model in own]
+        runs = [_prepare(one, model, surfaces, max_step) for one, model in own]
         idle = width - len(own)
-        nothing = _PreparedRun(_no_steps(), np.zeros(0), {side: np.zeros(0) for side in SIDES})
+        none = {side: np.zeros(0) for side in SIDES}
+        no_ripple = (np.zeros(0),) * len(runs[0].ripple)
+        nothing = _PreparedRun(_no_steps(), np.zeros(0), none, no_ripple)
         filled = own + [own[0]] * idle
         found = _advance_block(
             runs + [nothing] * idle, [i for i, _ in filled], [m for _, m in filled], surfaces

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.bundle import FittedValves, PwmSurfaces
-from sysid.bundle.valves import DutyErrors, ResolutionRecord, SurfaceChoice
+from sysid.bundle.valves import AveragedRecord, DutyErrors, ResolutionRecord, SurfaceChoice
 from sysid.display.numbers import MISSING, estimate_cells, number
 from sysid.io.logs import Log
 from sysid.io.rig import Rig
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from sysid.surfaces.domain import LevelFlows
 
 
-_NAMES = {"bipolynomial": "Bipolynomial", "ann": "Network"}
+_NAMES = {"bipolynomial": "Bipolynomial", "ann": "Network", "averaged": "Averaged law"}
 _DIRECTIONS = {"fill": "filling", "discharge": "discharging"}
 _GRID = 72
 _CUTS = 5
@@ -37,6 +37,19 @@ class _Measured:
     held: PwmSurfaces
     levels: LevelFlows | None
     surfaces: dict[str, Any]
+    averaged: AveragedRecord | None = None
+
+    @property
+    def errors(self) -> list[tuple[str, DutyErrors | None, DutyErrors | None]]:
+        """Kind, errors on held-out tests and on all, of each surface and the averaged law."""
+        found = [
+            (k, s.errors("held_out"), s.errors("fitted")) for k, s in self.held.surfaces().items()
+        ]
+        law = self.averaged
+        if law is not None:
+            held, fitted = (law.errors(self.direction, use) for use in ("held_out", "fitted"))
+            found.append(("averaged", held, fitted))
+        return found
 
     @property
     def choice(self) -> SurfaceChoice | None:
@@ -83,7 +96,9 @@ def _parts(
             if held is None or not held.surfaces():
                 continue
             surfaces = {kind: surface.model() for kind, surface in held.surfaces().items()}
-            found.append(_Measured(side, direction, held, levels.get(direction), surfaces))
+            found.append(
+                _Measured(side, direction, held, levels.get(direction), surfaces, valve.averaged())
+            )
     return found
 
 
@@ -111,8 +126,7 @@ def _comparison(parts: Sequence[_Measured]) -> HtmlTable:
     rows = []
     for part in parts:
         choice = part.choice
-        for kind, surface in part.held.surfaces().items():
-            held, fitted = surface.errors("held_out"), surface.errors("fitted")
+        for kind, held, fitted in part.errors:
             judged = held or fitted
             rows.append(
                 (
@@ -131,7 +145,7 @@ def _comparison(parts: Sequence[_Measured]) -> HtmlTable:
         "Surface", "Parameters", "RMSE, fitted", "RMSE, held-out tests", "95th percentile",
         "Largest", "Largest relative (%)", "Noise alone", "",
     )  # fmt: skip
-    caption = "Both surfaces compared (thesis, Tables 3.7.2 to 3.7.4); errors in duty points"
+    caption = "Surfaces compared (thesis, Tables 3.7.2 to 3.7.4); errors in duty points"
     return table(caption, (*columns[:-1], "Choice"), rows, text=(8,))
 
 
