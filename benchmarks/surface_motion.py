@@ -1,7 +1,7 @@
 """The valves' mean-flow surfaces in motion: where they are wrong, and what that costs.
 
     python -m benchmarks.surface_motion where --seeds 7301 7302
-    python -m benchmarks.surface_motion motion --seeds 7301 7302 7303 7304 7305
+    python -m benchmarks.surface_motion both --seeds 7401 7402 ... 7420
 
 Generated campaigns with nothing undeclared (lab size) and, first, the bundled one.
 
@@ -10,7 +10,8 @@ law's over a PWM period, at the duties and pressures of the campaign's motion un
 near to zero flow, by whether both directions' domains hold the point, and what of it remains if
 each direction counts only where the law fills or exhausts; and the pressure at which a duty
 holds the chamber, by surface less by law. `motion`: RMSE of the open-loop position over whole
-held-out tests under PWM, by valve model, over that of the on/off law.
+held-out tests under PWM, by valve model, over that of the on/off law; and RMSE in duty of the
+averaged law and the network on held-out PWM tests, and of the samples' noise alone. `both`: all.
 """
 
 from __future__ import annotations
@@ -160,6 +161,25 @@ def motion(name: str, campaign: Campaign, bundle: Bundle) -> None:
     print(f"| {name} | {1e3 * base:.2f} mrad | " + " | ".join(cells) + " |", flush=True)
 
 
+def duty(name: str, bundle: Bundle) -> None:
+    """Print a row a valve and direction: RMSE in duty on held-out PWM tests."""
+    for side in "ab":
+        law = bundle.valve(side).averaged()
+        for direction in DIRECTIONS:
+            held = bundle.valve(side).surfaces(direction)
+            judged = law and law.errors(direction, "held_out")
+            if held is None or held.ann is None or not judged:
+                print(f"| {name} | {side.upper()} {direction} | not identified |", flush=True)
+                continue
+            network = held.ann.errors("held_out").rmse
+            noise = held.comparison.noise_rmse
+            print(
+                f"| {name} | {side.upper()} {direction} | {judged.rmse:.5f} | {network:.5f} | "
+                f"{noise:.5f} | {judged.rmse / network:.2f} | {noise / network:.2f} |",
+                flush=True,
+            )
+
+
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -172,6 +192,7 @@ def main() -> None:
             where(*case)
         if given.what in ("motion", "both"):
             motion(*case)
+            duty(case[0], case[2])
 
 
 if __name__ == "__main__":

@@ -20,13 +20,14 @@ from datasets.generator.rigs import rig_toml
 from datasets.generator.runs import Commands, GeneratedTest, at_atmosphere, simulated
 from sysid.bundle import Bundle, EffectEntry, LogRecord, Parts, read_bundle, write_bundle
 from sysid.bundle.assembled_model import (
+    LAW_KEYS,
     TabulatedSurfaces,
     model_from_bundle,
     parameters_from_bundle,
     surfaces_from_bundle,
 )
 from sysid.bundle.friction import Friction
-from sysid.bundle.valves import FittedValves, PwmDirections, PwmSurfaces
+from sysid.bundle.valves import AveragedRecord, FittedValves, PwmDirections, PwmSurfaces, Valve
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import MOTION_KINDS, Campaign, read_campaign
@@ -444,6 +445,22 @@ def test_the_mean_flow_does_almost_what_the_pulses_do(
         fit = fit_percentage(measured, simulated_)
         assert fit is not None
         assert fit > least
+
+
+def test_a_law_fitted_under_pwm_alone_simulates(
+    made: GeneratedCampaign, bundle: Bundle, campaign: Campaign
+) -> None:
+    timing = campaign.rig.require("valves", "delays")
+    difference = estimate(timing.off_delay_s - timing.on_delay_s, "s", (0.0, 1e-3))
+    valves = {}
+    for side, law in made.truth["valves"].items():
+        flows = {k: estimate(law[k], "SI", (0.9 * law[k], 1.1 * law[k])) for k in LAW_KEYS.values()}
+        fitted = AveragedRecord(**flows, delay_difference_s=difference)
+        valves[side] = Valve(pwm=PwmDirections(averaged=fitted))
+    alone = bundle.replaced(valves=FittedValves(**valves))
+    result = validate(campaign, alone, kinds=("motion-pwm",))
+    assert {log.model for log in result.logs} == {"averaged"}
+    assert result.logs[0].channels["pressure_a_pa"].ratio == pytest.approx(1.0, abs=0.1)
 
 
 # --- start states -------------------------------------------------------------------------

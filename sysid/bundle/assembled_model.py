@@ -33,7 +33,7 @@ MEAN_FLOW_MODELS = (AVERAGED, *SURFACE_KINDS)
 VALVE_MODELS = (DISCRETE, *MEAN_FLOW_MODELS)
 # Nodes of a surface's table over duty and pressure. Between them the table is bilinear: a
 # bipolynomial's flow is then off by less than 1e-4 of its range (tested).
-_NODES = 65
+_NODES = 129
 _SAME_PERIOD = 1e-6
 
 _TESTS = {

@@ -19,6 +19,8 @@ from sysid.model.ports import Model, Point
 
 # A chamber that exhausts choked whatever the back pressure.
 _FULL_PA = 1e9
+# Keeps a quotient finite where a valve is never open, or always.
+_LEAST_SHARE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -163,9 +165,45 @@ def _pulse(side: str, surface: Any, point: Point, model: Model) -> Any:
     volume = chamber_volume(side, displacement(point, model), p)
     relative = volume_rate(side, point, model) / volume
     swept = -(p.heat_capacity_ratio * point.pressure(side) * relative * p.pwm_period)
-    lines = supply_pressure(side, point, model), exhaust_pressure(side, point, model)
     rates = _per_flow(side, point, model), swept
+    lines = _lines_in_phase(side, point, model)
     return surface.pulse(point.is_open(side), point.pressure(side), lines, rates)
+
+
+def _lines_in_phase(side: str, point: Point, model: Model) -> tuple[Array, Array]:
+    """Supply pressure while a valve is open and exhaust pressure while it is not, Pa.
+
+    Both valves' pulses begin together: the other one is open for a larger part of this one's
+    pulse, and shut for a larger part of its pause, than of the period.
+    """
+    other = SIDES[1 - SIDES.index(side)]
+    own, beside = point.is_open(side), point.is_open(other)
+    xp = array_namespace(own, beside)
+    during = xp.minimum(beside / xp.maximum(own, _LEAST_SHARE), 1.0)
+    shut = xp.minimum((1.0 - beside) / xp.maximum(1.0 - own, _LEAST_SHARE), 1.0)
+    pulse: dict[str, Any] = {f"open_{other}": during}
+    pause: dict[str, Any] = {f"open_{other}": 1.0 - shut}
+    return (
+        supply_pressure(side, dataclasses.replace(point, **pulse), model),
+        exhaust_pressure(side, dataclasses.replace(point, **pause), model),
+    )
+
+
+def _pulse_parts(
+    side: str, flows: Any, mean: Array | None, point: Point, model: Model
+) -> tuple[Array, Array]:
+    """Filling and exhaust part (kg/s) of a pulse's flows through the effects.
+
+    These see the mean pressure, `mean` shares of a period above the point's.
+    """
+    share = point.is_open(side)
+    ripple = 0.0 if mean is None else mean * _swing(side, flows.open - flows.closed, point, model)
+    at: dict[str, Any] = {f"pressure_{side}": point.pressure(side) + ripple}
+    middle = dataclasses.replace(point, **at)
+    return (
+        model.through("filling_flow", share * flows.open, side, middle),
+        model.through("exhaust_flow", (1.0 - share) * flows.closed, side, middle),
+    )
 
 
 def _per_flow(side: str, point: Point, model: Model) -> Array:
@@ -176,21 +214,26 @@ def _per_flow(side: str, point: Point, model: Model) -> Array:
 
 
 def pulse_ripple(
-    side: str, surface: Any, rises: Array, point: Point, model: Model
+    side: str, surface: Any, phase: tuple[Array, Array], point: Point, model: Model
 ) -> tuple[Array, Array, Array]:
     """Of a chamber in a PWM period: the swing, Pa, and where the ramp in force bends.
 
-    The swing is what an open valve would add to the pressure in a period over a closed one. The
-    bend: height on a straight ramp (0 to 1) and in truth, of the one that `rises`, or falls.
+    `phase`: whether the pressure rises, and the ripple's mean in shares of a period. The swing
+    is what an open valve would add to the pressure in a period over a closed one. The bend:
+    height on a straight ramp (0 to 1) and in truth, of the ramp in force.
     """
+    rises, mean = phase
     if not takes_shares(surface):
         swing, half = _swing(side, surface.span(point.pressure(side)), point, model), 0.5
         return swing, half + 0.0 * swing, half + 0.0 * swing
     flows = _pulse(side, surface, point, model)
+    fill, exhaust = _pulse_parts(side, flows, mean, point, model)
     xp = array_namespace(rises)
+    share = point.is_open(side)
+    span = fill / xp.maximum(share, _LEAST_SHARE) - exhaust / xp.maximum(1.0 - share, _LEAST_SHARE)
     straight = xp.where(rises, flows.rise[0], 1.0 - flows.fall[0])
     true = xp.where(rises, flows.rise[1], 1.0 - flows.fall[1])
-    return _swing(side, flows.open - flows.closed, point, model), straight, true
+    return _swing(side, span, point, model), straight, true
 
 
 def _swing(side: str, span: Array, point: Point, model: Model) -> Array:
@@ -212,14 +255,14 @@ def averaged_flow(
     duty, pressure = point.is_open(side), point.pressure(side)
     if takes_shares(surfaces):
         flows = _pulse(side, surfaces, point, model)
-        fill, exhaust = duty * flows.open, (1.0 - duty) * flows.closed
-    else:
-        if ripple_mean is not None:
-            span = surfaces.span(pressure)
-            pressure = pressure + ripple_mean * _swing(side, span, point, model)
-        xp = array_namespace(pressure, duty)
-        fill = xp.maximum(surfaces.fill(duty, pressure), 0.0)
-        exhaust = xp.minimum(surfaces.discharge(duty, pressure), 0.0)
+        parts = _pulse_parts(side, flows, ripple_mean, point, model)
+        return model.through("chamber_flow", parts[0] + parts[1], side, point)
+    if ripple_mean is not None:
+        span = surfaces.span(pressure)
+        pressure = pressure + ripple_mean * _swing(side, span, point, model)
+    xp = array_namespace(pressure, duty)
+    fill = xp.maximum(surfaces.fill(duty, pressure), 0.0)
+    exhaust = xp.minimum(surfaces.discharge(duty, pressure), 0.0)
     flow = model.through("filling_flow", fill, side, point) + model.through(
         "exhaust_flow", exhaust, side, point
     )

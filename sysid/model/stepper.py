@@ -26,6 +26,7 @@ from sysid.model._jax import jax, jnp
 from sysid.model.base import Array
 from sysid.model.events import Cubic, apart, first_event, kutta_cubic
 from sysid.model.ports import Model, Point
+from sysid.model.ripple import Ripple
 from sysid.model.supply_approach import gap_change
 
 Rates = tuple[Array, ...]
@@ -82,34 +83,6 @@ class EventTable(NamedTuple):
     ends_sample: Array
     count: Array
     ripple: Rates = ()
-
-
-class Ripple(NamedTuple):
-    """A chamber's ripple during a sub-step (see `pulse_means`), arrays (runs,).
-
-    `swing` Pa per share of a period; `start` at the sub-step's start, `slope` per s and `mean`
-    over the period, in shares of a period; `begins`: the time of that start, s. `bend`: height
-    on a straight ramp (0 to 1) and in truth at which the ramp in force bends.
-    """
-
-    swing: Array
-    start: Array
-    slope: Array
-    mean: Array
-    begins: Array
-    bend: tuple[Array, Array]
-
-    def at(self, time: Array) -> Array:
-        """How far the pressure is above that at the ends of the period, Pa."""
-        straight = self.start + self.slope * (time - self.begins)
-        height = 2.0 * self.mean
-        place = straight / jnp.where(height > 0.0, height, 1.0)
-        over, true = self.bend
-        bump = jnp.minimum(
-            place / jnp.where(over > 0.0, over, 1.0),
-            (1.0 - place) / jnp.where(over < 1.0, 1.0 - over, 1.0),
-        )
-        return self.swing * (straight + height * (true - over) * jnp.maximum(bump, 0.0))
 
 
 class Chamber(NamedTuple):
@@ -236,7 +209,8 @@ def _ripples(lanes: Lanes, ripple: Rates, duration: Array, setting: Setting) -> 
     per_second = 1.0 / jnp.where(duration > 0, duration, 1.0)
     for number, side in enumerate(SIDES if ripple else ()):
         start, end, mean = ripple[3 * number : 3 * number + 3]
-        shape = partial(plant.pulse_ripple, side, setting.surfaces[number], end > start)
+        phase = end > start, mean
+        shape = partial(plant.pulse_ripple, side, setting.surfaces[number], phase)
         swing, *bend = setting.apart(
             partial(shape, setting.point, setting.model), (lanes.time,) * 3
         )

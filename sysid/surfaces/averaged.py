@@ -34,6 +34,7 @@ _TINY_FLOW = 1e-12
 _LEAST_RIPPLE = 1e-6
 # The ripple follows from the flows, and these from the ripple: a tenth of the error is left a step.
 _RIPPLE_STEPS = 4
+_DUTY_STEPS = 6
 
 
 class PulseFlows(NamedTuple):
@@ -170,6 +171,23 @@ class AveragedLaw:
             trough = pressure - ripple * found.middle(share)
             found = self._over_ripple(_drifted(trough, drift, share), ripple, lines)
         return found
+
+    def held_duty(
+        self, flow: Array, pressure: Array, lines: tuple[Array, Array], per_flow: Array
+    ) -> Array:
+        """Duty, 0 to 1, for a mean flow (kg/s) at a held chamber's mean `pressure` (Pa).
+
+        As `duty`, with the ripple of a chamber of that k R T / V (Pa/kg), which depends on the
+        duty itself: found in a few steps from that without ripple.
+        """
+        xp = array_namespace(flow, pressure)
+        found = self._at_once(0.0 * pressure, pressure, lines)
+        share = 0.0 * flow
+        for _ in range(_DUTY_STEPS):
+            span = xp.maximum(found.open - found.closed, _TINY_FLOW)
+            share = xp.clip((flow - found.closed) / span, 0.0, 1.0)
+            found = self.mean_pulse(share, pressure, lines, per_flow)
+        return self.duty_of_share(share)
 
     def _at_once(self, share: Array, pressure: Array, lines: tuple[Array, Array]) -> PulseFlows:
         supply, exhaust = lines

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -42,6 +42,17 @@ class SurfacePoints:
             self.count[rows],
             self.test[rows],
         )
+
+    def relabelled(self, test: NDArray[Any]) -> SurfacePoints:
+        """The same points with other test labels (k,)."""
+        return replace(self, test=test)
+
+    def joined(self, other: SurfacePoints | None) -> SurfacePoints:
+        """These points and then the others; themselves where there are none."""
+        if other is None:
+            return self
+        pairs = [(getattr(self, f.name), getattr(other, f.name)) for f in fields(self)]
+        return SurfacePoints(*(np.concatenate(pair) for pair in pairs))
 
 
 def surface_points(

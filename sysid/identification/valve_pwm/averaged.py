@@ -11,6 +11,7 @@ from sysid.identification.valve_pwm.result import DirectionFit, ValveAverage
 from sysid.io.rig import Rig
 from sysid.surfaces.averaged_fit import (
     N_PARAMETERS,
+    AveragedFit,
     Conditions,
     MeanFlows,
     fit_averaged,
@@ -44,10 +45,11 @@ def average_of(
         )
     errors = {}
     for (direction, found), offset in zip(directions.items(), offsets, strict=True):
-        points = found.points
-        errors[direction] = {"fitted": _judged(fit.law.duty(points.flow, points.pressure), points)}
+        points, per_flow = found.points, found.samples.per_flow_of(found.points.test)
+        errors[direction] = {"fitted": _judged(_duty(fit, points, per_flow), points)}
         if len(np.unique(points.test)) >= folds + 4:
-            duties = _held_out_duties(points, flows, fit.conditions, offset, (folds, seed))
+            held = folds, seed
+            duties = _held_out_duties(points, flows, fit.conditions, (offset, per_flow), held)
             errors[direction]["held_out"] = _judged(duties, points)
     return ValveAverage(fit, errors)
 
@@ -61,30 +63,38 @@ def _together(found: Sequence[DirectionFit]) -> tuple[MeanFlows, list[int]]:
     for direction in found:
         s = direction.samples
         kept = direction.domain.holds_duty(s.duty)
-        per_flow = np.array(s.per_flow or (0.0,) * len(s.labels))[s.test]
+        per_flow = s.per_flow_of(s.test)
         columns = (s.duty, s.pressure, s.flow, s.std, s.test + offsets[-1], per_flow)
         parts.append([column[kept] for column in columns])
         offsets.append(offsets[-1] + len(s.labels))
     return MeanFlows(*(np.concatenate(c) for c in zip(*parts, strict=True))), offsets[:-1]
 
 
+def _duty(fit: AveragedFit, points: SurfacePoints, per_flow: FloatArray) -> FloatArray:
+    """Duty (n,) at the points by a law, with the ripple of the chambers of `per_flow` (n,)."""
+    lines = fit.conditions.supply, fit.conditions.atmosphere
+    return np.asarray(fit.law.held_duty(points.flow, points.pressure, lines, per_flow))
+
+
 def _held_out_duties(
     points: SurfacePoints,
     flows: MeanFlows,
     conditions: Conditions,
-    offset: int,
+    tests: tuple[int, FloatArray],
     held_out: tuple[int, int],
 ) -> FloatArray:
     """Duty at each of a direction's points (n,) by the law from all tests but the point's fold.
 
+    `tests`: offset of the direction's test numbers in `flows`, `per_flow` at the points (n,).
     `held_out`: number of folds, seed. NaN for the tests at the ends of the duty range.
     """
     folds, seed = held_out
+    offset, per_flow = tests
     duty = np.full(len(points.duty), np.nan)
     for held in group_folds(points.test, points.duty, folds, seed):
         left_out = np.isin(flows.test, points.test[held] + offset)
-        law = fit_averaged(flows.select(~left_out), conditions).law
-        duty[held] = law.duty(points.flow[held], points.pressure[held])
+        fit = fit_averaged(flows.select(~left_out), conditions)
+        duty[held] = _duty(fit, points.select(held), per_flow[held])
     return duty
 
 

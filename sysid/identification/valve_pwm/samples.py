@@ -84,6 +84,11 @@ class FlowSamples:
     def __len__(self) -> int:
         return len(self.flow)
 
+    def per_flow_of(self, test: IntArray) -> FloatArray:
+        """k R T / V of the chamber of each test number (n,), Pa/kg; 0 where it is not known."""
+        known = np.array(self.per_flow) if self.per_flow else np.zeros(len(self.labels))
+        return np.asarray(known[test])
+
     def part(self, rows: BoolArray | IntArray) -> FlowSamples:
         """The samples in `rows`; tests keep their numbers."""
         return FlowSamples(
