@@ -23,7 +23,12 @@ from sysid.identification.valve_pwm.result import (
     ValveAverage,
     ValvePwmFit,
 )
-from sysid.identification.valve_pwm.samples import FlowSamples, PwmTest, sample_tests
+from sysid.identification.valve_pwm.samples import (
+    FlowSamples,
+    PwmTest,
+    choked_boundaries,
+    sample_tests,
+)
 from sysid.identification.valve_pwm.selection import Remarks, moved_valves, select_tests
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
@@ -163,12 +168,22 @@ def _measured(
     except NotIdentifiedError as error:
         raise NotIdentifiedError("; ".join((str(error), *unseen_regimes(samples, rig)))) from None
     remarks.lines += [f"{where}: {line}" for line in coverage(samples, domain, other_duties, rig)]
-    points = surface_points(samples.duty, samples.pressure, samples.flow, samples.test, samples.std)
+    supply = float(rig.require("air", "supply").supply_pressure_pa)
+    boundaries = choked_boundaries(rig.require("air", "boundaries"), supply)
+    points = surface_points(
+        samples.duty,
+        samples.pressure,
+        samples.flow,
+        samples.test,
+        samples.std,
+        boundaries=boundaries,
+    )
     points = points.select(domain.holds_duty(points.duty))
     return DirectionFit(
         valve=valve,
         direction=direction,
-        supply_pressure_pa=float(rig.require("air", "supply").supply_pressure_pa),
+        supply_pressure_pa=supply,
+        boundaries_pa=boundaries,
         pwm_period_s=float(rig.require("pwm", "period").period_s),
         samples=samples,
         points=points,
@@ -215,7 +230,7 @@ def _with_surfaces(
     if surface == "both":
         content["comparison"] = comparison = compare_surfaces(
             samples.duty, samples.pressure, samples.flow, samples.test, samples.std, FOLDS,
-            _network(domain, seed), ties,
+            _network(domain, seed), ties, base.boundaries_pa,
         )  # fmt: skip
     if surface in ("bipolynomial", "both"):
         content["bipolynomial"] = polynomial = fit_bipolynomial(tied, domain)

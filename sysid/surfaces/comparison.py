@@ -119,6 +119,7 @@ def compare_surfaces(
     folds: int = 4,
     network: DutyNetwork | None = None,
     ties: SurfacePoints | None = None,
+    boundaries: Sequence[float] = (),
 ) -> SurfaceComparison:
     """Compare both surfaces on samples (n,) of one valve in one direction.
 
@@ -126,11 +127,11 @@ def compare_surfaces(
     judged on points of held-out tests: every test once, in `folds` folds, except
     those at the ends of the duty range, which always train. `network` gives the network's
     parameters. `ties` train with every fold (see `zero_flow`), except those of the duties that
-    it holds out. Raises as `Domain.from_samples` does.
+    it holds out; `boundaries` as in `surface_points`. Raises as `Domain.from_samples` does.
     """
     u, p, m = checked_samples(duty, pressure, flow)
     domain = Domain.from_samples(u, p, m)
-    points = surface_points(u, p, m, test, std)
+    points = surface_points(u, p, m, test, std, boundaries=boundaries)
     points = points.select(domain.holds_duty(points.duty))
     if ties is not None:
         domain = domain.with_points(ties.duty, ties.pressure, ties.flow)

@@ -39,6 +39,7 @@ class DirectionFit(Shown):
     error in duty by its name, on held-out tests (`held_out`) and on the training tests
     (`fitted`). `comparison`: both on the same held-out tests. `resolution`:
     Table 3.7.1, None for unevenly spaced duties. `sweep`: hidden sizes, where asked for.
+    `boundaries_pa`: the choked boundaries, at which the flow jumps.
     """
 
     valve: str
@@ -54,6 +55,7 @@ class DirectionFit(Shown):
     comparison: SurfaceComparison | None = None
     resolution: ResolutionStudy | None = None
     sweep: SizeSweep | None = None
+    boundaries_pa: tuple[float, ...] = ()
 
     @property
     def by_kind(self) -> dict[str, Bipolynomial | DutyNetwork]:
