@@ -239,7 +239,9 @@ def simulate(
     `models` may differ in numbers but not in effects. Without `surfaces` the valves follow
     the discrete law under their real pulses. With `surfaces`, valve A's and B's, the chambers
     get the mean flow over each PWM period: each is a dataclass of numbers whose methods
-    `fill` and `discharge` map (duty, pressure in Pa) to kg/s. Runs may differ in length and
+    `fill` and `discharge` map (duty, pressure in Pa) to kg/s. If they have a `pulse` (the averaged
+    law) or a `span` (open less closed flow, kg/s) too, a period's flow begins when its pulse can,
+    and the pressures ripple with the pulses (`pulse_means`). Runs may differ in length and
     sampling. The result at the rows of `inputs` does not depend on which runs share a batch.
 
     Raises NotIdentifiedError for a parameter that is NaN, ValueError for malformed inputs.
