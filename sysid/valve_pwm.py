@@ -2,21 +2,33 @@
 
 Thesis 3.7: the piston is held, so that the mean flow follows from dP/dt (3.5.3); its samples
 over duty and pressure are fitted by a bipolynomial (3.7.3) or a network (3.7.4), for filling
-and discharging separately.
+and discharging separately, each tied to the other where the flow is zero.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sysid.errors import NotIdentifiedError, input_error
+from sysid.identification.valve_pwm.averaged import average_of
 from sysid.identification.valve_pwm.coverage import coverage, unseen_regimes
-from sysid.identification.valve_pwm.result import DIRECTIONS, DirectionFit, ValvePwmFit
-from sysid.identification.valve_pwm.samples import FlowSamples, PwmTest, sample_tests
+from sysid.identification.valve_pwm.result import (
+    DIRECTIONS,
+    DirectionFit,
+    ValveAverage,
+    ValvePwmFit,
+)
+from sysid.identification.valve_pwm.samples import (
+    FlowSamples,
+    PwmTest,
+    choked_boundaries,
+    sample_tests,
+)
 from sysid.identification.valve_pwm.selection import Remarks, moved_valves, select_tests
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
@@ -31,12 +43,14 @@ from sysid.surfaces.comparison import (
 from sysid.surfaces.domain import Domain
 from sysid.surfaces.left_out import group_folds
 from sysid.surfaces.samples import SurfacePoints, surface_points
+from sysid.surfaces.zero_flow import apart_from, tie_points
 
 if TYPE_CHECKING:
     from sysid.surfaces.ann import DutyNetwork
 
 SURFACES = ("bipolynomial", "ann", "both")
 FOLDS = 4
+_OTHER = {"fill": "discharge", "discharge": "fill"}
 # A test that stays this close to its start, as a share of the range from atmosphere to supply,
 # shows no mean flow: duties differ there by less than the pressure's noise.
 _LEAST_TRAVEL = 0.01
@@ -71,23 +85,51 @@ def fit_valve_pwm(
             "valve-pwm tests (piston held, one constant duty per test) would identify them"
         )
     remarks = Remarks()
+    measured: dict[tuple[str, str], DirectionFit] = {}
     fits: dict[tuple[str, str], DirectionFit] = {}
     missing: dict[tuple[str, str], str] = {}
+
+    def unless_missing(
+        into: dict[tuple[str, str], DirectionFit],
+        key: tuple[str, str],
+        fit: Callable[[], DirectionFit],
+    ) -> None:
+        try:
+            into[key] = fit()
+        except NotIdentifiedError as error:
+            missing[key] = f"valve {key[0].upper()}, {DIRECTIONS[key[1]]}: {error}"
+
     for v in valves:
         tests = select_tests(trials, rig, v, remarks)
         for direction in DIRECTIONS:
             own = [t for t in tests if t.filling == (direction == "fill")]
             others = [t.duty for t in tests if t.filling != (direction == "fill")]
-            try:
-                fit = _fit_direction(own, others, rig, v, direction, surface, seed, sweep, remarks)
-                fits[v, direction] = fit
-            except NotIdentifiedError as error:
-                reason = f"valve {v.upper()}, {DIRECTIONS[direction]}: {error}"
-                missing[v, direction] = reason
+            measure = partial(_measured, own, others, rig, v, direction, remarks)
+            unless_missing(measured, (v, direction), measure)
+    for key, base in measured.items():
+        ties = _ties(base, measured.get((key[0], _OTHER[key[1]])))
+        unless_missing(fits, key, partial(_with_surfaces, base, ties, surface, seed, sweep))
     if not fits:
         raise NotIdentifiedError("; ".join((*missing.values(), *remarks.notices())))
-    notices = (*remarks.notices(), *(f"not identified: {r}" for r in missing.values()))
-    return ValvePwmFit(fits, missing, tuple(_summary(f) for f in fits.values()), notices, seed)
+    averaged, unknown = _averaged(fits, rig, seed)
+    unidentified = (*missing.values(), *unknown)
+    notices = (*remarks.notices(), *(f"not identified: {r}" for r in unidentified))
+    summaries = tuple(_summary(f) for f in fits.values())
+    return ValvePwmFit(fits, missing, summaries, notices, seed, averaged)
+
+
+def _averaged(
+    fits: Mapping[tuple[str, str], DirectionFit], rig: Rig, seed: int
+) -> tuple[dict[str, ValveAverage], list[str]]:
+    """Each valve's averaged law, and why those that are not identified are not."""
+    found, unknown = {}, []
+    for valve in dict.fromkeys(v for v, _ in fits):
+        own = {direction: fit for (v, direction), fit in fits.items() if v == valve}
+        try:
+            found[valve] = average_of(own, rig, FOLDS, seed)
+        except NotIdentifiedError as error:
+            unknown.append(f"valve {valve.upper()}: {error}")
+    return found, unknown
 
 
 def _place(trials: Sequence[Trial]) -> str:
@@ -96,17 +138,20 @@ def _place(trials: Sequence[Trial]) -> str:
     return trials[0].source.removesuffix(f", test {trials[0].label}")
 
 
-def _fit_direction(
+def _ties(base: DirectionFit, other: DirectionFit | None) -> SurfacePoints | None:
+    """Points of the other direction that tie the surfaces at zero flow; None without tests."""
+    return None if other is None else tie_points(base.points, other.points, base.domain)
+
+
+def _measured(
     tests: Sequence[PwmTest],
     other_duties: Sequence[float],
     rig: Rig,
     valve: str,
     direction: str,
-    surface: str,
-    seed: int,
-    sweep: bool,
     remarks: Remarks,
 ) -> DirectionFit:
+    """One direction's samples, points and domain, without surfaces."""
     where = f"valve {valve.upper()}, {DIRECTIONS[direction]}"
     samples = _travelled(sample_tests(tests, rig), tests, direction, rig, remarks)
     if len(samples) == 0:
@@ -123,19 +168,28 @@ def _fit_direction(
     except NotIdentifiedError as error:
         raise NotIdentifiedError("; ".join((str(error), *unseen_regimes(samples, rig)))) from None
     remarks.lines += [f"{where}: {line}" for line in coverage(samples, domain, other_duties, rig)]
-    points = surface_points(samples.duty, samples.pressure, samples.flow, samples.test, samples.std)
+    supply = float(rig.require("air", "supply").supply_pressure_pa)
+    boundaries = choked_boundaries(rig.require("air", "boundaries"), supply)
+    points = surface_points(
+        samples.duty,
+        samples.pressure,
+        samples.flow,
+        samples.test,
+        samples.std,
+        boundaries=boundaries,
+    )
     points = points.select(domain.holds_duty(points.duty))
-    found = DirectionFit(
+    return DirectionFit(
         valve=valve,
         direction=direction,
-        supply_pressure_pa=float(rig.require("air", "supply").supply_pressure_pa),
+        supply_pressure_pa=supply,
+        boundaries_pa=boundaries,
         pwm_period_s=float(rig.require("pwm", "period").period_s),
         samples=samples,
         points=points,
         domain=domain,
         resolution=_resolution(samples),
     )
-    return _with_surfaces(found, surface, seed, sweep)
 
 
 def _travelled(
@@ -162,31 +216,35 @@ def _travelled(
     return samples.part(moved[samples.test])
 
 
-def _with_surfaces(base: DirectionFit, surface: str, seed: int, sweep: bool) -> DirectionFit:
-    """The fit with the requested surfaces, and their errors."""
-    points, domain, samples = base.points, base.domain, base.samples
+def _with_surfaces(
+    base: DirectionFit, ties: SurfacePoints | None, surface: str, seed: int, sweep: bool
+) -> DirectionFit:
+    """The fit with the requested surfaces, and their errors on the direction's own points."""
+    points, samples, own_domain = base.points, base.samples, base.domain
+    tied = points.joined(ties)
+    domain = own_domain
+    if ties is not None:
+        domain = own_domain.with_points(ties.duty, ties.pressure, ties.flow)
     content = {name: getattr(base, name) for name in base.__dataclass_fields__}
     errors: dict[str, dict[str, SurfaceError]] = {}
     if surface == "both":
         content["comparison"] = comparison = compare_surfaces(
             samples.duty, samples.pressure, samples.flow, samples.test, samples.std, FOLDS,
-            _network(domain, seed),
+            _network(domain, seed), ties, base.boundaries_pa,
         )  # fmt: skip
     if surface in ("bipolynomial", "both"):
-        content["bipolynomial"] = polynomial = fit_bipolynomial(points, domain)
+        content["bipolynomial"] = polynomial = fit_bipolynomial(tied, domain)
         errors["bipolynomial"] = {"fitted": _error(polynomial, points, N_TERMS)}
         held_out = (
             comparison.bipolynomial
             if surface == "both"
-            else _held_out_bipolynomial(points, domain, seed)
+            else _held_out_bipolynomial(points, ties, domain, seed)
         )
         if held_out is not None:
             errors["bipolynomial"]["held_out"] = held_out
     if surface in ("ann", "both"):
         network = _network(domain, seed)
-        network.fit(
-            np.column_stack((points.flow, points.pressure)), points.duty, groups=points.test
-        )
+        network.fit(np.column_stack((tied.flow, tied.pressure)), tied.duty, groups=tied.test)
         content["network"] = network
         errors["ann"] = {"fitted": _error(network, points, network.n_parameters_)}
         if surface == "both":
@@ -195,7 +253,7 @@ def _with_surfaces(base: DirectionFit, surface: str, seed: int, sweep: bool) -> 
         from sysid.surfaces.ann import sweep_hidden_size
 
         content["sweep"] = sweep_hidden_size(
-            points.flow, points.pressure, points.duty, points.test, domain=domain, seed=seed
+            points.flow, points.pressure, points.duty, points.test, domain=own_domain, seed=seed
         )
     content["errors"] = errors
     return DirectionFit(**content)
@@ -229,13 +287,16 @@ def _error(
     return duty_errors(fitted, points.duty, points.pressure, points.flow, n_parameters)
 
 
-def _held_out_bipolynomial(points: SurfacePoints, domain: Domain, seed: int) -> SurfaceError | None:
+def _held_out_bipolynomial(
+    points: SurfacePoints, ties: SurfacePoints | None, domain: Domain, seed: int
+) -> SurfaceError | None:
     """Error in duty on held-out tests, each held out once; None for too few tests."""
     if len(np.unique(points.test)) < FOLDS + 4:
         return None
     fitted = np.full(len(points.duty), math.nan)
     for held in group_folds(points.test, points.duty, FOLDS, seed):
-        polynomial = fit_bipolynomial(points.select(~held), domain)
+        apart = None if ties is None else ties.select(apart_from(ties, points.duty[held]))
+        polynomial = fit_bipolynomial(points.select(~held).joined(apart), domain)
         fitted[held] = polynomial.duty(points.flow[held], points.pressure[held])[0]
     judged = np.isfinite(fitted)
     seen = points.select(judged)

@@ -20,13 +20,14 @@ from datasets.generator.rigs import rig_toml
 from datasets.generator.runs import Commands, GeneratedTest, at_atmosphere, simulated
 from sysid.bundle import Bundle, EffectEntry, LogRecord, Parts, read_bundle, write_bundle
 from sysid.bundle.assembled_model import (
+    LAW_KEYS,
     TabulatedSurfaces,
     model_from_bundle,
     parameters_from_bundle,
     surfaces_from_bundle,
 )
 from sysid.bundle.friction import Friction
-from sysid.bundle.valves import FittedValves, PwmDirections, PwmSurfaces
+from sysid.bundle.valves import AveragedRecord, FittedValves, PwmDirections, PwmSurfaces, Valve
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import MOTION_KINDS, Campaign, read_campaign
@@ -116,10 +117,11 @@ def trial_of(test: GeneratedTest) -> Trial:
 def test_the_true_parameters_leave_only_noise(
     made: GeneratedCampaign, result: ValidationResult
 ) -> None:
-    assert [log.file for log in result.logs] == [f"{stem}.csv" for stem in STEMS]
+    logs = result.select(model="discrete")
+    assert [log.file for log in logs] == [f"{stem}.csv" for stem in STEMS]
     # The converter's step adds to the generator's noise.
     noise = np.hypot(made.rig.truth.pressure_noise_pa, 26.0 / np.sqrt(12.0))
-    for log in result.logs:
+    for log in logs:
         assert (log.use, log.model) == ("holdout", "discrete")
         for name in ("pressure_a_pa", "pressure_b_pa"):
             channel = log.channels[name]
@@ -140,7 +142,7 @@ def test_the_true_parameters_leave_only_noise(
 
 
 def test_white_pressure_residuals_pass_as_often_as_they_should(result: ValidationResult) -> None:
-    tests = [t for log in result.logs for t in log.tests]
+    tests = [t for log in result.select(model="discrete") for t in log.tests]
     white = [t.channels[c].whiteness for t in tests for c in t.channels if "pressure" in c]
     assert len(white) == 8
     # At 5 % false alarms, three or more of eight have a probability of 0.6 %.
@@ -197,7 +199,7 @@ def test_the_result_goes_into_a_bundle(
     read = read_bundle(path).validation
     assert read is not None
     logs = read.validated()
-    assert len(logs) == 3
+    assert len(logs) == 4  # the test under PWM by the averaged law too
     for log in logs:
         assert {"file", "sha256", "use", "kind", "valve_model"} <= set(log.given())
         for channel in log.channels.values():
@@ -214,7 +216,9 @@ def test_arrays_are_kept(result: ValidationResult) -> None:
     error = np.sqrt(np.mean(residual[: test.counted] ** 2))
     assert test.channels["theta_rad"].errors.rmse == pytest.approx(error)
     assert result.select(use="fit") == ()
-    assert result.select("holdout", "discrete") == result.logs
+    averaged = result.select("holdout", "averaged")
+    assert len(averaged) == 1
+    assert len(result.select("holdout", "discrete")) == len(result.logs) - 1
 
 
 def test_pooled_errors_are_those_of_all_samples() -> None:
@@ -409,13 +413,25 @@ def test_pulsed_motion_by_surfaces(campaign: Campaign, with_surfaces: Bundle) ->
     assert [(g.kind, g.model) for g in found.logs] == [
         ("motion-motor", "discrete"),
         ("motion-pwm", "discrete"),
+        ("motion-pwm", "averaged"),
         ("motion-pwm", "bipolynomial"),
     ]
     assert any("no ann model" in n for n in found.notices)
-    discrete, averaged = found.logs[1:]
+    discrete, _, polynomial = found.logs[1:]
     for name in discrete.channels:
         # Nine terms do not follow a law that jumps where it chokes.
-        assert averaged.channels[name].errors.rmse > discrete.channels[name].errors.rmse
+        assert polynomial.channels[name].errors.rmse > discrete.channels[name].errors.rmse
+
+
+def test_the_averaged_law_follows_the_pulses_within_a_period(result: ValidationResult) -> None:
+    """At the noise, as the law under the real pulses: the ripple is in its pressures."""
+    averaged = result.select("holdout", "averaged")[0]
+    assert (averaged.kind, averaged.file) == ("motion-pwm", "motion_pwm_2.csv")
+    for name in ("pressure_a_pa", "pressure_b_pa"):
+        assert averaged.channels[name].ratio == pytest.approx(1.0, abs=0.1)
+    fit = averaged.channels["theta_rad"].errors.fit_percentage
+    assert fit is not None
+    assert fit > 99.0
 
 
 def test_the_mean_flow_does_almost_what_the_pulses_do(
@@ -429,6 +445,22 @@ def test_the_mean_flow_does_almost_what_the_pulses_do(
         fit = fit_percentage(measured, simulated_)
         assert fit is not None
         assert fit > least
+
+
+def test_a_law_fitted_under_pwm_alone_simulates(
+    made: GeneratedCampaign, bundle: Bundle, campaign: Campaign
+) -> None:
+    timing = campaign.rig.require("valves", "delays")
+    difference = estimate(timing.off_delay_s - timing.on_delay_s, "s", (0.0, 1e-3))
+    valves = {}
+    for side, law in made.truth["valves"].items():
+        flows = {k: estimate(law[k], "SI", (0.9 * law[k], 1.1 * law[k])) for k in LAW_KEYS.values()}
+        fitted = AveragedRecord(**flows, delay_difference_s=difference)
+        valves[side] = Valve(pwm=PwmDirections(averaged=fitted))
+    alone = bundle.replaced(valves=FittedValves(**valves))
+    result = validate(campaign, alone, kinds=("motion-pwm",))
+    assert {log.model for log in result.logs} == {"averaged"}
+    assert result.logs[0].channels["pressure_a_pa"].ratio == pytest.approx(1.0, abs=0.1)
 
 
 # --- start states -------------------------------------------------------------------------

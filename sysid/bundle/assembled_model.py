@@ -12,7 +12,7 @@ from sysid.bundle.base import Part
 from sysid.bundle.content import BundleContent
 from sysid.bundle.effects import effect_from_entry
 from sysid.bundle.friction import Friction
-from sysid.bundle.valves import DIRECTIONS, SURFACE_KINDS, PwmSurfaces
+from sysid.bundle.valves import AVERAGED, DIRECTIONS, SURFACE_KINDS, PwmSurfaces
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.io.channels import SIDES
 from sysid.io.rig import Rig
@@ -28,11 +28,13 @@ from sysid.model.effects.entry import Catalogue
 from sysid.model.effects.linear import for_rig
 from sysid.model.ports import Effect, Model, has_discrete_law
 from sysid.model.trials import DISCRETE
+from sysid.surfaces.averaged import AveragedLaw
 
-VALVE_MODELS = (DISCRETE, *SURFACE_KINDS)
+MEAN_FLOW_MODELS = (AVERAGED, *SURFACE_KINDS)
+VALVE_MODELS = (DISCRETE, *MEAN_FLOW_MODELS)
 # Nodes of a surface's table over duty and pressure. Between them the table is bilinear: a
 # bipolynomial's flow is then off by less than 1e-4 of its range (tested).
-_NODES = 65
+_NODES = 129
 _SAME_PERIOD = 1e-6
 
 _TESTS = {
@@ -84,6 +86,11 @@ class TabulatedSurfaces:
             (duty, self.discharging_duty_low, self.discharging_duty_high),
             (pressure, self.discharging_pressure_low, self.discharging_pressure_high),
         )
+
+    def span(self, pressure: Array) -> Array:
+        """Flow of the open valve less that of the closed one, kg/s, as the tables' ends say."""
+        high, low = self.filling_duty_high, self.discharging_duty_low
+        return (self.fill(high, pressure) - self.discharge(low, pressure)) / (high - low)
 
 
 _Axis = tuple[Array, Array, Array]
@@ -215,14 +222,16 @@ def effects_from_bundle(
     return tuple(effects)
 
 
-def surfaces_from_bundle(
-    bundle: BundleContent, rig: Rig, kind: str
-) -> tuple[TabulatedSurfaces, TabulatedSurfaces] | None:
-    """Valve A's and B's PWM surfaces of a kind ("bipolynomial" or "ann"), for `simulate`.
+def surfaces_from_bundle(bundle: BundleContent, rig: Rig, kind: str) -> tuple[Any, Any] | None:
+    """Valve A's and B's mean flow under PWM by one of MEAN_FLOW_MODELS, for `simulate`.
 
-    None where the bundle lacks one of the four. Raises InputError where they were fitted at
-    another PWM period than the rig's, at which they do not hold.
+    None where the bundle lacks one of the four surfaces, or one of the two laws. Raises
+    InputError where surfaces were fitted at another PWM period than the rig's, at which they
+    do not hold.
     """
+    if kind == AVERAGED:
+        a, b = (_averaged_law(bundle, rig, side) for side in SIDES)
+        return None if a is None or b is None else (a, b)
     found = []
     for side in SIDES:
         parts = [bundle.valve(side).surfaces(direction) for direction in DIRECTIONS]
@@ -234,6 +243,36 @@ def surfaces_from_bundle(
             _check_period(part, rig, f"{where}.pwm.{direction}")
         found.append(_tabulated(held[0], held[1], kind, where))
     return found[0], found[1]
+
+
+def _averaged_law(bundle: BundleContent, rig: Rig, side: str) -> AveragedLaw | None:
+    """A valve's averaged law: of its on/off law where that is known, else as fitted under PWM.
+
+    The fitted one holds at any PWM period, as only the delays' difference depends on time.
+    """
+    valve, timing = bundle.valve(side), rig.valves
+    on, off = (timing.on_delay_s, timing.off_delay_s) if timing else (0.0, 0.0)
+    law: Part | None = valve.discrete
+    if law is None or not all(getattr(law, key).identified for key in LAW_KEYS.values()):
+        fitted = valve.averaged()
+        if fitted is None or not _all_identified(fitted):
+            return None
+        law, off = fitted, on + fitted.delay_difference_s.value
+    air = rig.require("air", "which the averaged law needs")
+    flows = {name: float(getattr(law, key).value) for name, key in LAW_KEYS.items()}
+    return AveragedLaw(
+        **flows,
+        supply=air.supply_pressure_pa,
+        supply_reference=air.supply_pressure_pa,
+        atmosphere=air.atmospheric_pressure_pa,
+        on_delay=on,
+        off_delay=off,
+        period=rig.require("pwm", "which the averaged law needs").period_s,
+    )
+
+
+def _all_identified(law: Part) -> bool:
+    return all(estimate.identified for estimate in law.estimates().values())
 
 
 def _tabulated(
@@ -323,7 +362,7 @@ def first_valve_model(bundle: BundleContent, rig: Rig, parameters: Parameters) -
     """
     if has_discrete_law(parameters):
         return DISCRETE
-    for name in SURFACE_KINDS:
+    for name in MEAN_FLOW_MODELS:
         if surfaces_from_bundle(bundle, rig, name) is not None:
             return name
     raise NotIdentifiedError(
@@ -334,6 +373,7 @@ def first_valve_model(bundle: BundleContent, rig: Rig, parameters: Parameters) -
 __all__ = [
     "DISCRETE",
     "LAW_KEYS",
+    "MEAN_FLOW_MODELS",
     "VALVE_MODELS",
     "TabulatedSurfaces",
     "assumed_friction",

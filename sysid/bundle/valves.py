@@ -12,6 +12,7 @@ from sysid.estimation.linear import Estimate
 Range = Annotated[list[Number], Field(min_length=2, max_length=2)]
 DIRECTIONS = ("fill", "discharge")
 SURFACE_KINDS = ("bipolynomial", "ann")
+AVERAGED = "averaged"
 
 
 class DiscreteLaw(Part):
@@ -147,11 +148,38 @@ class PwmSurfaces(Part):
         return {kind: surface for kind, surface in found.items() if surface is not None}
 
 
+class AveragedRecord(Part):
+    """The averaged law of one valve, fitted to its mean flows in both directions.
+
+    `c_fill` in kg/(s Pa^0.5), `c_dis` in kg/(s Pa); `delay_difference_s` is how much later
+    than it opens the valve closes. `errors_duty` by direction, of tests that were left out
+    ("held_out") and of all ("fitted").
+    """
+
+    c_fill: Estimate
+    c_dis: Estimate
+    choked_flow_fill_kg_s: Estimate
+    choked_flow_dis_kg_s: Estimate
+    delay_difference_s: Estimate
+    supply_pressure_pa: Lenient[Number | None] = None
+    pwm_period_s: Lenient[Number | None] = None
+    rmse_flow_kg_s: Lenient[Number | None] = None
+    n_tests: Lenient[int | None] = None
+    n_samples: Lenient[int | None] = None
+    errors_duty: Lenient[dict[str, dict[str, DutyErrors]]] = Field(default_factory=dict)
+
+    def errors(self, direction: str, use: str) -> DutyErrors | None:
+        """Its errors in duty in a direction, on "fitted" or "held_out" tests; None if unknown."""
+        known = self.errors_duty
+        return None if isinstance(known, Unread) else known.get(direction, {}).get(use)
+
+
 class PwmDirections(Part):
-    """The PWM surfaces of one valve by direction."""
+    """The PWM surfaces of one valve by direction, and the averaged law of both."""
 
     fill: Absent[PwmSurfaces] = None
     discharge: Absent[PwmSurfaces] = None
+    averaged: Lenient[AveragedRecord | None] = None
 
     def directions(self) -> dict[str, PwmSurfaces]:
         """The directions present, "fill" and "discharge", in the file's order."""
@@ -182,6 +210,11 @@ class Valve(Part):
     def surfaces(self, direction: str) -> PwmSurfaces | None:
         """The PWM surfaces of a direction; None without any."""
         return None if self.pwm is None else self.pwm.directions().get(direction)
+
+    def averaged(self) -> AveragedRecord | None:
+        """The averaged law that was fitted to PWM tests; None without one that can be read."""
+        found = None if self.pwm is None else self.pwm.averaged
+        return found if isinstance(found, AveragedRecord) else None
 
     def merged(self, other: Valve) -> Valve:
         """With the laws of `other`; PWM surfaces are merged by direction."""
@@ -223,8 +256,10 @@ class FittedValves(Part):
 
 
 __all__ = [
+    "AVERAGED",
     "DIRECTIONS",
     "SURFACE_KINDS",
+    "AveragedRecord",
     "DiscreteLaw",
     "DomainRecord",
     "DutyErrors",

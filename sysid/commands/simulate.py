@@ -45,7 +45,7 @@ from sysid.types import FloatArray
 @click.option("-o", "output", required=True, type=PathArgument, help="CSV or Parquet to write.")
 @click.option(
     "--valve-model",
-    type=click.Choice(["discrete", "bipolynomial", "ann"]),
+    type=click.Choice(["discrete", "averaged", "bipolynomial", "ann"]),
     help="Default: the on/off law where the bundle has it.",
 )
 @map_option

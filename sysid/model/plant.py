@@ -19,6 +19,8 @@ from sysid.model.ports import Model, Point
 
 # A chamber that exhausts choked whatever the back pressure.
 _FULL_PA = 1e9
+# Keeps a quotient finite where a valve is never open, or always.
+_LEAST_SHARE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -142,14 +144,122 @@ def discrete_flow(side: str, choked: Array, point: Point, model: Model) -> Array
     return model.through("chamber_flow", flow, side, point)
 
 
-def averaged_flow(side: str, surfaces: Any, point: Point, model: Model) -> Array:
+def knows_pulses(surfaces: tuple[Any, ...]) -> bool:
+    """Whether mean flows know how far the pulses lift the pressure (`pulse_ripple`)."""
+    return all(hasattr(s, "pulse") or hasattr(s, "span") for s in surfaces)
+
+
+def takes_shares(surface: Any) -> bool:
+    """Whether a mean flow takes the share of the period that the valve is open, not the duty."""
+    return hasattr(surface, "pulse")
+
+
+def own_delays(surface: Any) -> tuple[float, float] | None:
+    """Delays of opening and closing, s, that a mean flow was identified with; None: none."""
+    return (float(surface.on_delay), float(surface.off_delay)) if takes_shares(surface) else None
+
+
+def _pulse(side: str, surface: Any, point: Point, model: Model) -> Any:
+    """`PulseFlows` of a valve's averaged law, at the lines' pressures in force."""
+    p = point.parameters
+    volume = chamber_volume(side, displacement(point, model), p)
+    relative = volume_rate(side, point, model) / volume
+    swept = -(p.heat_capacity_ratio * point.pressure(side) * relative * p.pwm_period)
+    rates = _per_flow(side, point, model), swept
+    lines = _lines_in_phase(side, point, model)
+    return surface.pulse(point.is_open(side), point.pressure(side), lines, rates)
+
+
+def _lines_in_phase(side: str, point: Point, model: Model) -> tuple[Array, Array]:
+    """Supply pressure while a valve is open and exhaust pressure while it is not, Pa.
+
+    Both valves' pulses begin together: the other one is open for a larger part of this one's
+    pulse, and shut for a larger part of its pause, than of the period.
+    """
+    other = SIDES[1 - SIDES.index(side)]
+    own, beside = point.is_open(side), point.is_open(other)
+    xp = array_namespace(own, beside)
+    during = xp.minimum(beside / xp.maximum(own, _LEAST_SHARE), 1.0)
+    shut = xp.minimum((1.0 - beside) / xp.maximum(1.0 - own, _LEAST_SHARE), 1.0)
+    pulse: dict[str, Any] = {f"open_{other}": during}
+    pause: dict[str, Any] = {f"open_{other}": 1.0 - shut}
+    return (
+        supply_pressure(side, dataclasses.replace(point, **pulse), model),
+        exhaust_pressure(side, dataclasses.replace(point, **pause), model),
+    )
+
+
+def _pulse_parts(
+    side: str, flows: Any, mean: Array | None, point: Point, model: Model
+) -> tuple[Array, Array]:
+    """Filling and exhaust part (kg/s) of a pulse's flows through the effects.
+
+    These see the mean pressure, `mean` shares of a period above the point's.
+    """
+    share = point.is_open(side)
+    ripple = 0.0 if mean is None else mean * _swing(side, flows.open - flows.closed, point, model)
+    at: dict[str, Any] = {f"pressure_{side}": point.pressure(side) + ripple}
+    middle = dataclasses.replace(point, **at)
+    return (
+        model.through("filling_flow", share * flows.open, side, middle),
+        model.through("exhaust_flow", (1.0 - share) * flows.closed, side, middle),
+    )
+
+
+def _per_flow(side: str, point: Point, model: Model) -> Array:
+    """k R T / V of a chamber, Pa/kg."""
+    p = point.parameters
+    volume = chamber_volume(side, displacement(point, model), p)
+    return p.heat_capacity_ratio * p.gas_constant * p.temperature / volume
+
+
+def pulse_ripple(
+    side: str, surface: Any, phase: tuple[Array, Array], point: Point, model: Model
+) -> tuple[Array, Array, Array]:
+    """Of a chamber in a PWM period: the swing, Pa, and where the ramp in force bends.
+
+    `phase`: whether the pressure rises, and the ripple's mean in shares of a period. The swing
+    is what an open valve would add to the pressure in a period over a closed one. The bend:
+    height on a straight ramp (0 to 1) and in truth, of the ramp in force.
+    """
+    rises, mean = phase
+    if not takes_shares(surface):
+        swing, half = _swing(side, surface.span(point.pressure(side)), point, model), 0.5
+        return swing, half + 0.0 * swing, half + 0.0 * swing
+    flows = _pulse(side, surface, point, model)
+    fill, exhaust = _pulse_parts(side, flows, mean, point, model)
+    xp = array_namespace(rises)
+    share = point.is_open(side)
+    span = fill / xp.maximum(share, _LEAST_SHARE) - exhaust / xp.maximum(1.0 - share, _LEAST_SHARE)
+    straight = xp.where(rises, flows.rise[0], 1.0 - flows.fall[0])
+    true = xp.where(rises, flows.rise[1], 1.0 - flows.fall[1])
+    return _swing(side, span, point, model), straight, true
+
+
+def _swing(side: str, span: Array, point: Point, model: Model) -> Array:
+    """Pa that a flow (kg/s) adds to a chamber's pressure in a PWM period."""
+    return _per_flow(side, point, model) * point.parameters.pwm_period * span
+
+
+def averaged_flow(
+    side: str, surfaces: Any, point: Point, model: Model, ripple_mean: Array | None = None
+) -> Array:
     """Flow into a chamber averaged over a PWM period, kg/s, from surfaces (3.7).
 
     `surfaces` maps (duty, pressure) to flow by `fill` and `discharge`. The first is what a
     chamber below its equilibrium receives and the second what one above it loses, so each
-    counts with its own sign only.
+    counts with its own sign only. They hold at the mean pressure, which is `ripple_mean`
+    shares of a period above the point's. A surface with a `pulse` gives what the open and the
+    closed valve pass from the point's pressure on, by the share that the valve is open.
     """
     duty, pressure = point.is_open(side), point.pressure(side)
+    if takes_shares(surfaces):
+        flows = _pulse(side, surfaces, point, model)
+        parts = _pulse_parts(side, flows, ripple_mean, point, model)
+        return model.through("chamber_flow", parts[0] + parts[1], side, point)
+    if ripple_mean is not None:
+        span = surfaces.span(pressure)
+        pressure = pressure + ripple_mean * _swing(side, span, point, model)
     xp = array_namespace(pressure, duty)
     fill = xp.maximum(surfaces.fill(duty, pressure), 0.0)
     exhaust = xp.minimum(surfaces.discharge(duty, pressure), 0.0)

@@ -18,6 +18,13 @@ from sysid.io.channels import SIDES
 from sysid.model import plant, valve_timing
 from sysid.model._jax import jax, jnp
 from sysid.model.ports import Model, Point, Structure, join, split, stack_models
+from sysid.model.preparation import (
+    Inputs,
+    PreparedRun,
+    ValveCommand,
+    open_intervals,
+    prepare,
+)
 from sysid.model.stepper import EventTable, Lanes, advance
 from sysid.types import FloatArray
 
@@ -38,42 +45,6 @@ _MOST_CALLS = 1000
 
 
 @dataclass(frozen=True)
-class ValveCommand:
-    """One valve's command over a run: on/off or, if `is_duty`, the PWM duty.
-
-    `values` (n,): 0 or 1, or 0 to 1. `starts_on`: the valve was on before the first row.
-    """
-
-    values: FloatArray
-    is_duty: bool = False
-    starts_on: bool = False
-
-
-@dataclass(frozen=True)
-class Inputs:
-    """One run: rows as in a log. `time` (n,) s increasing; `motor` (n,) Nm or N.
-
-    A valve that is None stays off. The state at the first row: rad or m, rad/s or m/s, Pa;
-    a pressure that is None is the atmosphere. `elapsed`: s from the test's start to the first
-    row, as effects count time from the test's start, and a run may start within it.
-    """
-
-    time: FloatArray
-    motor: FloatArray
-    valve_a: ValveCommand | None = None
-    valve_b: ValveCommand | None = None
-    position: float = 0.0
-    velocity: float = 0.0
-    pressure_a: float | None = None
-    pressure_b: float | None = None
-    elapsed: float = 0.0
-
-    def valve(self, side: str) -> ValveCommand | None:
-        """Valve A's or B's command."""
-        return self.valve_a if side == "a" else self.valve_b
-
-
-@dataclass(frozen=True)
 class Trajectory:
     """A simulated run at its input's rows; arrays (n,): s, rad or m, rad/s or m/s, Pa."""
 
@@ -82,79 +53,6 @@ class Trajectory:
     velocity: FloatArray
     pressure_a: FloatArray
     pressure_b: FloatArray
-
-
-@dataclass
-class _PreparedRun:
-    """One run prepared: its sub-steps and commands on them."""
-
-    grid: valve_timing.Grid
-    motor: FloatArray
-    opens: dict[str, FloatArray]
-
-    def __len__(self) -> int:
-        return len(self.motor)
-
-
-def open_intervals(inputs: Inputs, side: str, model: Model) -> valve_timing.OpenIntervals:
-    """When a valve is really open, through the timing ports of the model's effects."""
-    command = inputs.valve(side)
-    if command is None:
-        return valve_timing.OpenIntervals(np.zeros(0), np.zeros(0))
-    p = model.parameters
-    if command.is_duty:
-        on, off = valve_timing.pwm_intervals(
-            inputs.time, command.values, float(p.pwm_period), command.starts_on
-        )
-    else:
-        on, off = valve_timing.switched_intervals(inputs.time, command.values, command.starts_on)
-    for effect in model.effects:
-        on, off = effect.pulses(on, off, side)
-
-    def port(delays: FloatArray, times: FloatArray, opening: bool) -> FloatArray:
-        since = times - inputs.time[0] + inputs.elapsed
-        for effect in model.effects:
-            delays = effect.delays(delays, since, opening, side)
-        return delays
-
-    on_delay = float(getattr(p, f"on_delay_{side}"))
-    off_delay = float(getattr(p, f"off_delay_{side}"))
-    return valve_timing.delayed(on, off, on_delay, off_delay, port)
-
-
-def _prepare(inputs: Inputs, model: Model, averaged: bool, max_step: float) -> _PreparedRun:
-    time = np.asarray(inputs.time, dtype=float)
-    if averaged:
-        return _prepare_averaged(inputs, model, max_step)
-    intervals = {side: open_intervals(inputs, side, model) for side in SIDES}
-    edges = [e for i in intervals.values() for e in (i.opens, i.closes)]
-    grid = valve_timing.split_at(time, np.concatenate(edges), max_step)
-    end = np.cumsum([len(e) for e in edges])
-    opens = {
-        "a": grid.is_open(slice(0, end[0]), slice(end[0], end[1])),
-        "b": grid.is_open(slice(end[1], end[2]), slice(end[2], end[3])),
-    }
-    return _PreparedRun(grid, np.asarray(inputs.motor, dtype=float)[grid.row], opens)
-
-
-def _prepare_averaged(inputs: Inputs, model: Model, max_step: float) -> _PreparedRun:
-    """Sub-steps for an averaged valve model: split where a PWM period starts, not at edges."""
-    time = np.asarray(inputs.time, dtype=float)
-    period = float(model.parameters.pwm_period)
-    starts = valve_timing.period_duties(time, np.zeros_like(time), period)[0]
-    grid = valve_timing.split_at(time, starts, max_step)
-    after = grid.start + time[0] + valve_timing.TIME_TOLERANCE
-    opens = {}
-    for side in SIDES:
-        command = inputs.valve(side)
-        if command is None:
-            opens[side] = np.zeros(len(grid.start))
-        elif command.is_duty:
-            held = valve_timing.period_duties(time, command.values, period)[1]
-            opens[side] = held[np.searchsorted(starts, after) - 1]
-        else:
-            opens[side] = np.asarray(command.values, dtype=float)[grid.row]
-    return _PreparedRun(grid, np.asarray(inputs.motor, dtype=float)[grid.row], opens)
 
 
 @functools.partial(
@@ -189,7 +87,7 @@ def _advance_chunk(
         step, lanes, states, reached = carry
         after = advance(lanes, table, model, surfaces)
         states = tuple(
-            record(s, getattr(after, name), step, 0) for s, name in zip(states, _STATE, strict=True)
+            record(s, value, step, 0) for s, value in zip(states, after.shown(), strict=True)
         )
         at = jnp.minimum(lanes.index, table.duration.shape[1] - 1)
         sample = (after.index > lanes.index) & table.ends_sample[run, at]
@@ -202,7 +100,7 @@ def _advance_chunk(
 
 
 def _advance_block(
-    runs: list[_PreparedRun], inputs: list[Inputs], models: list[Model], surfaces: tuple[Any, ...]
+    runs: list[PreparedRun], inputs: list[Inputs], models: list[Model], surfaces: tuple[Any, ...]
 ) -> list[FloatArray]:
     """(4, samples) of every run: position, velocity, pressures at its rows."""
     model = stack_models(models)
@@ -210,6 +108,8 @@ def _advance_block(
     lanes = _start(inputs, model)
     counts = np.array([len(r) for r in runs])
     pieces = [[np.array([[getattr(lanes, n)[i]] for n in _STATE])] for i in range(len(runs))]
+    if runs[0].ripple:
+        lanes = lanes._replace(ripple_a=np.zeros(len(runs)), ripple_b=np.zeros(len(runs)))
     for start in range(0, int(counts.max()), _CHUNK):
         count = np.clip(counts - start, 0, _CHUNK)
         table = _table(runs, start, count)
@@ -246,19 +146,19 @@ def _collect(
 _STATE = ("position", "velocity", "pressure_a", "pressure_b")
 
 
-def _table(runs: list[_PreparedRun], start: int, count: NDArray[np.intp]) -> EventTable:
+def _table(runs: list[PreparedRun], start: int, count: NDArray[np.intp]) -> EventTable:
     """The runs' sub-steps from `start` on, next to each other, as many as a chunk holds."""
-    numbers = np.zeros((4, len(runs), _CHUNK))
+    numbers = np.zeros((4 + len(runs[0].ripple), len(runs), _CHUNK))
     ends_sample = np.zeros((len(runs), _CHUNK), dtype=bool)
     for i, (run, n) in enumerate(zip(runs, count, strict=True)):
         rows = slice(start, start + n)
         for table, values in zip(
-            numbers, (run.grid.duration, run.motor, *run.opens.values()), strict=True
+            numbers, (run.grid.duration, run.motor, *run.opens.values(), *run.ripple), strict=True
         ):
             table[i, :n] = values[rows]
         ends_sample[i, :n] = run.grid.ends_sample[rows]
-    duration, motor, open_a, open_b = numbers
-    return EventTable(duration, motor, open_a, open_b, ends_sample, count)
+    duration, motor, open_a, open_b, *ripple = numbers
+    return EventTable(duration, motor, open_a, open_b, ends_sample, count, tuple(ripple))
 
 
 def _start(inputs: list[Inputs], model: Model) -> Lanes:
@@ -339,7 +239,9 @@ def simulate(
     `models` may differ in numbers but not in effects. Without `surfaces` the valves follow
     the discrete law under their real pulses. With `surfaces`, valve A's and B's, the chambers
     get the mean flow over each PWM period: each is a dataclass of numbers whose methods
-    `fill` and `discharge` map (duty, pressure in Pa) to kg/s. Runs may differ in length and
+    `fill` and `discharge` map (duty, pressure in Pa) to kg/s. If they have a `pulse` (the averaged
+    law) or a `span` (open less closed flow, kg/s) too, a period's flow begins when its pulse can,
+    and the pressures ripple with the pulses (`pulse_means`). Runs may differ in length and
     sampling. The result at the rows of `inputs` does not depend on which runs share a batch.
 
     Raises NotIdentifiedError for a parameter that is NaN, ValueError for malformed inputs.
@@ -358,9 +260,11 @@ def simulate(
 
     def block(members: list[int]) -> list[FloatArray]:
         own = [pairs[i] for i in members]
-        runs = [_prepare(one, model, bool(surfaces), max_step) for one, model in own]
+        runs = [prepare(one, model, surfaces, max_step) for one, model in own]
         idle = width - len(own)
-        nothing = _PreparedRun(_no_steps(), np.zeros(0), {side: np.zeros(0) for side in SIDES})
+        none = {side: np.zeros(0) for side in SIDES}
+        no_ripple = (np.zeros(0),) * len(runs[0].ripple)
+        nothing = PreparedRun(_no_steps(), np.zeros(0), none, no_ripple)
         filled = own + [own[0]] * idle
         found = _advance_block(
             runs + [nothing] * idle, [i for i, _ in filled], [m for _, m in filled], surfaces

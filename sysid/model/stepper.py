@@ -26,6 +26,7 @@ from sysid.model._jax import jax, jnp
 from sysid.model.base import Array
 from sysid.model.events import Cubic, apart, first_event, kutta_cubic
 from sysid.model.ports import Model, Point
+from sysid.model.ripple import Ripple
 from sysid.model.supply_approach import gap_change
 
 Rates = tuple[Array, ...]
@@ -45,7 +46,8 @@ class Lanes(NamedTuple):
     """Where each run is; arrays (runs,), `extra` a tuple of them.
 
     `index` is the sub-step of the table, `elapsed` s into it, `loose` the direction in
-    which a shaft at rest has just broken away (else 0).
+    which a shaft at rest has just broken away (else 0). `ripple_a`, `ripple_b`: of mean flows
+    under PWM, how far the pressure is above that at the ends of the period, Pa.
     """
 
     time: Array
@@ -57,13 +59,21 @@ class Lanes(NamedTuple):
     loose: Array
     index: Array
     elapsed: Array
+    ripple_a: Array = 0.0
+    ripple_b: Array = 0.0
+
+    def shown(self) -> Rates:
+        """Position, velocity and pressures as they are within a PWM period."""
+        pressures = self.pressure_a + self.ripple_a, self.pressure_b + self.ripple_b
+        return self.position, self.velocity, *pressures
 
 
 class EventTable(NamedTuple):
     """Sub-steps of every run, arrays (runs, sub-steps); `count` (runs,) of them are real.
 
     `motor` in Nm or N, `open_a` and `open_b` 1 or 0 (averaged valve model: duty),
-    `ends_sample` whether a row of the log lies at the sub-step's end.
+    `ends_sample` whether a row of the log lies at the sub-step's end. `ripple`, of mean flows
+    that know of the pulses: for A, then B, its start, end and mean in shares of a period.
     """
 
     duration: Array
@@ -72,6 +82,7 @@ class EventTable(NamedTuple):
     open_b: Array
     ends_sample: Array
     count: Array
+    ripple: Rates = ()
 
 
 class Chamber(NamedTuple):
@@ -103,6 +114,15 @@ class Setting:
     always: Array
     point: Point
     chambers: dict[str, Chamber]
+    ripples: dict[str, Ripple]
+
+    def applied_effort(self, point: Point) -> Array:
+        """`plant.applied_effort` at the pressures as they are within a PWM period, Nm or N."""
+        pressures: dict[str, Any] = {
+            f"pressure_{side}": point.pressure(side) + ripple.at(point.time)
+            for side, ripple in self.ripples.items()
+        }
+        return plant.applied_effort(dataclasses.replace(point, **pressures), self.model)
 
     def apart(self, function: Callable[[], _Result], like: _Result) -> _Result:
         """`events.apart` of this step."""
@@ -113,7 +133,8 @@ def _flow(side: str, choked: Array, point: Point, setting: Setting) -> Array:
     """Flow into a chamber, kg/s, with the regime as said."""
     if setting.surfaces:
         surfaces = setting.surfaces[SIDES.index(side)]
-        return plant.averaged_flow(side, surfaces, point, setting.model)
+        mean = setting.ripples[side].mean if setting.ripples else None
+        return plant.averaged_flow(side, surfaces, point, setting.model, mean)
     return plant.discrete_flow(side, choked, point, setting.model)
 
 
@@ -182,10 +203,35 @@ def _breakaway(applied: Array, point: Point, model: Model) -> tuple[Array, Array
     return jnp.where(blocked, limit, limit - way * applied), way
 
 
+def _ripples(lanes: Lanes, ripple: Rates, duration: Array, setting: Setting) -> dict[str, Ripple]:
+    """Each chamber's ripple in the sub-step; none without pulses."""
+    found = {}
+    per_second = 1.0 / jnp.where(duration > 0, duration, 1.0)
+    for number, side in enumerate(SIDES if ripple else ()):
+        start, end, mean = ripple[3 * number : 3 * number + 3]
+        phase = end > start, mean
+        shape = partial(plant.pulse_ripple, side, setting.surfaces[number], phase)
+        swing, *bend = setting.apart(
+            partial(shape, setting.point, setting.model), (lanes.time,) * 3
+        )
+        slope = (end - start) * per_second
+        begins = lanes.time - lanes.elapsed
+        found[side] = Ripple(swing, start, slope, mean, begins, (bend[0], bend[1]))
+    return found
+
+
 def _start(
-    lanes: Lanes, commands: Rates, model: Model, surfaces: tuple[Any, ...], always: Array
+    lanes: Lanes,
+    commands: Rates,
+    pulses: tuple[Rates, Array],
+    model: Model,
+    surfaces: tuple[Any, ...],
+    always: Array,
 ) -> tuple[Setting, Rates, Array]:
-    """The step's setting, the rates at its start and the breakaway margin there."""
+    """The step's setting, the rates at its start and the breakaway margin there.
+
+    `pulses`: the ripple of the sub-step, and the sub-step's duration.
+    """
     motor, open_a, open_b = commands
     point = Point(
         time=lanes.time,
@@ -200,9 +246,10 @@ def _start(
         parameters=model.at(lanes.time),
         extra=dict(zip(model.state_names, lanes.extra, strict=True)),
     )
-    setting = Setting(model, surfaces, always, point, {})
+    setting = Setting(model, surfaces, always, point, {}, {})
+    setting = dataclasses.replace(setting, ripples=_ripples(lanes, *pulses, setting))
     one, flag = lanes.time, jnp.zeros_like(lanes.time, dtype=bool)
-    applied = setting.apart(lambda: plant.applied_effort(point, model), one)
+    applied = setting.apart(lambda: setting.applied_effort(point), one)
     margin, direction = setting.apart(
         lambda: _direction(applied, lanes.loose, point, model), (one, one)
     )
@@ -269,7 +316,7 @@ def _stage(
             *(extra_rates[name] for name in model.state_names),
         )
 
-    applied = setting.apart(lambda: plant.applied_effort(point, model), velocity)
+    applied = setting.apart(lambda: setting.applied_effort(point), velocity)
     margin, way = _breakaway(applied, point, model)
     return setting.apart(lambda: derivatives(applied), state), margin, way
 
@@ -314,7 +361,9 @@ def advance(lanes: Lanes, table: EventTable, model: Model, surfaces: tuple[Any, 
     rest = table.duration[run, at] - lanes.elapsed
     step = jnp.where(active & (rest > 0), rest, 0.0)
 
-    setting, k1, margin_1 = _start(lanes, commands, model, surfaces, table.count[0] >= 0)
+    ripple = tuple(t[run, at] for t in table.ripple)
+    pulses = ripple, table.duration[run, at]
+    setting, k1, margin_1 = _start(lanes, commands, pulses, model, surfaces, table.count[0] >= 0)
     step = setting.apart(lambda: step, step)
     held = _near_supply(k1, step, setting)
     if held:
@@ -362,8 +411,10 @@ def _cut(
             switched, setting.chambers.values(), rest[:2], strict=True
         )
     ]
-    return Lanes(
-        time=lanes.time + share * step,
+    time = lanes.time + share * step
+    ripples = {f"ripple_{side}": ripple.at(time) for side, ripple in setting.ripples.items()}
+    return lanes._replace(
+        time=time,
         position=jnp.where(hit, end, position),
         velocity=jnp.where(hit | turned, 0.0, velocity),
         pressure_a=pressures[0],
@@ -372,6 +423,7 @@ def _cut(
         loose=jnp.where(turned & sticks, way, 0.0),
         index=jnp.where(active & ~cut, lanes.index + 1, lanes.index),
         elapsed=jnp.where(cut, lanes.elapsed + share * step, 0.0),
+        **ripples,
     )
 
 

@@ -41,10 +41,11 @@ _COLOURS = {
     "model": "#d55e00",
     "second": "#0072b2",
     "third": "#009e73",
+    "fourth": "#cc79a7",
     "muted": "#59636e",
 }
-_ROLES = {"discrete": "model", "bipolynomial": "second", "ann": "third"}
-_DASHES = {"discrete": "solid", "bipolynomial": [6, 2], "ann": [2, 2]}
+_ROLES = {"discrete": "model", "averaged": "fourth", "bipolynomial": "second", "ann": "third"}
+_DASHES = {"discrete": "solid", "averaged": [8, 2, 2, 2], "bipolynomial": [6, 2], "ann": [2, 2]}
 
 
 def bokeh_script() -> str:

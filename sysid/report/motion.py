@@ -35,6 +35,9 @@ NOISE_BAND = 1.96
 """Half-width of the noise band in standard deviations: 95 % of pure noise lies inside."""
 _BUCKETS = 260
 _GROWTH_POINTS = 40
+# As on the interactive page, and as the surfaces' own figures draw the two of the thesis.
+_STYLED = ("discrete", "bipolynomial", "ann", "averaged")
+MODEL_LINES = dict(zip(_STYLED, MODEL_STYLES, strict=True))
 _THESIS = {"motion-motor": "3.19", "friction-motion": "3.19", "motion-pwm": "3.20"}
 
 
@@ -164,7 +167,8 @@ def _growth(validation: ValidationResult) -> FigureGroup:
 def _growth_lines(ax: Axes, validation: ValidationResult, channel: Channel) -> list[str]:
     used = []
     use = "holdout" if validation.select("holdout") else None
-    for (model, name), (colour, dashes) in zip(MODEL_NAMES.items(), MODEL_STYLES, strict=True):
+    for model, name in MODEL_NAMES.items():
+        colour, dashes = MODEL_LINES[model]
         curves, times = [], []
         for log in validation.select(use, model):
             for test in log.tests:
@@ -230,9 +234,8 @@ def _overlay(prefix: str, test: ShownTest, channel: Channel) -> Figure:
     )  # fmt: skip
     noise = NOISE_BAND * first.channels[channel.key].noise_floor * channel.residual_scale
     bottom.axhspan(-noise, noise, color=COLOUR["band"], alpha=0.35, linewidth=0, zorder=3)
-    styles = dict(zip(MODEL_NAMES, MODEL_STYLES, strict=True))
     for model in reversed(list(test.results)):
-        result, (colour, dashes) = test.results[model], styles[model]
+        result, (colour, dashes) = test.results[model], MODEL_LINES[model]
         simulated = result.simulated[channel.key][kept] * channel.scale
         top.plot(
             time, simulated, color=colour, linestyle=dashes, linewidth=1.0,

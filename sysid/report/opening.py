@@ -182,7 +182,11 @@ def _table(pooled: Sequence[_Pooled], models: Sequence[str]) -> HtmlTable:
 
 
 def _other_models(logs: Sequence[LogResult], primary: Sequence[LogResult]) -> Iterator[str]:
-    """The position's fit under the other valve models, on the logs that they simulate."""
+    """The position's fit under the other valve models, on the logs that they simulate.
+
+    Then which of the mean flows to use: the one with which the position is followed best.
+    """
+    errors: dict[str, float] = {}
     for model, name in MODEL_NAMES.items():
         own = [g for g in logs if g.model == model and not any(g is p for p in primary)]
         channels = [c for g in own for c in g.channels]
@@ -194,10 +198,14 @@ def _other_models(logs: Sequence[LogResult], primary: Sequence[LogResult]) -> It
         if channel is None or not base:
             continue
         there, here = _pool(own, channel), _pool(base, channel)
+        errors[name] = there.rmse
         yield (
             f"With the valves' mean flow from the {name}, position fits to {percent(there.fit)} "
             f"on the tests under PWM ({percent(here.fit)} with the {MODEL_NAMES[base[0].model]})."
         )
+    if len(errors) > 1:
+        best = min(errors, key=errors.__getitem__)
+        yield f"For the valves' mean flow under PWM, use the {best}: position is followed best."
 
 
 def _positions() -> list[Channel]:

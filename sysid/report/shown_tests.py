@@ -15,7 +15,12 @@ if TYPE_CHECKING:
     from sysid.validation import TestResult, ValidationResult
 
 
-MODEL_NAMES = {"discrete": "on/off law", "bipolynomial": "bipolynomial", "ann": "network"}
+MODEL_NAMES = {
+    "discrete": "on/off law",
+    "averaged": "averaged law",
+    "bipolynomial": "bipolynomial",
+    "ann": "network",
+}
 MAX_SHOWN = 8
 """Tests that are drawn; the tables hold all of them."""
 

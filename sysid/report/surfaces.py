@@ -2,28 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sysid.bundle import FittedValves, PwmSurfaces
-from sysid.bundle.valves import DutyErrors, ResolutionRecord, SurfaceChoice
+from sysid.bundle.valves import AveragedRecord, DutyErrors, ResolutionRecord, SurfaceChoice
 from sysid.display.numbers import MISSING, estimate_cells, number
 from sysid.io.logs import Log
 from sysid.io.rig import Rig
 from sysid.report import svg
 from sysid.report.blocks import Block, Figure, FigureGroup, Fold, Heading, HtmlTable, Section, table
 from sysid.report.svg import COLOUR, MODEL_STYLES
+from sysid.surfaces.comparison import obeys_averaged_law
 from sysid.types import FloatArray
 
 if TYPE_CHECKING:
     from sysid.surfaces.domain import LevelFlows
 
 
-_NAMES = {"bipolynomial": "Bipolynomial", "ann": "Network"}
+_NAMES = {"bipolynomial": "Bipolynomial", "ann": "Network", "averaged": "Averaged law"}
 _DIRECTIONS = {"fill": "filling", "discharge": "discharging"}
+_LAW_NAMES = {
+    "choked_flow_fill_kg_s": "Choked flow, filling",
+    "choked_flow_dis_kg_s": "Choked flow, discharging",
+    "c_fill": "Coefficient, filling",
+    "c_dis": "Coefficient, discharging",
+    "delay_difference_s": "Closing delay less opening delay",
+}
 _GRID = 72
 _CUTS = 5
 
@@ -37,6 +45,19 @@ class _Measured:
     held: PwmSurfaces
     levels: LevelFlows | None
     surfaces: dict[str, Any]
+    averaged: AveragedRecord | None = None
+
+    @property
+    def errors(self) -> list[tuple[str, DutyErrors | None, DutyErrors | None]]:
+        """Kind, errors on held-out tests and on all, of each surface and the averaged law."""
+        found = [
+            (k, s.errors("held_out"), s.errors("fitted")) for k, s in self.held.surfaces().items()
+        ]
+        law = self.averaged
+        if law is not None:
+            held, fitted = (law.errors(self.direction, use) for use in ("held_out", "fitted"))
+            found.append(("averaged", held, fitted))
+        return found
 
     @property
     def choice(self) -> SurfaceChoice | None:
@@ -60,16 +81,53 @@ def surfaces_section(
     parts = _parts(valves, logs, rig)
     if not parts:
         return None
-    blocks: list[Block] = [_comparison(parts)]
+    blocks: list[Block] = [_comparison(parts), *_laws(parts)]
     for part in parts:
         blocks += _part_blocks(part)
     intro = (
         "Mean mass flow of a pulsed valve over duty and chamber pressure, from constant-duty "
         "tests with the piston held. Errors are in duty, the quantity that a controller needs: in "
         "points (hundredths), and relative to the duty as in the thesis, where small duties weigh "
-        "most.",
+        "most. The averaged law is the on/off law over a period, here fitted to these tests alone; "
+        "a simulation takes that of the on/off tests where there are any.",
     )
-    return Section("surfaces", "PWM surfaces", intro, tuple(blocks))
+    return Section("surfaces", "PWM surfaces", (*intro, *_obedience(parts)), tuple(blocks))
+
+
+def _obedience(parts: Sequence[_Measured]) -> Iterator[str]:
+    """In which direction a valve obeys the averaged law, by error in duty on held-out tests."""
+    obeyed = []
+    for part in parts:
+        errors = {kind: held for kind, held, _ in part.errors}
+        law, network = errors.get("averaged"), errors.get("ann")
+        if law is None or network is None:
+            continue
+        noise = _figure(part.choice, "noise_rmse")
+        if obeys_averaged_law(law.rmse, network.rmse, noise):
+            obeyed.append(part.title[0].lower() + part.title[1:])
+            continue
+        yield (
+            f"{part.title}: the valve does not obey the averaged law. Its error is "
+            f"{number(_points(law.rmse))} points of duty on held-out tests, the network's "
+            f"{number(_points(network.rmse))}: use the network there."
+        )
+    if obeyed:
+        yield f"The averaged law is obeyed by {'; '.join(obeyed)}."
+
+
+def _laws(parts: Sequence[_Measured]) -> list[HtmlTable]:
+    """The averaged laws that were fitted to the PWM tests, one table a valve."""
+    found = {p.side: p.averaged for p in parts if p.averaged is not None}
+    tables = []
+    for side, law in found.items():
+        rows = [
+            (_LAW_NAMES[key], *estimate_cells(estimate))
+            for key, estimate in law.estimates().items()
+        ]
+        caption = f"Valve {side.upper()}: averaged law from the PWM tests alone"
+        columns = ("Parameter", "Value", "Std. error", "95 % interval", "Unit")
+        tables.append(table(caption, columns, rows, text=(4,)))
+    return tables
 
 
 def _parts(
@@ -83,7 +141,9 @@ def _parts(
             if held is None or not held.surfaces():
                 continue
             surfaces = {kind: surface.model() for kind, surface in held.surfaces().items()}
-            found.append(_Measured(side, direction, held, levels.get(direction), surfaces))
+            found.append(
+                _Measured(side, direction, held, levels.get(direction), surfaces, valve.averaged())
+            )
     return found
 
 
@@ -111,8 +171,7 @@ def _comparison(parts: Sequence[_Measured]) -> HtmlTable:
     rows = []
     for part in parts:
         choice = part.choice
-        for kind, surface in part.held.surfaces().items():
-            held, fitted = surface.errors("held_out"), surface.errors("fitted")
+        for kind, held, fitted in part.errors:
             judged = held or fitted
             rows.append(
                 (
@@ -131,7 +190,7 @@ def _comparison(parts: Sequence[_Measured]) -> HtmlTable:
         "Surface", "Parameters", "RMSE, fitted", "RMSE, held-out tests", "95th percentile",
         "Largest", "Largest relative (%)", "Noise alone", "",
     )  # fmt: skip
-    caption = "Both surfaces compared (thesis, Tables 3.7.2 to 3.7.4); errors in duty points"
+    caption = "Surfaces compared (thesis, Tables 3.7.2 to 3.7.4); errors in duty points"
     return table(caption, (*columns[:-1], "Choice"), rows, text=(8,))
 
 

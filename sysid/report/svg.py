@@ -33,6 +33,7 @@ MODEL_STYLES: tuple[tuple[str, Any], ...] = (
     (COLOUR["model"], "-"),
     (COLOUR["second"], (0, (5, 1.5))),
     (COLOUR["third"], (0, (1.5, 1))),
+    (COLOUR["fourth"], (0, (6, 1.5, 1.5, 1.5))),
 )
 
 PANEL = (3.5, 2.6)  # inches: three in a row on a desktop, one on a phone

@@ -22,6 +22,7 @@ counterpart. The inverse takes the nearer end of either gap.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from sysid.io.channels import SIDES
 from sysid.model import base
@@ -29,14 +30,41 @@ from sysid.model.base import Array, Parameters, array_namespace
 
 # Keeps a quotient finite where filling and exhaust meet, which no real valve's do.
 _TINY_FLOW = 1e-12
+# Pa: below it a ripple is none.
+_LEAST_RIPPLE = 1e-6
+# The ripple follows from the flows, and these from the ripple: a tenth of the error is left a step.
+_RIPPLE_STEPS = 4
+_DUTY_STEPS = 6
+
+
+class PulseFlows(NamedTuple):
+    """Mean flows (kg/s) of the open and of the closed valve in one PWM period.
+
+    `rise`, `fall`: the time, and the part of the ripple, after which the pressure's ramp bends
+    at a choked boundary, each as a share of its own phase (0 to 1).
+    """
+
+    open: Array
+    closed: Array
+    rise: tuple[Array, Array]
+    fall: tuple[Array, Array]
+
+    def mean(self, share: Array) -> Array:
+        """Mean flow over the period, kg/s, of a valve open for `share` of it."""
+        return share * self.open + (1.0 - share) * self.closed
+
+    def middle(self, share: Array) -> Array:
+        """Mean pressure above the trough, as a part of the ripple: 1/2 where no ramp bends."""
+        (up_time, up), (down_time, down) = self.rise, self.fall
+        return 0.5 * (share * (up + 1.0 - up_time) + (1.0 - share) * (down_time + 1.0 - down))
 
 
 @dataclass(frozen=True)
 class AveragedLaw:
     """One valve's averaged law: kg/s, kg/(s Pa^0.5), kg/(s Pa), Pa, s; floats or (lanes,).
 
-    `fill` and `discharge` are the same law, each side of which `simulate` takes with its own
-    sign, so that the law serves as a valve's surfaces there.
+    It serves as a valve's surfaces in `simulate`, which takes the flows of its `pulse`, so that
+    effects on filling and on exhaust act on each.
     """
 
     choked_fill: Array
@@ -114,6 +142,94 @@ class AveragedLaw:
     fill = flow
     discharge = flow
 
+    def pulse(
+        self, share: Array, pressure: Array, lines: tuple[Array, Array], rates: tuple[Array, Array]
+    ) -> PulseFlows:
+        """A PWM period of a moving chamber that is at `pressure` (Pa) at the period's ends.
+
+        `share` of the period that the valve is open; `lines`: the supply's and the exhaust's
+        pressure in force, Pa; `rates`: k R T / V in Pa/kg, and what the piston's motion adds to
+        the pressure in a period, Pa. The pressure rises while the valve is open and falls back
+        while it is not. Without ripple (0 Pa/kg) the flows are `open_flow` and `closed_flow`.
+        """
+        per_flow, swept = rates
+        found = self._at_once(share, pressure, lines)
+        for _ in range(_RIPPLE_STEPS):
+            drift = per_flow * self.period * found.mean(share) + swept
+            ripple = self._ripple(found, share, per_flow)
+            found = self._over_ripple(_drifted(pressure, drift, share), ripple, lines)
+        return found
+
+    def mean_pulse(
+        self, share: Array, pressure: Array, lines: tuple[Array, Array], per_flow: Array
+    ) -> PulseFlows:
+        """The same of a held chamber, by its `pressure` (Pa) in the mean over the period."""
+        found = self._at_once(share, pressure, lines)
+        for _ in range(_RIPPLE_STEPS):
+            drift = per_flow * self.period * found.mean(share)
+            ripple = self._ripple(found, share, per_flow)
+            trough = pressure - ripple * found.middle(share)
+            found = self._over_ripple(_drifted(trough, drift, share), ripple, lines)
+        return found
+
+    def held_duty(
+        self, flow: Array, pressure: Array, lines: tuple[Array, Array], per_flow: Array
+    ) -> Array:
+        """Duty, 0 to 1, for a mean flow (kg/s) at a held chamber's mean `pressure` (Pa).
+
+        As `duty`, with the ripple of a chamber of that k R T / V (Pa/kg), which depends on the
+        duty itself: found in a few steps from that without ripple.
+        """
+        xp = array_namespace(flow, pressure)
+        found = self._at_once(0.0 * pressure, pressure, lines)
+        share = 0.0 * flow
+        for _ in range(_DUTY_STEPS):
+            span = xp.maximum(found.open - found.closed, _TINY_FLOW)
+            share = xp.clip((flow - found.closed) / span, 0.0, 1.0)
+            found = self.mean_pulse(share, pressure, lines, per_flow)
+        return self.duty_of_share(share)
+
+    def _at_once(self, share: Array, pressure: Array, lines: tuple[Array, Array]) -> PulseFlows:
+        supply, exhaust = lines
+        none = 0.0 * share
+        return PulseFlows(
+            base.filling_flow(
+                pressure, supply, self.choked_fill, self.c_fill, self.supply_reference
+            ),
+            base.exhaust_flow(pressure, exhaust, self.choked_dis, self.c_dis),
+            (none, none),
+            (none, none),
+        )
+
+    def _ripple(self, flows: PulseFlows, share: Array, per_flow: Array) -> Array:
+        """Peak to peak, Pa."""
+        xp = array_namespace(share, per_flow)
+        ripple = per_flow * self.period * share * (1.0 - share) * (flows.open - flows.closed)
+        return xp.maximum(ripple, _LEAST_RIPPLE)
+
+    def _over_ripple(
+        self, troughs: tuple[Array, Array], ripple: Array, lines: tuple[Array, Array]
+    ) -> PulseFlows:
+        """Flows over a ramp up from the first trough by `ripple`, and down to the second one.
+
+        The part of a ramp that is not choked is taken at its middle.
+        """
+        (supply, exhaust), (up, down) = lines, troughs
+        xp = array_namespace(up, ripple)
+        below = xp.clip((base.filling_boundary(supply) - up) / ripple, 0.0, 1.0)
+        above = xp.clip((down + ripple - base.exhaust_boundary(exhaust)) / ripple, 0.0, 1.0)
+        filling, fill_time = _over_boundary(
+            below,
+            self.choked_fill * (supply / self.supply_reference),
+            base.unchoked_filling_flow(up + 0.5 * (1.0 + below) * ripple, supply, self.c_fill),
+        )
+        leaving, leave_time = _over_boundary(
+            above,
+            -self.choked_dis,
+            base.unchoked_exhaust_flow(down + 0.5 * (1.0 - above) * ripple, exhaust, self.c_dis),
+        )
+        return PulseFlows(filling, leaving, (fill_time, below), (leave_time, above))
+
     def duty(self, flow: Array, pressure: Array) -> Array:
         """Duty, 0 to 1, for a wanted mean flow in kg/s; beyond what the valve can pass: 0 or 1."""
         xp = array_namespace(flow, pressure)
@@ -122,4 +238,23 @@ class AveragedLaw:
         return self.duty_of_share(xp.clip((flow - closed) / span, 0.0, 1.0))
 
 
-__all__ = ["AveragedLaw"]
+def _drifted(trough: Array, drift: Array, share: Array) -> tuple[Array, Array]:
+    """Where the open and the closed part of a period begin and end, Pa, as the pressure drifts.
+
+    The open part comes first: the pressure has drifted less by then.
+    """
+    return trough - 0.5 * (1.0 - share) * drift, trough + 0.5 * share * drift
+
+
+def _over_boundary(part: Array, choked: Array, free: Array) -> tuple[Array, Array]:
+    """Mean flow of a ramp whose `part` (0 to 1) of the range is choked, and that part in time.
+
+    The ramp is the steeper the larger the flow: the mean in time is the harmonic one in pressure.
+    """
+    xp = array_namespace(part, choked)
+    weighted = part * free + (1.0 - part) * choked
+    weighted = xp.where(weighted == 0.0, 1.0, weighted)
+    return choked * free / weighted, part * free / weighted
+
+
+__all__ = ["AveragedLaw", "PulseFlows"]

@@ -16,12 +16,15 @@ from sysid.surfaces.domain import Domain, level_flows
 from sysid.surfaces.estimator import checked_samples
 from sysid.surfaces.left_out import group_folds
 from sysid.surfaces.samples import SurfacePoints, surface_points
+from sysid.surfaces.zero_flow import apart_from
 from sysid.types import FloatArray
 
 # The network has 4.6 times the parameters and no closed inverse; it must earn them.
 WORTHWHILE_RATIO = 0.75
 NEGLIGIBLE_DUTY = 0.005
 RESOLUTION_TOLERANCE = 0.01
+# The averaged law's error in duty, over the noise's, up to which a valve obeys it.
+OBEYED_UP_TO = 2.0
 
 
 @dataclass(frozen=True)
@@ -115,27 +118,36 @@ def compare_surfaces(
     std: ArrayLike | None = None,
     folds: int = 4,
     network: DutyNetwork | None = None,
+    ties: SurfacePoints | None = None,
+    boundaries: Sequence[float] = (),
 ) -> SurfaceComparison:
     """Compare both surfaces on samples (n,) of one valve in one direction.
 
     Both get the same domain, are fitted on the same even points (`surface_points`) and are
     judged on points of held-out tests: every test once, in `folds` folds, except
     those at the ends of the duty range, which always train. `network` gives the network's
-    parameters. Raises as `Domain.from_samples` does.
+    parameters. `ties` train with every fold (see `zero_flow`), except those of the duties that
+    it holds out; `boundaries` as in `surface_points`. Raises as `Domain.from_samples` does.
     """
     u, p, m = checked_samples(duty, pressure, flow)
     domain = Domain.from_samples(u, p, m)
-    points = surface_points(u, p, m, test, std)
+    points = surface_points(u, p, m, test, std, boundaries=boundaries)
     points = points.select(domain.holds_duty(points.duty))
+    if ties is not None:
+        domain = domain.with_points(ties.duty, ties.pressure, ties.flow)
     chosen = DutyNetwork(**(network or DutyNetwork()).get_params()).set_params(domain=domain)
     by_duty = np.column_stack((points.duty, points.pressure))
-    by_flow = np.column_stack((points.flow, points.pressure))
     fitted = np.full((2, len(points.duty)), np.nan)
     for held in group_folds(points.test, points.duty, folds, chosen.seed):
-        polynomial = Bipolynomial(domain).fit(by_duty[~held], points.flow[~held])
+        train = points.select(~held).joined(
+            ties if ties is None else ties.select(apart_from(ties, points.duty[held]))
+        )
+        polynomial = Bipolynomial(domain).fit(
+            np.column_stack((train.duty, train.pressure)), train.flow
+        )
         fitted[0, held] = polynomial.duty(points.flow[held], points.pressure[held])[0]
         trained = DutyNetwork(**chosen.get_params())
-        trained.fit(by_flow[~held], points.duty[~held], groups=points.test[~held])
+        trained.fit(np.column_stack((train.flow, train.pressure)), train.duty, groups=train.test)
         fitted[1, held] = trained.duty(points.flow[held], points.pressure[held])[0]
     judged = np.isfinite(fitted[0])
     seen = points.select(judged)
@@ -190,6 +202,16 @@ def recommend(
             f"{network.p95_error_points:.2f} against {polynomial.p95_error_points:.2f} points"
         )
     return "ann", f"{figures}: the network's error is {ratio:.2f} of the bipolynomial's"
+
+
+def obeys_averaged_law(law_rmse: float, network_rmse: float, noise_rmse: float | None) -> bool:
+    """Whether a valve obeys the averaged law, by RMSE in duty on held-out tests.
+
+    It does not where the law's error is above the network's and over twice what the noise of
+    the samples gives (None: unknown).
+    """
+    noise = 0.0 if noise_rmse is None or not np.isfinite(noise_rmse) else noise_rmse
+    return law_rmse <= max(network_rmse, OBEYED_UP_TO * noise)
 
 
 @dataclass(frozen=True)

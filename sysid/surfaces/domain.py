@@ -118,6 +118,30 @@ class Domain:
         filled = [np.interp(nodes, nodes[known], column[known]) for column in table.T]
         return cls((float(duty[0]), float(duty[-1])), (low, high), nodes, *filled)
 
+    def with_points(self, duty: FloatArray, pressure: FloatArray, flow: FloatArray) -> Domain:
+        """The domain that holds points (k,) at pressures of its range, too; its nodes stay."""
+        if len(duty) == 0:
+            return self
+        step = self.pressure[1] - self.pressure[0]
+        near = np.abs(pressure[None, :] - self.pressure[:, None]) <= 1.01 * step
+
+        def edge(known: FloatArray, values: FloatArray, sign: float) -> FloatArray:
+            reached = np.where(near, sign * values, -np.inf).max(axis=1)
+            return np.asarray(sign * np.maximum(sign * known, reached))
+
+        return Domain(
+            (
+                min(self.duty_range[0], float(duty.min())),
+                max(self.duty_range[1], float(duty.max())),
+            ),
+            self.pressure_range,
+            self.pressure,
+            edge(self.duty_low, duty, -1.0),
+            edge(self.duty_high, duty, 1.0),
+            edge(self.flow_low, flow, -1.0),
+            edge(self.flow_high, flow, 1.0),
+        )
+
     def holds_duty(self, duty: ArrayLike) -> NDArray[np.bool_]:
         """Whether each duty (n,) lies in the identified duty range."""
         u = np.asarray(duty, dtype=float)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -43,6 +44,17 @@ class SurfacePoints:
             self.test[rows],
         )
 
+    def relabelled(self, test: NDArray[Any]) -> SurfacePoints:
+        """The same points with other test labels (k,)."""
+        return replace(self, test=test)
+
+    def joined(self, other: SurfacePoints | None) -> SurfacePoints:
+        """These points and then the others; themselves where there are none."""
+        if other is None:
+            return self
+        pairs = [(getattr(self, f.name), getattr(other, f.name)) for f in fields(self)]
+        return SurfacePoints(*(np.concatenate(pair) for pair in pairs))
+
 
 def surface_points(
     duty: ArrayLike,
@@ -51,6 +63,7 @@ def surface_points(
     test: ArrayLike | None = None,
     std: ArrayLike | None = None,
     bins: int = SURFACE_BINS,
+    boundaries: Sequence[float] = (),
 ) -> SurfacePoints:
     """Reduce samples (n,) to the even surface that both fits and their comparison use.
 
@@ -59,7 +72,8 @@ def surface_points(
     pressure range counts every stretch of the surface once, and averages noise that would
     otherwise enter the network as input noise. `test` (n,) labels tests (absent: one
     test a duty), `std` (n,) is each sample's standard error of flow; absent, the spread
-    inside the bin stands for it (NaN where one sample is alone).
+    inside the bin stands for it (NaN where one sample is alone). A bin is divided at
+    `boundaries` [Pa], where the flow jumps.
     """
     u, p, m = checked_samples(duty, pressure, flow)
     if test is None:
@@ -70,6 +84,9 @@ def surface_points(
             raise input_error("test labels", f"have shape {given.shape}", f"give {u.shape}")
         labels, code = np.unique(given, return_inverse=True)
     _, column = pressure_bins(p, bins)
+    parts = len(boundaries) + 1
+    column = column * parts + np.searchsorted(np.sort(boundaries), p)
+    bins = bins * parts
     cell = code * bins + column
     count = np.bincount(cell)
     held = np.flatnonzero(count)

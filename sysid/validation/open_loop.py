@@ -2,9 +2,9 @@
 
 Every test of every motion log is simulated from an estimated start state, given only its
 commands, by each valve model that applies: the discrete law under the real pulses and, for
-tests under PWM, the mean flow of the two surfaces (thesis 3.8). The residual is judged per
-channel: against the channel's own noise, for structure (`residual_tests`), and for how it grows
-with the horizon, as an open-loop position drifts.
+tests under PWM, the mean flow of the averaged law and of the two surfaces (thesis 3.8). The
+residual is judged per channel: against the channel's own noise, for structure
+(`residual_tests`), and for how it grows with the horizon, as an open-loop position drifts.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from typing import Any
 from sysid.bundle import Bundle
 from sysid.bundle.assembled_model import (
     DISCRETE,
+    MEAN_FLOW_MODELS,
     VALVE_MODELS,
     assumed_friction,
     surfaces_from_bundle,
 )
-from sysid.bundle.valves import SURFACE_KINDS
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.io.campaign import MOTION_KINDS, Campaign, CampaignLog
 from sysid.io.logs import Log
@@ -150,8 +150,8 @@ def _valve_models(
     found = []
     if has_discrete_law(model.parameters):
         found.append(_ValveModel(DISCRETE, ()))
-    if any(e.kind == "motion-pwm" for e in entries):
-        for kind in SURFACE_KINDS:
+    if rig.pwm and any(e.kind == "motion-pwm" for e in entries):
+        for kind in MEAN_FLOW_MODELS:
             surfaces = surfaces_from_bundle(bundle, rig, kind)
             if surfaces is not None:
                 found.append(_ValveModel(kind, surfaces))

@@ -128,8 +128,8 @@ def simulate(
 
     Each test starts at rest, at its first row's position and pressures. `rig` None: that
     of the logs. A model is simulated with the on/off law under the real pulses; a bundle also
-    with its PWM surfaces: `valve_model` "discrete", "bipolynomial" or "ann" (None: the first
-    that it holds), and `effects` are those that it lists and the catalogue lacks. Raises
+    with its PWM mean flow: `valve_model` "discrete", "averaged", "bipolynomial" or "ann" (None:
+    the first that it holds), `effects` are those that it lists and the catalogue lacks. Raises
     InputError for commands that cannot be used, NotIdentifiedError where the model lacks a
     parameter.
 

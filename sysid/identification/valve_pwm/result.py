@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.bundle import FittedValves, Parts, PwmSurfaces, Valve
-from sysid.bundle.valves import PwmDirections
+from sysid.bundle.valves import AVERAGED, AveragedRecord, PwmDirections
 from sysid.display.plots import legend, one_axes, some_axes
 from sysid.display.tables import Shown
 from sysid.identification.valve_pwm.samples import FlowSamples
+from sysid.surfaces.averaged_fit import AveragedFit
 from sysid.surfaces.bipolynomial import Bipolynomial
 from sysid.surfaces.comparison import ResolutionStudy, SurfaceComparison, SurfaceError
 from sysid.surfaces.domain import Domain
@@ -38,6 +39,7 @@ class DirectionFit(Shown):
     error in duty by its name, on held-out tests (`held_out`) and on the training tests
     (`fitted`). `comparison`: both on the same held-out tests. `resolution`:
     Table 3.7.1, None for unevenly spaced duties. `sweep`: hidden sizes, where asked for.
+    `boundaries_pa`: the choked boundaries, at which the flow jumps.
     """
 
     valve: str
@@ -53,6 +55,7 @@ class DirectionFit(Shown):
     comparison: SurfaceComparison | None = None
     resolution: ResolutionStudy | None = None
     sweep: SizeSweep | None = None
+    boundaries_pa: tuple[float, ...] = ()
 
     @property
     def by_kind(self) -> dict[str, Bipolynomial | DutyNetwork]:
@@ -128,12 +131,42 @@ class DirectionFit(Shown):
         }
 
 
+@dataclass(frozen=True)
+class ValveAverage:
+    """A valve's averaged law, and its errors in duty by direction and use.
+
+    Use is "fitted" or "held_out": the latter on the tests that the surfaces' comparison
+    leaves out, fold by fold.
+    """
+
+    fit: AveragedFit
+    errors: dict[str, dict[str, SurfaceError]]
+
+    def record(self) -> AveragedRecord:
+        """`valves.<v>.pwm.averaged` of a bundle."""
+        conditions = self.fit.conditions
+        errors = {
+            direction: {use: asdict(error) for use, error in found.items()}
+            for direction, found in self.errors.items()
+        }
+        return AveragedRecord(
+            **self.fit.estimates,
+            supply_pressure_pa=conditions.supply,
+            pwm_period_s=conditions.period,
+            rmse_flow_kg_s=self.fit.rmse_flow,
+            n_tests=self.fit.n_tests,
+            n_samples=self.fit.n_samples,
+            errors_duty=errors,  # type: ignore[arg-type]  # validated to DutyErrors
+        )
+
+
 @dataclass(frozen=True, repr=False)
 class ValvePwmFit(Shown):
     """Surfaces of every valve and direction that the tests hold.
 
     `fits` by (valve, direction); `unidentified`: for each of the others, the reason.
-    `remarks` summarize, `notices` report what was left out or is doubtful.
+    `averaged`: each valve's averaged law. `remarks` summarize, `notices` report what was left
+    out or is doubtful.
     """
 
     fits: dict[tuple[str, str], DirectionFit]
@@ -141,6 +174,7 @@ class ValvePwmFit(Shown):
     remarks: tuple[str, ...]
     notices: tuple[str, ...]
     seed: int
+    averaged: dict[str, ValveAverage] = field(default_factory=dict)
 
     def headline(self) -> str:
         """Which valves and directions."""
@@ -158,13 +192,15 @@ class ValvePwmFit(Shown):
 
     def part(self) -> Parts:
         """The bundle's `valves`, each with its surfaces by direction."""
-        found: dict[str, dict[str, PwmSurfaces]] = {}
+        found: dict[str, dict[str, Any]] = {}
         for (valve, direction), fit in self.fits.items():
             found.setdefault(valve, {})[direction] = fit.surfaces()
         for (valve, direction), reason in self.unidentified.items():
             if valve in found:
                 missing = {"value": None, "identified": False, "reason": reason}
                 found[valve][direction] = PwmSurfaces.model_validate(missing)
+        for valve, average in self.averaged.items():
+            found[valve][AVERAGED] = average.record()
         return Parts(
             valves=FittedValves(
                 **{v: Valve(pwm=PwmDirections(**held)) for v, held in found.items()}
@@ -172,4 +208,4 @@ class ValvePwmFit(Shown):
         )
 
 
-__all__ = ["DIRECTIONS", "DirectionFit", "ValvePwmFit"]
+__all__ = ["DIRECTIONS", "DirectionFit", "ValveAverage", "ValvePwmFit"]

@@ -69,7 +69,8 @@ class PwmTest:
 class FlowSamples:
     """Samples of mean flow: `duty`, `pressure` [Pa], `flow` [kg/s], `std` [kg/s], all (n,).
 
-    `test` (n,) is the number of the sample's test, an index into `labels`.
+    `test` (n,) is the number of the sample's test, an index into `labels`. `per_flow` (tests,)
+    is k R T / V of each test's chamber, Pa/kg; empty where it is not known.
     """
 
     duty: FloatArray
@@ -78,9 +79,15 @@ class FlowSamples:
     std: FloatArray
     test: IntArray
     labels: tuple[str, ...]
+    per_flow: tuple[float, ...] = ()
 
     def __len__(self) -> int:
         return len(self.flow)
+
+    def per_flow_of(self, test: IntArray) -> FloatArray:
+        """k R T / V of the chamber of each test number (n,), Pa/kg; 0 where it is not known."""
+        known = np.array(self.per_flow) if self.per_flow else np.zeros(len(self.labels))
+        return np.asarray(known[test])
 
     def part(self, rows: BoolArray | IntArray) -> FlowSamples:
         """The samples in `rows`; tests keep their numbers."""
@@ -91,6 +98,7 @@ class FlowSamples:
             self.std[rows],
             self.test[rows],
             self.labels,
+            self.per_flow,
         )
 
 
@@ -177,11 +185,13 @@ def sample_tests(tests: Sequence[PwmTest], rig: Rig) -> FlowSamples:
         size = len(begin)
         parts.append((np.full(size, test.duty), pressure, flow, std, np.full(size, number)))
     labels = tuple(t.label for t in tests)
+    heat = air.heat_capacity_ratio * air.gas_constant_j_per_kg_k
+    per_flow = tuple(heat * t.temperature / t.volume for t in tests)
     if not parts:
         none = np.empty(0)
         return FlowSamples(none, none, none, none, np.empty(0, dtype=np.intp), labels)
     duty, level, mass_flow, error, tests_of = (np.concatenate(c) for c in zip(*parts, strict=True))
-    return FlowSamples(duty, level, mass_flow, error, tests_of.astype(np.intp), labels)
+    return FlowSamples(duty, level, mass_flow, error, tests_of.astype(np.intp), labels, per_flow)
 
 
 @dataclass(frozen=True)

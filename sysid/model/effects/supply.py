@@ -77,8 +77,8 @@ class SupplyDroop(CatalogueEffect):
 
     At a common share of 1; at 0 each valve has a line of its own. Each chamber's flow is
     solved with its own droop and with the other's flow, in turn, twice; the other counts for
-    the share of the time that its valve is open. An averaged valve model has no supply
-    pressure, and so no droop.
+    the share of the time that its valve is open. Surfaces of mean flow have no supply
+    pressure, and so no droop; the averaged law has one.
     """
 
     droop_pa_s_per_kg: Array = 0.0
@@ -133,7 +133,8 @@ class ExhaustBackPressure(CatalogueEffect):
     The flow is the valve's own and, at a common share of 1, that of the other valve through
     the same silencer. Each chamber's flow is solved with its own rise and with the other's
     flow, in turn, twice. A rise by the own flow alone is much like a smaller coefficient of
-    the base law. An averaged valve model has no exhaust pressure, and so no back pressure.
+    the base law. Surfaces of mean flow have no exhaust pressure, and so no back pressure; the
+    averaged law has one.
     """
 
     back_pressure_pa_s_per_kg: Array = 0.0

@@ -1,0 +1,108 @@
+"""A valve's averaged law from constant-duty tests of both directions, and its errors in duty."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from sysid.errors import NotIdentifiedError
+from sysid.identification.valve_pwm.result import DirectionFit, ValveAverage
+from sysid.io.rig import Rig
+from sysid.surfaces.averaged_fit import (
+    N_PARAMETERS,
+    AveragedFit,
+    Conditions,
+    MeanFlows,
+    fit_averaged,
+)
+from sysid.surfaces.comparison import SurfaceError, duty_errors
+from sysid.surfaces.left_out import group_folds
+from sysid.surfaces.samples import SurfacePoints
+from sysid.types import FloatArray
+
+
+def average_of(
+    directions: Mapping[str, DirectionFit], rig: Rig, folds: int, seed: int
+) -> ValveAverage:
+    """The averaged law of one valve, whose tests are given by direction.
+
+    `folds`, `seed`: of the held-out tests, which are those of the surfaces' comparison.
+    Raises NotIdentifiedError where the tests do not identify it.
+    """
+    air = rig.require("air", "which the averaged law needs")
+    first = next(iter(directions.values()))
+    conditions = Conditions(
+        first.supply_pressure_pa, air.atmospheric_pressure_pa, first.pwm_period_s
+    )
+    flows, offsets = _together(list(directions.values()))
+    fit = fit_averaged(flows, conditions)
+    unknown = [name for name, estimate in fit.estimates.items() if not estimate.identified]
+    if unknown:
+        raise NotIdentifiedError(
+            f"the averaged law: {fit.estimates[unknown[0]].reason}; valve-pwm tests in both "
+            "directions at more duties would identify it"
+        )
+    errors = {}
+    for (direction, found), offset in zip(directions.items(), offsets, strict=True):
+        points, per_flow = found.points, found.samples.per_flow_of(found.points.test)
+        errors[direction] = {"fitted": _judged(_duty(fit, points, per_flow), points)}
+        if len(np.unique(points.test)) >= folds + 4:
+            held = folds, seed
+            duties = _held_out_duties(points, flows, fit.conditions, (offset, per_flow), held)
+            errors[direction]["held_out"] = _judged(duties, points)
+    return ValveAverage(fit, errors)
+
+
+def _together(found: Sequence[DirectionFit]) -> tuple[MeanFlows, list[int]]:
+    """The samples of all directions at duties that the flow answers to.
+
+    Each direction's tests are numbered on from an offset.
+    """
+    parts, offsets = [], [0]
+    for direction in found:
+        s = direction.samples
+        kept = direction.domain.holds_duty(s.duty)
+        per_flow = s.per_flow_of(s.test)
+        columns = (s.duty, s.pressure, s.flow, s.std, s.test + offsets[-1], per_flow)
+        parts.append([column[kept] for column in columns])
+        offsets.append(offsets[-1] + len(s.labels))
+    return MeanFlows(*(np.concatenate(c) for c in zip(*parts, strict=True))), offsets[:-1]
+
+
+def _duty(fit: AveragedFit, points: SurfacePoints, per_flow: FloatArray) -> FloatArray:
+    """Duty (n,) at the points by a law, with the ripple of the chambers of `per_flow` (n,)."""
+    lines = fit.conditions.supply, fit.conditions.atmosphere
+    return np.asarray(fit.law.held_duty(points.flow, points.pressure, lines, per_flow))
+
+
+def _held_out_duties(
+    points: SurfacePoints,
+    flows: MeanFlows,
+    conditions: Conditions,
+    tests: tuple[int, FloatArray],
+    held_out: tuple[int, int],
+) -> FloatArray:
+    """Duty at each of a direction's points (n,) by the law from all tests but the point's fold.
+
+    `tests`: offset of the direction's test numbers in `flows`, `per_flow` at the points (n,).
+    `held_out`: number of folds, seed. NaN for the tests at the ends of the duty range.
+    """
+    folds, seed = held_out
+    offset, per_flow = tests
+    duty = np.full(len(points.duty), np.nan)
+    for held in group_folds(points.test, points.duty, folds, seed):
+        left_out = np.isin(flows.test, points.test[held] + offset)
+        fit = fit_averaged(flows.select(~left_out), conditions)
+        duty[held] = _duty(fit, points.select(held), per_flow[held])
+    return duty
+
+
+def _judged(duty: FloatArray, points: SurfacePoints) -> SurfaceError:
+    """Errors of duties (n,) at the points; those that are NaN do not count."""
+    known = np.isfinite(duty)
+    p = points.select(known)
+    return duty_errors(duty[known], p.duty, p.pressure, p.flow, N_PARAMETERS)
+
+
+__all__ = ["average_of"]

@@ -1,0 +1,187 @@
+"""A run's inputs, and the sub-steps and commands that the simulation of it needs; numpy only."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sysid.io.channels import SIDES
+from sysid.model import plant, valve_timing
+from sysid.model.ports import Model
+from sysid.model.pulse_means import pulse_means
+from sysid.types import FloatArray
+
+
+@dataclass(frozen=True)
+class ValveCommand:
+    """One valve's command over a run: on/off or, if `is_duty`, the PWM duty.
+
+    `values` (n,): 0 or 1, or 0 to 1. `starts_on`: the valve was on before the first row.
+    """
+
+    values: FloatArray
+    is_duty: bool = False
+    starts_on: bool = False
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """One run: rows as in a log. `time` (n,) s increasing; `motor` (n,) Nm or N.
+
+    A valve that is None stays off. The state at the first row: rad or m, rad/s or m/s, Pa;
+    a pressure that is None is the atmosphere. `elapsed`: s from the test's start to the first
+    row, as effects count time from the test's start, and a run may start within it.
+    """
+
+    time: FloatArray
+    motor: FloatArray
+    valve_a: ValveCommand | None = None
+    valve_b: ValveCommand | None = None
+    position: float = 0.0
+    velocity: float = 0.0
+    pressure_a: float | None = None
+    pressure_b: float | None = None
+    elapsed: float = 0.0
+
+    def valve(self, side: str) -> ValveCommand | None:
+        """Valve A's or B's command."""
+        return self.valve_a if side == "a" else self.valve_b
+
+
+@dataclass
+class PreparedRun:
+    """One run prepared: its sub-steps and commands on them.
+
+    `ripple`, of mean-flow models that know of the pulses: by valve, at the sub-steps' starts,
+    their ends, and its mean over the period (see `pulse_means`).
+    """
+
+    grid: valve_timing.Grid
+    motor: FloatArray
+    opens: dict[str, FloatArray]
+    ripple: tuple[FloatArray, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.motor)
+
+
+def open_intervals(
+    inputs: Inputs, side: str, model: Model, delays: tuple[float, float] | None = None
+) -> valve_timing.OpenIntervals:
+    """When a valve is really open, through the timing ports of the model's effects.
+
+    `delays` of opening and closing, s, in place of the model's.
+    """
+    command = inputs.valve(side)
+    if command is None:
+        return valve_timing.OpenIntervals(np.zeros(0), np.zeros(0))
+    p = model.parameters
+    if command.is_duty:
+        on, off = valve_timing.pwm_intervals(
+            inputs.time, command.values, float(p.pwm_period), command.starts_on
+        )
+    else:
+        on, off = valve_timing.switched_intervals(inputs.time, command.values, command.starts_on)
+    for effect in model.effects:
+        on, off = effect.pulses(on, off, side)
+
+    def port(delays: FloatArray, times: FloatArray, opening: bool) -> FloatArray:
+        return _through_delays(delays, times, opening, side, inputs, model)
+
+    return valve_timing.delayed(on, off, *(delays or _delays(side, model)), port)
+
+
+def _delays(side: str, model: Model) -> tuple[float, float]:
+    p = model.parameters
+    return float(getattr(p, f"on_delay_{side}")), float(getattr(p, f"off_delay_{side}"))
+
+
+def _through_delays(
+    delays: FloatArray, times: FloatArray, opening: bool, side: str, inputs: Inputs, model: Model
+) -> FloatArray:
+    """Delays (n,) of edges at `times` (n,) through the effects' ports, s."""
+    since = times - inputs.time[0] + inputs.elapsed
+    for effect in model.effects:
+        delays = effect.delays(delays, since, opening, side)
+    return delays
+
+
+def prepare(
+    inputs: Inputs, model: Model, surfaces: tuple[Any, ...], max_step: float
+) -> PreparedRun:
+    """Sub-steps and commands of a run, by the on/off law or (with `surfaces`) by mean flows."""
+    time = np.asarray(inputs.time, dtype=float)
+    if surfaces and plant.knows_pulses(surfaces):
+        return _prepare_pulsed(inputs, model, surfaces, max_step)
+    if surfaces:
+        return _prepare_averaged(inputs, model, max_step)
+    intervals = {side: open_intervals(inputs, side, model) for side in SIDES}
+    edges = [e for i in intervals.values() for e in (i.opens, i.closes)]
+    grid = valve_timing.split_at(time, np.concatenate(edges), max_step)
+    end = np.cumsum([len(e) for e in edges])
+    opens = {
+        "a": grid.is_open(slice(0, end[0]), slice(end[0], end[1])),
+        "b": grid.is_open(slice(end[1], end[2]), slice(end[2], end[3])),
+    }
+    return PreparedRun(grid, np.asarray(inputs.motor, dtype=float)[grid.row], opens)
+
+
+def _prepare_averaged(inputs: Inputs, model: Model, max_step: float) -> PreparedRun:
+    """Sub-steps for an averaged valve model: split where a PWM period starts, not at edges."""
+    time = np.asarray(inputs.time, dtype=float)
+    period = float(model.parameters.pwm_period)
+    starts = valve_timing.period_duties(time, np.zeros_like(time), period)[0]
+    grid = valve_timing.split_at(time, starts, max_step)
+    after = grid.start + time[0] + valve_timing.TIME_TOLERANCE
+    opens = {}
+    for side in SIDES:
+        command = inputs.valve(side)
+        if command is None:
+            opens[side] = np.zeros(len(grid.start))
+        elif command.is_duty:
+            held = valve_timing.period_duties(time, command.values, period)[1]
+            opens[side] = held[np.searchsorted(starts, after) - 1]
+        else:
+            opens[side] = np.asarray(command.values, dtype=float)[grid.row]
+    return PreparedRun(grid, np.asarray(inputs.motor, dtype=float)[grid.row], opens)
+
+
+def _prepare_pulsed(
+    inputs: Inputs, model: Model, surfaces: tuple[Any, ...], max_step: float
+) -> PreparedRun:
+    """Sub-steps for mean flows that know of the pulses: split at these and at the periods.
+
+    A period's mean flow begins when its pulse can, a switch-on delay after the command's.
+    """
+    time = np.asarray(inputs.time, dtype=float)
+    period = float(model.parameters.pwm_period)
+    starts = valve_timing.period_duties(time, np.zeros_like(time), period)[0]
+    intervals, begins = {}, {}
+    for side, surface in zip(SIDES, surfaces, strict=True):
+        delays = plant.own_delays(surface) or _delays(side, model)
+        intervals[side] = open_intervals(inputs, side, model, delays)
+        on = np.full(len(starts), delays[0])
+        late = _through_delays(on, starts, True, side, inputs, model)
+        begins[side] = np.maximum.accumulate(starts + late)
+    edges = [e for s in SIDES for e in (intervals[s].opens, intervals[s].closes, begins[s])]
+    grid = valve_timing.split_at(time, np.concatenate(edges), max_step)
+    opens, ripple = {}, []
+    for side, surface in zip(SIDES, surfaces, strict=True):
+        last = float(begins[side][-1]) + period
+        means = pulse_means(
+            begins[side], intervals[side], grid.start + time[0], grid.duration, last
+        )
+        ripple += [means.ripple_start, means.ripple_end, means.ripple_mean]
+        opens[side] = means.share
+        command = inputs.valve(side)
+        if not plant.takes_shares(surface) and command is not None and command.is_duty:
+            held = valve_timing.period_duties(time, command.values, period)[1]
+            held = np.concatenate(([means.share[0]], held))
+            opens[side] = held[means.period + 1]
+    motor = np.asarray(inputs.motor, dtype=float)[grid.row]
+    return PreparedRun(grid, motor, opens, tuple(ripple))
+
+
+__all__ = ["Inputs", "PreparedRun", "ValveCommand", "open_intervals", "prepare"]

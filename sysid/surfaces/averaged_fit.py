@@ -1,0 +1,187 @@
+"""The averaged law fitted to mean flows: no on/off test is needed.
+
+The mean flow of `sysid.surfaces.averaged` has five parameters that mean flows can show: the
+two choked flows, the two coefficients of the unchoked laws, and by how much the valve closes
+later than it opens. The delays themselves move the pulse within the period, which no mean
+shows; only their difference does.
+
+Both directions are fitted together: filling and discharging tests meet where the mean flow is
+zero, and each holds both of the law's branches.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.errors import NotIdentifiedError
+from sysid.estimation.linear import Estimate
+from sysid.estimation.nonlinear import LeastSquaresFit, Parameter, minimise
+from sysid.surfaces.averaged import AveragedLaw
+from sysid.types import FloatArray
+
+N_PARAMETERS = 5
+# A sample's least standard error, as a share of the largest flow: what the mean over a
+# window, the ripple and the supply leave out of the law.
+_LEAST_ERROR = 0.002
+_FEWEST_TESTS = 3
+# The most by which the delays may differ, as a share of the period.
+_LARGEST_OVERHANG = 0.5
+_UNITS = {
+    "choked_flow_fill_kg_s": "kg/s",
+    "choked_flow_dis_kg_s": "kg/s",
+    "c_fill": "kg/(s Pa^0.5)",
+    "c_dis": "kg/(s Pa)",
+    "delay_difference_s": "s",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class MeanFlows:
+    """Samples of one valve's mean flow in both directions.
+
+    `duty`, `pressure` [Pa], `flow` [kg/s], its standard error `std` [kg/s], `test`, the
+    number of the sample's test, and `per_flow` = k R T / V of its chamber [Pa/kg], which
+    says how far the pressure ripples, all (n,).
+    """
+
+    duty: FloatArray
+    pressure: FloatArray
+    flow: FloatArray
+    std: FloatArray
+    test: NDArray[np.intp]
+    per_flow: FloatArray
+
+    def select(self, rows: NDArray[np.bool_]) -> MeanFlows:
+        """The samples in `rows` (mask)."""
+        return MeanFlows(
+            self.duty[rows],
+            self.pressure[rows],
+            self.flow[rows],
+            self.std[rows],
+            self.test[rows],
+            self.per_flow[rows],
+        )
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """What the tests were run with: supply and atmosphere in Pa, the PWM period in s."""
+
+    supply: float
+    atmosphere: float
+    period: float
+
+    def law(self, values: FloatArray) -> AveragedLaw:
+        """The law of parameter values (5,), in the order of `AveragedFit.names`."""
+        choked_fill, choked_dis, c_fill, c_dis, difference = (float(v) for v in values)
+        return AveragedLaw(
+            choked_fill=choked_fill,
+            choked_dis=choked_dis,
+            c_fill=c_fill,
+            c_dis=c_dis,
+            supply=self.supply,
+            supply_reference=self.supply,
+            atmosphere=self.atmosphere,
+            on_delay=0.0,
+            off_delay=difference,
+            period=self.period,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class AveragedFit:
+    """A valve's averaged law, its parameters by name and how well it follows the samples.
+
+    `rmse_flow` kg/s over `n_samples` of `n_tests`.
+    """
+
+    conditions: Conditions
+    solution: LeastSquaresFit
+    tests: NDArray[np.intp]
+    rmse_flow: float
+
+    @property
+    def law(self) -> AveragedLaw:
+        """The fitted law."""
+        return self.conditions.law(self.solution.values)
+
+    @property
+    def n_samples(self) -> int:
+        return len(self.tests)
+
+    @property
+    def n_tests(self) -> int:
+        return len(np.unique(self.tests))
+
+    @cached_property
+    def estimates(self) -> Mapping[str, Estimate]:
+        """The parameters by name; intervals from the scatter between tests (jackknife)."""
+        covariance = self.solution.jackknife_covariance(self.tests)
+        return {name: self.solution.estimate(name, covariance) for name in self.solution.names}
+
+
+def fit_averaged(flows: MeanFlows, conditions: Conditions) -> AveragedFit:
+    """The averaged law by bounded least squares over the samples of both directions.
+
+    Raises NotIdentifiedError for fewer than three tests or where the pressure never leaves
+    one regime far enough to show any parameter.
+    """
+    n_tests = len(np.unique(flows.test))
+    if n_tests < _FEWEST_TESTS:
+        raise NotIdentifiedError(
+            f"{n_tests} tests do not identify the averaged law; valve-pwm tests at "
+            f"{_FEWEST_TESTS} duties or more would"
+        )
+    scale = float(np.abs(flows.flow).max())
+    known = np.where(np.isfinite(flows.std), flows.std, 0.0)
+    error = np.hypot(known, _LEAST_ERROR * scale)
+
+    def residuals(values: FloatArray) -> FloatArray:
+        return np.asarray((_mean_flow(values, flows, conditions) - flows.flow) / error)
+
+    solution = minimise(residuals, _start(flows, conditions))
+    misfit = residuals(solution.values) * error
+    return AveragedFit(conditions, solution, flows.test, math.sqrt(float(np.mean(misfit**2))))
+
+
+def _mean_flow(values: FloatArray, flows: MeanFlows, conditions: Conditions) -> FloatArray:
+    """Flow (n,) by the law of parameter values (5,), over each sample's ripple."""
+    supply, atmosphere = conditions.supply, conditions.atmosphere
+    law = conditions.law(values)
+    share = law.open_share(flows.duty)
+    lines = supply, atmosphere
+    return np.asarray(law.mean_pulse(share, flows.pressure, lines, flows.per_flow).mean(share))
+
+
+def _start(flows: MeanFlows, conditions: Conditions) -> list[Parameter]:
+    """Rough values: the largest flows of either sign, without a jump between the regimes."""
+    supply, atmosphere = conditions.supply, conditions.atmosphere
+    fill = max(float(flows.flow.max()), 1e-3 * float(np.abs(flows.flow).max()))
+    out = max(float(-flows.flow.min()), 1e-3 * float(np.abs(flows.flow).max()))
+    half_gap = 0.47 * supply
+    values = {
+        "choked_flow_fill_kg_s": fill,
+        "choked_flow_dis_kg_s": out,
+        "c_fill": fill / math.sqrt(half_gap),
+        "c_dis": out / (atmosphere / 0.53 - atmosphere),
+    }
+    parameters = [Parameter(n, v, _UNITS[n], 0.0, 30.0 * v) for n, v in values.items()]
+    widest = _LARGEST_OVERHANG * conditions.period
+    name = "delay_difference_s"
+    difference = Parameter(name, 0.0, _UNITS[name], -widest, widest, scale=0.1 * widest)
+    return [*parameters, difference]
+
+
+__all__ = [
+    "N_PARAMETERS",
+    "AveragedFit",
+    "Conditions",
+    "MeanFlows",
+    "fit_averaged",
+]

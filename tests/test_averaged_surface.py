@@ -1,0 +1,117 @@
+"""The averaged law as a surface: fitted to PWM tests alone, kept in bundles, simulated."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from pwm_campaign import ATMOSPHERE, KRT, VALVE_A, VALVE_B, VOLUME, Valve, campaign
+
+from sysid.errors import NotIdentifiedError
+from sysid.surfaces.averaged import AveragedLaw
+from sysid.surfaces.averaged_fit import AveragedFit, Conditions, MeanFlows, fit_averaged
+from sysid.types import FloatArray
+
+
+def flows(valve: Valve, step: float = 0.08) -> MeanFlows:
+    fill, out = campaign(valve, "fill", step), campaign(valve, "discharge", step)
+    parts = [
+        np.concatenate((getattr(fill, name), getattr(out, name)))
+        for name in ("duty", "pressure", "flow")
+    ]
+    test = np.concatenate((fill.test, out.test + 1000))
+    # Pulses of a duty of 0.0001 count as none or as one: neither is a test of the law.
+    # The zero-phase filter of these samples spreads the flow's jump over some kPa, which the
+    # package's own windows never cross.
+    boundaries = (0.53 * valve.supply, ATMOSPHERE / 0.53)
+    away = np.min([np.abs(parts[1] - p) for p in boundaries], axis=0) > 8e3
+    kept = (parts[0] > 0.01) & away
+    std = np.full(int(kept.sum()), 5e-6)
+    per_flow = np.full(len(std), KRT / VOLUME)
+    return MeanFlows(*(p[kept] for p in parts), std, test[kept], per_flow)
+
+
+def fitted(valve: Valve) -> AveragedFit:
+    return fit_averaged(flows(valve), Conditions(valve.supply, ATMOSPHERE, valve.period))
+
+
+@pytest.mark.parametrize("valve", [VALVE_A, VALVE_B], ids=["a", "b"])
+def test_mean_flows_alone_give_the_law(valve: Valve) -> None:
+    estimates = fitted(valve).estimates
+    assert estimates["choked_flow_fill_kg_s"].value == pytest.approx(valve.choked_fill, rel=0.03)
+    assert estimates["choked_flow_dis_kg_s"].value == pytest.approx(valve.choked_dis, rel=0.03)
+    assert estimates["c_fill"].value == pytest.approx(valve.c_fill, rel=0.04)
+    assert estimates["c_dis"].value == pytest.approx(valve.c_dis, rel=0.04)
+    difference = estimates["delay_difference_s"]
+    assert difference.value == pytest.approx(valve.off_delay - valve.on_delay, abs=6e-5)
+    for estimate in estimates.values():
+        assert estimate.identified
+        assert estimate.interval[0] < estimate.value < estimate.interval[1]
+
+
+def test_too_few_tests_identify_nothing() -> None:
+    few = flows(VALVE_A)
+    few = few.select(few.test <= np.unique(few.test)[1])
+    with pytest.raises(NotIdentifiedError, match="2 tests"):
+        fit_averaged(few, Conditions(VALVE_A.supply, ATMOSPHERE, VALVE_A.period))
+
+
+def law() -> AveragedLaw:
+    return Conditions(3.0e5, 1.0e5, 5e-3).law(np.array([7.8e-4, 3.5e-4, 1.5e-6, 3.7e-9, 3e-4]))
+
+
+LINES = (3.0e5, 1.0e5)
+
+
+def test_without_ripple_a_pulse_passes_the_flow() -> None:
+    duty, pressure = np.meshgrid(np.linspace(0.0, 1.0, 21), np.linspace(1.05e5, 2.95e5, 38))
+    share = law().open_share(duty)
+    for flows in (
+        law().pulse(share, pressure, LINES, (0.0, 0.0)),
+        law().mean_pulse(share, pressure, LINES, 0.0),
+    ):
+        np.testing.assert_allclose(
+            flows.mean(share), law().flow(duty, pressure), rtol=1e-7, atol=1e-13
+        )
+        assert (flows.open >= 0.0).all() and (flows.closed <= 0.0).all()
+
+
+def stepped(share: float, start: float, per_flow: float, steps: int = 20_000) -> FloatArray:
+    """Pressures of one period, pulse first, in small steps from `start`, Pa."""
+    own = law()
+    step = per_flow * own.period / steps
+    found = np.empty(steps + 1)
+    found[0] = pressure = start
+    for i in range(steps):
+        is_open = i < share * steps
+        pressure += step * float(own.open_flow(pressure) if is_open else own.closed_flow(pressure))
+        found[i + 1] = pressure
+    return found
+
+
+# About the two choked boundaries, 159 and 188.7 kPa, where the law jumps.
+@pytest.mark.parametrize("start", [156.5e3, 158e3, 159.5e3, 186e3, 187.5e3, 189e3])
+@pytest.mark.parametrize("share", [0.2, 0.3, 0.4])
+def test_a_pulse_against_small_steps(start: float, share: float) -> None:
+    per_flow = 3e9
+    exact = stepped(share, start, per_flow)
+    own = law()
+    flow = (exact[-1] - exact[0]) / (per_flow * own.period)
+    scale = float(own.choked_fill)
+    drift = exact[-1] - exact[0]
+    # The mean over a period holds at its middle, where the straight line has drifted half.
+    at = start + 0.5 * drift
+    pulse = own.pulse(np.float64(share), at, LINES, (per_flow, 0.0))
+    assert float(pulse.mean(share)) == pytest.approx(flow, abs=6e-3 * scale)
+    held = own.mean_pulse(np.float64(share), float(exact.mean()), LINES, per_flow)
+    assert float(held.mean(share)) == pytest.approx(flow, abs=6e-3 * scale)
+
+
+def test_the_bend_of_the_ramps_is_where_the_law_jumps() -> None:
+    share, start, per_flow = 0.32, 157.5e3, 3e9
+    exact = stepped(share, start, per_flow)
+    at = 0.5 * (exact[0] + exact[-1])
+    pulse = law().pulse(np.float64(share), at, LINES, (per_flow, 0.0))
+    peak = int(np.argmax(exact))
+    bend = int(np.argmax(exact > 159e3))
+    assert float(pulse.rise[0]) == pytest.approx(bend / peak, abs=0.03)
+    assert float(pulse.rise[1]) == pytest.approx((159e3 - start) / (exact[peak] - start), abs=0.03)
