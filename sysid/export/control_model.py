@@ -81,7 +81,9 @@ def _laws(
 ) -> tuple[ControlLaw, ...] | None:
     """The laws with the second of each pair; None where an effect's code has no form in C."""
     model = Model(parameters, tuple(named for _, named in effects))
-    inverses = {f"inverse_{side}": AveragedLaw.of(model.parameters, side) for side in "ab"}
+    inverses: dict[str, Any] = {
+        f"inverse_{side}": AveragedLaw.of(model.parameters, side) for side in "ab"
+    }
     symbolic: Any = dataclasses.replace(design, model=model, **inverses)
     try:
         return tuple(control_laws(symbolic))
