@@ -15,6 +15,7 @@ from typing import Any
 
 from sysid.bundle import Bundle
 from sysid.control.design_model import DesignModel, design_from_bundle
+from sysid.control.effective_law import averaged_law
 from sysid.errors import SysidError
 from sysid.export.c_constants import read_constants
 from sysid.export.c_text import Names
@@ -25,7 +26,6 @@ from sysid.export.symbolic import symbol
 from sysid.model.base import PARAMETER_NAMES, Parameters
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import Model
-from sysid.surfaces.averaged import AveragedLaw
 
 _NO_LIMIT = 1e30
 """Stands for an infinite number in C; within the range of single precision."""
@@ -73,7 +73,17 @@ def control_model(
     assert laws is not None  # each has a form in C, and they act one after the other
     model = Model(design.parameters, tuple(effect for effect, _ in kept))
     ignored = tuple(pair[0].id for pair in known if not any(pair is k for k in kept))
-    return ControlModel(dataclasses.replace(design, model=model), laws, ignored)
+    return ControlModel(_with_model(design, model), laws, ignored)
+
+
+def _with_model(design: DesignModel, model: Model) -> DesignModel:
+    """The design with another model of the plant, and the averaged laws of its valves."""
+    return dataclasses.replace(
+        design,
+        model=model,
+        inverse_a=averaged_law(model, "a"),
+        inverse_b=averaged_law(model, "b"),
+    )
 
 
 def _laws(
@@ -81,10 +91,7 @@ def _laws(
 ) -> tuple[ControlLaw, ...] | None:
     """The laws with the second of each pair; None where an effect's code has no form in C."""
     model = Model(parameters, tuple(named for _, named in effects))
-    inverses: dict[str, Any] = {
-        f"inverse_{side}": AveragedLaw.of(model.parameters, side) for side in "ab"
-    }
-    symbolic: Any = dataclasses.replace(design, model=model, **inverses)
+    symbolic: Any = _with_model(design, model)
     try:
         return tuple(control_laws(symbolic))
     except Exception:  # whatever an effect's code raises
