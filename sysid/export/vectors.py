@@ -30,6 +30,9 @@ _MOST_LANES = 40_000
 # Inputs that choose: nothing is between their values.
 _CHOICES = ("switch", "variant", "type", "inverse")
 
+# An effect rounds the pressure at which a root ends otherwise in Python than in C.
+_LAST_BITS = 4.0
+
 Draw = Callable[[np.random.Generator, int], FloatArray]
 
 
@@ -39,7 +42,7 @@ class Vectors:
 
     `scale` is each output's root mean square, outliers limited. `bounds` (n, 2) is the relative
     difference that a row may have in double and in single precision. In double that is 1e-12;
-    where the last bit of one input moves Python's own output by more (the root of subsonic flow
+    where the last bits of one input move Python's own output by more (the root of subsonic flow
     at its end), it is four times that. In single it is 1e-4, or 0 for a row that is not
     compared: one within the rounding of single precision of a jump, without a clear decision, or
     beyond its range.
@@ -185,7 +188,11 @@ def _nudged(replay: Replay, inputs: FloatArray, is_single: bool) -> Iterator[Flo
         column = inputs[k]
         known = np.isfinite(column)
         span = np.sqrt(np.mean(column[known] ** 2))
-        step = _ROUNDING * np.maximum(np.abs(column), span) if is_single else np.spacing(column)
+        step = (
+            _ROUNDING * np.maximum(np.abs(column), span)
+            if is_single
+            else _LAST_BITS * np.spacing(column)
+        )
         for way in (-1.0, 1.0):
             moved = inputs.copy()
             moved[k] += way * np.where(known, step, 0.0)
