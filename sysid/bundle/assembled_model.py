@@ -318,11 +318,6 @@ def _discrete_law(bundle: BundleContent, side: str) -> ValveParameters:
     place = f"{bundle.source}, valves.{side}.discrete"
     test = f"valve-discrete tests of valve {side} (on and off again, piston held) would identify it"
     values = {name: _identified(law, key, place, test) for name, key in LAW_KEYS.items()}
-    for name, key in LAW_KEYS.items():
-        if values[name] < 0.0:
-            raise input_error(
-                place, f"{key} is {values[name]:.3g}, but no flow is below 0", "fit the valve again"
-            )
     return ValveParameters(**values)
 
 

@@ -19,11 +19,13 @@ from pydantic import ValidationError
 from sysid.bundle.bundle import Bundle
 from sysid.bundle.content import SCHEMA
 from sysid.errors import InputError, input_error
+from sysid.io.channels import SIDES
 from sysid.io.files import write_atomic
 from sysid.io.tables import read_bytes
 
 # Of a number that a message quotes.
 _LONGEST = 40
+_FLOWS = ("c_fill", "c_dis", "choked_flow_fill_kg_s", "choked_flow_dis_kg_s")
 SCHEMA_FILE = "bundle.schema.json"
 
 
@@ -61,8 +63,23 @@ def read_bundle(path: Path) -> Bundle:
     except RecursionError:
         raise input_error(path, "is nested too deeply", "write the bundle again") from None
     bundle = bundle_from_json(content, path)
+    _check_flows(bundle, path)
     bundle.rig  # noqa: B018  (raises for implausible constants)
     return bundle
+
+
+def _check_flows(bundle: Bundle, path: Path) -> None:
+    """A flow or flow coefficient below 0 would fill a chamber that empties."""
+    for side in SIDES:
+        law = bundle.valve(side).discrete
+        for key in _FLOWS if law is not None else ():
+            estimate = getattr(law, key)
+            if estimate is not None and estimate.identified and estimate.value < 0.0:
+                raise input_error(
+                    f"{path}, valves.{side}.discrete",
+                    f"{key} is {estimate.value:.3g}, but no flow is below 0",
+                    "fit the valve again",
+                )
 
 
 def bundle_from_json(content: Any, path: Path) -> Bundle:

@@ -6,10 +6,12 @@ Each command is a file of this folder, imported when it is called: `sysid --help
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 from collections.abc import Sequence
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import click
@@ -24,6 +26,7 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 _FAULT = 1
 _UNUSABLE = 2
 _INTERRUPTED = 130
+_NO_OUTPUT = (errno.ENOSPC, errno.EIO, errno.EDQUOT)
 
 COMMANDS = {
     "check": "Data quality of each LOG, and what it can and cannot identify.",
@@ -91,6 +94,7 @@ def app() -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; the exit status of `spec/cli.md`, errors as one line on standard error."""
+    _open_closed()
     try:
         words = _without_jobs(sys.argv[1:] if arguments is None else arguments)
         app(args=words, prog_name="sysid", standalone_mode=False)
@@ -110,14 +114,31 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # The rest of the output has no reader.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except OSError as error:
+        if error.filename is not None or error.errno not in _NO_OUTPUT:
+            return _fault(error)
+        # What is buffered cannot be written either when Python ends.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        what = f"standard output: {error.strerror}; free space there, or write elsewhere"
+        return _report("error", what, _UNUSABLE)
     except Exception as error:
-        if os.environ.get("SYSID_DEBUG"):
-            raise
-        what = f"{type(error).__name__}: {error}"
-        return _report(
-            "fault", f"{what} (a fault in sysid itself; SYSID_DEBUG=1 shows where)", _FAULT
-        )
+        return _fault(error)
     return 0
+
+
+def _fault(error: Exception) -> int:
+    """A fault in sysid itself: one line, or with SYSID_DEBUG the traceback."""
+    if os.environ.get("SYSID_DEBUG"):
+        raise error
+    what = f"{type(error).__name__}: {error}"
+    return _report("fault", f"{what} (a fault in sysid itself; SYSID_DEBUG=1 shows where)", _FAULT)
+
+
+def _open_closed() -> None:
+    """A caller may have closed standard output or error: then nobody reads them."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, Path(os.devnull).open("w"))  # noqa: SIM115
 
 
 def _without_jobs(words: Sequence[str]) -> list[str]:

@@ -20,7 +20,7 @@ from sysid.io.foreign import ForeignTable, read_foreign
 from sysid.io.foreign.recipe import Recipe, extended, kept_rows, read_recipe
 from sysid.io.reshaping import Reshaping, read_trim, reshaped
 from sysid.io.rig import nearest_rig_file, read_rig
-from sysid.io.tables import read_bytes, write_table
+from sysid.io.tables import FOREIGN_SUFFIXES, read_bytes, write_table
 from sysid.io.units import (
     CANONICAL_UNITS,
     TEST_COLUMN,
@@ -101,6 +101,10 @@ def convert(
     InputError, one line with the place and the fix; the output is complete or absent.
     """
     paths = [foreign] if isinstance(foreign, Path) else list(foreign)
+    if output.suffix.lower() in FOREIGN_SUFFIXES:
+        raise input_error(
+            output, "a log is CSV or Parquet", f"write it as {output.stem or 'log'}.csv or .parquet"
+        )
     recipe = extended(
         Recipe() if spec_file is None else read_recipe(spec_file),
         maps,
@@ -122,7 +126,8 @@ def convert(
             "convert", "several files are several tests, but `test` is given too", "omit it"
         )
     recipe = _with_atmosphere(recipe, paths)
-    frames, sources, unmapped, notices = [], [], [], list(recipe.notices)
+    frames, sources, notices = [], [], list(recipe.notices)
+    unmapped: dict[str, None] = {}
     for path, label in zip(paths, _labels(paths), strict=True):
         if path.exists() and output.exists() and path.samefile(output):
             raise input_error(output, "is the file to be converted", "choose another with -o")
@@ -130,13 +135,13 @@ def convert(
         table = read_foreign(path, raw, recipe.read)
         frames.append(_convert_table(table, recipe, label))
         sources.append(ForeignSource(str(path), table.format, hashlib.sha256(raw).hexdigest()))
-        unmapped += [name for name in _unused(table, recipe) if name not in unmapped]
+        unmapped.update(dict.fromkeys(_unused(table, recipe)))
         notices += table.notices
     how = Reshaping(unwrap, read_trim(trim), resample_s)
     frame = reshaped(_joined(frames, paths), how, ", ".join(map(str, paths)))
     if unmapped:
         more = " ..." if len(unmapped) > 30 else ""
-        notices.append(f"left out, not mapped: {', '.join(unmapped[:30])}{more}")
+        notices.append(f"left out, not mapped: {', '.join(list(unmapped)[:30])}{more}")
     _write(frame, output, sources, recipe, how)
     return ConversionReport(
         output=str(output),

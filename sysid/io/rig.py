@@ -208,6 +208,8 @@ def read_toml(path: Path, what: str) -> dict[str, Any]:
         raise input_error(path, "is not UTF-8 text", "save it as UTF-8") from None
     except tomllib.TOMLDecodeError as error:
         raise input_error(path, f"is not valid TOML: {error}", "fix that line") from None
+    except RecursionError:
+        raise input_error(path, "is nested too deeply", "write tables and lists flat") from None
 
 
 def reject_misspelt(given: Any, known: Any, where: str, source: str) -> list[str]:

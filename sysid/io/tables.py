@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 PARQUET_SUFFIXES = (".parquet", ".pq")
-_FOREIGN_SUFFIXES = (".mat", ".xlsx", ".xls", ".tdms")
+FOREIGN_SUFFIXES = (".mat", ".xlsx", ".xls", ".tdms")
 _NOT_A_NUMBER = ["", "NaN", "nan", "NA", "N/A", "null", "NULL", "None", "-nan", "#N/A"]
 
 
@@ -138,7 +138,7 @@ def read_table(path: Path, wanted: Collection[str], text: Collection[str] = ()) 
 
     `text` names those that are labels, not numbers. Raises InputError.
     """
-    if path.suffix.lower() in _FOREIGN_SUFFIXES:
+    if path.suffix.lower() in FOREIGN_SUFFIXES:
         raise input_error(
             path,
             f"a {path.suffix} file is not a log",
@@ -370,4 +370,11 @@ def _is_number(text: str) -> bool:
     return True
 
 
-__all__ = ["PARQUET_SUFFIXES", "LogTable", "read_bytes", "read_table", "write_table"]
+__all__ = [
+    "FOREIGN_SUFFIXES",
+    "PARQUET_SUFFIXES",
+    "LogTable",
+    "read_bytes",
+    "read_table",
+    "write_table",
+]

@@ -5,6 +5,7 @@ Each returns a `ForeignTable` in the file's own names and units; `sysid.io.conve
 
 from __future__ import annotations
 
+import csv
 import importlib
 import io
 import zipfile
@@ -38,7 +39,12 @@ def read_foreign(path: Path, raw: bytes, options: ReadOptions) -> ForeignTable:
     kind = _kind(path, raw)
     module = importlib.import_module(f"sysid.io.foreign.{kind}")
     reader: Reader = module.read
-    table = reader(path, raw, options)
+    try:
+        table = reader(path, raw, options)
+    except csv.Error as error:
+        raise input_error(
+            path, f"cannot be read as text ({error})", "export fewer columns, or another format"
+        ) from None
     if not any(len(values) for values in table.columns.values()):
         raise input_error(path, f"holds no columns ({table.format})", "give another file")
     return table
