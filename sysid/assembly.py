@@ -107,7 +107,7 @@ def fit_campaign(
     `progress` is called with the name of each part as its fit begins.
     """
     assembly = _Assembly(campaign, progress)
-    assembly.notices += [*campaign.notices, *campaign.rig.notices]
+    assembly.notices += [*campaign.notices, *campaign.rig.notices, *campaign.copies()]
     _add_friction(assembly)
     _add_valves(assembly, surface, seed)
     _add_bench(assembly)

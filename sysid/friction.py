@@ -151,7 +151,8 @@ def _prepared(
     declared = [kind] * len(trials) if kind is None or isinstance(kind, str) else list(kind)
     for trial, name in zip(trials, declared, strict=True):
         if len(trial) < 2:
-            fit.notices.append(f"test {trial.label}: left out, a test needs at least two samples")
+            title = f"test {trial.label}" if trial.label else trial.source
+            fit.notices.append(f"{title}: left out, a test needs at least two samples")
             continue
         even = even_trial(trial, rig, fit.notices)
         fit.by_kind[_kind(name) if name else classify(even)].append(even)
@@ -179,10 +180,18 @@ def _kind(name: str) -> str:
 
 def _reasons(uses: Sequence[TrialUse]) -> str:
     """Why tests were left out, each reason once with its tests."""
-    tests: dict[str, list[str]] = {}
+    tests: dict[str, list[TrialUse]] = {}
     for use in uses:
-        tests.setdefault(use.reason, []).append(use.label)
-    return "; ".join(f"test {', '.join(labels)}: {why}" for why, labels in tests.items())
+        tests.setdefault(use.reason, []).append(use)
+    return "; ".join(f"{_titles(left_out)}: {why}" for why, left_out in tests.items())
+
+
+def _titles(uses: Sequence[TrialUse]) -> str:
+    """ "tests 1, 2, 3"; those without a label by their files."""
+    labels = [use.label for use in uses if use.label]
+    files = [use.title for use in uses if not use.label]
+    named = [f"test{'s' * (len(labels) > 1)} {', '.join(labels)}"] if labels else []
+    return ", ".join([*named, *files])
 
 
 def _static(fit: _Fit) -> StaticFriction | None:

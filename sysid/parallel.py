@@ -6,6 +6,7 @@ without it there is one to each core.
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import signal
 import threading
@@ -51,10 +52,17 @@ def run_all(jobs: Iterable[Callable[[], Result]]) -> list[Result]:
         return [job() for job in waiting]
     from joblib import Parallel, delayed, parallel_config
 
-    with parallel_config(
+    config = parallel_config(
         backend="loky", n_jobs=workers, initializer=_serve, initargs=(os.getpid(),)
-    ):
-        return list(Parallel()(delayed(_call)(job) for job in waiting))
+    )
+    try:
+        with config:
+            return list(Parallel()(delayed(_call)(job) for job in waiting))
+    except KeyboardInterrupt:
+        # Python waits at its end for the workers that joblib, interrupted, has not yet stopped.
+        for worker in multiprocessing.active_children():
+            worker.kill()
+        raise
 
 
 def _call(job: Callable[[], Result]) -> Result:

@@ -54,6 +54,17 @@ def test_friction_tests_that_suffice_leave_the_motion_logs_alone(bundled: Campai
     assert not fitted & set(MOTION_KINDS)
 
 
+def test_a_copy_that_is_held_out_is_said(bundled: Campaign, tmp_path: Path) -> None:
+    (sliding,) = only(bundled, "friction-sliding").logs
+    copy = tmp_path / "other.parquet"
+    copy.write_bytes(sliding.path.read_bytes())
+    twice = (sliding, dataclasses.replace(sliding, path=copy, use="holdout"))
+    found = fit_campaign(dataclasses.replace(bundled, logs=twice))
+    (notice,) = (n for n in found.notices if "byte for byte" in n)
+    assert "other.parquet is a copy of" in notice and "what is fitted is not held out" in notice
+    assert only(bundled, *FRICTION_KINDS).copies() == []
+
+
 def test_the_vertical_sample_has_friction(shared_samples: Path) -> None:
     """Its arm swings to rest in every trial; the friction is that of the samples' README."""
     campaign = read_campaign(shared_samples / "rig-3" / "campaign.toml")

@@ -80,9 +80,13 @@ def test_workers_end_with_their_parent(how: signal.Signals, tmp_path: Path) -> N
     while len(list(told.iterdir())) < 2 and time.monotonic() < deadline:
         time.sleep(0.1)
     workers = [int(file.name) for file in told.iterdir()]
-    assert len(workers) == 2
-    parent.send_signal(how)
-    parent.communicate(timeout=30.0)
+    with parent:
+        try:
+            assert len(workers) == 2
+            parent.send_signal(how)
+            parent.communicate(timeout=30.0)
+        finally:
+            parent.kill()
     deadline = time.monotonic() + 10.0
     while any(map(is_alive, workers)) and time.monotonic() < deadline:
         time.sleep(0.1)

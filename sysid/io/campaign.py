@@ -118,6 +118,23 @@ class Campaign:
         chosen = (e for e in self.logs if use in (None, e.use))
         return [Source(e.path.name, _digest(e.path), e.use, e.kind) for e in chosen]
 
+    def copies(self) -> list[str]:
+        """Notices of files that hold the same bytes: one of them is no evidence of its own.
+
+        Raises InputError for a log that cannot be opened.
+        """
+        first: dict[str, CampaignLog] = {}
+        notices = []
+        for entry, source in zip(self.logs, self.sources(), strict=True):
+            before = first.setdefault(source.sha256, entry)
+            if before.path != entry.path:
+                held = before.use != entry.use
+                notices.append(
+                    f"{entry.path} is a copy of {before.path}, byte for byte"
+                    + (": what is fitted is not held out" if held else "")
+                )
+        return notices
+
     def read(self, entry: CampaignLog) -> Log:
         """Read one entry's log. Raises InputError."""
         return read_log(entry.path, self.rig, entry.mapping, entry.shared)

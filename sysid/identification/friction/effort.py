@@ -10,6 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -127,6 +128,11 @@ class TrialUse:
     used: bool = True
     reason: str = ""
     values: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def title(self) -> str:
+        """ "test 3", or the file of a test without a label."""
+        return f"test {self.label}" if self.label else Path(self.source).name
 
     def leave_out(self, reason: str) -> None:
         self.used, self.reason = False, reason

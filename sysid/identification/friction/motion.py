@@ -218,7 +218,7 @@ def fit_motion(
             else:
                 samples.append(chosen)
         if not use.used:
-            notices.append(f"test {use.label}: left out of friction from motion, {use.reason}")
+            notices.append(f"{use.title}: left out of friction from motion, {use.reason}")
     if not samples:
         raise NotIdentifiedError(
             "Coulomb and viscous friction: the shaft hardly moves in these tests; give motion "

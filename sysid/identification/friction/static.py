@@ -112,7 +112,7 @@ def fit_static(
     uses = [breakaway(trial, units) for trial in trials]
     for use in uses:
         if not use.used:
-            notices.append(f"test {use.label}: left out of static friction, {use.reason}")
+            notices.append(f"{use.title}: left out of static friction, {use.reason}")
     used = [use for use in uses if use.used]
     if not used:
         return None, uses

@@ -186,7 +186,7 @@ def sliding_points(
     uses = [_use(trial, inertia) for trial in trials]
     for use in uses:
         if not use.used:
-            notices.append(f"test {use.label}: left out of sliding friction, {use.reason}")
+            notices.append(f"{use.title}: left out of sliding friction, {use.reason}")
     within = _keep_one_method(uses, notices)
     if inertia is None and any(use.used for use in uses):
         notices.append(
