@@ -17,8 +17,10 @@ from sysid.errors import InputError
 from sysid.parallel import VARIABLE, job_count, run_all
 
 PARENT = """
-import os, sys, time
+import os, signal, sys, time
 from functools import partial
+# Whoever runs the tests in the background has SIGINT ignored, and children inherit that.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 sys.path.insert(0, {folder!r})
 from test_parallel import told_and_slept
 from sysid.parallel import run_all
