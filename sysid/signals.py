@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.errors import input_error
 from sysid.types import FloatArray
@@ -106,6 +107,17 @@ def resample(
 def held_about_rows(command: FloatArray) -> FloatArray:
     """A command (n,) centred on each row: the mean of its value before and after the row."""
     return np.asarray(0.5 * (command + np.concatenate([command[:1], command[:-1]])))
+
+
+def runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """[first, last) of every run of set samples of a mask (n,), in their order."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], np.asarray(mask, dtype=np.int8), [0]])))
+    return [(int(first), int(last)) for first, last in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def longest_run(mask: NDArray[np.bool_]) -> tuple[int, int]:
+    """[first, last) of the longest run of set samples, the first of equals; (0, 0) without any."""
+    return max(runs(mask), key=lambda run: run[1] - run[0], default=(0, 0))
 
 
 def quantum(values: FloatArray) -> float:

@@ -123,3 +123,12 @@ def test_a_resting_encoder_keeps_the_share_of_its_count() -> None:
     floor = signals.noise_floor(np.full(500, 7.0), resolution=1.0)
     assert floor.noise == 0.0
     assert floor.total == pytest.approx(1.0 / np.sqrt(12.0))
+
+
+def test_runs_of_a_mask() -> None:
+    mask = np.array([1, 1, 0, 1, 0, 0, 1, 1, 1], dtype=bool)
+    assert signals.runs(mask) == [(0, 2), (3, 4), (6, 9)]
+    assert signals.longest_run(mask) == (6, 9)
+    assert signals.longest_run(mask[:6]) == (0, 2)
+    assert signals.runs(mask[:0]) == signals.runs(~mask[:2]) == []
+    assert signals.longest_run(~mask[:2]) == (0, 0)

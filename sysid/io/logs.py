@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid import signals
 from sysid.errors import InputError, input_error
 from sysid.io import plausibility
 from sysid.io.channels import CHAMBER_PRESSURES, PRESSURES, VALVE_COMMANDS
@@ -330,12 +331,11 @@ def _check_mixed(
     other = np.abs(steps / median - 1.0) > _MIXED_DEVIATION
     if np.count_nonzero(other) < _MIXED_RUN:
         return
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], other.astype(np.int8), [0]])))
-    for start, stop in zip(edges[::2], edges[1::2], strict=True):
+    for start, stop in signals.runs(other):
         second = steps[start:stop]
         if stop - start >= _MIXED_RUN and np.ptp(second) < 0.1 * float(np.median(second)):
             raise input_error(
-                f"{reading.where}, {_place(reading, rows, int(start) + 1)}",
+                f"{reading.where}, {_place(reading, rows, start + 1)}",
                 f"the sampling period{name} changes to {float(np.median(second)):.4g} s "
                 f"(elsewhere {median:.4g} s)",
                 "give each rate its own label in the column `test`, or bring them onto one period "

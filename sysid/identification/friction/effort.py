@@ -251,12 +251,7 @@ def constant_run(drive: FloatArray) -> tuple[int, int]:
     noise = signals.noise_floor(drive).noise if len(np.unique(drive)) > 10 else 0.0
     tolerance = max(0.01 * float(np.max(np.abs(drive))), 5.0 * noise)
     near = np.abs(drive - level) <= tolerance
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], near.astype(int), [0]])))
-    if len(edges) == 0:
-        return 0, 0
-    lengths = edges[1::2] - edges[::2]
-    longest = int(np.argmax(lengths))
-    return int(edges[2 * longest]), int(edges[2 * longest + 1])
+    return signals.longest_run(near)
 
 
 def pushed_along(trials: Sequence[EvenTrial]) -> str | None:

@@ -176,9 +176,8 @@ def _noise_gains(period: float, cutoff_hz: float) -> tuple[float, float]:
 
 def _long_runs(mask: NDArray[np.bool_], least: int) -> NDArray[np.bool_]:
     """`mask` without its runs that are shorter than `least` samples."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
     kept = np.zeros(len(mask), dtype=bool)
-    for start, stop in zip(edges[::2], edges[1::2], strict=True):
+    for start, stop in signals.runs(mask):
         kept[start:stop] = stop - start >= least
     return kept
 

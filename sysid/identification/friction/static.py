@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid import signals
 from sysid.estimation.linear import (
     Estimate,
     FTest,
@@ -177,9 +178,8 @@ def find_onset(trial: EvenTrial) -> Onset | str:
     # Over `hold` samples a shaft at rest moves by less than this.
     still = max(6.0 * noise.total, 1.5 * noise.quantum, 0.05 * threshold)
     moving = np.abs(x[hold:] - x[:-hold]) > still
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], moving.astype(int), [0]])))
-    for start, stop in zip(edges[::2], edges[1::2], strict=True):
-        before, after = int(start), min(int(stop) + hold - 1, len(x) - 1)
+    for before, end in signals.runs(moving):
+        after = min(end + hold - 1, len(x) - 1)
         travel = float(x[after] - x[before])
         to_the_end = after >= len(x) - 2
         if abs(travel) > max(threshold, 0.0 if to_the_end else SUSTAINED_SHARE * span):

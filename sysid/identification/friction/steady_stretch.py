@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid import signals
 from sysid.identification.friction.effort import SLIDING, EvenTrial, TrialUse, Units, constant_run
 from sysid.identification.friction.sliding import SlidingPoints
 from sysid.identification.friction.within_trial import trial_law
@@ -99,7 +100,7 @@ def _before_rest(
     where there is none (an arm that swings uphill), all of its motion while it is fast.
     """
     least = math.ceil(MIN_STRETCH_S / (trial.period * (marks[1] - marks[0])))
-    first, last = _longest(speed >= max(COAST * float(np.max(speed)), noise))
+    first, last = signals.longest_run(speed >= max(COAST * float(np.max(speed)), noise))
     if last - first < least:
         return STALLED
     from_, to = _longest_steady(speed[first:last], noise)
@@ -112,15 +113,6 @@ def _before_rest(
     inside = speed[first:last]
     drift = float(np.ptp(inside)) / float(np.median(inside))
     return SteadyStretch(int(marks[first]), int(marks[last]), steady, drift)
-
-
-def _longest(mask: NDArray[np.bool_]) -> tuple[int, int]:
-    """The longest run [first, last) of set blocks; (0, 0) where none is set."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
-    if len(edges) == 0:
-        return 0, 0
-    longest = int(np.argmax(edges[1::2] - edges[::2]))
-    return int(edges[2 * longest]), int(edges[2 * longest + 1])
 
 
 def _longest_steady(speed: FloatArray, noise: float) -> tuple[int, int]:

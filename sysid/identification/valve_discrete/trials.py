@@ -245,8 +245,8 @@ def _clipped(piece: Piece) -> tuple[BoolArray, list[str]]:
 
 
 def _longest_run(mask: BoolArray) -> int:
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
-    return int(np.max(edges[1::2] - edges[::2], initial=0))
+    first, last = signals.longest_run(mask)
+    return last - first
 
 
 def _longest_repeat(values: FloatArray) -> int:
@@ -317,9 +317,7 @@ def _segments(piece: Piece, bad: BoolArray) -> list[slice]:
     """Runs of good rows in which the pressure moves."""
     if not bad.any():
         return [slice(0, len(bad))]
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], (~bad).astype(np.int8), [0]])))
-    runs = [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-    runs = [_after_guard(piece, run) for run in runs]
+    runs = [_after_guard(piece, slice(*run)) for run in signals.runs(~bad)]
     return [
         run
         for run in runs
