@@ -29,7 +29,7 @@ KINDS = (STATIC, SLIDING, MOTION)
 # Samples within this share of the stroke from an end are not part of the model (log-format.md).
 END_MARGIN = 0.01
 MIN_SAMPLES = 50
-_BLOCK_S = 0.05
+BLOCK_S = 0.05  # blocks over which speeds are averaged
 _PUSHED = 0.3  # correlation of speed and push
 
 
@@ -276,7 +276,7 @@ def pushed_along(trials: Sequence[EvenTrial]) -> str | None:
 
 def _blocks(trial: EvenTrial) -> tuple[FloatArray, FloatArray]:
     """Mean speed and mean effort of the cylinder over blocks of 50 ms, (m,) each."""
-    size = max(1, round(_BLOCK_S / trial.period))
+    size = max(1, round(BLOCK_S / trial.period))
     count = (len(trial) - 1) // size
     marks = size * np.arange(count + 1)
     push = trial.cylinder[: count * size].reshape(count, size).mean(axis=1)

@@ -10,12 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid import signals
-from sysid.identification.friction.effort import SLIDING, EvenTrial, TrialUse, Units, constant_run
+from sysid.identification.friction.effort import (
+    BLOCK_S,
+    SLIDING,
+    EvenTrial,
+    TrialUse,
+    Units,
+    constant_run,
+)
 from sysid.identification.friction.sliding import SlidingPoints
 from sysid.identification.friction.within_trial import trial_law
 from sysid.types import FloatArray
 
-BLOCK_S = 0.05
 STEADY = 0.05  # an interval is steady while its blocks stay within this share of its speed
 STALL = 0.02  # of the fastest block: slower is a stall
 COAST = 0.2  # of the fastest block: a trial that comes to rest counts while it is faster
