@@ -10,7 +10,7 @@ from typing import Protocol
 from sysid.bundle import Bundle, Parts
 from sysid.errors import NotIdentifiedError
 from sysid.friction import fit_friction
-from sysid.identification.friction.effort import MOTION
+from sysid.identification.friction.effort import MOTION, balances
 from sysid.identification.friction.result import FrictionResult
 from sysid.io.campaign import (
     BENCH_KINDS,
@@ -19,7 +19,6 @@ from sysid.io.campaign import (
     Campaign,
     CampaignLog,
 )
-from sysid.io.channels import CHAMBER_PRESSURES
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.io.source import Source
@@ -153,7 +152,7 @@ def _add_friction(assembly: _Assembly) -> None:
         assembly.merge(own)
         return
     moving = _labelled(assembly, campaign.select(MOTION_KINDS))
-    motion = [(trial, MOTION) for trial, _ in moving if _balances(trial, rig)]
+    motion = [(trial, MOTION) for trial, _ in moving if balances(trial, rig)]
     found, why_moving = None, ""
     if motion:
         assembly.progress("friction, from motion")
@@ -170,13 +169,6 @@ def _add_friction(assembly: _Assembly) -> None:
     else:
         for reason in filter(None, (why, why_moving)):
             assembly.lack(reason)
-
-
-def _balances(trial: Trial, rig: Rig) -> bool:
-    """Whether a motion trial has every channel of the balance that friction closes: without a
-    pressure, what the cylinder does would be taken for friction."""
-    pressures = () if rig.cylinder is None else CHAMBER_PRESSURES
-    return all(c in trial for c in (rig.position_channel, rig.effort_channel, *pressures))
 
 
 def _labelled(assembly: _Assembly, entries: Sequence[CampaignLog]) -> list[tuple[Trial, str]]:

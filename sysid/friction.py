@@ -10,6 +10,13 @@ from typing import TypeVar
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.estimation.linear import Estimate
 from sysid.identification.friction.clusters import Clusters, cluster_test
+from sysid.identification.friction.combinations import (
+    Combination,
+    Separation,
+    combined,
+    mean_friction,
+    unidentified,
+)
 from sysid.identification.friction.effort import (
     KINDS,
     MOTION,
@@ -23,14 +30,16 @@ from sysid.identification.friction.effort import (
     classify_trial,
     even_trial,
     pushed_along,
+    titles,
     units_of,
 )
 from sysid.identification.friction.motion import (
     MotionFriction,
-    default_cutoff,
     effort_rmse,
     fit_motion,
+    usable_motion,
 )
+from sysid.identification.friction.motion_samples import default_cutoff
 from sysid.identification.friction.result import FrictionResult
 from sysid.identification.friction.sliding import (
     ANOTHER_LEVEL,
@@ -91,6 +100,7 @@ class _Fit:
     uses: list[TrialUse] = field(default_factory=list)
     notices: list[str] = field(default_factory=list)
     reasons: dict[str, str] = field(default_factory=dict)
+    sums: tuple[Combination, ...] = ()
 
     def attempt(self, kind: str, fit: Callable[[], Result | None]) -> Result | None:
         """The fit of one kind of test; None, with the reason kept, where it identifies nothing."""
@@ -100,6 +110,10 @@ class _Fit:
             return fit()
         except NotIdentifiedError as error:
             self.reasons[kind] = str(error)
+            if kind != SLIDING or not self.sums:
+                for use in self.uses:
+                    if use.kind == kind and use.used:
+                        use.leave_out(str(error))
             return None
 
 
@@ -127,10 +141,8 @@ def fit_friction(
     if inertia is None and motion is not None and motion.inertia is not None:
         inertia = motion.inertia.value
     sliding = fit.attempt(SLIDING, lambda: _sliding(fit, inertia))
-    if static is None and sliding is None and motion is None:
+    if static is None and sliding is None and motion is None and not fit.sums:
         raise NotIdentifiedError(_nothing(fit))
-    for reason in fit.reasons.values():
-        fit.notices.append(f"not identified: {reason}")
     return _result(fit, static, sliding, motion, estimate_inertia)
 
 
@@ -151,8 +163,10 @@ def _prepared(
     declared = [kind] * len(trials) if kind is None or isinstance(kind, str) else list(kind)
     for trial, name in zip(trials, declared, strict=True):
         if len(trial) < 2:
-            title = f"test {trial.label}" if trial.label else trial.source
-            fit.notices.append(f"{title}: left out, a test needs at least two samples")
+            use = TrialUse(trial.label, trial.source, _kind(name) if name else MOTION)
+            use.leave_out("a test needs at least two samples")
+            fit.uses.append(use)
+            fit.notices.append(f"{use.title}: left out, {use.reason}")
             continue
         even = even_trial(trial, rig, fit.notices)
         fit.by_kind[_kind(name) if name else classify(even)].append(even)
@@ -183,15 +197,7 @@ def _reasons(uses: Sequence[TrialUse]) -> str:
     tests: dict[str, list[TrialUse]] = {}
     for use in uses:
         tests.setdefault(use.reason, []).append(use)
-    return "; ".join(f"{_titles(left_out)}: {why}" for why, left_out in tests.items())
-
-
-def _titles(uses: Sequence[TrialUse]) -> str:
-    """ "tests 1, 2, 3"; those without a label by their files."""
-    labels = [use.label for use in uses if use.label]
-    files = [use.title for use in uses if not use.label]
-    named = [f"test{'s' * (len(labels) > 1)} {', '.join(labels)}"] if labels else []
-    return ", ".join([*named, *files])
+    return "; ".join(f"{titles(left_out)}: {why}" for why, left_out in tests.items())
 
 
 def _static(fit: _Fit) -> StaticFriction | None:
@@ -213,14 +219,24 @@ def _sliding(fit: _Fit, inertia: float | None) -> SlidingFriction | None:
             "Coulomb and viscous friction: no constant-effort trial is usable "
             f"({_reasons(uses)}); {_WANTED[SLIDING]}"
         )
-    result = fit_sliding(points, fit.units)
+    try:
+        result = fit_sliding(points, fit.units)
+    except NotIdentifiedError:
+        way = points.direction
+        fit.sums = mean_friction(points.friction, points.speed, way, fit.units)
+        raise
+    if not result.offset.identified:
+        one_way = Separation(False, True, float(points.direction[0]))
+        fit.sums = combined([result.coulomb], (0.0, 0.0), one_way, fit.units)
     fit.notices += result.notices
     return result
 
 
 def _motion(fit: _Fit, inertia: float | None) -> MotionFriction | None:
-    result, uses = fit_motion(fit.by_kind[MOTION], inertia, fit.units, fit.cutoff_hz, fit.notices)
+    samples, uses = usable_motion(fit.by_kind[MOTION], fit.cutoff_hz, fit.notices)
     fit.uses += uses
+    result = fit_motion(samples, inertia, fit.units)
+    fit.notices += result.notices
     return result
 
 
@@ -228,6 +244,46 @@ def _nothing(fit: _Fit) -> str:
     if fit.reasons:
         return "; ".join(fit.reasons.values())
     return "static, Coulomb and viscous friction: no friction test is given; " + _WANTED[STATIC]
+
+
+@dataclass(frozen=True)
+class _Moving:
+    """Friction from one kind of moving test: the fit, and the sums it does not separate."""
+
+    kind: str
+    fit: SlidingFriction | MotionFriction | None
+    sums: tuple[Combination, ...] = ()
+
+    def parameters(self, u: Units, reason: str = "") -> dict[str, Estimate]:
+        """Coulomb and viscous friction, and the offset where the tests tell of it."""
+        units = {u.coulomb: u.effort, u.viscous: u.viscous_unit, u.offset: u.effort}
+        own = {}
+        if self.fit is not None:
+            own = {u.coulomb: self.fit.coulomb, u.viscous: self.fit.viscous}
+            own[u.offset] = self.fit.offset
+        in_sums = {name for c in self.sums for name in c.of}
+        return {
+            name: unidentified(name, unit, self.sums, reason)
+            if name in in_sums or name not in own
+            else own[name]
+            for name, unit in units.items()
+            if name != u.offset or name in own or name in in_sums
+        }
+
+    def found(self, u: Units) -> int:
+        """How many of Coulomb and viscous friction are identified."""
+        own = self.parameters(u)
+        return sum(own[name].identified for name in (u.coulomb, u.viscous))
+
+
+def _chosen(fit: _Fit, sliding: SlidingFriction | None, motion: MotionFriction | None) -> _Moving:
+    """The constant-effort tests, unless motion identifies more parameters, or more sums."""
+    kinds = [_Moving(SLIDING, sliding, fit.sums)] if sliding is not None or fit.sums else []
+    if motion is not None:
+        kinds.append(_Moving(MOTION, motion, motion.combinations))
+    return max(
+        kinds, key=lambda k: (k.found(fit.units), len(k.sums)), default=_Moving(STATIC, None)
+    )
 
 
 def _result(
@@ -238,27 +294,28 @@ def _result(
     estimate_inertia: bool,
 ) -> FrictionResult:
     u = fit.units
-    chosen = sliding if sliding is not None else motion
-    other = motion if sliding is not None else None
+    chosen = _chosen(fit, sliding, motion)
     reason = fit.reasons.get(SLIDING) or fit.reasons.get(MOTION) or _WANTED[SLIDING]
     parameters = {
         u.static: Estimate.unidentified(u.effort, fit.reasons.get(STATIC, _WANTED[STATIC]))
         if static is None
         else static.estimate
     }
-    parameters |= _sliding_parameters(chosen, u, reason)
+    parameters |= chosen.parameters(u, reason)
     if motion is not None and motion.inertia is not None:
         parameters[u.inertia] = motion.inertia
     elif estimate_inertia:
         reason = fit.reasons.get(MOTION, _WANTED[MOTION])
         parameters[u.inertia] = Estimate.unidentified(u.inertia_unit, reason)
-    cross_check = {} if other is None else _sliding_parameters(other, u, "")
+    checked = chosen.kind == SLIDING and motion is not None
+    cross_check = _Moving(MOTION, motion).parameters(u) if checked else {}
+    _say_what_lacks(fit, chosen)
     _compare(parameters, cross_check, fit.notices)
     _order(parameters, u, fit.notices)
     return FrictionResult(
         units=u,
         parameters=parameters,
-        source=SLIDING if sliding is not None else MOTION if motion is not None else STATIC,
+        source=chosen.kind,
         static=static,
         sliding=sliding,
         motion=motion,
@@ -266,18 +323,24 @@ def _result(
         trials=tuple(fit.uses),
         notices=tuple(fit.notices),
         cutoff_hz=fit.cutoff_hz,
+        combinations=chosen.sums,
     )
 
 
-def _sliding_parameters(
-    source: SlidingFriction | MotionFriction | None, u: Units, reason: str
-) -> dict[str, Estimate]:
-    if source is None:
-        return {
-            u.coulomb: Estimate.unidentified(u.effort, reason),
-            u.viscous: Estimate.unidentified(u.viscous_unit, reason),
-        }
-    return {u.coulomb: source.coulomb, u.viscous: source.viscous, u.offset: source.offset}
+def _say_what_lacks(fit: _Fit, chosen: _Moving) -> None:
+    """Notices of what is not identified, none of which names a parameter that is."""
+    found = chosen.found(fit.units)
+    for kind, reason in fit.reasons.items():
+        if kind == STATIC or not (found or chosen.sums):
+            fit.notices.append(f"not identified: {reason}")
+        elif kind != chosen.kind:
+            fit.notices.append(f"{kind} tests alone do not suffice: {reason}")
+    fit.notices += [c.notice for c in chosen.sums]
+    if chosen.kind == MOTION and fit.by_kind[SLIDING]:
+        fit.notices.append("Coulomb and viscous friction are those of the friction-motion tests")
+        for use in fit.uses:
+            if use.kind == SLIDING and use.used:
+                use.leave_out("such tests identify less than the friction-motion tests here")
 
 
 def _compare(

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sysid.bundle import read_bundle
+from sysid.bundle import Bundle, read_bundle
 from sysid.bundle.assembled_model import effects_from_bundle
 from sysid.commands.app import main
 from sysid.diagnosis.bench.axis import Axis, axis
@@ -202,8 +202,13 @@ def test_one_speed_each_way_tells_no_law_over_speed() -> None:
     assert not {"stribeck-friction", "quadratic-drag", "asymmetric-viscous-friction"} & ids
     result = fit_friction(list(part.trials), part.rig)
     assert not result["viscous_n_s_per_m"].identified
-    assert "one speed each way" in (result["viscous_n_s_per_m"].reason or "")
-    assert result["coulomb_n"].value == pytest.approx(6.0 + 1e-5 * 4e5, rel=0.1)
+    assert not result["coulomb_n"].identified
+    assert "further speeds" in (result["viscous_n_s_per_m"].reason or "")
+    sliding = result.combinations[0]
+    assert sliding.of == ("coulomb_n", "viscous_n_s_per_m")
+    assert sliding.estimate.value == pytest.approx(6.0 + 1e-5 * 4e5, rel=0.1)
+    bundle = Bundle.new(part.rig, result.part(), [])
+    assert part.law_of(bundle).values == {"coulomb_n": sliding.estimate.value}
 
 
 def test_seal_friction_and_a_wrong_area_are_told_apart() -> None:

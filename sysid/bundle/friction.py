@@ -42,12 +42,32 @@ class TestUse(Part):
         return float(value) if isinstance(value, int | float) else None
 
 
+class CombinationRecord(Part):
+    """A sum of parameters that the tests identify though not its parts: its value and interval,
+    the parameters' names and factors, and the test that would separate them."""
+
+    of: list[str]
+    coefficients: list[Number]
+    expression: str
+    value: Number
+    std: Number | None
+    unit: str
+    interval: list[Number | None]
+    test: str
+
+    @property
+    def estimate(self) -> Estimate:
+        """The sum."""
+        return Estimate.from_json(self.to_json())
+
+
 class Friction(Part):
     """Static, Coulomb and viscous friction (thesis 3.4.1), in Nm and rad or in N and m.
 
     `source` is the kind of test that gave Coulomb and viscous friction, `cross_check` the
     estimates of the other kind; `rmse_nm` (linear: `rmse_n`) of each fit by kind of test;
-    `trials` the outcome of each test.
+    `trials` the outcome of each test; `combinations` the sums that are identified where their
+    parts are not.
     """
 
     model_config = ConfigDict(
@@ -74,6 +94,7 @@ class Friction(Part):
     rmse_n: Lenient[dict[str, Number] | None] = None
     explained: Absent[Lenient[dict[str, Number] | None]] = None
     cross_check: Lenient[dict[str, Estimate]] = Field(default_factory=dict)
+    combinations: list[Lenient[CombinationRecord]] = Field(default_factory=list)
     trials: Lenient[list[TestUse]] = Field(default_factory=list)
     static_by_position: list[Lenient[StaticAtPosition]] = Field(default_factory=list)
     static_tests: Lenient[dict[str, FTestRecord] | None] = None
@@ -95,6 +116,11 @@ class Friction(Part):
     def positions(self) -> list[StaticAtPosition]:
         """Static friction by position."""
         return [row for row in self.static_by_position if isinstance(row, StaticAtPosition)]
+
+    def sums(self) -> dict[str, CombinationRecord]:
+        """The combinations by expression."""
+        rows = [row for row in self.combinations if isinstance(row, CombinationRecord)]
+        return {row.expression: row for row in rows}
 
     @property
     def is_linear(self) -> bool:
@@ -127,4 +153,4 @@ class Friction(Part):
         return self.mass_kg if self.is_linear else self.inertia_kg_m2
 
 
-__all__ = ["FTestRecord", "Friction", "StaticAtPosition", "TestUse"]
+__all__ = ["CombinationRecord", "FTestRecord", "Friction", "StaticAtPosition", "TestUse"]

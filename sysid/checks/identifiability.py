@@ -1,44 +1,35 @@
-"""Which parameters a log's tests can identify, and which test would identify the rest."""
+"""Which parameters a log's tests can identify, and which test would identify the rest.
+
+Friction: what its fit returns, so that the two cannot differ.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from sysid import signals
+from sysid.checks.friction import Identification, friction_identified
 from sysid.io.channels import SIDES
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
-from sysid.io.trial_kind import is_active, is_held
+from sysid.io.trial_kind import is_active
 from sysid.model.base import CRITICAL_RATIO
 from sysid.types import FloatArray
 
 TrialsByKind = Mapping[str, Sequence[Trial]]
 
-_FRICTION_KINDS = ("friction-motion", "friction-sliding", "motion-pwm", "motion-discrete")
-# Regressors whose variance inflation is above this cannot be distinguished in practice.
-_HIGHEST_VARIANCE_INFLATION = 25.0
 _FEWEST_DUTIES = 5
 
 
-@dataclass(frozen=True)
-class Identification:
-    """Whether a log identifies a parameter, and why, or which test would identify it."""
-
-    parameter: str
-    identified: bool
-    reason: str
-
-
-def identifications(by_kind: TrialsByKind, rig: Rig) -> Iterator[Identification]:
+def identifications(
+    by_kind: TrialsByKind, rig: Rig, declared: str | None = None
+) -> Iterator[Identification]:
     """Every parameter of the model in turn; a purely electric axis has no valves.
 
-    `by_kind` holds the log's trials by kind.
+    `by_kind` holds the log's trials by kind; `declared` is the kind that a campaign gives them.
     """
-    yield _static(by_kind.get("friction-static", ()), rig)
-    yield from _sliding_or_motion(by_kind, rig)
+    yield from friction_identified([t for group in by_kind.values() for t in group], rig, declared)
     if rig.cylinder is None:
         return
     for valve in SIDES:
@@ -56,70 +47,6 @@ def excitation(by_kind: TrialsByKind, rig: Rig) -> Iterator[str]:
                 joined = np.concatenate(values)
                 parts.append(f"{name} {joined.min():.4g} to {joined.max():.4g}")
         yield ", ".join(parts)
-
-
-def _static(trials: Sequence[Trial], rig: Rig) -> Identification:
-    if not trials:
-        return Identification(
-            "static friction", False, "needs friction-static tests: ramp the torque from zero"
-        )
-    moved = sum(not is_held(t, rig) for t in trials)
-    if not moved:
-        return Identification(
-            "static friction", False, "no ramp reaches motion: ramp the torque further"
-        )
-    return Identification("static friction", True, f"{moved} of {len(trials)} ramps reach motion")
-
-
-def _sliding_or_motion(by_kind: TrialsByKind, rig: Rig) -> Iterator[Identification]:
-    names = ("Coulomb friction", "viscous friction", "torque offset", "inertia")
-    trials = [t for kind in _FRICTION_KINDS for t in by_kind.get(kind, ())]
-    trials = [t for t in trials if rig.position_channel in t and not is_held(t, rig)]
-    if not trials:
-        for name in names:
-            yield Identification(
-                name, False, "needs friction-sliding or friction-motion tests in both directions"
-            )
-        return
-    inflation = _variance_inflation(trials, rig)
-    remedy = {
-        names[0]: "move in both directions",
-        names[1]: "slide at two or more speeds (torque levels)",
-        names[2]: "move in both directions",
-        names[3]: "accelerate: reverse quickly, as a clipped sine of torque does",
-    }
-    for name, factor in zip(names, inflation, strict=True):
-        good = bool(factor < _HIGHEST_VARIANCE_INFLATION)
-        shown = f"variance inflation {factor:.1f}" if np.isfinite(factor) else "no excitation"
-        yield Identification(name, good, shown if good else f"{shown}: {remedy[name]}")
-
-
-def _variance_inflation(trials: Sequence[Trial], rig: Rig) -> FloatArray:
-    """Of (sign v, v, 1, acceleration) over the moving samples, shape (4,)."""
-    rows = []
-    for trial in trials:
-        velocity, acceleration = _velocity_and_acceleration(trial, rig.position_channel)
-        moving = np.abs(velocity) > 0.05 * np.max(np.abs(velocity))
-        v, a = velocity[moving], acceleration[moving]
-        rows.append(np.column_stack([np.sign(v), v, np.ones_like(v), a]))
-    matrix = np.concatenate(rows)
-    norm = np.sqrt(np.sum(matrix**2, axis=0))
-    norm[norm == 0.0] = np.inf
-    scaled = matrix / norm
-    gram = scaled.T @ scaled
-    values, vectors = np.linalg.eigh(gram)
-    values = np.maximum(values, 1e-12)
-    inflation = np.sum(vectors**2 / values, axis=1)
-    return np.where(np.isfinite(norm), inflation, np.inf)
-
-
-def _velocity_and_acceleration(trial: Trial, position: str) -> tuple[FloatArray, FloatArray]:
-    """Per second and per second squared, from the zero-phase filtered position, (n,) each."""
-    grid = signals.uniform_grid(trial.time)
-    period = float(grid[1] - grid[0])
-    cutoff = min(signals.DEFAULT_CUTOFF_HZ, 0.2 / period)
-    smooth = signals.lowpass(signals.resample(trial.time, trial[position], grid), period, cutoff)
-    return signals.first_derivative(smooth, period), signals.second_derivative(smooth, period)
 
 
 def _discrete(trials: Sequence[Trial], rig: Rig, valve: str) -> Iterator[Identification]:

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid import signals
-from sysid.checks.identifiability import Identification, excitation, identifications
+from sysid.checks.friction import Identification
+from sysid.checks.identifiability import excitation, identifications
 from sysid.display.plots import bars, one_axes
 from sysid.display.tables import Shown, ShownTable, record_table
 from sysid.identification.friction.effort import classify_trial
@@ -134,13 +135,13 @@ def _ratio(channel: ChannelCheck, size: float | None) -> float:
 def check_campaign(campaign: Campaign) -> list[LogCheck]:
     """Check every log of a campaign, with its rig and maps. Raises InputError."""
     return [
-        replace(check_log(campaign.read(entry), campaign.rig), declared=entry.kind, use=entry.use)
+        replace(check_log(campaign.read(entry), campaign.rig, entry.kind), use=entry.use)
         for entry in campaign.logs
     ]
 
 
-def check_log(log: Log, rig: Rig) -> LogCheck:
-    """Check one log as read."""
+def check_log(log: Log, rig: Rig, declared: str | None = None) -> LogCheck:
+    """Check one log as read; `declared` is the kind that a campaign gives it."""
     steps = np.concatenate([np.diff(t.time) for t in log.trials])
     period = float(np.median(steps))
     late = steps > _GAP_PERIODS * period
@@ -164,8 +165,9 @@ def check_log(log: Log, rig: Rig) -> LogCheck:
         longest_gap_s=float(np.max(steps)) if late.any() else 0.0,
         channels=tuple(check_channel(log, name, rig) for name in channels),
         excitation=tuple(excitation(by_kind, rig)),
-        identifies=tuple(identifications(by_kind, rig)),
+        identifies=tuple(identifications(by_kind, rig, declared)),
         notices=log.notices,
+        declared=declared,
     )
 
 

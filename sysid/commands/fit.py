@@ -289,6 +289,9 @@ def _friction_tables(fitted: Fitted) -> Iterable[Table]:
 def _of_friction(friction: Friction | None) -> Iterable[Table]:
     if friction is not None:
         yield parameter_table("Friction", friction.estimates())
+        sums = {name: row.estimate for name, row in friction.sums().items()}
+        if sums:
+            yield parameter_table("Identified only together", sums)
         yield from _position_tables(friction)
 
 

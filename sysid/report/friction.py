@@ -57,6 +57,7 @@ def friction_section(friction: Friction, linear: bool) -> Section:
     blocks: list[Block] = [
         parameters_table("Friction parameters", friction.estimates(), _parameter_name)
     ]
+    blocks += _combinations(friction)
     blocks += _cross_check(friction)
     figures = _figures(friction, units)
     if figures:
@@ -89,6 +90,18 @@ def parameters_table(
 
 def _parameter_name(key: str) -> str:
     return _NAMES.get(key.partition("_")[0], key)
+
+
+def _combinations(friction: Friction) -> list[Block]:
+    """The sums that the tests identify, with the test that would separate their parts."""
+    rows = [
+        (name, *estimate_cells(row.estimate), row.test) for name, row in friction.sums().items()
+    ]
+    if not rows:
+        return []
+    caption = "Identified only together, and the test that would separate the parts"
+    columns = ("Sum", "Value", "Std. error", "95 % interval", "Unit", "Test")
+    return [table(caption, columns, rows, text=(0, 4, 5), code=(0,))]
 
 
 def _cross_check(friction: Friction) -> list[Block]:

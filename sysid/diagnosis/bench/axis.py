@@ -25,7 +25,7 @@ from sysid.errors import NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import Parameter
 from sysid.identification.friction.effort import EvenTrial, even_trial, units_of
-from sysid.identification.friction.motion import default_cutoff, left_out, tells_speeds
+from sysid.identification.friction.motion_samples import default_cutoff, left_out, tells_speeds
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.model import plant
@@ -189,14 +189,21 @@ class Axis(Component):
         return rmse(found)
 
     def part(self, estimates: Mapping[str, Estimate]) -> Parts:
-        return Parts(friction=Friction.model_validate(dict(estimates)))
+        # What the fit could identify only together the law has as one number.
+        sums: dict[str, Any] = {} if self.has_speeds else {"combinations": []}
+        return Parts(friction=Friction.model_validate({**estimates, **sums}))
 
     def law_of(self, bundle: Bundle) -> Law:
         u = units_of(self.rig)
         tests = "friction-motion or friction-sliding tests"
         names = [p.name for p in self.parameters()]
-        offset = {u.offset: 0.0} if u.offset in names else {}
-        return law_held("friction", bundle.friction, names, tests, **offset)
+        assumed = {u.offset: 0.0} if u.offset in names else {}
+        if not self.has_speeds and bundle.friction is not None:
+            # At one speed the law's Coulomb friction is all friction at that speed.
+            for one in bundle.friction.sums().values():
+                if one.of == [u.coulomb, u.viscous]:
+                    assumed[u.coulomb] = one.estimate.value
+        return law_held("friction", bundle.friction, names, tests, **assumed)
 
     def further_errors(self, law: Law) -> dict[str, tuple[float, float]]:
         """Of the position, simulated open loop over each whole trial from its first row.

@@ -138,10 +138,28 @@ class TrialUse:
         self.used, self.reason = False, reason
 
     def to_json(self) -> dict[str, Any]:
-        table: dict[str, Any] = {"test": self.label, "kind": self.kind, "used": self.used}
+        name = self.label or Path(self.source).name
+        table: dict[str, Any] = {"test": name, "kind": self.kind, "used": self.used}
         if self.reason:
             table["reason"] = self.reason
         return table | self.values
+
+
+def left_out_lines(uses: Sequence[TrialUse]) -> list[str]:
+    """Each reason for leaving tests out, once, with their number and their names."""
+    by_reason: dict[str, list[TrialUse]] = {}
+    for use in uses:
+        if not use.used:
+            by_reason.setdefault(use.reason, []).append(use)
+    return [f"{len(own)} left out ({titles(own)}): {why}" for why, own in by_reason.items()]
+
+
+def titles(uses: Sequence[TrialUse]) -> str:
+    """ "tests 1, 2, 3"; those without a label by their files."""
+    labels = [use.label for use in uses if use.label]
+    files = [use.title for use in uses if not use.label]
+    named = [f"test{'s' * (len(labels) > 1)} {', '.join(labels)}"] if labels else []
+    return ", ".join([*named, *files])
 
 
 def even_trial(trial: Trial, rig: Rig, notices: list[str]) -> EvenTrial:
@@ -202,6 +220,13 @@ def _cylinder(trial: Trial, rig: Rig, even: Any, n: int, notices: list[str]) -> 
 def _say(notices: list[str], text: str) -> None:
     if text not in notices:
         notices.append(text)
+
+
+def balances(trial: Trial, rig: Rig) -> bool:
+    """Whether a motion trial has every channel of the balance that friction closes: without a
+    pressure, what the cylinder does would be taken for friction."""
+    pressures = () if rig.cylinder is None else CHAMBER_PRESSURES
+    return all(c in trial for c in (rig.position_channel, rig.effort_channel, *pressures))
 
 
 def classify_trial(trial: Trial, rig: Rig) -> str:

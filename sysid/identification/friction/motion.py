@@ -1,14 +1,9 @@
 """Friction and inertia from any motion by inverse dynamics (Janot, Gautier, Brunot 2019).
 
-inertia a + coulomb sign(v) + viscous v + offset = motor + cylinder - gravity, thesis 3.4.2
-with the law of 3.4.1 inserted, is linear in its parameters. Both sides go through the same
-zero-phase filter: the effort, and every regressor, sign(v) among them, so that a reversal
-within the filter's length biases nothing.
-
-Two small biases are removed. A command holds from its row to the next, so that the effort
-at a row is the mean of the row's and the one before; half a sample of delay would appear as
-viscous friction. The encoder's noise in speed and acceleration, which attenuates their
-coefficients, is known: its share is subtracted from the normal matrix (Fuller 1987, 2.2).
+The effort balance of `motion_samples` is linear in its parameters. The encoder's noise in speed
+and acceleration, which attenuates their coefficients, is known: its share is subtracted from the
+normal matrix (Fuller 1987, 2.2). Motion in one direction or at one speed identifies sums of the
+parameters (`combinations`), which are fitted in their place.
 """
 
 from __future__ import annotations
@@ -16,67 +11,47 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid import signals
 from sysid.errors import NotIdentifiedError
-from sysid.estimation.linear import (
-    Estimate,
-    LinearFit,
-    linear_fit,
+from sysid.estimation.linear import Estimate, LinearFit, linear_fit
+from sysid.identification.friction.combinations import (
+    Combination,
+    Separation,
+    combined,
+    unidentified,
 )
 from sysid.identification.friction.effort import MIN_SAMPLES, MOTION, EvenTrial, TrialUse, Units
+from sysid.identification.friction.motion_samples import (
+    COULOMB,
+    INERTIA,
+    OFFSET,
+    VISCOUS,
+    MotionSamples,
+    motion_samples,
+    tells_speeds,
+)
 from sysid.types import FloatArray
 
-REST_NOISE_TIMES = 5.0
-REST_S = 0.005
 MIN_TRIALS_APART = 3
-_HALVINGS = 6
 # Share of the samples of one direction beyond those of the other.
 _MOST_ONE_WAY = 0.98
-_REST_SHARE = 0.5
-# A direction's upper over lower quartile of speed from which a law over speed is identified.
-_LEAST_SPAN = 1.5
-# Correlation of speed and load beyond which the two cannot be distinguished.
-_TIED = 0.6
-COULOMB, VISCOUS, OFFSET, INERTIA = range(4)
-NAMES = ("Coulomb friction", "viscous friction", "offset", "inertia")
-
-RULE = (
-    f"samples count where the filtered speed exceeds {REST_NOISE_TIMES:g} times its own noise; "
-    f"where it does not for at least {1000.0 * REST_S:g} ms the shaft may rest, its friction is "
-    "anything up to static friction, and these samples are left out, with the filter's length on "
-    "either side; so are samples within 1 % of the stroke from an end and the log's ends"
-)
-
-
-@dataclass(frozen=True)
-class MotionSamples:
-    """One trial, filtered: regressors (n, 4) for Coulomb, viscous, offset and inertia, and
-    the effort (n,) that they balance; only samples that count, thinned so that the filter
-    leaves them independent. `noise` (4,) is the variance of the regressors' noise,
-    `rest_speed` the rule's limit, `load` (n,) the cylinder's effort."""
-
-    regressors: FloatArray
-    effort: FloatArray
-    noise: FloatArray
-    rest_speed: float
-    load: FloatArray
-
-    @property
-    def speed(self) -> FloatArray:
-        """(n,), in the rig's unit."""
-        return self.regressors[:, VISCOUS]
+# A trial's variance inflation beyond which its parameters cannot be distinguished in practice.
+_MOST_INFLATION = 100.0
+# Share of a regressor's squares that may be the encoder's noise.
+_MOST_NOISE = 0.5
+_NAMES = ("Coulomb friction", "viscous friction", "offset", "inertia")
 
 
 @dataclass(frozen=True)
 class MotionFriction:
     """Friction from motion; `inertia` is None where the rig file's was used.
 
-    `explained` is the share of the filtered effort's variance that the law explains (R2).
+    `combinations` are the sums that are identified where the parameters are not. `explained` is
+    the share of the filtered effort's variance that the law explains (R2); `both_ways` whether
+    the motion has two directions.
     """
 
     coulomb: Estimate
@@ -88,121 +63,14 @@ class MotionFriction:
     apart: bool
     explained: float
     notices: tuple[str, ...] = ()
+    combinations: tuple[Combination, ...] = ()
+    both_ways: bool = True
 
 
-def motion_samples(trial: EvenTrial, cutoff_hz: float) -> MotionSamples:
-    """Filter both sides of the torque balance and select the samples that count."""
-    dt = trial.period
-    length = signals.filter_length(dt, cutoff_hz)
-    position = signals.lowpass(trial.position, dt, cutoff_hz)
-    speed = signals.first_derivative(position, dt)
-    acceleration = signals.second_derivative(position, dt)
-    speed_noise, acceleration_noise = (
-        trial.position_noise.total * gain for gain in _noise_gains(dt, cutoff_hz)
-    )
-    sign = signals.lowpass(np.sign(speed), dt, cutoff_hz)
-    regressors = np.column_stack([sign, speed, np.ones(len(speed)), acceleration])
-    effort = signals.lowpass(
-        signals.held_about_rows(trial.motor) + trial.cylinder - trial.gravity, dt, cutoff_hz
-    )
-    rows = np.flatnonzero(~left_out(trial, cutoff_hz))[:: max(1, length // 4)]
-    noise = np.array([0.0, speed_noise**2, 0.0, acceleration_noise**2])
-    return MotionSamples(
-        regressors[rows], effort[rows], noise, REST_NOISE_TIMES * speed_noise, trial.cylinder[rows]
-    )
-
-
-def left_out(trial: EvenTrial, cutoff_hz: float) -> NDArray[np.bool_]:
-    """Samples (n,) that do not count, by `RULE`."""
-    dt = trial.period
-    length = signals.filter_length(dt, cutoff_hz)
-    speed = signals.first_derivative(signals.lowpass(trial.position, dt, cutoff_hz), dt)
-    rest_speed = REST_NOISE_TIMES * trial.position_noise.total * _noise_gains(dt, cutoff_hz)[0]
-    rests = _long_runs(np.abs(speed) <= rest_speed, max(1, round(REST_S / dt)))
-    found = _widened(rests | ~trial.inside, length)
-    found[:length] = found[-length:] = True
-    return found
-
-
-def default_cutoff(trial: EvenTrial, highest_hz: float) -> float:
-    """The highest cut-off up to `highest_hz`, Hz, at which the motion exceeds the noise.
-
-    It stays clear of the Nyquist frequency, and is halved until the limit of rest is well
-    below the speeds of the motion.
-    """
-    dt = trial.period
-    cutoff = min(highest_hz, 0.2 / dt)
-    for _ in range(_HALVINGS):
-        speed = signals.first_derivative(signals.lowpass(trial.position, dt, cutoff), dt)
-        fast = float(np.quantile(np.abs(speed), 0.5))
-        noise = trial.position_noise.total * _noise_gains(dt, cutoff)[0]
-        if REST_NOISE_TIMES * noise < _REST_SHARE * fast:
-            break
-        cutoff *= 0.5
-    return cutoff
-
-
-def tells_speeds(speed: FloatArray, load: FloatArray) -> bool:
-    """Whether speeds (n,) differ enough within a direction to identify friction over speed.
-
-    Where a screw drives the axis at one speed each way, Coulomb friction, viscous friction
-    and an offset reduce to two numbers, and the remaining variation of the speed follows the
-    `load` (n,), the cylinder's effort.
-    """
-    for way in (1.0, -1.0):
-        own = way * speed[way * speed > 0.0]
-        pushed = load[way * speed > 0.0]
-        if len(own) < MIN_SAMPLES:
-            continue
-        spans = np.quantile(own, 0.75) > _LEAST_SPAN * np.quantile(own, 0.25)
-        steady = np.ptp(pushed) == 0.0 or np.ptp(own) == 0.0
-        tied = not steady and abs(float(np.corrcoef(own, pushed)[0, 1])) > _TIED
-        if spans and not tied:
-            return True
-    return False
-
-
-@lru_cache(maxsize=32)
-def _noise_gains(period: float, cutoff_hz: float) -> tuple[float, float]:
-    """Noise of the filtered speed (1/s) and acceleration (1/s2) over that of the position."""
-    half = 10 * signals.filter_length(period, cutoff_hz)
-    impulse = np.zeros(2 * half + 1)
-    impulse[half] = 1.0
-    smooth = signals.lowpass(impulse, period, cutoff_hz)
-    speed = signals.first_derivative(smooth, period)
-    acceleration = signals.second_derivative(smooth, period)
-    return math.sqrt(float(speed @ speed)), math.sqrt(float(acceleration @ acceleration))
-
-
-def _long_runs(mask: NDArray[np.bool_], least: int) -> NDArray[np.bool_]:
-    """`mask` without its runs that are shorter than `least` samples."""
-    kept = np.zeros(len(mask), dtype=bool)
-    for start, stop in signals.runs(mask):
-        kept[start:stop] = stop - start >= least
-    return kept
-
-
-def _widened(mask: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
-    """`mask` extended by `reach` samples on either side of what is set."""
-    count = np.concatenate([[0], np.cumsum(mask)])
-    rows = np.arange(len(mask))
-    high, low = np.minimum(rows + reach + 1, len(mask)), np.maximum(rows - reach, 0)
-    return np.asarray(count[high] > count[low])
-
-
-def fit_motion(
-    trials: Sequence[EvenTrial],
-    inertia: float | None,
-    units: Units,
-    cutoff_hz: float,
-    notices: list[str],
-) -> tuple[MotionFriction, list[TrialUse]]:
-    """Coulomb, viscous, offset, and the inertia unless it is given (kg m2, or kg).
-
-    At least three trials are fitted one by one: the mean is reported, with the error from the
-    scatter of the trials. Fewer are fitted together, with errors that allow for autocorrelated
-    residuals. Raises NotIdentifiedError where the motion does not separate the parameters.
-    """
+def usable_motion(
+    trials: Sequence[EvenTrial], cutoff_hz: float, notices: list[str]
+) -> tuple[list[MotionSamples], list[TrialUse]]:
+    """The samples of the trials that move, and the outcome of every trial."""
     uses, samples = [], []
     for trial in trials:
         use = TrialUse(trial.label, trial.source, MOTION)
@@ -218,102 +86,195 @@ def fit_motion(
                 samples.append(chosen)
         if not use.used:
             notices.append(f"{use.title}: left out of friction from motion, {use.reason}")
+    return samples, uses
+
+
+def fit_motion(
+    samples: Sequence[MotionSamples], inertia: float | None, units: Units
+) -> MotionFriction:
+    """Coulomb, viscous, offset, and the inertia unless it is given (kg m2, or kg).
+
+    At least three trials are fitted one by one: the mean is reported, with the error from the
+    scatter of the trials. Fewer are fitted together, with errors that allow for autocorrelated
+    residuals. What the motion does not separate is given as combinations. Raises
+    NotIdentifiedError where there are no samples, or where they identify not even these.
+    """
     if not samples:
         raise NotIdentifiedError(
             "Coulomb and viscous friction: the shaft hardly moves in these tests; give motion "
             "tests that cross the stroke in both directions"
         )
-    result = _fit_samples(samples, inertia, units)
-    notices.extend(result.notices)
-    return result, uses
+    shape = separation(samples)
+    if not shape.both:
+        samples = [s.kept(s.speed * shape.way > 0.0) for s in samples]
+        samples = [s for s in samples if len(s.effort) > INERTIA]
+    model = _Model.of(samples, inertia, shape)
+    fits = model.apart(samples)
+    values, stds, dofs = model.estimated(samples, fits)
+    return _finished(samples, model, fits is not None, (values, stds, dofs), units)
 
 
-def _fit_samples(
-    samples: Sequence[MotionSamples], inertia: float | None, units: Units
-) -> MotionFriction:
-    names = (units.effort, units.viscous_unit, units.effort, units.inertia_unit)
-    notices: list[str] = []
+def separation(samples: Sequence[MotionSamples]) -> Separation:
+    """Whether the motion has both directions and several speeds."""
     speed, load = (np.concatenate([getattr(s, n) for s in samples]) for n in ("speed", "load"))
-    if inertia is not None and not tells_speeds(speed, load):
-        return _coulomb_alone(samples, inertia, units)
-    fits = _fit_apart(samples, inertia)
-    pooled = _regression(_weighted(samples, inertia), inertia)
-    if fits is not None:
+    mean = float(np.mean(np.sign(speed)))
+    way = 1.0 if mean >= 0.0 else -1.0
+    return Separation(abs(mean) <= _MOST_ONE_WAY, tells_speeds(speed, load), way)
+
+
+@dataclass(frozen=True)
+class _Model:
+    """Which regressors are fitted (`columns`), and the inertia where it is not."""
+
+    shape: Separation
+    columns: tuple[int, ...]
+    inertia: float | None
+    unmoved: bool = False
+
+    @staticmethod
+    def of(samples: Sequence[MotionSamples], inertia: float | None, shape: Separation) -> _Model:
+        columns = (COULOMB,) + (VISCOUS,) * shape.speeds + (OFFSET,) * shape.both
+        if inertia is not None:
+            return _Model(shape, columns, inertia)
+        if _accelerates(samples):
+            return _Model(shape, (*columns, INERTIA), None)
+        return _Model(shape, columns, None, unmoved=True)
+
+    def rows(self, samples: Sequence[MotionSamples]) -> _Rows:
+        """All trials' rows; each trial is weighted by the residual variance of its own fit."""
+        parts = [self._of_trial(chosen) for chosen in samples]
+        if len(parts) > 1:
+            parts = [_scaled(part, 1.0 / max(_variance(part), 1e-300)) for part in parts]
+        return _Rows(
+            np.vstack([p.regressors for p in parts]),
+            np.concatenate([p.target for p in parts]),
+            np.concatenate([p.weights for p in parts]),
+            np.sum([p.noise for p in parts], axis=0),
+        )
+
+    def _of_trial(self, chosen: MotionSamples) -> _Rows:
+        x, y = chosen.regressors, chosen.effort
+        if self.inertia is not None:
+            y = y - self.inertia * x[:, INERTIA]
+        keep = list(self.columns)
+        return _Rows(x[:, keep], y, np.ones(len(y)), chosen.noise[keep] * len(y))
+
+    def regression(self, samples: Sequence[MotionSamples]) -> LinearFit:
+        return _regression(self.rows(samples), [_NAMES[c] for c in self.columns])
+
+    def apart(self, samples: Sequence[MotionSamples]) -> list[LinearFit] | None:
+        """One fit per trial, where there are enough trials and each identifies everything."""
+        if len(samples) < MIN_TRIALS_APART:
+            return None
+        try:
+            fits = [self.regression([chosen]) for chosen in samples]
+        except NotIdentifiedError:
+            return None
+        return None if any(_inflation(fit) > _MOST_INFLATION for fit in fits) else fits
+
+    def estimated(
+        self, samples: Sequence[MotionSamples], fits: list[LinearFit] | None
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Values, standard errors and degrees of freedom of the columns' coefficients."""
+        pooled = self.regression(samples)
+        if fits is None:
+            covariance = pooled.correlated_covariance(_trial_numbers(samples))
+            return pooled.coefficients, np.sqrt(np.diag(covariance.matrix)), covariance.dof
         table = np.array([fit.coefficients for fit in fits])
-        values, n = table.mean(axis=0), len(fits)
-        stds, dofs = table.std(axis=0, ddof=1) / math.sqrt(n), np.full(table.shape[1], n - 1.0)
-    else:
-        values = pooled.coefficients
-        covariance = pooled.correlated_covariance(_trial_numbers(samples))
-        stds, dofs = np.sqrt(np.diag(covariance.matrix)), covariance.dof
-        notices.append(
+        n = len(fits)
+        stds = table.std(axis=0, ddof=1) / math.sqrt(n)
+        return table.mean(axis=0), stds, np.full(table.shape[1], n - 1.0)
+
+    def full(self, values: FloatArray) -> FloatArray:
+        """All four coefficients (4,), those that are not fitted at 0 or at the given inertia."""
+        found = np.zeros(4)
+        found[INERTIA] = self.inertia or 0.0
+        found[list(self.columns)] = values
+        return found
+
+    def slope(self, samples: Sequence[MotionSamples]) -> tuple[float, float]:
+        """The fit of the speed on the columns of direction and 1: its factor in each sum."""
+        keep = [c for c in self.columns if c != INERTIA]
+        x, v = (
+            np.concatenate(part)
+            for part in zip(*((s.regressors[:, keep], s.speed) for s in samples), strict=True)
+        )
+        found, *_ = np.linalg.lstsq(x, v, rcond=None)
+        mean, half = (*map(float, found), 0.0)[:2]
+        return mean, half
+
+
+def _accelerates(samples: Sequence[MotionSamples]) -> bool:
+    """Whether the acceleration is more than the encoder's noise."""
+    squares = sum(float(np.sum(s.regressors[:, INERTIA] ** 2)) for s in samples)
+    noise = sum(s.noise[INERTIA] * len(s.effort) for s in samples)
+    return bool(squares > 0.0 and noise <= _MOST_NOISE * squares)
+
+
+def _finished(
+    samples: Sequence[MotionSamples],
+    model: _Model,
+    apart: bool,
+    found: tuple[FloatArray, FloatArray, FloatArray],
+    units: Units,
+) -> MotionFriction:
+    all_units = (units.effort, units.viscous_unit, units.effort, units.inertia_unit)
+    by_column = {
+        column: Estimate.symmetric(float(value), float(std), all_units[column], float(dof))
+        for column, value, std, dof in zip(model.columns, *found, strict=True)
+    }
+    sums: tuple[Combination, ...] = ()
+    if not model.shape.full:
+        parts = [by_column[c] for c in (COULOMB, OFFSET) if c in by_column]
+        slope = (0.0, 0.0) if model.shape.speeds else model.slope(samples)
+        sums = combined(parts, slope, model.shape, units)
+    full = model.full(found[0])
+    rmse, count = _rmse(samples, full)
+
+    def estimate(column: int, name: str) -> Estimate:
+        if column in by_column and not any(name in c.of for c in sums):
+            return by_column[column]
+        return unidentified(name, all_units[column], sums, "")
+
+    return MotionFriction(
+        estimate(COULOMB, units.coulomb),
+        estimate(VISCOUS, units.viscous),
+        estimate(OFFSET, units.offset),
+        _inertia(model, by_column, units),
+        rmse,
+        count,
+        apart,
+        _explained(samples, rmse, model.inertia),
+        _notices(apart, model),
+        sums,
+        model.shape.both,
+    )
+
+
+def _inertia(model: _Model, by_column: dict[int, Estimate], units: Units) -> Estimate | None:
+    if model.unmoved:
+        return Estimate.unidentified(
+            units.inertia_unit,
+            "the motion hardly accelerates: give a motion that accelerates and reverses",
+        )
+    return by_column.get(INERTIA)
+
+
+def _notices(apart: bool, model: _Model) -> tuple[str, ...]:
+    found = []
+    if not apart:
+        found.append(
             "friction from motion: the intervals hold for these tests; variation from one "
             f"test to the next shows only in at least {MIN_TRIALS_APART} tests"
         )
-    estimates = [
-        Estimate.symmetric(float(v), float(s), unit, float(dof))
-        for v, s, unit, dof in zip(values, stds, names, dofs, strict=False)
-    ]
-    rmse, count = _rmse(samples, values, inertia)
-    return MotionFriction(
-        estimates[COULOMB],
-        estimates[VISCOUS],
-        estimates[OFFSET],
-        estimates[INERTIA] if inertia is None else None,
-        rmse,
-        count,
-        fits is not None,
-        _explained(samples, rmse, values, inertia),
-        tuple(notices),
-    )
-
-
-def _coulomb_alone(
-    samples: Sequence[MotionSamples], inertia: float, units: Units
-) -> MotionFriction:
-    """One speed each way: friction is one number, with an unknown viscous share."""
-    signs = np.sign(np.concatenate([s.regressors[:, COULOMB] for s in samples]))
-    if abs(float(np.mean(signs))) > _MOST_ONE_WAY:
-        raise NotIdentifiedError(
-            "Coulomb friction: the motion has one direction, where it is indistinguishable from an "
-            "offset; give a motion that reverses"
-        )
-    x = np.concatenate([s.regressors[:, COULOMB] for s in samples])[:, None]
-    y = np.concatenate([s.effort - inertia * s.regressors[:, INERTIA] for s in samples])
-    fit = linear_fit(x, y, names=NAMES[:1])
-    covariance = fit.correlated_covariance(_trial_numbers(samples))
-    coulomb = Estimate.symmetric(
-        float(fit.coefficients[0]), covariance.std(0), units.effort, float(covariance.dof[0])
-    )
-    reason = "the axis slides at one speed each way: give motion at more than one speed"
-    values = np.array([coulomb.value, 0.0, 0.0])
-    rmse, count = _rmse(samples, values, inertia)
-    return MotionFriction(
-        coulomb,
-        Estimate.unidentified(units.viscous_unit, reason),
-        Estimate.unidentified(units.effort, reason),
-        None,
-        rmse,
-        count,
-        False,
-        _explained(samples, rmse, values, inertia),
-        (f"friction from motion: {reason}; the Coulomb friction holds at that speed",),
-    )
+    if model.unmoved:
+        found.append("friction from motion: the inertia's share of the effort is neglected")
+    return tuple(found)
 
 
 def _trial_numbers(samples: Sequence[MotionSamples]) -> NDArray[np.intp]:
     """(n,): which trial each row of all samples belongs to."""
     return np.repeat(np.arange(len(samples)), [len(s.effort) for s in samples])
-
-
-def _fit_apart(samples: Sequence[MotionSamples], inertia: float | None) -> list[LinearFit] | None:
-    """One fit per trial, where there are enough trials and each identifies everything."""
-    if len(samples) < MIN_TRIALS_APART:
-        return None
-    try:
-        return [_regression(_weighted([chosen], inertia), inertia) for chosen in samples]
-    except NotIdentifiedError:
-        return None
 
 
 @dataclass(frozen=True)
@@ -327,25 +288,6 @@ class _Rows:
     noise: FloatArray
 
 
-def _weighted(samples: Sequence[MotionSamples], inertia: float | None) -> _Rows:
-    """All trials' rows; each trial is weighted by the residual variance of its own fit."""
-    parts = []
-    for chosen in samples:
-        x, y = chosen.regressors, chosen.effort
-        if inertia is not None:
-            x, y = x[:, :INERTIA], y - inertia * x[:, INERTIA]
-        noise = chosen.noise[: x.shape[1]] * len(y)
-        parts.append(_Rows(x, y, np.ones(len(y)), noise))
-    if len(parts) > 1:
-        parts = [_scaled(part, 1.0 / max(_variance(part), 1e-300)) for part in parts]
-    return _Rows(
-        np.vstack([p.regressors for p in parts]),
-        np.concatenate([p.target for p in parts]),
-        np.concatenate([p.weights for p in parts]),
-        np.sum([p.noise for p in parts], axis=0),
-    )
-
-
 def _scaled(rows: _Rows, weight: float) -> _Rows:
     return replace(rows, weights=rows.weights * weight, noise=rows.noise * weight)
 
@@ -355,18 +297,11 @@ def _variance(rows: _Rows) -> float:
     return float(np.mean((rows.target - rows.regressors @ solution) ** 2))
 
 
-def _regression(rows: _Rows, inertia: float | None) -> LinearFit:
-    names = NAMES if inertia is None else NAMES[:INERTIA]
-    signs = np.sign(rows.regressors[:, COULOMB])
-    if np.all(signs > 0.0) or np.all(signs < 0.0):
-        raise NotIdentifiedError(
-            "Coulomb friction: the motion has one direction, where it is indistinguishable from an "
-            "offset; give a motion that reverses"
-        )
+def _regression(rows: _Rows, names: Sequence[str]) -> LinearFit:
     fit = linear_fit(rows.regressors, rows.target, rows.weights, names)
     x, weighted = rows.regressors, rows.regressors * rows.weights[:, None]
     normal = weighted.T @ x
-    if np.any(rows.noise > 0.5 * np.diag(normal)):
+    if np.any(rows.noise > _MOST_NOISE * np.diag(normal)):
         raise NotIdentifiedError(
             "the parameters' regressors: speed or acceleration is mostly the encoder's noise; "
             "lower the cut-off or give faster motion"
@@ -378,20 +313,21 @@ def _regression(rows: _Rows, inertia: float | None) -> LinearFit:
     )
 
 
-def _rmse(
-    samples: Sequence[MotionSamples], values: FloatArray, inertia: float | None
-) -> tuple[float, int]:
-    full = values if inertia is None else np.append(values, inertia)
+def _inflation(fit: LinearFit) -> float:
+    """The largest variance inflation of a regressor."""
+    squares = fit.weights @ fit.regressors**2
+    return float(np.max(squares * np.diag(fit.unscaled)))
+
+
+def _rmse(samples: Sequence[MotionSamples], full: FloatArray) -> tuple[float, int]:
     squares = [(s.effort - s.regressors @ full) ** 2 for s in samples]
     count = sum(map(len, squares))
     return math.sqrt(sum(float(np.sum(part)) for part in squares) / count), count
 
 
-def _explained(
-    samples: Sequence[MotionSamples], rmse: float, values: FloatArray, inertia: float | None
-) -> float:
+def _explained(samples: Sequence[MotionSamples], rmse: float, inertia: float | None) -> float:
     """R2 of the effort that the parameters balance; what a given inertia takes is not explained."""
-    known = 0.0 if inertia is None or len(values) > INERTIA else inertia
+    known = inertia or 0.0
     effort = np.concatenate([s.effort - known * s.regressors[:, INERTIA] for s in samples])
     spread = float(np.var(effort))
     return 1.0 - rmse**2 / spread if spread > 0.0 else 0.0
@@ -407,5 +343,4 @@ def effort_rmse(
 ) -> float:
     """RMSE (N or Nm) of the filtered effort, predicted by given parameters, on held-out trials."""
     samples = [motion_samples(trial, cutoff_hz) for trial in trials]
-    values = np.array([coulomb, viscous, offset, inertia])
-    return _rmse(samples, values, None)[0]
+    return _rmse(samples, np.array([coulomb, viscous, offset, inertia]))[0]

@@ -15,8 +15,18 @@ from sysid.display.tables import Shown, ShownTable, estimate_records, estimate_t
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.linear import Estimate, FTest
 from sysid.estimation.named import NamedEstimates
-from sysid.identification.friction.effort import KINDS, MOTION, SLIDING, STATIC, TrialUse, Units
-from sysid.identification.friction.motion import RULE, MotionFriction
+from sysid.identification.friction.combinations import Combination
+from sysid.identification.friction.effort import (
+    KINDS,
+    MOTION,
+    SLIDING,
+    STATIC,
+    TrialUse,
+    Units,
+    left_out_lines,
+)
+from sysid.identification.friction.motion import MotionFriction
+from sysid.identification.friction.motion_samples import RULE
 from sysid.identification.friction.sliding import SlidingFriction
 from sysid.identification.friction.static import CRITERION, StaticFriction
 
@@ -37,8 +47,8 @@ class FrictionResult(NamedEstimates, Shown):
     where estimated, `inertia_kg_m2` (linear: `static_n`, `coulomb_n`, `viscous_n_s_per_m`,
     `offset_n`, `mass_kg`); one that the tests do not identify gives the reason. Coulomb and
     viscous friction come from `source` (the constant-effort tests where these identify them);
-    `cross_check` holds the estimates of the other kind of test. `trials` gives the outcome of
-    every test.
+    `cross_check` holds the estimates of the other kind of test, `combinations` the sums that
+    are identified where their parts are not. `trials` gives the outcome of every test.
     """
 
     units: Units
@@ -51,6 +61,7 @@ class FrictionResult(NamedEstimates, Shown):
     trials: tuple[TrialUse, ...]
     notices: tuple[str, ...]
     cutoff_hz: float
+    combinations: tuple[Combination, ...] = ()
 
     @property
     def rmse(self) -> dict[str, float]:
@@ -70,7 +81,8 @@ class FrictionResult(NamedEstimates, Shown):
             uses = [use for use in self.trials if use.kind == kind]
             if uses:
                 used = sum(use.used for use in uses)
-                lines.append(f"{kind}: {used} of {len(uses)} tests used")
+                count = f"{kind}: {used} of {len(uses)} tests used"
+                lines.append("; ".join([count, *left_out_lines(uses)]))
         if self.static is not None:
             lines += [*self.static.remarks, f"breakaway: {CRITERION}"]
         if self.sliding is not None:
@@ -111,7 +123,15 @@ class FrictionResult(NamedEstimates, Shown):
                 f"the change of momentum is {100.0 * share:.0f} % of the friction in trials of "
                 "steady speed: the rig file's inertia is too large"
             )
-        if self.motion is not None and self.motion.explained < _LEAST_EXPLAINED:
+        found += [
+            f"{c.expression} is {c.estimate.value:.3g} {c.estimate.unit}, below zero beyond its "
+            "interval"
+            for c in self.combinations
+            if u.offset not in c.of and c.estimate.interval[1] < 0.0
+        ]
+        # In one direction the effort need not vary with the motion.
+        told = self.motion is not None and self.motion.both_ways
+        if self.motion is not None and told and self.motion.explained < _LEAST_EXPLAINED:
             share = max(100.0 * self.motion.explained, 0.0)
             found.append(
                 f"the law explains {share:.0f} % of the effort in motion "
@@ -158,6 +178,8 @@ class FrictionResult(NamedEstimates, Shown):
         table["source"] = self.source
         table[f"rmse_{self.units.effort.lower()}"] = self.rmse
         table["cross_check"] = dict(self.cross_check)
+        if self.combinations:
+            table["combinations"] = [c.to_json() for c in self.combinations]
         table["trials"] = [use.to_json() for use in self.trials]
         if self.static is not None:
             table["static_by_position"] = [p.to_json() for p in self.static.by_position]
@@ -190,6 +212,8 @@ class FrictionResult(NamedEstimates, Shown):
     def tables(self) -> Iterable[ShownTable]:
         """The parameters, and their estimates from motion where both kinds of test were made."""
         yield estimate_table("", self.parameters)
+        sums = {c.expression: c.estimate for c in self.combinations}
+        yield estimate_table("Identified only together", sums)
         yield estimate_table("Cross-check, from motion", self.cross_check)
 
     def plot(self, ax: Axes | None = None) -> Axes:

@@ -1,0 +1,113 @@
+"""Which friction parameters a log identifies: those that the fit of the same tests returns."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from sysid.errors import InputError, NotIdentifiedError
+from sysid.estimation.linear import Estimate
+from sysid.friction import FrictionResult, fit_friction
+from sysid.identification.friction.effort import (
+    MOTION,
+    SLIDING,
+    STATIC,
+    Units,
+    balances,
+    units_of,
+)
+from sysid.io.campaign import FRICTION_KINDS, MOTION_KINDS
+from sysid.io.logs import Trial
+from sysid.io.rig import Rig
+
+_POINTS = "friction-points"
+_NO_TEST = "the campaign declares no friction or motion test of it"
+
+
+@dataclass(frozen=True)
+class Identification:
+    """Whether a log identifies a parameter, and why, or which test would identify it."""
+
+    parameter: str
+    identified: bool
+    reason: str
+
+
+def friction_identified(
+    trials: Sequence[Trial], rig: Rig, declared: str | None = None
+) -> Iterator[Identification]:
+    """Static, Coulomb and viscous friction, offset and inertia in turn.
+
+    `declared` is the kind that a campaign gives the log, whose fit then takes it so; the inertia is
+    what a fit would give that estimates it.
+    """
+    u = units_of(rig)
+    found, why = _fitted(trials, rig, declared, estimate_inertia=False)
+    for parameter, name in _names(u).items():
+        yield _identification(parameter, found.get(name), why)
+    if rig.total_inertia() is not None:
+        found, why = _fitted(trials, rig, declared, estimate_inertia=True)
+    yield _identification("inertia", found.get(u.inertia), why)
+
+
+def _names(u: Units) -> dict[str, str]:
+    return {
+        "static friction": u.static,
+        "Coulomb friction": u.coulomb,
+        "viscous friction": u.viscous,
+        "torque offset": u.offset,
+    }
+
+
+def _identification(parameter: str, estimate: Estimate | None, why: str) -> Identification:
+    if estimate is None:
+        return Identification(parameter, False, why)
+    return Identification(parameter, estimate.identified, estimate.reason or why)
+
+
+def _fitted(
+    trials: Sequence[Trial], rig: Rig, declared: str | None, *, estimate_inertia: bool
+) -> tuple[dict[str, Estimate], str]:
+    """The estimates of the fit by name, and the tests behind them, or why there are none."""
+    if declared == _POINTS:
+        return _of_points(trials, rig)
+    kind = MOTION if declared in MOTION_KINDS else declared
+    if kind is not None and kind not in FRICTION_KINDS:
+        return {}, _NO_TEST
+    if declared in MOTION_KINDS:
+        trials = [t for t in trials if balances(t, rig)]
+    try:
+        result = fit_friction(trials, rig, kind=kind, estimate_inertia=estimate_inertia)
+        if declared is None:
+            result.require_possible()
+    except (InputError, NotIdentifiedError) as error:
+        return {}, str(error)
+    return result.parameters, _tests(result)
+
+
+def _tests(result: FrictionResult) -> str:
+    """ "14 of 14 friction-sliding tests"."""
+    parts = []
+    for kind in (STATIC, SLIDING, MOTION):
+        own = [use for use in result.trials if use.kind == kind]
+        if own:
+            parts.append(f"{sum(use.used for use in own)} of {len(own)} {kind} tests")
+    return ", ".join(parts)
+
+
+def _of_points(trials: Sequence[Trial], rig: Rig) -> tuple[dict[str, Estimate], str]:
+    """Readings taken by hand: the law of `sysid.diagnosis.bench`."""
+    from sysid.diagnosis.bench.fitting import fit_law
+    from sysid.diagnosis.bench.registry import component_of
+
+    try:
+        component = component_of(_POINTS, trials, rig)
+        fitted = fit_law(component, (), range(len(component.tests)))
+    except (InputError, NotIdentifiedError) as error:
+        return {}, str(error)
+    friction = component.part(fitted.base_estimates()).friction
+    estimates = {} if friction is None else friction.estimates()
+    return estimates, f"{len(component.tests)} readings"
+
+
+__all__ = ["Identification", "friction_identified"]

@@ -1,0 +1,152 @@
+"""Combinations of parameters: what tests identify that do not separate Coulomb friction from an
+offset (one direction) or friction from its slope over speed (one speed)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sysid.estimation.linear import Estimate, LinearFit, linear_fit
+from sysid.identification.friction.effort import Units
+from sysid.types import FloatArray
+
+OTHER_DIRECTION = (
+    "a motion in both directions (friction-motion that reverses, or friction-sliding tests in "
+    "the other direction too)"
+)
+OTHER_SPEED = (
+    "motion at further speeds (friction-sliding tests at a second level of the effort, or "
+    "friction-motion whose speed changes)"
+)
+
+
+@dataclass(frozen=True)
+class Combination:
+    """A sum of parameters that the tests identify though not its parts.
+
+    `of` are the parameters' names in a bundle, `coefficients` their factors in the sum; `test`
+    is the test that would separate them.
+    """
+
+    of: tuple[str, ...]
+    coefficients: tuple[float, ...]
+    estimate: Estimate
+    test: str
+
+    @property
+    def expression(self) -> str:
+        """ "coulomb_nm + 0.52 viscous_nm_s_per_rad"."""
+        terms = [
+            (c < 0.0, name if abs(c) == 1.0 else f"{abs(c):.3g} {name}")
+            for name, c in zip(self.of, self.coefficients, strict=True)
+        ]
+        start = ("-" if terms[0][0] else "") + terms[0][1]
+        return start + "".join(f" {'-' if less else '+'} {text}" for less, text in terms[1:])
+
+    @property
+    def notice(self) -> str:
+        """The sum, its value, and the test that would separate its parts."""
+        e = self.estimate
+        return (
+            f"only the sum {self.expression} = {e.value:.4g} {e.unit} is identified; "
+            f"{self.test} would separate its parts"
+        )
+
+    @property
+    def reason(self) -> str:
+        """Why none of the parameters is identified by itself."""
+        return f"only {self.expression} is identified: give {self.test}"
+
+    def to_json(self) -> dict[str, Any]:
+        """The bundle's row."""
+        return {
+            "of": list(self.of),
+            "coefficients": list(self.coefficients),
+            "expression": self.expression,
+            **self.estimate.to_json(),
+            "test": self.test,
+        }
+
+
+@dataclass(frozen=True)
+class Separation:
+    """Whether tests run in both directions and at several speeds; `way` is the only direction."""
+
+    both: bool
+    speeds: bool
+    way: float = 1.0
+
+    @property
+    def full(self) -> bool:
+        return self.both and self.speeds
+
+    @property
+    def test(self) -> str:
+        """The test that would separate the parameters."""
+        wanted = (() if self.both else (OTHER_DIRECTION,)) + (() if self.speeds else (OTHER_SPEED,))
+        return " and ".join(wanted)
+
+
+def combined(
+    estimates: Sequence[Estimate], slope: tuple[float, float], shape: Separation, units: Units
+) -> tuple[Combination, ...]:
+    """The combinations that a fit of reduced columns gives.
+
+    In both directions `estimates` are of the columns direction and 1, in one of the direction
+    alone; `slope` is the fit of the speed on the same columns (its factor of viscous friction
+    in each sum), ignored where there are several speeds.
+    """
+    rows: list[dict[str, float]] = [{units.coulomb: 1.0}, {units.offset: 1.0}]
+    if not shape.both:
+        rows = [{units.coulomb: 1.0, units.offset: shape.way}]
+    found = []
+    for own, estimate, factor in zip(rows, estimates, slope, strict=False):
+        terms = own if shape.speeds else {**own, units.viscous: factor}
+        if len(terms) > 1:
+            sums = Combination(tuple(terms), tuple(terms.values()), estimate, shape.test)
+            found.append(sums)
+    return tuple(found)
+
+
+def mean_friction(
+    friction: FloatArray, speed: FloatArray, way: FloatArray, units: Units
+) -> tuple[Combination, ...]:
+    """The combinations of trials at one level of the effort, from their mean friction (signed),
+    mean speed (signed) and direction, (n,) each."""
+    both = len(np.unique(way)) == 2
+    shape = Separation(both, False, float(way[0]))
+    columns = np.column_stack([way, np.ones(len(way))] if both else [way])
+    fit, moved = linear_fit(columns, friction), linear_fit(columns, speed)
+    estimates = [
+        Estimate.symmetric(float(value), float(std), units.effort, fit.dof)
+        for value, std in zip(fit.coefficients, _stds(fit), strict=True)
+    ]
+    mean, half = (*map(float, moved.coefficients), 0.0)[:2]
+    return combined(estimates, (mean, half), shape, units)
+
+
+def _stds(fit: LinearFit) -> FloatArray:
+    """Infinite where there is no repetition to take an error from."""
+    return np.asarray(np.sqrt(fit.variance * np.diag(fit.unscaled)))
+
+
+def unidentified(
+    name: str, unit: str, combinations: Sequence[Combination], otherwise: str
+) -> Estimate:
+    """A parameter that is only part of sums, with the test that would separate it; else why."""
+    own = next((c for c in combinations if name in c.of), None)
+    return Estimate.unidentified(unit, otherwise if own is None else own.reason)
+
+
+__all__ = [
+    "OTHER_DIRECTION",
+    "OTHER_SPEED",
+    "Combination",
+    "Separation",
+    "combined",
+    "mean_friction",
+    "unidentified",
+]

@@ -1,0 +1,170 @@
+"""Motion as regressors: both sides of the effort balance filtered, and the samples that count.
+
+inertia a + coulomb sign(v) + viscous v + offset = motor + cylinder - gravity, thesis 3.4.2
+with the law of 3.4.1 inserted. Both sides go through the same zero-phase filter: the effort,
+and every regressor, sign(v) among them, so that a reversal within the filter's length biases
+nothing. A command holds from its row to the next, so that the effort at a row is the mean of
+the row's and the one before; half a sample of delay would appear as viscous friction.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid import signals
+from sysid.identification.friction.effort import MIN_SAMPLES, EvenTrial
+from sysid.types import FloatArray
+
+REST_NOISE_TIMES = 5.0
+REST_S = 0.005
+_HALVINGS = 6
+_REST_SHARE = 0.5
+# A direction's upper over lower quartile of speed from which a law over speed is identified.
+_LEAST_SPAN = 1.5
+# Correlation of speed and load beyond which the two cannot be distinguished.
+_TIED = 0.6
+COULOMB, VISCOUS, OFFSET, INERTIA = range(4)
+
+RULE = (
+    f"samples count where the filtered speed exceeds {REST_NOISE_TIMES:g} times its own noise; "
+    f"where it does not for at least {1000.0 * REST_S:g} ms the shaft may rest, its friction is "
+    "anything up to static friction, and these samples are left out, with the filter's length on "
+    "either side; so are samples within 1 % of the stroke from an end and the log's ends"
+)
+
+
+@dataclass(frozen=True)
+class MotionSamples:
+    """One trial, filtered: regressors (n, 4) for Coulomb, viscous, offset and inertia, and
+    the effort (n,) that they balance; only samples that count, thinned so that the filter
+    leaves them independent. `noise` (4,) is the variance of the regressors' noise,
+    `rest_speed` the rule's limit, `load` (n,) the cylinder's effort."""
+
+    regressors: FloatArray
+    effort: FloatArray
+    noise: FloatArray
+    rest_speed: float
+    load: FloatArray
+
+    @property
+    def speed(self) -> FloatArray:
+        """(n,), in the rig's unit."""
+        return self.regressors[:, VISCOUS]
+
+    def kept(self, rows: NDArray[np.bool_]) -> MotionSamples:
+        """These samples (n,) only."""
+        return replace(
+            self, regressors=self.regressors[rows], effort=self.effort[rows], load=self.load[rows]
+        )
+
+
+def motion_samples(trial: EvenTrial, cutoff_hz: float) -> MotionSamples:
+    """Filter both sides of the torque balance and select the samples that count."""
+    dt = trial.period
+    length = signals.filter_length(dt, cutoff_hz)
+    position = signals.lowpass(trial.position, dt, cutoff_hz)
+    speed = signals.first_derivative(position, dt)
+    acceleration = signals.second_derivative(position, dt)
+    speed_noise, acceleration_noise = (
+        trial.position_noise.total * gain for gain in _noise_gains(dt, cutoff_hz)
+    )
+    sign = signals.lowpass(np.sign(speed), dt, cutoff_hz)
+    regressors = np.column_stack([sign, speed, np.ones(len(speed)), acceleration])
+    effort = signals.lowpass(
+        signals.held_about_rows(trial.motor) + trial.cylinder - trial.gravity, dt, cutoff_hz
+    )
+    rows = np.flatnonzero(~left_out(trial, cutoff_hz))[:: max(1, length // 4)]
+    noise = np.array([0.0, speed_noise**2, 0.0, acceleration_noise**2])
+    return MotionSamples(
+        regressors[rows], effort[rows], noise, REST_NOISE_TIMES * speed_noise, trial.cylinder[rows]
+    )
+
+
+def left_out(trial: EvenTrial, cutoff_hz: float) -> NDArray[np.bool_]:
+    """Samples (n,) that do not count, by `RULE`."""
+    dt = trial.period
+    length = signals.filter_length(dt, cutoff_hz)
+    speed = signals.first_derivative(signals.lowpass(trial.position, dt, cutoff_hz), dt)
+    rest_speed = REST_NOISE_TIMES * trial.position_noise.total * _noise_gains(dt, cutoff_hz)[0]
+    rests = _long_runs(np.abs(speed) <= rest_speed, max(1, round(REST_S / dt)))
+    found = _widened(rests | ~trial.inside, length)
+    found[:length] = found[-length:] = True
+    return found
+
+
+def default_cutoff(trial: EvenTrial, highest_hz: float) -> float:
+    """The highest cut-off up to `highest_hz`, Hz, at which the motion exceeds the noise.
+
+    It stays clear of the Nyquist frequency, and is halved until the limit of rest is well
+    below the speeds of the motion.
+    """
+    dt = trial.period
+    cutoff = min(highest_hz, 0.2 / dt)
+    for _ in range(_HALVINGS):
+        speed = signals.first_derivative(signals.lowpass(trial.position, dt, cutoff), dt)
+        fast = float(np.quantile(np.abs(speed), 0.5))
+        noise = trial.position_noise.total * _noise_gains(dt, cutoff)[0]
+        if REST_NOISE_TIMES * noise < _REST_SHARE * fast:
+            break
+        cutoff *= 0.5
+    return cutoff
+
+
+def tells_speeds(speed: FloatArray, load: FloatArray) -> bool:
+    """Whether speeds (n,) differ enough within a direction to identify friction over speed.
+
+    Where a screw drives the axis at one speed each way, Coulomb friction, viscous friction
+    and an offset reduce to two numbers, and the remaining variation of the speed follows the
+    `load` (n,), the cylinder's effort. Air that breathes through open exhausts follows the speed,
+    too, but as its effect: it resists in both directions, and does not count.
+    """
+    means = [
+        float(np.mean(load[way * speed > 0.0] * way))
+        for way in (1.0, -1.0)
+        if np.any(way * speed > 0.0)
+    ]
+    resists = len(means) == 2 and max(means) < 0.0
+    for way in (1.0, -1.0):
+        own = way * speed[way * speed > 0.0]
+        pushed = load[way * speed > 0.0]
+        if len(own) < MIN_SAMPLES:
+            continue
+        spans = np.quantile(own, 0.75) > _LEAST_SPAN * np.quantile(own, 0.25)
+        steady = np.ptp(pushed) == 0.0 or np.ptp(own) == 0.0
+        tied = not (steady or resists) and abs(float(np.corrcoef(own, pushed)[0, 1])) > _TIED
+        if spans and not tied:
+            return True
+    return False
+
+
+@lru_cache(maxsize=32)
+def _noise_gains(period: float, cutoff_hz: float) -> tuple[float, float]:
+    """Noise of the filtered speed (1/s) and acceleration (1/s2) over that of the position."""
+    half = 10 * signals.filter_length(period, cutoff_hz)
+    impulse = np.zeros(2 * half + 1)
+    impulse[half] = 1.0
+    smooth = signals.lowpass(impulse, period, cutoff_hz)
+    speed = signals.first_derivative(smooth, period)
+    acceleration = signals.second_derivative(smooth, period)
+    return math.sqrt(float(speed @ speed)), math.sqrt(float(acceleration @ acceleration))
+
+
+def _long_runs(mask: NDArray[np.bool_], least: int) -> NDArray[np.bool_]:
+    """`mask` without its runs that are shorter than `least` samples."""
+    kept = np.zeros(len(mask), dtype=bool)
+    for start, stop in signals.runs(mask):
+        kept[start:stop] = stop - start >= least
+    return kept
+
+
+def _widened(mask: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
+    """`mask` extended by `reach` samples on either side of what is set."""
+    count = np.concatenate([[0], np.cumsum(mask)])
+    rows = np.arange(len(mask))
+    high, low = np.minimum(rows + reach + 1, len(mask)), np.maximum(rows - reach, 0)
+    return np.asarray(count[high] > count[low])

@@ -1,0 +1,151 @@
+"""`sysid check` and `sysid fit friction` agree on what a log identifies, over kinds of log."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from friction_trials import PERIOD, constant, ramp, swing
+from test_friction_combinations import moved, slid
+
+from sysid.commands.app import main
+from sysid.io.logs import Trial
+
+NAMES = {
+    "static friction": "static_nm",
+    "Coulomb friction": "coulomb_nm",
+    "viscous friction": "viscous_nm_s_per_rad",
+    "torque offset": "offset_nm",
+    "inertia": "inertia_kg_m2",
+}
+ARM = """
+[rig]
+name = "arm"
+orientation = "horizontal"
+motion = "rotary"
+"""
+WAYS = {"forwards": (1.0,), "backwards": (-1.0,), "both": (1.0, -1.0)}
+
+
+def static(ways: tuple[float, ...], speeds: int) -> list[Trial]:
+    return [ramp(0.333, 0.208, x, int(w)) for x in (-0.5, 0.5)[:speeds] for w in ways]
+
+
+def sliding(ways: tuple[float, ...], speeds: int) -> list[Trial]:
+    return slid((0.25, 0.31)[:speeds], ways, 0.005)
+
+
+def motion(ways: tuple[float, ...], speeds: int) -> list[Trial]:
+    return [moved(ways, (0.5, 1.1)[:speeds], str(k)) for k in range(2)]
+
+
+def strokes(ways: tuple[float, ...], speeds: int) -> list[Trial]:
+    """Back and forth several times, or the same way with a pause between."""
+    return [moved(ways * 3, (0.9, 0.4)[:speeds], "strokes")]
+
+
+def mixed(ways: tuple[float, ...], speeds: int) -> list[Trial]:
+    return [*static(ways, speeds), *sliding(ways, speeds), *motion(ways, speeds)]
+
+
+KINDS: tuple[Callable[[tuple[float, ...], int], list[Trial]], ...] = (
+    static,
+    sliding,
+    motion,
+    strokes,
+    mixed,
+)
+
+
+def logs() -> Iterator[tuple[str, list[Trial]]]:
+    for kind, (name, ways), speeds in product(KINDS, WAYS.items(), (1, 2)):
+        yield f"{kind.__name__}, {name}, {speeds} speeds", kind(ways, speeds)
+    yield "swing", [swing()]
+    yield "held", [Trial("held", PERIOD * np.arange(900), held_channels(), "held")]
+    yield "one stalled trial", [constant(0.15, 0.0, "stalled", kick_s=0.01)]
+
+
+def held_channels() -> dict[str, np.ndarray]:
+    return {"theta_rad": np.zeros(900), "motor_torque_nm": np.full(900, 0.05)}
+
+
+LOGS = dict(logs())
+
+
+def write(path: Path, trials: list[Trial], valves: bool) -> None:
+    frames = []
+    for k, one in enumerate(trials):
+        frame = pd.DataFrame({"time_s": one.time, **one.channels, "test": k})
+        if valves:
+            frame = frame.assign(pressure_a_pa=1e5, pressure_b_pa=1e5, valve_a=0, valve_b=0)
+        frames.append(frame)
+    pd.concat(frames).to_csv(path, index=False)
+
+
+def identified_by_fit(
+    log: Path, capsys: pytest.CaptureFixture[str], *options: str
+) -> tuple[set[str], str]:
+    status = main(["fit", "friction", str(log), "--json", *options])
+    said = capsys.readouterr()
+    if status == 3:
+        return set(), said.err
+    assert status == 0, said.err
+    friction = json.loads(said.out)["friction"]
+    names = {key for key in NAMES.values() if friction.get(key, {}).get("value") is not None}
+    for notice in json.loads(said.out)["notices"]:
+        if notice.startswith("not identified: "):
+            claimed = notice.removeprefix("not identified: ").split(":")[0].lower()
+            assert not any(key.split("_")[0] in claimed for key in names), notice
+    return names, said.err
+
+
+@pytest.mark.parametrize("rig", ["valves", "no valves", "no inertia"])
+@pytest.mark.parametrize("name", LOGS)
+def test_check_and_fit_agree(
+    name: str, rig: str, tmp_path: Path, rig_text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    inertia = "\n[inertia]\nequivalent_kg_m2 = 0.024\n" if rig == "no valves" else ""
+    (tmp_path / "rig.toml").write_text(rig_text if rig == "valves" else ARM + inertia)
+    log = tmp_path / "run.csv"
+    write(log, LOGS[name], rig == "valves")
+    assert main(["check", str(log), "--json"]) == 0
+    checked = json.loads(capsys.readouterr().out)["logs"][0]["identifies"]
+    said = {NAMES[i["parameter"]]: i for i in checked if i["parameter"] in NAMES}
+    assert set(said) == set(NAMES.values())
+    yes = {key for key, item in said.items() if item["identified"]}
+    fitted, _ = identified_by_fit(log, capsys)
+    assert fitted - {"inertia_kg_m2"} == yes - {"inertia_kg_m2"}
+    with_inertia, _ = identified_by_fit(log, capsys, "--inertia")
+    assert ("inertia_kg_m2" in with_inertia) == ("inertia_kg_m2" in yes)
+    assert all(item["reason"] for item in checked)
+    assert not any("variance inflation" in item["reason"] for item in checked)
+
+
+@pytest.mark.parametrize("torques", [1, 3])
+def test_check_and_fit_agree_on_readings(
+    torques: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rng = np.random.default_rng(6)
+    torque = np.repeat([0.25, 0.3, 0.4][:torques], 4)
+    speed = (torque - 0.2) / 0.05 + 0.02 * rng.normal(size=len(torque))
+    frame = pd.DataFrame({"time_s": np.arange(len(torque)), "velocity_rad_per_s": speed})
+    frame.assign(motor_torque_nm=torque).to_csv(tmp_path / "points.csv", index=False)
+    (tmp_path / "rig.toml").write_text(ARM)
+    campaign = tmp_path / "campaign.toml"
+    campaign.write_text(
+        'rig = "rig.toml"\n\n[[log]]\nfile = "points.csv"\nkind = "friction-points"\n'
+    )
+    assert main(["check", str(campaign), "--json"]) == 0
+    checked = json.loads(capsys.readouterr().out)["logs"][0]["identifies"]
+    yes = {NAMES[i["parameter"]] for i in checked if i["identified"]}
+    status = main(["fit", str(campaign), "--json"])
+    out = capsys.readouterr().out
+    friction = json.loads(out)["friction"] if status == 0 else {}
+    assert status == (0 if torques > 1 else 3)
+    assert yes == {key for key in NAMES.values() if friction.get(key, {}).get("value") is not None}
+    assert bool(yes) == (torques > 1)

@@ -1,0 +1,157 @@
+"""Friction tests in one direction or at one speed: sums of parameters in place of a refusal."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from friction_trials import BARE, PERIOD, RIG, constant, ramp, simulated, swing, trial
+
+from sysid.bundle import Friction
+from sysid.commands.app import main
+from sysid.friction import FrictionResult, fit_friction
+from sysid.io.logs import Trial
+
+COULOMB, VISCOUS, OFFSET = 0.208, 0.0488, 0.012
+TRUTH = {"coulomb_nm": COULOMB, "viscous_nm_s_per_rad": VISCOUS, "offset_nm": OFFSET}
+
+
+def slid(levels: tuple[float, ...], ways: tuple[float, ...], scatter: float = 0.0) -> list[Trial]:
+    rng = np.random.default_rng(3)
+    return [
+        constant(way * level + OFFSET, scatter * rng.normal(), f"{way * level:g} {k}", OFFSET)
+        for level in levels
+        for way in ways
+        for k in range(3)
+    ]
+
+
+def moved(ways: tuple[float, ...], speeds: tuple[float, ...], label: str = "m") -> Trial:
+    """An arm led through ramps of position, by a drive that is stiff; its torque is logged."""
+    legs = [np.full(round(0.6 / (speed * PERIOD)), way * speed) for speed in speeds for way in ways]
+    smooth = np.convolve(np.concatenate(legs), np.ones(40) / 40.0, mode="same")
+    angle = -1.2 * ways[0] * (len(ways) == 1) + np.cumsum(smooth) * PERIOD
+    acceleration = np.gradient(smooth, PERIOD)
+    law = COULOMB * np.sign(smooth) + VISCOUS * smooth + OFFSET
+    effort = law + 0.024 * acceleration
+    return trial(label, effort + 0.002 * np.random.default_rng(4).normal(size=len(law)), angle)
+
+
+def consistent(result: FrictionResult) -> None:
+    """Each sum holds the truth, none of its parts is a number, and nothing contradicts itself."""
+    for one in result.combinations:
+        truth = sum(c * TRUTH[name] for c, name in zip(one.coefficients, one.of, strict=True))
+        assert one.estimate.value == pytest.approx(truth, rel=0.02, abs=6e-4), one.expression
+        assert any("would separate" in n and one.expression in n for n in result.notices)
+        assert not any(result[name].identified for name in one.of)
+    for name, estimate in result.parameters.items():
+        assert estimate.identified or estimate.reason, name
+    friction = result.part().friction
+    assert friction is not None
+    read = Friction.model_validate(json.loads(json.dumps(friction.to_json(), allow_nan=False)))
+    assert list(read.sums()) == [one.expression for one in result.combinations]
+
+
+def expressions(result: FrictionResult) -> list[tuple[str, ...]]:
+    return [one.of for one in result.combinations]
+
+
+def test_one_direction_at_several_levels() -> None:
+    for way in (1.0, -1.0):
+        result = fit_friction(slid((0.25, 0.28, 0.31), (way,)), RIG)
+        consistent(result)
+        assert expressions(result) == [("coulomb_nm", "offset_nm")]
+        assert result.combinations[0].coefficients == (1.0, way)
+        assert "other direction" in result.combinations[0].test
+        assert result["viscous_nm_s_per_rad"].value == pytest.approx(VISCOUS, rel=0.03)
+
+
+def test_one_level_in_both_directions() -> None:
+    result = fit_friction(slid((0.27,), (1.0, -1.0), 0.005), RIG)
+    consistent(result)
+    assert expressions(result) == [
+        ("coulomb_nm", "viscous_nm_s_per_rad"),
+        ("offset_nm", "viscous_nm_s_per_rad"),
+    ]
+    assert "second level" in result.combinations[0].test
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_one_level_in_one_direction(count: int) -> None:
+    result = fit_friction(slid((0.27,), (-1.0,))[:count], RIG)
+    consistent(result)
+    assert expressions(result) == [("coulomb_nm", "offset_nm", "viscous_nm_s_per_rad")]
+
+
+@pytest.mark.parametrize("rig", [RIG, BARE], ids=["inertia given", "inertia fitted"])
+def test_motion_in_one_direction(rig: object) -> None:
+    for way in (1.0, -1.0):
+        result = fit_friction([moved((way,), (0.4, 0.8, 1.2))], rig, kind="motion")  # type: ignore[arg-type]
+        consistent(result)
+        assert expressions(result) == [("coulomb_nm", "offset_nm")]
+        assert result["viscous_nm_s_per_rad"].value == pytest.approx(VISCOUS, rel=0.05)
+
+
+@pytest.mark.parametrize("rig", [RIG, BARE], ids=["inertia given", "inertia fitted"])
+@pytest.mark.parametrize("ways", [(1.0,), (-1.0,), (1.0, -1.0)], ids=["on", "back", "both"])
+def test_motion_at_one_speed(rig: object, ways: tuple[float, ...]) -> None:
+    result = fit_friction([moved(ways * (3 // len(ways)), (0.7,))], rig, kind="motion")  # type: ignore[arg-type]
+    consistent(result)
+    assert result.combinations
+    assert all("viscous_nm_s_per_rad" in one.of for one in result.combinations)
+    assert "further speeds" in result.combinations[0].test
+
+
+def test_motion_that_separates_them_takes_precedence() -> None:
+    trials = [*slid((0.27,), (1.0,)), swing()]
+    result = fit_friction(trials, RIG)
+    assert result.source == "friction-motion" and not result.combinations
+    assert result["coulomb_nm"].identified
+    assert not any(n.startswith("not identified") for n in result.notices)
+    assert any("friction-sliding tests alone do not suffice" in n for n in result.notices)
+    assert [use.used for use in result.trials if use.kind == "friction-sliding"] == [False] * 3
+
+
+def test_every_test_is_accounted_for() -> None:
+    short = Trial("", np.array([0.0]), {}, "folder/short.csv")
+    stalled = constant(0.15, 0.0, "stalled", kick_s=0.01)
+    rest = trial("", np.zeros(2000), np.zeros(2000))
+    given = [*slid((0.25, 0.30), (1.0, -1.0)), stalled, rest, short, ramp(0.333, 0.208, 0.0, 1)]
+    result = fit_friction(given, RIG)
+    assert len(result.trials) == len(given)
+    lines = [line for line in result.remarks if "tests used" in line]
+    counted = sum(int(line.split(" of ")[1].split()[0]) for line in lines)
+    assert counted == len(given)
+    text = " ".join(lines)
+    assert "1 left out (test stalled)" in text and "short.csv" in text
+    assert all(use.to_json()["test"] for use in result.trials)
+
+
+def test_a_fit_that_fails_leaves_its_tests_out_by_name() -> None:
+    rest = trial("rest", np.zeros(2000), np.zeros(2000))
+    result = fit_friction([rest, *slid((0.25, 0.30), (1.0, -1.0))], RIG)
+    assert not any(n.startswith("not identified") for n in result.notices)
+    assert [use.used for use in result.trials if use.label == "rest"] == [False]
+    assert result["coulomb_nm"].identified
+
+
+def test_the_command_gives_the_sum(
+    tmp_path: Path, rig_text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "rig.toml").write_text(rig_text)
+    effort = 0.4 + 0.1 * np.sin(10.0 * PERIOD * np.arange(1500))
+    effort[:50] = 0.6
+    one_way = trial("one way", effort, simulated(effort, 0.3, 0.208, 0.2, -1.5))
+    frame = pd.DataFrame({"time_s": one_way.time, **one_way.channels})
+    frame.to_csv(tmp_path / "run.csv", index=False)
+    log, bundle = str(tmp_path / "run.csv"), str(tmp_path / "bundle.json")
+    assert main(["fit", "friction", log, "--kind", "motion", "-o", bundle]) == 0
+    said = capsys.readouterr()
+    assert "Identified only together" in said.out and "coulomb_nm + offset_nm" in said.out
+    assert "would separate its parts" in said.err
+    written = json.loads(Path(bundle).read_text())["friction"]
+    assert written["coulomb_nm"]["value"] is None
+    assert written["combinations"][0]["of"] == ["coulomb_nm", "offset_nm"]
