@@ -1,11 +1,13 @@
 """Figures of friction, as measured.
 
-    python benchmarks/friction.py [--only thesis|emps|generated|vertical] [--seeds 50]
+    python benchmarks/friction.py [--only thesis|emps|generated|vertical|low-speed] [--seeds 50]
 
 thesis: Tables 3.4.1 and 3.4.2. emps: the measured positioning system of Janot, Gautier, Brunot
 (2019), skipped where ../shared/data is absent. generated: random rigs with known friction; the
 seeds are 0, 1, 2, ... vertical: vertical rigs, trials that come to rest, and with bristles, in
-several forms; the seeds are 2000, 2001, ...
+several forms; the seeds are 2000, 2001, ... low-speed: motion logs of a small servo, ten runs each,
+rigid, with bristles, and with Stribeck friction too; the seeds are 9500, 9501, ... (those of the
+rule's development were 9000 to 9119).
 """
 
 from __future__ import annotations
@@ -21,6 +23,8 @@ import numpy as np
 REPOSITORY = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(REPOSITORY))
 
+from benchmarks.small_servo import FORMS as SERVO_FORMS  # noqa: E402
+from benchmarks.small_servo import campaigns  # noqa: E402
 from datasets.generator.campaign import drawn_effects, make_friction_tests  # noqa: E402
 from datasets.thesis.recompute import sliding_friction, static_friction  # noqa: E402
 from sysid.errors import NotIdentifiedError  # noqa: E402
@@ -173,9 +177,37 @@ def vertical(seeds: int) -> None:
         print(f"4. {name}, {seeds} seeds: median error of {found}; refused {refused}", flush=True)
 
 
+def low_speed(seeds: int) -> None:
+    """Motion at low speed: bias and coverage of Coulomb and viscous friction."""
+    for form in SERVO_FORMS:
+        errors: dict[str, list[float]] = {"coulomb_nm": [], "viscous_nm_s_per_rad": []}
+        held: dict[str, list[bool]] = {name: [] for name in errors}
+        widths: dict[str, list[float]] = {name: [] for name in errors}
+        refused = 0
+        for servo, trials in campaigns(range(9500, 9500 + seeds), form):
+            result = fit_friction(trials, servo.rig, kind="motion")
+            refused += not result.has_sliding
+            for name, truth in zip(errors, (servo.coulomb, servo.viscous), strict=True):
+                estimate = result[name]
+                if estimate.identified:
+                    errors[name].append(estimate.value / truth - 1.0)
+                    held[name].append(estimate.holds(truth))
+                    widths[name].append(0.5 * float(np.ptp(estimate.interval)) / truth)
+        for name, values in errors.items():
+            print(
+                f"5. small servo, {form}, {seeds} seeds: {name.split('_')[0]} bias "
+                f"{100.0 * np.median(values):+.1f} % (median), |error| "
+                f"{100.0 * np.median(np.abs(values)):.1f} %, largest "
+                f"{100.0 * np.max(np.abs(values)):.0f} %; truth inside the 95 % interval in "
+                f"{100.0 * np.mean(held[name]):.0f} %, its half-width "
+                f"{100.0 * np.median(widths[name]):.1f} %; refused {refused}",
+                flush=True,
+            )
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--only", choices=("thesis", "emps", "generated", "vertical"))
+    parser.add_argument("--only", choices=("thesis", "emps", "generated", "vertical", "low-speed"))
     parser.add_argument("--seeds", type=int, default=50)
     options = parser.parse_args()
     if options.only in (None, "thesis"):
@@ -186,6 +218,8 @@ def main() -> None:
         generated(options.seeds)
     if options.only in (None, "vertical"):
         vertical(options.seeds)
+    if options.only in (None, "low-speed"):
+        low_speed(options.seeds)
 
 
 if __name__ == "__main__":

@@ -1,22 +1,23 @@
 """Friction and inertia from any motion by inverse dynamics (Janot, Gautier, Brunot 2019).
 
-The effort balance of `motion_samples` is linear in its parameters. The encoder's noise in speed
-and acceleration, which attenuates their coefficients, is known: its share is subtracted from the
-normal matrix (Fuller 1987, 2.2). Motion in one direction or at one speed identifies sums of the
-parameters (`combinations`), which are fitted in their place.
+The effort balance of `motion_samples` is linear in its parameters (`motion_regression`). Motion in
+one direction or at one speed identifies sums of the parameters (`combinations`), which are fitted
+in their place. Samples at low speed and after reversals are left out where the law of the others
+does not predict them (`low_speed`).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sysid.errors import NotIdentifiedError
-from sysid.estimation.linear import Estimate, LinearFit, linear_fit
+from sysid.estimation.linear import Estimate, LinearFit, satterthwaite
 from sysid.identification.friction.combinations import (
     Combination,
     Separation,
@@ -24,6 +25,15 @@ from sysid.identification.friction.combinations import (
     unidentified,
 )
 from sysid.identification.friction.effort import MIN_SAMPLES, MOTION, EvenTrial, TrialUse, Units
+from sysid.identification.friction.low_speed import SlidingLimits, bins_of_speed, sliding_only
+from sysid.identification.friction.motion_regression import (
+    MOST_NOISE,
+    Rows,
+    inflation,
+    own_variance,
+    regression,
+    scaled,
+)
 from sysid.identification.friction.motion_samples import (
     COULOMB,
     INERTIA,
@@ -40,8 +50,11 @@ MIN_TRIALS_APART = 3
 _MOST_ONE_WAY = 0.98
 # A trial's variance inflation beyond which its parameters cannot be distinguished in practice.
 _MOST_INFLATION = 100.0
-# Share of a regressor's squares that may be the encoder's noise.
-_MOST_NOISE = 0.5
+# Of a trial's samples that are left.
+_FEWEST_SAMPLES = 20
+_BINS = 10
+# Values, standard errors and degrees of freedom of the fitted columns, (p,) each.
+_Found: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
 _NAMES = ("Coulomb friction", "viscous friction", "offset", "inertia")
 
 
@@ -65,6 +78,7 @@ class MotionFriction:
     notices: tuple[str, ...] = ()
     combinations: tuple[Combination, ...] = ()
     both_ways: bool = True
+    limits: SlidingLimits | None = None
 
 
 def usable_motion(
@@ -107,11 +121,22 @@ def fit_motion(
     shape = separation(samples)
     if not shape.both:
         samples = [s.kept(s.speed * shape.way > 0.0) for s in samples]
-        samples = [s for s in samples if len(s.effort) > INERTIA]
+        samples = _long_enough(samples)
     model = _Model.of(samples, inertia, shape)
+    limits = SlidingLimits()
+    if shape.speeds:
+        samples, limits = sliding_only(samples, model.law, model.separates)
+        samples = _long_enough(samples)
     fits = model.apart(samples)
-    values, stds, dofs = model.estimated(samples, fits)
-    return _finished(samples, model, fits is not None, (values, stds, dofs), units)
+    found = model.estimated(samples, fits)
+    if shape.speeds:
+        found = model.with_model_error(samples, found)
+    return _finished(samples, model, fits is not None, found, limits, units)
+
+
+def _long_enough(samples: Sequence[MotionSamples]) -> list[MotionSamples]:
+    """Trials with enough samples for a residual variance of their own."""
+    return [s for s in samples if len(s.effort) >= _FEWEST_SAMPLES]
 
 
 def separation(samples: Sequence[MotionSamples]) -> Separation:
@@ -140,27 +165,27 @@ class _Model:
             return _Model(shape, (*columns, INERTIA), None)
         return _Model(shape, columns, None, unmoved=True)
 
-    def rows(self, samples: Sequence[MotionSamples]) -> _Rows:
+    def rows(self, samples: Sequence[MotionSamples]) -> Rows:
         """All trials' rows; each trial is weighted by the residual variance of its own fit."""
         parts = [self._of_trial(chosen) for chosen in samples]
         if len(parts) > 1:
-            parts = [_scaled(part, 1.0 / max(_variance(part), 1e-300)) for part in parts]
-        return _Rows(
+            parts = [scaled(part, 1.0 / max(own_variance(part), 1e-300)) for part in parts]
+        return Rows(
             np.vstack([p.regressors for p in parts]),
             np.concatenate([p.target for p in parts]),
             np.concatenate([p.weights for p in parts]),
             np.sum([p.noise for p in parts], axis=0),
         )
 
-    def _of_trial(self, chosen: MotionSamples) -> _Rows:
+    def _of_trial(self, chosen: MotionSamples) -> Rows:
         x, y = chosen.regressors, chosen.effort
         if self.inertia is not None:
             y = y - self.inertia * x[:, INERTIA]
         keep = list(self.columns)
-        return _Rows(x[:, keep], y, np.ones(len(y)), chosen.noise[keep] * len(y))
+        return Rows(x[:, keep], y, np.ones(len(y)), chosen.noise[keep] * len(y))
 
     def regression(self, samples: Sequence[MotionSamples]) -> LinearFit:
-        return _regression(self.rows(samples), [_NAMES[c] for c in self.columns])
+        return regression(self.rows(samples), [_NAMES[c] for c in self.columns])
 
     def apart(self, samples: Sequence[MotionSamples]) -> list[LinearFit] | None:
         """One fit per trial, where there are enough trials and each identifies everything."""
@@ -170,11 +195,9 @@ class _Model:
             fits = [self.regression([chosen]) for chosen in samples]
         except NotIdentifiedError:
             return None
-        return None if any(_inflation(fit) > _MOST_INFLATION for fit in fits) else fits
+        return None if any(inflation(fit) > _MOST_INFLATION for fit in fits) else fits
 
-    def estimated(
-        self, samples: Sequence[MotionSamples], fits: list[LinearFit] | None
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def estimated(self, samples: Sequence[MotionSamples], fits: list[LinearFit] | None) -> _Found:
         """Values, standard errors and degrees of freedom of the columns' coefficients."""
         pooled = self.regression(samples)
         if fits is None:
@@ -184,6 +207,45 @@ class _Model:
         n = len(fits)
         stds = table.std(axis=0, ddof=1) / math.sqrt(n)
         return table.mean(axis=0), stds, np.full(table.shape[1], n - 1.0)
+
+    def law(self, samples: Sequence[MotionSamples]) -> FloatArray:
+        """All four coefficients (4,) of all trials together."""
+        return self.full(self.regression(_long_enough(samples)).coefficients)
+
+    def separates(self, samples: Sequence[MotionSamples]) -> bool:
+        """Whether these samples still identify what is fitted."""
+        found = _long_enough(samples)
+        if sum(len(s.effort) for s in found) < MIN_SAMPLES:
+            return False
+        shape = separation(found)
+        if (shape.both, shape.speeds) != (self.shape.both, self.shape.speeds):
+            return False
+        try:
+            return inflation(self.regression(found)) < _MOST_INFLATION
+        except NotIdentifiedError:
+            return False
+
+    def with_model_error(self, samples: Sequence[MotionSamples], found: _Found) -> _Found:
+        """Standard errors with those of a jackknife over bins of speed added: what the law does not
+        describe changes from bin to bin, but not from trial to trial."""
+        values, stds, dofs = found
+        bins = bins_of_speed(samples, _BINS)
+        rest = []
+        for k in range(_BINS):
+            kept = [s.kept(own != k) for s, own in zip(samples, bins, strict=True)]
+            try:
+                rest.append(self.regression(_long_enough(kept)).coefficients)
+            except NotIdentifiedError:
+                continue
+        if len(rest) < _BINS:
+            return found
+        off = np.array(rest) - np.mean(rest, axis=0)
+        shares = np.vstack([stds**2, (_BINS - 1) / _BINS * np.sum(off**2, axis=0)])
+        total = [
+            satterthwaite(own, np.array([dof, _BINS - 1.0]))
+            for own, dof in zip(shares.T, dofs, strict=True)
+        ]
+        return values, np.sqrt(shares.sum(axis=0)), np.array(total)
 
     def full(self, values: FloatArray) -> FloatArray:
         """All four coefficients (4,), those that are not fitted at 0 or at the given inertia."""
@@ -208,14 +270,15 @@ def _accelerates(samples: Sequence[MotionSamples]) -> bool:
     """Whether the acceleration is more than the encoder's noise."""
     squares = sum(float(np.sum(s.regressors[:, INERTIA] ** 2)) for s in samples)
     noise = sum(s.noise[INERTIA] * len(s.effort) for s in samples)
-    return bool(squares > 0.0 and noise <= _MOST_NOISE * squares)
+    return bool(squares > 0.0 and noise <= MOST_NOISE * squares)
 
 
 def _finished(
     samples: Sequence[MotionSamples],
     model: _Model,
     apart: bool,
-    found: tuple[FloatArray, FloatArray, FloatArray],
+    found: _Found,
+    limits: SlidingLimits,
     units: Units,
 ) -> MotionFriction:
     all_units = (units.effort, units.viscous_unit, units.effort, units.inertia_unit)
@@ -245,9 +308,10 @@ def _finished(
         count,
         apart,
         _explained(samples, rmse, model.inertia),
-        _notices(apart, model),
+        _notices(apart, model, limits, units),
         sums,
         model.shape.both,
+        limits,
     )
 
 
@@ -260,8 +324,8 @@ def _inertia(model: _Model, by_column: dict[int, Estimate], units: Units) -> Est
     return by_column.get(INERTIA)
 
 
-def _notices(apart: bool, model: _Model) -> tuple[str, ...]:
-    found = []
+def _notices(apart: bool, model: _Model, limits: SlidingLimits, units: Units) -> tuple[str, ...]:
+    found = [text] if (text := limits.text(units.position, units.speed)) else []
     if not apart:
         found.append(
             "friction from motion: the intervals hold for these tests; variation from one "
@@ -275,48 +339,6 @@ def _notices(apart: bool, model: _Model) -> tuple[str, ...]:
 def _trial_numbers(samples: Sequence[MotionSamples]) -> NDArray[np.intp]:
     """(n,): which trial each row of all samples belongs to."""
     return np.repeat(np.arange(len(samples)), [len(s.effort) for s in samples])
-
-
-@dataclass(frozen=True)
-class _Rows:
-    """Regressors (n, p), target and weights (n,), and the regressors' noise variance (p,),
-    summed over the rows with their weights."""
-
-    regressors: FloatArray
-    target: FloatArray
-    weights: FloatArray
-    noise: FloatArray
-
-
-def _scaled(rows: _Rows, weight: float) -> _Rows:
-    return replace(rows, weights=rows.weights * weight, noise=rows.noise * weight)
-
-
-def _variance(rows: _Rows) -> float:
-    solution, *_ = np.linalg.lstsq(rows.regressors, rows.target, rcond=None)
-    return float(np.mean((rows.target - rows.regressors @ solution) ** 2))
-
-
-def _regression(rows: _Rows, names: Sequence[str]) -> LinearFit:
-    fit = linear_fit(rows.regressors, rows.target, rows.weights, names)
-    x, weighted = rows.regressors, rows.regressors * rows.weights[:, None]
-    normal = weighted.T @ x
-    if np.any(rows.noise > _MOST_NOISE * np.diag(normal)):
-        raise NotIdentifiedError(
-            "the parameters' regressors: speed or acceleration is mostly the encoder's noise; "
-            "lower the cut-off or give faster motion"
-        )
-    unscaled = np.asarray(np.linalg.inv(normal - np.diag(rows.noise)), dtype=float)
-    coefficients = unscaled @ (weighted.T @ rows.target)
-    return replace(
-        fit, coefficients=coefficients, residuals=rows.target - x @ coefficients, unscaled=unscaled
-    )
-
-
-def _inflation(fit: LinearFit) -> float:
-    """The largest variance inflation of a regressor."""
-    squares = fit.weights @ fit.regressors**2
-    return float(np.max(squares * np.diag(fit.unscaled)))
 
 
 def _rmse(samples: Sequence[MotionSamples], full: FloatArray) -> tuple[float, int]:

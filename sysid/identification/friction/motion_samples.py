@@ -43,13 +43,15 @@ class MotionSamples:
     """One trial, filtered: regressors (n, 4) for Coulomb, viscous, offset and inertia, and
     the effort (n,) that they balance; only samples that count, thinned so that the filter
     leaves them independent. `noise` (4,) is the variance of the regressors' noise,
-    `rest_speed` the rule's limit, `load` (n,) the cylinder's effort."""
+    `rest_speed` the rule's limit, `load` (n,) the cylinder's effort, `travel` (n,) the way since
+    the last reversal or rest (or the log's start)."""
 
     regressors: FloatArray
     effort: FloatArray
     noise: FloatArray
     rest_speed: float
     load: FloatArray
+    travel: FloatArray
 
     @property
     def speed(self) -> FloatArray:
@@ -59,7 +61,11 @@ class MotionSamples:
     def kept(self, rows: NDArray[np.bool_]) -> MotionSamples:
         """These samples (n,) only."""
         return replace(
-            self, regressors=self.regressors[rows], effort=self.effort[rows], load=self.load[rows]
+            self,
+            regressors=self.regressors[rows],
+            effort=self.effort[rows],
+            load=self.load[rows],
+            travel=self.travel[rows],
         )
 
 
@@ -80,9 +86,23 @@ def motion_samples(trial: EvenTrial, cutoff_hz: float) -> MotionSamples:
     )
     rows = np.flatnonzero(~left_out(trial, cutoff_hz))[:: max(1, length // 4)]
     noise = np.array([0.0, speed_noise**2, 0.0, acceleration_noise**2])
+    rest_speed = REST_NOISE_TIMES * speed_noise
     return MotionSamples(
-        regressors[rows], effort[rows], noise, REST_NOISE_TIMES * speed_noise, trial.cylinder[rows]
+        regressors[rows],
+        effort[rows],
+        noise,
+        rest_speed,
+        trial.cylinder[rows],
+        _since_reversal(position, speed, rest_speed)[rows],
     )
+
+
+def _since_reversal(position: FloatArray, speed: FloatArray, rest_speed: float) -> FloatArray:
+    """The way since the last reversal or rest, (n,)."""
+    turns = np.abs(speed) <= rest_speed
+    turns[1:] |= np.sign(speed[1:]) != np.sign(speed[:-1])
+    last = np.maximum.accumulate(np.where(turns, np.arange(len(speed)), 0))
+    return np.asarray(np.abs(position - position[last]))
 
 
 def left_out(trial: EvenTrial, cutoff_hz: float) -> NDArray[np.bool_]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,6 +25,7 @@ from sysid.identification.friction.effort import (
     Units,
     left_out_lines,
 )
+from sysid.identification.friction.low_speed import RULE as LOW_SPEED_RULE
 from sysid.identification.friction.motion import MotionFriction
 from sysid.identification.friction.motion_samples import RULE
 from sysid.identification.friction.sliding import SlidingFriction
@@ -91,7 +92,7 @@ class FrictionResult(NamedEstimates, Shown):
                 "to trial"
             )
         if self.motion is not None:
-            lines.append(f"friction from motion: {RULE}")
+            lines.append(f"friction from motion: {RULE}; {LOW_SPEED_RULE}")
         for name, estimate in self.cross_check.items():
             if estimate.identified:
                 lines.append(
@@ -192,7 +193,9 @@ class FrictionResult(NamedEstimates, Shown):
             table["sliding_lack_of_fit"] = None if curved is None else _test(curved)
         if self.motion is not None:
             table["explained"] = self.explained
-            table["motion_rule"] = RULE
+            table["motion_rule"] = f"{RULE}; {LOW_SPEED_RULE}"
+            if self.motion.limits is not None:
+                table["motion_limits"] = asdict(self.motion.limits)
             table["cutoff_hz"] = self.cutoff_hz
         return Parts(friction=Friction(**table))
 
