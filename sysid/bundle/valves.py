@@ -13,6 +13,13 @@ Range = Annotated[list[Number], Field(min_length=2, max_length=2)]
 DIRECTIONS = ("fill", "discharge")
 SURFACE_KINDS = ("bipolynomial", "ann")
 AVERAGED = "averaged"
+# The flow parameters of a valve's law: the model's names, and the bundle's keys.
+LAW_KEYS = {
+    "choked_fill": "choked_flow_fill_kg_s",
+    "choked_dis": "choked_flow_dis_kg_s",
+    "c_fill": "c_fill",
+    "c_dis": "c_dis",
+}
 
 
 class DiscreteLaw(Part):
@@ -258,6 +265,7 @@ class FittedValves(Part):
 __all__ = [
     "AVERAGED",
     "DIRECTIONS",
+    "LAW_KEYS",
     "SURFACE_KINDS",
     "AveragedRecord",
     "DiscreteLaw",
