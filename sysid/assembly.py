@@ -222,7 +222,10 @@ def _bench_fit(kind: str, trials: list[Trial], rig: Rig) -> _BenchFit:
 
     component = component_of(kind, trials, rig)
     fitted = fit_law(component, (), range(len(component.tests)))
-    return _BenchFit(component.part(fitted.base_estimates()))
+    judged = fitted.quality()
+    # A missing effect may cause it, which the diagnosis then names from this number.
+    short = [f"{kind}: {judged.shortfall}"] if judged.explains_too_little else []
+    return _BenchFit(fitted.part(), notices=tuple(short))
 
 
 @dataclass(frozen=True)

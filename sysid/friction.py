@@ -266,7 +266,19 @@ def _result(
         trials=tuple(fit.uses),
         notices=tuple(fit.notices),
         cutoff_hz=fit.cutoff_hz,
+        most_effort=_most_effort(fit.rig),
     )
+
+
+def _most_effort(rig: Rig) -> float:
+    """What motor, cylinder and gravity can give together, N or Nm; infinite if not declared."""
+    if rig.max_effort is None:
+        return math.inf
+    c, air, pushed = rig.cylinder, rig.air, 0.0
+    if c is not None and air is not None:
+        gauge = air.supply_pressure_pa - air.atmospheric_pressure_pa
+        pushed = gauge * max(c.area_a_m2, c.area_b_m2) * c.pitch_radius_m
+    return rig.max_effort + pushed + abs(rig.gravity_moment())
 
 
 def _sliding_parameters(

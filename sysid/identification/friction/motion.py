@@ -28,6 +28,7 @@ from sysid.estimation.linear import (
     LinearFit,
     linear_fit,
 )
+from sysid.estimation.quality import FitQuality, runs_test
 from sysid.identification.friction.effort import MIN_SAMPLES, MOTION, EvenTrial, TrialUse, Units
 from sysid.types import FloatArray
 
@@ -35,6 +36,8 @@ REST_NOISE_TIMES = 5.0
 REST_S = 0.005
 MIN_TRIALS_APART = 3
 _HALVINGS = 6
+# Samples that are kept of each length of the filter.
+_A_LENGTH = 4
 # Share of the samples of one direction beyond those of the other.
 _MOST_ONE_WAY = 0.98
 _REST_SHARE = 0.5
@@ -88,6 +91,7 @@ class MotionFriction:
     apart: bool
     explained: float
     notices: tuple[str, ...] = ()
+    quality: FitQuality | None = None
 
 
 def motion_samples(trial: EvenTrial, cutoff_hz: float) -> MotionSamples:
@@ -105,7 +109,7 @@ def motion_samples(trial: EvenTrial, cutoff_hz: float) -> MotionSamples:
     effort = signals.lowpass(
         signals.held_about_rows(trial.motor) + trial.cylinder - trial.gravity, dt, cutoff_hz
     )
-    rows = np.flatnonzero(~left_out(trial, cutoff_hz))[:: max(1, length // 4)]
+    rows = np.flatnonzero(~left_out(trial, cutoff_hz))[:: max(1, length // _A_LENGTH)]
     noise = np.array([0.0, speed_noise**2, 0.0, acceleration_noise**2])
     return MotionSamples(
         regressors[rows], effort[rows], noise, REST_NOISE_TIMES * speed_noise, trial.cylinder[rows]
@@ -266,6 +270,7 @@ def _fit_samples(
         fits is not None,
         _explained(samples, rmse, values, inertia),
         tuple(notices),
+        _quality(samples, values, inertia, units, has_constant=True),
     )
 
 
@@ -299,6 +304,7 @@ def _coulomb_alone(
         False,
         _explained(samples, rmse, values, inertia),
         (f"friction from motion: {reason}; the Coulomb friction holds at that speed",),
+        _quality(samples, values, inertia, units, has_constant=False),
     )
 
 
@@ -396,6 +402,28 @@ def _explained(
     effort = np.concatenate([s.effort - known * s.regressors[:, INERTIA] for s in samples])
     spread = float(np.var(effort))
     return 1.0 - rmse**2 / spread if spread > 0.0 else 0.0
+
+
+def _quality(
+    samples: Sequence[MotionSamples],
+    values: FloatArray,
+    inertia: float | None,
+    units: Units,
+    *,
+    has_constant: bool,
+) -> FitQuality:
+    """Of the effort that friction (and an estimated inertia) balances."""
+    full, known = (values, 0.0) if inertia is None else (np.append(values, inertia), inertia)
+    left = [s.effort - s.regressors @ full for s in samples]
+    # Neighbouring samples share the filter's noise; those a filter's length apart do not.
+    return FitQuality.of(
+        "effort in motion",
+        units.effort,
+        np.concatenate([s.effort - known * s.regressors[:, INERTIA] for s in samples]),
+        np.concatenate(left),
+        has_constant=has_constant,
+        lack_of_fit=runs_test([part[::_A_LENGTH] for part in left]),
+    )
 
 
 def effort_rmse(

@@ -10,11 +10,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.bundle import Friction, Parts
+from sysid.bundle.quality import records_of
 from sysid.display.plots import legend, one_axes
+from sysid.display.quality import quality_table
 from sysid.display.tables import Shown, ShownTable, estimate_records, estimate_table
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.linear import Estimate, FTest
 from sysid.estimation.named import NamedEstimates
+from sysid.estimation.quality import LEAST_EXPLAINED, FitQuality
 from sysid.identification.friction.effort import KINDS, MOTION, SLIDING, STATIC, TrialUse, Units
 from sysid.identification.friction.motion import RULE, MotionFriction
 from sysid.identification.friction.sliding import SlidingFriction
@@ -24,9 +27,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 # From there on the numbers describe something else than friction.
-_LEAST_EXPLAINED = 0.5
 _MOST_SCATTER = 0.5
 _MOST_INERTIAL = 0.3
+# Breakaway is at most a few times sliding friction (Stribeck: about twice).
+_MOST_STATIC = 10.0
 
 
 @dataclass(frozen=True, repr=False)
@@ -38,7 +42,7 @@ class FrictionResult(NamedEstimates, Shown):
     `offset_n`, `mass_kg`); one that the tests do not identify gives the reason. Coulomb and
     viscous friction come from `source` (the constant-effort tests where these identify them);
     `cross_check` holds the estimates of the other kind of test. `trials` gives the outcome of
-    every test.
+    every test. `most_effort` is what the rig's motor and cylinder can give, N or Nm.
     """
 
     units: Units
@@ -51,6 +55,7 @@ class FrictionResult(NamedEstimates, Shown):
     trials: tuple[TrialUse, ...]
     notices: tuple[str, ...]
     cutoff_hz: float
+    most_effort: float = math.inf
 
     @property
     def rmse(self) -> dict[str, float]:
@@ -92,14 +97,64 @@ class FrictionResult(NamedEstimates, Shown):
         return tuple(lines)
 
     @property
+    def quality(self) -> dict[str, FitQuality]:
+        """How well each kind of test is described, by kind, and what cannot be in its numbers."""
+        fits = {STATIC: self.static, SLIDING: self.sliding, MOTION: self.motion}
+        judged = {k: f.quality for k, f in fits.items() if f is not None}
+        wrong = self._impossible()
+        return {
+            k: quality.with_impossible(wrong.get(k, ()))
+            for k, quality in judged.items()
+            if quality is not None
+        }
+
+    @property
     def impossible(self) -> tuple[str, ...]:
         """What cannot be in the estimates, one line each: the tests then show something else."""
+        return tuple(line for lines in self._impossible().values() for line in lines)
+
+    def _impossible(self) -> dict[str, list[str]]:
+        """The same by the kind of test that says so."""
         u = self.units
-        found = []
-        for name in (u.static, u.coulomb, u.viscous):
+        found: dict[str, list[str]] = {kind: [] for kind in KINDS}
+        for name, kind in ((u.static, STATIC), (u.coulomb, self.source), (u.viscous, self.source)):
             e = self.parameters[name]
             if e.identified and e.interval[1] < 0.0:
-                found.append(f"{name} is {e.value:.3g} {e.unit}, below zero beyond its interval")
+                found[kind].append(
+                    f"{name} is {e.value:.3g} {e.unit}, below zero beyond its interval"
+                )
+            if e.identified and name != u.viscous and e.value > self.most_effort:
+                found[kind].append(
+                    f"{name} is {e.value:.3g} {e.unit}, but motor and cylinder together give at "
+                    f"most {self.most_effort:.3g} {u.effort}"
+                )
+        found[STATIC] += self._start_up()
+        found[SLIDING] += self._unsteady()
+        for kind, part in ((STATIC, self.static), (SLIDING, self.sliding)):
+            judged = None if part is None else part.quality
+            if judged is not None and judged.explains_too_little:
+                found[kind].append(judged.shortfall)
+        if self.motion is not None and self.motion.explained < LEAST_EXPLAINED:
+            share = max(100.0 * self.motion.explained, 0.0)
+            found[MOTION].append(
+                f"the law explains {share:.0f} % of the effort in motion "
+                f"(RMSE {self.motion.rmse:.3g} {u.effort})"
+            )
+        return found
+
+    def _start_up(self) -> list[str]:
+        """Breakaway out of all proportion to sliding friction: another unit, or another load."""
+        u = self.units
+        static, coulomb = self.parameters[u.static], self.parameters[u.coulomb]
+        known = static.identified and coulomb.identified and 0.0 < coulomb.interval[1] < math.inf
+        if not known or static.value <= _MOST_STATIC * coulomb.interval[1]:
+            return []
+        times = static.value / coulomb.value
+        return [f"{u.static} is {static.value:.3g} {u.effort}, {times:.0f} times {u.coulomb}"]
+
+    def _unsteady(self) -> list[str]:
+        """Constant-effort trials that cannot be: scatter, or inertia, as large as friction."""
+        found = []
         if self.sliding is not None and self.sliding.scatter > _MOST_SCATTER:
             found.append(
                 "friction scatters by "
@@ -111,13 +166,7 @@ class FrictionResult(NamedEstimates, Shown):
                 f"the change of momentum is {100.0 * share:.0f} % of the friction in trials of "
                 "steady speed: the rig file's inertia is too large"
             )
-        if self.motion is not None and self.motion.explained < _LEAST_EXPLAINED:
-            share = max(100.0 * self.motion.explained, 0.0)
-            found.append(
-                f"the law explains {share:.0f} % of the effort in motion "
-                f"(RMSE {self.motion.rmse:.3g} {u.effort})"
-            )
-        return tuple(found)
+        return found
 
     def _inertial_share(self) -> float:
         """Median share of the inertia in the balance of the steady trials, 0 without any."""
@@ -158,6 +207,7 @@ class FrictionResult(NamedEstimates, Shown):
         table["source"] = self.source
         table[f"rmse_{self.units.effort.lower()}"] = self.rmse
         table["cross_check"] = dict(self.cross_check)
+        table["quality"] = records_of(self.quality)
         table["trials"] = [use.to_json() for use in self.trials]
         if self.static is not None:
             table["static_by_position"] = [p.to_json() for p in self.static.by_position]
@@ -191,6 +241,7 @@ class FrictionResult(NamedEstimates, Shown):
         """The parameters, and their estimates from motion where both kinds of test were made."""
         yield estimate_table("", self.parameters)
         yield estimate_table("Cross-check, from motion", self.cross_check)
+        yield quality_table({k: q.to_json() for k, q in self.quality.items()})
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Friction over speed: one point per constant-effort test, one fitted line per direction.
