@@ -267,6 +267,7 @@ def _result(
         notices=tuple(fit.notices),
         cutoff_hz=fit.cutoff_hz,
         most_effort=_most_effort(fit.rig),
+        motor_limit=math.inf if fit.rig.max_effort is None else fit.rig.max_effort,
     )
 
 

@@ -31,6 +31,8 @@ _MOST_SCATTER = 0.5
 _MOST_INERTIAL = 0.3
 # Breakaway is at most a few times sliding friction (Stribeck: about twice).
 _MOST_STATIC = 10.0
+# Breakaway that repeats to this share of the motor's limit, at that limit, is the limit.
+_AT_LIMIT = 0.01
 
 
 @dataclass(frozen=True, repr=False)
@@ -42,7 +44,8 @@ class FrictionResult(NamedEstimates, Shown):
     `offset_n`, `mass_kg`); one that the tests do not identify gives the reason. Coulomb and
     viscous friction come from `source` (the constant-effort tests where these identify them);
     `cross_check` holds the estimates of the other kind of test. `trials` gives the outcome of
-    every test. `most_effort` is what the rig's motor and cylinder can give, N or Nm.
+    every test. `most_effort` is what the rig's motor and cylinder can give, `motor_limit` the
+    motor alone, N or Nm.
     """
 
     units: Units
@@ -56,6 +59,7 @@ class FrictionResult(NamedEstimates, Shown):
     notices: tuple[str, ...]
     cutoff_hz: float
     most_effort: float = math.inf
+    motor_limit: float = math.inf
 
     @property
     def rmse(self) -> dict[str, float]:
@@ -143,9 +147,18 @@ class FrictionResult(NamedEstimates, Shown):
         return found
 
     def _start_up(self) -> list[str]:
-        """Breakaway out of all proportion to sliding friction: another unit, or another load."""
+        """Breakaway at the motor's limit, or out of all proportion to sliding friction."""
         u = self.units
         static, coulomb = self.parameters[u.static], self.parameters[u.coulomb]
+        if self.static is not None and static.identified:
+            scatter = self.static.repeatability
+            off = abs(static.value - self.motor_limit)
+            if max(off, scatter) < _AT_LIMIT * self.motor_limit < math.inf:
+                return [
+                    f"{u.static} is the motor's declared limit, {self.motor_limit:.3g} {u.effort}, "
+                    f"in every test ({static.value / max(scatter, 1e-12):.0f} times its scatter): "
+                    "the logged effort goes beyond that limit"
+                ]
         known = static.identified and coulomb.identified and 0.0 < coulomb.interval[1] < math.inf
         if not known or static.value <= _MOST_STATIC * coulomb.interval[1]:
             return []

@@ -12,13 +12,16 @@ from sysid.identification.valve_discrete.trials import Piece
 from sysid.types import BoolArray
 
 _FEWEST_ROWS = 10
+# From either end of the pressure, in standard deviations of the noise.
+_AWAY = 5.0
 
 
 def qualities(curves: CurveFit) -> dict[str, FitQuality]:
     """By direction, "fill" and "discharge"; one without a fitted flow is left out.
 
     The scatter is the noise of the pressure sensor. The rows are those that the command
-    assigns to a direction, whatever the pressure does.
+    assigns to a direction, while the measured or the fitted pressure moves: at rest any law
+    that ends at the right pressure is right.
     """
     found = {}
     free = curves.problem.free
@@ -28,7 +31,7 @@ def qualities(curves: CurveFit) -> dict[str, FitQuality]:
     ):
         measured, left, noise = [], [], []
         for i, piece in enumerate(curves.problem.pieces):
-            rows = rows_of(piece)
+            rows = rows_of(piece) & _moving(curves, i)
             measured.append(piece.pressure[rows])
             left.append(-curves.residuals(i)[rows])
             noise.append(np.full(int(rows.sum()), piece.noise))
@@ -46,6 +49,20 @@ def qualities(curves: CurveFit) -> dict[str, FitQuality]:
             lack_of_fit=test,
             scatter=scatter,
         )
+    return found
+
+
+def _moving(curves: CurveFit, index: int) -> BoolArray:
+    """Rows (n,) of a piece that are away from atmosphere and supply, as measured or as fitted."""
+    piece = curves.problem.pieces[index]
+    away = _AWAY * piece.noise
+    ends = (
+        curves.value("atmosphere", index),
+        float(np.mean(piece.chamber.supply)) + curves.value("supply_shift", index),
+    )
+    found = np.zeros(len(piece.pressure), dtype=bool)
+    for values in (piece.pressure, piece.pressure + curves.residuals(index)):
+        found |= np.all([np.abs(values - end) > away for end in ends], axis=0)
     return found
 
 
