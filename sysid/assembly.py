@@ -224,7 +224,8 @@ def _bench_fit(kind: str, trials: list[Trial], rig: Rig) -> _BenchFit:
     fitted = fit_law(component, (), range(len(component.tests)))
     judged = fitted.quality()
     # A missing effect may cause it, which the diagnosis then names from this number.
-    short = [f"{kind}: {judged.shortfall}"] if judged.explains_too_little else []
+    asks = "sysid diagnose names what the law lacks, if the data are right"
+    short = [f"{kind}: {judged.shortfall}; {asks}"] if judged.explains_too_little else []
     return _BenchFit(fitted.part(), notices=tuple(short))
 
 

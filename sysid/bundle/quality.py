@@ -54,6 +54,14 @@ def records_of(found: Mapping[str, FitQuality]) -> dict[str, QualityRecord]:
     return {name: QualityRecord.of(quality) for name, quality in found.items()}
 
 
+def quality_field(found: FitQuality | None, name: str = "") -> dict[str, Any]:
+    """The field of a part that holds a judgement, under `name` where it holds several; {}: none."""
+    if found is None:
+        return {}
+    record = QualityRecord.of(found)
+    return {"quality": {name: record} if name else record}
+
+
 def qualities_in(part: Part | None, path: str = "") -> Iterator[tuple[str, QualityRecord]]:
     """Every judgement in a part of a bundle and below it, by its place, in the file's order.
 
@@ -84,5 +92,6 @@ __all__ = [
     "QualityByName",
     "QualityRecord",
     "qualities_in",
+    "quality_field",
     "records_of",
 ]

@@ -147,9 +147,10 @@ class FitQuality:
         if math.isinf(self.share):
             return f"the {self.signal} does not vary"
         beyond = " beyond its scatter" if self.scatter else ""
+        unit = "" if self.unit == "-" else f" {self.unit}"
         return (
             f"the law explains {100.0 * max(self.r2, 0.0):.0f} % of the {self.signal} "
-            f"(RMSE {self.rmse:.3g} {self.unit}) and misses {100.0 * self.missed:.0f} % of its "
+            f"(RMSE {self.rmse:.3g}{unit}) and misses {100.0 * self.missed:.0f} % of its "
             f"spread{beyond}"
         )
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from sysid import signals
 from sysid.bundle import Bundle, Friction, Parts
-from sysid.bundle.quality import records_of
+from sysid.bundle.quality import quality_field
 from sysid.diagnosis.bench.component import Component, Law, bends, law_held, rmse, smallest_probe
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.linear import Estimate
@@ -195,8 +195,8 @@ class Axis(Component):
                 found.append(bends(left, lag)[near <= 3 * lag * step])
         return rmse(found)
 
-    def part(self, estimates: Mapping[str, Estimate], quality: FitQuality) -> Parts:
-        judged = {"quality": records_of({MOTION: quality})}
+    def part(self, estimates: Mapping[str, Estimate], quality: FitQuality | None = None) -> Parts:
+        judged = quality_field(quality, MOTION)
         return Parts(friction=Friction.model_validate({**estimates, **judged}))
 
     def law_of(self, bundle: Bundle) -> Law:

@@ -78,7 +78,7 @@ class Component(ABC):
         """Regressors that a residual may depend on, by name, the tests end to end."""
 
     @abstractmethod
-    def part(self, estimates: Mapping[str, Estimate], quality: FitQuality) -> Parts:
+    def part(self, estimates: Mapping[str, Estimate], quality: FitQuality | None = None) -> Parts:
         """The law's section of a bundle; `estimates` are those of `parameters`, by name."""
 
     def repeats(self) -> IntArray | None:

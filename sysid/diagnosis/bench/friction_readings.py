@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sysid.bundle import Bundle, Friction, Parts
-from sysid.bundle.quality import records_of
+from sysid.bundle.quality import quality_field
 from sysid.diagnosis.bench.component import Component, Law, law_held, probes, shapes
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.estimation.linear import Estimate
@@ -250,7 +250,7 @@ class FrictionPoints(Component):
         steps = np.diff(left[np.argsort(cells)])
         return math.sqrt(0.5 * float(np.mean(steps**2))) if len(steps) else math.nan
 
-    def part(self, estimates: Mapping[str, Estimate], quality: FitQuality) -> Parts:
+    def part(self, estimates: Mapping[str, Estimate], quality: FitQuality | None = None) -> Parts:
         u = self.units
         units = {u.static: u.effort, u.coulomb: u.effort, u.viscous: u.viscous_unit}
         wanted = "steady motion" if self.is_breakaway else "breakaway"
@@ -258,7 +258,7 @@ class FrictionPoints(Component):
         found = {
             n: estimates.get(n, Estimate.unidentified(unit, reason)) for n, unit in units.items()
         }
-        judged = {"quality": records_of({KIND: quality})}
+        judged = quality_field(quality, KIND)
         return Parts(friction=Friction.model_validate({**found, **judged}))
 
     def law_of(self, bundle: Bundle) -> Law:

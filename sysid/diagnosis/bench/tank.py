@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from sysid.bundle import Bundle, DiscreteLaw, FittedValves, Parts, Valve
-from sysid.bundle.quality import records_of
+from sysid.bundle.quality import quality_field
 from sysid.diagnosis.bench.component import Component, Law, law_held, smallest_probe
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.estimation.linear import Estimate
@@ -166,7 +166,7 @@ class TankComponent(Component):
             "pressure_a_pa": np.concatenate([d.pressure for d in chosen]),
         }
 
-    def part(self, estimates: Mapping[str, Estimate], quality: FitQuality) -> Parts:
+    def part(self, estimates: Mapping[str, Estimate], quality: FitQuality | None = None) -> Parts:
         unasked = Estimate.unidentified(
             "", "a tank's discharge has no flow through an open valve from a supply"
         )
@@ -180,7 +180,7 @@ class TankComponent(Component):
             "c_dis": estimates["c_dis"],
             "choked_flow_fill_kg_s": unasked,
             "choked_flow_dis_kg_s": estimates.get("choked_flow_dis_kg_s", unreached),
-            "quality": records_of({"discharge": quality}),
+            **quality_field(quality, "discharge"),
         }
         return Parts(valves=FittedValves(a=Valve(discrete=DiscreteLaw.model_validate(law))))
 

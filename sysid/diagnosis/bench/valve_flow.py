@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sysid.bundle import Bundle, FittedValves, Parts, Valve
-from sysid.bundle.quality import QualityRecord
+from sysid.bundle.quality import quality_field
 from sysid.bundle.valves import SteadyLaw
 from sysid.diagnosis.bench.component import Component, Law, bends, law_held, probes, rmse
 from sysid.errors import NotIdentifiedError
@@ -199,8 +199,8 @@ class ValveFlow(Component):
             if (way == sign).any()
         }
 
-    def part(self, estimates: Mapping[str, Estimate], quality: FitQuality) -> Parts:
-        law = SteadyLaw(**{PARAMETER: estimates[PARAMETER]}, quality=QualityRecord.of(quality))
+    def part(self, estimates: Mapping[str, Estimate], quality: FitQuality | None = None) -> Parts:
+        law = SteadyLaw.model_validate({PARAMETER: estimates[PARAMETER], **quality_field(quality)})
         return Parts(valves=FittedValves(a=Valve(steady=law)))
 
     def law_of(self, bundle: Bundle) -> Law:

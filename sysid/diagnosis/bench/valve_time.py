@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.bundle import Bundle, FittedValves, Parts, Valve
-from sysid.bundle.quality import QualityRecord
+from sysid.bundle.quality import quality_field
 from sysid.bundle.valves import TimingLaw
 from sysid.diagnosis.bench.component import Component, Law, bends, law_held, probes, rmse
 from sysid.errors import NotIdentifiedError, input_error
@@ -166,12 +166,12 @@ class ValveTime(Component):
                 found[name] = rmse(self.residuals(law, tests)), floor
         return found
 
-    def part(self, estimates: Mapping[str, Estimate], quality: FitQuality) -> Parts:
+    def part(self, estimates: Mapping[str, Estimate], quality: FitQuality | None = None) -> Parts:
         absent = Estimate.unidentified(
             "s", f"no {KIND} test in this direction; a sweep of its duty would identify it"
         )
         times = {name: estimates.get(name, absent) for name in PARAMETERS}
-        law = TimingLaw(**times, quality=QualityRecord.of(quality))
+        law = TimingLaw.model_validate({**times, **quality_field(quality)})
         return Parts(valves=FittedValves(a=Valve(timing=law)))
 
     def law_of(self, bundle: Bundle) -> Law:
