@@ -214,7 +214,11 @@ def _bench_fit(kind: str, trials: list[Trial], rig: Rig) -> _BenchFit:
 
     component = component_of(kind, trials, rig)
     fitted = fit_law(component, (), range(len(component.tests)))
-    return _BenchFit(component.part(fitted.base_estimates()))
+    judged = fitted.quality()
+    # A missing effect may cause it, which the diagnosis then names from this number.
+    asks = "sysid diagnose names what the law lacks, if the data are right"
+    short = [f"{kind}: {judged.shortfall}; {asks}"] if judged.explains_too_little else []
+    return _BenchFit(fitted.part(), notices=tuple(short))
 
 
 @dataclass(frozen=True)

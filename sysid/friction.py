@@ -324,6 +324,8 @@ def _result(
         notices=tuple(fit.notices),
         cutoff_hz=fit.cutoff_hz,
         combinations=chosen.sums,
+        most_effort=_most_effort(fit.rig),
+        motor_limit=math.inf if fit.rig.max_effort is None else fit.rig.max_effort,
     )
 
 
@@ -341,6 +343,17 @@ def _say_what_lacks(fit: _Fit, chosen: _Moving) -> None:
         for use in fit.uses:
             if use.kind == SLIDING and use.used:
                 use.leave_out("such tests identify less than the friction-motion tests here")
+
+
+def _most_effort(rig: Rig) -> float:
+    """What motor, cylinder and gravity can give together, N or Nm; infinite if not declared."""
+    if rig.max_effort is None:
+        return math.inf
+    c, air, pushed = rig.cylinder, rig.air, 0.0
+    if c is not None and air is not None:
+        gauge = air.supply_pressure_pa - air.atmospheric_pressure_pa
+        pushed = gauge * max(c.area_a_m2, c.area_b_m2) * c.pitch_radius_m
+    return rig.max_effort + pushed + abs(rig.gravity_moment())
 
 
 def _compare(

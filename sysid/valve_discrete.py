@@ -18,6 +18,7 @@ import numpy as np
 
 from sysid.errors import InputError, NotIdentifiedError, input_error
 from sysid.estimation.linear import Estimate
+from sysid.estimation.quality import FitQuality
 from sysid.identification.valve_discrete.curve import DELAYS, FLOWS, UNITS, CurveFit, fit_curves
 from sysid.identification.valve_discrete.held_chamber import DiscreteValve
 from sysid.identification.valve_discrete.notices import (
@@ -27,6 +28,7 @@ from sysid.identification.valve_discrete.notices import (
     settled_notices,
     verdicts,
 )
+from sysid.identification.valve_discrete.quality import qualities
 from sysid.identification.valve_discrete.ratio import DISCHARGE, FILL, critical_ratio
 from sysid.identification.valve_discrete.regimes import Stretches, read_stretches
 from sysid.identification.valve_discrete.result import (
@@ -130,6 +132,7 @@ def _fit_valve(
     if all(name in reasons for name in FLOWS):
         raise NotIdentifiedError(f"{title}: {_joined(reasons)}")
     curves = fit_curves(pieces, start, _free(reasons, pieces))
+    judged = _judged(curves, title)
     estimates = _estimates(curves, reasons, title, notices)
     estimates |= _ratios(curves, estimates) if find_ratio else {}
     estimates |= _jumps(curves, estimates, air)
@@ -142,7 +145,19 @@ def _fit_valve(
     notices += misfit_notices(curves, title)
     notices += delay_notices(estimates, title, rig)
     remarks += verdicts(estimates, title)
-    return _result(valve, curves, estimates, read, air)
+    return _result(valve, curves, estimates, read, air, judged)
+
+
+def _judged(curves: CurveFit, title: str) -> dict[str, FitQuality]:
+    """How well the law follows each direction; NotIdentifiedError where it does not."""
+    judged = qualities(curves)
+    wrong = [f"{title}, {q.shortfall}" for q in judged.values() if q.explains_too_little]
+    if wrong:
+        raise NotIdentifiedError(
+            f"{'; '.join(wrong)}: look for a wrong unit or time base, the other chamber's "
+            "pressure, a command that is not this valve's, or a piston that moves"
+        )
+    return judged
 
 
 def _joined(reasons: Mapping[str, str]) -> str:
@@ -270,6 +285,7 @@ def _result(
     estimates: Mapping[str, Estimate],
     read: Sequence[Stretches],
     air: Air,
+    judged: Mapping[str, FitQuality],
 ) -> DiscreteFit:
     pieces = curves.problem.pieces
     measured = np.concatenate([p.pressure for p in pieces])
@@ -292,4 +308,5 @@ def _result(
             PressureCurve(p.label, p.chamber.time, p.pressure, p.pressure + curves.residuals(i))
             for i, p in enumerate(pieces)
         ),
+        quality=judged,
     )

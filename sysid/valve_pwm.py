@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -17,6 +18,7 @@ import numpy as np
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.identification.valve_pwm.averaged import average_of
 from sysid.identification.valve_pwm.coverage import coverage, unseen_regimes
+from sysid.identification.valve_pwm.quality import LOOK, fails, require_sign
 from sysid.identification.valve_pwm.result import (
     DIRECTIONS,
     DirectionFit,
@@ -108,7 +110,9 @@ def fit_valve_pwm(
             unless_missing(measured, (v, direction), measure)
     for key, base in measured.items():
         ties = _ties(base, measured.get((key[0], _OTHER[key[1]])))
-        unless_missing(fits, key, partial(_with_surfaces, base, ties, surface, seed, sweep))
+        unless_missing(
+            fits, key, partial(_with_surfaces, base, ties, surface, seed, sweep, remarks)
+        )
     if not fits:
         raise NotIdentifiedError("; ".join((*missing.values(), *remarks.notices())))
     averaged, unknown = _averaged(fits, rig, seed)
@@ -160,6 +164,7 @@ def _measured(
             f"no usable test; valve-pwm tests from {start}, one constant duty each, piston held, "
             "would identify the surface"
         )
+    require_sign(samples, direction)
     if np.median(np.unique(samples.test, return_counts=True)[1]) < 2:
         few = "most tests are so short that they give one mean flow, at one pressure; record longer"
         raise NotIdentifiedError("; ".join((few, *unseen_regimes(samples, rig))))
@@ -217,7 +222,12 @@ def _travelled(
 
 
 def _with_surfaces(
-    base: DirectionFit, ties: SurfacePoints | None, surface: str, seed: int, sweep: bool
+    base: DirectionFit,
+    ties: SurfacePoints | None,
+    surface: str,
+    seed: int,
+    sweep: bool,
+    remarks: Remarks,
 ) -> DirectionFit:
     """The fit with the requested surfaces, and their errors on the direction's own points."""
     points, samples, own_domain = base.points, base.samples, base.domain
@@ -256,7 +266,27 @@ def _with_surfaces(
             points.flow, points.pressure, points.duty, points.test, domain=own_domain, seed=seed
         )
     content["errors"] = errors
-    return DirectionFit(**content)
+    return _without_failures(DirectionFit(**content), remarks)
+
+
+def _without_failures(fit: DirectionFit, remarks: Remarks) -> DirectionFit:
+    """Without surfaces that explain too little; NotIdentifiedError where none is left."""
+    failed = {
+        name: short
+        for name, errors in fit.errors.items()
+        if (short := fails(errors, fit.points.duty, fit.noise_rmse)) is not None
+    }
+    if failed and len(failed) == len(fit.errors):
+        said = "; ".join(f"{name}: {short}" for name, short in failed.items())
+        raise NotIdentifiedError(f"{said}; {LOOK}")
+    where = f"valve {fit.valve.upper()}, {DIRECTIONS[fit.direction]}"
+    remarks.lines += [f"not identified: {where}, {name}: {short}" for name, short in failed.items()]
+    return replace(
+        fit,
+        errors={name: errors for name, errors in fit.errors.items() if name not in failed},
+        bipolynomial=None if "bipolynomial" in failed else fit.bipolynomial,
+        network=None if "ann" in failed else fit.network,
+    )
 
 
 def _network(domain: Domain, seed: int) -> DutyNetwork:

@@ -260,7 +260,7 @@ def test_every_section_is_there_and_nothing_left_out(made: Made) -> None:
     page = outline(made.html)
     sections = [a["id"] for a in page.of("section")]
     assert sections == [
-        "verdict", "data", "friction", "valves", "surfaces", "validation", "residuals",
+        "verdict", "data", "fits", "friction", "valves", "surfaces", "validation", "residuals",
         "diagnosis", "provenance",
     ]  # fmt: skip
     assert "Left out" not in made.html
@@ -317,7 +317,7 @@ def test_sections_without_their_part_are_left_out_and_said_so(made: Made) -> Non
     bundle = made.bundle.without("friction").replaced(valves=valves)
     html = render_report(campaign=made.campaign, bundle=bundle)
     sections = [a["id"] for a in outline(html).of("section")]
-    assert sections == ["verdict", "data", "valves", "provenance"]
+    assert sections == ["verdict", "data", "fits", "valves", "provenance"]
     assert "Friction: no friction was fitted" in html
     assert "the model was not validated" in html
     assert "Diagnosis: the model was not diagnosed" in html

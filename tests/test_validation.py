@@ -20,14 +20,20 @@ from datasets.generator.rigs import rig_toml
 from datasets.generator.runs import Commands, GeneratedTest, at_atmosphere, simulated
 from sysid.bundle import Bundle, EffectEntry, LogRecord, Parts, read_bundle, write_bundle
 from sysid.bundle.assembled_model import (
-    LAW_KEYS,
     TabulatedSurfaces,
     model_from_bundle,
     parameters_from_bundle,
     surfaces_from_bundle,
 )
 from sysid.bundle.friction import Friction
-from sysid.bundle.valves import AveragedRecord, FittedValves, PwmDirections, PwmSurfaces, Valve
+from sysid.bundle.valves import (
+    LAW_KEYS,
+    AveragedRecord,
+    FittedValves,
+    PwmDirections,
+    PwmSurfaces,
+    Valve,
+)
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import MOTION_KINDS, Campaign, read_campaign

@@ -12,7 +12,7 @@ from sysid.bundle.base import Part
 from sysid.bundle.content import BundleContent
 from sysid.bundle.effects import effect_from_entry
 from sysid.bundle.friction import Friction
-from sysid.bundle.valves import AVERAGED, DIRECTIONS, SURFACE_KINDS, PwmSurfaces
+from sysid.bundle.valves import AVERAGED, DIRECTIONS, LAW_KEYS, SURFACE_KINDS, PwmSurfaces
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.io.channels import SIDES
 from sysid.io.rig import Rig
@@ -41,12 +41,6 @@ _TESTS = {
     "static": "friction-static tests (a torque ramp from rest)",
     "coulomb": "friction-sliding tests (constant torques, at least two levels)",
     "viscous": "friction-sliding tests (constant torques, at least two levels)",
-}
-LAW_KEYS = {
-    "choked_fill": "choked_flow_fill_kg_s",
-    "choked_dis": "choked_flow_dis_kg_s",
-    "c_fill": "c_fill",
-    "c_dis": "c_dis",
 }
 
 
@@ -367,7 +361,6 @@ def first_valve_model(bundle: BundleContent, rig: Rig, parameters: Parameters) -
 
 __all__ = [
     "DISCRETE",
-    "LAW_KEYS",
     "MEAN_FLOW_MODELS",
     "VALVE_MODELS",
     "TabulatedSurfaces",

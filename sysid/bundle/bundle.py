@@ -12,6 +12,8 @@ from sysid.bundle.base import Part
 from sysid.bundle.content import SCHEMA, BundleContent, Parts
 from sysid.bundle.effects import EffectEntry
 from sysid.bundle.provenance import Provenance, family, records
+from sysid.bundle.quality import QualityRecord, qualities_in
+from sysid.display.quality import quality_table
 from sysid.display.tables import Shown, ShownTable, estimate_records, estimate_table
 from sysid.errors import input_error
 from sysid.estimation.linear import Estimate
@@ -77,8 +79,14 @@ class Bundle(Shown, BundleContent):
         ]
 
     def tables(self) -> Iterable[ShownTable]:
-        """The estimates, one table per part."""
-        return (estimate_table(name, found) for name, found in self._estimates().items())
+        """The estimates, one table per part, and how well the laws follow their tests."""
+        yield from (estimate_table(name, found) for name, found in self._estimates().items())
+        yield quality_table({k: q.to_json() for k, q in self.qualities().items()})
+
+    def qualities(self) -> dict[str, QualityRecord]:
+        """How well each fitted law follows its tests, by its place in the bundle."""
+        parts = (("friction", self.friction), ("valves", self.valves))
+        return {k: q for name, part in parts for k, q in qualities_in(part, name)}
 
     def _parts(self) -> dict[str, Part]:
         """Friction and every valve law, by their keys in the file."""

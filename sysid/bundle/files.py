@@ -18,6 +18,7 @@ from pydantic import ValidationError
 
 from sysid.bundle.bundle import Bundle
 from sysid.bundle.content import SCHEMA
+from sysid.bundle.valves import LAW_KEYS
 from sysid.errors import InputError, input_error
 from sysid.io.channels import SIDES
 from sysid.io.files import write_atomic
@@ -25,7 +26,6 @@ from sysid.io.tables import read_bytes
 
 # Of a number that a message quotes.
 _LONGEST = 40
-_FLOWS = ("c_fill", "c_dis", "choked_flow_fill_kg_s", "choked_flow_dis_kg_s")
 SCHEMA_FILE = "bundle.schema.json"
 
 
@@ -72,7 +72,7 @@ def _check_flows(bundle: Bundle, path: Path) -> None:
     """A flow or flow coefficient below 0 would fill a chamber that empties."""
     for side in SIDES:
         law = bundle.valve(side).discrete
-        for key in _FLOWS if law is not None else ():
+        for key in LAW_KEYS.values() if law is not None else ():
             estimate = getattr(law, key)
             if estimate is not None and estimate.identified and estimate.value < 0.0:
                 raise input_error(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pydantic import ConfigDict, Field, JsonValue
 
 from sysid.bundle.base import Absent, Lenient, Number, Part
+from sysid.bundle.quality import QualityByName
 from sysid.estimation.linear import Estimate
 
 
@@ -65,9 +66,9 @@ class Friction(Part):
     """Static, Coulomb and viscous friction (thesis 3.4.1), in Nm and rad or in N and m.
 
     `source` is the kind of test that gave Coulomb and viscous friction, `cross_check` the
-    estimates of the other kind; `rmse_nm` (linear: `rmse_n`) of each fit by kind of test;
-    `trials` the outcome of each test; `combinations` the sums that are identified where their
-    parts are not.
+    estimates of the other kind; `rmse_nm` (linear: `rmse_n`) and `quality` of each fit by kind
+    of test; `trials` the outcome of each test; `combinations` the sums that are identified where
+    their parts are not.
     """
 
     model_config = ConfigDict(
@@ -92,6 +93,7 @@ class Friction(Part):
     source: Lenient[str | None] = None
     rmse_nm: Lenient[dict[str, Number] | None] = None
     rmse_n: Lenient[dict[str, Number] | None] = None
+    quality: QualityByName = None
     explained: Absent[Lenient[dict[str, Number] | None]] = None
     cross_check: Lenient[dict[str, Estimate]] = Field(default_factory=dict)
     combinations: list[Lenient[CombinationRecord]] = Field(default_factory=list)

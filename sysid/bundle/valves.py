@@ -7,19 +7,28 @@ from typing import Annotated, Any, Literal
 from pydantic import ConfigDict, Field, JsonValue
 
 from sysid.bundle.base import Absent, Lenient, Number, Part, Unread
+from sysid.bundle.quality import Quality, QualityByName
 from sysid.estimation.linear import Estimate
 
 Range = Annotated[list[Number], Field(min_length=2, max_length=2)]
 DIRECTIONS = ("fill", "discharge")
 SURFACE_KINDS = ("bipolynomial", "ann")
 AVERAGED = "averaged"
+# The flow parameters of a valve's law: the model's names, and the bundle's keys.
+LAW_KEYS = {
+    "choked_fill": "choked_flow_fill_kg_s",
+    "choked_dis": "choked_flow_dis_kg_s",
+    "c_fill": "c_fill",
+    "c_dis": "c_dis",
+}
 
 
 class DiscreteLaw(Part):
     """The on/off law of one valve (thesis 3.6.6, 3.6.10) with its delays.
 
     `c_fill` in kg/(s Pa^0.5), `c_dis` in kg/(s Pa). The critical ratios and the jumps at the
-    choked boundaries are checks. `noise_pa`, `rmse_pa` and `fit_percent` refer to the curves.
+    choked boundaries are checks. `noise_pa`, `rmse_pa` and `fit_percent` refer to the curves,
+    `quality` to those of one direction ("fill", "discharge").
     """
 
     c_fill: Estimate
@@ -36,6 +45,7 @@ class DiscreteLaw(Part):
     rmse_pa: Lenient[Number | None] = None
     noise_pa: Lenient[Number | None] = None
     fit_percent: Lenient[Number | None] = None
+    quality: QualityByName = None
     tests: Lenient[list[str] | None] = None
 
 
@@ -83,6 +93,7 @@ class Surface(Part):
     constrained: Lenient[bool | None] = None
     training: JsonValue = None
     errors_duty: Lenient[dict[str, DutyErrors]] = Field(default_factory=dict)
+    quality: Quality = None
 
     def errors(self, use: str) -> DutyErrors | None:
         """Its errors in duty on tests that were "fitted" or "held_out"; None where unknown."""
@@ -167,6 +178,7 @@ class AveragedRecord(Part):
     n_tests: Lenient[int | None] = None
     n_samples: Lenient[int | None] = None
     errors_duty: Lenient[dict[str, dict[str, DutyErrors]]] = Field(default_factory=dict)
+    quality: QualityByName = None
 
     def errors(self, direction: str, use: str) -> DutyErrors | None:
         """Its errors in duty in a direction, on "fitted" or "held_out" tests; None if unknown."""
@@ -190,6 +202,7 @@ class SteadyLaw(Part):
     """A valve on a bench whose settled flow was measured over duty."""
 
     full_flow_kg_s: Estimate
+    quality: Quality = None
 
 
 class TimingLaw(Part):
@@ -197,6 +210,7 @@ class TimingLaw(Part):
 
     filling_time_s: Estimate
     emptying_time_s: Estimate
+    quality: Quality = None
 
 
 class Valve(Part):
@@ -258,6 +272,7 @@ class FittedValves(Part):
 __all__ = [
     "AVERAGED",
     "DIRECTIONS",
+    "LAW_KEYS",
     "SURFACE_KINDS",
     "AveragedRecord",
     "DiscreteLaw",

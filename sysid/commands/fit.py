@@ -32,6 +32,7 @@ from sysid.commands.printing import (
     print_json,
     print_written,
     progress,
+    quality_table,
 )
 from sysid.display.terminal import console, new_table
 from sysid.errors import input_error
@@ -276,6 +277,9 @@ def _show(fitted: Fitted, as_json: bool, tables: Tables) -> None:
     out = console()
     for table in tables(fitted):
         out.print(table)
+    judged = fitted.bundle.qualities()
+    if judged:
+        out.print(quality_table(judged))
     if fitted.written is not None:
         print_written([fitted.written])
 

@@ -16,6 +16,9 @@ from rich.table import Table
 from rich.text import Text
 
 from sysid.bundle import Validation
+from sysid.bundle.quality import QualityRecord
+from sysid.display.numbers import ascii_text
+from sysid.display.quality import QUALITY_COLUMNS, quality_cells, quality_name
 from sysid.display.terminal import console, new_table
 from sysid.estimation.linear import Estimate
 from sysid.types import Progress
@@ -64,6 +67,15 @@ def parameter_table(title: str, parameters: Mapping[str, Estimate]) -> Table:
     table = new_table(title, "parameter", "value", "95 % interval", "unit")
     for name, estimate in parameters.items():
         table.add_row(Text(name), *(Text(c) for c in estimate_cells(estimate)))
+    return table
+
+
+def quality_table(found: Mapping[str, QualityRecord]) -> Table:
+    """One row per fitted law: how well it follows its tests, and the verdict."""
+    table = new_table("How well the laws follow their tests", *QUALITY_COLUMNS)
+    for place, one in found.items():
+        cells = (quality_name(place), *quality_cells(one.to_json()))
+        table.add_row(*(Text(ascii_text(cell)) for cell in cells))
     return table
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Any, TypeVar
 
 from sysid.bundle import Bundle, EffectEntry, HeldOutError
-from sysid.bundle.assembled_model import LAW_KEYS, assumed_friction, friction_keys
+from sysid.bundle.assembled_model import assumed_friction, friction_keys
 from sysid.bundle.base import Part
 from sysid.bundle.effects import entry_of
+from sysid.bundle.valves import LAW_KEYS
 from sysid.diagnosis import Diagnosis, diagnose
 from sysid.diagnosis.actuator.result import FoundEffect
 from sysid.diagnosis.bench.diagnose import ComponentDiagnosis, diagnose_component

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from sysid.bundle.assembled_model import LAW_KEYS, friction_keys
+from sysid.bundle.assembled_model import friction_keys
+from sysid.bundle.valves import LAW_KEYS
 from sysid.export.flat import (
     ExportedNumber,
     Flat,

@@ -12,6 +12,7 @@ from sysid.bundle.base import Part
 from sysid.diagnosis.wording import sentence
 from sysid.display.channels import Channel
 from sysid.display.numbers import number, percent
+from sysid.display.quality import quality_name
 from sysid.estimation.linear import Estimate
 from sysid.report.blocks import HtmlTable, table
 from sysid.report.shown_tests import MODEL_NAMES, shown_channels
@@ -66,7 +67,7 @@ def verdict(
 
 
 def _validated(bundle: Bundle, validation: ValidationResult | None) -> ReportVerdict:
-    notes = tuple(_unidentified(bundle))
+    notes = (*_doubtful(bundle), *_unidentified(bundle))
     if validation is None:
         parts = [
             n
@@ -212,6 +213,16 @@ def _positions() -> list[Channel]:
     from sysid.display.channels import ACTUATOR_CHANNELS
 
     return [c for c in ACTUATOR_CHANNELS if not c.key.startswith("pressure")]
+
+
+def _doubtful(bundle: Bundle) -> Iterator[str]:
+    """One line a fit whose law does not follow its own tests, or whose numbers cannot be."""
+    found = bundle.qualities()
+    for place, one in found.items():
+        better = found.get(place.replace(".bipolynomial", ".ann"), one)
+        # A bipolynomial is coarse; with a network that is right, nothing is in doubt.
+        if one.is_doubtful and better.is_doubtful:
+            yield f"{quality_name(place)}: {one.verdict}"
 
 
 def _unidentified(bundle: Bundle) -> Iterator[str]:

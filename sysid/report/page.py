@@ -86,10 +86,14 @@ def _sections(
     tell: Progress,
 ) -> tuple[list[Section], list[str]]:
     """The sections with content, and a line for each that is omitted."""
+    from sysid.report.fits import fits_section
     from sysid.report.provenance import provenance_section
     from sysid.report.quality import quality_section
 
     sections = [quality_section(campaign, checks)]
+    fits = fits_section(bundle)
+    if fits is not None:
+        sections.append(fits)
     left_out: list[str] = []
     for title, lacks, build in parts:
         tell(f"drawing: {title}")

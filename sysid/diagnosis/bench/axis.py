@@ -20,11 +20,13 @@ import numpy as np
 
 from sysid import signals
 from sysid.bundle import Bundle, Friction, Parts
+from sysid.bundle.quality import quality_field
 from sysid.diagnosis.bench.component import Component, Law, bends, law_held, rmse, smallest_probe
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import Parameter
-from sysid.identification.friction.effort import EvenTrial, even_trial, units_of
+from sysid.estimation.quality import FitQuality
+from sysid.identification.friction.effort import MOTION, EvenTrial, even_trial, units_of
 from sysid.identification.friction.motion_samples import default_cutoff, left_out, tells_speeds
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
@@ -129,6 +131,11 @@ class Axis(Component):
                 whole[id(case.point)] = self._residual(case, law)
         return [whole[id(self.cases[i].point)][self.cases[i].rows] for i in tests]
 
+    def measured(self, tests: Sequence[int]) -> list[FloatArray]:
+        """What friction, and an inertia that is not declared, balance."""
+        nothing = Law({p.name: 0.0 for p in self.parameters()})
+        return self.residuals(nothing, tests)
+
     def _residual(self, case: _Test, law: Law) -> FloatArray:
         """Of the whole trial that a stretch belongs to, (n,)."""
         model = self._model(law)
@@ -188,10 +195,11 @@ class Axis(Component):
                 found.append(bends(left, lag)[near <= 3 * lag * step])
         return rmse(found)
 
-    def part(self, estimates: Mapping[str, Estimate]) -> Parts:
+    def part(self, estimates: Mapping[str, Estimate], quality: FitQuality | None = None) -> Parts:
         # What the fit could identify only together the law has as one number.
         sums: dict[str, Any] = {} if self.has_speeds else {"combinations": []}
-        return Parts(friction=Friction.model_validate({**estimates, **sums}))
+        judged = quality_field(quality, MOTION)
+        return Parts(friction=Friction.model_validate({**estimates, **sums, **judged}))
 
     def law_of(self, bundle: Bundle) -> Law:
         u = units_of(self.rig)

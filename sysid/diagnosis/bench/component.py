@@ -15,8 +15,9 @@ from sysid.bundle.base import Part
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import Parameter
+from sysid.estimation.quality import FitQuality
 from sysid.model.effects.entry import CatalogueEffect
-from sysid.types import FloatArray
+from sysid.types import FloatArray, IntArray
 
 Effects = tuple[CatalogueEffect, ...]
 
@@ -39,6 +40,8 @@ class Component(ABC):
     channel: str
     """The predicted channel, in the log format's terms."""
     unit: str
+    has_constant = True
+    """Whether the law has a constant of its own: the signal's spread is about its mean then."""
 
     @property
     @abstractmethod
@@ -59,6 +62,10 @@ class Component(ABC):
     def residuals(self, law: Law, tests: Sequence[int]) -> list[FloatArray]:
         """Measured less modelled, (n,) for each of `tests` (indices), in `unit`."""
 
+    @abstractmethod
+    def measured(self, tests: Sequence[int]) -> list[FloatArray]:
+        """The signal that the law has to follow, (n,) for each of `tests`, in `unit`."""
+
     def residuals_of(self, laws: Sequence[Law], tests: Sequence[int]) -> list[list[FloatArray]]:
         """`residuals` of several laws that differ only in their numbers.
 
@@ -71,8 +78,12 @@ class Component(ABC):
         """Regressors that a residual may depend on, by name, the tests end to end."""
 
     @abstractmethod
-    def part(self, estimates: Mapping[str, Estimate]) -> Parts:
+    def part(self, estimates: Mapping[str, Estimate], quality: FitQuality | None = None) -> Parts:
         """The law's section of a bundle; `estimates` are those of `parameters`, by name."""
+
+    def repeats(self) -> IntArray | None:
+        """Which residuals repeat one another, (n,) of all tests; None where that is not known."""
+        return None
 
     @abstractmethod
     def law_of(self, bundle: Bundle) -> Law:

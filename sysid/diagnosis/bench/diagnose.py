@@ -135,7 +135,7 @@ def diagnose_component(
         unexplained=tuple(structured),
         curves=tuple(left),
         selection=selection,
-        part=component.part(selection.final.base_estimates()),
+        part=selection.final.part(),
         notices=notices,
     )
 

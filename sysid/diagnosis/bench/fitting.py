@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.bundle import Parts
 from sysid.diagnosis.bench.component import Component, Law
 from sysid.diagnosis.bench.starting_points import (
     bounds_of,
@@ -21,6 +22,7 @@ from sysid.estimation.autocovariance import error_model
 from sysid.estimation.covariance import Covariance
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import LeastSquaresFit, Parameter, central_jacobian_of_all, minimise
+from sysid.estimation.quality import FitQuality, repeated_scatter, repeats_test, scatter_test
 from sysid.model.effects.entry import CatalogueEffect, Quantity, with_values
 from sysid.types import FloatArray
 
@@ -60,6 +62,30 @@ class FittedLaw:
         """The law's own parameters by name, likewise."""
         own = self.component.parameters()
         return {p.name: self.fit.estimate(p.name, self._covariance) for p in own}
+
+    def part(self) -> Parts:
+        """The law's section of a bundle, with how well it follows its tests."""
+        return self.component.part(self.base_estimates(), self.quality())
+
+    def quality(self) -> FitQuality:
+        """How well the law, with its effects, follows its tests."""
+        component = self.component
+        residuals = np.concatenate(component.residuals(self.law, self.tests))
+        found = FitQuality.of(
+            component.channel,
+            component.unit,
+            np.concatenate(component.measured(self.tests)),
+            residuals,
+            has_constant=component.has_constant,
+        )
+        cells = component.repeats()
+        if cells is not None and len(cells) == len(residuals):
+            test = repeats_test(residuals, cells, len(self.fit.values))
+            return replace(found, lack_of_fit=test, scatter=repeated_scatter(residuals, cells))
+        floor = component.noise_floor(self.law)
+        if not floor > 0.0:
+            return found
+        return replace(found, lack_of_fit=scatter_test(found.rmse, floor), scatter=floor)
 
     def p_value(self, without: FittedLaw) -> float:
         """p-value of what this fit has beyond `without`: F test of nested models.

@@ -19,10 +19,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sysid.bundle import Bundle, Friction, Parts
+from sysid.bundle.quality import quality_field
 from sysid.diagnosis.bench.component import Component, Law, law_held, probes, shapes
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import Parameter
+from sysid.estimation.quality import FitQuality
 from sysid.identification.friction.effort import Units, units_of
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
@@ -58,6 +60,7 @@ class FrictionPoints(Component):
     torque: FloatArray
     direction: FloatArray
     number: FloatArray
+    has_constant = False
     channel: str = field(default="", init=False)
     unit: str = field(default="", init=False)
 
@@ -217,6 +220,12 @@ class FrictionPoints(Component):
             modelled = self._speed(law, rows)
         return list((self._followed[rows] - modelled).reshape(-1, 1))
 
+    def measured(self, tests: Sequence[int]) -> list[FloatArray]:
+        return list(self._followed[np.asarray(tests, dtype=np.intp)].reshape(-1, 1))
+
+    def repeats(self) -> IntArray:
+        return self._cells
+
     def regressors(self, tests: Sequence[int]) -> dict[str, FloatArray]:
         """What was set for a reading; the residual is of what followed."""
         rows = np.asarray(tests, dtype=np.intp)
@@ -241,7 +250,7 @@ class FrictionPoints(Component):
         steps = np.diff(left[np.argsort(cells)])
         return math.sqrt(0.5 * float(np.mean(steps**2))) if len(steps) else math.nan
 
-    def part(self, estimates: Mapping[str, Estimate]) -> Parts:
+    def part(self, estimates: Mapping[str, Estimate], quality: FitQuality | None = None) -> Parts:
         u = self.units
         units = {u.static: u.effort, u.coulomb: u.effort, u.viscous: u.viscous_unit}
         wanted = "steady motion" if self.is_breakaway else "breakaway"
@@ -249,7 +258,8 @@ class FrictionPoints(Component):
         found = {
             n: estimates.get(n, Estimate.unidentified(unit, reason)) for n, unit in units.items()
         }
-        return Parts(friction=Friction.model_validate(found))
+        judged = quality_field(quality, KIND)
+        return Parts(friction=Friction.model_validate({**found, **judged}))
 
     def law_of(self, bundle: Bundle) -> Law:
         names = [p.name for p in self.parameters()]

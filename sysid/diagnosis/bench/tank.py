@@ -10,14 +10,17 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from sysid.bundle import Bundle, DiscreteLaw, FittedValves, Parts, Valve
+from sysid.bundle.quality import quality_field
 from sysid.diagnosis.bench.component import Component, Law, law_held, smallest_probe
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import Parameter
+from sysid.estimation.quality import FitQuality
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.model import base, plant
@@ -133,6 +136,9 @@ class TankComponent(Component):
             self._left(chosen, model, times, *run) for model, run in zip(models, runs, strict=True)
         ]
 
+    def measured(self, tests: Sequence[int]) -> list[FloatArray]:
+        return [self.discharges[t].pressure for t in tests]
+
     def _left(
         self, chosen: Sequence[Discharge], model: Model, times: FloatArray, *run: FloatArray
     ) -> list[FloatArray]:
@@ -160,7 +166,7 @@ class TankComponent(Component):
             "pressure_a_pa": np.concatenate([d.pressure for d in chosen]),
         }
 
-    def part(self, estimates: Mapping[str, Estimate]) -> Parts:
+    def part(self, estimates: Mapping[str, Estimate], quality: FitQuality | None = None) -> Parts:
         unasked = Estimate.unidentified(
             "", "a tank's discharge has no flow through an open valve from a supply"
         )
@@ -169,11 +175,12 @@ class TankComponent(Component):
             f"no discharge starts above the choked boundary ({self._boundary:.4g} Pa); one from "
             "above it would identify it",
         )
-        law = {
+        law: dict[str, Any] = {
             "c_fill": unasked,
             "c_dis": estimates["c_dis"],
             "choked_flow_fill_kg_s": unasked,
             "choked_flow_dis_kg_s": estimates.get("choked_flow_dis_kg_s", unreached),
+            **quality_field(quality, "discharge"),
         }
         return Parts(valves=FittedValves(a=Valve(discrete=DiscreteLaw.model_validate(law))))
 

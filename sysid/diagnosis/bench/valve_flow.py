@@ -16,11 +16,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sysid.bundle import Bundle, FittedValves, Parts, Valve
+from sysid.bundle.quality import quality_field
 from sysid.bundle.valves import SteadyLaw
 from sysid.diagnosis.bench.component import Component, Law, bends, law_held, probes, rmse
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import Parameter
+from sysid.estimation.quality import FitQuality
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.model import base
@@ -72,6 +74,7 @@ class ValveFlow(Component):
 
     channel = "flow_a_kg_s"
     unit = "kg/s"
+    has_constant = False
 
     @property
     def tests(self) -> tuple[str, ...]:
@@ -159,6 +162,9 @@ class ValveFlow(Component):
         modelled = np.split(self.flow(law, duty, direction), ends)
         return [s.flow - m for s, m in zip(chosen, modelled, strict=True)]
 
+    def measured(self, tests: Sequence[int]) -> list[FloatArray]:
+        return [self.stretches[t].flow for t in tests]
+
     def regressors(self, tests: Sequence[int]) -> dict[str, FloatArray]:
         chosen = [self.stretches[t] for t in tests]
         return {
@@ -193,8 +199,8 @@ class ValveFlow(Component):
             if (way == sign).any()
         }
 
-    def part(self, estimates: Mapping[str, Estimate]) -> Parts:
-        law = SteadyLaw(**{PARAMETER: estimates[PARAMETER]})
+    def part(self, estimates: Mapping[str, Estimate], quality: FitQuality | None = None) -> Parts:
+        law = SteadyLaw.model_validate({PARAMETER: estimates[PARAMETER], **quality_field(quality)})
         return Parts(valves=FittedValves(a=Valve(steady=law)))
 
     def law_of(self, bundle: Bundle) -> Law:

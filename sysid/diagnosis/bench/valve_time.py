@@ -15,11 +15,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.bundle import Bundle, FittedValves, Parts, Valve
+from sysid.bundle.quality import quality_field
 from sysid.bundle.valves import TimingLaw
 from sysid.diagnosis.bench.component import Component, Law, bends, law_held, probes, rmse
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import Parameter
+from sysid.estimation.quality import FitQuality
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.model import base
@@ -139,6 +141,9 @@ class ValveTime(Component):
     def residuals(self, law: Law, tests: Sequence[int]) -> list[FloatArray]:
         return [np.log(self.sweeps[t].seconds) - np.log(self.times(law, t)) for t in tests]
 
+    def measured(self, tests: Sequence[int]) -> list[FloatArray]:
+        return [np.log(self.sweeps[t].seconds) for t in tests]
+
     def regressors(self, tests: Sequence[int]) -> dict[str, FloatArray]:
         chosen = [self.sweeps[t] for t in tests]
         return {
@@ -161,11 +166,12 @@ class ValveTime(Component):
                 found[name] = rmse(self.residuals(law, tests)), floor
         return found
 
-    def part(self, estimates: Mapping[str, Estimate]) -> Parts:
+    def part(self, estimates: Mapping[str, Estimate], quality: FitQuality | None = None) -> Parts:
         absent = Estimate.unidentified(
             "s", f"no {KIND} test in this direction; a sweep of its duty would identify it"
         )
-        law = TimingLaw(**{name: estimates.get(name, absent) for name in PARAMETERS})
+        times = {name: estimates.get(name, absent) for name in PARAMETERS}
+        law = TimingLaw.model_validate({**times, **quality_field(quality)})
         return Parts(valves=FittedValves(a=Valve(timing=law)))
 
     def law_of(self, bundle: Bundle) -> Law:

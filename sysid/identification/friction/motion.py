@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.linear import Estimate, LinearFit, satterthwaite
+from sysid.estimation.quality import FitQuality, runs_test
 from sysid.identification.friction.combinations import (
     Combination,
     Separation,
@@ -35,6 +36,7 @@ from sysid.identification.friction.motion_regression import (
     scaled,
 )
 from sysid.identification.friction.motion_samples import (
+    A_LENGTH,
     COULOMB,
     INERTIA,
     OFFSET,
@@ -79,6 +81,7 @@ class MotionFriction:
     combinations: tuple[Combination, ...] = ()
     both_ways: bool = True
     limits: SlidingLimits | None = None
+    quality: FitQuality | None = None
 
 
 def usable_motion(
@@ -312,6 +315,24 @@ def _finished(
         sums,
         model.shape.both,
         limits,
+        _quality(samples, full, model, units),
+    )
+
+
+def _quality(
+    samples: Sequence[MotionSamples], full: FloatArray, model: _Model, units: Units
+) -> FitQuality:
+    """Of the effort that friction (and an estimated inertia) balances; `full` (4,)."""
+    left = [s.effort - s.regressors @ full for s in samples]
+    known = model.inertia or 0.0
+    # Neighbouring samples share the filter's noise; those a filter's length apart do not.
+    return FitQuality.of(
+        "effort in motion",
+        units.effort,
+        np.concatenate([s.effort - known * s.regressors[:, INERTIA] for s in samples]),
+        np.concatenate(left),
+        has_constant=model.shape.both,
+        lack_of_fit=runs_test([part[::A_LENGTH] for part in left]),
     )
 
 

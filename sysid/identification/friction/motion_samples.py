@@ -22,6 +22,8 @@ from sysid.types import FloatArray
 
 REST_NOISE_TIMES = 5.0
 REST_S = 0.005
+A_LENGTH = 4
+"""Samples that are kept of each length of the filter."""
 _HALVINGS = 6
 _REST_SHARE = 0.5
 # A direction's upper over lower quartile of speed from which a law over speed is identified.
@@ -84,7 +86,7 @@ def motion_samples(trial: EvenTrial, cutoff_hz: float) -> MotionSamples:
     effort = signals.lowpass(
         signals.held_about_rows(trial.motor) + trial.cylinder - trial.gravity, dt, cutoff_hz
     )
-    rows = np.flatnonzero(~left_out(trial, cutoff_hz))[:: max(1, length // 4)]
+    rows = np.flatnonzero(~left_out(trial, cutoff_hz))[:: max(1, length // A_LENGTH)]
     noise = np.array([0.0, speed_noise**2, 0.0, acceleration_noise**2])
     rest_speed = REST_NOISE_TIMES * speed_noise
     return MotionSamples(

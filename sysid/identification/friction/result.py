@@ -10,11 +10,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.bundle import Friction, Parts
+from sysid.bundle.quality import records_of
 from sysid.display.plots import legend, one_axes
+from sysid.display.quality import quality_table
 from sysid.display.tables import Shown, ShownTable, estimate_records, estimate_table
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.linear import Estimate, FTest
 from sysid.estimation.named import NamedEstimates
+from sysid.estimation.quality import LEAST_EXPLAINED, FitQuality
 from sysid.identification.friction.combinations import Combination
 from sysid.identification.friction.effort import (
     KINDS,
@@ -35,9 +38,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 # From there on the numbers describe something else than friction.
-_LEAST_EXPLAINED = 0.5
 _MOST_SCATTER = 0.5
 _MOST_INERTIAL = 0.3
+# Breakaway is at most a few times sliding friction (Stribeck: about twice).
+_MOST_STATIC = 10.0
+# Breakaway that repeats to this share of the motor's limit, at that limit, is the limit.
+_AT_LIMIT = 0.01
 
 
 @dataclass(frozen=True, repr=False)
@@ -50,6 +56,8 @@ class FrictionResult(NamedEstimates, Shown):
     viscous friction come from `source` (the constant-effort tests where these identify them);
     `cross_check` holds the estimates of the other kind of test, `combinations` the sums that
     are identified where their parts are not. `trials` gives the outcome of every test.
+    `most_effort` is what the rig's motor and cylinder can give, `motor_limit` the motor alone,
+    N or Nm.
     """
 
     units: Units
@@ -63,6 +71,8 @@ class FrictionResult(NamedEstimates, Shown):
     notices: tuple[str, ...]
     cutoff_hz: float
     combinations: tuple[Combination, ...] = ()
+    most_effort: float = math.inf
+    motor_limit: float = math.inf
 
     @property
     def rmse(self) -> dict[str, float]:
@@ -105,14 +115,81 @@ class FrictionResult(NamedEstimates, Shown):
         return tuple(lines)
 
     @property
+    def quality(self) -> dict[str, FitQuality]:
+        """How well each kind of test is described, by kind, and what cannot be in its numbers."""
+        fits = {STATIC: self.static, SLIDING: self.sliding, MOTION: self.motion}
+        judged = {k: f.quality for k, f in fits.items() if f is not None}
+        wrong = self._impossible()
+        return {
+            k: quality.with_impossible(wrong.get(k, ()))
+            for k, quality in judged.items()
+            if quality is not None
+        }
+
+    @property
     def impossible(self) -> tuple[str, ...]:
         """What cannot be in the estimates, one line each: the tests then show something else."""
+        return tuple(line for lines in self._impossible().values() for line in lines)
+
+    def _impossible(self) -> dict[str, list[str]]:
+        """The same by the kind of test that says so."""
         u = self.units
-        found = []
-        for name in (u.static, u.coulomb, u.viscous):
+        found: dict[str, list[str]] = {kind: [] for kind in KINDS}
+        for name, kind in ((u.static, STATIC), (u.coulomb, self.source), (u.viscous, self.source)):
             e = self.parameters[name]
             if e.identified and e.interval[1] < 0.0:
-                found.append(f"{name} is {e.value:.3g} {e.unit}, below zero beyond its interval")
+                found[kind].append(
+                    f"{name} is {e.value:.3g} {e.unit}, below zero beyond its interval"
+                )
+            if e.identified and name != u.viscous and e.value > self.most_effort:
+                found[kind].append(
+                    f"{name} is {e.value:.3g} {e.unit}, but motor and cylinder together give at "
+                    f"most {self.most_effort:.3g} {u.effort}"
+                )
+        found[STATIC] += self._start_up()
+        found[SLIDING] += self._unsteady()
+        for kind, part in ((STATIC, self.static), (SLIDING, self.sliding)):
+            judged = None if part is None else part.quality
+            if judged is not None and judged.explains_too_little:
+                found[kind].append(judged.shortfall)
+        found[self.source] += [
+            f"{c.expression} is {c.estimate.value:.3g} {c.estimate.unit}, below zero beyond its "
+            "interval"
+            for c in self.combinations
+            if u.offset not in c.of and c.estimate.interval[1] < 0.0
+        ]
+        # In one direction the effort need not vary with the motion.
+        told = self.motion is not None and self.motion.both_ways
+        if self.motion is not None and told and self.motion.explained < LEAST_EXPLAINED:
+            share = max(100.0 * self.motion.explained, 0.0)
+            found[MOTION].append(
+                f"the law explains {share:.0f} % of the effort in motion "
+                f"(RMSE {self.motion.rmse:.3g} {u.effort})"
+            )
+        return found
+
+    def _start_up(self) -> list[str]:
+        """Breakaway at the motor's limit, or out of all proportion to sliding friction."""
+        u = self.units
+        static, coulomb = self.parameters[u.static], self.parameters[u.coulomb]
+        if self.static is not None and static.identified:
+            scatter = self.static.repeatability
+            off = abs(static.value - self.motor_limit)
+            if max(off, scatter) < _AT_LIMIT * self.motor_limit < math.inf:
+                return [
+                    f"{u.static} is the motor's declared limit, {self.motor_limit:.3g} {u.effort}, "
+                    f"in every test ({static.value / max(scatter, 1e-12):.0f} times its scatter): "
+                    "the logged effort goes beyond that limit"
+                ]
+        known = static.identified and coulomb.identified and 0.0 < coulomb.interval[1] < math.inf
+        if not known or static.value <= _MOST_STATIC * coulomb.interval[1]:
+            return []
+        times = static.value / coulomb.value
+        return [f"{u.static} is {static.value:.3g} {u.effort}, {times:.0f} times {u.coulomb}"]
+
+    def _unsteady(self) -> list[str]:
+        """Constant-effort trials that cannot be: scatter, or inertia, as large as friction."""
+        found = []
         if self.sliding is not None and self.sliding.scatter > _MOST_SCATTER:
             found.append(
                 "friction scatters by "
@@ -124,21 +201,7 @@ class FrictionResult(NamedEstimates, Shown):
                 f"the change of momentum is {100.0 * share:.0f} % of the friction in trials of "
                 "steady speed: the rig file's inertia is too large"
             )
-        found += [
-            f"{c.expression} is {c.estimate.value:.3g} {c.estimate.unit}, below zero beyond its "
-            "interval"
-            for c in self.combinations
-            if u.offset not in c.of and c.estimate.interval[1] < 0.0
-        ]
-        # In one direction the effort need not vary with the motion.
-        told = self.motion is not None and self.motion.both_ways
-        if self.motion is not None and told and self.motion.explained < _LEAST_EXPLAINED:
-            share = max(100.0 * self.motion.explained, 0.0)
-            found.append(
-                f"the law explains {share:.0f} % of the effort in motion "
-                f"(RMSE {self.motion.rmse:.3g} {u.effort})"
-            )
-        return tuple(found)
+        return found
 
     def _inertial_share(self) -> float:
         """Median share of the inertia in the balance of the steady trials, 0 without any."""
@@ -181,6 +244,7 @@ class FrictionResult(NamedEstimates, Shown):
         table["cross_check"] = dict(self.cross_check)
         if self.combinations:
             table["combinations"] = [c.to_json() for c in self.combinations]
+        table["quality"] = records_of(self.quality)
         table["trials"] = [use.to_json() for use in self.trials]
         if self.static is not None:
             table["static_by_position"] = [p.to_json() for p in self.static.by_position]
@@ -218,6 +282,7 @@ class FrictionResult(NamedEstimates, Shown):
         sums = {c.expression: c.estimate for c in self.combinations}
         yield estimate_table("Identified only together", sums)
         yield estimate_table("Cross-check, from motion", self.cross_check)
+        yield quality_table({k: q.to_json() for k, q in self.quality.items()})
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Friction over speed: one point per constant-effort test, one fitted line per direction.

@@ -32,6 +32,13 @@ from sysid.estimation.linear import (
     satterthwaite,
     t_p_value,
 )
+from sysid.estimation.quality import (
+    NOT_TESTABLE,
+    REPEATS,
+    FitQuality,
+    LackOfFit,
+    repeated_scatter,
+)
 from sysid.identification.friction.clusters import Clusters, find_clusters
 from sysid.identification.friction.effort import Units
 from sysid.types import FloatArray
@@ -85,6 +92,7 @@ class SlidingFriction:
     clusters: tuple[Clusters, ...]
     lack_of_fit: FTest | None
     notices: tuple[str, ...]
+    quality: FitQuality | None = None
 
 
 def levels_of(set_effort: FloatArray) -> NDArray[np.intp]:
@@ -196,6 +204,24 @@ def _finished(
         clusters,
         curved,
         _notices(offset, offset_p_value, clusters, curved, units),
+        _quality(points, residual, curved, offset.identified, units),
+    )
+
+
+def _quality(
+    points: SlidingPoints, residual: FloatArray, curved: FTest | None, both: bool, units: Units
+) -> FitQuality:
+    cells = 2 * levels_of(points.set_effort) + (points.direction > 0.0)
+    return FitQuality.of(
+        "friction of the trials",
+        units.effort,
+        points.friction,
+        residual,
+        has_constant=both,
+        lack_of_fit=LackOfFit(REPEATS, curved.statistic, curved.p_value)
+        if curved
+        else NOT_TESTABLE,
+        scatter=repeated_scatter(residual, cells),
     )
 
 

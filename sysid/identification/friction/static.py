@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,7 @@ from sysid.estimation.linear import (
     nested_f_test,
     t_quantile,
 )
+from sysid.estimation.quality import NOT_TESTABLE, REPEATS, FitQuality, LackOfFit
 from sysid.identification.friction.effort import STATIC, EvenTrial, TrialUse, Units
 from sysid.types import FloatArray
 
@@ -86,6 +87,7 @@ class StaticFriction:
     by_direction: dict[str, Estimate]
     tests: dict[str, FTest]
     notices: tuple[str, ...] = ()
+    quality: FitQuality | None = None
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -303,7 +305,22 @@ def static_summary(
     result = StaticFriction(
         mean_estimate(values, unit), repeatability, tuple(by_position), by_direction, tests
     )
-    return _over_places(result, values, unit)
+    judged = _quality(values, cell, repeatability if dof else None, unit)
+    return replace(_over_places(result, values, unit), quality=judged)
+
+
+def _quality(values: FloatArray, cell: FloatArray, scatter: float | None, unit: str) -> FitQuality:
+    """How well one number, the mean, stands for all places and directions."""
+    test = nested_f_test(cell, np.ones((len(values), 1)), values)
+    return FitQuality.of(
+        "breakaway effort",
+        unit,
+        values,
+        values - values.mean(),
+        has_constant=False,
+        lack_of_fit=LackOfFit(REPEATS, test.statistic, test.p_value) if test else NOT_TESTABLE,
+        scatter=scatter,
+    )
 
 
 def _within(design: FloatArray, values: FloatArray) -> tuple[float, int]:

@@ -7,11 +7,14 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from sysid.bundle import DiscreteLaw, FittedValves, Parts, Valve
+from sysid.bundle.quality import records_of
 from sysid.display.numbers import number
 from sysid.display.plots import legend, one_axes, some_axes
+from sysid.display.quality import quality_table
 from sysid.display.tables import Shown, ShownTable, estimate_records, estimate_table
 from sysid.estimation.linear import Estimate
 from sysid.estimation.named import NamedEstimates
+from sysid.estimation.quality import FitQuality
 from sysid.types import FloatArray
 
 if TYPE_CHECKING:
@@ -35,7 +38,8 @@ class DiscreteFit(NamedEstimates, Shown):
     `estimates` by name: the four flow parameters, both delays, both critical ratios, both
     jumps of the law at the choked boundary (percent, unchoked over choked less one).
     `stretches`: the start values, by 3.5.3. `choked_flow_fill_kg_s` holds at `supply` Pa.
-    `rmse`, `noise` Pa; `fit_percent` 100 (1 - NRMSE) over all tests.
+    `rmse`, `noise` Pa; `fit_percent` 100 (1 - NRMSE) over all tests; `quality` by direction,
+    "fill" and "discharge".
     """
 
     valve: str
@@ -46,6 +50,7 @@ class DiscreteFit(NamedEstimates, Shown):
     noise: float
     fit_percent: float
     curves: tuple[PressureCurve, ...] = field(repr=False)
+    quality: Mapping[str, FitQuality] = field(default_factory=dict)
 
     def by_name(self) -> Mapping[str, Estimate]:
         """The estimates."""
@@ -60,8 +65,9 @@ class DiscreteFit(NamedEstimates, Shown):
         return estimate_records(self.estimates, valve=self.valve)
 
     def tables(self) -> Iterable[ShownTable]:
-        """The estimates."""
+        """The estimates, and how well the law follows the tests."""
         yield estimate_table(f"Valve {self.valve.upper()}", self.estimates)
+        yield quality_table({k: q.to_json() for k, q in self.quality.items()})
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Chamber pressure over time, each test as measured and as fitted; returns the axes."""
@@ -84,6 +90,7 @@ class DiscreteFit(NamedEstimates, Shown):
             rmse_pa=self.rmse,
             noise_pa=self.noise,
             fit_percent=self.fit_percent,
+            quality=records_of(self.quality),
             tests=sorted({c.test for c in self.curves}),
         )
 

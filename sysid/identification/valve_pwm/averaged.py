@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from sysid.errors import NotIdentifiedError
-from sysid.identification.valve_pwm.result import DirectionFit, ValveAverage
+from sysid.identification.valve_pwm.quality import LOOK, duty_quality, fails
+from sysid.identification.valve_pwm.result import DIRECTIONS, DirectionFit, ValveAverage
 from sysid.io.rig import Rig
 from sysid.surfaces.averaged_fit import (
     N_PARAMETERS,
@@ -43,7 +44,7 @@ def average_of(
             f"the averaged law: {fit.estimates[unknown[0]].reason}; valve-pwm tests in both "
             "directions at more duties would identify it"
         )
-    errors = {}
+    errors, quality = {}, {}
     for (direction, found), offset in zip(directions.items(), offsets, strict=True):
         points, per_flow = found.points, found.samples.per_flow_of(found.points.test)
         errors[direction] = {"fitted": _judged(_duty(fit, points, per_flow), points)}
@@ -51,7 +52,11 @@ def average_of(
             held = folds, seed
             duties = _held_out_duties(points, flows, fit.conditions, (offset, per_flow), held)
             errors[direction]["held_out"] = _judged(duties, points)
-    return ValveAverage(fit, errors)
+        short = fails(errors[direction], points.duty, found.noise_rmse)
+        if short is not None:
+            raise NotIdentifiedError(f"the averaged law: {DIRECTIONS[direction]}: {short}; {LOOK}")
+        quality[direction] = duty_quality(errors[direction], points.duty, found.noise_rmse)
+    return ValveAverage(fit, errors, quality)
 
 
 def _together(found: Sequence[DirectionFit]) -> tuple[MeanFlows, list[int]]:

@@ -10,9 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.bundle import FittedValves, Parts, PwmSurfaces, Valve
+from sysid.bundle.quality import QualityRecord, records_of
 from sysid.bundle.valves import AVERAGED, AveragedRecord, PwmDirections
 from sysid.display.plots import legend, one_axes, some_axes
-from sysid.display.tables import Shown
+from sysid.display.quality import quality_table
+from sysid.display.tables import Shown, ShownTable
+from sysid.estimation.quality import FitQuality
+from sysid.identification.valve_pwm.quality import duty_quality
 from sysid.identification.valve_pwm.samples import FlowSamples
 from sysid.surfaces.averaged_fit import AveragedFit
 from sysid.surfaces.bipolynomial import Bipolynomial
@@ -62,6 +66,24 @@ class DirectionFit(Shown):
         """The fitted surfaces by name, `bipolynomial` and `ann`."""
         both = {"bipolynomial": self.bipolynomial, "ann": self.network}
         return {name: surface for name, surface in both.items() if surface is not None}
+
+    @property
+    def noise_rmse(self) -> float | None:
+        """RMSE in duty that the noise of the flow alone gives; None where it is not known."""
+        return None if self.comparison is None else self.comparison.noise_rmse
+
+    @property
+    def quality(self) -> dict[str, FitQuality]:
+        """How well each surface follows the tests, by its name."""
+        return {
+            name: duty_quality(errors, self.points.duty, self.noise_rmse)
+            for name, errors in self.errors.items()
+        }
+
+    def tables(self) -> Iterable[ShownTable]:
+        """The surfaces' errors, and how well they follow the tests."""
+        yield from super().tables()
+        yield quality_table({k: q.to_json() for k, q in self.quality.items()})
 
     def headline(self) -> str:
         """Valve, direction and number of tests."""
@@ -128,6 +150,7 @@ class DirectionFit(Shown):
             "rmse_duty": judged.rmse,
             "max_relative_error_duty_percent": judged.max_relative_error_percent,
             "errors_duty": {use: asdict(error) for use, error in found.items()},
+            "quality": QualityRecord.of(self.quality[name]),
         }
 
 
@@ -136,11 +159,12 @@ class ValveAverage:
     """A valve's averaged law, and its errors in duty by direction and use.
 
     Use is "fitted" or "held_out": the latter on the tests that the surfaces' comparison
-    leaves out, fold by fold.
+    leaves out, fold by fold. `quality` by direction.
     """
 
     fit: AveragedFit
     errors: dict[str, dict[str, SurfaceError]]
+    quality: dict[str, FitQuality]
 
     def record(self) -> AveragedRecord:
         """`valves.<v>.pwm.averaged` of a bundle."""
@@ -157,6 +181,7 @@ class ValveAverage:
             n_tests=self.fit.n_tests,
             n_samples=self.fit.n_samples,
             errors_duty=errors,  # type: ignore[arg-type]  # validated to DutyErrors
+            quality=records_of(self.quality),
         )
 
 
@@ -184,6 +209,21 @@ class ValvePwmFit(Shown):
     def records(self) -> list[dict[str, Any]]:
         """One record per valve, direction and surface."""
         return [record for fit in self.fits.values() for record in fit.records()]
+
+    def tables(self) -> Iterable[ShownTable]:
+        """The surfaces' errors, and how well they and the averaged laws follow the tests."""
+        yield from super().tables()
+        surfaces = {
+            f"{v}.{direction}.{name}": quality.to_json()
+            for (v, direction), fit in self.fits.items()
+            for name, quality in fit.quality.items()
+        }
+        averaged = {
+            f"{v}.{AVERAGED}.{direction}": quality.to_json()
+            for v, average in self.averaged.items()
+            for direction, quality in average.quality.items()
+        }
+        yield quality_table(surfaces | averaged)
 
     def plot(self, axes: Axes | Iterable[Axes] | None = None) -> list[Axes]:
         """Mean flow over pressure, one panel per valve and direction; returns the axes."""

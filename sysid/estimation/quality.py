@@ -1,0 +1,274 @@
+"""How well a fitted law follows its signal, and the verdict on it: for every kind of fit.
+
+RMSE, its share of the signal's spread, R2, a test for lack of fit, and a verdict in words
+("good", "usable", "poor: ...", "impossible: ..."). The verdict goes by what the law misses
+*beyond the scatter of the measurement*, where that is known: a true law under noise is never
+called poor for the noise, and a test that finds a tiny misfit significant in many samples does
+not make a fit poor.
+
+The spread is that of the signal about its mean where the law has a constant of its own, and
+about zero where it has none: friction in one direction hardly varies, yet without friction the
+effort would be 0.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sysid.types import FloatArray
+
+LEAST_EXPLAINED = 0.5
+"""Share of a signal's variance that a law has to explain, its scatter apart.
+
+Below it, more is left than explained: the numbers describe something else, and the fit is
+refused. True laws are far above it, and so are laws that lack an effect of the catalogue
+(benchmarks/README.md); nonsense is far below.
+"""
+GOOD_SHARE = 0.1
+"""What a good fit may miss, over the signal's spread: 1 % of the variance. Constant-effort tests
+of healthy rigs repeat to a few per cent, on/off valves are followed to less."""
+USABLE_SHARE = 0.5
+"""What a usable fit may miss: a quarter of the variance. So far a law is a coarse picture of the
+signal, and a right one: the nine terms of the bipolynomial miss up to 0.4 of the duty's spread on
+healthy valves. Beyond it, what is missed is of the size of the law itself."""
+SCATTER_TIMES = 1.3
+"""Up to this many times the scatter, a residual is called scatter: the scatter is an estimate
+itself, and correlated noise hides part of it from a noise floor."""
+SIGNIFICANT = 0.01
+
+REPEATS, SCATTER, RUNS, NONE = "repeats", "scatter", "runs", "none"
+
+
+@dataclass(frozen=True)
+class LackOfFit:
+    """Whether the residual is more than scatter, by one of four methods.
+
+    `repeats`: F test of the law against the means of repeated conditions (pure error).
+    `scatter`: the residual's RMSE over the measurement's own scatter (`statistic`; no p-value).
+    `runs`: Wald and Wolfowitz' test of the residual's signs in their order (`statistic` is
+    normal; negative: too few changes). `none`: no repeats, so not testable.
+    """
+
+    method: str
+    statistic: float | None = None
+    p_value: float | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """The bundle's object; what is not known is left out."""
+        known = {"statistic": self.statistic, "p_value": self.p_value}
+        found = {k: v for k, v in known.items() if v is not None and math.isfinite(v)}
+        return {"method": self.method, **found}
+
+
+NOT_TESTABLE = LackOfFit(NONE)
+
+
+@dataclass(frozen=True)
+class FitQuality:
+    """How well a law follows one signal.
+
+    `signal` says which; `count` samples; `rmse` and `spread` in `unit`. `scatter` is the
+    measurement's own, None where it is not known. `impossible`: what cannot be in the
+    parameters, one line each.
+    """
+
+    signal: str
+    unit: str
+    count: int
+    rmse: float
+    spread: float
+    lack_of_fit: LackOfFit = NOT_TESTABLE
+    scatter: float | None = None
+    impossible: tuple[str, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        signal: str,
+        unit: str,
+        measured: ArrayLike,
+        residuals: ArrayLike,
+        *,
+        has_constant: bool,
+        lack_of_fit: LackOfFit = NOT_TESTABLE,
+        scatter: float | None = None,
+    ) -> FitQuality:
+        """From the measured signal (n,) and what the law leaves of it (n,)."""
+        y, left = np.asarray(measured, dtype=float), np.asarray(residuals, dtype=float)
+        return cls(
+            signal, unit, len(y), root_mean_square(left),
+            spread(y, has_constant), lack_of_fit, scatter,
+        )  # fmt: skip
+
+    @property
+    def share(self) -> float:
+        """RMSE over the signal's spread; infinite for a signal that does not vary."""
+        return self.rmse / self.spread if self.spread > 0.0 else math.inf
+
+    @property
+    def r2(self) -> float:
+        """Share of the signal's variance that the law explains; below 0: worse than none."""
+        return 1.0 - self.share**2
+
+    @property
+    def missed(self) -> float:
+        """What the law misses beyond the scatter, over the signal's spread."""
+        scatter = self.scatter or 0.0
+        if self.rmse <= SCATTER_TIMES * scatter:
+            return 0.0
+        return math.sqrt(self.rmse**2 - scatter**2) / self.spread if self.spread else math.inf
+
+    @property
+    def explains_too_little(self) -> bool:
+        """Whether less than `LEAST_EXPLAINED` of the signal is explained, its scatter apart."""
+        return not 1.0 - self.missed**2 >= LEAST_EXPLAINED
+
+    @property
+    def verdict(self) -> str:
+        """ "good", "usable", "poor: ..." or "impossible: ..."."""
+        if self.impossible:
+            return f"impossible: {'; '.join(self.impossible)}"
+        if self.missed <= GOOD_SHARE:
+            noisy = self.r2 < LEAST_EXPLAINED
+            return "poor: the scatter is as large as the signal" if noisy else "good"
+        if self.missed <= USABLE_SHARE:
+            return "usable"
+        return f"poor: {self.shortfall}"
+
+    @property
+    def shortfall(self) -> str:
+        """What the law leaves of the signal, in words."""
+        if math.isinf(self.share):
+            return f"the {self.signal} does not vary"
+        beyond = " beyond its scatter" if self.scatter else ""
+        unit = "" if self.unit == "-" else f" {self.unit}"
+        return (
+            f"the law explains {100.0 * max(self.r2, 0.0):.0f} % of the {self.signal} "
+            f"(RMSE {self.rmse:.3g}{unit}) and misses {100.0 * self.missed:.0f} % of its "
+            f"spread{beyond}"
+        )
+
+    def with_impossible(self, lines: Sequence[str]) -> FitQuality:
+        """The same, of parameters that cannot be."""
+        return replace(self, impossible=tuple(lines))
+
+    def to_json(self) -> dict[str, Any]:
+        """The object of a bundle: numbers that are not finite become null."""
+        return {
+            "signal": self.signal,
+            "unit": self.unit,
+            "samples": self.count,
+            "rmse": _finite(self.rmse),
+            "rmse_share": _finite(self.share),
+            "r2": _finite(self.r2),
+            "scatter": None if self.scatter is None else _finite(self.scatter),
+            "lack_of_fit": self.lack_of_fit.to_json(),
+            "verdict": self.verdict,
+        }
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def root_mean_square(values: FloatArray) -> float:
+    """RMS of values (n,), NaN without any."""
+    return math.sqrt(float(np.mean(values**2))) if len(values) else math.nan
+
+
+def spread(values: FloatArray, has_constant: bool) -> float:
+    """RMS of a signal (n,) about its mean, or about zero where the law has no constant."""
+    return root_mean_square(values - (np.mean(values) if has_constant else 0.0))
+
+
+def repeats_test(residuals: FloatArray, cells: ArrayLike, parameters: int) -> LackOfFit:
+    """F test of residuals (n,) against pure error; `cells` (n,) numbers repeated conditions.
+
+    Not testable without repeats, or with no more conditions than `parameters`.
+    """
+    from scipy.special import fdtrc
+
+    _, place, count = np.unique(cells, return_inverse=True, return_counts=True)
+    more, left = len(count) - parameters, len(residuals) - len(count)
+    if more < 1 or left < 1:
+        return NOT_TESTABLE
+    means = np.bincount(place, residuals) / count
+    pure = float(np.sum((residuals - means[place]) ** 2))
+    if not pure > 0.0:
+        return NOT_TESTABLE
+    f = float(count @ means**2) / more / (pure / left)
+    return LackOfFit(REPEATS, f, float(fdtrc(more, left, max(f, 0.0))))
+
+
+def repeated_scatter(residuals: FloatArray, cells: ArrayLike) -> float | None:
+    """Standard deviation of residuals (n,) within repeated conditions (n,); None without any."""
+    _, place, count = np.unique(cells, return_inverse=True, return_counts=True)
+    dof = len(residuals) - len(count)
+    if dof < 1:
+        return None
+    means = np.bincount(place, residuals) / count
+    return math.sqrt(float(np.sum((residuals - means[place]) ** 2)) / dof)
+
+
+def scatter_test(rmse: float, scatter: float) -> LackOfFit:
+    """The residual over the measurement's scatter; not testable where that is not known."""
+    if not scatter > 0.0 or not math.isfinite(rmse / scatter):
+        return NOT_TESTABLE
+    return LackOfFit(SCATTER, rmse / scatter)
+
+
+def runs_test(residuals: Sequence[NDArray[np.float64]]) -> LackOfFit:
+    """Runs of equal sign in several series of residuals, pooled (Wald and Wolfowitz 1940)."""
+    from scipy.special import ndtr
+
+    gap = variance = 0.0
+    for series in residuals:
+        up = series > 0.0
+        n, a = len(up), float(np.count_nonzero(up))
+        b = n - a
+        if a < 1.0 or b < 1.0 or n < 3:
+            continue
+        expected = 1.0 + 2.0 * a * b / n
+        gap += 1.0 + float(np.count_nonzero(up[1:] != up[:-1])) - expected
+        variance += (expected - 1.0) * (expected - 2.0) / (n - 1.0)
+    if not variance > 0.0:
+        return NOT_TESTABLE
+    z = gap / math.sqrt(variance)
+    return LackOfFit(RUNS, z, float(2.0 * ndtr(-abs(z))))
+
+
+def lack_of_fit_text(found: Mapping[str, Any]) -> str:
+    """A bundle's `lack_of_fit` in words."""
+    statistic, p_value = found.get("statistic"), found.get("p_value")
+    if found.get("method") == SCATTER and statistic is not None:
+        return f"residual {statistic:.3g} times the scatter"
+    if statistic is None or p_value is None:
+        return "no repeats, so not testable"
+    seen = "significant" if p_value < SIGNIFICANT else "none"
+    p = f"p = {p_value:.2g}" if p_value >= 1e-20 else "p < 1e-20"
+    name = "repeats" if found.get("method") == REPEATS else "runs"
+    return f"{seen} ({name}, {p})"
+
+
+__all__ = [
+    "GOOD_SHARE",
+    "LEAST_EXPLAINED",
+    "NOT_TESTABLE",
+    "SCATTER_TIMES",
+    "USABLE_SHARE",
+    "FitQuality",
+    "LackOfFit",
+    "lack_of_fit_text",
+    "repeated_scatter",
+    "repeats_test",
+    "root_mean_square",
+    "runs_test",
+    "scatter_test",
+    "spread",
+]

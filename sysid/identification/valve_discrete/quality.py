@@ -1,0 +1,85 @@
+"""How well an on/off law follows the pressure while the chamber fills, and while it empties."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from sysid.estimation.quality import FitQuality, root_mean_square, scatter_test
+from sysid.identification.valve_discrete.curve import FLOWS, CurveFit
+from sysid.identification.valve_discrete.trials import Piece
+from sysid.types import BoolArray
+
+_FEWEST_ROWS = 10
+# From either end of the pressure, in standard deviations of the noise.
+_AWAY = 5.0
+
+
+def qualities(curves: CurveFit) -> dict[str, FitQuality]:
+    """By direction, "fill" and "discharge"; one without a fitted flow is left out.
+
+    The scatter is the noise of the pressure sensor. The rows are those that the command
+    assigns to a direction, while the measured or the fitted pressure moves: at rest any law
+    that ends at the right pressure is right.
+    """
+    found = {}
+    free = curves.problem.free
+    for direction, what, names, rows_of in (
+        ("fill", "filling", FLOWS[:2], _filling),
+        ("discharge", "discharging", FLOWS[2:], _emptying),
+    ):
+        measured, left, noise = [], [], []
+        for i, piece in enumerate(curves.problem.pieces):
+            rows = rows_of(piece) & _moving(curves, i)
+            measured.append(piece.pressure[rows])
+            left.append(-curves.residuals(i)[rows])
+            noise.append(np.full(int(rows.sum()), piece.noise))
+        residuals = np.concatenate(left)
+        if len(residuals) < _FEWEST_ROWS or not set(names) & set(free):
+            continue
+        scatter = root_mean_square(np.concatenate(noise))
+        test = scatter_test(root_mean_square(residuals), scatter)
+        found[direction] = FitQuality.of(
+            f"pressure while {what}",
+            "Pa",
+            np.concatenate(measured),
+            residuals,
+            has_constant=True,
+            lack_of_fit=test,
+            scatter=scatter,
+        )
+    return found
+
+
+def _moving(curves: CurveFit, index: int) -> BoolArray:
+    """Rows (n,) of a piece that are away from atmosphere and supply, as measured or as fitted."""
+    piece = curves.problem.pieces[index]
+    away = _AWAY * piece.noise
+    ends = (
+        curves.value("atmosphere", index),
+        float(np.mean(piece.chamber.supply)) + curves.value("supply_shift", index),
+    )
+    found = np.zeros(len(piece.pressure), dtype=bool)
+    for values in (piece.pressure, piece.pressure + curves.residuals(index)):
+        found |= np.all([np.abs(values - end) > away for end in ends], axis=0)
+    return found
+
+
+def _filling(piece: Piece) -> BoolArray:
+    """Rows (n,) in which the valve is commanded on."""
+    c = piece.chamber
+    rows = np.zeros(len(c.time), dtype=bool)
+    for opened, closed in zip(c.opens, c.closes, strict=True):
+        rows |= (c.time >= opened) & (c.time < closed)
+    return rows
+
+
+def _emptying(piece: Piece) -> BoolArray:
+    """Rows (n,) after the valve was switched off; all of a piece in which it never is on."""
+    c = piece.chamber
+    first = float(c.closes[0]) if len(c.closes) else -math.inf
+    return np.asarray((c.time >= first) & ~_filling(piece))
+
+
+__all__ = ["qualities"]

@@ -1,0 +1,37 @@
+"""How well each fitted law follows its own tests, and the verdict on it."""
+
+from __future__ import annotations
+
+from sysid.bundle import Bundle
+from sysid.display.numbers import unit
+from sysid.display.quality import QUALITY_COLUMNS, quality_cells, quality_name
+from sysid.estimation.quality import GOOD_SHARE, LEAST_EXPLAINED, USABLE_SHARE
+from sysid.report.blocks import Section, table
+
+
+def fits_section(bundle: Bundle) -> Section | None:
+    """From the judgements in the bundle; None where it holds none (an older file)."""
+    judged = bundle.qualities()
+    if not judged:
+        return None
+    rows = [
+        (quality_name(place), cells[0], unit(cells[1]), *cells[2:])
+        for place, one in judged.items()
+        for cells in [quality_cells(one.to_json())]
+    ]
+    intro = (
+        "Each law against the tests that it was fitted to (PWM: tests left out of the fit, where "
+        "there are enough). The verdict goes by what the law misses of the signal's spread beyond "
+        f"the scatter of the measurement: good up to {100 * GOOD_SHARE:.0f} %, usable up to "
+        f"{100 * USABLE_SHARE:.0f} %, else poor. A law that explains less than "
+        f"{100 * LEAST_EXPLAINED:.0f} % of the signal's variance, or whose numbers cannot be, is "
+        "no result.",
+        "Lack of fit is an F test against repeats where conditions were repeated, else the "
+        "residual over the measurement's known scatter, else a test of the residual's runs. A "
+        "significant one shows that the law lacks something, which may be small.",
+    )
+    blocks = (table("Fits", QUALITY_COLUMNS, rows, text=(2, 5, 6)),)
+    return Section("fits", "How well the laws follow their tests", intro, blocks)
+
+
+__all__ = ["fits_section"]
