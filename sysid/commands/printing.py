@@ -17,6 +17,7 @@ from rich.text import Text
 
 from sysid.bundle import Validation
 from sysid.display.terminal import console, new_table
+from sysid.errors import one_line
 from sysid.estimation.linear import Estimate
 from sysid.types import Progress
 
@@ -25,7 +26,7 @@ def notices(lines: Iterable[str]) -> None:
     """Each notice once, on standard error."""
     error = Console(stderr=True, soft_wrap=True, highlight=False)
     for line in dict.fromkeys(lines):
-        error.print(Text(f"sysid: notice: {line}"))
+        error.print(Text(f"sysid: notice: {one_line(line)}"))
 
 
 def progress(doing: str = "") -> Progress:

@@ -8,6 +8,7 @@ checked and written. The options of the command line may also be given in a TOML
 from __future__ import annotations
 
 import hashlib
+import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid.errors import InputError, input_error
+from sysid.errors import InputError, input_error, one_line, shortened
 from sysid.io.foreign import ForeignTable, read_foreign
 from sysid.io.foreign.recipe import Recipe, extended, kept_rows, read_recipe
 from sysid.io.reshaping import Reshaping, read_trim, reshaped
@@ -23,8 +24,10 @@ from sysid.io.rig import nearest_rig_file, read_rig
 from sysid.io.tables import FOREIGN_SUFFIXES, read_bytes, write_table
 from sysid.io.units import (
     CANONICAL_UNITS,
+    LARGEST,
     TEST_COLUMN,
     ColumnMap,
+    check_size,
     find_column,
     to_si,
 )
@@ -141,7 +144,9 @@ def convert(
     frame = reshaped(_joined(frames, paths), how, ", ".join(map(str, paths)))
     if unmapped:
         more = " ..." if len(unmapped) > 30 else ""
-        notices.append(f"left out, not mapped: {', '.join(list(unmapped)[:30])}{more}")
+        notices.append(
+            f"left out, not mapped: {', '.join(map(shortened, list(unmapped)[:30]))}{more}"
+        )
     _write(frame, output, sources, recipe, how)
     return ConversionReport(
         output=str(output),
@@ -151,7 +156,7 @@ def convert(
         tests=tuple(dict.fromkeys(map(str, frame[TEST_COLUMN]))) if TEST_COLUMN in frame else (),
         maps=tuple(str(entry) for entry in recipe.maps.values()),
         unmapped=tuple(unmapped),
-        notices=tuple(notices),
+        notices=tuple(map(one_line, notices)),
     )
 
 
@@ -254,7 +259,9 @@ def _convert_table(table: ForeignTable, recipe: Recipe, label: str | None) -> pd
         else:
             readings = table.numbers(name, target)
             stamped = name in table.stamped
-            columns[target] = to_si(readings, entry, recipe.atmosphere_pa, stamped=stamped)
+            values = to_si(readings, entry, recipe.atmosphere_pa, stamped=stamped)
+            largest = LARGEST if target == "time_s" else sys.float_info.max
+            columns[target] = check_size(str(table.path), target, values, largest)
     rows = next(iter(lengths.values()))
     if "time_s" in columns and recipe.period_s is not None:
         raise input_error(table.path, "has a time_s column of its own", "omit --period")

@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.errors import InputError, input_error
+from sysid.errors import InputError, input_error, one_line, shortened
 from sysid.io import plausibility
 from sysid.io.channels import CHAMBER_PRESSURES, PRESSURES, VALVE_COMMANDS
 from sysid.io.rig import Rig
 from sysid.io.samples import Log, Trial, with_channels
 from sysid.io.tables import LogTable, read_table
-from sysid.io.units import CANONICAL_UNITS, ColumnMap, find_column, has_column, to_si
+from sysid.io.units import CANONICAL_UNITS, ColumnMap, check_size, find_column, has_column, to_si
 from sysid.types import FloatArray
 
 # For kinds of test that the log format leaves open; in other logs a lab's own columns.
@@ -28,6 +28,8 @@ _SELDOM_NEEDED = (
     "pwm_period_s",
     "pump_volts",
 )
+# Of unknown columns, by name.
+_LISTED = 30
 # Consecutive rows of a second sampling period from which a test counts as mixed.
 _MIXED_RUN = 10
 _MIXED_DEVIATION = 0.25
@@ -84,7 +86,7 @@ def read_log(
     _check_time(reading, groups)
     _check_tests(reading, groups)
     trials = tuple(_trial(reading, label, rows) for label, rows in groups)
-    return Log(path, table.sha256, trials, tuple(reading.notices), rig)
+    return Log(path, table.sha256, trials, tuple(map(one_line, reading.notices)), rig)
 
 
 def _take_columns(reading: _Reading, maps: Mapping[str, ColumnMap]) -> None:
@@ -108,11 +110,14 @@ def _take_columns(reading: _Reading, maps: Mapping[str, ColumnMap]) -> None:
         if target != "test":
             column = sources[target]
             stamped = table.is_stamped(column)
-            reading.columns[target] = to_si(table.numbers(column), entry, ambient, stamped=stamped)
+            values = to_si(table.numbers(column), entry, ambient, stamped=stamped)
+            reading.columns[target] = check_size(reading.where, target, values)
             reading.origin[target] = sources[target]
     unknown = [n for n in table.header if n not in known and n not in used]
     if unknown:
-        reading.notices.append(f"{reading.where}: ignored, unknown: {', '.join(unknown)}")
+        more = f" and {len(unknown) - _LISTED} more" if len(unknown) > _LISTED else ""
+        listed = ", ".join(map(shortened, unknown[:_LISTED]))
+        reading.notices.append(f"{reading.where}: ignored, unknown: {listed}{more}")
     if len(table.frame) < 2:
         raise input_error(reading.where, "holds one row only", "a test needs at least two samples")
 
@@ -120,7 +125,7 @@ def _take_columns(reading: _Reading, maps: Mapping[str, ColumnMap]) -> None:
 def _take(reading: _Reading, name: str) -> None:
     """A column by its own name; one that only few kinds of test need may be unusable."""
     try:
-        reading.columns[name] = reading.table.numbers(name)
+        reading.columns[name] = check_size(reading.where, name, reading.table.numbers(name))
     except InputError as error:
         if name not in _SELDOM_NEEDED:
             raise

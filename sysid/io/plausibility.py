@@ -27,6 +27,7 @@ PRESSURE_UNITS = {
 }
 _LEAST_SPREAD_PA = 50.0
 _SLOWEST_S = 0.25
+_SHORTEST_S = 1e-7
 _LEAST_ROWS = 200
 _LEAST_FOR_SPIKES = 50
 _MOST_SPIKES = 3
@@ -214,6 +215,12 @@ def check_fraction(where: str, target: str, column: str, values: FloatArray) -> 
 
 def check_sampling(where: str, column: str, period: float, rig: Rig) -> str | None:
     """Sampling period (s) against the rig's: raises on a wrong unit, else a notice or None."""
+    if period < _SHORTEST_S:
+        raise input_error(
+            where,
+            f"time_s advances by {period:.4g} s per row, less than {_SHORTEST_S:g} s",
+            _mapping("time_s", column, "ms"),
+        )
     if rig.sampling is None:
         return None
     ratio = period / rig.sampling.period_s

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.errors import InputError, input_error
+from sysid.errors import InputError, input_error, shortened
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -83,7 +84,7 @@ class ForeignTable:
     def describe(self) -> str:
         """The columns, each with its length and first value, for a message."""
         parts = [
-            f"{name} ({len(values)} values, first {_shown(values[0])})"
+            f"{shortened(name)} ({len(values)} values, first {_shown(values[0])})"
             for name, values in list(self.columns.items())[:_LISTED]
         ]
         more = len(self.columns) - _LISTED
@@ -169,7 +170,11 @@ def _shown(value: Any) -> str:
     if isinstance(value, float | np.floating):
         return f"{value:.6g}"
     text = str(value)
-    return repr(text if len(text) <= 24 else text[:24] + "...") if isinstance(value, str) else text
+    return (
+        repr(text if len(text) <= 24 else text[:24] + "...")
+        if isinstance(value, str)
+        else (shortened(text))
+    )
 
 
 def damaged(path: Path, what: str, error: BaseException | str) -> InputError:
@@ -186,10 +191,15 @@ def take_names(table: ForeignTable, names: Sequence[str] | None, columns: Iterab
     Columns that share a name are known by their numbers only.
     """
     named: Mapping[int, str] = dict(enumerate(names or ()))
-    doubled = {n for n in named.values() if n and list(named.values()).count(n) > 1}
+    counts = Counter(named.values())
+    doubled = {n for n, count in counts.items() if n and count > 1}
     for index, values in enumerate(columns):
         name = named.get(index, "")
         table.columns[name if name and name not in doubled else f"#{index + 1}"] = values
-    for name in sorted(doubled):
-        numbers = [f"#{i + 1}" for i, n in named.items() if n == name]
-        table.skipped[name] = f"it names {' and '.join(numbers)}"
+    numbers: dict[str, list[str]] = {name: [] for name in sorted(doubled)}
+    for index, name in named.items():
+        if name in doubled:
+            numbers[name].append(f"#{index + 1}")
+    for name, its in numbers.items():
+        more = " ..." if len(its) > _LISTED else ""
+        table.skipped[name] = f"it names {' and '.join(its[:_LISTED])}{more}"
