@@ -148,7 +148,7 @@ def mutate_bytes(draw: random.Random, data: bytes) -> bytes:
 def mutate_csv(draw: random.Random, frame: pd.DataFrame) -> bytes:
     """Cells, rows, columns, headers, delimiters of the table's text."""
     lines = _csv(frame).decode().split("\n")
-    rows = [line.split(",") for line in lines if line]
+    rows = [line.split(",") for line in lines if line] or [[""]]
     for _ in range(draw.choice((1, 1, 2, 3))):
         _change_rows(draw, rows)
     separator = "," if draw.random() < 0.9 else draw.choice((";", "\t", " ", "|"))
@@ -167,6 +167,8 @@ def mutate_values(draw: random.Random, frame: pd.DataFrame) -> pd.DataFrame:
     for _ in range(draw.choice((1, 1, 2, 3))):
         name = draw.choice([n for n in changed.columns if n != "test"])
         values = changed[name].to_numpy(float).copy()
+        if not len(values):
+            return frame.head(2)
         match draw.randrange(13):
             case 0:
                 values = values * draw.choice((-1.0, 0.5, 2.0, 10.0, 0.1, 1e3, 1e-3, 1e-6, 1e-12))
@@ -209,7 +211,7 @@ def mutate_values(draw: random.Random, frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def _change_rows(draw: random.Random, rows: list[list[str]]) -> None:
-    width = max(map(len, rows), default=1)
+    width = max(1, *map(len, rows))
     row, column = draw.randrange(len(rows)), draw.randrange(width)
     whole = range(1, len(rows))
     match draw.randrange(12):

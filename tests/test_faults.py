@@ -12,6 +12,7 @@ import numpy as np
 import openpyxl
 import pandas as pd
 import pytest
+from golden_folder import golden_bundle
 from rich.text import Text
 
 from sysid.commands.app import main
@@ -275,3 +276,42 @@ def test_a_rig_without_inertia_has_no_mismatch_of_it() -> None:
         rig = rig_from_content(content | section, "rig.toml")
         kinds = axis.axis([trial], rig).effects(catalogue())
         assert (InertiaMismatch in kinds) is suspected
+
+
+def put(content: object, path: str, value: object) -> None:
+    *parents, last = path.split(".")
+    for key in parents:
+        content = content[int(key)] if isinstance(content, list) else content[key]  # type: ignore[index]
+    content[last] = value  # type: ignore[index]
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        ("valves.a.pwm.fill.ann.scaling.duty", ["NaN", 1.0]),
+        ("valves.a.pwm.fill.ann.scaling.duty", 1.0),
+        ("valves.a.pwm.fill.bipolynomial.scaling.duty", ["NaN", 1.0]),
+        ("valves.a.discrete.on_delay_s.std", {"value": 1}),
+        ("valves.a.discrete.on_delay_s.value", "NaN"),
+        ("friction.coulomb_nm.interval", [1.0]),
+        ("friction.coulomb_nm.unit", 3),
+    ],
+)
+def test_text_in_place_of_a_bundles_numbers(path: str, value: object, tmp_path: Path) -> None:
+    content = json.loads(golden_bundle("diagnosed").read_text())
+    put(content, path, value)
+    (tmp_path / "b.json").write_text(json.dumps(content))
+    for form, file in (("json", "m.json"), ("c", "m.h"), ("mat", "m.mat")):
+        words = ["export", str(tmp_path / "b.json"), "--format", form]
+        assert main([*words, "-o", str(tmp_path / file)]) == 2
+
+
+def test_a_bundle_without_units_is_exported(tmp_path: Path) -> None:
+    """They are for readers: without them the numbers are what they are."""
+    content = json.loads(golden_bundle("friction_partial").read_text())
+    for estimate in content["friction"].values():
+        if isinstance(estimate, dict):
+            estimate.pop("unit", None)
+    (tmp_path / "b.json").write_text(json.dumps(content))
+    words = ["export", str(tmp_path / "b.json"), "--format", "json", "-o", str(tmp_path / "m.json")]
+    assert main(words) in (0, 2)

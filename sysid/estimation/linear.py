@@ -59,17 +59,22 @@ class Estimate:
         """What a file's object says; ValueError for what is none."""
         if not isinstance(content, Mapping) or "value" not in content:
             raise ValueError("is not an object with a value")
-        value, std = content["value"], content.get("std")
-        unit = str(content.get("unit", ""))
+        value, unit = content["value"], content.get("unit", "")
+        if not isinstance(unit, str):
+            raise ValueError("has a unit that is not text")
         if value is None:
             made = cls.unidentified(unit, str(content.get("reason", "")))
         else:
-            low, high = content.get("interval", (math.nan, math.nan))
-            limits = (
-                -math.inf if low is None else float(low),
-                math.inf if high is None else float(high),
+            limits = content.get("interval", (math.nan, math.nan))
+            if not isinstance(limits, list | tuple) or len(limits) != 2:
+                raise ValueError("has an interval that is not two limits")
+            low, high = limits
+            made = cls(
+                _number(value),
+                _number(content.get("std"), math.nan),
+                unit,
+                (_number(low, -math.inf), _number(high, math.inf)),
             )
-            made = cls(float(value), math.nan if std is None else float(std), unit, limits)
         object.__setattr__(made, "_written", content)
         return made
 
@@ -113,6 +118,15 @@ class Estimate:
     @classmethod
     def __get_pydantic_json_schema__(cls, source: Any, handler: Any) -> dict[str, Any]:
         return {"x-ref": "parameter"}
+
+
+def _number(value: Any, absent: float | None = None) -> float:
+    """A file's number; `absent` where it is null. ValueError for text and the like."""
+    if value is None and absent is not None:
+        return absent
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ValueError("holds what is not a number")
+    return float(value)
 
 
 def _finite(value: float) -> float | None:

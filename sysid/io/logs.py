@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from sysid.errors import InputError, input_error, one_line, shortened
 from sysid.io import plausibility
 from sysid.io.channels import CHAMBER_PRESSURES, PRESSURES, VALVE_COMMANDS
+from sysid.io.reshaping import measured_period
 from sysid.io.rig import Rig
 from sysid.io.samples import Log, Trial, with_channels
 from sysid.io.tables import LogTable, read_table
@@ -33,6 +34,8 @@ _LISTED = 30
 # Consecutive rows of a second sampling period from which a test counts as mixed.
 _MIXED_RUN = 10
 _MIXED_DEVIATION = 0.25
+# Times its median that a period may drift; a recorder's next rate is twice or half.
+_DRIFT = 1.95
 # Of the motor's limit: no controller saturates a command by so much.
 _FAR_BEYOND = 3.0
 
@@ -282,7 +285,7 @@ def smallest_step(values: FloatArray) -> float | None:
 
 def _check_time(reading: _Reading, groups: list[tuple[str, NDArray[np.int64] | slice]]) -> None:
     time = reading.columns["time_s"]
-    periods = []
+    periods, every = [], []
     for label, rows in groups:
         steps = np.diff(time[rows])
         name = f" of test {label}" if label else ""
@@ -296,13 +299,16 @@ def _check_time(reading: _Reading, groups: list[tuple[str, NDArray[np.int64] | s
         if bad.size:
             raise _time_error(reading, rows, int(bad[0]), name)
         periods.append(float(np.median(steps)))
+        every.append(steps)
         _check_mixed(reading, rows, steps, name)
     period, column = float(np.median(periods)), reading.origin["time_s"]
     told = (
         plausibility.check_sampling(reading.where, column, period, reading.rig),
         plausibility.check_speed(reading.where, column, period, len(time), reading.rig),
     )
-    reading.notices += filter(None, told)
+    reading.notices += filter(
+        None, (*told, plausibility.check_evenness(reading.where, np.concatenate(every)))
+    )
 
 
 def _place(reading: _Reading, rows: NDArray[np.int64] | slice, index: int) -> str:
@@ -338,7 +344,9 @@ def _check_mixed(
     edges = np.flatnonzero(np.diff(np.concatenate([[0], other.astype(np.int8), [0]])))
     for start, stop in zip(edges[::2], edges[1::2], strict=True):
         second = steps[start:stop]
-        if stop - start >= _MIXED_RUN and np.ptp(second) < 0.1 * float(np.median(second)):
+        rate = float(np.median(second)) / median
+        apart = not 1.0 / _DRIFT < rate < _DRIFT
+        if apart and stop - start >= _MIXED_RUN and np.ptp(second) < 0.1 * rate * median:
             raise input_error(
                 f"{reading.where}, {_place(reading, rows, int(start) + 1)}",
                 f"the sampling period{name} changes to {float(np.median(second)):.4g} s "
@@ -383,7 +391,9 @@ def _drop_spikes(reading: _Reading, name: str, rows: NDArray[np.int64] | slice, 
 def _trial(reading: _Reading, label: str, rows: NDArray[np.int64] | slice) -> Trial:
     channels = {n: v[rows] for n, v in reading.columns.items() if n != "time_s"}
     source = f"{reading.where}, test {label}" if label else reading.where
-    return Trial(label, reading.columns["time_s"][rows], channels, source, reading.unusable)
+    time = reading.columns["time_s"][rows]
+    between = measured_period(reading.table.comments)
+    return Trial(label, time, channels, source, reading.unusable, between)
 
 
 __all__ = ["Log", "Trial", "read_log", "smallest_step", "with_channels"]

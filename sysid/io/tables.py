@@ -11,7 +11,7 @@ import hashlib
 import io
 import json
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -27,12 +27,16 @@ if TYPE_CHECKING:
 
 PARQUET_SUFFIXES = (".parquet", ".pq")
 FOREIGN_SUFFIXES = (".mat", ".xlsx", ".xls", ".tdms")
+_NOTED = b"sysid.comments"
 _NOT_A_NUMBER = ["", "NaN", "nan", "NA", "N/A", "null", "NULL", "None", "-nan", "#N/A"]
 
 
 @dataclass(frozen=True)
 class LogTable:
-    """The columns that were asked for, their file's SHA-256, and the place of each row."""
+    """The columns that were asked for, their file's SHA-256, and the place of each row.
+
+    `comments` are the lines above the header, or what `write_table` put into Parquet's metadata.
+    """
 
     path: Path
     sha256: str
@@ -40,6 +44,7 @@ class LogTable:
     frame: pd.DataFrame
     body: bytes | None
     header_line: int = 0
+    comments: tuple[str, ...] = ()
 
     def place(self, row: int) -> str:
         """`line 17` of a CSV file (row 0 is the first data row), `row 17` of Parquet."""
@@ -183,7 +188,7 @@ def write_table(frame: pd.DataFrame, path: Path, comments: Sequence[str]) -> Non
 
             content = pa.Table.from_pandas(frame, preserve_index=False)
             note = json.dumps(list(comments), ensure_ascii=False).encode()
-            metadata = {**(content.schema.metadata or {}), b"sysid.comments": note}
+            metadata = {**(content.schema.metadata or {}), _NOTED: note}
             parquet.write_table(content.replace_schema_metadata(metadata), file)
             return
         for line in comments:
@@ -206,6 +211,7 @@ def _read_parquet(path: Path, raw: bytes, digest: str, wanted: Collection[str]) 
         _reject_doubled(path, header, "the schema", wanted)
         # The column that pandas stored as its index is a column like any other.
         frame = file.read(columns=_chosen(header, wanted)).to_pandas(ignore_metadata=True)
+        comments = _comments_of(file.schema_arrow.metadata)
     except InputError:
         raise
     except Exception as error:  # pyarrow passes on what its decoders of metadata raise
@@ -213,7 +219,16 @@ def _read_parquet(path: Path, raw: bytes, digest: str, wanted: Collection[str]) 
         raise input_error(
             path, f"is damaged or not Parquet ({first})", "write it again, or save it as CSV"
         ) from None
-    return LogTable(path, digest, header, frame.reset_index(drop=True), None)
+    return LogTable(path, digest, header, frame.reset_index(drop=True), None, comments=comments)
+
+
+def _comments_of(metadata: Mapping[bytes, bytes] | None) -> tuple[str, ...]:
+    """What `write_table` noted in a Parquet file; none in a file of another program."""
+    try:
+        noted = json.loads((metadata or {}).get(_NOTED, b"[]"))
+    except ValueError:
+        return ()
+    return tuple(map(str, noted)) if isinstance(noted, list) else ()
 
 
 def _read_csv(
@@ -246,7 +261,9 @@ def _read_csv(
         raise input_error(
             path, f"cannot be read as CSV ({error})", "fix that line, or save it again as CSV"
         ) from None
-    table = LogTable(path, digest, header, frame, body, header_line)
+    above = body.split(b"\n", header_line - 1)[: header_line - 1]
+    comments = tuple(line.decode("utf-8").strip("# \r") for line in above)
+    table = LogTable(path, digest, header, frame, body, header_line, comments)
     _reject_surplus(table)
     _reject_cut_off(table)
     return table

@@ -225,7 +225,8 @@ class Axis(Component):
                 position=float(position[0]),
             )
             gaps.append(position - simulate([inputs], [model])[0].position)
-        noise = [signals.noise_floor(t[self.rig.position_channel]).total for t in self.trials]
+        name = self.rig.position_channel
+        noise = [signals.noise_floor(t[name], stride=t.stride).total for t in self.trials]
         return {self.rig.position_channel: (rmse(gaps), math.hypot(*noise) / math.sqrt(len(noise)))}
 
 

@@ -46,6 +46,13 @@ class SampleTimes:
     period_s: float
     start_s: float = 0.0
 
+    def ticks(self, rows: int) -> NDArray[np.float64]:
+        """Time of each sample (rows,) s; divided where that gives the expected decimal."""
+        inverse = round(1.0 / self.period_s)
+        ticks = np.arange(rows)
+        exact = inverse >= 1 and 1.0 / inverse == self.period_s
+        return np.asarray(self.start_s + (ticks / inverse if exact else ticks * self.period_s))
+
 
 @dataclass
 class ForeignTable:
@@ -54,7 +61,8 @@ class ForeignTable:
     `columns` maps each name to a (n,) array of numbers, text or time stamps; their lengths
     may differ (.mat, TDMS). `skipped` gives the reason why other contents are not columns;
     `stamped` names the columns that were read as time stamps or durations, in seconds.
-    `place` describes a row of the file for messages (row 0 is the first sample).
+    `origin` is the time stamp of second 0. `place` describes a row of the file for messages
+    (row 0 is the first sample).
     """
 
     path: Path
@@ -64,6 +72,7 @@ class ForeignTable:
     sampling: dict[str, SampleTimes] = field(default_factory=dict)
     notices: list[str] = field(default_factory=list)
     stamped: set[str] = field(default_factory=set)
+    origin: Any = None
     place: Callable[[int], str] = lambda row: f"row {row + 1}"
     explain_gap: Callable[[int], InputError | None] = lambda row: None
 
@@ -136,6 +145,7 @@ class ForeignTable:
         self.stamped.add(name)
         if series.dtype.kind == "m":
             return np.asarray(series.dt.total_seconds(), dtype=np.float64)
+        self.origin = series.iloc[0]
         self.notices.append(f"{self.path}: {name}: time counts from {series.iloc[0]}")
         return np.asarray((series - series.iloc[0]).dt.total_seconds(), dtype=np.float64)
 
