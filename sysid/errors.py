@@ -11,6 +11,9 @@ from pathlib import Path
 # Characters of a file's value, of a word, of a place and of a whole part that a line shows.
 _LONGEST_VALUE, _LONGEST_WORD, _LONGEST_PLACE, _LONGEST_PART = 60, 160, 300, 2000
 _QUOTED = re.compile(rf"""(?<![\w'"])(['"])((?:(?!\1).){{{_LONGEST_VALUE + 1},}}?)\1(?!\w)""")
+_CONTROL = re.compile(
+    "[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff\ufeff]"
+)
 
 
 class SysidError(Exception):
@@ -61,11 +64,12 @@ def input_error(where: str | Path, what: str, mend: str) -> InputError:
     return InputError(f"{place}: {one_line(what)}; {one_line(mend)}")
 
 
-def escaped(text: str) -> str:
-    """`text` with control characters (of a terminal, of the direction of writing) as escapes."""
-    if text.isprintable():
-        return text
-    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+def escaped(text: str, keep: str = "") -> str:
+    """`text` with control characters (of a terminal, of the direction of writing) as escapes.
+
+    Those in `keep`, such as line feeds, stay.
+    """
+    return _CONTROL.sub(lambda m: m[0] if m[0] in keep else ascii(m[0])[1:-1], text)
 
 
 def visible(text: str) -> str:

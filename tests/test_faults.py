@@ -28,6 +28,7 @@ from sysid.io.tables import read_table
 from sysid.model.base import bare_parameters
 from sysid.model.effects import InertiaMismatch
 from sysid.model.effects.catalogue import catalogue
+from sysid.report.html import fill
 
 REFERENCE = Path(__file__).resolve().parent.parent / "datasets" / "thesis" / "reference_bundle.json"
 
@@ -226,6 +227,12 @@ def test_a_table_shows_no_control_characters(capsys: pytest.CaptureFixture[str])
     table.add_row(Text("\x1b[31mred\u202e"))
     console().print(table)
     assert r"\x1b[31mred\u202e" in capsys.readouterr().out
+
+
+def test_a_page_shows_no_control_characters(tmp_path: Path) -> None:
+    (tmp_path / "page.html").write_text("<p>{{ name }}</p>")
+    page = fill("page.html", folder=tmp_path, name="\x1b[31mred\u202e <b>\nnext")
+    assert page == "<p>\\x1b[31mred\\u202e &lt;b&gt;\nnext</p>"
 
 
 def test_one_line_keeps_what_is_short() -> None:

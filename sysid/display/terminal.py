@@ -30,12 +30,9 @@ class _Console(Console):
         self, renderable: RenderableType, options: ConsoleOptions | None = None
     ) -> Iterable[Segment]:
         for segment in super().render(renderable, options):
-            raw = segment.control is None and not segment.text.isprintable()
-            yield Segment(_visible(segment.text), segment.style) if raw else segment
-
-
-def _visible(text: str) -> str:
-    return "\n".join(map(escaped, text.split("\n")))
+            shown = escaped(segment.text, keep="\n")
+            same = segment.control is not None or shown == segment.text
+            yield segment if same else Segment(shown, segment.style)
 
 
 class _Table(Table):
@@ -47,9 +44,9 @@ class _Table(Table):
 
 def _plain(cell: RenderableType | None) -> RenderableType | None:
     text = cell.plain if isinstance(cell, Text) else cell
-    if not isinstance(text, str) or text.replace("\n", "").isprintable():
+    if not isinstance(text, str) or (shown := escaped(text, keep="\n")) == text:
         return cell
-    return Text(_visible(text))
+    return Text(shown)
 
 
 def new_table(title: str, *columns: str) -> Table:

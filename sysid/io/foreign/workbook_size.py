@@ -19,6 +19,7 @@ _MOST_ROWS = 1_048_576
 MOST_BYTES = 100_000_000
 # Bytes of a sheet's XML: this, and for each cell and row so much.
 _FREE_BYTES, _BYTES_EACH = 10_000_000, 300
+_MOST_ELEMENTS = 4 * MOST_CELLS
 _CHUNK = 1 << 20
 _CELL = re.compile(r"([A-Z]{1,3})(\d{1,7})")
 
@@ -54,6 +55,8 @@ class _Sheet:
         """What is beyond the bounds after so many bytes; None while nothing is."""
         if not self.is_sheet:
             return f"more than {MOST_BYTES:,} bytes" if read > MOST_BYTES else None
+        if self.elements > _MOST_ELEMENTS:
+            return f"more than {_MOST_ELEMENTS:,} elements"
         if self.rows > _MOST_ROWS or self._listed > _MOST_ROWS:
             return f"more than {_MOST_ROWS:,} rows"
         if self.rows * self.columns > MOST_CELLS:
