@@ -5,7 +5,15 @@ All are turned into one line and an exit code by `sysid.commands.app`.
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
+
+# Characters of a file's value, of a word, of a place and of a whole part that a line shows.
+_LONGEST_VALUE, _LONGEST_WORD, _LONGEST_PLACE, _LONGEST_PART = 60, 160, 300, 2000
+_QUOTED = re.compile(rf"""(?<![\w'"])(['"])((?:(?!\1).){{{_LONGEST_VALUE + 1},}}?)\1(?!\w)""")
+_CONTROL = re.compile(
+    "[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff\ufeff]"
+)
 
 
 class SysidError(Exception):
@@ -52,5 +60,31 @@ class SimulationError(NotIdentifiedError):
 
 def input_error(where: str | Path, what: str, mend: str) -> InputError:
     """One line: where it is (file, row or key), what is wrong, how to fix it."""
-    line = f"{where}: {what}; {mend}"
-    return InputError(" ".join(line.split()))
+    place = shortened(visible(str(where)), _LONGEST_PLACE)
+    return InputError(f"{place}: {one_line(what)}; {one_line(mend)}")
+
+
+def escaped(text: str, keep: str = "") -> str:
+    """`text` with control characters (of a terminal, of the direction of writing) as escapes.
+
+    Those in `keep`, such as line feeds, stay.
+    """
+    return _CONTROL.sub(lambda m: m[0] if m[0] in keep else ascii(m[0])[1:-1], text)
+
+
+def visible(text: str) -> str:
+    """`text` on one line: white space as single blanks, nothing else that cannot be seen."""
+    return escaped(" ".join(text.split()))
+
+
+def shortened(text: str, longest: int = _LONGEST_VALUE) -> str:
+    """`text`, without its middle where it is longer than that many characters."""
+    tail = longest // 4
+    return text if len(text) <= longest else f"{text[: longest - tail - 3]}...{text[-tail:]}"
+
+
+def one_line(text: str) -> str:
+    """`text` as a message shows it: one line, nothing raw, long words and quoted values cut."""
+    line = _QUOTED.sub(lambda m: f"{m[1]}{shortened(m[2])}{m[1]}", visible(text))
+    words = (shortened(word, _LONGEST_WORD) for word in line.split(" "))
+    return shortened(" ".join(words), _LONGEST_PART)

@@ -6,11 +6,11 @@ without it there is one to each core.
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import signal
 import threading
 import time
+import warnings
 from collections.abc import Callable, Iterable
 from typing import TypeVar
 
@@ -59,6 +59,8 @@ def run_all(jobs: Iterable[Callable[[], Result]]) -> list[Result]:
         with config:
             return list(Parallel()(delayed(_call)(job) for job in waiting))
     except KeyboardInterrupt:
+        import multiprocessing
+
         # Python waits at its end for the workers that joblib, interrupted, has not yet stopped.
         for worker in multiprocessing.active_children():
             worker.kill()
@@ -72,6 +74,8 @@ def _call(job: Callable[[], Result]) -> Result:
 def _serve(parent: int) -> None:
     """A worker leaves Ctrl-C to its parent, and ends when that has ended, however it did."""
     os.environ[VARIABLE] = "1"
+    if not os.environ.get("SYSID_DEBUG"):
+        warnings.simplefilter("ignore")  # they would stand beside the parent's one line
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_watch, args=(parent,), daemon=True).start()

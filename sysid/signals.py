@@ -20,6 +20,8 @@ from sysid.types import FloatArray
 DEFAULT_CUTOFF_HZ = 50.0
 FILTER_ORDER = 2
 # Jitter of time stamps from rounding, as a share of a period; it is ignored.
+# Below this share of the Nyquist frequency the filter cannot be computed.
+_LEAST_SHARE = 1e-7
 _JITTER_IGNORED = 1e-3
 _DIFFERENCE_ORDERS = (2, 3, 4, 5, 6)
 _LAGS = (2, 4, 8, 16, 32)
@@ -42,6 +44,12 @@ def lowpass(values: FloatArray, period: float, cutoff_hz: float = DEFAULT_CUTOFF
             f"cut-off {cutoff_hz:g} Hz",
             f"does not lie between 0 and the Nyquist frequency, {nyquist:g} Hz",
             "choose a lower cut-off or log faster",
+        )
+    if cutoff_hz < _LEAST_SHARE * nyquist:
+        raise input_error(
+            f"cut-off {cutoff_hz:g} Hz",
+            f"is less than {_LEAST_SHARE:g} of the Nyquist frequency, {nyquist:g} Hz",
+            "choose a higher cut-off, or correct the time stamps",
         )
     x = np.asarray(values, dtype=float)
     if len(x) < 4:
@@ -83,6 +91,12 @@ def uniform_grid(time: FloatArray) -> FloatArray:
     return np.asarray(np.linspace(time[0], time[-1], steps + 1))
 
 
+def is_even(time: FloatArray, grid: FloatArray) -> bool:
+    """Whether times (n,) s are those of an even `grid` but for rounding."""
+    near = len(grid) == len(time)
+    return near and bool(np.max(np.abs(grid - time)) < _JITTER_IGNORED * float(grid[1] - grid[0]))
+
+
 def resample(
     time: FloatArray, values: FloatArray, grid: FloatArray, *, hold: bool = False
 ) -> FloatArray:
@@ -92,8 +106,7 @@ def resample(
     joined by a cubic spline. Time stamps with a jitter below a thousandth of a period
     count as even, and the samples are returned unchanged.
     """
-    near = len(grid) == len(time)
-    if near and float(np.max(np.abs(grid - time))) < _JITTER_IGNORED * float(grid[1] - grid[0]):
+    if is_even(time, grid):
         return np.asarray(values, dtype=float)
     if hold:
         rows = np.searchsorted(time, grid + 1e-9 * (grid[1] - grid[0]), side="right") - 1
@@ -166,7 +179,7 @@ class NoiseFloor:
         return math.sqrt(self.noise**2 + self.quantum**2 / 12.0)
 
 
-def noise_floor(values: FloatArray, resolution: float | None = None) -> NoiseFloor:
+def noise_floor(values: FloatArray, resolution: float | None = None, stride: int = 1) -> NoiseFloor:
     """Noise of a uniformly sampled channel, from the channel itself.
 
     Differences of order 2 to 6 remove motion that is slow compared with the sampling (Gasser,
@@ -188,9 +201,12 @@ def noise_floor(values: FloatArray, resolution: float | None = None) -> NoiseFlo
     identifiable below a third of a count; `total` never falls below the share of the
     quantisation.
 
-    `values` (n,), n >= 16; `resolution` overrides the quantum found in the data.
+    `values` (n,), n >= 16; `resolution` overrides the quantum found in the data. Of samples
+    interpolated between measured ones only each `stride`-th is taken: those next to one another
+    hold the same errors, and their differences hardly any.
     """
     x = np.asarray(values, dtype=float)
+    x = x[::stride] if len(x) >= 16 * stride else x
     step = quantum(x) if resolution is None else resolution
     variance = _noise_variance(x, 1)
     if variance > step**2:

@@ -28,6 +28,7 @@ from sysid.diagnosis.actuator.whitening import (
     friction_scatter,
     noise_of,
 )
+from sysid.io.channels import VALVE_COMMANDS
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig, rig_from_content
 from sysid.model.base import ValveParameters, parameters_from_rig
@@ -211,6 +212,45 @@ def test_sensor_noise_of_coloured_noise() -> None:
     kernel = noise.kernels[1]
     lag_one = float(kernel[1:] @ kernel[:-1]) / float(kernel @ kernel)
     assert lag_one == pytest.approx(0.4, abs=0.08)
+
+
+def test_position_noise_of_an_interpolated_log_is_correlated() -> None:
+    """White noise between whose rows two more were put, as `convert --resample` does."""
+    tests, rig, _ = made()
+    file, kind, trial = tests[0]
+    rows = np.arange(0, len(trial), 3)
+    white = 1e-4 * np.random.default_rng(0).standard_normal(len(rows))
+    angle = np.interp(np.arange(len(trial)), rows, white)
+    channels = {**trial.channels, rig.position_channel: angle}
+    between = replace(trial, channels=channels, row_period=3.0 * trial.period)
+    (kernel, *_) = sensor_noise([(file, kind, between)], rig).kernels
+    lag_one = float(kernel[1:] @ kernel[:-1]) / float(kernel @ kernel)
+    assert np.sqrt(kernel @ kernel) == pytest.approx(float(np.std(angle)), rel=0.15)
+    # Mean squares at and between rows are 1, 5/9, 5/9; products of neighbours 2/3, 4/9, 2/3.
+    assert lag_one == pytest.approx((2 / 3 + 4 / 9 + 2 / 3) / (1 + 5 / 9 + 5 / 9), abs=0.1)
+
+
+def test_twins_of_an_uneven_log_err_at_its_own_rows(healthy: tuple[Tests, Rig, Model]) -> None:
+    tests, rig, model = healthy
+    file, kind, trial = tests[0]
+    share = 1.0 + 0.25 * np.sin(np.arange(len(trial)) / 50.0)
+    stamps = np.cumsum(share) * trial.period
+    stamps = trial.time[0] + (stamps - stamps[0]) * np.ptp(trial.time) / np.ptp(stamps)
+    rows = np.clip(np.searchsorted(trial.time, stamps + 1e-9) - 1, 0, None)
+    channels = {
+        name: values[rows] if name in VALVE_COMMANDS else np.interp(stamps, trial.time, values)
+        for name, values in trial.channels.items()
+    }
+    uneven = prepare([(file, kind, replace(trial, time=stamps, channels=channels))], rig, model)
+    even = prepare([(file, kind, trial)], rig, model)
+    assert even.runs[0].stamps is None and uneven.runs[0].stamps is not None
+    noise = SensorNoise((np.array([1e-3]), np.zeros(1), np.zeros(1)), np.zeros(3))
+    twins = [
+        next(simulate_twins(uneven, model, sensors, Scatter(), 1, 3, rig)).position
+        for sensors in (noise, noise, SILENT)
+    ]
+    np.testing.assert_array_equal(twins[0], twins[1])
+    assert 1e-5 < float(np.std(twins[0] - twins[2])) < 1e-3
 
 
 def test_a_refit_finds_the_number(traces: Traces, healthy: tuple[Tests, Rig, Model]) -> None:

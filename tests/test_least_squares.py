@@ -10,8 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from nist_linear import LINEAR
 from numpy.typing import NDArray
 
+from sysid.estimation.linear import linear_fit
 from sysid.estimation.nonlinear import (
     LeastSquaresFit,
     Parameter,
@@ -130,6 +132,20 @@ def test_nist_certified_values_and_deviations(name: str, start: int, shared_data
     assert value < 1e-6
     # Lanczos1 is its model to 14 digits: what is left is rounding, and its size known to three.
     assert std < (5e-3 if name == "Lanczos1" else 1e-5)
+
+
+@pytest.mark.parametrize("name", sorted(LINEAR))
+def test_nist_certified_linear_problems(name: str) -> None:
+    problem = LINEAR[name]
+    certified, stds = np.array(problem.values), np.array(problem.stds)
+    exact, spread = problem.exact()  # the data are as certified, digit by digit
+    np.testing.assert_allclose(exact, certified, rtol=1e-13)
+    np.testing.assert_allclose(spread, stds, rtol=1e-13)
+    fit = linear_fit(problem.regressors, problem.target)
+    np.testing.assert_allclose(fit.coefficients, certified, rtol=1e-7)
+    # Wampler1 and 2 are their model exactly: what is left is rounding.
+    rounding = 0.0 if stds.any() else 1e-8 * float(np.min(certified))
+    np.testing.assert_allclose(np.sqrt(np.diag(fit.covariance)), stds, rtol=1e-6, atol=rounding)
 
 
 # --- intervals and covariances on data of our own ------------------------------------------

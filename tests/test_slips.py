@@ -145,29 +145,6 @@ def test_an_inertia_a_thousand_times_too_large_is_no_result(rig: Rig, tmp_path: 
         found.require_possible()
 
 
-def test_a_drifting_period_can_be_resampled(tmp_path: Path) -> None:
-    rng = np.random.default_rng(5)
-    time = np.cumsum(np.where(np.arange(400) < 200, 0.010, 0.018) + 1e-4 * rng.random(400))
-    frame = pd.DataFrame(
-        {
-            "time_s": time,
-            "motor_torque_nm": np.sign(np.sin(3.0 * time)),
-            "theta_rad": 0.2 * np.sin(2.0 * time),
-        }
-    )
-    frame.to_csv(tmp_path / "drift.csv", index=False)
-    axis = Rig("axis", "horizontal", "rotary")
-    with pytest.raises(InputError, match="convert --resample"):
-        read_log(tmp_path / "drift.csv", axis)
-    convert(tmp_path / "drift.csv", tmp_path / "even.csv", resample_s=0.01, trim="0.5:4")
-    assert "resampled to 0.01 s" in (tmp_path / "even.csv").read_text()
-    (trial,) = read_log(tmp_path / "even.csv", axis).trials
-    assert np.ptp(np.diff(trial.time)) < 1e-9
-    assert trial.time[0] == pytest.approx(time[0] + 0.5, abs=0.02)
-    assert set(np.unique(trial["motor_torque_nm"])) <= {-1.0, 1.0}
-    assert trial["theta_rad"] == pytest.approx(0.2 * np.sin(2.0 * trial.time), abs=1e-4)
-
-
 @pytest.mark.parametrize("trim", ["5", "a:b", ":", "4:1"])
 def test_a_trim_that_is_none_is_refused(trim: str, tmp_path: Path) -> None:
     pd.DataFrame({"time_s": [0.0, 1.0], "theta_rad": [0.0, 1.0]}).to_csv(

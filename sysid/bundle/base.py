@@ -12,6 +12,7 @@ from pydantic import (
     GetCoreSchemaHandler,
     PrivateAttr,
     SerializerFunctionWrapHandler,
+    Strict,
     ValidationError,
     WithJsonSchema,
     model_serializer,
@@ -23,8 +24,10 @@ from pydantic_core import core_schema
 
 from sysid.estimation.linear import Estimate
 
-Number = Annotated[int | float, WithJsonSchema({"type": "number"})]
-"""A number as in the file: an integer stays an integer."""
+Number = Annotated[
+    Annotated[int, Strict()] | Annotated[float, Strict()], WithJsonSchema({"type": "number"})
+]
+"""A number as in the file: an integer stays an integer, and text ("NaN") is none."""
 
 
 class Part(BaseModel):

@@ -6,10 +6,13 @@ Each command is a file of this folder, imported when it is called: `sysid --help
 
 from __future__ import annotations
 
+import contextlib
 import errno
+import logging
 import os
 import sys
-from collections.abc import Sequence
+import warnings
+from collections.abc import Iterator, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -17,11 +20,12 @@ from typing import Any
 import click
 
 from sysid import __version__, parallel
-from sysid.errors import SysidError
+from sysid.errors import SysidError, one_line, visible
 
 # Small matrices are slower on several BLAS threads; read when numpy is first imported.
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
+os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # jax's C++ parts print on their own
 
 _FAULT = 1
 _UNUSABLE = 2
@@ -95,6 +99,28 @@ def app() -> None:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; the exit status of `spec/cli.md`, errors as one line on standard error."""
     _open_closed()
+    with _others_silent():
+        return _run(arguments)
+
+
+@contextlib.contextmanager
+def _others_silent() -> Iterator[None]:
+    """Warnings and log lines of other libraries do not stand beside our one line."""
+    if os.environ.get("SYSID_DEBUG"):
+        yield
+        return
+    shown, disabled = warnings.showwarning, logging.root.manager.disable
+    # Not the filters: where a caller turns warnings into errors, they remain that.
+    warnings.showwarning = lambda *_, **__: None
+    logging.disable()
+    try:
+        yield
+    finally:
+        warnings.showwarning = shown
+        logging.disable(disabled)
+
+
+def _run(arguments: Sequence[str] | None) -> int:
     try:
         words = _without_jobs(sys.argv[1:] if arguments is None else arguments)
         app(args=words, prog_name="sysid", standalone_mode=False)
@@ -106,7 +132,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except click.UsageError as error:
         command = error.ctx.command_path if error.ctx else "sysid"
         return _report(
-            "error", f"{error.format_message().rstrip('.')}; see `{command} --help`", _UNUSABLE
+            "error",
+            f"{one_line(error.format_message().rstrip('.'))}; see `{command} --help`",
+            _UNUSABLE,
         )
     except (click.Abort, KeyboardInterrupt):
         return _report("error", "interrupted; no file was left half-written", _INTERRUPTED)
@@ -130,7 +158,7 @@ def _fault(error: Exception) -> int:
     """A fault in sysid itself: one line, or with SYSID_DEBUG the traceback."""
     if os.environ.get("SYSID_DEBUG"):
         raise error
-    what = f"{type(error).__name__}: {error}"
+    what = one_line(f"{type(error).__name__}: {error}")
     return _report("fault", f"{what} (a fault in sysid itself; SYSID_DEBUG=1 shows where)", _FAULT)
 
 
@@ -161,7 +189,7 @@ def _without_jobs(words: Sequence[str]) -> list[str]:
 
 
 def _report(kind: str, line: str, code: int) -> int:
-    click.echo(f"sysid: {kind}: {' '.join(line.split())}", err=True)
+    click.echo(f"sysid: {kind}: {visible(line)}", err=True)
     return code
 
 

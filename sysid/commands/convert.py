@@ -51,6 +51,28 @@ from sysid.io.conversion import ConversionReport
 @click.option(
     "--resample", "resample_s", type=float, help="Even sampling period of the log written, s."
 )
+@click.option(
+    "--join",
+    multiple=True,
+    type=PathArgument,
+    metavar="OTHER",
+    help="File whose columns are put beside FOREIGN's by time: measurements on the line between "
+    "rows, commands held, inside the overlap only; may be repeated.",
+)
+@click.option(
+    "--join-map",
+    "join_maps",
+    multiple=True,
+    metavar="TARGET=COLUMN:UNIT",
+    help="As --map, for the files of --join (their time_s too).",
+)
+@click.option(
+    "--join-shift",
+    "join_shift_s",
+    type=float,
+    default=0.0,
+    help="Seconds to add to the times of the joined files (else one clock, or time stamps).",
+)
 @json_option
 def convert(foreign: Sequence[Path], output: Path, as_json: bool, **options: Any) -> None:
     """Bring a lab's own file (.mat, text, Excel, TDMS, Parquet) into the log format."""

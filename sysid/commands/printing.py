@@ -20,6 +20,7 @@ from sysid.bundle.quality import QualityRecord
 from sysid.display.numbers import ascii_text
 from sysid.display.quality import QUALITY_COLUMNS, quality_cells, quality_name
 from sysid.display.terminal import console, new_table
+from sysid.errors import one_line
 from sysid.estimation.linear import Estimate
 from sysid.types import Progress
 
@@ -28,7 +29,7 @@ def notices(lines: Iterable[str]) -> None:
     """Each notice once, on standard error."""
     error = Console(stderr=True, soft_wrap=True, highlight=False)
     for line in dict.fromkeys(lines):
-        error.print(Text(f"sysid: notice: {line}"))
+        error.print(Text(f"sysid: notice: {one_line(line)}"))
 
 
 def progress(doing: str = "") -> Progress:

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterable
+from typing import Any
 
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
+from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
+
+from sysid.errors import escaped
 
 # A pipe or a file has no width of its own; file names are not cut there.
 _PIPED_WIDTH = 132
@@ -15,12 +20,38 @@ _PIPED_WIDTH = 132
 def console() -> Console:
     """Standard output, as wide as the terminal; piped output is never coloured."""
     width = None if sys.stdout.isatty() else _PIPED_WIDTH
-    return Console(soft_wrap=False, highlight=False, width=width)
+    return _Console(soft_wrap=False, highlight=False, width=width)
+
+
+class _Console(Console):
+    """Shows what files hold (names, labels, units) without its control characters."""
+
+    def render(
+        self, renderable: RenderableType, options: ConsoleOptions | None = None
+    ) -> Iterable[Segment]:
+        for segment in super().render(renderable, options):
+            shown = escaped(segment.text, keep="\n")
+            same = segment.control is not None or shown == segment.text
+            yield segment if same else Segment(shown, segment.style)
+
+
+class _Table(Table):
+    """Cells without control characters: escaped before their width is measured."""
+
+    def add_row(self, *cells: RenderableType | None, **options: Any) -> None:
+        super().add_row(*map(_plain, cells), **options)
+
+
+def _plain(cell: RenderableType | None) -> RenderableType | None:
+    text = cell.plain if isinstance(cell, Text) else cell
+    if not isinstance(text, str) or (shown := escaped(text, keep="\n")) == text:
+        return cell
+    return Text(shown)
 
 
 def new_table(title: str, *columns: str) -> Table:
     """A table whose cells are never cut and whose text is never treated as markup."""
-    table = Table(
+    table = _Table(
         title=Text(title), title_justify="left", title_style="bold", box=None, pad_edge=False
     )
     for column in columns:

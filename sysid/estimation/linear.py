@@ -21,8 +21,10 @@ from sysid.estimation.covariance import Covariance
 from sysid.types import FloatArray
 
 LEVEL = 0.95
-# Singular values below this share of the largest are linear dependence between columns.
+# Singular values below this share of the largest are linear dependence between columns: of any
+# columns, and of columns of equal length, whose dependence is not a matter of units.
 _RANK_TOLERANCE = 1e-9
+_SCALED_RANK_TOLERANCE = 1e-11
 
 
 @dataclass(frozen=True)
@@ -57,17 +59,22 @@ class Estimate:
         """What a file's object says; ValueError for what is none."""
         if not isinstance(content, Mapping) or "value" not in content:
             raise ValueError("is not an object with a value")
-        value, std = content["value"], content.get("std")
-        unit = str(content.get("unit", ""))
+        value, unit = content["value"], content.get("unit", "")
+        if not isinstance(unit, str):
+            raise ValueError("has a unit that is not text")
         if value is None:
             made = cls.unidentified(unit, str(content.get("reason", "")))
         else:
-            low, high = content.get("interval", (math.nan, math.nan))
-            limits = (
-                -math.inf if low is None else float(low),
-                math.inf if high is None else float(high),
+            limits = content.get("interval", (math.nan, math.nan))
+            if not isinstance(limits, list | tuple) or len(limits) != 2:
+                raise ValueError("has an interval that is not two limits")
+            low, high = limits
+            made = cls(
+                _number(value),
+                _number(content.get("std"), math.nan),
+                unit,
+                (_number(low, -math.inf), _number(high, math.inf)),
             )
-            made = cls(float(value), math.nan if std is None else float(std), unit, limits)
         object.__setattr__(made, "_written", content)
         return made
 
@@ -111,6 +118,15 @@ class Estimate:
     @classmethod
     def __get_pydantic_json_schema__(cls, source: Any, handler: Any) -> dict[str, Any]:
         return {"x-ref": "parameter"}
+
+
+def _number(value: Any, absent: float | None = None) -> float:
+    """A file's number; `absent` where it is null. ValueError for text and the like."""
+    if value is None and absent is not None:
+        return absent
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ValueError("holds what is not a number")
+    return float(value)
 
 
 def _finite(value: float) -> float | None:
@@ -208,16 +224,34 @@ def linear_fit(
     w = np.ones(len(target)) if weights is None else np.asarray(weights, dtype=float)
     scale = np.sqrt(w @ x**2)
     scale[scale == 0.0] = 1.0
-    u, s, vt = np.linalg.svd(np.sqrt(w)[:, None] * x / scale, full_matrices=False)
-    if len(s) < x.shape[1] or s[-1] < _RANK_TOLERANCE * s[0]:
+    root = np.sqrt(w)
+    u, s, vt = np.linalg.svd(root[:, None] * x / scale, full_matrices=False)
+    if len(s) < x.shape[1] or s[-1] < _SCALED_RANK_TOLERANCE * s[0]:
         null = np.abs(vt[-1]) if len(vt) == x.shape[1] else np.ones(x.shape[1])
         tied = [name for name, part in zip(names, null, strict=False) if part > 0.1]
         raise NotIdentifiedError(
             f"the data cannot distinguish {', '.join(tied) or 'the regressors'}"
         )
+    coefficients = _refined(root[:, None] * x / scale, root * target, u, s, vt) / scale
     half = (vt.T / s) / scale[:, None]
-    coefficients = half @ (u.T @ (np.sqrt(w) * target))
     return LinearFit(coefficients, target - x @ coefficients, half @ half.T, x, w)
+
+
+def _refined(
+    x: FloatArray, target: FloatArray, u: FloatArray, s: FloatArray, vt: FloatArray
+) -> FloatArray:
+    """Coefficients by the singular values `u`, `s`, `vt` of x (n, p), refined once.
+
+    The step solves for coefficients and residuals together, with their defects in extended
+    precision (Bjorck, BIT 7, 1967): what large residuals lose in nearly dependent columns
+    comes back.
+    """
+    found = (vt.T / s) @ (u.T @ target)
+    long, right = x.astype(np.longdouble), target.astype(np.longdouble)
+    residual = (right - long @ found).astype(float)
+    defect = (right - residual - long @ found).astype(float)
+    slope = (long.T @ residual).astype(float)
+    return np.asarray(found + (vt.T / s) @ (u.T @ defect + (vt @ slope) / s))
 
 
 @dataclass(frozen=True)

@@ -8,24 +8,30 @@ checked and written. The options of the command line may also be given in a TOML
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Sequence
+import sys
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid.errors import InputError, input_error
-from sysid.io.foreign import ForeignTable, read_foreign
+from sysid.errors import InputError, input_error, one_line, shortened
+from sysid.io.foreign import ForeignTable, SampleTimes, read_foreign
 from sysid.io.foreign.recipe import Recipe, extended, kept_rows, read_recipe
-from sysid.io.reshaping import Reshaping, read_trim, reshaped
+from sysid.io.joining import TimedColumns, joined
+from sysid.io.reshaping import Reshaping, joined_line, median_period, read_trim, reshaped, unwrapped
 from sysid.io.rig import nearest_rig_file, read_rig
 from sysid.io.tables import FOREIGN_SUFFIXES, read_bytes, write_table
 from sysid.io.units import (
     CANONICAL_UNITS,
+    LARGEST,
     TEST_COLUMN,
     ColumnMap,
+    check_size,
     find_column,
+    has_column,
+    parse_map,
     to_si,
 )
 
@@ -88,6 +94,9 @@ def convert(
     unwrap: bool = False,
     trim: str | None = None,
     resample_s: float | None = None,
+    join: Sequence[Path] = (),
+    join_maps: Iterable[str] = (),
+    join_shift_s: float = 0.0,
 ) -> ConversionReport:
     """Read foreign file(s), map their columns to SI and write a log (CSV or Parquet).
 
@@ -95,7 +104,9 @@ def convert(
     `target=value`, `rows` the slices of each file's rows that are kept ("0:500, 900:").
     Several files become the tests of one log, labelled with their file names. `unwrap` follows an
     angle over its turns, `trim` ("FROM:TO", s) keeps a part of each test, `resample_s` gives the
-    rows an even period (`sysid.io.reshaping`).
+    rows an even period (`sysid.io.reshaping`). The columns of the files `join`, by `join_maps`, are
+    put beside those of the one foreign file by time, `join_shift_s` added to theirs
+    (`sysid.io.joining`).
     Without maps, columns that already have the log format's names are used; without
     `atmosphere_pa`, gauge pressures use that of the rig file nearest to the files. Raises
     InputError, one line with the place and the fix; the output is complete or absent.
@@ -138,11 +149,28 @@ def convert(
         unmapped.update(dict.fromkeys(_unused(table, recipe)))
         notices += table.notices
     how = Reshaping(unwrap, read_trim(trim), resample_s)
-    frame = reshaped(_joined(frames, paths), how, ", ".join(map(str, paths)))
+    whole, said = _joined(frames, paths), []
+    if join:
+        if len(paths) > 1:
+            raise input_error(
+                "--join", "several files are several tests", "convert them one by one"
+            )
+        first = TimedColumns(str(paths[0]), unwrapped(whole) if unwrap else whole, table.origin)
+        others = _others(join, recipe, parse_map(join_maps, "--join-map"), join_shift_s, unwrap)
+        whole, notice = joined(first, [columns for columns, _ in others])
+        notices.append(notice)
+        sources += [source for _, source in others]
+        said = [f"map: {text} (joined)" for text in join_maps]
+        clocks = [first, *(columns for columns, _ in others)]
+        said.append(joined_line(max(c.row_period for c in clocks)))
+    rows_every = median_period(whole["time_s"].to_numpy(float))
+    frame = reshaped(whole, how, ", ".join(map(str, paths)))
     if unmapped:
         more = " ..." if len(unmapped) > 30 else ""
-        notices.append(f"left out, not mapped: {', '.join(list(unmapped)[:30])}{more}")
-    _write(frame, output, sources, recipe, how)
+        notices.append(
+            f"left out, not mapped: {', '.join(map(shortened, list(unmapped)[:30]))}{more}"
+        )
+    _write(frame, output, sources, recipe, [*said, *how.lines(rows_every)])
     return ConversionReport(
         output=str(output),
         sources=tuple(sources),
@@ -151,8 +179,36 @@ def convert(
         tests=tuple(dict.fromkeys(map(str, frame[TEST_COLUMN]))) if TEST_COLUMN in frame else (),
         maps=tuple(str(entry) for entry in recipe.maps.values()),
         unmapped=tuple(unmapped),
-        notices=tuple(notices),
+        notices=tuple(map(one_line, notices)),
     )
+
+
+def _others(
+    paths: Sequence[Path],
+    recipe: Recipe,
+    maps: Mapping[str, ColumnMap],
+    shift_s: float,
+    unwrap: bool,
+) -> list[tuple[TimedColumns, ForeignSource]]:
+    """The files to be joined: each with the maps whose columns it has."""
+    found, used = [], set()
+    for path in paths:
+        raw = read_bytes(path, "a file to join")
+        table = read_foreign(path, raw, recipe.read)
+        own = {t: m for t, m in maps.items() if has_column(list(table.columns), m)}
+        used |= set(own)
+        plain = replace(recipe, maps=own, constants={}, rows=(), period_s=None)
+        frame = _convert_table(table, _with_atmosphere(plain, paths), None)
+        frame = unwrapped(frame) if unwrap else frame
+        source = ForeignSource(str(path), table.format, hashlib.sha256(raw).hexdigest())
+        found.append((TimedColumns(str(path), frame, table.origin, shift_s), source))
+    if missing := [m for t, m in maps.items() if t not in used]:
+        raise input_error(
+            ", ".join(map(str, paths)),
+            f"has no column {missing[0].column!r} (--join-map {missing[0]})",
+            "give one of the joined files' columns",
+        )
+    return found
 
 
 def _with_atmosphere(recipe: Recipe, paths: Sequence[Path]) -> Recipe:
@@ -254,7 +310,9 @@ def _convert_table(table: ForeignTable, recipe: Recipe, label: str | None) -> pd
         else:
             readings = table.numbers(name, target)
             stamped = name in table.stamped
-            columns[target] = to_si(readings, entry, recipe.atmosphere_pa, stamped=stamped)
+            values = to_si(readings, entry, recipe.atmosphere_pa, stamped=stamped)
+            largest = LARGEST if target == "time_s" else sys.float_info.max
+            columns[target] = check_size(str(table.path), target, values, largest)
     rows = next(iter(lengths.values()))
     if "time_s" in columns and recipe.period_s is not None:
         raise input_error(table.path, "has a time_s column of its own", "omit --period")
@@ -294,7 +352,7 @@ def _keep_rows(columns: dict[str, Any], table: ForeignTable, recipe: Recipe, row
 def _time(table: ForeignTable, recipe: Recipe, names: Sequence[str], rows: int) -> Any:
     """Time of each sample, s, where no column holds it: declared, or the file's own base."""
     if recipe.period_s is not None:
-        return _ticks(recipe.period_s, 0.0, rows)
+        return SampleTimes(recipe.period_s).ticks(rows)
     bases = {table.sampling.get(name) for name in names}
     if len(bases) > 1:
         raise input_error(
@@ -312,15 +370,7 @@ def _time(table: ForeignTable, recipe: Recipe, names: Sequence[str], rows: int) 
     table.notices.append(
         f"{table.path}: time follows from the file's own period, {base.period_s:g} s"
     )
-    return _ticks(base.period_s, base.start_s, rows)
-
-
-def _ticks(period_s: float, start_s: float, rows: int) -> Any:
-    """Multiples of the period; divided where that gives the expected decimal."""
-    inverse = round(1.0 / period_s)
-    ticks = np.arange(rows)
-    exact = inverse >= 1 and 1.0 / inverse == period_s
-    return start_s + (ticks / inverse if exact else ticks * period_s)
+    return base.ticks(rows)
 
 
 def _joined(frames: Sequence[pd.DataFrame], paths: Sequence[Path]) -> pd.DataFrame:
@@ -342,7 +392,7 @@ def _write(
     output: Path,
     sources: Sequence[ForeignSource],
     recipe: Recipe,
-    how: Reshaping,
+    shape: Sequence[str],
 ) -> None:
     """CSV under comment lines that give its origin, or Parquet with the same metadata."""
     lines = [f"source: {Path(s.path).name} ({s.format}), SHA-256 {s.sha256}" for s in sources]
@@ -354,5 +404,5 @@ def _write(
         lines.append(f"map: sampling period {recipe.period_s:g} s")
     if recipe.rows:
         lines.append(f"map: rows {recipe.rows_text}")
-    lines += how.lines()
+    lines += shape
     write_table(frame, output, lines)

@@ -18,7 +18,7 @@ from typing import Any, ClassVar, Literal, Self
 from pydantic import BaseModel, ConfigDict
 from pydantic.fields import FieldInfo
 
-from sysid.errors import input_error
+from sysid.errors import escaped, input_error
 
 Motion = Literal["rotary", "linear"]
 
@@ -137,6 +137,9 @@ class ChoiceKey(Key):
         return f"write one of {', '.join(map(repr, self.allowed))}"
 
 
+_LONGEST_TEXT = 200
+
+
 @dataclass(frozen=True)
 class TextKey(Key):
     """Any text."""
@@ -146,6 +149,12 @@ class TextKey(Key):
     def check(self, value: Any, where: str, source: str) -> str:
         if not isinstance(value, str):
             raise input_error(source, f"{where} = {value!r} is not text", "put it in quotes")
+        plain = escaped(value) == value
+        if len(value) > _LONGEST_TEXT or not plain:
+            fault = "too long" if plain else "no plain text (control characters)"
+            raise input_error(
+                source, f"{where} = {value!r} is {fault}", f"at most {_LONGEST_TEXT} characters"
+            )
         return value
 
     def line(self, motion: Motion) -> TemplateLine | None:

@@ -12,13 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid import signals
-from sysid.errors import InputError, input_error
+from sysid.errors import InputError, input_error, one_line, shortened
 from sysid.io import plausibility
 from sysid.io.channels import CHAMBER_PRESSURES, PRESSURES, VALVE_COMMANDS
+from sysid.io.reshaping import measured_period
 from sysid.io.rig import Rig
 from sysid.io.samples import Log, Trial, with_channels
 from sysid.io.tables import LogTable, read_table
-from sysid.io.units import CANONICAL_UNITS, ColumnMap, find_column, has_column, to_si
+from sysid.io.units import CANONICAL_UNITS, ColumnMap, check_size, find_column, has_column, to_si
 from sysid.types import FloatArray
 
 # For kinds of test that the log format leaves open; in other logs a lab's own columns.
@@ -29,9 +30,13 @@ _SELDOM_NEEDED = (
     "pwm_period_s",
     "pump_volts",
 )
+# Of unknown columns, by name.
+_LISTED = 30
 # Consecutive rows of a second sampling period from which a test counts as mixed.
 _MIXED_RUN = 10
 _MIXED_DEVIATION = 0.25
+# Times its median that a period may drift; a recorder's next rate is twice or half.
+_DRIFT = 1.95
 # Of the motor's limit: no controller saturates a command by so much.
 _FAR_BEYOND = 3.0
 
@@ -85,7 +90,7 @@ def read_log(
     _check_time(reading, groups)
     _check_tests(reading, groups)
     trials = tuple(_trial(reading, label, rows) for label, rows in groups)
-    return Log(path, table.sha256, trials, tuple(reading.notices), rig)
+    return Log(path, table.sha256, trials, tuple(map(one_line, reading.notices)), rig)
 
 
 def _take_columns(reading: _Reading, maps: Mapping[str, ColumnMap]) -> None:
@@ -109,11 +114,14 @@ def _take_columns(reading: _Reading, maps: Mapping[str, ColumnMap]) -> None:
         if target != "test":
             column = sources[target]
             stamped = table.is_stamped(column)
-            reading.columns[target] = to_si(table.numbers(column), entry, ambient, stamped=stamped)
+            values = to_si(table.numbers(column), entry, ambient, stamped=stamped)
+            reading.columns[target] = check_size(reading.where, target, values)
             reading.origin[target] = sources[target]
     unknown = [n for n in table.header if n not in known and n not in used]
     if unknown:
-        reading.notices.append(f"{reading.where}: ignored, unknown: {', '.join(unknown)}")
+        more = f" and {len(unknown) - _LISTED} more" if len(unknown) > _LISTED else ""
+        listed = ", ".join(map(shortened, unknown[:_LISTED]))
+        reading.notices.append(f"{reading.where}: ignored, unknown: {listed}{more}")
     if len(table.frame) < 2:
         raise input_error(reading.where, "holds one row only", "a test needs at least two samples")
 
@@ -121,7 +129,7 @@ def _take_columns(reading: _Reading, maps: Mapping[str, ColumnMap]) -> None:
 def _take(reading: _Reading, name: str) -> None:
     """A column by its own name; one that only few kinds of test need may be unusable."""
     try:
-        reading.columns[name] = reading.table.numbers(name)
+        reading.columns[name] = check_size(reading.where, name, reading.table.numbers(name))
     except InputError as error:
         if name not in _SELDOM_NEEDED:
             raise
@@ -278,7 +286,7 @@ def smallest_step(values: FloatArray) -> float | None:
 
 def _check_time(reading: _Reading, groups: list[tuple[str, NDArray[np.int64] | slice]]) -> None:
     time = reading.columns["time_s"]
-    periods = []
+    periods, every = [], []
     for label, rows in groups:
         steps = np.diff(time[rows])
         name = f" of test {label}" if label else ""
@@ -292,13 +300,16 @@ def _check_time(reading: _Reading, groups: list[tuple[str, NDArray[np.int64] | s
         if bad.size:
             raise _time_error(reading, rows, int(bad[0]), name)
         periods.append(float(np.median(steps)))
+        every.append(steps)
         _check_mixed(reading, rows, steps, name)
     period, column = float(np.median(periods)), reading.origin["time_s"]
     told = (
         plausibility.check_sampling(reading.where, column, period, reading.rig),
         plausibility.check_speed(reading.where, column, period, len(time), reading.rig),
     )
-    reading.notices += filter(None, told)
+    reading.notices += filter(
+        None, (*told, plausibility.check_evenness(reading.where, np.concatenate(every)))
+    )
 
 
 def _place(reading: _Reading, rows: NDArray[np.int64] | slice, index: int) -> str:
@@ -333,7 +344,9 @@ def _check_mixed(
         return
     for start, stop in signals.runs(other):
         second = steps[start:stop]
-        if stop - start >= _MIXED_RUN and np.ptp(second) < 0.1 * float(np.median(second)):
+        rate = float(np.median(second)) / median
+        apart = not 1.0 / _DRIFT < rate < _DRIFT
+        if apart and stop - start >= _MIXED_RUN and np.ptp(second) < 0.1 * rate * median:
             raise input_error(
                 f"{reading.where}, {_place(reading, rows, start + 1)}",
                 f"the sampling period{name} changes to {float(np.median(second)):.4g} s "
@@ -378,7 +391,9 @@ def _drop_spikes(reading: _Reading, name: str, rows: NDArray[np.int64] | slice, 
 def _trial(reading: _Reading, label: str, rows: NDArray[np.int64] | slice) -> Trial:
     channels = {n: v[rows] for n, v in reading.columns.items() if n != "time_s"}
     source = f"{reading.where}, test {label}" if label else reading.where
-    return Trial(label, reading.columns["time_s"][rows], channels, source, reading.unusable)
+    time = reading.columns["time_s"][rows]
+    between = measured_period(reading.table.comments)
+    return Trial(label, time, channels, source, reading.unusable, between)
 
 
 __all__ = ["Log", "Trial", "read_log", "smallest_step", "with_channels"]

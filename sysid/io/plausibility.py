@@ -27,6 +27,9 @@ PRESSURE_UNITS = {
 }
 _LEAST_SPREAD_PA = 50.0
 _SLOWEST_S = 0.25
+_SHORTEST_S = 1e-7
+# Ratio of the long to the short steps from which a log counts as uneven.
+_UNEVEN = 1.2
 _LEAST_ROWS = 200
 _LEAST_FOR_SPIKES = 50
 _MOST_SPIKES = 3
@@ -214,6 +217,12 @@ def check_fraction(where: str, target: str, column: str, values: FloatArray) -> 
 
 def check_sampling(where: str, column: str, period: float, rig: Rig) -> str | None:
     """Sampling period (s) against the rig's: raises on a wrong unit, else a notice or None."""
+    if period < _SHORTEST_S:
+        raise input_error(
+            where,
+            f"time_s advances by {period:.4g} s per row, less than {_SHORTEST_S:g} s",
+            _mapping("time_s", column, "ms"),
+        )
     if rig.sampling is None:
         return None
     ratio = period / rig.sampling.period_s
@@ -245,6 +254,18 @@ def check_speed(where: str, column: str, period: float, rows: int, rig: Rig) -> 
     return (
         f"{where}: time_s advances by {period:.4g} s per row, too slow for an actuator's motion: "
         + _mapping("time_s", column, "ms")
+    )
+
+
+def check_evenness(where: str, steps: FloatArray) -> str | None:
+    """A notice of a period that drifts, as that of a PC's loop does; `steps` (n,) s. Or None."""
+    short, period, long = (float(q) for q in np.quantile(steps, (0.05, 0.5, 0.95)))
+    if len(steps) < _LEAST_ROWS or long < _UNEVEN * short:
+        return None
+    return (
+        f"{where}: sampled unevenly, every {short:.4g} to {long:.4g} s: where an even period is "
+        f"needed it is {period:.4g} s, with measurements on a spline through their rows and "
+        "commands held"
     )
 
 

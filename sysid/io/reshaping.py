@@ -7,6 +7,7 @@ adds what was not measured; commands hold from their row to the next.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -21,7 +22,10 @@ from sysid.types import FloatArray
 if TYPE_CHECKING:
     import pandas as pd
 
-_HELD = (*VALVE_COMMANDS, "motor_volts", "motor_torque_nm", "motor_force_n", "pump_volts")
+HELD_COLUMNS = (*VALVE_COMMANDS, "motor_volts", "motor_torque_nm", "motor_force_n", "pump_volts")
+# A log's comment that its samples lie between measured rows.
+_BETWEEN = "(measurements linear between rows every {:.6g} s, commands held)"
+_SAYS_BETWEEN = re.compile(r"map: (?:resampled|joined) .*rows every ([0-9.e+-]+) s,")
 _MOST_ROWS = 50_000_000
 _COUNTS = "encoder_counts"
 
@@ -35,15 +39,15 @@ class Reshaping:
     trim_s: tuple[float | None, float | None] = (None, None)
     period_s: float | None = None
 
-    def lines(self) -> Iterable[str]:
-        """What a log's header says about it, one line each."""
+    def lines(self, row_period: float) -> Iterable[str]:
+        """What a log's header says about it, one line each; `row_period` (s) of the rows before."""
         if self.unwrap:
             yield "map: angle unwrapped"
         if self.trim_s != (None, None):
             first, last = ("" if s is None else f"{s:g}" for s in self.trim_s)
             yield f"map: trimmed to {first}:{last} s of each test"
         if self.period_s is not None:
-            yield f"map: resampled to {self.period_s:g} s (measurements linear, commands held)"
+            yield f"map: resampled to {self.period_s:g} s {_BETWEEN.format(row_period)}"
 
 
 def read_trim(text: str | None) -> tuple[float | None, float | None]:
@@ -100,15 +104,44 @@ def _unwrap(frame: pd.DataFrame, where: str) -> None:
     frame["theta_rad"] = np.unwrap(frame["theta_rad"].to_numpy(float))
 
 
+def median_period(time: FloatArray) -> float:
+    """Median step (s) between times (n,) s, where they rise; 0 without two."""
+    steps = np.diff(time)
+    return float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.0
+
+
+def joined_line(row_period: float) -> str:
+    """The comment of a log whose columns come from several files; `row_period` (s) the longest."""
+    return f"map: joined by time {_BETWEEN.format(row_period)}"
+
+
+def measured_period(comments: Iterable[str]) -> float | None:
+    """The longest period (s) of measured rows that a log's comments say it was made from."""
+    found = [float(m[1]) for line in comments if (m := _SAYS_BETWEEN.match(line))]
+    return max(found, default=None)
+
+
+def check_increasing(time: FloatArray, where: str) -> None:
+    """InputError where times (n,) s do not rise from row to row."""
+    if np.any(np.diff(time) <= 0.0):
+        raise input_error(
+            where, "time_s does not increase from row to row", "sort the rows, or label the tests"
+        )
+
+
+def unwrapped(frame: pd.DataFrame) -> pd.DataFrame:
+    """The columns with the angle, if there is one, followed over its turns."""
+    if "theta_rad" not in frame:
+        return frame
+    return frame.assign(theta_rad=np.unwrap(frame["theta_rad"].to_numpy(float)))
+
+
 def _resampled(frame: pd.DataFrame, period: float, where: str) -> pd.DataFrame:
     """Rows every `period` s from the test's first to its last."""
     import pandas as pd
 
     time: FloatArray = frame["time_s"].to_numpy(float)
-    if np.any(np.diff(time) <= 0.0):
-        raise input_error(
-            where, "time_s does not increase from row to row", "sort the rows, or label the tests"
-        )
+    check_increasing(time, where)
     rows = math.floor((time[-1] - time[0]) / period + 1e-9) + 1
     if not 2 <= rows <= _MOST_ROWS:
         raise input_error(
@@ -121,11 +154,21 @@ def _resampled(frame: pd.DataFrame, period: float, where: str) -> pd.DataFrame:
         values = frame[name].to_numpy()
         if name == "time_s":
             columns[name] = grid
-        elif name == TEST_COLUMN or name in _HELD:
+        elif name == TEST_COLUMN or name in HELD_COLUMNS:
             columns[name] = values[held]
         else:
             columns[name] = np.interp(grid, time, values.astype(float))
     return pd.DataFrame(columns)
 
 
-__all__ = ["Reshaping", "read_trim", "reshaped"]
+__all__ = [
+    "HELD_COLUMNS",
+    "Reshaping",
+    "check_increasing",
+    "joined_line",
+    "measured_period",
+    "median_period",
+    "read_trim",
+    "reshaped",
+    "unwrapped",
+]

@@ -210,6 +210,8 @@ def read_toml(path: Path, what: str) -> dict[str, Any]:
         raise input_error(path, f"is not valid TOML: {error}", "fix that line") from None
     except RecursionError:
         raise input_error(path, "is nested too deeply", "write tables and lists flat") from None
+    except ValueError as error:  # tomllib passes on what int() says of thousands of digits
+        raise input_error(path, f"holds an unusable number: {error}", "shorten it") from None
 
 
 def reject_misspelt(given: Any, known: Any, where: str, source: str) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -28,7 +29,9 @@ class Trial:
     their names in the log format; position is always `theta_rad` (linear: `position_m`),
     and the motor command always `motor_torque_nm` (linear: `motor_force_n`) at the output
     shaft, whatever column the file gave. `source` names file and test for messages.
-    `unusable` gives the faults of columns that only few kinds of test need.
+    `unusable` gives the faults of columns that only few kinds of test need. `row_period`: the
+    samples are not as measured but between measured ones so many seconds apart (`sysid convert
+    --resample`, `--join`), and their noise is correlated; None: as measured.
     """
 
     label: str
@@ -36,6 +39,7 @@ class Trial:
     channels: Mapping[str, FloatArray]
     source: str
     unusable: Mapping[str, str] = field(default_factory=dict)
+    row_period: float | None = None
 
     def __contains__(self, name: str) -> bool:
         return name in self.channels
@@ -50,6 +54,11 @@ class Trial:
     def period(self) -> float:
         """Median sampling period, s."""
         return float(np.median(np.diff(self.time)))
+
+    @property
+    def stride(self) -> int:
+        """Samples from one to the next whose errors are not shared: 1 where all are measured."""
+        return 1 if self.row_period is None else max(1, math.ceil(self.row_period / self.period))
 
     @property
     def frame(self) -> pd.DataFrame:

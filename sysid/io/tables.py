@@ -10,7 +10,8 @@ import csv
 import hashlib
 import io
 import json
-from collections.abc import Collection, Sequence
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.errors import input_error
+from sysid.errors import InputError, escaped, input_error, shortened
 from sysid.io.files import open_atomic
 
 if TYPE_CHECKING:
@@ -26,12 +27,16 @@ if TYPE_CHECKING:
 
 PARQUET_SUFFIXES = (".parquet", ".pq")
 FOREIGN_SUFFIXES = (".mat", ".xlsx", ".xls", ".tdms")
+_NOTED = b"sysid.comments"
 _NOT_A_NUMBER = ["", "NaN", "nan", "NA", "N/A", "null", "NULL", "None", "-nan", "#N/A"]
 
 
 @dataclass(frozen=True)
 class LogTable:
-    """The columns that were asked for, their file's SHA-256, and the place of each row."""
+    """The columns that were asked for, their file's SHA-256, and the place of each row.
+
+    `comments` are the lines above the header, or what `write_table` put into Parquet's metadata.
+    """
 
     path: Path
     sha256: str
@@ -39,6 +44,7 @@ class LogTable:
     frame: pd.DataFrame
     body: bytes | None
     header_line: int = 0
+    comments: tuple[str, ...] = ()
 
     def place(self, row: int) -> str:
         """`line 17` of a CSV file (row 0 is the first data row), `row 17` of Parquet."""
@@ -81,7 +87,8 @@ class LogTable:
     def labels(self, column: str) -> tuple[NDArray[np.intp], list[str]]:
         """A column of labels: (n,) codes, and the label of each code in order of appearance.
 
-        InputError at the first empty label.
+        Long labels are shortened, and control characters in them escaped: they go into messages
+        and reports. InputError at the first empty label.
         """
         import pandas as pd
 
@@ -90,7 +97,7 @@ class LogTable:
         empty = codes < 0 if "" not in names else (codes < 0) | (codes == names.index(""))
         if empty.any():
             raise self._not_finite(column, int(np.flatnonzero(empty)[0]), None)
-        return np.asarray(codes, dtype=np.intp), names
+        return np.asarray(codes, dtype=np.intp), _short_labels(names)
 
     def _not_finite(self, column: str, row: int, array: NDArray[np.float64] | None) -> Exception:
         where = f"{self.path}, {self.place(row)}"
@@ -110,6 +117,17 @@ class LogTable:
         return input_error(
             where, f"{column} is empty or not a number (NaN)", "delete the row or fill in the value"
         )
+
+
+def _short_labels(names: list[str]) -> list[str]:
+    """Labels as they are shown; those that would then be the same are numbered."""
+    short = [shortened(escaped(name)) for name in names]
+    seen: Counter[str] = Counter()
+    for i, name in enumerate(short):
+        seen[name] += 1
+        if seen[name] > 1:
+            short[i] = f"{name} ({seen[name]})"
+    return short
 
 
 def read_bytes(path: Path, what: str) -> bytes:
@@ -170,7 +188,7 @@ def write_table(frame: pd.DataFrame, path: Path, comments: Sequence[str]) -> Non
 
             content = pa.Table.from_pandas(frame, preserve_index=False)
             note = json.dumps(list(comments), ensure_ascii=False).encode()
-            metadata = {**(content.schema.metadata or {}), b"sysid.comments": note}
+            metadata = {**(content.schema.metadata or {}), _NOTED: note}
             parquet.write_table(content.replace_schema_metadata(metadata), file)
             return
         for line in comments:
@@ -185,7 +203,6 @@ def _chosen(header: Sequence[str], wanted: Collection[str]) -> list[str]:
 
 
 def _read_parquet(path: Path, raw: bytes, digest: str, wanted: Collection[str]) -> LogTable:
-    import pyarrow
     import pyarrow.parquet as parquet
 
     try:
@@ -194,12 +211,24 @@ def _read_parquet(path: Path, raw: bytes, digest: str, wanted: Collection[str]) 
         _reject_doubled(path, header, "the schema", wanted)
         # The column that pandas stored as its index is a column like any other.
         frame = file.read(columns=_chosen(header, wanted)).to_pandas(ignore_metadata=True)
-    except (pyarrow.ArrowException, OSError) as error:
-        first = str(error).splitlines()[0][:120]
+        comments = _comments_of(file.schema_arrow.metadata)
+    except InputError:
+        raise
+    except Exception as error:  # pyarrow passes on what its decoders of metadata raise
+        first = (str(error).splitlines() or [type(error).__name__])[0][:120]
         raise input_error(
             path, f"is damaged or not Parquet ({first})", "write it again, or save it as CSV"
         ) from None
-    return LogTable(path, digest, header, frame.reset_index(drop=True), None)
+    return LogTable(path, digest, header, frame.reset_index(drop=True), None, comments=comments)
+
+
+def _comments_of(metadata: Mapping[bytes, bytes] | None) -> tuple[str, ...]:
+    """What `write_table` noted in a Parquet file; none in a file of another program."""
+    try:
+        noted = json.loads((metadata or {}).get(_NOTED, b"[]"))
+    except ValueError:
+        return ()
+    return tuple(map(str, noted)) if isinstance(noted, list) else ()
 
 
 def _read_csv(
@@ -232,7 +261,9 @@ def _read_csv(
         raise input_error(
             path, f"cannot be read as CSV ({error})", "fix that line, or save it again as CSV"
         ) from None
-    table = LogTable(path, digest, header, frame, body, header_line)
+    above = body.split(b"\n", header_line - 1)[: header_line - 1]
+    comments = tuple(line.decode("utf-8").strip("# \r") for line in above)
+    table = LogTable(path, digest, header, frame, body, header_line, comments)
     _reject_surplus(table)
     _reject_cut_off(table)
     return table
@@ -286,15 +317,16 @@ def _reject_wrong_delimiter(where: str, text: str, names: tuple[str, ...]) -> No
 
 def _told_apart(names: tuple[str, ...]) -> tuple[str, ...]:
     """Columns that are not asked for may share a name, or have none."""
+    counts = Counter(names)
     return tuple(
-        f"{name} ({i})" if names.count(name) > 1 else name for i, name in enumerate(names, start=1)
+        f"{name} ({i})" if counts[name] > 1 else name for i, name in enumerate(names, start=1)
     )
 
 
 def _reject_doubled(
     where: str | Path, names: tuple[str, ...], what: str, wanted: Collection[str]
 ) -> None:
-    doubled = sorted({n for n in names if names.count(n) > 1 and n in wanted})
+    doubled = sorted(n for n, count in Counter(names).items() if count > 1 and n in wanted)
     if doubled:
         raise input_error(
             where, f"{what} contains {doubled[0]} twice", "rename or delete one of the two columns"

@@ -97,6 +97,8 @@ _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 _REFERENCE = re.compile(r"\s*\(\s*([ga]|gauge|gage|abs|absolute)\s*\)\s*$", re.IGNORECASE)
 _COLUMN_NUMBER = re.compile(r"#(\d{1,6})")
 _MAX_UNIT_LENGTH = 80
+# In SI: no time, pressure, angle, count, force, voltage, flow or temperature of a log is larger.
+LARGEST = 1e12
 
 
 @dataclass(frozen=True)
@@ -343,11 +345,31 @@ def to_si(
         offset += atmosphere_pa
     # 273 ms is 0.273 s to the last digit if divided by 1000, not if multiplied by 0.001.
     inverse = round(1.0 / factor) if 1e-15 < abs(factor) < 1.0 else 0
-    if inverse and 1.0 / inverse == factor:
-        readings = readings / inverse
-    elif factor != 1.0:
-        readings = readings * factor
-    return readings + offset if offset else readings.copy()
+    with np.errstate(over="ignore"):  # `check_size` finds it
+        if inverse and 1.0 / inverse == factor:
+            readings = readings / inverse
+        elif factor != 1.0:
+            readings = readings * factor
+        return readings + offset if offset else readings.copy()
+
+
+def check_size(
+    where: str, target: str, values: NDArray[np.float64], largest: float = LARGEST
+) -> NDArray[np.float64]:
+    """Values in SI as they are; InputError where one is beyond all that is measured.
+
+    Squares and ratios of such values leave the range of numbers.
+    """
+    found = float(np.max(np.abs(values), initial=0.0))
+    if found <= largest:
+        return values
+    unit = CANONICAL_UNITS[target] or ""
+    raise input_error(
+        where,
+        f"{target} reaches {found:.3g} {unit.replace('*', '')}, beyond anything measured "
+        f"({LARGEST:g})",
+        f'fix the values, or give the unit with --map "{target}=COLUMN:UNIT"',
+    )
 
 
 def has_column(columns: Sequence[str], column_map: ColumnMap) -> bool:

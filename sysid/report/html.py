@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from sysid import __version__
+from sysid.errors import escaped
 
 _TEMPLATES = resources.files("sysid.report") / "templates"
 
@@ -29,6 +30,7 @@ def fill(template: str, *, folder: Path | None = None, **content: Any) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
+        finalize=lambda value: value if isinstance(value, Markup) else _readable(value),
     )
     return environment.get_template(template).render(
         **content,
@@ -36,6 +38,11 @@ def fill(template: str, *, folder: Path | None = None, **content: Any) -> str:
         written=moment(datetime.datetime.now(datetime.UTC)),
         style=Markup(template_text("style.css")),
     )
+
+
+def _readable(value: Any) -> Any:
+    """A text without the control characters that a file's names and labels may hold."""
+    return escaped(value, keep="\n\t") if isinstance(value, str) else value
 
 
 def moment(time: datetime.datetime) -> str:

@@ -9,6 +9,7 @@ network is trained, and scikit-learn never.
 from __future__ import annotations
 
 import importlib
+import math
 from typing import TYPE_CHECKING, Any
 
 from sysid.errors import InputError, input_error
@@ -85,13 +86,24 @@ def surface_from_dict(
         if kind == "bipolynomial":
             from sysid.surfaces.bipolynomial import Bipolynomial
 
-            return Bipolynomial.from_dict(content)
+            found: Bipolynomial | DutyNetwork = Bipolynomial.from_dict(content)
+            _check_scaling(found)
+            return found
         from sysid.surfaces.ann import DutyNetwork
 
-        return DutyNetwork.from_dict(content)
+        found = DutyNetwork.from_dict(content)
+        _check_scaling(found)
+        return found
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
-    except (TypeError, ValueError, IndexError) as error:
+    except (TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
         raise input_error(
             where, f"is not a surface ({error})", "fit valve-pwm tests again"
         ) from None
+
+
+def _check_scaling(surface: Bipolynomial | DutyNetwork) -> None:
+    """ValueError for a scaling that is none, as text in a file ("NaN") makes it."""
+    scaling = surface.scaling_
+    if scaling.shape[1:] != (2,) or not all(map(math.isfinite, scaling.ravel().tolist())):
+        raise ValueError("its scaling is not finite pairs of centre and half range")

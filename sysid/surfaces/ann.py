@@ -243,7 +243,8 @@ class DutyNetwork(Regressor):
             network.restart_seeds_ = [int(s) for s in training["restart_seeds"]]
             network.best_restart_ = int(training["best_restart"])
             network.n_iter_ = int(training["iterations"])
-            network.scaling_ = np.array([scaling[k] for k in ("flow_kg_s", "pressure_pa", "duty")])
+            scaled = [scaling[k] for k in ("flow_kg_s", "pressure_pa", "duty")]
+            network.scaling_ = np.array(scaled, dtype=float)
             network.domain_ = Domain.from_dict(content["domain"])
             network.rmse_ = float(content["rmse_duty"])
             network.held_out_rmse_ = float(content["held_out_rmse_duty"])

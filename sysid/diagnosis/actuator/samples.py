@@ -57,7 +57,8 @@ class Rows:
 class TestRun:
     """One test of the campaign: its log's kind, its rows in the arrays, and its commands.
 
-    `moves`: the shaft is free (not held), so that its torque balance counts.
+    `moves`: the shaft is free (not held), so that its torque balance counts. `stamps` are the
+    times (m,) s of the log's own rows where they are not those of the arrays.
     """
 
     label: str
@@ -67,6 +68,7 @@ class TestRun:
     period: float
     inputs: Inputs
     moves: bool
+    stamps: FloatArray | None = None
 
 
 # Equal only to itself: results derived from traces are cached under them.
@@ -151,7 +153,9 @@ def prepare(tests: Sequence[tuple[str, str, Trial]], rig: Rig, model: Model) -> 
         stop = start + len(uniform)
         moves = not kind.startswith("valve") and not is_held(trial, rig)
         period = float(uniform.time[1] - uniform.time[0])
-        runs.append(TestRun(trial.label, file, kind, slice(start, stop), period, inputs, moves))
+        stamps = None if signals.is_even(trial.time, uniform.time) else trial.time
+        rows = slice(start, stop)
+        runs.append(TestRun(trial.label, file, kind, rows, period, inputs, moves, stamps))
         parts.append(_channels(uniform, rig, inputs))
         start = stop
     if not runs:

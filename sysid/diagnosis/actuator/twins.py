@@ -25,6 +25,7 @@ from sysid.types import FloatArray
 _BLOCK = 128
 _CALM = 1.6
 _NOISE_LAGS = 6
+_MOST_LAGS = 33
 _UNCORRELATED = 0.05
 
 
@@ -60,27 +61,33 @@ def sensor_noise(tests: Sequence[tuple[str, str, Trial]], rig: Rig) -> SensorNoi
     """Noise of the channels, from the tests themselves.
 
     Position: `signals.noise_floor`, white. Pressures: the autocovariance over the calmest
-    blocks of all tests, where neither motion nor flow shows.
+    blocks of all tests, where neither motion nor flow shows; so too the position of logs whose
+    samples lie between measured ones, which correlates their noise.
     """
     pressures = CHAMBER_PRESSURES
     floors = [
-        signals.noise_floor(t[rig.position_channel])
+        signals.noise_floor(t[rig.position_channel], stride=t.stride)
         for _, _, t in sorted(tests, key=lambda item: len(item[2]))[-24:]
         if rig.position_channel in t and len(t) >= 64
     ]
     noise = float(np.median([f.noise for f in floors])) if floors else 0.0
     step = float(np.median([f.quantum for f in floors])) if floors else 0.0
     kernels = [np.array([noise])]
+    between = [t for _, _, t in tests if t.row_period is not None]
+    lags = min(_MOST_LAGS, max([_NOISE_LAGS, *(3 * t.stride for t in between)]))
     quantum = [step]
     for name in pressures:
         channels = [t[name] for _, _, t in tests if name in t and np.isfinite(t[name]).all()]
         steps = [s for s in (signals.quantum(c) for c in channels[:24]) if s > 0.0]
         quantum.append(float(np.median(steps)) if steps else 0.0)
-        kernels.append(_noise_kernel(channels, quantum[-1]))
+        kernels.append(_noise_kernel(channels, quantum[-1], lags))
+    if between:
+        positions = [t[rig.position_channel] for t in between if rig.position_channel in t]
+        kernels[0] = _noise_kernel(positions, step, lags)
     return SensorNoise((kernels[0], kernels[1], kernels[2]), np.array(quantum))
 
 
-def _noise_kernel(channels: Sequence[FloatArray], quantum: float) -> FloatArray:
+def _noise_kernel(channels: Sequence[FloatArray], quantum: float, count: int) -> FloatArray:
     """A filter that gives white noise the autocovariance of the channel's calmest blocks."""
     blocks = [
         channel[first : first + _BLOCK]
@@ -95,7 +102,7 @@ def _noise_kernel(channels: Sequence[FloatArray], quantum: float) -> FloatArray:
     rest = table - design @ np.linalg.lstsq(design, table, rcond=None)[0]
     power = np.mean(rest**2, axis=0)
     calm = rest[:, power < _CALM * max(float(np.quantile(power, 0.2)), 1e-300)]
-    lags = np.arange(_NOISE_LAGS)
+    lags = np.arange(count)
     covariance = np.array(
         [np.mean(calm[: _BLOCK - lag] * calm[lag:]) if calm.size else 0.0 for lag in lags]
     )
@@ -145,7 +152,25 @@ def simulate_twins(
         true = _through_sensors(
             traces.runs, [found[run.rows.start] for run in traces.runs], model, rig
         )
-        yield traces.with_measured(*noise.on(true, rng))
+        measured = noise.on(true, rng)
+        for run in traces.runs:
+            if run.stamps is not None:
+                draw = np.random.default_rng((seed, i, run.rows.start))
+                measured[:, run.rows] = _at_stamps(run, true[:, run.rows], noise, draw)
+        yield traces.with_measured(*measured)
+
+
+def _at_stamps(
+    run: TestRun, true: FloatArray, noise: SensorNoise, rng: np.random.Generator
+) -> FloatArray:
+    """Channels (3, n) of an uneven test: they err at its own rows, and go to the even grid as the
+    log's do, which correlates the noise."""
+    stamps = run.stamps
+    assert stamps is not None
+    grid = np.linspace(stamps[0], stamps[-1], true.shape[1])
+    rows = np.array([signals.resample(grid, channel, stamps) for channel in true])
+    noisy = noise.on(rows, rng)
+    return np.array([signals.resample(stamps, channel, grid) for channel in noisy])
 
 
 def _channels(trajectory: object) -> FloatArray:

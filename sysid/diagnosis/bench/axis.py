@@ -33,6 +33,7 @@ from sysid.io.rig import Rig
 from sysid.model import plant
 from sysid.model.base import bare_parameters
 from sysid.model.effects.entry import CatalogueEffect
+from sysid.model.effects.linkage import InertiaMismatch
 from sysid.model.ports import Model, Point, overrides
 from sysid.types import FloatArray, IntArray
 
@@ -95,7 +96,8 @@ class Axis(Component):
             found.append(Parameter(u.offset, 0.0, u.effort, scale=effort))
         if self.rig.total_inertia() is None:
             steep = float(np.mean([np.std(c.acceleration) for c in self.cases]))
-            found.append(Parameter(u.inertia, 0.1 * effort / steep, u.inertia_unit, 0.0))
+            start = 0.1 * effort / steep if steep > 0.0 else 1.0
+            found.append(Parameter(u.inertia, start, u.inertia_unit, 0.0))
         return found
 
     def effects(
@@ -109,6 +111,8 @@ class Axis(Component):
             return False
         if self.rig.is_linear and kind.id in _ROTARY_ONLY:
             return False
+        if kind is InertiaMismatch and self.rig.total_inertia() is None:
+            return False  # nothing is declared, and the inertia is fitted
         values = {p.name: p.value for p in self.parameters()}
         effect = smallest_probe(kind, self.side())
         plain, changed = (
@@ -236,7 +240,8 @@ class Axis(Component):
                 position=float(position[0]),
             )
             gaps.append(position - simulate([inputs], [model])[0].position)
-        noise = [signals.noise_floor(t[self.rig.position_channel]).total for t in self.trials]
+        name = self.rig.position_channel
+        noise = [signals.noise_floor(t[name], stride=t.stride).total for t in self.trials]
         return {self.rig.position_channel: (rmse(gaps), math.hypot(*noise) / math.sqrt(len(noise)))}
 
 

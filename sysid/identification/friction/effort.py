@@ -85,7 +85,7 @@ class EvenTrial:
 
     `motor`, `cylinder` and `gravity` are efforts as in thesis 3.3.7: the first two drive,
     the third resists. `limit` is the largest |position| at a sufficient distance from an end stop
-    (infinite where the rig declares no stroke).
+    (infinite where the rig declares no stroke). `stride`: samples whose errors are shared.
     """
 
     label: str
@@ -99,6 +99,7 @@ class EvenTrial:
     limit: float
     travel: float | None
     valves_move: bool = False
+    stride: int = 1
 
     def __len__(self) -> int:
         return len(self.time)
@@ -110,7 +111,7 @@ class EvenTrial:
 
     @cached_property
     def position_noise(self) -> signals.NoiseFloor:
-        return signals.noise_floor(self.position)
+        return signals.noise_floor(self.position, stride=self.stride)
 
     @property
     def inside(self) -> NDArray[np.bool_]:
@@ -195,6 +196,7 @@ def even_trial(trial: Trial, rig: Rig, notices: list[str]) -> EvenTrial:
         gravity=gravity,
         limit=math.inf if travel is None else (0.5 - END_MARGIN) * travel,
         travel=travel,
+        stride=trial.stride,
         valves_move=any(name in trial and np.ptp(trial[name]) > 0.0 for name in VALVE_COMMANDS),
     )
 

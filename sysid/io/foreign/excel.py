@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from sysid.errors import input_error
+from sysid.errors import InputError, input_error
 from sysid.io.foreign.table import ForeignTable, ReadOptions, damaged, take_names
 from sysid.io.foreign.text import find_header
+from sysid.io.foreign.workbook_size import check_size
 
 
 def read(path: Path, raw: bytes, options: ReadOptions) -> ForeignTable:
@@ -20,9 +21,12 @@ def read(path: Path, raw: bytes, options: ReadOptions) -> ForeignTable:
 
     sheets: dict[Any, Any] = {}
     try:
+        check_size(path, raw)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # openpyxl's, about styles and validation
             sheets = pd.read_excel(io.BytesIO(raw), sheet_name=None, header=None, engine="openpyxl")
+    except InputError:
+        raise
     except Exception as error:  # openpyxl passes on what zipfile and its XML parser raise
         raise damaged(path, "an Excel workbook", error) from None
     name, frame = _pick(path, sheets, options.sheet)

@@ -21,6 +21,6 @@ def read(path: Path, raw: bytes, options: ReadOptions) -> ForeignTable:
                 table.skipped[name] = f"nested ({column.type})"
             else:
                 table.columns[name] = column.to_pandas().to_numpy()
-    except (pa.ArrowException, OSError, ValueError) as error:
+    except Exception as error:  # pyarrow passes on what its decoders of metadata raise
         raise damaged(path, "Parquet", error) from None
     return table

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.errors import InputError, input_error
+from sysid.errors import InputError, input_error, shortened
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -45,6 +46,13 @@ class SampleTimes:
     period_s: float
     start_s: float = 0.0
 
+    def ticks(self, rows: int) -> NDArray[np.float64]:
+        """Time of each sample (rows,) s; divided where that gives the expected decimal."""
+        inverse = round(1.0 / self.period_s)
+        ticks = np.arange(rows)
+        exact = inverse >= 1 and 1.0 / inverse == self.period_s
+        return np.asarray(self.start_s + (ticks / inverse if exact else ticks * self.period_s))
+
 
 @dataclass
 class ForeignTable:
@@ -53,7 +61,8 @@ class ForeignTable:
     `columns` maps each name to a (n,) array of numbers, text or time stamps; their lengths
     may differ (.mat, TDMS). `skipped` gives the reason why other contents are not columns;
     `stamped` names the columns that were read as time stamps or durations, in seconds.
-    `place` describes a row of the file for messages (row 0 is the first sample).
+    `origin` is the time stamp of second 0. `place` describes a row of the file for messages
+    (row 0 is the first sample).
     """
 
     path: Path
@@ -63,6 +72,7 @@ class ForeignTable:
     sampling: dict[str, SampleTimes] = field(default_factory=dict)
     notices: list[str] = field(default_factory=list)
     stamped: set[str] = field(default_factory=set)
+    origin: Any = None
     place: Callable[[int], str] = lambda row: f"row {row + 1}"
     explain_gap: Callable[[int], InputError | None] = lambda row: None
 
@@ -83,7 +93,7 @@ class ForeignTable:
     def describe(self) -> str:
         """The columns, each with its length and first value, for a message."""
         parts = [
-            f"{name} ({len(values)} values, first {_shown(values[0])})"
+            f"{shortened(name)} ({len(values)} values, first {_shown(values[0])})"
             for name, values in list(self.columns.items())[:_LISTED]
         ]
         more = len(self.columns) - _LISTED
@@ -135,6 +145,7 @@ class ForeignTable:
         self.stamped.add(name)
         if series.dtype.kind == "m":
             return np.asarray(series.dt.total_seconds(), dtype=np.float64)
+        self.origin = series.iloc[0]
         self.notices.append(f"{self.path}: {name}: time counts from {series.iloc[0]}")
         return np.asarray((series - series.iloc[0]).dt.total_seconds(), dtype=np.float64)
 
@@ -169,7 +180,11 @@ def _shown(value: Any) -> str:
     if isinstance(value, float | np.floating):
         return f"{value:.6g}"
     text = str(value)
-    return repr(text if len(text) <= 24 else text[:24] + "...") if isinstance(value, str) else text
+    return (
+        repr(text if len(text) <= 24 else text[:24] + "...")
+        if isinstance(value, str)
+        else (shortened(text))
+    )
 
 
 def damaged(path: Path, what: str, error: BaseException | str) -> InputError:
@@ -186,10 +201,15 @@ def take_names(table: ForeignTable, names: Sequence[str] | None, columns: Iterab
     Columns that share a name are known by their numbers only.
     """
     named: Mapping[int, str] = dict(enumerate(names or ()))
-    doubled = {n for n in named.values() if n and list(named.values()).count(n) > 1}
+    counts = Counter(named.values())
+    doubled = {n for n, count in counts.items() if n and count > 1}
     for index, values in enumerate(columns):
         name = named.get(index, "")
         table.columns[name if name and name not in doubled else f"#{index + 1}"] = values
-    for name in sorted(doubled):
-        numbers = [f"#{i + 1}" for i, n in named.items() if n == name]
-        table.skipped[name] = f"it names {' and '.join(numbers)}"
+    numbers: dict[str, list[str]] = {name: [] for name in sorted(doubled)}
+    for index, name in named.items():
+        if name in doubled:
+            numbers[name].append(f"#{index + 1}")
+    for name, its in numbers.items():
+        more = " ..." if len(its) > _LISTED else ""
+        table.skipped[name] = f"it names {' and '.join(its[:_LISTED])}{more}"

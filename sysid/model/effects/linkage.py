@@ -12,8 +12,10 @@ from sysid.model.ports import Point
 
 # The shortest time constant that the simulator's explicit steps of 1 ms follow, s.
 _SHORTEST_S = 1e-3
-# Smallest divisor: rad, rad/s.
+# Smallest divisor: rad, rad/s, kg m2.
 _LEAST = 1e-12
+# Of the declared inertia: what a change of it leaves at least.
+_LEAST_INERTIA = 0.02
 
 
 @dataclass(frozen=True)
@@ -273,6 +275,7 @@ class InertiaMismatch(CatalogueEffect):
     """The moving inertia differs from the declared one: + d, and gravity in proportion.
 
     As if the extra mass were distributed like the declared one; no gravity on a horizontal rig.
+    A change below -98 % of the declared inertia acts on it as -98 %.
     """
 
     inertia_change_kg_m2: Array = 0.0
@@ -291,9 +294,12 @@ class InertiaMismatch(CatalogueEffect):
     source = "thesis 3.3.2"
 
     def parameters(self, parameters: Parameters, time: Array) -> Parameters:
-        share = self.inertia_change_kg_m2 / parameters.inertia
+        xp = array_namespace(self.inertia_change_kg_m2, parameters.inertia)
+        declared = parameters.inertia
+        # A fit may try a change that takes away more than there is: acceleration divides by it.
+        share = self.inertia_change_kg_m2 / xp.maximum(declared, _LEAST)
         return parameters.replace(
-            inertia=parameters.inertia + self.inertia_change_kg_m2,
+            inertia=xp.maximum(declared + self.inertia_change_kg_m2, _LEAST_INERTIA * declared),
             gravity_moment=parameters.gravity_moment + parameters.gravity_moment * share,
             weight=parameters.weight + parameters.weight * share,
         )

@@ -1,0 +1,116 @@
+"""Columns of separate files brought together by time, for `sysid convert --join`.
+
+Each joined column is taken at the first file's time stamps: measured signals on the line between
+their own rows, commands held. Only what all files cover is kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sysid.errors import input_error
+from sysid.io.reshaping import HELD_COLUMNS, check_increasing, median_period
+from sysid.io.units import TEST_COLUMN
+from sysid.types import FloatArray
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True)
+class TimedColumns:
+    """A file's columns (SI) with `time_s`; `origin` is the time stamp of second 0, if it has one.
+
+    `shift_s` is added to its times.
+    """
+
+    where: str
+    frame: pd.DataFrame
+    origin: Any = None
+    shift_s: float = 0.0
+
+    @property
+    def row_period(self) -> float:
+        """Median period of its rows, s."""
+        return median_period(self.frame["time_s"].to_numpy(float))
+
+    def times(self, first: TimedColumns) -> FloatArray:
+        """Its times (n,) s on the clock of the first file. Raises InputError."""
+        own = self.frame["time_s"].to_numpy(float) + self.shift_s
+        if self.origin is None and first.origin is None:
+            return own
+        if self.origin is None or first.origin is None:
+            if self.shift_s:
+                return own
+            raise input_error(
+                self.where,
+                f"one of it and {first.where} holds time stamps, the other seconds: their clocks "
+                "differ by an unknown time",
+                "give that time with --join-shift SECONDS",
+            )
+        try:
+            return np.asarray(own + (self.origin - first.origin).total_seconds(), dtype=float)
+        except TypeError:
+            raise input_error(
+                self.where,
+                f"its time stamps and those of {first.where} are not of one kind (time zone)",
+                "write both with the same time zone",
+            ) from None
+
+
+def joined(first: TimedColumns, others: Sequence[TimedColumns]) -> tuple[pd.DataFrame, str]:
+    """The first file's rows with the others' columns, and a notice of what was kept.
+
+    Raises InputError where files have a column in common, hold several tests, do not increase
+    in time, or do not overlap.
+    """
+    for one in (first, *others):
+        if TEST_COLUMN in one.frame:
+            raise input_error(one.where, "holds several tests", "join the files of one test each")
+    time = first.times(first)
+    check_increasing(time, first.where)
+    clocks = [other.times(first) for other in others]
+    inside = np.ones(len(time), dtype=bool)
+    for clock, other in zip(clocks, others, strict=True):
+        check_increasing(clock, other.where)
+        inside &= (time >= clock[0]) & (time <= clock[-1])
+        if np.count_nonzero(inside) < 2:
+            raise input_error(
+                other.where,
+                f"its time, {clock[0]:.6g} to {clock[-1]:.6g} s, does not overlap with "
+                f"{time[0]:.6g} to {time[-1]:.6g} s of {first.where}",
+                "give the difference of their clocks with --join-shift SECONDS",
+            )
+    frame = first.frame[inside].reset_index(drop=True)
+    for clock, other in zip(clocks, others, strict=True):
+        _add(frame, time[inside], clock, other, first.where)
+    kept = time[inside]
+    return frame, (
+        f"{first.where}: joined with {', '.join(o.where for o in others)} by time, where all have "
+        f"samples: {kept[0]:.6g} to {kept[-1]:.6g} s, {len(kept)} of {len(time)} rows"
+    )
+
+
+def _add(
+    frame: pd.DataFrame, time: FloatArray, clock: FloatArray, other: TimedColumns, where: str
+) -> None:
+    """Put the other file's columns at `time` (n,) s into the frame, in place."""
+    for name in other.frame.columns:
+        if name == "time_s":
+            continue
+        if name in frame:
+            raise input_error(
+                other.where, f"has {name}, and so has {where}", "leave one of them out of the maps"
+            )
+        values = other.frame[name].to_numpy(float)
+        if name in HELD_COLUMNS:
+            frame[name] = values[np.searchsorted(clock, time, side="right") - 1]
+        else:
+            frame[name] = np.interp(time, clock, values)
+
+
+__all__ = ["TimedColumns", "joined"]
