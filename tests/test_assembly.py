@@ -5,8 +5,10 @@ from __future__ import annotations
 import dataclasses
 from pathlib import Path
 
+import pandas as pd
 import pytest
 from golden_folder import BUNDLED
+from test_friction_combinations import slid
 
 from sysid.assembly import fit_campaign
 from sysid.bundle.assembled_model import assumed_friction, model_from_bundle
@@ -76,3 +78,25 @@ def test_the_vertical_sample_has_friction(shared_samples: Path) -> None:
     assert without is not None and without.source == "friction-motion"
     assert without.coulomb_nm.value == pytest.approx(0.249, rel=0.03)
     assert without.viscous_nm_s_per_rad.value == pytest.approx(0.049, rel=0.08)
+
+
+def test_friction_tests_in_one_direction_give_the_sum(tmp_path: Path) -> None:
+    frames = [
+        pd.DataFrame({"time_s": one.time, **one.channels, "test": k})
+        for k, one in enumerate(slid((0.25, 0.31), (1.0,), 0.005))
+    ]
+    pd.concat(frames).to_csv(tmp_path / "sliding.csv", index=False)
+    (tmp_path / "rig.toml").write_text(
+        '[rig]\nname = "arm"\norientation = "horizontal"\nmotion = "rotary"\n\n'
+        "[inertia]\nequivalent_kg_m2 = 0.024\n"
+    )
+    path = tmp_path / "campaign.toml"
+    path.write_text(
+        'rig = "rig.toml"\n\n[[log]]\nfile = "sliding.csv"\nkind = "friction-sliding"\n'
+    )
+    found = fit_campaign(read_campaign(path))
+    friction = found.bundle.friction
+    assert friction is not None
+    assert list(friction.sums()) == ["coulomb_nm + offset_nm"]
+    assert friction.viscous_nm_s_per_rad is not None and friction.viscous_nm_s_per_rad.identified
+    assert any("other direction" in n and "would separate" in n for n in found.notices)

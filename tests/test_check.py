@@ -33,11 +33,13 @@ def motion_frame(noise: float = 200.0) -> pd.DataFrame:
     time = np.arange(4000) * PERIOD
     angle = 0.5 * np.sin(2 * np.pi * 0.7 * time)
     step = 2 * np.pi / 80000
+    speed = np.gradient(angle, PERIOD)
+    torque = 0.0237 * np.gradient(speed, PERIOD) + 0.2 * np.sign(speed) + 0.05 * speed
     return pd.DataFrame(
         {
             "time_s": time,
             "theta_rad": np.round(angle / step) * step,
-            "motor_torque_nm": 0.4 * np.sin(2 * np.pi * 0.7 * time + 0.5),
+            "motor_torque_nm": torque,
             "pressure_a_pa": pressure(rng, np.full(4000, 1e5), noise),
             "pressure_b_pa": pressure(rng, np.full(4000, 1e5), noise),
         }
