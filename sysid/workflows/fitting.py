@@ -41,7 +41,7 @@ def fit(
     """
     with progress_or_shown(progress, "fitting") as tell:
         found = fit_campaign(campaign, surface=surface, seed=seed, progress=tell)
-    for line in dict.fromkeys((*found.notices, *check_consistency(campaign))):
+    for line in dict.fromkeys((*found.notices, *check_consistency(campaign, "fit"))):
         _LOGGER.warning("%s", line)
     return found.bundle
 

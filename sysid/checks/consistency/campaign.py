@@ -43,12 +43,13 @@ class LogReadings:
     notices: tuple[str, ...] = field(default=())
 
 
-def check_consistency(campaign: Campaign) -> tuple[str, ...]:
+def check_consistency(campaign: Campaign, use: str | None = None) -> tuple[str, ...]:
     """Notices of logs that contradict one another or the rig file, one line each.
 
-    Raises InputError for a log that cannot be used.
+    `use` keeps the logs of that use. Raises InputError for a log that cannot be used.
     """
-    found = [readings_of(campaign.read(e), e.kind, campaign.rig) for e in campaign.logs]
+    logs = [e for e in campaign.logs if use in (None, e.use)]
+    found = [readings_of(campaign.read(e), e.kind, campaign.rig) for e in logs]
     return contradictions(found, campaign.rig)
 
 
