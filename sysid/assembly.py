@@ -106,7 +106,8 @@ def fit_campaign(
     `progress` is called with the name of each part as its fit begins.
     """
     assembly = _Assembly(campaign, progress)
-    assembly.notices += [*campaign.notices, *campaign.rig.notices, *campaign.copies()]
+    sources = campaign.sources()
+    assembly.notices += [*campaign.notices, *campaign.rig.notices, *campaign.copies(sources)]
     _add_friction(assembly)
     _add_valves(assembly, surface, seed)
     _add_bench(assembly)
@@ -115,7 +116,7 @@ def fit_campaign(
     bundle = Bundle.new(
         campaign.rig,
         assembly.parts,
-        [s for s in campaign.sources() if _is_used(s, assembly)],
+        [s for s in sources if _is_used(s, assembly)],
         seeds={"valve-pwm": seed},
         options={"valve-pwm": {"surface": surface}},
     )

@@ -64,7 +64,8 @@ def test_a_copy_that_is_held_out_is_said(bundled: Campaign, tmp_path: Path) -> N
     found = fit_campaign(dataclasses.replace(bundled, logs=twice))
     (notice,) = (n for n in found.notices if "byte for byte" in n)
     assert "other.parquet is a copy of" in notice and "what is fitted is not held out" in notice
-    assert only(bundled, *FRICTION_KINDS).copies() == []
+    friction = only(bundled, *FRICTION_KINDS)
+    assert friction.copies(friction.sources()) == []
 
 
 def test_the_vertical_sample_has_friction(shared_samples: Path) -> None:

@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 from golden_folder import BUNDLED
 
+from sysid.checks.log_check import check_log
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.friction import fit_friction
 from sysid.identification.friction.result import FrictionResult
@@ -152,3 +153,113 @@ def test_a_trim_that_is_none_is_refused(trim: str, tmp_path: Path) -> None:
     )
     with pytest.raises(InputError, match="FROM:TO"):
         convert(tmp_path / "a.csv", tmp_path / "b.csv", trim=trim)
+
+
+# --- what was seen with exit 0, slip by slip ------------------------------------------------
+
+
+def test_milliseconds_for_seconds_are_refused(rig: Rig, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match='--map "time_s=time_s:ms"'):
+        read(bundled().assign(time_s=lambda f: 1e3 * f["time_s"]), rig, tmp_path)
+
+
+@pytest.mark.parametrize("factor", [1.5, 2.0, 10.0])
+def test_a_scaled_time_is_said(factor: float, rig: Rig, tmp_path: Path) -> None:
+    log = read(bundled().assign(time_s=lambda f: factor * f["time_s"]), rig, tmp_path)
+    assert any("the rig file declares 0.001 s" in n for n in log.notices)
+
+
+@pytest.mark.parametrize(
+    "column", ["motor_torque_nm", "theta_rad", "pressure_a_pa", "every channel but the time"]
+)
+@pytest.mark.parametrize("name", ["friction_sliding", "friction_motion"])
+def test_a_constant_channel_gives_no_friction(
+    name: str, column: str, rig: Rig, tmp_path: Path
+) -> None:
+    """Effort zero, position constant, or everything but the time; a chamber that never breathes
+    alone is no more than said."""
+    frame = bundled(name)
+    own = [c for c in frame if c not in ("time_s", "test")]
+    columns = [column] if column in frame else own
+    frame = frame.assign(
+        **{c: 0.0 if c == "motor_torque_nm" else frame[c].iloc[0] for c in columns}
+    )
+    if column == "pressure_a_pa":
+        log = read(frame, rig, tmp_path)
+        (found,) = (c for c in check_log(log, rig).channels if c.name == column)
+        assert found.stuck_s > 1.0
+        return
+    with pytest.raises((InputError, NotIdentifiedError)):
+        fitted(frame, rig, tmp_path).require_possible()
+
+
+def test_angles_beyond_every_stop_are_refused(rig: Rig, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="more than the stroke"):
+        read(bundled().assign(theta_rad=lambda f: 3.0 * f["theta_rad"]), rig, tmp_path)
+
+
+@pytest.mark.parametrize("factor", [2.0, 0.5, 1.5, 4.0])
+def test_a_scaled_angle_is_known_by_the_encoder(factor: float, rig: Rig, tmp_path: Path) -> None:
+    """The pitch diameter, a gear, or the decoding: no unit, but not the encoder's step."""
+    step = 2.0 * np.pi / 80000
+    frame = bundled("motion_motor")
+    counts = (0.15 * frame["theta_rad"] / step).round()
+    frame = frame.assign(theta_rad=factor * step * counts)
+    log = read(frame, rig, tmp_path)
+    (line,) = (n for n in log.notices if "resolved in steps" in n)
+    assert f"scaled by {factor:g}" in line
+    log = read(bundled("motion_motor"), rig, tmp_path)
+    assert not any("resolved in steps" in n for n in log.notices)
+
+
+def test_a_pitch_diameter_for_its_radius_is_said(rig: Rig, tmp_path: Path) -> None:
+    wide = dataclasses.replace(
+        rig, cylinder=rig.cylinder and rig.cylinder.model_copy(update={"pitch_radius_m": 0.07534})
+    )
+    with pytest.raises(InputError, match="pitch_radius_m"):
+        read(bundled(), wide, tmp_path)
+    for name in ("valve_pwm_a", "valve_discrete_b"):
+        said = read(bundled(name), wide, tmp_path).notices
+        assert any("pitch_radius_m is wrong" in n for n in said), name
+
+
+def test_one_wild_sample_under_pwm_changes_nothing(rig: Rig, tmp_path: Path) -> None:
+    frame = bundled("valve_pwm_a")
+    frame.loc[len(frame) // 2, "pressure_a_pa"] = 1.2e6
+    log = read(frame, rig, tmp_path)
+    assert any("single sample" in n and "1.2e+06" in n for n in log.notices)
+    assert max(float(t["pressure_a_pa"].max()) for t in log.trials) < 4e5
+
+
+def test_one_pressure_under_both_names_is_said(rig: Rig, tmp_path: Path) -> None:
+    log = read(bundled().assign(pressure_b_pa=lambda f: f["pressure_a_pa"]), rig, tmp_path)
+    assert any("hold the same values in every row" in n for n in log.notices)
+
+
+@pytest.mark.parametrize("name", ["motion_pwm", "valve_discrete_a"])
+def test_swapped_and_inverted_valves_are_said(name: str, rig: Rig, tmp_path: Path) -> None:
+    frame = bundled(name)
+    a, b = ("duty_a", "duty_b") if "duty_a" in frame else ("valve_a", "valve_b")
+    exchanged = read(frame.assign(**{a: frame[b], b: frame[a]}), rig, tmp_path)
+    assert any("swapped" in n for n in exchanged.notices)
+    moving = [c for c in (a, b) if np.ptp(frame[c]) > 0.0]
+    inverted = read(frame.assign(**{c: 1.0 - frame[c] for c in moving}), rig, tmp_path)
+    assert any("inverted" in n for n in inverted.notices)
+    assert not any("swapped" in n for n in read(frame, rig, tmp_path).notices)
+
+
+def test_an_angle_without_its_sign_is_said(rig: Rig, tmp_path: Path) -> None:
+    frame = bundled("motion_motor")
+    folded = read(frame.assign(theta_rad=frame["theta_rad"].abs()), rig, tmp_path)
+    assert any("its sign is missing" in n for n in folded.notices)
+    assert not any("its sign is missing" in n for n in read(frame, rig, tmp_path).notices)
+    lifted = frame.assign(theta_rad=frame["theta_rad"] - frame["theta_rad"].min())
+    assert not any("its sign is missing" in n for n in read(lifted, rig, tmp_path).notices)
+
+
+def test_chambers_under_a_regulator_are_no_slip(rig: Rig, tmp_path: Path) -> None:
+    """A rig without valves may stand at any pressure: at twice the atmosphere too."""
+    names = ("pressure_a_pa", "pressure_b_pa")
+    twice = bundled().assign(**{n: bundled()[n] + 100200.0 for n in names})
+    regulated = dataclasses.replace(rig, valves=None)
+    assert not any("added twice" in n for n in read(twice, regulated, tmp_path).notices)

@@ -114,7 +114,7 @@ def run_set(folder: Path, data: Path, work: Path, progress: Progress) -> dict[st
         work.mkdir(parents=True, exist_ok=True)
         for file in sorted(folder.glob("*.toml")):
             shutil.copyfile(file, work / file.name)
-        _convert_all(measured, base, work, progress)
+        convert_all(measured, base, work, progress)
     except (SysidError, OSError) as error:
         said["problem"] = _without_paths(str(error), hidden)
         progress(f"{measured.name}: failed: {said['problem']}")
@@ -124,7 +124,7 @@ def run_set(folder: Path, data: Path, work: Path, progress: Progress) -> dict[st
     return said
 
 
-def _convert_all(measured: MeasuredSet, base: Path, work: Path, progress: Progress) -> None:
+def convert_all(measured: MeasuredSet, base: Path, work: Path, progress: Progress) -> None:
     """Every log of a set, several at a time: most of a conversion is process start-up."""
     from concurrent.futures import ThreadPoolExecutor
 

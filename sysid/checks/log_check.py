@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid import signals
+from sysid.checks.consistency.campaign import contradictions, readings_of
 from sysid.checks.friction import Identification
 from sysid.checks.identifiability import excitation, identifications
 from sysid.display.plots import bars, one_axes
@@ -57,7 +58,8 @@ class LogCheck(Shown):
     """The result of `sysid check` for one log. Times in s.
 
     `kinds` counts its tests by the kind that their content shows; `declared` is the kind and
-    `use` the use that a campaign gives the log, None for one that was checked alone.
+    `use` the use that a campaign gives the log, None for one that was checked alone. `contradicts`
+    says in what it contradicts the campaign's other logs or the rig file.
     """
 
     file: str
@@ -75,13 +77,22 @@ class LogCheck(Shown):
     notices: tuple[str, ...]
     declared: str | None = None
     use: str | None = None
+    contradicts: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
-        """Plain dictionaries and lists; `declared` and `use` only for a campaign's log."""
+        """Plain dictionaries and lists; `declared` and `use` only for a campaign's log,
+        `contradicts` only for one that does."""
         content = asdict(self)
         if self.declared is None:
             del content["declared"], content["use"]
+        if not self.contradicts:
+            del content["contradicts"]
         return content
+
+    @property
+    def said(self) -> tuple[str, ...]:
+        """The notices of its reader, and those of its comparison with other logs."""
+        return (*self.notices, *self.contradicts)
 
     def headline(self) -> str:
         """The file, its tests and its sampling."""
@@ -123,6 +134,7 @@ class LogCheck(Shown):
                 "excitation": tuple(content["excitation"]),
                 "identifies": tuple(Identification(**i) for i in content["identifies"]),
                 "notices": tuple(content["notices"]),
+                "contradicts": tuple(content.get("contradicts", ())),
             }
         )
 
@@ -133,10 +145,18 @@ def _ratio(channel: ChannelCheck, size: float | None) -> float:
 
 
 def check_campaign(campaign: Campaign) -> list[LogCheck]:
-    """Check every log of a campaign, with its rig and maps. Raises InputError."""
+    """Check every log of a campaign, with its rig and maps, and all together. Raises InputError."""
+    checks, read = [], []
+    for entry in campaign.logs:
+        log = campaign.read(entry)
+        checks.append(replace(check_log(log, campaign.rig, entry.kind), use=entry.use))
+        read.append(readings_of(log, entry.kind, campaign.rig))
+    lines = contradictions(read, campaign.rig)
+    names = [entry.path.name for entry in campaign.logs]
+    owners = [next((i for i, n in enumerate(names) if line.startswith(n)), 0) for line in lines]
     return [
-        replace(check_log(campaign.read(entry), campaign.rig, entry.kind), use=entry.use)
-        for entry in campaign.logs
+        replace(check, contradicts=tuple(x for x, i in zip(lines, owners, strict=True) if i == own))
+        for own, check in enumerate(checks)
     ]
 
 

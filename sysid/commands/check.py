@@ -28,7 +28,8 @@ from sysid.io.units import parse_map
 def check(logs: Sequence[Path], rig: Path | None, maps: Sequence[str], as_json: bool) -> None:
     """Data quality of each LOG, and what it can and cannot identify.
 
-    A campaign file in place of a LOG stands for all logs that it lists.
+    A campaign file in place of a LOG stands for all logs that it lists, which are then also
+    compared with one another and with the rig file.
     """
     checks: list[LogCheck] = []
     said: list[str] = []
@@ -60,7 +61,7 @@ def _campaign_checks(
 
 def _show(checks: Sequence[LogCheck], said: Sequence[str], as_json: bool) -> None:
     """One block per log."""
-    notices([*said, *(line for c in checks for line in c.notices)])
+    notices([*said, *(line for c in checks for line in c.said)])
     if as_json:
         print_json({"logs": [c.to_json() for c in checks]})
         return

@@ -15,6 +15,7 @@ from rich.text import Text
 from sysid.assembly import PartResult, fit_campaign
 from sysid.bundle import Bundle, FittedValves, Friction, read_bundle, write_bundle
 from sysid.bundle.base import read_number
+from sysid.checks.consistency.campaign import check_consistency
 from sysid.commands.options import (
     SEED,
     PathArgument,
@@ -181,10 +182,12 @@ def _valve_pwm(
 @json_option
 def _campaign(campaign: Path, output: Path | None, as_json: bool) -> None:
     """Everything that a campaign's training logs identify, in one bundle."""
-    found = fit_campaign(read_campaign(campaign), progress=progress("fitting "))
+    read = read_campaign(campaign)
+    found = fit_campaign(read, progress=progress("fitting "))
+    notices = (*found.notices, *check_consistency(read, "fit"))
     if output is not None:
         write_bundle(found.bundle, output)
-    fitted = Fitted(found.bundle, found.remarks, found.notices, output)
+    fitted = Fitted(found.bundle, found.remarks, notices, output)
     _show(fitted, as_json, _campaign_tables)
 
 

@@ -186,7 +186,7 @@ def _stale(
 
 def _check(run: PipelineRun) -> None:
     checks = check_campaign(run.campaign)
-    run.notices += [line for check in checks for line in check.notices]
+    run.notices += [line for check in checks for line in check.said]
     logs = [check.to_json() for check in checks]
     write_atomic(run.path(_CHECKS_FILE), json.dumps({"logs": logs}, indent=2) + "\n")
 

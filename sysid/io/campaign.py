@@ -118,14 +118,14 @@ class Campaign:
         chosen = (e for e in self.logs if use in (None, e.use))
         return [Source(e.path.name, _digest(e.path), e.use, e.kind) for e in chosen]
 
-    def copies(self) -> list[str]:
+    def copies(self, sources: Sequence[Source]) -> list[str]:
         """Notices of files that hold the same bytes: one of them is no evidence of its own.
 
-        Raises InputError for a log that cannot be opened.
+        `sources` are those of all logs (`sources()`).
         """
         first: dict[str, CampaignLog] = {}
         notices = []
-        for entry, source in zip(self.logs, self.sources(), strict=True):
+        for entry, source in zip(self.logs, sources, strict=True):
             before = first.setdefault(source.sha256, entry)
             if before.path != entry.path:
                 held = before.use != entry.use

@@ -16,6 +16,7 @@ from sysid.errors import InputError, input_error, one_line, shortened
 from sysid.io import plausibility
 from sysid.io.channels import CHAMBER_PRESSURES, PRESSURES, VALVE_COMMANDS
 from sysid.io.reshaping import measured_period
+from sysid.io.responses import response_notices
 from sysid.io.rig import Rig
 from sysid.io.samples import Log, Trial, with_channels
 from sysid.io.tables import LogTable, read_table
@@ -274,6 +275,7 @@ def _check_values(reading: _Reading) -> None:
         notice = plausibility.check_rest(where, chambers, rig)
         if notice:
             reading.notices.append(notice)
+    reading.notices += response_notices(where, columns, position, rig.effort_channel)
 
 
 def smallest_step(values: FloatArray) -> float | None:
@@ -362,7 +364,13 @@ def _check_tests(reading: _Reading, groups: list[tuple[str, NDArray[np.int64] | 
     for label, rows in groups:
         where = f"{reading.where}, test {label}" if label else reading.where
         if position in reading.columns:
-            plausibility.check_wraps(where, position, reading.columns[position][rows], reading.rig)
+            values = reading.columns[position][rows]
+            plausibility.check_wraps(where, position, values, reading.rig)
+            if plausibility.folds(values):
+                reading.notices.append(
+                    f"{where}: {position} turns round at zero without slowing down: its sign is "
+                    "missing"
+                )
         for name in (position, *PRESSURES):
             if name in reading.columns:
                 _drop_spikes(reading, name, rows, where)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from sysid.errors import SysidError, input_error
 from sysid.io.rig import Rig
+from sysid.signals import quantum
 from sysid.types import FloatArray
 
 PRESSURE_UNITS = {
@@ -41,6 +42,12 @@ _LOWEST_SHARE_OF_ATMOSPHERE = 0.5
 _HIGHEST_SHARE_OF_SUPPLY = 4.0
 # Of the travel: a stop yields, and a pitch radius is known to some percent.
 _BEYOND_THE_STOP = 0.05
+# Levels from which a channel's resolution shows, and how far it may be from the declared one.
+_LEAST_LEVELS = 100
+_SAME_STEP = 0.1
+_FOLD_ROWS = 5
+_FOLD_SPEED = 0.2  # of the test's highest speed
+_STRAIGHT = 0.7
 _ROTARY_STEPS = {"deg": 180.0 / math.pi, "rev": 0.5 / math.pi, "mrad": 1e3}
 _LINEAR_STEPS = {"mm": 1e3, "um": 1e6, "cm": 1e2}
 _NAMES = {
@@ -97,9 +104,16 @@ def check_position(
     """Position (n,) rad or m against the stroke and the encoder's resolution.
 
     `step` is the smallest change in the data, or None where it is unknown. Raises InputError on a
-    wrong unit; a notice where the zero cannot lie in the middle of the stroke, else None.
+    wrong unit; a notice where the zero cannot lie in the middle of the stroke, or where the
+    resolution is not the encoder's, else None.
     """
     _check_step(where, target, column, step, rig)
+    return _beyond_stops(where, target, column, values, rig) or _other_resolution(
+        where, target, values, rig
+    )
+
+
+def _beyond_stops(where: str, target: str, column: str, values: FloatArray, rig: Rig) -> str | None:
     if rig.travel is None:
         return None
     low, high = float(np.min(values)), float(np.max(values))
@@ -109,23 +123,58 @@ def check_position(
             where,
             f"{target} runs from {low:.4g} to {high:.4g} {si}, "
             f"more than the stroke of {rig.travel:.4g} {si} allows",
-            _mapping(target, column, unit),
+            _mapping(target, column, unit)
+            + ", or correct stroke_m or pitch_radius_m in the rig file",
         )
     if max(-low, high) <= (0.5 + _BEYOND_THE_STOP) * rig.travel:
         return None
     return (
         f"{where}: {target} runs from {low:.4g} to {high:.4g} {si}, beyond the end stops at "
-        f"+-{0.5 * rig.travel:.4g} {si}: its zero is not the middle of the stroke, or stroke_m "
-        "or pitch_radius_m is wrong"
+        f"+-{0.5 * rig.travel:.4g} {si}: its zero is not the middle of the stroke, or "
+        f"{_lengths(rig)} is wrong"
     )
+
+
+def _lengths(rig: Rig) -> str:
+    """The keys of the rig file from which the travel follows."""
+    return "stroke_m" if rig.is_linear else "stroke_m or pitch_radius_m"
+
+
+def _other_resolution(where: str, target: str, values: FloatArray, rig: Rig) -> str | None:
+    """A notice where all readings are multiples of another step than the encoder's."""
+    per_unit = _counts_per_unit(rig)
+    if per_unit is None or len(np.unique(values)) < _LEAST_LEVELS:
+        return None
+    step = quantum(values)
+    ratio = step * per_unit
+    # A file with few decimals has a step of its own.
+    if step == 0.0 or abs(ratio - 1.0) < _SAME_STEP or _is_decimal(step):
+        return None
+    si = "m" if rig.is_linear else "rad"
+    return (
+        f"{where}: {target} is resolved in steps of {step:.4g} {si}, the encoder declared in the "
+        f"rig file in {1.0 / per_unit:.4g} {si}: {target} is scaled by {ratio:.3g} (a diameter for "
+        "a radius, a gear ratio, the encoder's decoding), or the key under [sensors] is wrong"
+    )
+
+
+def _is_decimal(step: float) -> bool:
+    """Whether a step is 1, 2 or 5 times a power of ten, to the accuracy of a refined step."""
+    first = step / 10.0 ** math.floor(math.log10(step))
+    return min(abs(first / d - 1.0) for d in (1.0, 2.0, 5.0, 10.0)) < 1e-3
+
+
+def _counts_per_unit(rig: Rig) -> float | None:
+    """The encoder's counts per rad or m as declared."""
+    if rig.is_linear:
+        return rig.sensors.encoder_counts_per_m
+    per_turn = rig.sensors.encoder_counts_per_rev
+    return None if per_turn is None else per_turn / (2.0 * math.pi)
 
 
 def _check_step(where: str, target: str, column: str, step: float | None, rig: Rig) -> None:
     """The smallest change in the data against the encoder's resolution: the unit that it shows."""
-    per_unit = rig.sensors.encoder_counts_per_m
-    if not rig.is_linear:
-        per_turn = rig.sensors.encoder_counts_per_rev
-        per_unit = None if per_turn is None else per_turn / (2.0 * math.pi)
+    per_unit = _counts_per_unit(rig)
     if per_unit is None or not step:
         return
     units = _LINEAR_STEPS if rig.is_linear else _ROTARY_STEPS
@@ -152,6 +201,21 @@ def check_wraps(where: str, target: str, values: FloatArray, rig: Rig) -> None:
             f"{target} wraps around at 2 pi {int(np.count_nonzero(wraps))} times",
             "unwrap it with `sysid convert --unwrap`",
         )
+
+
+def folds(values: FloatArray) -> bool:
+    """Whether a position (n,) of one test turns round at zero at full speed, as its size does."""
+    low, step = float(np.min(values)), float(np.max(np.abs(np.diff(values)), initial=0.0))
+    if low < 0.0 or low > step or len(values) < _LEAST_FOR_SPIKES:
+        return False
+    n = _FOLD_ROWS
+    inner = values[2 * n : -2 * n]
+    lowest = (inner <= values[2 * n - 1 : -2 * n - 1]) & (inner < values[2 * n + 1 : -2 * n + 1])
+    i = 2 * n + np.flatnonzero(lowest & (inner <= step))
+    near = np.minimum(values[i - n], values[i + n]) - values[i]
+    far = np.maximum(values[i - 2 * n] - values[i - n], values[i + 2 * n] - values[i + n])
+    # A smooth motion turns round with a third of the speed that it has a little farther away.
+    return bool(np.any((near > _STRAIGHT * far) & (near > _FOLD_SPEED * n * step)))
 
 
 def spikes(values: FloatArray) -> NDArray[np.intp]:
@@ -271,8 +335,11 @@ def check_evenness(where: str, steps: FloatArray) -> str | None:
 
 def check_rest(where: str, pressures: Mapping[str, FloatArray], rig: Rig) -> str | None:
     """Chamber pressures, (n,) Pa each, of a log whose valves never switch: a notice where the
-    chambers rest at the atmosphere's pressure twice over, else None."""
-    if rig.air is None or not pressures:
+    chambers rest at the atmosphere's pressure twice over, else None.
+
+    Only of a rig whose valves vent its chambers: others may stand under a regulator's pressure.
+    """
+    if rig.air is None or rig.valves is None or not pressures:
         return None
     twice = 2.0 * rig.air.atmospheric_pressure_pa
     rests = [float(np.median(values)) for values in pressures.values()]

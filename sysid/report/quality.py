@@ -37,6 +37,9 @@ def quality_section(campaign: Campaign, checks: Sequence[LogCheck]) -> Section:
     said = [*campaign.notices, *campaign.rig.notices, *(n for _, c in known for n in c.notices)]
     if said:
         blocks.append(Lines(tuple(dict.fromkeys(said)), "Notices of the readers"))
+    apart = [line for _, c in known for line in c.contradicts]
+    if apart:
+        blocks.append(Lines(tuple(apart), "Logs that contradict one another or the rig file"))
     held = sum(e.use == "holdout" for e in campaign.logs)
     intro = (
         f"{len(campaign.logs)} logs, {held} of them held out: no parameter was fitted on these."

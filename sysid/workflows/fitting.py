@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from sysid import friction, valve_discrete, valve_pwm
 from sysid.assembly import fit_campaign
 from sysid.bundle import Bundle
+from sysid.checks.consistency.campaign import check_consistency
 from sysid.display.progress import progress_or_shown
 from sysid.identification.friction.result import FrictionResult
 from sysid.identification.valve_discrete.result import ValveDiscreteResult
@@ -30,8 +31,9 @@ def fit(
     """Every part that a campaign's training logs can identify, in one bundle.
 
     `surface`: which PWM surfaces, "bipolynomial", "ann" or "both"; `seed` of their folds and
-    restarts. Parts not fitted are reported as warnings of the logger `sysid`. Raises InputError
-    for a log that cannot be used, NotIdentifiedError where nothing can be fitted.
+    restarts. Parts not fitted, and logs that contradict one another, are reported as warnings of
+    the logger `sysid`. Raises InputError for a log that cannot be used, NotIdentifiedError where
+    nothing can be fitted.
 
     >>> bundle = si.fit(campaign)
     >>> bundle.model().parameters.coulomb_effort > 0
@@ -39,7 +41,7 @@ def fit(
     """
     with progress_or_shown(progress, "fitting") as tell:
         found = fit_campaign(campaign, surface=surface, seed=seed, progress=tell)
-    for line in dict.fromkeys(found.notices):
+    for line in dict.fromkeys((*found.notices, *check_consistency(campaign, "fit"))):
         _LOGGER.warning("%s", line)
     return found.bundle
 

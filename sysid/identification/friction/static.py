@@ -142,8 +142,9 @@ def breakaway(trial: EvenTrial, units: Units) -> TrialUse:
     effort = motor + cylinder - float(np.mean(trial.gravity[window]))
     if effort * onset.direction <= 0.0:
         use.leave_out(
-            f"it moved against the applied effort ({effort:.3g} {units.effort}): is a load or "
-            "the vertical orientation missing from the rig file?"
+            f"it moved against the applied effort ({effort:.3g} {units.effort}): is the sign of "
+            "the effort or of the position reversed, or is a load or the vertical orientation "
+            "missing from the rig file?"
         )
         return use
     use.values = {

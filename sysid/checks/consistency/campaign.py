@@ -1,0 +1,288 @@
+"""The logs of a campaign compared with one another and with the rig file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+from sysid.checks.consistency.comparison import disagreements
+from sysid.checks.consistency.drive import CYLINDER, MOTOR, Gain, gains, takes_energy_out
+from sysid.checks.consistency.flow import filling_flows
+from sysid.checks.consistency.levels import (
+    breakaway,
+    filled_pressures,
+    interval_of,
+    rest_pressures,
+    sliding_friction,
+)
+from sysid.checks.consistency.quantities import RIG, Reading, SharedQuantity
+from sysid.errors import SysidError
+from sysid.identification.friction.effort import EvenTrial, even_trial
+from sysid.io.campaign import MOTION_KINDS, Campaign
+from sysid.io.channels import CHAMBER_PRESSURES, SIDES
+from sysid.io.logs import Log, Trial
+from sysid.io.rig import Rig
+
+_STATIC = "static friction"
+_COULOMB = "Coulomb friction"
+# A slow start of a ramp is found early, so that static friction comes out a little low.
+_LEAST_STATIC = 0.9
+_MOVING = (*MOTION_KINDS, "friction-motion")
+_BY = {MOTOR: "its motor", CYLINDER: "its chambers"}
+# Repeats within one log do not show what changes from log to log.
+_LEAST_OF_FLOW = 0.1
+_LEAST_OF_PRESSURE = 0.03
+
+
+@dataclass(frozen=True)
+class LogReadings:
+    """What one log contributes to the comparison, and what is wrong within it."""
+
+    readings: tuple[Reading, ...] = ()
+    notices: tuple[str, ...] = field(default=())
+
+
+def check_consistency(campaign: Campaign, use: str | None = None) -> tuple[str, ...]:
+    """Notices of logs that contradict one another or the rig file, one line each.
+
+    `use` keeps the logs of that use. Raises InputError for a log that cannot be used.
+    """
+    logs = [e for e in campaign.logs if use in (None, e.use)]
+    found = [readings_of(campaign.read(e), e.kind, campaign.rig) for e in logs]
+    return contradictions(found, campaign.rig)
+
+
+def contradictions(logs: Iterable[LogReadings], rig: Rig) -> tuple[str, ...]:
+    """The notices of `check_consistency` from what each log contributes."""
+    by_quantity: dict[str, list[Reading]] = {}
+    lines: list[str] = []
+    for one in logs:
+        lines += one.notices
+        for reading in one.readings:
+            by_quantity.setdefault(reading.quantity.name, []).append(reading)
+    for readings in by_quantity.values():
+        lines += disagreements([*readings, *_of_the_rig(readings[0].quantity, rig)])
+    lines += _below_coulomb(by_quantity.get(_STATIC, []), by_quantity.get(_COULOMB, []))
+    return tuple(dict.fromkeys(lines))
+
+
+def readings_of(log: Log, kind: str, rig: Rig) -> LogReadings:
+    """What a log of this kind contributes; nothing for a kind that shares no quantity."""
+    readings: list[Reading] = []
+    notices: list[str] = []
+    name = log.path.name
+    if kind in _MOVING:
+        even = [e for e in (_even(t, rig) for t in log.trials) if e is not None]
+        if takes_energy_out(even):
+            notices.append(_energy(name, rig))
+        known = rig.total_inertia() is not None or not rig.is_vertical
+        for gain in gains(even, rig.total_inertia() or 1.0) if known else ():
+            _take_gain(gain, name, rig, readings, notices)
+    if kind == "friction-static":
+        readings += _breakaway(log.trials, name, rig)
+    if kind in ("friction-sliding", "friction-motion", "motion-motor"):
+        readings += _friction(log.trials, kind, name, rig)
+    if rig.air is not None and rig.cylinder is not None:
+        readings += _air(log.trials, name, rig)
+    return LogReadings(tuple(readings), tuple(notices))
+
+
+def quantities(rig: Rig) -> tuple[SharedQuantity, ...]:
+    """Everything that a rig's logs are compared by."""
+    friction = (_friction_quantity(part, rig) for part in ("coulomb", "viscous"))
+    air = (*_FLOWS.values(), *_RESTS.values(), *_FILLED.values())
+    return (_inertia(rig), _static_quantity(rig), *friction, *air)
+
+
+# --- inertia ------------------------------------------------------------------------------
+
+
+def _even(trial: Trial, rig: Rig) -> EvenTrial | None:
+    if rig.cylinder is not None and not all(n in trial for n in CHAMBER_PRESSURES):
+        return None
+    try:
+        return even_trial(trial, rig, [])
+    except SysidError:
+        return None
+
+
+def _take_gain(
+    gain: Gain, name: str, rig: Rig, readings: list[Reading], notices: list[str]
+) -> None:
+    """A gain below zero is a sign; any other is the inertia that its drive moves."""
+    if gain.high < 0.0:
+        notices.append(_sign(gain.drive, name, rig))
+    elif gain.low > 0.0:
+        inertia = rig.total_inertia() or 1.0
+        limits = (inertia / gain.high, inertia / gain.low)
+        value, slips = inertia / gain.value, _drive_slips(gain.drive, rig)
+        readings.append(Reading(_inertia(rig), name, value, *limits, _BY[gain.drive], slips))
+
+
+def _drive_slips(drive: str, rig: Rig) -> str:
+    if drive == MOTOR:
+        return f"the unit or gain of {rig.effort_channel} wrong by {{ratio}}"
+    dimensions = "areas" if rig.is_linear else "areas or pitch radius (a diameter?)"
+    return f"the pressures' unit, or the rig file's {dimensions}, wrong by {{ratio}}"
+
+
+def _sign(drive: str, name: str, rig: Rig) -> str:
+    if drive == MOTOR:
+        return (
+            f"{name}: {rig.effort_channel} brakes what it should drive: the sign of "
+            f"{rig.effort_channel} or of {rig.position_channel} is reversed; map it with a factor "
+            "of -1"
+        )
+    return (
+        f"{name}: the chambers brake what they should drive: pressure_a_pa and pressure_b_pa are "
+        f"swapped, or the sign of {rig.position_channel} is reversed"
+    )
+
+
+def _energy(name: str, rig: Rig) -> str:
+    return (
+        f"{name}: the efforts take energy out of the motion, which nothing then drives: the sign "
+        f"of {rig.effort_channel} or of {rig.position_channel} is reversed, or pressure_a_pa and "
+        "pressure_b_pa are swapped"
+    )
+
+
+def _inertia(rig: Rig) -> SharedQuantity:
+    return SharedQuantity(
+        "the inertia that is moved",
+        "kg" if rig.is_linear else "kg m2",
+        1.6,
+        f"the log's time base wrong by {{time}}, as where rows are left out; the unit of "
+        f"{rig.position_channel} wrong by {{inverse}}",
+        "inertia-mismatch, torque-constant-error, area-error",
+        power=2.0,
+    )
+
+
+# --- friction -----------------------------------------------------------------------------
+
+
+def _friction(trials: Sequence[Trial], kind: str, name: str, rig: Rig) -> Iterator[Reading]:
+    fit_kind = "sliding" if kind == "friction-sliding" else "motion"
+    for part, estimate in sliding_friction(trials, fit_kind, rig).items():
+        low, high = estimate.interval
+        yield Reading(_friction_quantity(part, rig), name, estimate.value, low, high)
+
+
+def _breakaway(trials: Sequence[Trial], name: str, rig: Rig) -> Iterator[Reading]:
+    estimate = breakaway(trials, rig)
+    if estimate is not None:
+        low, high = estimate.interval
+        yield Reading(_static_quantity(rig), name, estimate.value, low, high)
+
+
+def _static_quantity(rig: Rig) -> SharedQuantity:
+    return SharedQuantity(_STATIC, "N" if rig.is_linear else "Nm", 1.6, "", "")
+
+
+def _below_coulomb(static: Sequence[Reading], coulomb: Sequence[Reading]) -> Iterator[str]:
+    """A shaft that breaks away with less than keeps it sliding."""
+    for one in static:
+        other = min(coulomb, key=lambda c: c.low, default=None)
+        if other is not None and one.high < _LEAST_STATIC * other.low:
+            yield (
+                f"{one.source}: {_STATIC} is {one.shown}, below the Coulomb friction of "
+                f"{other.shown} that {other.source} gives: the unit or gain of the motor's effort "
+                "differs between the two; check its column in both"
+            )
+
+
+def _friction_quantity(part: str, rig: Rig) -> SharedQuantity:
+    effort = "N" if rig.is_linear else "Nm"
+    per_speed = "N s/m" if rig.is_linear else "Nm s/rad"
+    if part == "coulomb":
+        return SharedQuantity(
+            _COULOMB,
+            effort,
+            1.6,
+            f"the unit or gain of {rig.effort_channel}, wrong by {{ratio}}",
+            "stribeck-friction, position-dependent-friction, presliding",
+        )
+    return SharedQuantity(
+        "viscous friction",
+        per_speed,
+        1.8,
+        f"its time base wrong by {{time}}, as where rows are left out; the unit of "
+        f"{rig.position_channel} by {{inverse}} or of {rig.effort_channel} by {{ratio}}",
+        "stribeck-friction, quadratic-drag",
+    )
+
+
+# --- air ----------------------------------------------------------------------------------
+
+
+def _air(trials: Sequence[Trial], name: str, rig: Rig) -> Iterator[Reading]:
+    for side in SIDES:
+        flows = [f for t in trials for f in filling_flows(t, side, rig)]
+        if flows:
+            yield Reading(_FLOWS[side], name, *interval_of(flows, _LEAST_OF_FLOW))
+        # Without valves that vent it, a chamber may stand under a regulator's pressure.
+        rests = rest_pressures(trials, f"pressure_{side}_pa") if rig.valves else []
+        if rests:
+            yield Reading(_RESTS[side], name, *interval_of(rests, _LEAST_OF_PRESSURE))
+        filled = filled_pressures(trials, side)
+        if filled:
+            yield Reading(_FILLED[side], name, *interval_of(filled, _LEAST_OF_PRESSURE))
+
+
+_FLOWS = {
+    side: SharedQuantity(
+        f"the choked filling flow of valve {side.upper()}",
+        "kg/s",
+        1.4,
+        "its time base wrong by {time}, as where rows are left out; the position at which the "
+        "piston is held, or its unit; the unit of the pressure; swapped or inverted valve commands",
+        "dead-volume-error, polytropic-exponent, wall-heat-transfer",
+        power=-1.0,
+    )
+    for side in SIDES
+}
+_RESTS = {
+    side: SharedQuantity(
+        f"the pressure of chamber {side.upper()} at rest",
+        "Pa",
+        1.15,
+        f"a gauge pressure in pressure_{side}_pa, the atmosphere added twice, or another sensor's "
+        "column",
+        "pressure-offset, ambient-pressure-error",
+    )
+    for side in SIDES
+}
+_FILLED = {
+    side: SharedQuantity(
+        f"the pressure of chamber {side.upper()} filled from the supply",
+        "Pa",
+        1.15,
+        f"a gauge pressure in pressure_{side}_pa or in the rig file's supply_pressure_pa, or a "
+        "wrong unit",
+        "pressure-gain, supply-droop",
+    )
+    for side in SIDES
+}
+
+
+def _of_the_rig(quantity: SharedQuantity, rig: Rig) -> Iterator[Reading]:
+    """What the rig file declares of a quantity."""
+    value: float | None = None
+    if quantity == _inertia(rig):
+        value = rig.total_inertia()
+    elif rig.air is not None and quantity in _RESTS.values():
+        value = rig.air.atmospheric_pressure_pa
+    elif rig.air is not None and quantity in _FILLED.values():
+        value = rig.air.supply_pressure_pa
+    if value is not None and math.isfinite(value):
+        slips = (
+            "the inertia or payload under [inertia] wrong by {ratio}, or in every log the time "
+            "base or the unit of the position"
+        )
+        own = slips if quantity == _inertia(rig) else ""
+        yield Reading(quantity, RIG, value, value, value, slips=own)
+
+
+__all__ = ["LogReadings", "check_consistency", "contradictions", "quantities", "readings_of"]

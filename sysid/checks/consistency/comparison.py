@@ -1,0 +1,104 @@
+"""Which readings of a quantity disagree, and which log or rig file stands alone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+from sysid.checks.consistency.quantities import RIG, Reading
+
+# Ratios closer than that come from one slip.
+_ONE_SLIP = 1.15
+
+
+def disagreements(readings: Sequence[Reading]) -> Iterator[str]:
+    """One line for every slip that sets readings of a quantity apart from most of them.
+
+    The largest group that agrees is the reference, the rig file's value among it where two groups
+    are equal. Readings that are apart from it by the same factor, all of one log or all by the same
+    means, share a line.
+    """
+    groups = [_agreeing(one, readings) for one in readings]
+    best = max(groups, key=lambda group: (len(group), _has_rig(group)), default=[])
+    apart = [one for one in readings if 2 * sum(differ(one, o) for o in best) > len(best)]
+    if not apart:
+        return
+    reference = min(best, key=lambda one: (one.source == RIG and len(best) > 1, _spread(one)))
+    while apart:
+        together = _of_one_slip(apart, reference)
+        apart = [one for one in apart if one not in together]
+        yield _line(together, reference)
+
+
+def _agreeing(one: Reading, readings: Sequence[Reading]) -> list[Reading]:
+    """Readings that all agree with one another, from the nearest to this one on."""
+    group: list[Reading] = []
+    for other in sorted(readings, key=lambda r: ratio_of(one, r)):
+        if not any(differ(other, member) for member in group):
+            group.append(other)
+    return group
+
+
+def differ(one: Reading, other: Reading) -> bool:
+    """Whether two readings differ significantly and by a large factor (or in sign)."""
+    if one.low <= other.high and other.low <= one.high:
+        return False
+    return ratio_of(one, other) > one.quantity.large
+
+
+def ratio_of(one: Reading, other: Reading) -> float:
+    """Larger over smaller value; infinite where they differ in sign."""
+    if one.value * other.value <= 0.0:
+        return math.inf
+    ratio = one.value / other.value
+    return max(ratio, 1.0 / ratio)
+
+
+def _has_rig(group: Sequence[Reading]) -> bool:
+    return any(one.source == RIG for one in group)
+
+
+def _spread(one: Reading) -> float:
+    return (one.high - one.low) / abs(one.value) if one.value else math.inf
+
+
+def _of_one_slip(apart: Sequence[Reading], reference: Reading) -> list[Reading]:
+    """The first reading, and those of its log, or else by its means, that are as far apart."""
+    first = apart[0]
+    alike = [one for one in apart if ratio_of(one, first) < _ONE_SLIP]
+    own = [one for one in alike if one.source == first.source]
+    if len(own) > 1:
+        return own
+    return [one for one in alike if one.by == first.by and one.source != RIG] or [first]
+
+
+def _line(apart: Sequence[Reading], reference: Reading) -> str:
+    one, quantity = apart[0], reference.quantity
+    sources = list(dict.fromkeys(other.source for other in apart[1:]))
+    same_log = len(apart) > 1 and sources == [one.source]
+    others = "" if same_log or not sources else f" (and likewise {', '.join(sources)})"
+    words = [] if same_log else [one.slips]
+    if same_log or (len(apart) == 1 and one.source != RIG):
+        words.append(quantity.slips)
+    slips = _filled("; ".join(filter(None, words)) or quantity.slips, one, reference)
+    title = one.source if same_log else one.title
+    return (
+        f"{title}{others}: {quantity.name} is {one.shown}, but {reference.title} gives "
+        f"{reference.shown}, a factor of {ratio_of(one, reference):.3g}: either a slip ({slips}) "
+        f"or an effect that the diagnosis looks for ({quantity.effects}); check the two against "
+        "each other"
+    )
+
+
+def _filled(slips: str, one: Reading, reference: Reading) -> str:
+    ratio = one.value / reference.value if reference.value else math.inf
+    if not 0.0 < ratio < math.inf:
+        return slips.format(ratio="a sign", inverse="a sign", time="a sign")
+    return slips.format(
+        ratio=f"{ratio:.3g}",
+        inverse=f"{1.0 / ratio:.3g}",
+        time=f"{ratio ** (1.0 / one.quantity.power):.3g}",
+    )
+
+
+__all__ = ["differ", "disagreements", "ratio_of"]

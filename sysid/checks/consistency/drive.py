@@ -1,0 +1,138 @@
+"""How strongly a log's motor and chambers accelerate the declared inertia, and with which sign.
+
+inertia a = g_m motor + g_c cylinder - gravity - coulomb sign(v) - viscous v - offset, with the
+inertia of the rig file, is linear in the gains g_m and g_c: both are 1 where units, time and
+signs are right. A gain below zero is a sign; a time base that is f times too slow divides both
+by f squared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from sysid import signals
+from sysid.identification.friction.effort import MIN_SAMPLES, EvenTrial
+from sysid.identification.friction.motion_samples import default_cutoff, left_out
+from sysid.types import FloatArray
+
+_BLOCKS = 10
+# Of the efforts of motor and chambers: a drive with less says nothing of its own gain.
+_LEAST_SHARE = 0.03
+# Of these efforts, what the inertia takes: with less, friction decides and not the gain.
+_LEAST_INERTIAL = 0.03
+# R2 below which something else than the law moves the shaft, as where it bounces off its stops.
+_LEAST_EXPLAINED = 0.95
+# Of the gain: an interval wider than that compares nothing.
+_MOST_SPREAD = 0.25
+MOTOR, CYLINDER = "motor", "cylinder"
+
+
+# Of the power of the efforts, taken without its sign: friction takes energy out of a motion.
+_TAKEN_OUT = -0.1
+
+
+@dataclass(frozen=True)
+class Gain:
+    """The gain of one drive (`motor` or `cylinder`) in a log, with its 95 % interval."""
+
+    drive: str
+    value: float
+    low: float
+    high: float
+
+
+def gains(trials: Sequence[EvenTrial], inertia: float) -> list[Gain]:
+    """The gains that a log's trials identify; `inertia` kg m2, or kg."""
+    parts = [_rows(t) for t in trials if len(t) >= MIN_SAMPLES]
+    if not parts:
+        return []
+    table = np.concatenate(parts)
+    columns = [i for i in (0, 1) if _drives(table, i)]
+    if not any(t.valves_move for t in trials):
+        columns = [i for i in columns if i == 0]  # air that only breathes follows the speed
+    inertial = inertia * table[:, 6]
+    moved = float(np.std(table[:, :2].sum(axis=1)))
+    if not columns or len(table) < 2 * MIN_SAMPLES:
+        return []
+    known = [(MOTOR, CYLINDER)[i] for i in columns]
+    # A drive that hardly acts is taken at its word.
+    rest = [i for i in (0, 1) if i not in columns]
+    target = inertial + table[:, 2] - table[:, rest].sum(axis=1)
+    regressors = table[:, [*columns, 3, 4, 5]]
+    values, errors = _jackknife(regressors, target)
+    if np.var(target - regressors @ values) > (1.0 - _LEAST_EXPLAINED) * np.var(target):
+        return []
+    factor = float(stats.t.ppf(0.975, _BLOCKS - 1))
+    found = []
+    for name, value, error in zip(known, values, errors, strict=False):
+        reach = factor * float(error)
+        felt = float(np.std(inertial)) > _LEAST_INERTIAL * moved * abs(value)
+        if felt and reach < _MOST_SPREAD * abs(value):
+            found.append(Gain(name, float(value), float(value) - reach, float(value) + reach))
+    return found
+
+
+def takes_energy_out(trials: Sequence[EvenTrial]) -> bool:
+    """Whether the efforts brake the motion on the whole, which nothing then drives."""
+    power, size = 0.0, 0.0
+    for trial in trials:
+        if len(trial) >= MIN_SAMPLES:
+            cutoff = min(signals.DEFAULT_CUTOFF_HZ, 0.2 / trial.period)
+            smooth = signals.lowpass(trial.position, trial.period, cutoff)
+            products = trial.applied * signals.first_derivative(smooth, trial.period)
+            power, size = power + float(products.sum()), size + float(np.abs(products).sum())
+    return power < _TAKEN_OUT * size
+
+
+def _rows(trial: EvenTrial) -> FloatArray:
+    """(n, 7): motor, cylinder, gravity, sign of speed, speed, 1 and acceleration, filtered."""
+    dt = trial.period
+    cutoff = default_cutoff(trial, signals.DEFAULT_CUTOFF_HZ)
+
+    def smooth(values: FloatArray) -> FloatArray:
+        return signals.lowpass(values, dt, cutoff)
+
+    position = smooth(trial.position)
+    speed = signals.first_derivative(position, dt)
+    table = np.column_stack(
+        [
+            smooth(signals.held_about_rows(trial.motor)),
+            smooth(trial.cylinder),
+            smooth(trial.gravity),
+            smooth(np.sign(speed)),
+            speed,
+            np.ones(len(speed)),
+            signals.second_derivative(position, dt),
+        ]
+    )
+    rows = np.flatnonzero(~left_out(trial, cutoff))
+    return np.asarray(table[rows[:: max(1, signals.filter_length(dt, cutoff) // 4)]])
+
+
+def _drives(table: FloatArray, column: int) -> bool:
+    """Whether this drive takes a share in the efforts of the log."""
+    sizes = table[:, :2].std(axis=0)
+    return bool(sizes[column] > _LEAST_SHARE * sizes.sum() and sizes[column] > 0.0)
+
+
+def _jackknife(regressors: FloatArray, target: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Coefficients and their standard errors, from leaving out each tenth of the rows."""
+    blocks = np.array_split(np.arange(len(target)), _BLOCKS)
+    whole = _solve(regressors, target)
+    left = np.array(
+        [_solve(np.delete(regressors, b, axis=0), np.delete(target, b)) for b in blocks]
+    )
+    scale = (_BLOCKS - 1) / _BLOCKS
+    return whole, np.sqrt(scale * np.sum((left - left.mean(axis=0)) ** 2, axis=0))
+
+
+def _solve(regressors: FloatArray, target: FloatArray) -> FloatArray:
+    solution, *_ = np.linalg.lstsq(regressors, target, rcond=None)
+    return np.asarray(solution)
+
+
+__all__ = ["CYLINDER", "MOTOR", "Gain", "gains", "takes_energy_out"]

@@ -1,0 +1,92 @@
+"""The choked filling flow of a valve, as any log shows it in which the valve is open.
+
+V dP/dt + k P dV/dt = k R T m (thesis 3.5.2), integrated over each stretch in which the valve is
+open and the chamber's pressure stays in the choked regime. Under PWM the flow is over the open
+share of the period.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.io.logs import Trial
+from sysid.io.rig import Rig
+from sysid.model.base import CRITICAL_RATIO, chamber_volume_a, chamber_volume_b
+from sysid.types import FloatArray
+
+_LEAST_DUTY = 0.8  # below, the exhaust takes part
+_FEWEST_ROWS = 2
+_SETTLING_S = 0.003  # a valve's delay and its tube's
+# Of the supply: close to the boundary of choking the flow falls.
+_HIGHEST = 0.95 * CRITICAL_RATIO
+
+
+def filling_flows(trial: Trial, valve: str, rig: Rig) -> list[float]:
+    """Choked flow, kg/s, of every stretch of one test with this valve (`a`, `b`) open."""
+    pressure = f"pressure_{valve}_pa"
+    if rig.air is None or rig.cylinder is None or pressure not in trial:
+        return []
+    if rig.position_channel not in trial:
+        return []
+    share = _open_share(trial, valve, rig)
+    if share is None:
+        return []
+    supply, ambient = rig.air.supply_pressure_pa, rig.air.atmospheric_pressure_pa
+    values = trial[pressure]
+    low = (values < _HIGHEST * supply) & (values > 0.9 * ambient)
+    taken = _taken(trial, valve, rig)
+    return [
+        float(
+            (taken[stop] - taken[start])
+            / np.sum(share[start:stop] * np.diff(trial.time)[start:stop])
+        )
+        for start, stop in _stretches(share, low, trial)
+    ]
+
+
+def _open_share(trial: Trial, valve: str, rig: Rig) -> FloatArray | None:
+    """(n,): 1 where the valve is on, the open share of the period at a high duty, else 0."""
+    if f"valve_{valve}" in trial:
+        return np.asarray(trial[f"valve_{valve}"], dtype=float)
+    name = f"duty_{valve}"
+    if name not in trial or rig.pwm is None:
+        return None
+    duty = trial[name]
+    longer = 0.0
+    if rig.valves is not None:
+        longer = (rig.valves.off_delay_s - rig.valves.on_delay_s) / rig.pwm.period_s
+    return np.where(duty >= _LEAST_DUTY, np.clip(duty + longer, 0.0, 1.0), 0.0)
+
+
+def _taken(trial: Trial, valve: str, rig: Rig) -> FloatArray:
+    """(n,): mass that entered the chamber since the first row, kg."""
+    c, air = rig.cylinder, rig.air
+    assert c is not None and air is not None
+    area, offset = (c.area_a_m2, c.offset_a_m) if valve == "a" else (c.area_b_m2, c.offset_b_m)
+    volume_of = chamber_volume_a if valve == "a" else chamber_volume_b
+    volume = np.asarray(volume_of(trial[rig.position_channel], area, offset, c.pitch_radius_m))
+    pressure, k = trial[f"pressure_{valve}_pa"], air.heat_capacity_ratio
+    middle_v, middle_p = 0.5 * (volume[1:] + volume[:-1]), 0.5 * (pressure[1:] + pressure[:-1])
+    steps = middle_v * np.diff(pressure) + k * middle_p * np.diff(volume)
+    gain = k * air.gas_constant_j_per_kg_k * air.temperature_k
+    return np.concatenate([[0.0], np.cumsum(steps)]) / gain
+
+
+def _stretches(
+    share: FloatArray, low: NDArray[np.bool_], trial: Trial
+) -> Iterator[tuple[int, int]]:
+    """[start, stop] rows of every stretch that is open, settled and choked."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], (share > 0.0).astype(int), [0]])))
+    for opened, closed in zip(edges[::2], edges[1::2], strict=True):
+        settled = int(np.searchsorted(trial.time, trial.time[opened] + _SETTLING_S))
+        above = np.flatnonzero(~low[settled:closed])
+        stop = settled + int(above[0]) if above.size else int(closed)
+        stop = min(stop, len(trial)) - 1
+        if stop - settled >= _FEWEST_ROWS:
+            yield settled, stop
+
+
+__all__ = ["filling_flows"]

@@ -1,0 +1,202 @@
+"""What only several logs of a campaign show together (`sysid/checks/consistency`)."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from golden_folder import BUNDLED
+
+from sysid.checks.consistency.campaign import (
+    LogReadings,
+    check_consistency,
+    contradictions,
+    readings_of,
+)
+from sysid.checks.consistency.comparison import disagreements
+from sysid.checks.consistency.quantities import RIG, Reading, SharedQuantity
+from sysid.checks.log_check import check_campaign
+from sysid.commands.app import main
+from sysid.io.campaign import Campaign, read_campaign
+from sysid.report.blocks import Lines
+from sysid.report.quality import quality_section
+
+Change = Callable[[pd.DataFrame], pd.DataFrame]
+
+
+@pytest.fixture(scope="module")
+def campaign() -> Campaign:
+    return read_campaign(BUNDLED / "campaign.toml")
+
+
+@pytest.fixture(scope="module")
+def healthy(campaign: Campaign) -> dict[str, LogReadings]:
+    return {e.file: readings_of(campaign.read(e), e.kind, campaign.rig) for e in campaign.logs}
+
+
+def changed(
+    campaign: Campaign, healthy: dict[str, LogReadings], file: str, change: Change, folder: Path
+) -> tuple[str, ...]:
+    """The notices of the campaign with one of its logs changed."""
+    (entry,) = (e for e in campaign.logs if e.file == file)
+    path = folder / file
+    change(pd.read_parquet(entry.path)).to_parquet(path)
+    log = campaign.read(dataclasses.replace(entry, path=path))
+    read = healthy | {file: readings_of(log, entry.kind, campaign.rig)}
+    return contradictions(read.values(), campaign.rig)
+
+
+def scaled(column: str, factor: float, shift: float = 0.0) -> Change:
+    return lambda f: f.assign(**{column: f[column] * factor + shift})
+
+
+def every_second_row(frame: pd.DataFrame) -> pd.DataFrame:
+    """Rows left out with the times kept: the log seems to run twice as fast."""
+    parts = []
+    for _, test in frame.groupby("test", sort=False):
+        half = test.iloc[::2]
+        parts.append(half.assign(time_s=test["time_s"].to_numpy()[: len(half)]))
+    return pd.concat(parts, ignore_index=True)
+
+
+def swapped(frame: pd.DataFrame) -> pd.DataFrame:
+    a, b = "pressure_a_pa", "pressure_b_pa"
+    return frame.assign(**{a: frame[b], b: frame[a]})
+
+
+def test_a_healthy_campaign_contradicts_nothing(
+    campaign: Campaign, healthy: dict[str, LogReadings]
+) -> None:
+    """The bundled campaign, though an effect is in it that its rig file does not declare."""
+    assert contradictions(healthy.values(), campaign.rig) == ()
+    shared = {r.quantity.name for one in healthy.values() for r in one.readings}
+    assert {"the inertia that is moved", "static friction"} < shared
+    assert {f"the choked filling flow of valve {v}" for v in "AB"} < shared
+
+
+@pytest.mark.parametrize("rig", ["rig-1", "rig-2", "rig-3", "rig-4"])
+def test_the_samples_contradict_nothing(rig: str, shared_samples: Path) -> None:
+    assert check_consistency(read_campaign(shared_samples / rig / "campaign.toml")) == ()
+
+
+@pytest.mark.parametrize(
+    ("file", "change", "said"),
+    [
+        ("motion_pwm.parquet", every_second_row, r"^motion_pwm.*inertia.*time base wrong by 0\.5"),
+        ("valve_pwm_a.parquet", every_second_row, r"^valve_pwm_a.*flow of valve A.*time base"),
+        ("valve_discrete_b.parquet", every_second_row, r"^valve_discrete_b.*valve B.*time base"),
+        ("motion_discrete.parquet", swapped, r"^motion_discrete.*chambers brake.*swapped"),
+        (
+            "motion_motor.parquet",
+            scaled("motor_torque_nm", -1.0),
+            r"^motion_motor.*sign of motor_torque_nm",
+        ),
+        ("motion_pwm.parquet", scaled("theta_rad", -1.0), r"sign of theta_rad is reversed"),
+        (
+            "motion_pwm.parquet",
+            scaled("motor_torque_nm", 0.4),
+            r"^motion_pwm.parquet by its motor.*unit or gain of motor_torque_nm wrong by 0\.4",
+        ),
+        (
+            "friction_static.parquet",
+            scaled("motor_torque_nm", 0.4),
+            r"^friction_static.*below the Coulomb friction",
+        ),
+        (
+            "motion_discrete.parquet",
+            lambda f: f.assign(**{p: f[p] + 100200.0 for p in ("pressure_a_pa", "pressure_b_pa")}),
+            r"^motion_discrete.*at rest.*atmosphere added twice",
+        ),
+    ],
+)
+def test_a_slip_in_one_log_is_named(
+    file: str,
+    change: Change,
+    said: str,
+    campaign: Campaign,
+    healthy: dict[str, LogReadings],
+    tmp_path: Path,
+) -> None:
+    lines = changed(campaign, healthy, file, change, tmp_path)
+    assert any(re.search(said, line) for line in lines), lines
+    assert all(line.startswith(file) for line in lines), lines
+
+
+@pytest.mark.parametrize(
+    ("key", "factor", "said"),
+    [
+        ("equivalent_kg_m2", 10.0, r"^the rig file.*payload under \[inertia\] wrong by"),
+        ("pitch_radius_m", 0.5, r"by its chambers.*areas or pitch radius \(a diameter\?\)"),
+    ],
+)
+def test_a_slip_in_the_rig_file_is_named(
+    key: str, factor: float, said: str, campaign: Campaign, tmp_path: Path
+) -> None:
+    text = (BUNDLED / "rig.toml").read_text()
+    found = re.search(rf"{key} = ([\d.]+)", text)
+    assert found is not None
+    (tmp_path / "rig.toml").write_text(
+        text.replace(found[0], f"{key} = {factor * float(found[1])}")
+    )
+    for entry in campaign.logs:
+        if entry.kind.startswith("motion") and entry.path.suffix == ".parquet":
+            (tmp_path / entry.file).write_bytes(entry.path.read_bytes())
+    logs = "".join(
+        f'[[log]]\nkind = "{e.kind}"\nfile = "{e.file}"\n'
+        for e in campaign.logs
+        if (tmp_path / e.file).exists()
+    )
+    (tmp_path / "campaign.toml").write_text(f'rig = "rig.toml"\n{logs}')
+    lines = check_consistency(read_campaign(tmp_path / "campaign.toml"))
+    assert any(re.search(said, line) for line in lines), lines
+    for line in lines:
+        assert "or an effect that the diagnosis looks for" in line
+        assert len(re.findall(r"\([\d.e-]+ to [\d.e-]+\)", line)) >= 1
+
+
+MOVED = SharedQuantity("the inertia that is moved", "kg m2", 1.6, "a slip by {ratio}", "an effect")
+
+
+def reading(source: str, value: float, share: float = 0.01) -> Reading:
+    return Reading(MOVED, source, value, value * (1.0 - share), value * (1.0 + share))
+
+
+def test_only_significant_and_large_differences_are_reported() -> None:
+    logs = [reading("a", 1.0), reading("b", 1.01), reading(RIG, 1.3, 0.0)]
+    assert list(disagreements(logs)) == []  # a payload that the diagnosis is to find
+    wide = [reading("a", 1.0), reading("b", 3.0, 0.9)]
+    assert list(disagreements(wide)) == []
+    (line,) = disagreements([reading("a", 1.0), reading("b", 1.01), reading("c", 4.0)])
+    assert line.startswith("c: ") and "a slip by 3.96" in line
+    (line,) = disagreements([reading("a", 1.0), reading("b", 1.01), reading(RIG, 4.0, 0.0)])
+    assert line.startswith(RIG)
+    (line,) = disagreements([reading("a", 4.0), reading(RIG, 1.0, 0.0)])
+    assert line.startswith("a: ")
+
+
+def test_check_and_report_show_contradictions(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    frame = every_second_row(pd.read_parquet(BUNDLED / "motion_pwm.parquet"))
+    frame.to_parquet(tmp_path / "fast.parquet")
+    for name in ("rig.toml", "motion_motor.parquet"):
+        (tmp_path / name).write_bytes((BUNDLED / name).read_bytes())
+    (tmp_path / "campaign.toml").write_text(
+        'rig = "rig.toml"\n'
+        '[[log]]\nkind = "motion-motor"\nfile = "motion_motor.parquet"\n'
+        '[[log]]\nkind = "motion-pwm"\nfile = "fast.parquet"\n'
+    )
+    assert main(["check", str(tmp_path / "campaign.toml")]) == 0
+    assert "notice: fast.parquet: the inertia that is moved" in capsys.readouterr().err
+    campaign = read_campaign(tmp_path / "campaign.toml")
+    checks = check_campaign(campaign)
+    first, second = (check.to_json() for check in checks)
+    assert "contradicts" not in first and len(second["contradicts"]) == 1
+    assert type(checks[1]).from_json(second) == checks[1]
+    section = quality_section(campaign, checks)
+    shown = [b for b in section.blocks if isinstance(b, Lines) and "contradict" in b.summary]
+    assert [b.lines for b in shown] == [checks[1].contradicts]
