@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.errors import NotIdentifiedError
-from sysid.estimation.linear import Estimate, LinearFit, satterthwaite
+from sysid.estimation.linear import Estimate, LinearFit, satterthwaite, t_quantile
 from sysid.estimation.quality import FitQuality, runs_test
 from sysid.identification.friction.combinations import (
     Combination,
@@ -29,7 +29,7 @@ from sysid.identification.friction.effort import MIN_SAMPLES, MOTION, EvenTrial,
 from sysid.identification.friction.low_speed import SlidingLimits, bins_of_speed, sliding_only
 from sysid.identification.friction.motion_regression import (
     MOST_NOISE,
-    Rows,
+    BalanceRows,
     inflation,
     own_variance,
     regression,
@@ -127,7 +127,8 @@ def fit_motion(
         samples = _long_enough(samples)
     model = _Model.of(samples, inertia, shape)
     limits = SlidingLimits()
-    if shape.speeds:
+    # What cannot be is not mended by leaving out samples: it is an error in the log.
+    if shape.speeds and not model.is_impossible(samples):
         samples, limits = sliding_only(samples, model.law, model.separates)
         samples = _long_enough(samples)
     fits = model.apart(samples)
@@ -168,24 +169,24 @@ class _Model:
             return _Model(shape, (*columns, INERTIA), None)
         return _Model(shape, columns, None, unmoved=True)
 
-    def rows(self, samples: Sequence[MotionSamples]) -> Rows:
+    def rows(self, samples: Sequence[MotionSamples]) -> BalanceRows:
         """All trials' rows; each trial is weighted by the residual variance of its own fit."""
         parts = [self._of_trial(chosen) for chosen in samples]
         if len(parts) > 1:
             parts = [scaled(part, 1.0 / max(own_variance(part), 1e-300)) for part in parts]
-        return Rows(
+        return BalanceRows(
             np.vstack([p.regressors for p in parts]),
             np.concatenate([p.target for p in parts]),
             np.concatenate([p.weights for p in parts]),
             np.sum([p.noise for p in parts], axis=0),
         )
 
-    def _of_trial(self, chosen: MotionSamples) -> Rows:
+    def _of_trial(self, chosen: MotionSamples) -> BalanceRows:
         x, y = chosen.regressors, chosen.effort
         if self.inertia is not None:
             y = y - self.inertia * x[:, INERTIA]
         keep = list(self.columns)
-        return Rows(x[:, keep], y, np.ones(len(y)), chosen.noise[keep] * len(y))
+        return BalanceRows(x[:, keep], y, np.ones(len(y)), chosen.noise[keep] * len(y))
 
     def regression(self, samples: Sequence[MotionSamples]) -> LinearFit:
         return regression(self.rows(samples), [_NAMES[c] for c in self.columns])
@@ -210,6 +211,14 @@ class _Model:
         n = len(fits)
         stds = table.std(axis=0, ddof=1) / math.sqrt(n)
         return table.mean(axis=0), stds, np.full(table.shape[1], n - 1.0)
+
+    def is_impossible(self, samples: Sequence[MotionSamples]) -> bool:
+        """Whether Coulomb or viscous friction is below zero beyond its interval."""
+        values, stds, dofs = self.estimated(samples, self.apart(samples))
+        return any(
+            column in (COULOMB, VISCOUS) and value + t_quantile(float(dof)) * std < 0.0
+            for column, value, std, dof in zip(self.columns, values, stds, dofs, strict=True)
+        )
 
     def law(self, samples: Sequence[MotionSamples]) -> FloatArray:
         """All four coefficients (4,) of all trials together."""
