@@ -78,6 +78,9 @@ def sliding_only(
     """
     total = sum(len(s.effort) for s in samples)
     found = list(samples)
+    if fit(found)[COULOMB] <= 0.0:
+        # What is not friction is not mended by leaving samples out.
+        return found, SlidingLimits()
     travel, found = _raised(found, lambda s: s.travel, fit, separates)
     speed, found = _raised(found, lambda s: np.abs(s.speed), fit, separates)
     left = 1.0 - sum(len(s.effort) for s in found) / total

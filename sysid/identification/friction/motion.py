@@ -29,7 +29,7 @@ from sysid.identification.friction.effort import MIN_SAMPLES, MOTION, EvenTrial,
 from sysid.identification.friction.low_speed import SlidingLimits, bins_of_speed, sliding_only
 from sysid.identification.friction.motion_regression import (
     MOST_NOISE,
-    BalanceRows,
+    WeightedRows,
     inflation,
     own_variance,
     regression,
@@ -169,24 +169,24 @@ class _Model:
             return _Model(shape, (*columns, INERTIA), None)
         return _Model(shape, columns, None, unmoved=True)
 
-    def rows(self, samples: Sequence[MotionSamples]) -> BalanceRows:
+    def rows(self, samples: Sequence[MotionSamples]) -> WeightedRows:
         """All trials' rows; each trial is weighted by the residual variance of its own fit."""
         parts = [self._of_trial(chosen) for chosen in samples]
         if len(parts) > 1:
             parts = [scaled(part, 1.0 / max(own_variance(part), 1e-300)) for part in parts]
-        return BalanceRows(
+        return WeightedRows(
             np.vstack([p.regressors for p in parts]),
             np.concatenate([p.target for p in parts]),
             np.concatenate([p.weights for p in parts]),
             np.sum([p.noise for p in parts], axis=0),
         )
 
-    def _of_trial(self, chosen: MotionSamples) -> BalanceRows:
+    def _of_trial(self, chosen: MotionSamples) -> WeightedRows:
         x, y = chosen.regressors, chosen.effort
         if self.inertia is not None:
             y = y - self.inertia * x[:, INERTIA]
         keep = list(self.columns)
-        return BalanceRows(x[:, keep], y, np.ones(len(y)), chosen.noise[keep] * len(y))
+        return WeightedRows(x[:, keep], y, np.ones(len(y)), chosen.noise[keep] * len(y))
 
     def regression(self, samples: Sequence[MotionSamples]) -> LinearFit:
         return regression(self.rows(samples), [_NAMES[c] for c in self.columns])

@@ -20,7 +20,7 @@ MOST_NOISE = 0.5
 
 
 @dataclass(frozen=True)
-class BalanceRows:
+class WeightedRows:
     """Regressors (n, p), target and weights (n,), and the regressors' noise variance (p,),
     summed over the rows with their weights."""
 
@@ -30,18 +30,18 @@ class BalanceRows:
     noise: FloatArray
 
 
-def scaled(rows: BalanceRows, weight: float) -> BalanceRows:
+def scaled(rows: WeightedRows, weight: float) -> WeightedRows:
     """The rows with all weights multiplied by `weight`."""
     return replace(rows, weights=rows.weights * weight, noise=rows.noise * weight)
 
 
-def own_variance(rows: BalanceRows) -> float:
+def own_variance(rows: WeightedRows) -> float:
     """Residual variance of an unweighted fit of these rows alone."""
     solution, *_ = np.linalg.lstsq(rows.regressors, rows.target, rcond=None)
     return float(np.mean((rows.target - rows.regressors @ solution) ** 2))
 
 
-def regression(rows: BalanceRows, names: Sequence[str]) -> LinearFit:
+def regression(rows: WeightedRows, names: Sequence[str]) -> LinearFit:
     """Weighted least squares, the noise's attenuation removed; `names` (p,) of the regressors.
 
     Raises NotIdentifiedError where the regressors are dependent, or mostly noise.
