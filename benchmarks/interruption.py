@@ -126,14 +126,14 @@ def kill_once(command: list[str], results: Path, after_s: float, found: Found) -
         found.finished_first += 1
         return False
     lines = said.read_text(errors="replace").splitlines()
-    found.stages[stage_of(results, lines)] += 1
+    found.stages[doing(lines)] += 1
     return True
 
 
-def stage_of(results: Path, lines: list[str]) -> str:
-    """What a killed run was at, by what it had said last."""
-    words = [line.removeprefix("sysid: ").split(":")[0] for line in lines if "notice" not in line]
-    return words[-1].split(" ")[0] if words else "start"
+def doing(lines: list[str]) -> str:
+    """What a killed run was at: the first word of what it had said last."""
+    told = [line.split() for line in lines if line.startswith("sysid: ") and "notice:" not in line]
+    return told[-1][1] if told else "starting"
 
 
 def check(results: Path, endings: dict[str, bytes], found: Found) -> None:

@@ -464,3 +464,8 @@ def test_a_test_off_the_surface_of_the_others_is_pointed_out() -> None:
     assert "0.45" in one_line(fit, "from the line between its neighbours")
     healthy = samples_of(make_trials(directions=("fill",)), make_rig(), "a", True)
     assert off_surface_tests(healthy.part(healthy.duty < 0.93)) == []
+
+
+def test_samples_far_apart_are_blocks_of_their_own() -> None:
+    """Time in nanoseconds taken for seconds: periods of years were counted one by one."""
+    assert pulse_block(0.005, 5e8) == 1

@@ -109,7 +109,9 @@ def pulse_block(pwm_period: float, period: float) -> int:
     less than 1 % of one; else the one with the smallest error.
     """
     ratio = pwm_period / period
-    longest = max(_LONGEST_BLOCK_S, 4.0 * pwm_period, period)
+    longest = max(_LONGEST_BLOCK_S, 4.0 * pwm_period)
+    if period >= longest:
+        return 1
     best, least = 1, math.inf
     periods = 1
     while periods * pwm_period <= longest or (best == 1 and least is math.inf):
