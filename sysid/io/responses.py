@@ -14,6 +14,7 @@ _FEWEST_ROWS = 50
 _FOLLOWS = 0.3
 _OPPOSES = -0.3
 _MORE = 1.5
+_OPPOSED_ALONE = -0.5
 
 
 def response_notices(
@@ -49,7 +50,7 @@ def _answers(columns: Mapping[str, FloatArray]) -> str | None:
             shares = _shares(columns, active, f"pressure_{side}_pa")
             for command, share in shares.items():
                 (own if command[-1] == side else cross).append(share)
-        if own and max(own) < _OPPOSES:
+        if own and max(own) < _OPPOSES and _all_oppose(columns, active):
             return (
                 f"the chambers' pressures fall while their valves are on: {stem}_a and {stem}_b "
                 "are inverted (1 connects the chamber to the supply) or swapped"
@@ -60,6 +61,14 @@ def _answers(columns: Mapping[str, FloatArray]) -> str | None:
                 f"{stem}_a and {stem}_b, or the pressures, are swapped"
             )
     return None
+
+
+def _all_oppose(columns: Mapping[str, FloatArray], commands: list[str]) -> bool:
+    """Whether each command and its own chamber's pressure are opposed, taken alone."""
+    return all(
+        max(_shares(columns, [c], f"pressure_{c[-1]}_pa").values(), default=0.0) < _OPPOSED_ALONE
+        for c in commands
+    )
 
 
 def _shares(

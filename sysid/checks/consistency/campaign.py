@@ -207,10 +207,10 @@ def _friction_quantity(part: str, rig: Rig) -> SharedQuantity:
     return SharedQuantity(
         "viscous friction",
         per_speed,
-        1.8,
+        3.0,
         f"its time base wrong by {{time}}, as where rows are left out; the unit of "
         f"{rig.position_channel} by {{inverse}} or of {rig.effort_channel} by {{ratio}}",
-        "stribeck-friction, quadratic-drag",
+        "stribeck-friction, quadratic-drag, position-dependent-friction",
     )
 
 
