@@ -152,7 +152,7 @@ def test_logs_of_two_rigs_are_not_fitted_together(
     assert "--rig" in capsys.readouterr().err
 
 
-def test_one_level_cannot_tell_viscous_friction(
+def test_one_level_gives_the_sum_and_the_test_that_would_separate_it(
     generated: GeneratedTests, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     trials = generated.kinds["friction-sliding"]
@@ -161,10 +161,14 @@ def test_one_level_cannot_tell_viscous_friction(
     assert 1 < len(same) < len(trials)
     (tmp_path / "rig.toml").write_text(rig_toml(generated.rig))
     write_log(tmp_path / "run.csv", same, generated.generated_rig)
-    assert main(["fit", "friction", str(tmp_path / "run.csv")]) == 3
-    error = capsys.readouterr().err.splitlines()[-1]
-    assert "viscous" in error
-    assert "level" in error
+    assert main(["fit", "friction", str(tmp_path / "run.csv"), "--json"]) == 0
+    said = capsys.readouterr()
+    friction = json.loads(said.out)["friction"]
+    assert friction["viscous_nm_s_per_rad"]["value"] is None
+    together = {"coulomb_nm", "viscous_nm_s_per_rad"}
+    assert all(c["value"] is not None for c in friction["combinations"])
+    assert any(together <= set(c["of"]) for c in friction["combinations"])
+    assert "a second level" in said.err
 
 
 def test_the_bundled_campaign_fits(capsys: pytest.CaptureFixture[str]) -> None:

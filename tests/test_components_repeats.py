@@ -17,6 +17,7 @@ from sysid.diagnosis.bench.stability import Repeats, parts, repeats
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import Parameter
+from sysid.estimation.quality import FitQuality
 from sysid.model.base import Array
 from sysid.model.effects.entry import CatalogueEffect, Quantity
 from sysid.model.ports import Point
@@ -81,6 +82,9 @@ class Line(Component):
     ) -> tuple[type[CatalogueEffect], ...]:
         return tuple(catalogue.values())
 
+    def measured(self, tests: Sequence[int]) -> list[FloatArray]:
+        return [self.y[t] for t in tests]
+
     def residuals(self, law: Law, tests: Sequence[int]) -> list[FloatArray]:
         found = []
         for t in tests:
@@ -93,7 +97,7 @@ class Line(Component):
     def regressors(self, tests: Sequence[int]) -> dict[str, FloatArray]:
         return {"x": np.concatenate([self.x[t] for t in tests])}
 
-    def part(self, estimates: Mapping[str, Estimate]) -> Parts:
+    def part(self, estimates: Mapping[str, Estimate], quality: FitQuality | None = None) -> Parts:
         return Parts()
 
     def law_of(self, bundle: Bundle) -> Law:

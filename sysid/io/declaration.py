@@ -152,9 +152,8 @@ class TextKey(Key):
         plain = escaped(value) == value
         if len(value) > _LONGEST_TEXT or not plain:
             fault = "too long" if plain else "no plain text (control characters)"
-            raise input_error(
-                source, f"{where} = {value!r} is {fault}", f"at most {_LONGEST_TEXT} characters"
-            )
+            mend = f"at most {_LONGEST_TEXT} characters" if plain else "remove these characters"
+            raise input_error(source, f"{where} = {value!r} is {fault}", mend)
         return value
 
     def line(self, motion: Motion) -> TemplateLine | None:
