@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from sysid.errors import InputError, NotIdentifiedError
@@ -21,6 +21,7 @@ from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 
 _POINTS = "friction-points"
+_MOVING = "needs friction-sliding or friction-motion tests in both directions"
 _NO_TEST = "the campaign declares no friction or motion test of it"
 
 
@@ -44,10 +45,10 @@ def friction_identified(
     u = units_of(rig)
     found, why = _fitted(trials, rig, declared, estimate_inertia=False)
     for parameter, name in _names(u).items():
-        yield _identification(parameter, found.get(name), why)
+        yield _identification(parameter, found, name, why)
     if rig.total_inertia() is not None:
         found, why = _fitted(trials, rig, declared, estimate_inertia=True)
-    yield _identification("inertia", found.get(u.inertia), why)
+    yield _identification("inertia", found, u.inertia, why)
 
 
 def _names(u: Units) -> dict[str, str]:
@@ -59,9 +60,13 @@ def _names(u: Units) -> dict[str, str]:
     }
 
 
-def _identification(parameter: str, estimate: Estimate | None, why: str) -> Identification:
+def _identification(
+    parameter: str, found: Mapping[str, Estimate], name: str, why: str
+) -> Identification:
+    """`why`: the tests behind `found`, or why there is nothing."""
+    estimate = found.get(name)
     if estimate is None:
-        return Identification(parameter, False, why)
+        return Identification(parameter, False, _MOVING if found else why)
     return Identification(parameter, estimate.identified, estimate.reason or why)
 
 
