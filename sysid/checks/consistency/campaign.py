@@ -30,6 +30,8 @@ _COULOMB = "Coulomb friction"
 _LEAST_STATIC = 0.9
 _MOVING = (*MOTION_KINDS, "friction-motion")
 _BY = {MOTOR: "its motor", CYLINDER: "its chambers"}
+# Half an interval over its value: a single test's friction, which differs from test to test.
+_WIDEST_OF_FRICTION = 0.3
 # Repeats within one log do not show what changes from log to log.
 _LEAST_OF_FLOW = 0.1
 _LEAST_OF_PRESSURE = 0.03
@@ -167,6 +169,8 @@ def _friction(trials: Sequence[Trial], kind: str, name: str, rig: Rig) -> Iterat
     fit_kind = "sliding" if kind == "friction-sliding" else "motion"
     for part, estimate in sliding_friction(trials, fit_kind, rig).items():
         low, high = estimate.interval
+        if high - low > 2.0 * _WIDEST_OF_FRICTION * abs(estimate.value):
+            continue
         yield Reading(_friction_quantity(part, rig), name, estimate.value, low, high)
 
 

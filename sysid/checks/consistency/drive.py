@@ -23,7 +23,7 @@ _BLOCKS = 10
 # Of the efforts of motor and chambers: a drive with less says nothing of its own gain.
 _LEAST_SHARE = 0.03
 # Of these efforts, what the inertia takes: with less, friction decides and not the gain.
-_LEAST_INERTIAL = 0.03
+_LEAST_INERTIAL = 0.1
 # R2 below which something else than the law moves the shaft, as where it bounces off its stops.
 _LEAST_EXPLAINED = 0.95
 # Of the gain: an interval wider than that compares nothing.
