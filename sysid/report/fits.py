@@ -16,7 +16,7 @@ def fits_section(bundle: Bundle) -> Section | None:
         return None
     rows = [
         (quality_name(place), cells[0], unit(cells[1]), *cells[2:])
-        for place, one in judged.items()
+        for place, one in sorted(judged.items(), key=lambda item: _side(item[0]))
         for cells in [quality_cells(one.to_json())]
     ]
     intro = (
@@ -32,6 +32,11 @@ def fits_section(bundle: Bundle) -> Section | None:
     )
     blocks = (table("Fits", QUALITY_COLUMNS, rows, text=(2, 5, 6)),)
     return Section("fits", "How well the laws follow their tests", intro, blocks)
+
+
+def _side(place: str) -> str:
+    """What rows are ordered by: friction first, then valve A, then B."""
+    return place[: len("valves.a")] if place.startswith("valves.") else ""
 
 
 __all__ = ["fits_section"]
