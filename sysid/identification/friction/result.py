@@ -214,7 +214,8 @@ class FrictionResult(NamedEstimates, Shown):
             raise NotIdentifiedError(
                 f"friction: {'; '.join(self.impossible)}: look for a wrong unit or time base, "
                 "swapped or wrong pressures, an effort that is not logged, or a load that the rig "
-                "file lacks"
+                "file lacks; friction that changes along the stroke does it too: name the logs in "
+                "a campaign, and `sysid diagnose` tells what is missing"
             )
 
     @property
