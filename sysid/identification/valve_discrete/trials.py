@@ -383,4 +383,6 @@ def _atmosphere(chamber: HeldChamber, pressure: FloatArray, noise: float) -> flo
     if level is not None:
         return level
     last = chamber.closes[-1] if len(chamber.closes) else -np.inf
+    if not np.isfinite(last):
+        return None
     return _resting_level(pressure[time >= last + 0.3 * (time[-1] - last)], noise)
