@@ -91,7 +91,7 @@ def slips() -> list[Slip]:
             Slip(f"time x {x:g}", log, scaled("time_s", x), TIME) for x in (1.5, 2, 10, 1e3, 1e6)
         ]
         found += [
-            Slip("all but the time constant", log, only_time, "-"),
+            Slip("every channel but the time held", log, only_time, "-"),
             Slip("angle shifted by 0.5 rad", log, scaled("theta_rad", 1.0, 0.5), BEYOND),
             Slip("angle x 3", log, scaled("theta_rad", 3.0), BEYOND),
             Slip("angle in degrees", log, scaled("theta_rad", 180.0 / np.pi), "-"),

@@ -150,9 +150,9 @@ def check_campaign(campaign: Campaign) -> list[LogCheck]:
     for entry in campaign.logs:
         log = campaign.read(entry)
         checks.append(replace(check_log(log, campaign.rig, entry.kind), use=entry.use))
-        read.append(readings_of(log, entry.kind, campaign.rig))
+        read.append(readings_of(log, entry.kind, campaign.rig, entry.file))
     lines = contradictions(read, campaign.rig)
-    names = [entry.path.name for entry in campaign.logs]
+    names = [entry.file for entry in campaign.logs]
     owners = [next((i for i, n in enumerate(names) if line.startswith(n)), 0) for line in lines]
     return [
         replace(check, contradicts=tuple(x for x, i in zip(lines, owners, strict=True) if i == own))

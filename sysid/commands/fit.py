@@ -184,9 +184,9 @@ def _campaign(campaign: Path, output: Path | None, as_json: bool) -> None:
     """Everything that a campaign's training logs identify, in one bundle."""
     read = read_campaign(campaign)
     found = fit_campaign(read, progress=progress("fitting "))
-    notices = (*found.notices, *check_consistency(read, "fit"))
     if output is not None:
         write_bundle(found.bundle, output)
+    notices = (*found.notices, *check_consistency(read, "fit"))
     fitted = Fitted(found.bundle, found.remarks, notices, output)
     _show(fitted, as_json, _campaign_tables)
 

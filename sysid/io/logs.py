@@ -262,7 +262,13 @@ def _check_values(reading: _Reading) -> None:
     if position in columns:
         values = columns[position]
         notice = plausibility.check_position(
-            where, position, reading.origin[position], values, smallest_step(values), rig
+            where,
+            position,
+            reading.origin[position],
+            values,
+            smallest_step(values),
+            rig,
+            between_rows=measured_period(reading.table.comments) is not None,
         )
         if notice:
             reading.notices.append(notice)
@@ -392,7 +398,8 @@ def _drop_spikes(reading: _Reading, name: str, rows: NDArray[np.int64] | slice, 
         f"{values[i]:.4g} in {_place(reading, rows, int(i))}" for i in spikes.tolist()
     )
     reading.notices.append(
-        f"{where}: {name}: a single sample far outside all others is left out: {shown}"
+        f"{where}: {name}: single samples far outside all others, replaced by the line "
+        f"between their neighbours: {shown}"
     )
 
 

@@ -99,14 +99,24 @@ def _pressure_mend(
 
 
 def check_position(
-    where: str, target: str, column: str, values: FloatArray, step: float | None, rig: Rig
+    where: str,
+    target: str,
+    column: str,
+    values: FloatArray,
+    step: float | None,
+    rig: Rig,
+    *,
+    between_rows: bool = False,
 ) -> str | None:
     """Position (n,) rad or m against the stroke and the encoder's resolution.
 
     `step` is the smallest change in the data, or None where it is unknown. Raises InputError on a
     wrong unit; a notice where the zero cannot lie in the middle of the stroke, or where the
-    resolution is not the encoder's, else None.
+    resolution is not the encoder's, else None. A log whose rows lie between measured ones
+    (`between_rows`) shows no resolution.
     """
+    if between_rows:
+        return _beyond_stops(where, target, column, values, rig)
     _check_step(where, target, column, step, rig)
     return _beyond_stops(where, target, column, values, rig) or _other_resolution(
         where, target, values, rig

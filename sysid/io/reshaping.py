@@ -142,11 +142,14 @@ def _resampled(frame: pd.DataFrame, period: float, where: str) -> pd.DataFrame:
 
     time: FloatArray = frame["time_s"].to_numpy(float)
     check_increasing(time, where)
-    rows = math.floor((time[-1] - time[0]) / period + 1e-9) + 1
-    if not 2 <= rows <= _MOST_ROWS:
+    span = float(time[-1] - time[0])
+    if not period <= span < period * _MOST_ROWS:
         raise input_error(
-            "--resample", f"{period:g} s leaves {where} {rows} rows", "choose another"
+            "--resample",
+            f"{period:g} s does not suit the {span:g} s of {where}",
+            "choose another",
         )
+    rows = math.floor(span / period + 1e-9) + 1
     grid = time[0] + period * np.arange(rows)
     held = np.clip(np.searchsorted(time, grid + 1e-6 * period, side="right") - 1, 0, None)
     columns = {}

@@ -24,8 +24,8 @@ def fits_section(bundle: Bundle) -> Section | None:
         "there are enough). The verdict goes by what the law misses of the signal's spread beyond "
         f"the scatter of the measurement: good up to {100 * GOOD_SHARE:.0f} %, usable up to "
         f"{100 * USABLE_SHARE:.0f} %, else poor. A law that explains less than "
-        f"{100 * LEAST_EXPLAINED:.0f} % of the signal's variance, or whose numbers cannot be, is "
-        "no result.",
+        f"{100 * LEAST_EXPLAINED:.0f} % of the signal's variance beyond its scatter, or whose "
+        "numbers cannot be, is kept only where a missing effect may be the cause.",
         "Lack of fit is an F test against repeats where conditions were repeated, else the "
         "residual over the measurement's known scatter, else a test of the residual's runs. A "
         "significant one shows that the law lacks something, which may be small.",

@@ -51,7 +51,7 @@ def check_consistency(campaign: Campaign, use: str | None = None) -> tuple[str, 
     `use` keeps the logs of that use. Raises InputError for a log that cannot be used.
     """
     logs = [e for e in campaign.logs if use in (None, e.use)]
-    found = [readings_of(campaign.read(e), e.kind, campaign.rig) for e in logs]
+    found = [readings_of(campaign.read(e), e.kind, campaign.rig, e.file) for e in logs]
     return contradictions(found, campaign.rig)
 
 
@@ -69,11 +69,11 @@ def contradictions(logs: Iterable[LogReadings], rig: Rig) -> tuple[str, ...]:
     return tuple(dict.fromkeys(lines))
 
 
-def readings_of(log: Log, kind: str, rig: Rig) -> LogReadings:
-    """What a log of this kind contributes; nothing for a kind that shares no quantity."""
+def readings_of(log: Log, kind: str, rig: Rig, where: str = "") -> LogReadings:
+    """What a log of this kind contributes, called `where` (else by its file's name)."""
     readings: list[Reading] = []
     notices: list[str] = []
-    name = log.path.name
+    name = where or log.path.name
     if kind in _MOVING:
         even = [e for e in (_even(t, rig) for t in log.trials) if e is not None]
         if takes_energy_out(even):
@@ -182,7 +182,13 @@ def _breakaway(trials: Sequence[Trial], name: str, rig: Rig) -> Iterator[Reading
 
 
 def _static_quantity(rig: Rig) -> SharedQuantity:
-    return SharedQuantity(_STATIC, "N" if rig.is_linear else "Nm", 1.6, "", "")
+    return SharedQuantity(
+        _STATIC,
+        "N" if rig.is_linear else "Nm",
+        1.6,
+        f"the unit or gain of {rig.effort_channel}, wrong by {{ratio}}",
+        "position-dependent-friction, friction that grows at rest",
+    )
 
 
 def _below_coulomb(static: Sequence[Reading], coulomb: Sequence[Reading]) -> Iterator[str]:

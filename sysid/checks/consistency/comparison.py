@@ -81,10 +81,19 @@ def _line(apart: Sequence[Reading], reference: Reading) -> str:
     if same_log or (len(apart) == 1 and one.source != RIG):
         words.append(quantity.slips)
     slips = _filled("; ".join(filter(None, words)) or quantity.slips, one, reference)
+    if reference.slips:
+        slips = f"{slips}; {_filled(reference.slips, reference, one)}"
     title = one.source if same_log else one.title
+    ratio = ratio_of(one, reference)
+    if math.isinf(ratio):
+        return (
+            f"{title}{others}: {quantity.name} is {one.shown}, but {reference.title} gives "
+            f"{reference.shown}: of the other sign, or none; a command or a sign is swapped or "
+            "inverted in one of the two; check them against each other"
+        )
     return (
         f"{title}{others}: {quantity.name} is {one.shown}, but {reference.title} gives "
-        f"{reference.shown}, a factor of {ratio_of(one, reference):.3g}: either a slip ({slips}) "
+        f"{reference.shown}, a factor of {ratio:.3g}: either a slip ({slips}) "
         f"or an effect that the diagnosis looks for ({quantity.effects}); check the two against "
         "each other"
     )
@@ -93,7 +102,7 @@ def _line(apart: Sequence[Reading], reference: Reading) -> str:
 def _filled(slips: str, one: Reading, reference: Reading) -> str:
     ratio = one.value / reference.value if reference.value else math.inf
     if not 0.0 < ratio < math.inf:
-        return slips.format(ratio="a sign", inverse="a sign", time="a sign")
+        return slips.format(ratio="any factor", inverse="any factor", time="any factor")
     return slips.format(
         ratio=f"{ratio:.3g}",
         inverse=f"{1.0 / ratio:.3g}",

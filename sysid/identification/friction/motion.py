@@ -171,6 +171,8 @@ class _Model:
 
     def rows(self, samples: Sequence[MotionSamples]) -> WeightedRows:
         """All trials' rows; each trial is weighted by the residual variance of its own fit."""
+        if not samples:
+            raise NotIdentifiedError("friction from motion: too few samples are left")
         parts = [self._of_trial(chosen) for chosen in samples]
         if len(parts) > 1:
             parts = [scaled(part, 1.0 / max(own_variance(part), 1e-300)) for part in parts]
@@ -246,7 +248,7 @@ class _Model:
         for k in range(_BINS):
             kept = [s.kept(own != k) for s, own in zip(samples, bins, strict=True)]
             try:
-                rest.append(self.regression(_long_enough(kept)).coefficients)
+                rest.append(self.regression([s for s in kept if len(s.effort)]).coefficients)
             except NotIdentifiedError:
                 continue
         if len(rest) < _BINS:

@@ -184,8 +184,11 @@ class FrictionResult(NamedEstimates, Shown):
         known = static.identified and coulomb.identified and 0.0 < coulomb.interval[1] < math.inf
         if not known or static.value <= _MOST_STATIC * coulomb.interval[1]:
             return []
-        times = static.value / coulomb.value
-        return [f"{u.static} is {static.value:.3g} {u.effort}, {times:.0f} times {u.coulomb}"]
+        most = coulomb.interval[1]
+        return [
+            f"{u.static} is {static.value:.3g} {u.effort}, {static.value / most:.0f} times what "
+            f"{u.coulomb} is at most, {most:.3g} {u.effort}"
+        ]
 
     def _unsteady(self) -> list[str]:
         """Constant-effort trials that cannot be: scatter, or inertia, as large as friction."""

@@ -17,6 +17,7 @@ from sysid.identification.friction.effort import (
     TrialUse,
     Units,
     constant_run,
+    titles,
 )
 from sysid.identification.friction.sliding import SlidingPoints
 from sysid.identification.friction.within_trial import trial_law
@@ -211,13 +212,12 @@ def sliding_points(
 def _keep_one_method(uses: Sequence[TrialUse], notices: list[str]) -> bool:
     """Whether to fit within the trials (most are unsteady); steady ones are then left out."""
     used = [use for use in uses if use.used]
-    unsteady = [use.label for use in used if not use.values["steady"]]
+    unsteady = [use for use in used if not use.values["steady"]]
     if not unsteady:
         return False
     if 2 * len(unsteady) <= len(used):
         notices.append(
-            f"tests {', '.join(unsteady)}: the speed is not steady; the change of momentum is "
-            "accounted for"
+            f"{titles(unsteady)}: the speed is not steady; the change of momentum is accounted for"
         )
         return False
     notices.append(
