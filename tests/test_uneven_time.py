@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from sysid.io.rig import Rig, rig_from_content
 from sysid.io.tables import read_table
 from sysid.types import FloatArray
 
+BUNDLED = Path(__file__).resolve().parent.parent / "datasets" / "bundled"
 AXIS = Rig("axis", "horizontal", "rotary")
 COULOMB, VISCOUS, INERTIA = 0.2, 0.05, 0.02
 
@@ -187,3 +189,49 @@ def test_joins_that_are_refused(
     assert main([*given, *words]) == 2
     assert said in capsys.readouterr().err
     assert not (tmp_path / "run.csv").exists()
+
+
+def test_what_a_joined_file_leaves_out_and_adds_is_said(tmp_path: Path) -> None:
+    drive, encoder, _ = two_files(tmp_path)
+    frame = pd.read_csv(encoder).assign(junk=1.0, p=100.0)
+    frame.to_csv(encoder, index=False)
+    rig = (BUNDLED / "rig.toml").read_text()
+    at = "atmospheric_pressure_pa = "
+    (tmp_path / "rig.toml").write_text(re.sub(f"{at}[0-9.e]+", f"{at}98000.0", rig))
+    maps = (*MAPS, "pressure_a_pa=p:kPa(g)")
+    report = convert(drive, tmp_path / "run.csv", join=[encoder], join_maps=maps)
+    assert "junk" in report.unmapped
+    assert set(maps) <= set(report.maps)
+    assert any("98000 Pa, is added to gauge pressures" in notice for notice in report.notices)
+    comments = read_table(tmp_path / "run.csv", {"time_s"}).comments
+    assert "map: atmosphere 98000 Pa (joined)" in comments
+
+
+@pytest.mark.parametrize(
+    ("maps", "said"), [(("theta_rad=phi:deg",), "time_s"), (("time_s=t:ms",), "none")]
+)
+def test_a_joined_file_is_mapped_by_its_own_option(
+    maps: tuple[str, ...], said: str, tmp_path: Path
+) -> None:
+    drive, encoder, _ = two_files(tmp_path)
+    with pytest.raises(InputError, match=rf"{said}.*--join-map") as raised:
+        convert(drive, tmp_path / "run.csv", join=[encoder], join_maps=maps)
+    assert "--period" not in str(raised.value)
+
+
+@pytest.mark.parametrize("again", ["again.csv", "again.parquet"])
+def test_a_log_converted_once_more_keeps_what_is_known_of_its_rows(
+    again: str, tmp_path: Path
+) -> None:
+    drive, encoder, _ = two_files(tmp_path)
+    convert(drive, tmp_path / "run.csv", join=[encoder], join_maps=MAPS)
+    convert(tmp_path / "run.csv", tmp_path / again, trim="1:5")
+    convert(tmp_path / again, tmp_path / f"third-{again}")
+    (trial,) = read_log(tmp_path / f"third-{again}", AXIS).trials
+    assert trial.row_period == pytest.approx(0.013)
+
+
+def test_a_period_that_no_log_has_is_refused(tmp_path: Path) -> None:
+    drive, _, _ = two_files(tmp_path)
+    with pytest.raises(InputError, match="--resample"):
+        convert(drive, tmp_path / "run.csv", resample_s=1e-308)

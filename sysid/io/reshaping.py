@@ -115,6 +115,11 @@ def joined_line(row_period: float) -> str:
     return f"map: joined by time {_BETWEEN.format(row_period)}"
 
 
+def lines_between(comments: Iterable[str]) -> list[str]:
+    """Those of a log's comments that say that its samples lie between measured rows."""
+    return [line for line in comments if _SAYS_BETWEEN.match(line)]
+
+
 def measured_period(comments: Iterable[str]) -> float | None:
     """The longest period (s) of measured rows that a log's comments say it was made from."""
     found = [float(m[1]) for line in comments if (m := _SAYS_BETWEEN.match(line))]

@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import io
+import itertools
 import json
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
 PARQUET_SUFFIXES = (".parquet", ".pq")
 FOREIGN_SUFFIXES = (".mat", ".xlsx", ".xls", ".tdms")
 _NOTED = b"sysid.comments"
+# Comments stand at the head of a file.
+_HEAD_BYTES = 1 << 16
 _NOT_A_NUMBER = ["", "NaN", "nan", "NA", "N/A", "null", "NULL", "None", "-nan", "#N/A"]
 
 
@@ -220,6 +223,17 @@ def _read_parquet(path: Path, raw: bytes, digest: str, wanted: Collection[str]) 
             path, f"is damaged or not Parquet ({first})", "write it again, or save it as CSV"
         ) from None
     return LogTable(path, digest, header, frame.reset_index(drop=True), None, comments=comments)
+
+
+def comments_in(path: Path, raw: bytes) -> tuple[str, ...]:
+    """The comments of a file that `write_table` wrote; none of any other file."""
+    if path.suffix.lower() == ".parquet":
+        import pyarrow.parquet as parquet
+
+        return _comments_of(parquet.read_schema(io.BytesIO(raw)).metadata)
+    lines = raw[:_HEAD_BYTES].splitlines()
+    above = itertools.takewhile(lambda line: line.startswith(b"#"), lines)
+    return tuple(line.decode("utf-8", "replace").strip("# \r") for line in above)
 
 
 def _comments_of(metadata: Mapping[bytes, bytes] | None) -> tuple[str, ...]:
