@@ -211,7 +211,7 @@ def noise_floor(values: FloatArray, resolution: float | None = None, stride: int
     variance = _noise_variance(x, 1)
     if variance > step**2:
         variance = _settled_variance(x, variance)
-    if step == 0.0:
+    if step * step == 0.0:  # none, or one whose square is below the smallest number
         return NoiseFloor(math.sqrt(variance), 0.0)
     return NoiseFloor(step * _noise_in_counts(variance / step**2), step)
 

@@ -132,3 +132,8 @@ def test_runs_of_a_mask() -> None:
     assert signals.longest_run(mask[:6]) == (0, 2)
     assert signals.runs(mask[:0]) == signals.runs(~mask[:2]) == []
     assert signals.longest_run(~mask[:2]) == (0, 0)
+
+
+def test_a_step_whose_square_vanishes_is_none() -> None:
+    values = 1e-170 * np.arange(40.0) % 7e-170
+    assert signals.noise_floor(values).quantum == 0.0
