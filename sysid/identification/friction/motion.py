@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.errors import NotIdentifiedError
-from sysid.estimation.linear import Estimate, LinearFit, satterthwaite, t_quantile
+from sysid.estimation.linear import Estimate, LinearFit, satterthwaite
 from sysid.estimation.quality import FitQuality, runs_test
 from sysid.identification.friction.combinations import (
     Combination,
@@ -127,8 +127,7 @@ def fit_motion(
         samples = _long_enough(samples)
     model = _Model.of(samples, inertia, shape)
     limits = SlidingLimits()
-    # What cannot be is not mended by leaving out samples: it is an error in the log.
-    if shape.speeds and not model.is_impossible(samples):
+    if shape.speeds:
         samples, limits = sliding_only(samples, model.law, model.separates)
         samples = _long_enough(samples)
     fits = model.apart(samples)
@@ -213,14 +212,6 @@ class _Model:
         n = len(fits)
         stds = table.std(axis=0, ddof=1) / math.sqrt(n)
         return table.mean(axis=0), stds, np.full(table.shape[1], n - 1.0)
-
-    def is_impossible(self, samples: Sequence[MotionSamples]) -> bool:
-        """Whether Coulomb or viscous friction is below zero beyond its interval."""
-        values, stds, dofs = self.estimated(samples, self.apart(samples))
-        return any(
-            column in (COULOMB, VISCOUS) and value + t_quantile(float(dof)) * std < 0.0
-            for column, value, std, dof in zip(self.columns, values, stds, dofs, strict=True)
-        )
 
     def law(self, samples: Sequence[MotionSamples]) -> FloatArray:
         """All four coefficients (4,) of all trials together."""
