@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
 
 from sysid import signals
+from sysid.estimation.linear import t_quantile
 from sysid.identification.friction.effort import MIN_SAMPLES, EvenTrial
 from sysid.identification.friction.motion_samples import default_cutoff, left_out
 from sysid.types import FloatArray
@@ -25,14 +25,12 @@ _LEAST_SHARE = 0.03
 # Of these efforts, what the inertia takes: with less, friction decides and not the gain.
 _LEAST_INERTIAL = 0.1
 # R2 below which something else than the law moves the shaft, as where it bounces off its stops.
-_LEAST_EXPLAINED = 0.95
+_LEAST_R2 = 0.95
 # Of the gain: an interval wider than that compares nothing.
 _MOST_SPREAD = 0.25
-MOTOR, CYLINDER = "motor", "cylinder"
-
-
 # Of the power of the efforts, taken without its sign: friction takes energy out of a motion.
 _TAKEN_OUT = -0.1
+MOTOR, CYLINDER = "motor", "cylinder"
 
 
 @dataclass(frozen=True)
@@ -64,9 +62,9 @@ def gains(trials: Sequence[EvenTrial], inertia: float) -> list[Gain]:
     target = inertial + table[:, 2] - table[:, rest].sum(axis=1)
     regressors = table[:, [*columns, 3, 4, 5]]
     values, errors = _jackknife(regressors, target)
-    if np.var(target - regressors @ values) > (1.0 - _LEAST_EXPLAINED) * np.var(target):
+    if np.var(target - regressors @ values) > (1.0 - _LEAST_R2) * np.var(target):
         return []
-    factor = float(stats.t.ppf(0.975, _BLOCKS - 1))
+    factor = t_quantile(_BLOCKS - 1)
     found = []
     for name, value, error in zip(known, values, errors, strict=False):
         reach = factor * float(error)
