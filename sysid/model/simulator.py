@@ -37,11 +37,11 @@ _WIDTHS = (1, 8, 32)
 # Sub-steps in one compiled call: the compiled shapes do not depend on a log's length.
 _CHUNK = 4096
 # Room for the steps that end at events; a call that runs out of it is continued.
-_EVENT_ROOM = 512
+EVENT_ROOM = 512
 # Half the compile time of the default level, and no slower.
-_COMPILER_OPTIONS = {"xla_backend_optimization_level": 2}
+COMPILER_OPTIONS = {"xla_backend_optimization_level": 2}
 # No run needs nearly as many continuations: more would be an endless loop.
-_MOST_CALLS = 1000
+MOST_CALLS = 1000
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Trajectory:
 
 
 @functools.partial(
-    jax.jit, static_argnames=("structure", "effects"), compiler_options=_COMPILER_OPTIONS
+    jax.jit, static_argnames=("structure", "effects"), compiler_options=COMPILER_OPTIONS
 )
 def _advance_chunk(
     lanes: Lanes,
@@ -74,7 +74,7 @@ def _advance_chunk(
     parts = join(structure, numbers)
     model = Model(parts[0], parts[1 : 1 + effects])
     surfaces = parts[1 + effects :]
-    room = table.duration.shape[1] + _EVENT_ROOM
+    room = table.duration.shape[1] + EVENT_ROOM
     shape = (room, table.count.shape[0])
     run = jnp.arange(table.count.shape[0])
     record = jax.lax.dynamic_update_index_in_dim
@@ -93,7 +93,7 @@ def _advance_chunk(
         sample = (after.index > lanes.index) & table.ends_sample[run, at]
         return step + 1, after, states, record(reached, sample, step, 0)
 
-    states = tuple(jnp.zeros(shape) for _ in _STATE)
+    states = tuple(jnp.zeros(shape) for _ in STATE)
     carry = (0, lanes, states, jnp.zeros(shape, dtype=bool))
     _, lanes, states, reached = jax.lax.while_loop(unfinished, advance_once, carry)
     return lanes, states, reached
@@ -105,18 +105,18 @@ def _advance_block(
     """(4, samples) of every run: position, velocity, pressures at its rows."""
     model = stack_models(models)
     structure, numbers = split((model.parameters, *model.effects, *surfaces))
-    lanes = _start(inputs, model)
+    lanes = start_lanes(inputs, model)
     counts = np.array([len(r) for r in runs])
-    pieces = [[np.array([[getattr(lanes, n)[i]] for n in _STATE])] for i in range(len(runs))]
+    pieces = [[np.array([[getattr(lanes, n)[i]] for n in STATE])] for i in range(len(runs))]
     if runs[0].ripple:
         lanes = lanes._replace(ripple_a=np.zeros(len(runs)), ripple_b=np.zeros(len(runs)))
     for start in range(0, int(counts.max()), _CHUNK):
         count = np.clip(counts - start, 0, _CHUNK)
-        table = _table(runs, start, count)
+        table = event_table(runs, start, count)
         lanes = lanes._replace(index=np.zeros(len(runs), dtype=int))
         calls = 0
         while (np.asarray(lanes.index) < count).any():
-            if calls == _MOST_CALLS:
+            if calls == MOST_CALLS:
                 raise SimulationError(
                     "simulation: the model switches without end at one instant; its effects "
                     "or flows do not fit together"
@@ -143,13 +143,15 @@ def _collect(
         piece.append(part)
 
 
-_STATE = ("position", "velocity", "pressure_a", "pressure_b")
+STATE = ("position", "velocity", "pressure_a", "pressure_b")
 
 
-def _table(runs: list[PreparedRun], start: int, count: NDArray[np.intp]) -> EventTable:
+def event_table(
+    runs: list[PreparedRun], start: int, count: NDArray[np.intp], chunk: int = _CHUNK
+) -> EventTable:
     """The runs' sub-steps from `start` on, next to each other, as many as a chunk holds."""
-    numbers = np.zeros((4 + len(runs[0].ripple), len(runs), _CHUNK))
-    ends_sample = np.zeros((len(runs), _CHUNK), dtype=bool)
+    numbers = np.zeros((4 + len(runs[0].ripple), len(runs), chunk))
+    ends_sample = np.zeros((len(runs), chunk), dtype=bool)
     for i, (run, n) in enumerate(zip(runs, count, strict=True)):
         rows = slice(start, start + n)
         for table, values in zip(
@@ -161,7 +163,7 @@ def _table(runs: list[PreparedRun], start: int, count: NDArray[np.intp]) -> Even
     return EventTable(duration, motor, open_a, open_b, ends_sample, count, tuple(ripple))
 
 
-def _start(inputs: list[Inputs], model: Model) -> Lanes:
+def start_lanes(inputs: list[Inputs], model: Model) -> Lanes:
     n = len(inputs)
     zero = np.zeros(n)
     time = zero + [i.elapsed for i in inputs]
@@ -174,7 +176,7 @@ def _start(inputs: list[Inputs], model: Model) -> Lanes:
             [a if g is None else g for g, a in zip(given, atmosphere, strict=True)], dtype=float
         )
 
-    position, velocity, pressure_a, pressure_b = (column(name) for name in _STATE)
+    position, velocity, pressure_a, pressure_b = (column(name) for name in STATE)
     point = Point(
         time=time,
         position=position,
@@ -201,7 +203,7 @@ def _start(inputs: list[Inputs], model: Model) -> Lanes:
     )
 
 
-def _check_known(model: Model, inputs: Inputs, averaged: bool) -> None:
+def check_known(model: Model, inputs: Inputs, averaged: bool) -> None:
     """Refuse a parameter that is not a number: a simulation would propagate it silently."""
     laws = ("choked_fill", "choked_dis", "c_fill", "c_dis")
     unused = {f"{law}_{side}" for law in laws for side in SIDES} if averaged else set()
@@ -223,7 +225,7 @@ def _check_known(model: Model, inputs: Inputs, averaged: bool) -> None:
         raise ValueError("motor and valve commands must be finite and have the length of time")
 
 
-def _cores() -> int:
+def cores() -> int:
     affinity = getattr(os, "sched_getaffinity", None)
     return len(affinity(0)) if affinity else os.cpu_count() or 1
 
@@ -250,9 +252,9 @@ def simulate(
         return []
     pairs = list(zip(inputs, models, strict=True))
     for one, model in pairs:
-        _check_known(model, one, bool(surfaces))
-    cores = _cores()
-    share = -(-len(pairs) // cores)
+        check_known(model, one, bool(surfaces))
+    workers = cores()
+    share = -(-len(pairs) // workers)
     width = next((w for w in _WIDTHS if w >= share), _WIDTHS[-1])
     # Runs of similar length go together: in a block the short ones wait for the longest.
     order = sorted(range(len(pairs)), key=lambda i: len(pairs[i][0].time))
@@ -264,7 +266,7 @@ def simulate(
         idle = width - len(own)
         none = {side: np.zeros(0) for side in SIDES}
         no_ripple = (np.zeros(0),) * len(runs[0].ripple)
-        nothing = PreparedRun(_no_steps(), np.zeros(0), none, no_ripple)
+        nothing = PreparedRun(no_steps(), np.zeros(0), none, no_ripple)
         filled = own + [own[0]] * idle
         found = _advance_block(
             runs + [nothing] * idle, [i for i, _ in filled], [m for _, m in filled], surfaces
@@ -274,7 +276,7 @@ def simulate(
     if len(blocks) == 1:
         results = [block(blocks[0])]
     else:
-        with ThreadPoolExecutor(min(cores, len(blocks))) as pool:
+        with ThreadPoolExecutor(min(workers, len(blocks))) as pool:
             results = list(pool.map(block, blocks))
     states = {
         i: s
@@ -284,7 +286,7 @@ def simulate(
     return [Trajectory(np.asarray(one.time), *states[i]) for i, (one, _) in enumerate(pairs)]
 
 
-def _no_steps() -> valve_timing.Grid:
+def no_steps() -> valve_timing.Grid:
     return valve_timing.Grid(
         np.zeros(0), np.zeros(0), np.zeros(0, np.intp), np.zeros(0, bool), np.zeros(0, np.intp)
     )

@@ -1,0 +1,348 @@
+"""Open-loop simulation with its derivatives: forward mode through every step and every event.
+
+The tangents of a run's states by its start state and by any of the model's numbers are carried
+along with the states. Choking, sticking, breakaway and the stops move with the parameters: the
+share of a step at which an event lies is a function of the states, so that its derivative, and
+with it the jump of the tangents there, is part of the result. A valve's edges move with its
+delays: the sub-steps' durations have tangents as well (differences of the exact edges, which
+are linear in the delays).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sysid.errors import SimulationError
+from sysid.io.channels import SIDES
+from sysid.model._jax import jax, jnp
+from sysid.model.ports import Model, Structure, join, overrides, split, stack_models
+from sysid.model.preparation import Inputs, PreparedRun, prepare
+from sysid.model.simulator import (
+    COMPILER_OPTIONS,
+    EVENT_ROOM,
+    MAX_STEP,
+    MOST_CALLS,
+    STATE,
+    check_known,
+    cores,
+    event_table,
+    no_steps,
+    start_lanes,
+)
+from sysid.model.stepper import EventTable, Lanes, advance
+from sysid.types import FloatArray
+
+Direction = tuple[int, str]
+"""A number of the model: its part (0 the base parameters, 1 on the effects) and its name."""
+
+STARTS = STATE
+"""The first tangents of every run: by its start position, velocity and pressures."""
+
+# As in `simulator`: few shapes are ever compiled.
+_WIDTHS = (8, 32)
+_CHUNKS = (256, 1024, 2048)
+# Delays are moved by this for the durations' tangents, s: less than any sub-step that counts.
+_DELAY_STEP = 1e-7
+_TIMING = ("on_delay_a", "off_delay_a", "on_delay_b", "off_delay_b")
+
+
+class Tangents(NamedTuple):
+    """One run: `states` (4, n) at its rows and `slopes` (4 + k, 4, n), by start and direction.
+
+    States are position, velocity, pressures: rad or m, rad/s or m/s, Pa. A start at rest (velocity
+    exactly 0) has no slope by its velocity.
+    """
+
+    states: FloatArray
+    slopes: FloatArray
+
+
+class _Slopes(NamedTuple):
+    """Tangents that go on from chunk to chunk: those of the lanes' floats, (k, runs) each."""
+
+    time: Any
+    position: Any
+    velocity: Any
+    pressure_a: Any
+    pressure_b: Any
+    extra: tuple[Any, ...]
+    elapsed: Any
+
+
+def simulate_tangents(
+    inputs: Sequence[Inputs],
+    models: Sequence[Model],
+    directions: Sequence[Direction],
+    surfaces: tuple[Any, ...] = (),
+    max_step: float = MAX_STEP,
+) -> list[Tangents]:
+    """Simulate every run as `simulator.simulate` does, with tangents along `directions`.
+
+    Raises as `simulate` does.
+    """
+    pairs = list(zip(inputs, models, strict=True))
+    for one, model in pairs:
+        check_known(model, one, bool(surfaces))
+    varied = tuple(directions)
+    width = next((w for w in _WIDTHS if w * cores() >= len(pairs)), _WIDTHS[-1])
+    order = sorted(range(len(pairs)), key=lambda i: len(pairs[i][0].time))
+    blocks = [order[i : i + width] for i in range(0, len(order), width)]
+
+    def block(members: list[int]) -> list[Tangents]:
+        own = [pairs[i] for i in members]
+        own += [own[0]] * (width - len(own))
+        return _block(own, len(members), varied, surfaces, max_step)
+
+    with ThreadPoolExecutor(min(cores(), len(blocks))) as pool:
+        results = list(pool.map(block, blocks))
+    found = {
+        i: run
+        for members, own in zip(blocks, results, strict=True)
+        for i, run in zip(members, own, strict=True)
+    }
+    return [found[i] for i in range(len(pairs))]
+
+
+def _block(
+    pairs: list[tuple[Inputs, Model]],
+    count: int,
+    varied: tuple[Direction, ...],
+    surfaces: tuple[Any, ...],
+    max_step: float,
+) -> list[Tangents]:
+    """The first `count` of these runs; the others are idle and fill the compiled width."""
+    runs = [prepare(i, m, surfaces, max_step) for i, m in pairs[:count]]
+    moved = [
+        _moved(i, m, r, varied, surfaces, max_step) for (i, m), r in zip(pairs, runs, strict=False)
+    ]
+    idle = len(pairs) - count
+    none = {side: np.zeros(0) for side in SIDES}
+    nothing = PreparedRun(no_steps(), np.zeros(0), none, (np.zeros(0),) * len(runs[0].ripple))
+    runs += [nothing] * idle
+    inputs, models = [i for i, _ in pairs], [m for _, m in pairs]
+    model = stack_models(models)
+    structure, numbers = split((model.parameters, *model.effects, *surfaces))
+    lanes, slopes = _start(inputs, model, varied)
+    lengths = np.array([len(r) for r in runs])
+    chunk = next((c for c in _CHUNKS if c >= lengths.max()), _CHUNKS[-1])
+    first = [[np.array([[getattr(lanes, n)[i]] for n in STATE])] for i in range(count)]
+    slope = [
+        [np.array([[getattr(slopes, n)[:, i]] for n in STATE]).transpose(2, 0, 1)]
+        for i in range(count)
+    ]
+    for start in range(0, int(lengths.max()), chunk):
+        here = np.clip(lengths - start, 0, chunk)
+        table = event_table(runs, start, here, chunk)
+        durations = np.zeros((4 + len(varied), len(runs), chunk))
+        for i, change in enumerate(moved):
+            for j, values in change.items():
+                durations[4 + j, i, : here[i]] = values[start : start + here[i]]
+        lanes = lanes._replace(index=np.zeros(len(runs), dtype=int))
+        calls = 0
+        while (np.asarray(lanes.index) < here).any():
+            if calls == MOST_CALLS:
+                raise SimulationError(
+                    "simulation: the model switches without end at one instant; its effects "
+                    "or flows do not fit together"
+                )
+            calls += 1
+            lanes, slopes, states, tangents, reached = _advance_chunk(
+                lanes,
+                table,
+                numbers,
+                slopes,
+                durations,
+                structure=structure,
+                effects=len(model.effects),
+                varied=varied,
+            )
+            reached = np.asarray(reached)
+            values = np.stack([np.asarray(s) for s in states])
+            along = np.stack([np.asarray(t) for t in tangents], axis=1)
+            for i in range(count):
+                rows = np.flatnonzero(reached[:, i])
+                first[i].append(values[:, rows, i])
+                slope[i].append(along[:, :, rows, i])
+    return [
+        Tangents(np.concatenate(f, axis=-1), np.concatenate(s, axis=-1))
+        for f, s in zip(first, slope, strict=True)
+    ]
+
+
+def _moved(
+    inputs: Inputs,
+    model: Model,
+    run: PreparedRun,
+    varied: tuple[Direction, ...],
+    surfaces: tuple[Any, ...],
+    max_step: float,
+) -> dict[int, FloatArray]:
+    """By direction: how the sub-steps' durations move with it, s per unit; only where they do.
+
+    Where a delay's change would reorder the edges, a one-sided difference is taken.
+    """
+    found = {}
+    for j, (part, name) in enumerate(varied):
+        if not _moves_edges(model, part, name):
+            continue
+        other = [
+            prepare(inputs, _with(model, part, name, step), surfaces, max_step).grid.duration
+            for step in (_DELAY_STEP, -_DELAY_STEP)
+        ]
+        sides = [len(o) == len(run) for o in other]
+        if all(sides):
+            found[j] = (other[0] - other[1]) / (2.0 * _DELAY_STEP)
+        elif sides[0]:
+            found[j] = (other[0] - run.grid.duration) / _DELAY_STEP
+        elif sides[1]:
+            found[j] = (run.grid.duration - other[1]) / _DELAY_STEP
+    return found
+
+
+def _moves_edges(model: Model, part: int, name: str) -> bool:
+    if part == 0:
+        return name in _TIMING
+    return overrides(model.effects[part - 1], "pulses", "delays")
+
+
+def _with(model: Model, part: int, name: str, step: float) -> Model:
+    """The model with one number moved by a step."""
+    if part == 0:
+        value = float(getattr(model.parameters, name)) + step
+        return Model(model.parameters.replace(**{name: value}), model.effects)
+    effects: list[Any] = list(model.effects)
+    effect = effects[part - 1]
+    effects[part - 1] = dataclasses.replace(effect, **{name: getattr(effect, name) + step})
+    return Model(model.parameters, tuple(effects))
+
+
+def _start(
+    inputs: list[Inputs], model: Model, varied: tuple[Direction, ...]
+) -> tuple[Lanes, _Slopes]:
+    """The lanes at their start, and their tangents."""
+    lanes = start_lanes(inputs, model)
+    count, runs = 4 + len(varied), len(inputs)
+    states = [np.zeros((count, runs)) for _ in STATE]
+    for i, state in enumerate(states):
+        state[i] = 1.0
+    # At rest a small velocity is braked at once: to first order nothing comes of it.
+    states[1][1] = np.asarray(lanes.velocity) != 0.0
+    zero = np.zeros((count, runs))
+    position, velocity, pressure_a, pressure_b = states
+    extra = _extra_slopes(inputs, model, lanes, varied)
+    return lanes, _Slopes(zero, position, velocity, pressure_a, pressure_b, extra, zero)
+
+
+def _extra_slopes(
+    inputs: list[Inputs], model: Model, lanes: Lanes, varied: tuple[Direction, ...]
+) -> tuple[FloatArray, ...]:
+    """Tangents of the effects' states at the start, by central differences of these."""
+    if not model.state_names:
+        return ()
+    slopes = np.zeros((len(model.state_names), 4 + len(varied), len(inputs)))
+
+    def extra(given: list[Inputs], own: Model) -> FloatArray:
+        return np.array([np.broadcast_to(e, len(given)) for e in start_lanes(given, own).extra])
+
+    for i, name in enumerate(STATE):
+        here = np.asarray(getattr(lanes, name))
+        step = 1e-6 * np.maximum(np.abs(here), 1e-3)
+        ends = []
+        for sign in (1.0, -1.0):
+            moved = [
+                dataclasses.replace(one, **{name: float(h + sign * s)})  # type: ignore[arg-type]
+                for one, h, s in zip(inputs, here, step, strict=True)
+            ]
+            ends.append(extra(moved, model))
+        slopes[:, i] = (ends[0] - ends[1]) / (2.0 * step)
+    for j, (part, name) in enumerate(varied):
+        holder: Any = model.parameters if part == 0 else model.effects[part - 1]
+        value = np.asarray(getattr(holder, name), dtype=float)
+        step = 1e-6 * np.maximum(np.abs(value), 1e-12)
+        ends = []
+        for sign in (1.0, -1.0):
+            new: Any = dataclasses.replace(holder, **{name: value + sign * step})
+            effects = list(model.effects)
+            if part:
+                effects[part - 1] = new
+            moved_model = Model(model.parameters if part else new, tuple(effects))
+            ends.append(extra(inputs, moved_model))
+        slopes[:, 4 + j] = (ends[0] - ends[1]) / (2.0 * step)
+    return tuple(slopes)
+
+
+@functools.partial(
+    jax.jit, static_argnames=("structure", "effects", "varied"), compiler_options=COMPILER_OPTIONS
+)
+def _advance_chunk(
+    lanes: Lanes,
+    table: EventTable,
+    numbers: list[dict[str, Any]],
+    slopes: _Slopes,
+    durations: Any,
+    *,
+    structure: Structure,
+    effects: int,
+    varied: tuple[Direction, ...],
+) -> tuple[Lanes, _Slopes, tuple[Any, ...], tuple[Any, ...], Any]:
+    """As `simulator._advance_chunk`, with the tangents (directions, ...) of what it returns."""
+    room = table.duration.shape[1] + EVENT_ROOM
+    runs = table.count.shape[0]
+    run = jnp.arange(runs)
+    record = jax.lax.dynamic_update_index_in_dim
+
+    def whole(floats: tuple[_Slopes, Any, tuple[Any, ...]]) -> Any:
+        state, duration, values = floats
+        given = [dict(part) for part in numbers]
+        for (part, name), value in zip(varied, values, strict=True):
+            given[part][name] = value
+        parts = join(structure, given)
+        model = Model(parts[0], parts[1 : 1 + effects])
+        surfaces = parts[1 + effects :]
+        own = table._replace(duration=duration)
+
+        def unfinished(carry: Any) -> Any:
+            step, now, _, _ = carry
+            return (step < room) & jnp.any(now.index < table.count)
+
+        def advance_once(carry: Any) -> Any:
+            step, now, states, reached = carry
+            after = advance(now, own, model, surfaces)
+            states = tuple(
+                record(s, v, step, 0) for s, v in zip(states, after.shown(), strict=True)
+            )
+            at = jnp.minimum(now.index, duration.shape[1] - 1)
+            sample = (after.index > now.index) & table.ends_sample[run, at]
+            return step + 1, after, states, record(reached, sample, step, 0)
+
+        states = tuple(jnp.zeros((room, runs)) for _ in STATE)
+        begun = lanes._replace(**state._asdict())
+        carry = (0, begun, states, jnp.zeros((room, runs), dtype=bool))
+        _, now, states, reached = jax.lax.while_loop(unfinished, advance_once, carry)
+        left = _Slopes(*(getattr(now, n) for n in _Slopes._fields))
+        return (left, states), (now, reached)
+
+    start = _Slopes(*(getattr(lanes, n) for n in _Slopes._fields))
+    values = tuple(numbers[part][name] for part, name in varied)
+    # Each direction moves its own number by one.
+    basis = jnp.eye(4 + len(varied))[:, 4:]
+    along = tuple(
+        jnp.broadcast_to(basis[:, j, None], (4 + len(varied), runs)) for j in range(len(varied))
+    )
+
+    def push(tangent: Any) -> Any:
+        return jax.jvp(whole, ((start, table.duration, values),), (tangent,), has_aux=True)
+
+    (_, states), (moved, tangents), (now, reached) = jax.vmap(push, out_axes=(None, 0, None))(
+        (slopes, durations, along)
+    )
+    return now, moved, states, tangents, reached
+
+
+__all__ = ["STARTS", "Direction", "Tangents", "simulate_tangents"]

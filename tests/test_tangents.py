@@ -1,0 +1,76 @@
+"""Derivatives of the simulation: against differences of it, through every kind of event."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from benchmarks.rigs import random_runs
+from benchmarks.tangents import SIZES, column_errors
+from sysid.model.effects import StribeckFriction
+from sysid.model.ports import Model
+from sysid.model.preparation import Inputs
+from sysid.model.simulator import simulate
+from sysid.model.tangents import simulate_tangents
+from sysid.types import FloatArray
+
+
+@pytest.fixture(scope="module")
+def runs() -> tuple[list[Inputs], list[Model]]:
+    """Four random rigs under PWM, half a second each."""
+    return random_runs(5, 4, 0.5)
+
+
+def test_states_are_those_of_the_simulation(runs: tuple[list[Inputs], list[Model]]) -> None:
+    inputs, models = runs
+    for plain, own in zip(
+        simulate(inputs, models), simulate_tangents(inputs, models, []), strict=True
+    ):
+        states = np.array([plain.position, plain.velocity, plain.pressure_a, plain.pressure_b])
+        assert np.abs((own.states - states) / SIZES).max() < 1e-9
+        assert own.slopes.shape == (4, 4, len(plain.time))
+
+
+def test_columns_are_the_differences(runs: tuple[list[Inputs], list[Model]]) -> None:
+    every = np.concatenate(list(column_errors(*runs).values()))
+    assert np.median(every) < 1e-3
+    assert np.quantile(every, 0.95) < 0.02
+
+
+def test_a_start_state_has_its_tangent(runs: tuple[list[Inputs], list[Model]]) -> None:
+    inputs, models = runs
+    assert not any(r.slopes[1].any() for r in simulate_tangents(inputs, models, []))  # at rest
+    inputs = [dataclasses.replace(i, velocity=0.5) for i in inputs]
+    found = simulate_tangents(inputs, models, [])
+    for i, name in enumerate(("position", "velocity", "pressure_a", "pressure_b")):
+        step = 1e-6 * SIZES[i, 0]
+        ends = []
+        for sign in (1.0, -1.0):
+            moved = [
+                dataclasses.replace(one, **{name: float(run.states[i, 0] + sign * step)})
+                for one, run in zip(inputs, found, strict=True)
+            ]
+            ends.append(simulate(moved, models))
+        high, low = ends
+        for run, h, lo in zip(found, high, low, strict=True):
+            slope = (h.pressure_a - lo.pressure_a) / (2.0 * step)
+            assert np.linalg.norm(run.slopes[i, 2] - slope) <= 1e-3 * np.linalg.norm(slope) + 1e-6
+
+
+def test_an_effect_s_number_has_its_tangent(runs: tuple[list[Inputs], list[Model]]) -> None:
+    inputs, models = runs
+    name, size = "stribeck_torque_nm", 0.12
+    effect = StribeckFriction(size, 0.07)
+    with_it = [Model(m.parameters, (effect,)) for m in models]
+    slopes = [run.slopes[4] for run in simulate_tangents(inputs, with_it, [(1, name)])]
+
+    def moved(sign: float) -> list[FloatArray]:
+        other = dataclasses.replace(effect, **{name: size * (1.0 + sign * 1e-5)})
+        found = simulate(inputs, [Model(m.parameters, (other,)) for m in models])
+        return [np.array([r.position, r.velocity, r.pressure_a, r.pressure_b]) for r in found]
+
+    for slope, high, low in zip(slopes, moved(1.0), moved(-1.0), strict=True):
+        reference = (high - low) / (2e-5 * size) / SIZES
+        assert np.linalg.norm(slope / SIZES - reference) <= 0.02 * np.linalg.norm(reference) + 1e-9
