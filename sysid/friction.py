@@ -26,6 +26,7 @@ from sysid.identification.friction.effort import (
     EvenTrial,
     TrialUse,
     Units,
+    by_reason,
     classify,
     classify_trial,
     even_trial,
@@ -194,10 +195,7 @@ def _kind(name: str) -> str:
 
 def _reasons(uses: Sequence[TrialUse]) -> str:
     """Why tests were left out, each reason once with its tests."""
-    tests: dict[str, list[TrialUse]] = {}
-    for use in uses:
-        tests.setdefault(use.reason, []).append(use)
-    return "; ".join(f"{titles(left_out)}: {why}" for why, left_out in tests.items())
+    return "; ".join(f"{titles(own)}: {why}" for why, own in by_reason(uses).items())
 
 
 def _static(fit: _Fit) -> StaticFriction | None:

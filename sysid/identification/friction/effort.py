@@ -148,11 +148,16 @@ class TrialUse:
 
 def left_out_lines(uses: Sequence[TrialUse]) -> list[str]:
     """Each reason for leaving tests out, once, with their number and their names."""
-    by_reason: dict[str, list[TrialUse]] = {}
+    left_out = by_reason([use for use in uses if not use.used])
+    return [f"{len(own)} left out ({titles(own)}): {why}" for why, own in left_out.items()]
+
+
+def by_reason(uses: Sequence[TrialUse]) -> dict[str, list[TrialUse]]:
+    """The tests by the reason for leaving them out, in the order of the first of each."""
+    groups: dict[str, list[TrialUse]] = {}
     for use in uses:
-        if not use.used:
-            by_reason.setdefault(use.reason, []).append(use)
-    return [f"{len(own)} left out ({titles(own)}): {why}" for why, own in by_reason.items()]
+        groups.setdefault(use.reason, []).append(use)
+    return groups
 
 
 def titles(uses: Sequence[TrialUse]) -> str:
