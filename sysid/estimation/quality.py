@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sysid.estimation.linear import FTest
 from sysid.types import FloatArray
 
 LEAST_EXPLAINED = 0.5
@@ -188,6 +189,11 @@ def spread(values: FloatArray, has_constant: bool) -> float:
     return root_mean_square(values - (np.mean(values) if has_constant else 0.0))
 
 
+def repeats_lack_of_fit(test: FTest | None) -> LackOfFit:
+    """From the F test of a law against the means of its repeats; None: not testable."""
+    return LackOfFit(REPEATS, test.statistic, test.p_value) if test else NOT_TESTABLE
+
+
 def repeats_test(residuals: FloatArray, cells: ArrayLike, parameters: int) -> LackOfFit:
     """F test of residuals (n,) against pure error; `cells` (n,) numbers repeated conditions.
 
@@ -267,6 +273,7 @@ __all__ = [
     "LackOfFit",
     "lack_of_fit_text",
     "repeated_scatter",
+    "repeats_lack_of_fit",
     "repeats_test",
     "root_mean_square",
     "runs_test",

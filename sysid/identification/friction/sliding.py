@@ -32,13 +32,7 @@ from sysid.estimation.linear import (
     satterthwaite,
     t_p_value,
 )
-from sysid.estimation.quality import (
-    NOT_TESTABLE,
-    REPEATS,
-    FitQuality,
-    LackOfFit,
-    repeated_scatter,
-)
+from sysid.estimation.quality import FitQuality, repeated_scatter, repeats_lack_of_fit
 from sysid.identification.friction.clusters import Clusters, find_clusters
 from sysid.identification.friction.effort import Units
 from sysid.types import FloatArray
@@ -218,9 +212,7 @@ def _quality(
         points.friction,
         residual,
         has_constant=both,
-        lack_of_fit=LackOfFit(REPEATS, curved.statistic, curved.p_value)
-        if curved
-        else NOT_TESTABLE,
+        lack_of_fit=repeats_lack_of_fit(curved),
         scatter=repeated_scatter(residual, cells),
     )
 

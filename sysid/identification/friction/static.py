@@ -24,7 +24,7 @@ from sysid.estimation.linear import (
     nested_f_test,
     t_quantile,
 )
-from sysid.estimation.quality import NOT_TESTABLE, REPEATS, FitQuality, LackOfFit
+from sysid.estimation.quality import FitQuality, repeats_lack_of_fit
 from sysid.identification.friction.effort import STATIC, EvenTrial, TrialUse, Units
 from sysid.types import FloatArray
 
@@ -319,7 +319,7 @@ def _quality(values: FloatArray, cell: FloatArray, scatter: float | None, unit: 
         values,
         values - values.mean(),
         has_constant=False,
-        lack_of_fit=LackOfFit(REPEATS, test.statistic, test.p_value) if test else NOT_TESTABLE,
+        lack_of_fit=repeats_lack_of_fit(test),
         scatter=scatter,
     )
 
