@@ -194,6 +194,24 @@ def repeats_lack_of_fit(test: FTest | None) -> LackOfFit:
     return LackOfFit(REPEATS, test.statistic, test.p_value) if test else NOT_TESTABLE
 
 
+@dataclass(frozen=True)
+class _Within:
+    """Residuals within c repeated conditions: how many and their means, (c,) each; their sum of
+    squares about these means (pure error), and its degrees of freedom."""
+
+    count: NDArray[np.intp]
+    means: FloatArray
+    squares: float
+    dof: int
+
+    @classmethod
+    def of(cls, residuals: FloatArray, cells: ArrayLike) -> _Within:
+        _, place, count = np.unique(cells, return_inverse=True, return_counts=True)
+        means = np.bincount(place, residuals) / count
+        squares = float(np.sum((residuals - means[place]) ** 2))
+        return cls(count, means, squares, len(residuals) - len(count))
+
+
 def repeats_test(residuals: FloatArray, cells: ArrayLike, parameters: int) -> LackOfFit:
     """F test of residuals (n,) against pure error; `cells` (n,) numbers repeated conditions.
 
@@ -201,26 +219,18 @@ def repeats_test(residuals: FloatArray, cells: ArrayLike, parameters: int) -> La
     """
     from scipy.special import fdtrc
 
-    _, place, count = np.unique(cells, return_inverse=True, return_counts=True)
-    more, left = len(count) - parameters, len(residuals) - len(count)
-    if more < 1 or left < 1:
+    within = _Within.of(residuals, cells)
+    more, left = len(within.count) - parameters, within.dof
+    if more < 1 or left < 1 or not within.squares > 0.0:
         return NOT_TESTABLE
-    means = np.bincount(place, residuals) / count
-    pure = float(np.sum((residuals - means[place]) ** 2))
-    if not pure > 0.0:
-        return NOT_TESTABLE
-    f = float(count @ means**2) / more / (pure / left)
+    f = float(within.count @ within.means**2) / more / (within.squares / left)
     return LackOfFit(REPEATS, f, float(fdtrc(more, left, max(f, 0.0))))
 
 
 def repeated_scatter(residuals: FloatArray, cells: ArrayLike) -> float | None:
     """Standard deviation of residuals (n,) within repeated conditions (n,); None without any."""
-    _, place, count = np.unique(cells, return_inverse=True, return_counts=True)
-    dof = len(residuals) - len(count)
-    if dof < 1:
-        return None
-    means = np.bincount(place, residuals) / count
-    return math.sqrt(float(np.sum((residuals - means[place]) ** 2)) / dof)
+    within = _Within.of(residuals, cells)
+    return math.sqrt(within.squares / within.dof) if within.dof >= 1 else None
 
 
 def scatter_test(rmse: float, scatter: float) -> LackOfFit:
