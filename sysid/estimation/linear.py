@@ -97,9 +97,9 @@ class Estimate:
             return dict(self._written)
         if self.reason is not None:
             return {"value": None, "identified": False, "reason": self.reason}
-        written = {"value": self.value, "std": _finite(self.std), "unit": self.unit}
+        written = {"value": self.value, "std": finite_or_none(self.std), "unit": self.unit}
         if self.has_interval:
-            return {**written, "interval": [_finite(limit) for limit in self.interval]}
+            return {**written, "interval": [finite_or_none(limit) for limit in self.interval]}
         return written
 
     @classmethod
@@ -129,7 +129,8 @@ def _number(value: Any, absent: float | None = None) -> float:
     return float(value)
 
 
-def _finite(value: float) -> float | None:
+def finite_or_none(value: float) -> float | None:
+    """The value for a file, which holds null for one that is not finite."""
     return value if math.isfinite(value) else None
 
 

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sysid.estimation.linear import FTest
+from sysid.estimation.linear import FTest, finite_or_none
 from sysid.types import FloatArray
 
 LEAST_EXPLAINED = 0.5
@@ -166,17 +166,13 @@ class FitQuality:
             "signal": self.signal,
             "unit": self.unit,
             "samples": self.count,
-            "rmse": _finite(self.rmse),
-            "rmse_share": _finite(self.share),
-            "r2": _finite(self.r2),
-            "scatter": None if self.scatter is None else _finite(self.scatter),
+            "rmse": finite_or_none(self.rmse),
+            "rmse_share": finite_or_none(self.share),
+            "r2": finite_or_none(self.r2),
+            "scatter": None if self.scatter is None else finite_or_none(self.scatter),
             "lack_of_fit": self.lack_of_fit.to_json(),
             "verdict": self.verdict,
         }
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def root_mean_square(values: FloatArray) -> float:
