@@ -183,11 +183,15 @@ class _Model:
         )
 
     def _of_trial(self, chosen: MotionSamples) -> WeightedRows:
-        x, y = chosen.regressors, chosen.effort
-        if self.inertia is not None:
-            y = y - self.inertia * x[:, INERTIA]
-        keep = list(self.columns)
-        return WeightedRows(x[:, keep], y, np.ones(len(y)), chosen.noise[keep] * len(y))
+        y, keep = self.balanced(chosen), list(self.columns)
+        weights = np.ones(len(y))
+        return WeightedRows(chosen.regressors[:, keep], y, weights, chosen.noise[keep] * len(y))
+
+    def balanced(self, chosen: MotionSamples) -> FloatArray:
+        """The effort (n,) that the fitted parameters balance: less what a given inertia takes."""
+        if self.inertia is None:
+            return chosen.effort
+        return chosen.effort - self.inertia * chosen.regressors[:, INERTIA]
 
     def regression(self, samples: Sequence[MotionSamples]) -> LinearFit:
         return regression(self.rows(samples), [_NAMES[c] for c in self.columns])
@@ -298,6 +302,7 @@ def _finished(
         sums = combined(parts, slope, model.shape, units)
     full = model.full(found[0])
     rmse, count = _rmse(samples, full)
+    effort = np.concatenate([model.balanced(s) for s in samples])
 
     def estimate(column: int, name: str) -> Estimate:
         if column in by_column and not any(name in c.of for c in sums):
@@ -312,26 +317,29 @@ def _finished(
         rmse,
         count,
         apart,
-        _explained(samples, rmse, model.inertia),
+        _explained(effort, rmse),
         _notices(apart, model, limits, units),
         sums,
         model.shape.both,
         limits,
-        _quality(samples, full, model, units),
+        _quality(samples, effort, full, model, units),
     )
 
 
 def _quality(
-    samples: Sequence[MotionSamples], full: FloatArray, model: _Model, units: Units
+    samples: Sequence[MotionSamples],
+    effort: FloatArray,
+    full: FloatArray,
+    model: _Model,
+    units: Units,
 ) -> FitQuality:
-    """Of the effort that friction (and an estimated inertia) balances; `full` (4,)."""
+    """Of the effort (n,) that friction (and an estimated inertia) balances; `full` (4,)."""
     left = [s.effort - s.regressors @ full for s in samples]
-    known = model.inertia or 0.0
     # Neighbouring samples share the filter's noise; those a filter's length apart do not.
     return FitQuality.of(
         "effort in motion",
         units.effort,
-        np.concatenate([s.effort - known * s.regressors[:, INERTIA] for s in samples]),
+        effort,
         np.concatenate(left),
         has_constant=model.shape.both,
         lack_of_fit=runs_test([part[::A_LENGTH] for part in left]),
@@ -370,10 +378,8 @@ def _rmse(samples: Sequence[MotionSamples], full: FloatArray) -> tuple[float, in
     return math.sqrt(sum(float(np.sum(part)) for part in squares) / count), count
 
 
-def _explained(samples: Sequence[MotionSamples], rmse: float, inertia: float | None) -> float:
-    """R2 of the effort that the parameters balance; what a given inertia takes is not explained."""
-    known = inertia or 0.0
-    effort = np.concatenate([s.effort - known * s.regressors[:, INERTIA] for s in samples])
+def _explained(effort: FloatArray, rmse: float) -> float:
+    """R2 of the effort (n,) that the parameters balance."""
     spread = float(np.var(effort))
     return 1.0 - rmse**2 / spread if spread > 0.0 else 0.0
 
