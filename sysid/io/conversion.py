@@ -138,49 +138,39 @@ def convert(
             "convert", "several files are several tests, but `test` is given too", "omit it"
         )
     recipe = with_atmosphere(recipe, paths)
-    frames, sources, notices = [], [], list(recipe.notices)
-    said: list[str] = []
-    unmapped: dict[str, None] = {}
+    files = []
     for path, label in zip(paths, _labels(paths), strict=True):
         if path.exists() and output.exists() and path.samefile(output):
             raise input_error(output, "is the file to be converted", "choose another with -o")
-        raw = read_bytes(path, "a file to convert")
-        table = read_foreign(path, raw, recipe.read)
-        frames.append(log_columns(table, recipe, label))
-        sources.append(ForeignSource(str(path), table.format, hashlib.sha256(raw).hexdigest()))
-        unmapped.update(dict.fromkeys(unused_columns(table, recipe)))
-        notices += table.notices
-        # A log that is converted once more keeps what is known of its samples.
-        said += lines_between(comments_in(path, raw))
+        files.append(_ForeignFile.read(path, "a file to convert", recipe).mapped(recipe, label))
+    notices = [*recipe.notices, *(notice for file in files for notice in file.notices)]
     how = Reshaping(unwrap, read_trim(trim), resample_s)
-    whole = _joined(frames, paths)
+    whole = _joined([file.frame for file in files], paths)
+    joined_lines: list[str] = []
     if join:
         if len(paths) > 1:
             raise input_error(
                 "--join", "several files are several tests", "convert them one by one"
             )
-        first = TimedColumns(str(paths[0]), unwrapped(whole) if unwrap else whole, table.origin)
-        others = _others(join, recipe, parse_map(join_maps, "--join-map"), join_shift_s, unwrap)
-        whole, notice = joined(first, [other.columns for other in others])
-        notices.append(notice)
-        for other in others:
-            sources.append(other.source)
-            notices += other.notices
-            unmapped.update(dict.fromkeys(other.unmapped))
-            said += other.said
-        clocks = [first, *(other.columns for other in others)]
-        said.append(joined_line(max(c.row_period for c in clocks)))
+        others = _others(join, recipe, parse_map(join_maps, "--join-map"))
+        first = files[0].timed(unwrap)
+        further = [other.timed(unwrap, join_shift_s) for other in others]
+        whole, notice = joined(first, further)
+        notices += [notice, *(line for other in others for line in other.notices)]
+        joined_lines.append(joined_line(max(c.row_period for c in (first, *further))))
+        files += others
     rows_every = median_period(whole["time_s"].to_numpy(float))
     frame = reshaped(whole, how, ", ".join(map(str, paths)))
+    unmapped = list(dict.fromkeys(name for file in files for name in file.unmapped))
     if unmapped:
         more = " ..." if len(unmapped) > 30 else ""
-        notices.append(
-            f"left out, not mapped: {', '.join(map(shortened, list(unmapped)[:30]))}{more}"
-        )
+        notices.append(f"left out, not mapped: {', '.join(map(shortened, unmapped[:30]))}{more}")
+    sources = tuple(file.source for file in files)
+    said = [*(line for file in files for line in file.said), *joined_lines]
     _write(frame, output, sources, recipe, [*said, *how.lines(rows_every)])
     return ConversionReport(
         output=str(output),
-        sources=tuple(sources),
+        sources=sources,
         rows=len(frame),
         columns=tuple(frame.columns),
         tests=tuple(dict.fromkeys(map(str, frame[TEST_COLUMN]))) if TEST_COLUMN in frame else (),
@@ -191,49 +181,67 @@ def convert(
 
 
 @dataclass(frozen=True)
-class _Other:
-    """A file to be joined: its columns, and what is to be said of it (`said` in the log)."""
+class _MappedFile:
+    """A foreign file's columns (SI), and what is to be said of it (`said` in the log)."""
 
-    columns: TimedColumns
+    frame: pd.DataFrame
+    origin: Any
     source: ForeignSource
     notices: tuple[str, ...]
     unmapped: tuple[str, ...]
     said: tuple[str, ...]
 
+    def timed(self, unwrap: bool, shift_s: float = 0.0) -> TimedColumns:
+        """The columns to be joined by time; `unwrap` follows their angle over its turns."""
+        frame = unwrapped(self.frame) if unwrap else self.frame
+        return TimedColumns(self.source.path, frame, self.origin, shift_s)
+
+
+@dataclass(frozen=True)
+class _ForeignFile:
+    """A foreign file as read, `raw` its bytes."""
+
+    path: Path
+    raw: bytes
+    table: ForeignTable
+
+    @classmethod
+    def read(cls, path: Path, what: str, recipe: Recipe) -> _ForeignFile:
+        raw = read_bytes(path, what)
+        return cls(path, raw, read_foreign(path, raw, recipe.read))
+
+    def mapped(self, recipe: Recipe, label: str | None = None) -> _MappedFile:
+        """Its columns in the log format; `label` is its test's among several files."""
+        table, digest = self.table, hashlib.sha256(self.raw).hexdigest()
+        return _MappedFile(
+            log_columns(table, recipe, label),
+            table.origin,
+            ForeignSource(str(self.path), table.format, digest),
+            tuple(table.notices),
+            tuple(unused_columns(table, recipe)),
+            # A log that is converted once more keeps what is known of its samples.
+            tuple(lines_between(comments_in(self.path, self.raw))),
+        )
+
 
 def _others(
-    paths: Sequence[Path],
-    recipe: Recipe,
-    maps: Mapping[str, ColumnMap],
-    shift_s: float,
-    unwrap: bool,
-) -> list[_Other]:
+    paths: Sequence[Path], recipe: Recipe, maps: Mapping[str, ColumnMap]
+) -> list[_MappedFile]:
     """The files to be joined: each with the maps whose columns it has."""
     found, used = [], set()
     for path in paths:
-        raw = read_bytes(path, "a file to join")
-        table = read_foreign(path, raw, recipe.read)
-        own = {t: m for t, m in maps.items() if has_column(list(table.columns), m)}
+        file = _ForeignFile.read(path, "a file to join", recipe)
+        own = {t: m for t, m in maps.items() if has_column(list(file.table.columns), m)}
         used |= set(own)
         plain = replace(recipe, maps=own, constants={}, rows=(), period_s=None, notices=())
         plain = with_atmosphere(plain, [path])
-        _check_joinable(table, own)
-        frame = log_columns(table, plain, None)
-        frame = unwrapped(frame) if unwrap else frame
-        source = ForeignSource(str(path), table.format, hashlib.sha256(raw).hexdigest())
+        _check_joinable(file.table, own)
+        mapped = file.mapped(plain)
         said = [f"map: {entry} (joined)" for entry in own.values()]
         if any(entry.gauge for entry in own.values()) and plain.atmosphere_pa is not None:
             said.append(f"map: atmosphere {plain.atmosphere_pa:g} Pa (joined)")
-        said += lines_between(comments_in(path, raw))
-        found.append(
-            _Other(
-                TimedColumns(str(path), frame, table.origin, shift_s),
-                source,
-                (*plain.notices, *table.notices),
-                tuple(unused_columns(table, plain)),
-                tuple(said),
-            )
-        )
+        notices = (*plain.notices, *mapped.notices)
+        found.append(replace(mapped, notices=notices, said=(*said, *mapped.said)))
     if missing := [m for t, m in maps.items() if t not in used]:
         raise input_error(
             ", ".join(map(str, paths)),
