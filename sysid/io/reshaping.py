@@ -82,9 +82,9 @@ def reshaped(frame: pd.DataFrame, how: Reshaping, where: str) -> pd.DataFrame:
 
 def _one(frame: pd.DataFrame, how: Reshaping, where: str) -> pd.DataFrame:
     """One test."""
-    frame = frame.copy()
     if how.unwrap:
-        _unwrap(frame, where)
+        _require_angle(frame, where)
+        frame = unwrapped(frame)
     first, last = how.trim_s
     since = frame["time_s"] - frame["time_s"].iloc[0]
     kept = (since >= (-math.inf if first is None else first)) & (
@@ -96,12 +96,10 @@ def _one(frame: pd.DataFrame, how: Reshaping, where: str) -> pd.DataFrame:
     return frame if how.period_s is None else _resampled(frame, how.period_s, where)
 
 
-def _unwrap(frame: pd.DataFrame, where: str) -> None:
-    """Follow the angle over its turns; in place."""
+def _require_angle(frame: pd.DataFrame, where: str) -> None:
     if "theta_rad" not in frame:
         why = f"{_COUNTS} wrap at a number that the log does not say" if _COUNTS in frame else ""
         raise input_error(where, f"has no theta_rad to unwrap{why and '; ' + why}", "map an angle")
-    frame["theta_rad"] = np.unwrap(frame["theta_rad"].to_numpy(float))
 
 
 def median_period(time: FloatArray) -> float:
