@@ -170,12 +170,13 @@ def test_only_significant_and_large_differences_are_reported() -> None:
     assert list(disagreements(logs)) == []  # a payload that the diagnosis is to find
     wide = [reading("a", 1.0), reading("b", 3.0, 0.9)]
     assert list(disagreements(wide)) == []
-    (line,) = disagreements([reading("a", 1.0), reading("b", 1.01), reading("c", 4.0)])
-    assert line.startswith("c: ") and "a slip by 3.96" in line
-    (line,) = disagreements([reading("a", 1.0), reading("b", 1.01), reading(RIG, 4.0, 0.0)])
-    assert line.startswith(RIG)
-    (line,) = disagreements([reading("a", 4.0), reading(RIG, 1.0, 0.0)])
-    assert line.startswith("a: ")
+    (found,) = disagreements([reading("a", 1.0), reading("b", 1.01), reading("ab", 4.0)])
+    assert found.line.startswith("ab: ") and "a slip by 3.96" in found.line
+    assert found.source == "ab"
+    (found,) = disagreements([reading("a", 1.0), reading("b", 1.01), reading(RIG, 4.0, 0.0)])
+    assert found.line.startswith(RIG) and found.source == RIG
+    (found,) = disagreements([reading("a", 4.0), reading(RIG, 1.0, 0.0)])
+    assert found.line.startswith("a: ") and found.source == "a"
 
 
 def test_check_and_report_show_contradictions(

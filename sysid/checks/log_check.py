@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid import signals
-from sysid.checks.consistency.campaign import contradictions, readings_of
+from sysid.checks.consistency.campaign import located_contradictions, readings_of
 from sysid.checks.friction import Identification
 from sysid.checks.identifiability import excitation, identifications
 from sysid.display.plots import bars, one_axes
@@ -151,13 +151,12 @@ def check_campaign(campaign: Campaign) -> list[LogCheck]:
         log = campaign.read(entry)
         checks.append(replace(check_log(log, campaign.rig, entry.kind), use=entry.use))
         read.append(readings_of(log, entry.kind, campaign.rig, entry.file))
-    lines = contradictions(read, campaign.rig)
     names = [entry.file for entry in campaign.logs]
-    owners = [next((i for i, n in enumerate(names) if line.startswith(n)), 0) for line in lines]
-    return [
-        replace(check, contradicts=tuple(x for x, i in zip(lines, owners, strict=True) if i == own))
-        for own, check in enumerate(checks)
-    ]
+    lines: list[list[str]] = [[] for _ in checks]
+    for found in located_contradictions(read, campaign.rig):
+        # What is wrong in the rig file is said with the first log.
+        lines[names.index(found.source) if found.source in names else 0].append(found.line)
+    return [replace(c, contradicts=tuple(own)) for c, own in zip(checks, lines, strict=True)]
 
 
 def check_log(log: Log, rig: Rig, declared: str | None = None) -> LogCheck:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-from sysid.checks.consistency.comparison import disagreements
+from sysid.checks.consistency.comparison import Contradiction, disagreements
 from sysid.checks.consistency.drive import CYLINDER, MOTOR, Gain, gains, takes_energy_out
 from sysid.checks.consistency.flow import filling_flows
 from sysid.checks.consistency.levels import (
@@ -42,7 +42,7 @@ class LogReadings:
     """What one log contributes to the comparison, and what is wrong within it."""
 
     readings: tuple[Reading, ...] = ()
-    notices: tuple[str, ...] = field(default=())
+    notices: tuple[Contradiction, ...] = ()
 
 
 def check_consistency(campaign: Campaign, use: str | None = None) -> tuple[str, ...]:
@@ -57,27 +57,32 @@ def check_consistency(campaign: Campaign, use: str | None = None) -> tuple[str, 
 
 def contradictions(logs: Iterable[LogReadings], rig: Rig) -> tuple[str, ...]:
     """The notices of `check_consistency` from what each log contributes."""
+    return tuple(found.line for found in located_contradictions(logs, rig))
+
+
+def located_contradictions(logs: Iterable[LogReadings], rig: Rig) -> tuple[Contradiction, ...]:
+    """`contradictions`, each with the log or rig file that its line begins with."""
     by_quantity: dict[str, list[Reading]] = {}
-    lines: list[str] = []
+    found: list[Contradiction] = []
     for one in logs:
-        lines += one.notices
+        found += one.notices
         for reading in one.readings:
             by_quantity.setdefault(reading.quantity.name, []).append(reading)
     for readings in by_quantity.values():
-        lines += disagreements([*readings, *_of_the_rig(readings[0].quantity, rig)])
-    lines += _below_coulomb(by_quantity.get(_STATIC, []), by_quantity.get(_COULOMB, []))
-    return tuple(dict.fromkeys(lines))
+        found += disagreements([*readings, *_of_the_rig(readings[0].quantity, rig)])
+    found += _below_coulomb(by_quantity.get(_STATIC, []), by_quantity.get(_COULOMB, []))
+    return tuple(dict.fromkeys(found))
 
 
 def readings_of(log: Log, kind: str, rig: Rig, where: str = "") -> LogReadings:
     """What a log of this kind contributes, called `where` (else by its file's name)."""
     readings: list[Reading] = []
-    notices: list[str] = []
+    notices: list[Contradiction] = []
     name = where or log.path.name
     if kind in _MOVING:
         even = [e for e in (_even(t, rig) for t in log.trials) if e is not None]
         if takes_energy_out(even):
-            notices.append(_energy(name, rig))
+            notices.append(Contradiction(name, _energy(name, rig)))
         known = rig.total_inertia() is not None or not rig.is_vertical
         for gain in gains(even, rig.total_inertia() or 1.0) if known else ():
             _take_gain(gain, name, rig, readings, notices)
@@ -110,11 +115,11 @@ def _even(trial: Trial, rig: Rig) -> EvenTrial | None:
 
 
 def _take_gain(
-    gain: Gain, name: str, rig: Rig, readings: list[Reading], notices: list[str]
+    gain: Gain, name: str, rig: Rig, readings: list[Reading], notices: list[Contradiction]
 ) -> None:
     """A gain below zero is a sign; any other is the inertia that its drive moves."""
     if gain.high < 0.0:
-        notices.append(_sign(gain.drive, name, rig))
+        notices.append(Contradiction(name, _sign(gain.drive, name, rig)))
     elif gain.low > 0.0:
         inertia = rig.total_inertia() or 1.0
         limits = (inertia / gain.high, inertia / gain.low)
@@ -191,15 +196,18 @@ def _static_quantity(rig: Rig) -> SharedQuantity:
     )
 
 
-def _below_coulomb(static: Sequence[Reading], coulomb: Sequence[Reading]) -> Iterator[str]:
+def _below_coulomb(
+    static: Sequence[Reading], coulomb: Sequence[Reading]
+) -> Iterator[Contradiction]:
     """A shaft that breaks away with less than keeps it sliding."""
     for one in static:
         other = min(coulomb, key=lambda c: c.low, default=None)
         if other is not None and one.high < _LEAST_STATIC * other.low:
-            yield (
+            yield Contradiction(
+                one.source,
                 f"{one.source}: {_STATIC} is {one.shown}, below the Coulomb friction of "
                 f"{other.shown} that {other.source} gives: the unit or gain of the motor's effort "
-                "differs between the two; check its column in both"
+                "differs between the two; check its column in both",
             )
 
 
@@ -295,4 +303,11 @@ def _of_the_rig(quantity: SharedQuantity, rig: Rig) -> Iterator[Reading]:
         yield Reading(quantity, RIG, value, value, value, slips=own)
 
 
-__all__ = ["LogReadings", "check_consistency", "contradictions", "quantities", "readings_of"]
+__all__ = [
+    "LogReadings",
+    "check_consistency",
+    "contradictions",
+    "located_contradictions",
+    "quantities",
+    "readings_of",
+]

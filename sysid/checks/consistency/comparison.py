@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 from sysid.checks.consistency.quantities import RIG, Reading
 
@@ -11,12 +12,20 @@ from sysid.checks.consistency.quantities import RIG, Reading
 _ONE_SLIP = 1.15
 
 
-def disagreements(readings: Sequence[Reading]) -> Iterator[str]:
-    """One line for every slip that sets readings of a quantity apart from most of them.
+@dataclass(frozen=True)
+class Contradiction:
+    """A notice, and the log (or the rig file) that it is about first."""
+
+    source: str
+    line: str
+
+
+def disagreements(readings: Sequence[Reading]) -> Iterator[Contradiction]:
+    """One notice for every slip that sets readings of a quantity apart from most of them.
 
     The largest group that agrees is the reference, the rig file's value among it where two groups
     are equal. Readings that are apart from it by the same factor, all of one log or all by the same
-    means, share a line.
+    means, share a notice.
     """
     groups = [_agreeing(one, readings) for one in readings]
     best = max(groups, key=lambda group: (len(group), _has_rig(group)), default=[])
@@ -27,7 +36,7 @@ def disagreements(readings: Sequence[Reading]) -> Iterator[str]:
     while apart:
         together = _of_one_slip(apart, reference)
         apart = [one for one in apart if one not in together]
-        yield _line(together, reference)
+        yield Contradiction(together[0].source, _line(together, reference))
 
 
 def _agreeing(one: Reading, readings: Sequence[Reading]) -> list[Reading]:
@@ -110,4 +119,4 @@ def _filled(slips: str, one: Reading, reference: Reading) -> str:
     )
 
 
-__all__ = ["differ", "disagreements", "ratio_of"]
+__all__ = ["Contradiction", "differ", "disagreements", "ratio_of"]
