@@ -371,7 +371,7 @@ def test_impossible_friction_of_a_campaign_carries_its_verdict(
 
 def test_a_record_and_its_table_say_the_same() -> None:
     record = QualityRecord.of(judged(0.2))
-    table = quality_table({"valves.b.pwm.fill.ann": record.to_json()})
+    table = quality_table({"valves.b.pwm.fill.ann": record})
     assert table.rows[0][0] == "Valve B, PWM, filling, network"
     assert table.rows[0][3:] == ("20", "0.9600", "no repeats, so not testable", "usable")
     assert not record.is_doubtful

@@ -81,7 +81,7 @@ class Bundle(Shown, BundleContent):
     def tables(self) -> Iterable[ShownTable]:
         """The estimates, one table per part, and how well the laws follow their tests."""
         yield from (estimate_table(name, found) for name, found in self._estimates().items())
-        yield quality_table({k: q.to_json() for k, q in self.qualities().items()})
+        yield quality_table(self.qualities())
 
     def qualities(self) -> dict[str, QualityRecord]:
         """How well each fitted law follows its tests, by its place in the bundle."""

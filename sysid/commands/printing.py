@@ -75,7 +75,7 @@ def quality_table(found: Mapping[str, QualityRecord]) -> Table:
     """One row per fitted law: how well it follows its tests, and the verdict."""
     table = new_table("How well the laws follow their tests", *QUALITY_COLUMNS)
     for place, one in found.items():
-        cells = (quality_name(place), *quality_cells(one.to_json()))
+        cells = (quality_name(place), *quality_cells(one))
         table.add_row(*(Text(ascii_text(cell)) for cell in cells))
     return table
 

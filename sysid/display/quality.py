@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Protocol
 
 from sysid.display.numbers import MISSING, number
 from sysid.display.tables import ShownTable
@@ -36,8 +36,16 @@ def quality_name(place: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def quality_cells(found: Mapping[str, Any]) -> tuple[str, ...]:
-    """The cells after the first, of a judgement as a bundle holds it."""
+class Judged(Protocol):
+    """How well a law follows its tests: as it was fitted, or as a bundle holds it."""
+
+    def to_json(self) -> dict[str, Any]:
+        """The bundle's object."""
+
+
+def quality_cells(judged: Judged) -> tuple[str, ...]:
+    """The cells after the first."""
+    found = judged.to_json()
     share, r2 = found["rmse_share"], found["r2"]
     return (
         number(found["rmse"]),
@@ -49,10 +57,10 @@ def quality_cells(found: Mapping[str, Any]) -> tuple[str, ...]:
     )
 
 
-def quality_table(found: Mapping[str, Mapping[str, Any]]) -> ShownTable:
+def quality_table(found: Mapping[str, Judged]) -> ShownTable:
     """One row per judgement, by its place in a bundle."""
     rows = tuple((quality_name(place), *quality_cells(one)) for place, one in found.items())
     return ShownTable("How well the laws follow their tests", QUALITY_COLUMNS, rows)
 
 
-__all__ = ["QUALITY_COLUMNS", "quality_cells", "quality_name", "quality_table"]
+__all__ = ["QUALITY_COLUMNS", "Judged", "quality_cells", "quality_name", "quality_table"]

@@ -17,7 +17,7 @@ def fits_section(bundle: Bundle) -> Section | None:
     rows = [
         (quality_name(place), cells[0], unit(cells[1]), *cells[2:])
         for place, one in sorted(judged.items(), key=lambda item: _side(item[0]))
-        for cells in [quality_cells(one.to_json())]
+        for cells in [quality_cells(one)]
     ]
     intro = (
         "Each law against the tests that it was fitted to (PWM: tests left out of the fit, where "

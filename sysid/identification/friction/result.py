@@ -286,7 +286,7 @@ class FrictionResult(NamedEstimates, Shown):
         sums = {c.expression: c.estimate for c in self.combinations}
         yield estimate_table("Identified only together", sums)
         yield estimate_table("Cross-check, from motion", self.cross_check)
-        yield quality_table({k: q.to_json() for k, q in self.quality.items()})
+        yield quality_table(self.quality)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Friction over speed: one point per constant-effort test, one fitted line per direction.

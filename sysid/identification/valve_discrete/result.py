@@ -67,7 +67,7 @@ class DiscreteFit(NamedEstimates, Shown):
     def tables(self) -> Iterable[ShownTable]:
         """The estimates, and how well the law follows the tests."""
         yield estimate_table(f"Valve {self.valve.upper()}", self.estimates)
-        yield quality_table({k: q.to_json() for k, q in self.quality.items()})
+        yield quality_table(self.quality)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Chamber pressure over time, each test as measured and as fitted; returns the axes."""

@@ -83,7 +83,7 @@ class DirectionFit(Shown):
     def tables(self) -> Iterable[ShownTable]:
         """The surfaces' errors, and how well they follow the tests."""
         yield from super().tables()
-        yield quality_table({k: q.to_json() for k, q in self.quality.items()})
+        yield quality_table(self.quality)
 
     def headline(self) -> str:
         """Valve, direction and number of tests."""
@@ -214,12 +214,12 @@ class ValvePwmFit(Shown):
         """The surfaces' errors, and how well they and the averaged laws follow the tests."""
         yield from super().tables()
         surfaces = {
-            f"{v}.{direction}.{name}": quality.to_json()
+            f"{v}.{direction}.{name}": quality
             for (v, direction), fit in self.fits.items()
             for name, quality in fit.quality.items()
         }
         averaged = {
-            f"{v}.{AVERAGED}.{direction}": quality.to_json()
+            f"{v}.{AVERAGED}.{direction}": quality
             for v, average in self.averaged.items()
             for direction, quality in average.quality.items()
         }
