@@ -19,9 +19,9 @@ from sysid.types import FloatArray
 
 DEFAULT_CUTOFF_HZ = 50.0
 FILTER_ORDER = 2
-# Jitter of time stamps from rounding, as a share of a period; it is ignored.
 # Below this share of the Nyquist frequency the filter cannot be computed.
 _LEAST_SHARE = 1e-7
+# Jitter of time stamps from rounding, as a share of a period; it is ignored.
 _JITTER_IGNORED = 1e-3
 _DIFFERENCE_ORDERS = (2, 3, 4, 5, 6)
 _LAGS = (2, 4, 8, 16, 32)
