@@ -180,11 +180,9 @@ def _shown(value: Any) -> str:
     if isinstance(value, float | np.floating):
         return f"{value:.6g}"
     text = str(value)
-    return (
-        repr(text if len(text) <= 24 else text[:24] + "...")
-        if isinstance(value, str)
-        else (shortened(text))
-    )
+    if isinstance(value, str):
+        return repr(text if len(text) <= 24 else text[:24] + "...")
+    return shortened(text)
 
 
 def damaged(path: Path, what: str, error: BaseException | str) -> InputError:
