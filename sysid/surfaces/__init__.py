@@ -87,11 +87,10 @@ def surface_from_dict(
             from sysid.surfaces.bipolynomial import Bipolynomial
 
             found: Bipolynomial | DutyNetwork = Bipolynomial.from_dict(content)
-            _check_scaling(found)
-            return found
-        from sysid.surfaces.ann import DutyNetwork
+        else:
+            from sysid.surfaces.ann import DutyNetwork
 
-        found = DutyNetwork.from_dict(content)
+            found = DutyNetwork.from_dict(content)
         _check_scaling(found)
         return found
     except InputError as error:
