@@ -367,7 +367,7 @@ def check_size(
     raise input_error(
         where,
         f"{target} reaches {found:.3g} {unit.replace('*', '')}, beyond anything measured "
-        f"({LARGEST:g})",
+        f"({largest:g})",
         f'fix the values, or give the unit with --map "{target}=COLUMN:UNIT"',
     )
 
