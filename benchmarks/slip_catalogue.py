@@ -13,6 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from benchmarks.slip_changes import FrameChange, only_time, scaled, spiked, swapped
+
 ONE, TWO, NOTHING = "one log", "two logs", "nothing"
 MOVING = ("friction-sliding", "friction-motion", "motion-motor", "motion-pwm", "motion-discrete")
 VALVES = ("valve-discrete", "valve-pwm")
@@ -59,69 +61,59 @@ class Kind:
     linear_factors: tuple[float, ...] | None = None
 
 
-def _times(frame: pd.DataFrame, column: str, factor: float, shift: float = 0.0) -> pd.DataFrame:
-    if column not in frame:
-        return frame
-    return frame.assign(**{column: frame[column] * factor + shift})
+def of_every_log(change: FrameChange) -> Change:
+    """A change that asks neither for the log's kind nor for a factor."""
+    return lambda frame, log, _: change(frame)
 
 
 def position(frame: pd.DataFrame, log: LogOfSlip, factor: float) -> pd.DataFrame:
-    return _times(frame, log.position, factor)
+    return scaled(log.position, factor)(frame)
 
 
 def shifted(frame: pd.DataFrame, log: LogOfSlip, factor: float) -> pd.DataFrame:
-    return _times(frame, log.position, 1.0, factor)
+    return scaled(log.position, 1.0, factor)(frame)
 
 
 def effort(frame: pd.DataFrame, log: LogOfSlip, factor: float) -> pd.DataFrame:
-    return _times(frame, log.effort, factor)
+    return scaled(log.effort, factor)(frame)
 
 
 def volts(frame: pd.DataFrame, log: LogOfSlip, _: float) -> pd.DataFrame:
-    return _times(frame, log.effort, 1.0 / log.per_volt)
+    return scaled(log.effort, 1.0 / log.per_volt)(frame)
 
 
 def both_pressures(frame: pd.DataFrame, log: LogOfSlip, factor: float) -> pd.DataFrame:
     for name in PRESSURES:
-        frame = _times(frame, name, factor)
+        frame = scaled(name, factor)(frame)
     return frame
 
 
 def one_pressure(frame: pd.DataFrame, log: LogOfSlip, factor: float) -> pd.DataFrame:
-    return _times(frame, f"pressure_{log.valve or 'a'}_pa", factor)
+    return scaled(f"pressure_{log.valve or 'a'}_pa", factor)(frame)
 
 
 def ambient(frame: pd.DataFrame, log: LogOfSlip, factor: float) -> pd.DataFrame:
     for name in PRESSURES:
-        frame = _times(frame, name, 1.0, factor * log.ambient)
+        frame = scaled(name, 1.0, factor * log.ambient)(frame)
     return frame
 
 
 def duty(frame: pd.DataFrame, log: LogOfSlip, factor: float) -> pd.DataFrame:
     for name in ("duty_a", "duty_b"):
-        frame = _times(frame, name, factor)
+        frame = scaled(name, factor)(frame)
     return frame
 
 
 def inverted(frame: pd.DataFrame, log: LogOfSlip, _: float) -> pd.DataFrame:
     for name in ("duty_a", "duty_b", "valve_a", "valve_b"):
         if name in frame and np.ptp(frame[name]) > 0.0:
-            frame = _times(frame, name, -1.0, 1.0)
+            frame = scaled(name, -1.0, 1.0)(frame)
     return frame
-
-
-def swapped(first: str, second: str) -> Change:
-    def change(frame: pd.DataFrame, log: LogOfSlip, _: float) -> pd.DataFrame:
-        if first not in frame or second not in frame:
-            return frame
-        return frame.assign(**{first: frame[second], second: frame[first]})
-
-    return change
 
 
 def swapped_commands(frame: pd.DataFrame, log: LogOfSlip, _: float) -> pd.DataFrame:
     for stem in ("valve", "duty"):
-        frame = swapped(f"{stem}_a", f"{stem}_b")(frame, log, 1.0)
+        frame = swapped(f"{stem}_a", f"{stem}_b")(frame)
     return frame
 
 
@@ -129,17 +121,8 @@ def twice_a(frame: pd.DataFrame, log: LogOfSlip, _: float) -> pd.DataFrame:
     return frame.assign(pressure_b_pa=frame["pressure_a_pa"]) if "pressure_a_pa" in frame else frame
 
 
-def spiked(frame: pd.DataFrame, log: LogOfSlip, factor: float) -> pd.DataFrame:
-    if "pressure_a_pa" not in frame:
-        return frame
-    frame = frame.copy()
-    frame.loc[len(frame) // 2, "pressure_a_pa"] = factor
-    return frame
-
-
-def only_time(frame: pd.DataFrame, log: LogOfSlip, _: float) -> pd.DataFrame:
-    own = {c: frame[c].iloc[0] for c in frame.columns if c not in ("time_s", "test")}
-    return frame.assign(**own)
+def spiked_pressure(frame: pd.DataFrame, log: LogOfSlip, factor: float) -> pd.DataFrame:
+    return spiked("pressure_a_pa", factor)(frame)
 
 
 def speed(frame: pd.DataFrame, log: LogOfSlip, _: float) -> pd.DataFrame:
@@ -161,7 +144,7 @@ def size_of(name: str) -> Change:
 
 
 def time(frame: pd.DataFrame, log: LogOfSlip, factor: float) -> pd.DataFrame:
-    return _times(frame, "time_s", factor)
+    return scaled("time_s", factor)(frame)
 
 
 def rows_dropped(frame: pd.DataFrame, log: LogOfSlip, factor: float) -> pd.DataFrame:
@@ -201,7 +184,8 @@ KINDS: tuple[Kind, ...] = (
          r"motor_(torque|force)|effort", shown=TWO, factors=(0.5, 0.4, 2.0, 2.5)),
     Kind("duty in percent or counts", "unit", ("valve-pwm", "motion-pwm"), duty, r"duty",
          factors=(100.0, 255.0, 1000.0, 4095.0)),
-    Kind("chambers swapped", "column", (*MOVING, *VALVES), swapped(*PRESSURES), r"swapped"),
+    Kind("chambers swapped", "column", (*MOVING, *VALVES),
+         of_every_log(swapped(*PRESSURES)), r"swapped"),
     Kind("valve commands swapped", "column", (*VALVES, "motion-pwm", "motion-discrete"),
          swapped_commands, r"swapped"),
     Kind("one pressure under both names", "column", (*MOVING, *VALVES), twice_a,
@@ -214,9 +198,9 @@ KINDS: tuple[Kind, ...] = (
     Kind("effort zero", "column", MOTOR, lambda f, g, x: effort(f, g, 0.0),
          r"motor_(torque|force)"),
     Kind("every channel but the time held", "column", (*FRICTION, "motion-motor", *VALVES),
-         only_time, r"constant"),
-    Kind("one sample of 1.2 MPa", "column", (*MOVING, *VALVES), spiked, r"single sample",
-         factors=(1.2e6,)),
+         of_every_log(only_time), r"constant"),
+    Kind("one sample of 1.2 MPa", "column", (*MOVING, *VALVES), spiked_pressure,
+         r"single sample", factors=(1.2e6,)),
     Kind("time scaled", "time", (*FRICTION, *DRIVEN, *VALVES), time, TIME_WORDS,
          factors=(1.5, 2.0, 10.0, 0.5, 0.1, 60.0, 1e3, 1e6)),
     Kind("rows left out, times kept", "time", ("friction-motion", *DRIVEN, *VALVES), rows_dropped,

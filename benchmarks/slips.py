@@ -15,7 +15,6 @@ import re
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,6 +24,13 @@ import pandas as pd
 REPOSITORY = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(REPOSITORY))
 
+from benchmarks.slip_changes import (  # noqa: E402
+    FrameChange,
+    only_time,
+    scaled,
+    spiked,
+    swapped,
+)
 from datasets.generator.campaign import make_friction_tests  # noqa: E402
 from sysid.errors import SysidError  # noqa: E402
 from sysid.friction import fit_friction  # noqa: E402
@@ -34,7 +40,6 @@ from sysid.io.rig import rig_from_content  # noqa: E402
 
 BUNDLED = REPOSITORY / "datasets" / "bundled"
 SAMPLES = REPOSITORY.parent / "shared" / "samples"
-Change = Callable[[pd.DataFrame], pd.DataFrame]
 
 
 @dataclass(frozen=True)
@@ -46,31 +51,9 @@ class Slip:
 
     name: str
     log: str
-    change: Change
+    change: FrameChange
     notice: str
     inertia: float = 1.0
-
-
-def scaled(column: str, factor: float, shift: float = 0.0) -> Change:
-    return lambda f: f.assign(**{column: f[column] * factor + shift})
-
-
-def swapped(first: str, second: str) -> Change:
-    return lambda f: f.assign(**{first: f[second], second: f[first]})
-
-
-def spiked(column: str, value: float) -> Change:
-    def change(frame: pd.DataFrame) -> pd.DataFrame:
-        frame = frame.copy()
-        frame.loc[len(frame) // 2, column] = value
-        return frame
-
-    return change
-
-
-def only_time(frame: pd.DataFrame) -> pd.DataFrame:
-    own = {c: frame[c].iloc[0] for c in frame.columns if c not in ("time_s", "test")}
-    return frame.assign(**own)
 
 
 def wrapped(frame: pd.DataFrame) -> pd.DataFrame:
