@@ -88,7 +88,7 @@ def test_neutral_ports_change_no_bit(effect: type[CatalogueEffect], port: str) -
 
 
 def test_neutral_to_the_bit_and_alike_at_typical_size_in_jax() -> None:
-    from sysid.model._jax import jax
+    from sysid.model.jax_setup import jax
 
     share = np.random.default_rng(4).uniform(0, 1, 200)
     flow = 1e-3 * share

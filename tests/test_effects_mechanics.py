@@ -137,7 +137,7 @@ def test_neutral_ports_change_no_bit(effect: type[CatalogueEffect], shape: tuple
 
 
 def test_neutral_ports_change_no_bit_in_jax() -> None:
-    from sysid.model._jax import jax
+    from sysid.model.jax_setup import jax
 
     point = random_point((300,))
     given = given_values(point)
@@ -155,7 +155,7 @@ def test_neutral_ports_change_no_bit_in_jax() -> None:
 
 
 def test_numpy_and_jax_agree_at_typical_size() -> None:
-    from sysid.model._jax import jnp
+    from sysid.model.jax_setup import jnp
 
     point = random_point((200,))
     fields = {f.name: getattr(point, f.name) for f in dataclasses.fields(point)}

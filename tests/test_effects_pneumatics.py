@@ -131,7 +131,7 @@ def test_neutral_ports_change_no_bit(effect: type[CatalogueEffect], shape: tuple
 
 
 def test_neutral_ports_change_no_bit_in_jax() -> None:
-    from sysid.model._jax import jax
+    from sysid.model.jax_setup import jax
 
     point = random_point((300,))
     given = before(point)

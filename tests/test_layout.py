@@ -26,6 +26,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("identification",),
     ("friction", "valve_discrete", "valve_pwm"),
     ("validation",),
+    ("refinement",),
     ("control",),
     ("diagnosis",),
     ("assembly", "checks", "export"),

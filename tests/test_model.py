@@ -138,7 +138,7 @@ def test_series_choking_is_decided_between_the_orifices() -> None:
 
 
 def test_numpy_and_jax_give_the_same() -> None:
-    from sysid.model._jax import jnp
+    from sysid.model.jax_setup import jnp
 
     pressure = np.linspace(0.9e5, 3.2e5, 41)
     for function, numbers in (

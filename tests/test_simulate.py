@@ -479,7 +479,7 @@ class Scaled(Effect):
 
 def test_the_compilation_cache_lies_in_the_users_cache(tmp_path: Path) -> None:
     code = (
-        "from sysid.model._jax import jax, cache_directory;"
+        "from sysid.model.jax_setup import jax, cache_directory;"
         "print(cache_directory()); print(jax.config.jax_compilation_cache_dir);"
         "print(jax.config.jax_enable_x64);"
         "jax.jit(lambda x: x * 2 + 1)(1.0).block_until_ready()"

@@ -393,7 +393,7 @@ def test_the_table_is_the_surface(campaign: Campaign, with_surfaces: Bundle) -> 
 
 
 def test_the_table_is_the_same_in_jax(campaign: Campaign, with_surfaces: Bundle) -> None:
-    from sysid.model._jax import jnp
+    from sysid.model.jax_setup import jnp
 
     found = surfaces_from_bundle(with_surfaces, campaign.rig, "bipolynomial")
     assert found is not None

@@ -56,6 +56,7 @@ class BundleContent(Part):
     valves: Absent[FittedValves] = None
     effects: list[EffectEntry]
     validation: Absent[Validation] = None
+    refinement: JsonValue = None
     provenance: Provenance
 
     _source: str = PrivateAttr("bundle")

@@ -89,6 +89,19 @@ class Autoregression:
         return np.asarray(2.0 * (delays / (1.0 - self.coefficients @ delays)).real)
 
 
+def autoregression(residuals: Sequence[FloatArray], most: int) -> Autoregression:
+    """The errors that runs' residuals, each (n,), show; no correction for what a fit took.
+
+    The order is at most `most`, by AIC.
+    """
+    joined = np.concatenate(list(residuals))
+    ends = np.cumsum([0, *(len(r) for r in residuals)]).tolist()
+    runs = [slice(a, b) for a, b in itertools.pairwise(ends)]
+    reflections, variance = _burg(joined, runs, most)
+    model = _solved(_autocovariance_of(reflections, variance), 1.0 - 1.0 / max(len(joined), 2))
+    return model or Autoregression(np.zeros(0), variance, np.array([variance]))
+
+
 def error_model(
     regressors: FloatArray, residuals: FloatArray, groups: NDArray[np.intp] | None = None
 ) -> Autoregression:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple, TypeVar
 
-from sysid.model._jax import jax, jnp
 from sysid.model.base import Array
+from sysid.model.jax_setup import jax, jnp
 
 _Result = TypeVar("_Result")
 _NEWTON_STEPS = 2

@@ -11,8 +11,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from sysid.io.channels import SIDES
-from sysid.model._jax import jax, jnp
 from sysid.model.base import Array
+from sysid.model.jax_setup import jax, jnp
 from sysid.model.ports import Model
 from sysid.model.stepper import EventTable, Lanes, advance
 from sysid.model.valve_timing import TIME_TOLERANCE

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from sysid.model._jax import jnp
 from sysid.model.base import Array
+from sysid.model.jax_setup import jnp
 
 
 class Ripple(NamedTuple):

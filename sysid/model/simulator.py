@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from sysid.errors import NotIdentifiedError, SimulationError
 from sysid.io.channels import SIDES
 from sysid.model import plant, valve_timing
-from sysid.model._jax import jax, jnp
+from sysid.model.jax_setup import jax, jnp
 from sysid.model.ports import Model, Point, Structure, join, split, stack_models
 from sysid.model.preparation import (
     Inputs,

@@ -22,9 +22,9 @@ from typing import Any, NamedTuple, TypeVar
 
 from sysid.io.channels import SIDES
 from sysid.model import base, plant
-from sysid.model._jax import jax, jnp
 from sysid.model.base import Array
 from sysid.model.events import Cubic, apart, first_event, kutta_cubic
+from sysid.model.jax_setup import jax, jnp
 from sysid.model.ports import Model, Point
 from sysid.model.ripple import Ripple
 from sysid.model.supply_approach import gap_change

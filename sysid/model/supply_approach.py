@@ -7,8 +7,8 @@ of its stages is a quadratic equation here, with one root.
 
 from __future__ import annotations
 
-from sysid.model._jax import jax, jnp
 from sysid.model.base import Array
+from sysid.model.jax_setup import jax, jnp
 
 # Parts of a step that the method takes.
 _PARTS = 2

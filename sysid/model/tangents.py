@@ -20,7 +20,7 @@ import numpy as np
 
 from sysid.errors import SimulationError
 from sysid.io.channels import SIDES
-from sysid.model._jax import jax, jnp
+from sysid.model.jax_setup import jax, jnp
 from sysid.model.ports import Model, Structure, join, overrides, split, stack_models
 from sysid.model.preparation import Inputs, PreparedRun, prepare
 from sysid.model.simulator import (
@@ -46,7 +46,7 @@ STARTS = STATE
 
 # As in `simulator`: few shapes are ever compiled.
 _WIDTHS = (8, 32)
-_CHUNKS = (256, 1024, 2048)
+_CHUNKS = (1024, 2048)
 # Delays are moved by this for the durations' tangents, s: less than any sub-step that counts.
 _DELAY_STEP = 1e-7
 _TIMING = ("on_delay_a", "off_delay_a", "on_delay_b", "off_delay_b")

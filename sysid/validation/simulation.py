@@ -39,7 +39,7 @@ def simulate_segments(
 
     models = [model] * len(segments) if isinstance(model, Model) else list(model)
     inputs = [
-        true_start(_inputs(test, s), position, own)
+        true_start(inputs_of(test, s), position, own)
         for (test, s), own in zip(segments, models, strict=True)
     ]
     # Runs of similar length share a call: a short one would wait for the longest.
@@ -57,7 +57,8 @@ def simulate_segments(
     return [found[i] for i in range(len(inputs))]
 
 
-def _inputs(test: MotionTest, segment: Segment) -> Inputs:
+def inputs_of(test: MotionTest, segment: Segment) -> Inputs:
+    """A segment's commands and estimated start state as a run of the simulator."""
     from sysid.model.simulator import Inputs, ValveCommand
 
     rows = slice(segment.start, segment.stop)
@@ -80,4 +81,4 @@ def _inputs(test: MotionTest, segment: Segment) -> Inputs:
     )
 
 
-__all__ = ["simulate_segments"]
+__all__ = ["inputs_of", "simulate_segments"]

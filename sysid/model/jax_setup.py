@@ -1,6 +1,6 @@
 """The one place where jax is configured: 64 bit, and a compilation cache that persists.
 
-Import jax through this module (`from sysid.model._jax import jax, jnp`).
+Import jax through this module (`from sysid.model.jax_setup import jax, jnp`).
 """
 
 from __future__ import annotations

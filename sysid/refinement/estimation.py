@@ -1,0 +1,161 @@
+"""From the bench tests' values to the estimates: descents, scans, then the errors as they are."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.refinement.problem import Iterate, Linearised, Problem, RunErrors
+from sysid.refinement.reduction import ReducedEquations
+from sysid.refinement.runs import Run
+from sysid.refinement.scan import scanned
+from sysid.refinement.solver import Solution, solve
+from sysid.refinement.whitening import Whitening
+from sysid.types import BoolArray, FloatArray, Progress, no_progress
+
+_ROUNDS = 5
+_ROUND_EVALUATIONS = 30
+_FINAL_EVALUATIONS = 30
+# A run whose largest RMSE over the noise is this many times the others' is not followed.
+_NOT_FOLLOWED = 3.0
+# Friction that a scan moves by less (units of the scatter) is where it was.
+_SAME = 0.15
+_MOST_ORDER = 4
+# An encoder resolves more than a simulation in steps of 1 ms does (`benchmarks/simulation.py`).
+_FINE_STEP = 2.5e-4
+_LEAST_SCATTER = 1e-3
+
+
+@dataclass(frozen=True)
+class FrictionScatter:
+    """Relative standard deviation of friction from test to test: sliding, static; and how many
+    tests of the bench it is from.
+    """
+
+    sliding: float
+    static: float
+    tests: float
+
+    @property
+    def pair(self) -> tuple[float, float]:
+        return self.sliding, self.static
+
+
+@dataclass(frozen=True)
+class Estimated:
+    """The last problem and its solution, the runs that the model does not follow, the scatter."""
+
+    problem: Problem
+    solution: Solution
+    left_out: tuple[Run, ...]
+    scatter: FrictionScatter
+    evaluations: int
+
+
+def estimate(
+    problem: Problem,
+    scatter: FrictionScatter,
+    point: Iterate | None = None,
+    *,
+    robust: bool = False,
+    progress: Progress = no_progress,
+) -> Estimated:
+    """Estimate a problem's unknowns from the bundle's values.
+
+    First each run's errors count by their own size; where a test is not followed, its static
+    friction is scanned. Then the errors count as they are found to be: whitened, with the tests'
+    own scatter; with `robust` by their own size still.
+    """
+    point, evaluations = point or problem.first_point(), 0
+    for number in range(_ROUNDS):
+        progress(f"round {number + 1}: {len(problem.runs)} segments at once")
+        solution = solve(problem, point, _ROUND_EVALUATIONS)
+        evaluations += solution.evaluations
+        follows = followed(problem, solution.at, solution.counted)
+        open_tests = np.array(
+            [not all(follows[i] for i in problem.members(t)) for t in range(problem.tests)]
+        )
+        if not open_tests.any() or number == _ROUNDS - 1:
+            break
+        progress(f"round {number + 1}: breakaway of {int(open_tests.sum())} tests")
+        moved = scanned(problem, solution.point, open_tests)
+        if np.abs(moved.friction - solution.point.friction).max() < _SAME:
+            break
+        point = moved
+    final, start, left_out, scatter = _final(problem, solution, follows, scatter, robust)
+    progress("the errors as they are")
+    solution = solve(final, start, _FINAL_EVALUATIONS)
+    return Estimated(final, solution, left_out, scatter, evaluations + solution.evaluations)
+
+
+def followed(problem: Problem, at: ReducedEquations, counted: BoolArray) -> BoolArray:
+    """Whether the simulation follows each run (runs,): its errors are like those of the others."""
+    ratio = np.array(
+        [_ratio(run, own.errors) for run, own in zip(problem.runs, at.runs, strict=True)]
+    )
+    return np.asarray(ratio <= _NOT_FOLLOWED * max(float(np.median(ratio[counted])), 1.0))
+
+
+def _ratio(run: Run, errors: RunErrors) -> float:
+    """A run's largest RMSE over the noise among its channels."""
+    return float(np.nanmax(np.sqrt(np.mean(errors.residual**2, axis=1)) / run.noise))
+
+
+def _final(
+    problem: Problem, rough: Solution, follows: BoolArray, scatter: FrictionScatter, robust: bool
+) -> tuple[Problem, Iterate, tuple[Run, ...], FrictionScatter]:
+    """The problem of the runs that are followed, with errors as they are; where to start it."""
+    numbers = np.flatnonzero(follows)
+    runs = tuple(problem.runs[i] for i in numbers)
+    own = [rough.at.runs[i] for i in numbers]
+    found = _scatter_of(problem, rough, scatter)
+    final = dataclasses.replace(
+        problem,
+        runs=runs,
+        whitening=(_whitening(runs, own),) * len(runs),
+        scatter=found.pair,
+        robust=robust,
+        max_step=_FINE_STEP,
+    )
+    # Friction keeps its size: its coordinates are in units of the scatter.
+    friction = rough.point.friction * (np.array(problem.scatter) / np.array(found.pair))
+    left_out = tuple(run for run, f in zip(problem.runs, follows, strict=True) if not f)
+    return (
+        final,
+        Iterate(rough.point.shared, friction, rough.point.starts[numbers]),
+        left_out,
+        found,
+    )
+
+
+def _whitening(runs: Sequence[Run], found: Sequence[Linearised]) -> tuple[Whitening, ...]:
+    channels = []
+    for channel in range(3):
+        logged = [
+            f.errors.residual[channel]
+            for f in found
+            if not np.isnan(f.errors.residual[channel]).any()
+        ]
+        floor = float(np.median([r.noise[channel] for r in runs]))
+        channels.append(
+            Whitening.of(logged, floor, _MOST_ORDER) if logged else Whitening.white(1.0)
+        )
+    return tuple(channels)
+
+
+def _scatter_of(problem: Problem, solution: Solution, bench: FrictionScatter) -> FrictionScatter:
+    """The tests' spread of friction: the bench tests' and the motion tests', by their numbers."""
+    p, tests = len(problem.unknowns), problem.tests
+    variance = np.diag(solution.at.covariance())[p:].reshape(-1, 2)
+    variance = np.where(solution.at.held[:, None] & [False, True], 0.0, variance)
+    misfit: FloatArray = problem.friction_misfit(solution.point)
+    squares = np.sum(misfit**2 + np.minimum(variance, 1.0), axis=0) * np.square(problem.scatter)
+    known = bench.tests * np.square(bench.pair)
+    sliding, static = np.maximum(np.sqrt((known + squares) / (bench.tests + tests)), _LEAST_SCATTER)
+    return FrictionScatter(float(sliding), float(static), bench.tests + tests)
+
+
+__all__ = ["Estimated", "FrictionScatter", "estimate", "followed"]

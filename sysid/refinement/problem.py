@@ -1,0 +1,269 @@
+"""Runs, the unknowns that they share, and their errors: simulated, with slopes, and whitened."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.model.ports import Model, overrides
+from sysid.model.preparation import Inputs
+from sysid.model.sensors import VELOCITY_CHANNELS, through_sensors
+from sysid.model.simulator import MAX_STEP
+from sysid.model.tangents import Direction, Tangents, simulate_tangents
+from sysid.refinement.factors import triangular
+from sysid.refinement.runs import STATES, Run
+from sysid.refinement.unknowns import Unknown, model_at
+from sysid.refinement.whitening import Whitening
+from sysid.types import BoolArray, FloatArray, IntArray
+from sysid.validation.motion_tests import CHAMBER_PRESSURES
+
+LOCAL = len(STATES) + 2
+"""Unknowns of a run that it does not share with all: its start, its test's friction."""
+
+SLIDING = ("coulomb_effort", "viscous")
+_STATIC: Direction = (0, "static_effort")
+# A sensor's slope is taken over a change of this share of a state's usual size.
+_SENSOR_STEP = 1e-6
+_SIZES = np.array([1.0, 10.0, 1e5, 1e5])
+
+
+@dataclass(frozen=True)
+class Iterate:
+    """Where a refinement is: `shared` (p,) unknowns in their coordinates, and what is local.
+
+    `friction` (tests, 2): the logarithms of each test's sliding friction over the model's, and of
+    its static friction over the bundle's, in units of the scatter.
+    `starts` (runs, 4): start states about those estimated, in units of these's errors.
+    """
+
+    shared: FloatArray
+    friction: FloatArray
+    starts: FloatArray
+
+
+@dataclass(frozen=True)
+class RunErrors:
+    """A run at a point: `residual` (3, n), simulated less measured; `slopes` (k, 3, n).
+
+    The slopes' order: start, friction of the run's test, shared unknowns; in their coordinates.
+    """
+
+    residual: FloatArray
+    slopes: FloatArray
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """A run's whitened equations: `factor`, triangular, over its start, its test's friction, the
+    shared unknowns, and the residual; `cost` is the run's own, with its start's prior.
+    """
+
+    factor: FloatArray
+    cost: float
+    saturated: float
+    errors: RunErrors
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Runs of several tests, the unknowns they share, and what their errors are like.
+
+    `whitening` by run and channel; `scatter` the standard deviation of each test's sliding and
+    static friction about the model's, relative. `robust`: each channel of a run has errors of a
+    size of its own, at least the whitening's. `max_step` of the simulation, s.
+    """
+
+    runs: tuple[Run, ...]
+    unknowns: tuple[Unknown, ...]
+    model: Model
+    position: str
+    whitening: tuple[tuple[Whitening, ...], ...]
+    scatter: tuple[float, float]
+    tests: int
+    robust: bool = True
+    max_step: float = MAX_STEP
+
+    def first_point(self) -> Iterate:
+        """The bundle's values, the model's friction, the estimated starts."""
+        shared = np.array([u.start for u in self.unknowns])
+        return Iterate(shared, np.zeros((self.tests, 2)), np.zeros((len(self.runs), 4)))
+
+    def members(self, test: int) -> list[int]:
+        """The runs of a test, by number."""
+        return [i for i, run in enumerate(self.runs) if run.test == test]
+
+    def of_tests(self, tests: BoolArray) -> tuple[Problem, IntArray]:
+        """The problem of some tests (tests,) alone, and the numbers of their runs."""
+        numbers = np.array([i for i, run in enumerate(self.runs) if tests[run.test]], dtype=int)
+        place = np.cumsum(tests) - 1
+        runs = tuple(
+            dataclasses.replace(self.runs[i], test=int(place[self.runs[i].test])) for i in numbers
+        )
+        white = tuple(self.whitening[i] for i in numbers)
+        found = dataclasses.replace(self, runs=runs, whitening=white, tests=int(tests.sum()))
+        return found, numbers
+
+    def model_for(self, point: Iterate, test: int) -> Model:
+        """The model at a point, with a test's own friction."""
+        pairs = zip(self.unknowns, point.shared, strict=True)
+        model = model_at(self.model, self.unknowns, np.array([u.at(c) for u, c in pairs]))
+        sliding, static = np.exp(point.friction[test] * self.scatter)
+        base = model.parameters
+        return Model(
+            base.replace(
+                coulomb_effort=base.coulomb_effort * sliding,
+                viscous=base.viscous * sliding,
+                static_effort=self.model.parameters.static_effort * static,
+            ),
+            model.effects,
+        )
+
+    def linearised(self, point: Iterate) -> list[Linearised]:
+        """Every run's equations at a point."""
+        directions = self._directions()
+        models = [self.model_for(point, run.test) for run in self.runs]
+        found = simulate_tangents(self.inputs(point), models, directions, max_step=self.max_step)
+        return [
+            self._equations(i, self._errors(run, own, model, point, directions), point)
+            for i, (run, own, model) in enumerate(zip(self.runs, found, models, strict=True))
+        ]
+
+    def inputs(self, point: Iterate) -> list[Inputs]:
+        """Every run's inputs from its start at a point."""
+        return [
+            run.from_start(run.start + run.start_std * own)
+            for run, own in zip(self.runs, point.starts, strict=True)
+        ]
+
+    def _directions(self) -> list[Direction]:
+        """What is simulated with slopes: the unknowns, and friction, which each test has."""
+        directions = [u.direction for u in self.unknowns]
+        return directions + [
+            d for d in (*((0, n) for n in SLIDING), _STATIC) if d not in directions
+        ]
+
+    def _errors(
+        self,
+        run: Run,
+        found: Tangents,
+        model: Model,
+        point: Iterate,
+        directions: Sequence[Direction],
+    ) -> RunErrors:
+        states, slopes = self.shown(run, found, model, directions)
+        first = len(STATES)
+        by = {d: slopes[first + i] for i, d in enumerate(directions)}
+        p = model.parameters
+        sliding = by[0, "coulomb_effort"] * p.coulomb_effort + by[0, "viscous"] * p.viscous
+        static = by[0, "static_effort"] * p.static_effort
+        local = [*(slopes[:first] * run.start_std[:, None, None])]
+        local += [sliding * self.scatter[0], static * self.scatter[1]]
+        shared = []
+        for unknown, c in zip(self.unknowns, point.shared, strict=True):
+            part, name = unknown.direction
+            own = 1.0
+            if part == 0 and name in SLIDING:
+                # A test's own friction multiplies the model's.
+                own = float(getattr(p, name)) / unknown.at(float(c))
+            elif (part, name) == _STATIC:
+                own = 0.0  # each test has its own; the model's is their centre
+            shared.append(by[unknown.direction] * (unknown.slope(float(c)) * own))
+        return RunErrors(states - run.measured, np.array([*local, *shared]))
+
+    def shown(
+        self, run: Run, found: Tangents, model: Model, directions: Sequence[Direction]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Position and pressures (3, n) as the sensors show them, and their slopes (k, 3, n).
+
+        Through a model of the sensors the slopes are one-sided differences along the states'.
+        """
+        if not any(overrides(e, "measure") for e in model.effects):
+            return found.states[[0, 2, 3]], found.slopes[:, [0, 2, 3]]
+        here = self._measured(run, found.states, model)
+        slopes = []
+        for j, slope in enumerate(found.slopes):
+            direction = directions[j - len(STATES)] if j >= len(STATES) else (0, "")
+            size = float(np.max(np.abs(slope / _SIZES[:, None])))
+            step, moved = _SENSOR_STEP / size if size > 0.0 else math.inf, model
+            if direction[0]:
+                step, moved = _sensor_moved(model, direction, step)
+            if math.isinf(step):
+                slopes.append(np.zeros_like(here))
+                continue
+            slopes.append((self._measured(run, found.states + step * slope, moved) - here) / step)
+        return here, np.array(slopes)
+
+    def _measured(self, run: Run, states: FloatArray, model: Model) -> FloatArray:
+        names = (self.position, VELOCITY_CHANNELS[self.position], *CHAMBER_PRESSURES)
+        time = run.inputs.time - run.inputs.time[0] + run.inputs.elapsed
+        channels = through_sensors(dict(zip(names, states, strict=True)), time, model)
+        return np.array([channels[n] for n in (self.position, *CHAMBER_PRESSURES)])
+
+    def _equations(self, number: int, errors: RunErrors, point: Iterate) -> Linearised:
+        """A run's equations: its start's prior, and each logged channel's whitened errors.
+
+        The cost of a channel with errors of a size of its own is n log(1 + chi2 / n), and its
+        slope that of weighted squares.
+        """
+        parts, saturated = [], 0.0
+        prior = np.zeros((len(STATES), errors.slopes.shape[0] + 1))
+        prior[:, : len(STATES)], prior[:, -1] = np.eye(len(STATES)), point.starts[number]
+        for channel, whitening in enumerate(self.whitening[number]):
+            if np.isnan(errors.residual[channel]).any():
+                continue
+            columns = np.vstack([errors.slopes[:, channel], errors.residual[None, channel]])
+            white = whitening(columns.T)
+            if self.robust:
+                ratio = float(np.mean(white[:, -1] ** 2))
+                weight = 1.0 / (1.0 + ratio)
+                saturated += len(white) * (math.log1p(ratio) - weight * ratio)
+                white *= math.sqrt(weight)
+            parts.append(white)
+        factor = triangular([prior, *parts])
+        cost = float(factor[:, -1] @ factor[:, -1]) + saturated
+        return Linearised(factor, cost, saturated, errors)
+
+    def friction_misfit(self, point: Iterate) -> FloatArray:
+        """(tests, 2): how far each test's friction is from the model's, in units of the scatter."""
+        misfit = np.array(point.friction)
+        if self.static_number is not None:
+            misfit[:, 1] -= point.shared[self.static_number] / self.scatter[1]
+        return misfit
+
+    @functools.cached_property
+    def static_number(self) -> int | None:
+        """Which of the unknowns is static friction."""
+        return next((i for i, u in enumerate(self.unknowns) if u.direction == _STATIC), None)
+
+    def prior_cost(self, point: Iterate) -> float:
+        """Of the unknowns about the bench tests, and of the tests' friction about the model's."""
+        misfit = self.prior(point.shared)[:, -1]
+        return float(misfit @ misfit + np.sum(self.friction_misfit(point) ** 2))
+
+    def prior(self, shared: FloatArray) -> FloatArray:
+        """Rows (p, p + 1) of the unknowns' priors and their misfit; zero without one."""
+        p = len(self.unknowns)
+        rows = np.zeros((p, p + 1))
+        for i, unknown in enumerate(self.unknowns):
+            std = unknown.prior_std
+            if std > 0.0:
+                rows[i, i], rows[i, -1] = 1.0 / std, (shared[i] - unknown.start) / std
+        return rows
+
+
+def _sensor_moved(model: Model, direction: Direction, step: float) -> tuple[float, Model]:
+    """The step for an effect's number, and the model with it moved."""
+    part, name = direction
+    value = float(getattr(model.effects[part - 1], name))
+    step = min(step, _SENSOR_STEP * max(abs(value), _SENSOR_STEP))
+    effects = list(model.effects)
+    effects[part - 1] = dataclasses.replace(effects[part - 1], **{name: value + step})  # type: ignore[type-var]
+    return step, Model(model.parameters, tuple(effects))
+
+
+__all__ = ["LOCAL", "Iterate", "Linearised", "Problem", "RunErrors"]

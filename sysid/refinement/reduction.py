@@ -1,0 +1,169 @@
+"""All runs' linearised equations with the start states eliminated: a small square system.
+
+Each run's rows are condensed by an orthogonal factorisation to as many as it has unknowns (Bock's
+condensing of multiple shooting, Bock, Plitt 1984). Its start is eliminated there, with a damping
+of its own; what remains speaks of the shared unknowns and of the tests' friction.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.refinement.factors import triangular
+from sysid.refinement.problem import LOCAL, Iterate, Linearised, Problem
+from sysid.refinement.runs import STATES
+from sysid.types import BoolArray, FloatArray
+
+_S = len(STATES)
+# Rows that damp a start need some size even where nothing depends on it.
+_LEAST_COLUMN = 1e-6
+# Below this slope (errors per unit of scatter) a test's static friction moves by a scan only.
+_INFORMED = 5.0
+
+
+@dataclass(frozen=True)
+class ReducedEquations:
+    """A problem's equations at a point over its reduced unknowns z: shared, then friction.
+
+    ||r + jacobian dz||^2 is the cost after their step dz, with each start at its best; `r`
+    (m + 1,), `jacobian` (m + 1, m). `heads` (runs, 4, k + 1) give the starts' steps. `cost` is all
+    of it at the point, `gain` what the linearised equations would lower it by. Tests that are
+    `held` (tests,) have static friction without a slope; it does not step. `scores` (runs, m) is
+    each run's share of the gradient, `prior` (n, m) the prior's rows.
+    """
+
+    point: Iterate
+    runs: tuple[Linearised, ...]
+    r: FloatArray
+    jacobian: FloatArray
+    heads: FloatArray
+    cost: float
+    gain: float
+    held: BoolArray
+    scores: FloatArray
+    prior: FloatArray
+
+    def covariance(self) -> FloatArray:
+        """Of the errors of the reduced unknowns (m, m): information alone."""
+        inverse = np.linalg.pinv(self.jacobian)
+        return np.asarray(inverse @ inverse.T)
+
+    def robust_covariance(self) -> FloatArray:
+        """The same, from the spread of the runs' own gradients (the sandwich of White 1982).
+
+        A run whose errors are larger, or more alike, than the whitening says counts as it is.
+        """
+        inverse = self.covariance()
+        count = len(self.scores)
+        spread = self.scores.T @ self.scores * (count / max(count - 1, 1))
+        return np.asarray(inverse @ (spread + self.prior.T @ self.prior) @ inverse)
+
+    def moved(self, problem: Problem, step: FloatArray, counted: BoolArray) -> Iterate:
+        """The point after a step (m,) of the reduced unknowns; starts of runs not counted move
+        for themselves.
+        """
+        shared, friction = _parts(problem, step)
+        starts = np.array(self.point.starts)
+        for i, (run, head) in enumerate(zip(problem.runs, self.heads, strict=True)):
+            right = np.array(head[:, -1])
+            if counted[i]:
+                right += head[:, _S:LOCAL] @ friction[run.test] + head[:, LOCAL:-1] @ shared
+            starts[i] -= np.linalg.solve(head[:, :_S], right)
+        return Iterate(self.point.shared + shared, self.point.friction + friction, starts)
+
+    def predicted(self, problem: Problem, to: Iterate) -> FloatArray:
+        """What each run's cost (runs,) would be at a point if its equations were linear."""
+        found = np.empty(len(self.runs))
+        for i, (linearised, run) in enumerate(zip(self.runs, problem.runs, strict=True)):
+            step = [
+                to.starts[i] - self.point.starts[i],
+                to.friction[run.test] - self.point.friction[run.test],
+                to.shared - self.point.shared,
+                [1.0],
+            ]
+            left = linearised.factor @ np.concatenate(step)
+            found[i] = float(left @ left) + linearised.saturated
+        return found
+
+
+def _parts(problem: Problem, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    p = len(problem.unknowns)
+    return values[:p], values[p:].reshape(-1, 2)
+
+
+def reduced(
+    problem: Problem,
+    point: Iterate,
+    runs: Sequence[Linearised],
+    damping: FloatArray,
+    counted: BoolArray,
+) -> ReducedEquations:
+    """The equations at a point, of the runs that are counted, starts damped by (runs,)."""
+    p, tests = len(problem.unknowns), problem.tests
+    m = p + 2 * tests
+    heads = np.empty((len(runs), _S, runs[0].factor.shape[1]))
+    tails: list[list[FloatArray]] = [[] for _ in range(tests)]
+    head_gain, scores = 0.0, np.zeros((len(runs), m))
+    for i, (linearised, run) in enumerate(zip(runs, problem.runs, strict=True)):
+        own = _damped(linearised.factor, float(damping[i]))
+        heads[i] = own[:_S]
+        if counted[i]:
+            tails[run.test].append(own[_S:, _S:])
+            score = own[_S:, _S:-1].T @ own[_S:, -1]
+            scores[i, p + 2 * run.test : p + 2 * run.test + 2] = score[:2]
+            scores[i, :p] = score[2:]
+            head_gain += float(own[:_S, -1] @ own[:_S, -1])
+    rows, held = [], np.zeros(tests, dtype=bool)
+    for test, own_tails in enumerate(tails):
+        if not own_tails:
+            continue
+        factor = triangular(own_tails)
+        if np.linalg.norm(factor[:, 1]) < _INFORMED:
+            held[test], factor[:, 1] = True, 0.0
+        wide = np.zeros((len(factor), m + 1))
+        wide[:, p + 2 * test : p + 2 * test + 2] = factor[:, :2]
+        wide[:, :p], wide[:, -1] = factor[:, 2:-1], factor[:, -1]
+        rows.append(wide)
+    prior = _prior_rows(problem, point, held)
+    scores[:, p + 1 + 2 * np.flatnonzero(held)] = 0.0
+    rows.append(prior)
+    factor = triangular(rows)
+    cost = problem.prior_cost(point) + sum(
+        run.cost for run, c in zip(runs, counted, strict=True) if c
+    )
+    r, jacobian = np.array(factor[:, -1]), factor[:, :-1]
+    # What no step can lower counts in the comparison of two points all the same.
+    r[-1] = math.sqrt(max(cost - float(r[:-1] @ r[:-1]), 0.0))
+    gain = float(r[:-1] @ r[:-1]) + head_gain
+    return ReducedEquations(
+        point, tuple(runs), r, jacobian, heads, cost, gain, held, scores, prior[:, :-1]
+    )
+
+
+def _damped(factor: FloatArray, damping: float) -> FloatArray:
+    extra = np.zeros((_S, factor.shape[1]))
+    sizes = np.maximum(np.linalg.norm(factor[:, :_S], axis=0), _LEAST_COLUMN)
+    extra[:, :_S] = math.sqrt(damping) * np.diag(sizes)
+    return triangular([factor, extra])
+
+
+def _prior_rows(problem: Problem, point: Iterate, held: BoolArray) -> FloatArray:
+    """Rows (2 m, m + 1); a test's static friction that is held has no step."""
+    p, m = len(problem.unknowns), len(problem.unknowns) + 2 * problem.tests
+    rows = np.zeros((m + 1 + problem.tests, m + 1))
+    own = problem.prior(point.shared)
+    rows[:p, :p], rows[:p, -1] = own[:, :p], own[:, -1]
+    rows[p:m, p:m], rows[p:m, -1] = np.eye(m - p), problem.friction_misfit(point).ravel()
+    static = p + 1 + 2 * np.arange(problem.tests)
+    if problem.static_number is not None:
+        rows[static, problem.static_number] = -1.0 / problem.scatter[1]
+    rows[static[held], static[held]] = 0.0
+    rows[m + np.flatnonzero(held), static[held]] = 1.0
+    return rows
+
+
+__all__ = ["ReducedEquations", "reduced"]

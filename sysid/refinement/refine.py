@@ -1,0 +1,214 @@
+"""The parameters of the assembled model estimated together, by the error of its simulation.
+
+Bock's multiple shooting (Bock, Plitt 1984; Schittkowski 2002): the motion tests are cut into
+segments, each with its own start state, so that a wrong parameter does not add up over a test.
+The errors are those of the sensors as they are: noise, quantisation, and what is left of the
+residual's correlation. Friction differs from test to test; each test has its own, about the
+model's, as a random effect. What the bench tests said is the prior.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from sysid.bundle import Bundle
+from sysid.bundle.assembled_model import assumed_friction, friction_keys
+from sysid.bundle.friction import Friction
+from sysid.errors import NotIdentifiedError, input_error
+from sysid.estimation.linear import Estimate
+from sysid.io.campaign import MOTION_KINDS, Campaign, CampaignLog
+from sysid.model.effects.entry import Catalogue
+from sysid.model.ports import Model, has_discrete_law
+from sysid.refinement.estimation import Estimated, FrictionScatter, estimate
+from sysid.refinement.problem import Problem
+from sysid.refinement.result import Fit, RefinedParameter, RefineResult
+from sysid.refinement.runs import LEAST_ROWS, Run, runs_of
+from sysid.refinement.unknowns import chosen, model_at, unknowns_of
+from sysid.refinement.updating import updated
+from sysid.refinement.whitening import Whitening
+from sysid.types import FloatArray, Progress, no_progress
+from sysid.validation.motion_tests import CHAMBER_PRESSURES, MotionTest, prepare
+from sysid.validation.simulation import simulate_segments
+
+SEGMENT_S = 1.0
+KINDS = (*MOTION_KINDS, "friction-motion")
+_LEAST_SCATTER, _MOST_SCATTER = 2e-3, 0.1
+# Where no bench test shows the scatter of friction: a usual one, believed as much as five tests.
+_ASSUMED_SCATTER, _ASSUMED_TESTS = 0.02, 5.0
+
+
+def refine(
+    campaign: Campaign,
+    bundle: Bundle,
+    *,
+    free: Iterable[str] = (),
+    fix: Iterable[str] = (),
+    prior: bool = True,
+    robust: bool = False,
+    catalogue: Catalogue | None = None,
+    progress: Progress = no_progress,
+) -> RefineResult:
+    """Estimate a bundle's parameters, and its effects', on a campaign's motion logs to fit on.
+
+    `free`: constants of the rig file, and others, that are estimated too; `fix`: parameters that
+    stay; without `prior` the bench tests count for the start only. Raises InputError for a name
+    that is no parameter or a campaign without such logs, NotIdentifiedError where the bundle
+    does not hold the on/off law of both valves, or nothing can be simulated.
+    """
+    model = bundle.model(campaign.rig, catalogue)
+    notices = list(assumed_friction(bundle))
+    entries = campaign.select(KINDS, use="fit")
+    if not entries:
+        raise input_error(
+            campaign.path,
+            "holds no motion log to fit on",
+            f'add a [[log]] of kind {", ".join(MOTION_KINDS)} with use = "fit"',
+        )
+    if not has_discrete_law(model.parameters):
+        raise NotIdentifiedError(
+            f"{bundle.source}: holds no on/off law of both valves, by which motion is simulated; "
+            "fit valve-discrete tests into it"
+        )
+    unknowns = tuple(chosen(unknowns_of(bundle, campaign.rig, model), free, fix, prior=prior))
+    if not unknowns:
+        raise input_error("--fix", "leaves nothing to estimate", "fix fewer parameters")
+    progress("reading motion logs")
+    tests = _tests(campaign, entries, bundle, notices)
+    position = campaign.rig.position_channel
+    runs = [r for i, t in enumerate(tests) for r in runs_of(i, t, model, position)]
+    if not runs:
+        raise NotIdentifiedError(
+            f"{campaign.path}: no stretch of its motion logs can be simulated; give tests of more "
+            "than a second, away from the end stops"
+        )
+    scatter = bench_scatter(bundle)
+    white = tuple(tuple(Whitening.white(float(n)) for n in run.noise) for run in runs)
+    problem = Problem(tuple(runs), unknowns, model, position, white, scatter.pair, len(tests))
+    progress(f"estimating {len(unknowns)} parameters on {len(runs)} segments")
+    found = estimate(problem, scatter, robust=robust, progress=progress)
+    if found.left_out:
+        notices.append(_left_out_notice(found.left_out))
+    parameters, correlation = _parameters(found)
+    values = np.array([p.estimate.value for p in parameters])
+    progress("simulating whole tests")
+    held_out = _tests(campaign, campaign.select(KINDS, use="holdout"), bundle, notices)
+    after = model_at(model, unknowns, values)
+    fits = {
+        use: _fit(some, model, after, position)
+        for use, some in (("fit", tests), ("holdout", held_out))
+        if some
+    }
+    result = RefineResult(
+        parameters=parameters,
+        correlation=correlation,
+        fits=fits,
+        channels=(position, *CHAMBER_PRESSURES),
+        scatter=found.scatter.pair,
+        evaluations=found.evaluations,
+        converged=found.solution.converged,
+        segments=len(found.problem.runs),
+        left_out=len(found.left_out),
+        bundle=bundle,
+        notices=tuple(notices),
+    )
+    return dataclasses.replace(result, bundle=updated(bundle, campaign, result))
+
+
+def _tests(
+    campaign: Campaign, entries: Sequence[CampaignLog], bundle: Bundle, notices: list[str]
+) -> list[MotionTest]:
+    found = []
+    for entry in entries:
+        log = campaign.read(entry)
+        bundle.check_log_unchanged(log, entry.kind)
+        if entry.use == "holdout":
+            bundle.check_not_fitted(log)
+        found += [prepare(trial, entry.kind, campaign.rig, SEGMENT_S) for trial in log.trials]
+        notices += log.notices
+    return [t for t in found if t.counted(t.whole) >= LEAST_ROWS]
+
+
+def bench_scatter(bundle: Bundle) -> FrictionScatter:
+    """Friction's scatter from test to test as the bench tests showed it; 2 % where they did not."""
+    keys = friction_keys(bundle.is_linear)
+    pairs = (("coulomb", "friction-sliding"), ("static", "friction-static"))
+    found = [_bench_scatter(bundle.friction, keys[name], kind) for name, kind in pairs]
+    return FrictionScatter(found[0][0], found[1][0], min(tests for _, tests in found))
+
+
+def _bench_scatter(friction: Friction | None, key: str, kind: str) -> tuple[float, float]:
+    """Relative scatter about one law, and from how many tests."""
+    quality = friction.quality if friction is not None else None
+    own = quality.get(kind) if isinstance(quality, dict) else None
+    value = getattr(friction, key, None)
+    if own is None or not own.rmse or value is None or not value.identified:
+        return _ASSUMED_SCATTER, _ASSUMED_TESTS
+    share = float(own.rmse) / max(abs(float(value.value)), 1e-12)
+    return min(max(share, _LEAST_SCATTER), _MOST_SCATTER), float(own.samples)
+
+
+def _parameters(found: Estimated) -> tuple[tuple[RefinedParameter, ...], FloatArray]:
+    """The unknowns with their estimates, and the correlation of their errors (p, p)."""
+    solution, unknowns = found.solution, found.problem.unknowns
+    p = len(unknowns)
+    covariance = solution.at.robust_covariance()[:p, :p]
+    std = np.sqrt(np.diag(covariance))
+    parameters = []
+    for i, unknown in enumerate(unknowns):
+        at = float(solution.point.shared[i])
+        # A test's friction is one draw: so many tests, so many degrees of freedom.
+        dof = max(found.scatter.tests - 1.0, 1.0) if unknown.origin == "friction" else math.inf
+        slope = abs(unknown.slope(at))
+        estimate = Estimate.symmetric(unknown.at(at), slope * float(std[i]), unknown.unit, dof)
+        parameters.append(RefinedParameter(unknown, estimate))
+    return tuple(parameters), covariance / np.outer(std, std)
+
+
+def _fit(tests: Sequence[MotionTest], before: Model, after: Model, position: str) -> Fit:
+    """Whole tests simulated open loop, from rest, with both models."""
+    errors = []
+    for model in (before, after):
+        runs = simulate_segments([(t, t.whole) for t in tests], model, (), position)
+        residuals = [
+            (t.measured - r)[:, : t.counted(t.whole)] for t, r in zip(tests, runs, strict=True)
+        ]
+        errors.append((_rmse(residuals), _correlation(residuals)))
+    return Fit(errors[0][0], errors[1][0], errors[0][1], errors[1][1])
+
+
+def _rmse(residuals: Sequence[FloatArray]) -> FloatArray:
+    """(3,), pooled; NaN where no test logs the channel."""
+    joined = np.concatenate(residuals, axis=1)
+    found = [
+        math.sqrt(float(np.mean(row[np.isfinite(row)] ** 2)))
+        if np.isfinite(row).any()
+        else math.nan
+        for row in joined
+    ]
+    return np.array(found)
+
+
+def _correlation(residuals: Sequence[FloatArray]) -> FloatArray:
+    """(3,): autocorrelation from one sample to the next, pooled."""
+    found = []
+    for channel in range(3):
+        rows = [r[channel] for r in residuals if np.isfinite(r[channel]).all()]
+        power = sum(float(r @ r) for r in rows)
+        found.append(sum(float(r[1:] @ r[:-1]) for r in rows) / power if power else math.nan)
+    return np.array(found)
+
+
+def _left_out_notice(runs: Sequence[Run]) -> str:
+    places = [r.name for r in runs[:5]]
+    more = f" and {len(runs) - 5} more" if len(runs) > 5 else ""
+    return (
+        f"{len(runs)} segments are left out, as the model does not follow them at any start "
+        f"state: {', '.join(places)}{more}"
+    )
+
+
+__all__ = ["KINDS", "refine"]

@@ -1,0 +1,204 @@
+"""What a refinement found: every parameter before and after, and the errors before and after."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sysid.bundle import Bundle
+from sysid.display.numbers import number
+from sysid.display.tables import Shown, ShownTable
+from sysid.estimation.linear import Estimate
+from sysid.refinement.unknowns import Unknown
+from sysid.types import FloatArray
+
+# A parameter's error falls to less than this share of the prior's: the motion tests inform it.
+_INFORMED = 0.9
+_HIGHLY_CORRELATED = 0.9
+
+
+@dataclass(frozen=True)
+class RefinedParameter:
+    """One parameter: what the bench tests or the rig file said, and what it is now.
+
+    `movement` is the change over the standard error of the former value, NaN without one.
+    `informed` whether the motion tests added to what was known.
+    """
+
+    unknown: Unknown
+    estimate: Estimate
+
+    @property
+    def name(self) -> str:
+        return self.unknown.name
+
+    @property
+    def movement(self) -> float:
+        return (self.estimate.value - self.unknown.value) / self.unknown.std
+
+    @property
+    def informed(self) -> bool:
+        return not self.estimate.std > _INFORMED * self.unknown.std
+
+    def to_json(self) -> dict[str, Any]:
+        """The parameter as `sysid refine --json` and the bundle hold it."""
+        moved = self.movement
+        return {
+            "name": self.name,
+            "origin": self.unknown.origin,
+            "before": self.unknown.value,
+            "before_std": _finite(self.unknown.std),
+            "after": self.estimate.to_json(),
+            "movement": _finite(moved),
+            "informed_by_motion": self.informed,
+        }
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Simulation errors of one use of the tests: RMSE (3,) by channel before and after.
+
+    Position in rad or m, pressures in Pa; NaN where not logged. `whiteness` (3,) is the residual's
+    autocorrelation from one sample to the next, before and after.
+    """
+
+    before: FloatArray
+    after: FloatArray
+    correlation_before: FloatArray
+    correlation_after: FloatArray
+
+
+@dataclass(frozen=True, repr=False)
+class RefineResult(Shown):
+    """A bundle refined on motion logs.
+
+    `correlation` (p, p) of the parameters' errors, in their order; `fits` by use ("fit",
+    "holdout"); `scatter` relative standard deviation of sliding and static friction from test
+    to test; `evaluations` of the simulation with its derivatives.
+    """
+
+    parameters: tuple[RefinedParameter, ...]
+    correlation: FloatArray
+    fits: Mapping[str, Fit]
+    channels: tuple[str, str, str]
+    scatter: tuple[float, float]
+    evaluations: int
+    converged: bool
+    segments: int
+    left_out: int
+    bundle: Bundle
+    notices: tuple[str, ...] = ()
+
+    def headline(self) -> str:
+        state = "converged" if self.converged else "not converged"
+        return (
+            f"{len(self.parameters)} parameters from {self.segments} segments of motion, {state} "
+            f"after {self.evaluations} simulations"
+        )
+
+    def records(self) -> Sequence[Mapping[str, Any]]:
+        return [
+            {
+                "parameter": p.name,
+                "before": p.unknown.value,
+                "before_std": p.unknown.std,
+                "after": p.estimate.value,
+                "after_std": p.estimate.std,
+                "unit": p.unknown.unit,
+                "movement": p.movement,
+                "informed": p.informed,
+            }
+            for p in self.parameters
+        ]
+
+    def tables(self) -> Iterable[ShownTable]:
+        """Parameters, and simulation errors by use and channel."""
+        rows = tuple(
+            (
+                p.name,
+                number(p.unknown.value, 4),
+                number(p.estimate.value, 4),
+                number(p.estimate.std, 2),
+                p.unknown.unit,
+                number(p.movement, 2),
+                "yes" if p.informed else "bench only",
+            )
+            for p in self.parameters
+        )
+        head = (
+            "parameter",
+            "before",
+            "after",
+            "std. error",
+            "unit",
+            "moved, std",
+            "motion informs",
+        )
+        yield ShownTable("Parameters", head, rows)
+        channels = tuple(
+            (
+                use,
+                name,
+                number(float(fit.before[i]), 4),
+                number(float(fit.after[i]), 4),
+                number(float(fit.correlation_before[i]), 2),
+                number(float(fit.correlation_after[i]), 2),
+            )
+            for use, fit in self.fits.items()
+            for i, name in enumerate(self.channels)
+            if np.isfinite(fit.before[i])
+        )
+        titles = ("logs", "channel", "RMSE before", "after", "autocorrelation before", "after")
+        yield ShownTable("Open-loop simulation of whole tests", titles, channels)
+
+    def tied(self) -> list[tuple[str, str, float]]:
+        """Pairs of parameters whose errors are highly correlated, strongest first."""
+        found = [
+            (self.parameters[i].name, self.parameters[j].name, float(self.correlation[i, j]))
+            for i in range(len(self.parameters))
+            for j in range(i)
+            if abs(self.correlation[i, j]) > _HIGHLY_CORRELATED
+        ]
+        return sorted(found, key=lambda pair: -abs(pair[2]))
+
+    def to_json(self) -> dict[str, Any]:
+        """The object that `sysid refine --json` prints and a bundle's `refinement` holds."""
+        return {
+            "converged": self.converged,
+            "evaluations": self.evaluations,
+            "segments": self.segments,
+            "segments_left_out": self.left_out,
+            "friction_scatter": {"sliding": self.scatter[0], "static": self.scatter[1]},
+            "parameters": [p.to_json() for p in self.parameters],
+            "correlation": [[float(c) for c in row] for row in self.correlation],
+            "rmse": {
+                use: {
+                    name: {"before": float(fit.before[i]), "after": float(fit.after[i])}
+                    for i, name in enumerate(self.channels)
+                    if np.isfinite(fit.before[i])
+                }
+                for use, fit in self.fits.items()
+            },
+            "residual_autocorrelation": {
+                use: {
+                    name: {
+                        "before": _finite(float(fit.correlation_before[i])),
+                        "after": _finite(float(fit.correlation_after[i])),
+                    }
+                    for i, name in enumerate(self.channels)
+                    if np.isfinite(fit.before[i])
+                }
+                for use, fit in self.fits.items()
+            },
+        }
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+__all__ = ["Fit", "RefineResult", "RefinedParameter"]

@@ -1,0 +1,88 @@
+"""Stretches of motion tests as runs of the simulator, each with a start state of its own."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sysid.model.ports import Model
+from sysid.model.preparation import Inputs
+from sysid.model.sensors import true_start
+from sysid.types import FloatArray
+from sysid.validation.motion_tests import MotionTest, Segment
+from sysid.validation.simulation import inputs_of
+
+STATES = ("position", "velocity", "pressure_a", "pressure_b")
+LEAST_ROWS = 50
+# The samples that gave a start state are also the segment's: as a prior it says a tenth.
+_START_PRIOR = 10.0
+# A start that is known (a test at rest has no velocity) keeps its value.
+_KNOWN = 1e-8
+_LEAST_START_STD = (1e-9, 1e-9, 1e-3, 1e-3)
+_NOT_LOGGED = 1e3
+
+
+@dataclass(frozen=True)
+class Run:
+    """A stretch of a test that is simulated.
+
+    `measured` (3, rows) position and pressures, NaN where not logged; `inputs` begin at the
+    estimated start state, about which it may move by `start_std` (4,); `noise` (3,) of a sample.
+    `test` numbers the test among all, `name` says where the run is.
+    """
+
+    test: int
+    name: str
+    inputs: Inputs
+    measured: FloatArray
+    start_std: FloatArray
+    noise: FloatArray
+
+    @property
+    def start(self) -> FloatArray:
+        """The estimated start state, (4,): rad or m, rad/s or m/s, Pa, Pa."""
+        return np.array([getattr(self.inputs, name) for name in STATES], dtype=float)
+
+    def from_start(self, state: FloatArray) -> Inputs:
+        """Its inputs from another start state (4,)."""
+        position, velocity, pressure_a, pressure_b = map(float, state)
+        return dataclasses.replace(
+            self.inputs,
+            position=position,
+            velocity=velocity,
+            pressure_a=pressure_a,
+            pressure_b=pressure_b,
+        )
+
+
+def runs_of(number: int, test: MotionTest, model: Model, position: str) -> list[Run]:
+    """A test's segments as runs; the whole test where it has none."""
+    found = []
+    for segment in test.segments or (test.whole,):
+        rows = test.counted(segment)
+        if segment.settled and rows >= LEAST_ROWS:
+            cut = dataclasses.replace(segment, stop=segment.start + rows)
+            found.append(_run(number, test, cut, model, position))
+    return found
+
+
+def _run(number: int, test: MotionTest, segment: Segment, model: Model, position: str) -> Run:
+    inputs = true_start(inputs_of(test, segment), position, model)
+    atmosphere = float(model.parameters.atmosphere)
+    unknown: dict[str, Any] = {n: atmosphere for n in STATES[2:] if getattr(inputs, n) is None}
+    moves = np.array([True, segment.state.values[1] != 0.0, True, True])
+    std = np.maximum(np.nan_to_num(segment.state.std, nan=_NOT_LOGGED), _LEAST_START_STD)
+    return Run(
+        test=number,
+        name=f"{test.source} at {inputs.elapsed:.1f} s",
+        inputs=dataclasses.replace(inputs, **unknown),
+        measured=test.measured[:, segment.start : segment.stop],
+        start_std=np.where(moves & (std > _KNOWN), _START_PRIOR * std, std),
+        noise=test.noise.total,
+    )
+
+
+__all__ = ["LEAST_ROWS", "STATES", "Run", "runs_of"]

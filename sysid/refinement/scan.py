@@ -1,0 +1,49 @@
+"""Static friction of each test by a scan: where the shaft breaks away is no smooth function of it.
+
+A motor's command is held from sample to sample. A shaft that rests breaks away with one of its
+steps, so that the simulation does not change with static friction until the next step does it:
+derivatives are zero there, and the cost is a staircase.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from sysid.refinement.problem import Iterate, Problem
+from sysid.refinement.settling import settled
+from sysid.types import BoolArray, FloatArray
+
+_GRIDS = ((3.0, 25), (0.3, 31))
+
+
+def scanned(problem: Problem, point: Iterate, tests: BoolArray) -> Iterate:
+    """The point with the static friction of these tests (tests,) where the test's runs cost least.
+
+    Tried on a grid over the scatter's width, then on a finer one around the best; the present
+    value stays where none is better.
+    """
+    part, numbers = problem.of_tests(tests)
+    here = Iterate(point.shared, point.friction[tests], point.starts[numbers])
+    for reach, count in _GRIDS:
+        here = _best(part, here, np.linspace(-reach, reach, count))
+    friction, starts = np.array(point.friction), np.array(point.starts)
+    friction[tests], starts[numbers] = here.friction, here.starts
+    return Iterate(point.shared, friction, starts)
+
+
+def _best(problem: Problem, point: Iterate, offsets: FloatArray) -> Iterate:
+    static = point.friction[:, 1] + np.concatenate([[0.0], offsets])[:, None]
+    points = [
+        dataclasses.replace(point, friction=np.column_stack([point.friction[:, 0], own]))
+        for own in static
+    ]
+    costs, moved = settled(problem, points)
+    best = costs.argmin(axis=0)
+    friction = np.array([moved[b].friction[test] for test, b in enumerate(best)])
+    starts = np.array([moved[best[r.test]].starts[i] for i, r in enumerate(problem.runs)])
+    return Iterate(point.shared, friction, starts)
+
+
+__all__ = ["scanned"]

@@ -1,0 +1,204 @@
+"""Levenberg and Marquardt's method over the reduced unknowns, by optimistix.
+
+The simulation is not traced: where optimistix's next step wants to know the residual, it is
+evaluated with its derivatives and handed over as an affine function, which is all that a
+Gauss-Newton method looks at. Start states are eliminated (`reduction`), each with a damping of its
+own. A run whose simulation changes its mind whether the shaft moves does not hold the others: it
+is set aside until the model follows it again, and moves its start alone meanwhile.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sysid.refinement.problem import Iterate, Linearised, Problem
+from sysid.refinement.reduction import ReducedEquations, reduced
+from sysid.types import BoolArray, FloatArray
+
+_MOST_REFUSED = 6
+# Of all runs, at most this share may be set aside.
+_MOST_ASIDE = 0.25
+# A run is followed again where its cost per row is at most this many times the counted ones'.
+_FOLLOWED = 2.0
+# Damping of a start after its first refusal, its growth and its bounds.
+_FIRST, _GROWTH, _LARGEST = 1e-3, 10.0, 1e6
+# The solver ends where its linearised equations would lower the cost by this (in units of an
+# error's variance): far below what the errors make of it.
+_GAIN = 0.05
+_LOSS = 0.5
+_LEAST_NORM = 1e-12
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Where the solver ended: the equations there, and the runs that count (runs,).
+
+    `evaluations` of all runs with their derivatives; `converged` false where they ran out or no
+    step helped.
+    """
+
+    at: ReducedEquations
+    evaluations: int
+    converged: bool
+    counted: BoolArray
+
+    @property
+    def point(self) -> Iterate:
+        return self.at.point
+
+
+class _Trial(NamedTuple):
+    """A step that optimistix proposes, in scaled unknowns, and what it needs for the answer."""
+
+    scale: FloatArray
+    y: Any
+    state: Any
+
+    @property
+    def step(self) -> FloatArray:
+        """Of the reduced unknowns (m,)."""
+        return np.asarray(self.y) * self.scale
+
+
+def _affine(y: Any, at: tuple[Any, Any, Any]) -> tuple[Any, None]:
+    """The residual as linearised at the point where it was evaluated."""
+    point, residual, jacobian = at
+    return residual + jacobian @ (y - point), None
+
+
+@functools.cache
+def _optimistix(size: int) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """Proposal and answer, compiled for `size` unknowns."""
+    import equinox
+    import lineax
+    import optimistix
+
+    from sysid.model.jax_setup import jax, jnp
+
+    solver: Any = optimistix.LevenbergMarquardt(rtol=1e-6, atol=1e-6, linear_solver=lineax.QR())
+    shape: Any = jax.eval_shape(lambda: jnp.zeros(size + 1))
+
+    def propose(at: Any, step_size: Any) -> Any:
+        y = at[0]
+        state = solver.init(_affine, y, at, {}, shape, None, frozenset())
+        state = equinox.tree_at(lambda s: s.search_state.step_size, state, step_size)
+        _, state, _ = solver.step(_affine, y, at, {}, state, frozenset())
+        return state
+
+    def answer(at: Any, there: Any, state: Any, y_eval: Any) -> Any:
+        state = equinox.tree_at(lambda s: s.y_eval, state, y_eval)
+        _, after, _ = solver.step(_affine, at[0], there, {}, state, frozenset())
+        return after.num_accepted_steps > state.num_accepted_steps, after.search_state.step_size
+
+    return equinox.filter_jit(propose), equinox.filter_jit(answer)
+
+
+def _at(base: ReducedEquations, y: Any, scale: FloatArray) -> tuple[Any, Any, Any]:
+    from sysid.model.jax_setup import jnp
+
+    return y, jnp.asarray(base.r), jnp.asarray(base.jacobian * scale)
+
+
+def _propose(base: ReducedEquations, step_size: float) -> _Trial:
+    from sysid.model.jax_setup import jnp
+
+    # Damping means the same to each unknown (Marquardt).
+    scale = 1.0 / np.maximum(np.linalg.norm(base.jacobian, axis=0), _LEAST_NORM)
+    propose, _ = _optimistix(len(scale))
+    state = propose(_at(base, jnp.zeros(len(scale)), scale), jnp.asarray(step_size))
+    return _Trial(scale, state.y_eval, state)
+
+
+def _answer(
+    base: ReducedEquations, trial: ReducedEquations, given: _Trial, step_size: float
+) -> tuple[bool, float]:
+    """Whether the trial is accepted, and the next step's size.
+
+    `base` may count fewer runs than that which the step was proposed from.
+    """
+    from sysid.model.jax_setup import jnp
+
+    propose, answer = _optimistix(len(given.scale))
+    at = _at(base, jnp.zeros(len(given.scale)), given.scale)
+    state = propose(at, jnp.asarray(step_size))
+    accepted, size = answer(at, _at(trial, given.y, given.scale), state, given.y)
+    return bool(accepted), float(size)
+
+
+def solve(problem: Problem, point: Iterate, most: int) -> Solution:
+    """Minimise a problem's cost from a point, with `most` evaluations."""
+    count = len(problem.runs)
+    counted, damping = np.ones(count, dtype=bool), np.zeros(count)
+    base = reduced(problem, point, problem.linearised(point), damping, counted)
+    step_size, refused, evaluations = 1.0, 0, 1
+    while base.gain >= _GAIN and evaluations < most and refused < _MOST_REFUSED:
+        given = _propose(base, step_size)
+        to = base.moved(problem, given.step, counted)
+        runs = problem.linearised(to)
+        evaluations += 1
+        damping = _next_damping(damping, problem, base, to, runs)
+        aside = _to_set_aside(problem, base, to, runs, counted)
+        fewer = counted & ~aside
+        trial = reduced(problem, to, runs, damping, fewer)
+        comparable = reduced(problem, base.point, base.runs, damping, fewer)
+        accepted, step_size = _answer(comparable, trial, given, step_size)
+        refused = 0 if accepted else refused + 1
+        if accepted:
+            base, counted = trial, fewer | _followed(problem, trial, fewer)
+        base = reduced(problem, base.point, base.runs, damping, counted)
+    return Solution(base, evaluations, base.gain < _GAIN, counted)
+
+
+def _next_damping(
+    damping: FloatArray,
+    problem: Problem,
+    base: ReducedEquations,
+    to: Iterate,
+    runs: Sequence[Linearised],
+) -> FloatArray:
+    """Of the starts (runs,): more where a run's cost is not what its equations promised."""
+    before = np.array([run.cost for run in base.runs])
+    after, predicted = np.array([run.cost for run in runs]), base.predicted(problem, to)
+    lost = after - predicted > _LOSS * np.abs(before - predicted) + 1.0
+    more = np.clip(damping * _GROWTH, _FIRST, _LARGEST)
+    return np.where(lost, more, np.where(damping > _FIRST, damping / _GROWTH, 0.0))
+
+
+def _to_set_aside(
+    problem: Problem,
+    base: ReducedEquations,
+    to: Iterate,
+    runs: Sequence[Linearised],
+    counted: BoolArray,
+) -> BoolArray:
+    """The fewest runs (runs,) without which the trial's cost is lower, if they are few."""
+    pairs = zip(runs, base.runs, strict=True)
+    rise = np.where(counted, [after.cost - before.cost for after, before in pairs], 0.0)
+    excess = float(rise.sum()) + problem.prior_cost(to) - problem.prior_cost(base.point)
+    found = np.zeros(len(rise), dtype=bool)
+    room = _MOST_ASIDE * len(rise) - np.count_nonzero(~counted)
+    for i in np.argsort(-rise):
+        if excess < 0.0:
+            return found
+        if rise[i] <= 0.0 or np.count_nonzero(found) + 1 > room:
+            break
+        found[i] = True
+        excess -= rise[i]
+    return np.zeros(len(rise), dtype=bool)
+
+
+def _followed(problem: Problem, base: ReducedEquations, counted: BoolArray) -> BoolArray:
+    """Runs set aside that the model follows as it does the others."""
+    per_row = np.array(
+        [run.cost / len(own.inputs.time) for run, own in zip(base.runs, problem.runs, strict=True)]
+    )
+    limit = _FOLLOWED * float(np.median(per_row[counted]))
+    return ~counted & (per_row <= limit)
+
+
+__all__ = ["Solution", "solve"]

@@ -1,0 +1,257 @@
+"""The parameters that a refinement may move: where each stands, its prior, and its bounds.
+
+An unknown is estimated in a coordinate without bounds: a positive one by its logarithm, one
+between two bounds by its logit, any other on a scale of its own. What the bench tests say of it
+is its prior, there with the standard error of the bundle.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sysid.bundle import Bundle
+from sysid.bundle.assembled_model import friction_keys
+from sysid.bundle.valves import LAW_KEYS
+from sysid.errors import input_error
+from sysid.estimation.linear import Estimate
+from sysid.io.channels import SIDES
+from sysid.io.rig import Rig
+from sysid.model.effects.entry import CatalogueEffect
+from sysid.model.ports import Model
+from sysid.types import FloatArray
+
+Direction = tuple[int, str]
+_MOST_FACTOR = 20.0
+_LEAST_STD = 1e-4
+# Relative uncertainty of a declared constant that is freed, where the rig file gives none.
+_DECLARED = 0.03
+_OFFSET_SHARE = 0.3
+_FRICTION_FIELDS = {"static": "static_effort", "coulomb": "coulomb_effort", "viscous": "viscous"}
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One parameter: its name in files, the number of the model that it is, value and prior.
+
+    `std` is the prior's, in the parameter's unit, NaN without one. `lower`, `upper` as the
+    parameter's; `scale` a typical size for one that may be 0 or of either sign.
+    """
+
+    name: str
+    direction: Direction
+    value: float
+    std: float
+    unit: str
+    lower: float
+    upper: float
+    scale: float
+    origin: str
+
+    @property
+    def _form(self) -> str:
+        if self.lower == 0.0 and self.value > 0.0:
+            return "log"
+        if math.isfinite(self.lower) and math.isfinite(self.upper):
+            return "logit"
+        return "plain"
+
+    def coordinate(self, value: float) -> float:
+        """The coordinate without bounds of a value."""
+        if self._form == "log":
+            return math.log(value / self.value)
+        if self._form == "logit":
+            share = np.clip((value - self.lower) / (self.upper - self.lower), 1e-9, 1.0 - 1e-9)
+            return float(math.log(share / (1.0 - share)))
+        return (value - self.value) / self.scale
+
+    def at(self, coordinate: float) -> float:
+        """The value at a coordinate."""
+        if self._form == "log":
+            most = math.log(_MOST_FACTOR)
+            return self.value * math.exp(min(max(coordinate, -most), most))
+        if self._form == "logit":
+            share = 1.0 / (1.0 + math.exp(-coordinate))
+            return self.lower + (self.upper - self.lower) * share
+        return self.value + self.scale * coordinate
+
+    def slope(self, coordinate: float) -> float:
+        """Change of the value with the coordinate."""
+        if self._form == "log":
+            return self.at(coordinate)
+        if self._form == "logit":
+            share = 1.0 / (1.0 + math.exp(-coordinate))
+            return (self.upper - self.lower) * share * (1.0 - share)
+        return self.scale
+
+    @property
+    def start(self) -> float:
+        """The coordinate of its value."""
+        return self.coordinate(self.value)
+
+    @property
+    def prior_std(self) -> float:
+        """The prior's standard deviation in the coordinate; NaN without a prior."""
+        return self.std / max(self.slope(self.start), 1e-300)
+
+
+def unknowns_of(bundle: Bundle, rig: Rig, model: Model) -> list[Unknown]:
+    """Every parameter of a bundle's model that a refinement may move.
+
+    Friction, flows, delays, effects with what the bundle says of them; the rig file's constants
+    with 3 %.
+    """
+    return [
+        *_friction(bundle, rig, model),
+        *_valves(bundle, model),
+        *_effects(bundle, model),
+        *_declared(rig, model),
+    ]
+
+
+def fitted_names(unknowns: Iterable[Unknown]) -> list[str]:
+    """Those that a fit put into the bundle, not the rig file."""
+    return [u.name for u in unknowns if u.origin != "rig"]
+
+
+def _friction(bundle: Bundle, rig: Rig, model: Model) -> list[Unknown]:
+    part = bundle.friction
+    found = []
+    for name, key in friction_keys(rig.is_linear).items():
+        field = _FRICTION_FIELDS[name]
+        value = float(getattr(model.parameters, field))
+        estimate = getattr(part, key, None)
+        found.append(_positive(f"friction.{key}", (0, field), value, estimate, "friction"))
+    return found
+
+
+def _positive(
+    name: str, direction: Direction, value: float, estimate: Estimate | None, origin: str
+) -> Unknown:
+    known = estimate is not None and estimate.identified and math.isfinite(estimate.std)
+    std = max(estimate.std, _LEAST_STD * abs(value)) if known and estimate else math.nan
+    unit = estimate.unit if estimate else ""
+    return Unknown(name, direction, value, std, unit, 0.0, math.inf, abs(value) or 1.0, origin)
+
+
+def _valves(bundle: Bundle, model: Model) -> list[Unknown]:
+    found = []
+    for side in SIDES:
+        law = bundle.valve(side).discrete
+        if law is None:
+            continue
+        for short, key in LAW_KEYS.items():
+            field = f"{short}_{side}"
+            value = float(getattr(model.parameters, field))
+            place = f"valves.{side}.{key}"
+            found.append(_positive(place, (0, field), value, getattr(law, key), "valve"))
+    return found
+
+
+def _effects(bundle: Bundle, model: Model) -> list[Unknown]:
+    found = []
+    for number, (entry, effect) in enumerate(zip(bundle.effects, model.effects, strict=True)):
+        if not isinstance(effect, CatalogueEffect):
+            continue
+        for q in effect.quantities:
+            value = float(getattr(effect, q.name))
+            estimate = entry.parameters.get(q.label)
+            std = estimate.std if isinstance(estimate, Estimate) else math.nan
+            found.append(
+                Unknown(
+                    f"{effect.id}.{q.label}",
+                    (number + 1, q.name),
+                    value,
+                    std if std > 0.0 else math.nan,
+                    q.unit,
+                    q.lower,
+                    q.upper,
+                    abs(q.typical) or 1.0,
+                    "effect",
+                )
+            )
+    return found
+
+
+_CONSTANTS = {
+    "inertia": ("rig.inertia", "kg m2"),
+    "area_a": ("rig.area_a", "m2"),
+    "area_b": ("rig.area_b", "m2"),
+    "offset_a": ("rig.dead_length_a", "m"),
+    "offset_b": ("rig.dead_length_b", "m"),
+    "supply": ("rig.supply_pressure", "Pa"),
+    "gravity_moment": ("rig.gravity_moment", "Nm"),
+    "weight": ("rig.weight", "N"),
+    "on_delay_a": ("rig.on_delay_a", "s"),
+    "off_delay_a": ("rig.off_delay_a", "s"),
+    "on_delay_b": ("rig.on_delay_b", "s"),
+    "off_delay_b": ("rig.off_delay_b", "s"),
+}
+
+
+def _declared(rig: Rig, model: Model) -> list[Unknown]:
+    found = []
+    for field, (name, unit) in _CONSTANTS.items():
+        value = float(getattr(model.parameters, field))
+        if value > 0.0 and math.isfinite(value):
+            std = _DECLARED * value
+            found.append(Unknown(name, (0, field), value, std, unit, 0.0, math.inf, value, "rig"))
+    size = float(model.parameters.coulomb_effort) or 1.0
+    unit = "N" if rig.is_linear else "Nm"
+    value = float(model.parameters.offset)
+    scale = _OFFSET_SHARE * size
+    found.append(
+        Unknown("offset", (0, "offset"), value, scale, unit, -math.inf, math.inf, scale, "rig")
+    )
+    return found
+
+
+def chosen(
+    unknowns: Sequence[Unknown],
+    free: Iterable[str] = (),
+    fix: Iterable[str] = (),
+    *,
+    prior: bool = True,
+) -> list[Unknown]:
+    """The unknowns to estimate: those fitted, with `free` and without `fix`; a name or its start.
+
+    Without `prior` none of them has one. Raises InputError for a name that is none.
+    """
+    free, fix = list(free), list(fix)
+    for name in (*free, *fix):
+        if not any(_matches(u, name) for u in unknowns):
+            known = ", ".join(u.name for u in unknowns)
+            raise input_error(f"parameter {name!r}", "is unknown", f"use one of {known}")
+    found = [
+        u
+        for u in unknowns
+        if (u.origin != "rig" or any(_matches(u, n) for n in free))
+        and not any(_matches(u, n) for n in fix)
+    ]
+    return found if prior else [dataclasses.replace(u, std=math.nan) for u in found]
+
+
+def _matches(unknown: Unknown, name: str) -> bool:
+    return (
+        unknown.name == name
+        or unknown.name.startswith(name + ".")
+        or (unknown.name.split(".")[-1] == name)
+    )
+
+
+def model_at(model: Model, unknowns: Sequence[Unknown], values: FloatArray) -> Model:
+    """The model with these values (p,) of the unknowns."""
+    parameters: dict[str, Any] = {}
+    effects: list[Any] = list(model.effects)
+    for unknown, value in zip(unknowns, values, strict=True):
+        part, name = unknown.direction
+        if part == 0:
+            parameters[name] = float(value)
+        else:
+            effects[part - 1] = dataclasses.replace(effects[part - 1], **{name: float(value)})
+    return Model(model.parameters.replace(**parameters), tuple(effects))
