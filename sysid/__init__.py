@@ -5,8 +5,8 @@
 Read measurements (`read_campaign`, `read_rig`, `read_log`), see what they can be used for
 (`check`), fit them (`fit`, or one part: `fit_friction`, `fit_valve_discrete`,
 `fit_valve_pwm`), use the model (`simulate`, `control`, `effects`), find what it lacks
-(`diagnose`), see how well it predicts (`validate`), and write it out (`write_bundle`, `report`,
-`export`).
+(`diagnose`), fit it as a whole (`refine`), see how well it predicts (`validate`), and write it
+out (`write_bundle`, `report`, `export`).
 Values are SI, pressures absolute. Results print as tables, are displayed in a notebook, convert
 to a DataFrame (`to_frame`) and plot themselves on given or new axes (`plot`).
 
@@ -45,6 +45,7 @@ if TYPE_CHECKING:
         read_rig,
         write_bundle,
     )
+    from sysid.workflows.refining import refine
     from sysid.workflows.simulation import simulate
     from sysid.workflows.writing import export, report
 
@@ -70,6 +71,7 @@ __all__ = [
     "read_campaign",
     "read_log",
     "read_rig",
+    "refine",
     "report",
     "simulate",
     "validate",
@@ -98,6 +100,7 @@ _HOMES = {
     "read_campaign": "sysid.workflows.reading",
     "read_log": "sysid.workflows.reading",
     "read_rig": "sysid.workflows.reading",
+    "refine": "sysid.workflows.refining",
     "report": "sysid.workflows.writing",
     "simulate": "sysid.workflows.simulation",
     "validate": "sysid.workflows.judging",

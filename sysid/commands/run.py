@@ -51,6 +51,11 @@ run_options = options(
     click.option(
         "--diagnose/--no-diagnose", default=True, help="Whether to look for what the model lacks."
     ),
+    click.option(
+        "--refine/--no-refine",
+        default=True,
+        help="Whether to estimate all parameters together on the motion logs.",
+    ),
     effects_option,
     json_option,
 )
@@ -105,14 +110,16 @@ def run_campaign(
     surface: str = "both",
     seed: int = 0,
     diagnose: bool = True,
+    refine: bool = True,
     effects: Path | None = None,
     progress: Progress = no_progress,
 ) -> RunReport:
     """Run every stage that is not up to date. Raises what the stages raise.
 
     `surface` and `seed` are those of `sysid fit valve-pwm` and the diagnosis; `diagnose` says
-    whether to look for what the model lacks, `effects` is a Python file with further effects
-    for that; `progress` is called with a line for each step.
+    whether to look for what the model lacks, `refine` whether to estimate all parameters together
+    afterwards, `effects` is a Python file with further effects; `progress` is called with a line
+    for each step.
     """
     campaign = read_campaign(campaign_path)
     if effects is not None:
@@ -126,7 +133,7 @@ def run_campaign(
     remove_leftovers(folder)
     remove_leftovers(folder / "export")
     run = PipelineRun(
-        campaign, folder, surface, seed, progress, digests(campaign), diagnose, effects
+        campaign, folder, surface, seed, progress, digests(campaign), diagnose, refine, effects
     )
     run.notices += [*campaign.notices, *campaign.rig.notices]
     stages = tuple(perform(run, stage) for stage in stages_of(run))

@@ -1,4 +1,4 @@
-"""The stages of `sysid run`: check, fit, diagnose, validate, report and export.
+"""The stages of `sysid run`: check, fit, diagnose, refine, validate, report and export.
 
 Each stage writes complete files and is then entered in `run.json` with the digests of all
 its inputs. A later call repeats what failed, what is missing and what is stale, and says
@@ -22,11 +22,12 @@ from sysid.checks.log_check import LogCheck, check_campaign
 from sysid.diagnosis.bench.registry import part_tested
 from sysid.diagnosis.campaign import diagnose_logs, extended_bundle
 from sysid.diagnosis.content import content
-from sysid.errors import NotIdentifiedError
+from sysid.errors import InputError, NotIdentifiedError
 from sysid.export import export_file
 from sysid.io.campaign import Campaign
 from sysid.io.files import write_atomic
 from sysid.model.effects.catalogue import catalogue_with
+from sysid.refinement.refine import refine
 from sysid.types import Progress
 from sysid.validation import VALIDATED_KINDS, validate
 
@@ -39,6 +40,7 @@ REPORT_FILE = "report.html"
 BUNDLE_FILE = "bundle.json"
 _FITTED_FILE = "fitted.json"
 _EXTENDED_FILE = "extended.json"
+_REFINED_FILE = "refined.json"
 _DIAGNOSIS_FILE = "diagnosis.json"
 _CHECKS_FILE = "checks.json"
 _NOT_DONE_YET = "not done yet"
@@ -72,6 +74,7 @@ class PipelineRun:
     tell: Progress
     inputs: dict[str, str]
     diagnose: bool = True
+    refine: bool = True
     effects: Path | None = None
     notices: list[str] = field(default_factory=list)
     validation: ValidationResult | None = None
@@ -86,7 +89,9 @@ class PipelineRun:
 
     @property
     def model_file(self) -> str:
-        """The bundle that is validated: extended by the diagnosis where there is one."""
+        """The bundle that is validated: the last that was made."""
+        if self.refine:
+            return _REFINED_FILE
         return _EXTENDED_FILE if self.diagnose else _FITTED_FILE
 
     @property
@@ -225,6 +230,19 @@ def _diagnose(run: PipelineRun) -> None:
     write_bundle(bundle, run.path(_EXTENDED_FILE))
 
 
+def _refine(run: PipelineRun) -> None:
+    """A campaign whose motion cannot be simulated continues unrefined; a notice says why."""
+    bundle = run.bundle(_EXTENDED_FILE if run.diagnose else _FITTED_FILE)
+    try:
+        result = refine(run.campaign, bundle, catalogue=run.catalogue, progress=run.tell)
+    except (InputError, NotIdentifiedError) as error:
+        run.notices.append(f"not refined: {error}")
+    else:
+        run.notices += result.notices
+        bundle = result.bundle
+    write_bundle(bundle, run.path(_REFINED_FILE))
+
+
 def _validated(run: PipelineRun) -> ValidationResult | None:
     """The validation of the final bundle; None without motion logs of an actuator."""
     kinds = [entry.kind for entry in run.campaign.logs]
@@ -278,12 +296,15 @@ def stages_of(run: PipelineRun) -> list[Stage]:
     """The stages of a run, in turn."""
     diagnosed = (_DIAGNOSIS_FILE, _EXTENDED_FILE)
     shown = (BUNDLE_FILE, _CHECKS_FILE, *([_DIAGNOSIS_FILE] if run.diagnose else []))
+    refined_from = _EXTENDED_FILE if run.diagnose else _FITTED_FILE
+    left_out = {name for name in ("diagnose", "refine") if not getattr(run, name)}
     stages = [
         Stage("check", (_CHECKS_FILE,), (), _check, reads_effects=False),
         Stage("fit", (_FITTED_FILE,), (), _fit, reads_effects=False),
         Stage("diagnose", diagnosed, (_FITTED_FILE,), _diagnose),
+        Stage("refine", (_REFINED_FILE,), (refined_from,), _refine),
         Stage("validate", (BUNDLE_FILE,), (run.model_file,), _validate),
         Stage("report", (REPORT_FILE,), shown, _report),
         Stage("export", tuple(EXPORTS.values()), (BUNDLE_FILE,), _export),
     ]
-    return [stage for stage in stages if run.diagnose or stage.name != "diagnose"]
+    return [stage for stage in stages if stage.name not in left_out]

@@ -19,13 +19,15 @@ from sysid.types import BoolArray, FloatArray, Progress, no_progress
 _ROUNDS = 5
 _ROUND_EVALUATIONS = 30
 _FINAL_EVALUATIONS = 30
+# Steps at which a descent ends, in standard errors.
+_ROUGHLY, _CLOSELY = 0.5, 0.05
 # A run whose largest RMSE over the noise is this many times the others' is not followed.
 _NOT_FOLLOWED = 3.0
 # Friction that a scan moves by less (units of the scatter) is where it was.
 _SAME = 0.15
 _MOST_ORDER = 4
 # An encoder resolves more than a simulation in steps of 1 ms does (`benchmarks/simulation.py`).
-_FINE_STEP = 2.5e-4
+_FINE_STEP = 5e-4
 _LEAST_SCATTER = 1e-3
 
 
@@ -72,7 +74,7 @@ def estimate(
     point, evaluations = point or problem.first_point(), 0
     for number in range(_ROUNDS):
         progress(f"round {number + 1}: {len(problem.runs)} segments at once")
-        solution = solve(problem, point, _ROUND_EVALUATIONS)
+        solution = solve(problem, point, _ROUND_EVALUATIONS, _ROUGHLY)
         evaluations += solution.evaluations
         follows = followed(problem, solution.at, solution.counted)
         open_tests = np.array(
@@ -87,7 +89,7 @@ def estimate(
         point = moved
     final, start, left_out, scatter = _final(problem, solution, follows, scatter, robust)
     progress("the errors as they are")
-    solution = solve(final, start, _FINAL_EVALUATIONS)
+    solution = solve(final, start, _FINAL_EVALUATIONS, _CLOSELY)
     return Estimated(final, solution, left_out, scatter, evaluations + solution.evaluations)
 
 

@@ -29,6 +29,8 @@ SLIDING = ("coulomb_effort", "viscous")
 _STATIC: Direction = (0, "static_effort")
 # A sensor's slope is taken over a change of this share of a state's usual size.
 _SENSOR_STEP = 1e-6
+# Width of a coordinate that is held: far below any standard error.
+_HELD = 1e-9
 _SIZES = np.array([1.0, 10.0, 1e5, 1e5])
 
 
@@ -251,7 +253,10 @@ class Problem:
         rows = np.zeros((p, p + 1))
         for i, unknown in enumerate(self.unknowns):
             std = unknown.prior_std
-            if std > 0.0:
+            if unknown.held_at is not None:
+                rows[i, i] = 1.0 / _HELD
+                rows[i, -1] = (shared[i] - unknown.held_at) / _HELD
+            elif std > 0.0:
                 rows[i, i], rows[i, -1] = 1.0 / std, (shared[i] - unknown.start) / std
         return rows
 

@@ -31,9 +31,9 @@ class ReducedEquations:
 
     ||r + jacobian dz||^2 is the cost after their step dz, with each start at its best; `r`
     (m + 1,), `jacobian` (m + 1, m). `heads` (runs, 4, k + 1) give the starts' steps. `cost` is all
-    of it at the point, `gain` what the linearised equations would lower it by. Tests that are
-    `held` (tests,) have static friction without a slope; it does not step. `scores` (runs, m) is
-    each run's share of the gradient, `prior` (n, m) the prior's rows.
+    of it at the point. Tests that are `held` (tests,) have static friction without a slope; it
+    does not step. `scores` (runs, m) is each run's share of the gradient, `prior` (n, m) the
+    prior's rows.
     """
 
     point: Iterate
@@ -42,10 +42,14 @@ class ReducedEquations:
     jacobian: FloatArray
     heads: FloatArray
     cost: float
-    gain: float
     held: BoolArray
     scores: FloatArray
     prior: FloatArray
+
+    def shared_step(self) -> FloatArray:
+        """The undamped step of each shared unknown (p,), in standard errors."""
+        step = -np.linalg.lstsq(self.jacobian, self.r, rcond=None)[0]
+        return np.abs(step / np.sqrt(np.diag(self.covariance())))[: len(self.point.shared)]
 
     def covariance(self) -> FloatArray:
         """Of the errors of the reduced unknowns (m, m): information alone."""
@@ -107,7 +111,7 @@ def reduced(
     m = p + 2 * tests
     heads = np.empty((len(runs), _S, runs[0].factor.shape[1]))
     tails: list[list[FloatArray]] = [[] for _ in range(tests)]
-    head_gain, scores = 0.0, np.zeros((len(runs), m))
+    scores = np.zeros((len(runs), m))
     for i, (linearised, run) in enumerate(zip(runs, problem.runs, strict=True)):
         own = _damped(linearised.factor, float(damping[i]))
         heads[i] = own[:_S]
@@ -116,7 +120,6 @@ def reduced(
             score = own[_S:, _S:-1].T @ own[_S:, -1]
             scores[i, p + 2 * run.test : p + 2 * run.test + 2] = score[:2]
             scores[i, :p] = score[2:]
-            head_gain += float(own[:_S, -1] @ own[:_S, -1])
     rows, held = [], np.zeros(tests, dtype=bool)
     for test, own_tails in enumerate(tails):
         if not own_tails:
@@ -138,9 +141,8 @@ def reduced(
     r, jacobian = np.array(factor[:, -1]), factor[:, :-1]
     # What no step can lower counts in the comparison of two points all the same.
     r[-1] = math.sqrt(max(cost - float(r[:-1] @ r[:-1]), 0.0))
-    gain = float(r[:-1] @ r[:-1]) + head_gain
     return ReducedEquations(
-        point, tuple(runs), r, jacobian, heads, cost, gain, held, scores, prior[:, :-1]
+        point, tuple(runs), r, jacobian, heads, cost, held, scores, prior[:, :-1]
     )
 
 

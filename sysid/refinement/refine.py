@@ -25,9 +25,11 @@ from sysid.model.effects.entry import Catalogue
 from sysid.model.ports import Model, has_discrete_law
 from sysid.refinement.estimation import Estimated, FrictionScatter, estimate
 from sysid.refinement.problem import Problem
+from sysid.refinement.profiles import Profile
+from sysid.refinement.profiles import profile as profile_of
 from sysid.refinement.result import Fit, RefinedParameter, RefineResult
 from sysid.refinement.runs import LEAST_ROWS, Run, runs_of
-from sysid.refinement.unknowns import chosen, model_at, unknowns_of
+from sysid.refinement.unknowns import chosen, model_at, numbers_of, unknowns_of
 from sysid.refinement.updating import updated
 from sysid.refinement.whitening import Whitening
 from sysid.types import FloatArray, Progress, no_progress
@@ -49,15 +51,17 @@ def refine(
     fix: Iterable[str] = (),
     prior: bool = True,
     robust: bool = False,
+    profile: Iterable[str] = (),
     catalogue: Catalogue | None = None,
     progress: Progress = no_progress,
 ) -> RefineResult:
     """Estimate a bundle's parameters, and its effects', on a campaign's motion logs to fit on.
 
     `free`: constants of the rig file, and others, that are estimated too; `fix`: parameters that
-    stay; without `prior` the bench tests count for the start only. Raises InputError for a name
-    that is no parameter or a campaign without such logs, NotIdentifiedError where the bundle
-    does not hold the on/off law of both valves, or nothing can be simulated.
+    stay; without `prior` the bench tests count for the start only; `robust`: each
+    segment's errors count by their own size; `profile`: parameters with a profile. Raises
+    InputError for a name that is no parameter or a campaign without such logs, NotIdentifiedError
+    where the bundle does not hold the on/off law of both valves, or nothing can be simulated.
     """
     model = bundle.model(campaign.rig, catalogue)
     notices = list(assumed_friction(bundle))
@@ -76,6 +80,8 @@ def refine(
     unknowns = tuple(chosen(unknowns_of(bundle, campaign.rig, model), free, fix, prior=prior))
     if not unknowns:
         raise input_error("--fix", "leaves nothing to estimate", "fix fewer parameters")
+    profile = list(profile)
+    numbers_of(unknowns, profile)  # a name that is none is refused before anything is computed
     progress("reading motion logs")
     tests = _tests(campaign, entries, bundle, notices)
     position = campaign.rig.position_channel
@@ -92,6 +98,8 @@ def refine(
     found = estimate(problem, scatter, robust=robust, progress=progress)
     if found.left_out:
         notices.append(_left_out_notice(found.left_out))
+    if not found.solution.converged:
+        notices.append(_stalled_notice(found))
     parameters, correlation = _parameters(found)
     values = np.array([p.estimate.value for p in parameters])
     progress("simulating whole tests")
@@ -102,6 +110,7 @@ def refine(
         for use, some in (("fit", tests), ("holdout", held_out))
         if some
     }
+    profiles = _profiles(found, profile, progress)
     result = RefineResult(
         parameters=parameters,
         correlation=correlation,
@@ -112,6 +121,7 @@ def refine(
         converged=found.solution.converged,
         segments=len(found.problem.runs),
         left_out=len(found.left_out),
+        profiles=profiles,
         bundle=bundle,
         notices=tuple(notices),
     )
@@ -168,6 +178,16 @@ def _parameters(found: Estimated) -> tuple[tuple[RefinedParameter, ...], FloatAr
     return tuple(parameters), covariance / np.outer(std, std)
 
 
+def _profiles(found: Estimated, names: Iterable[str], progress: Progress) -> dict[str, Profile]:
+    std = np.sqrt(np.diag(found.solution.at.robust_covariance()))
+    profiles = {}
+    for number in numbers_of(found.problem.unknowns, names):
+        name = found.problem.unknowns[number].name
+        progress(f"profile of {name}")
+        profiles[name] = profile_of(found, number, float(std[number]))
+    return profiles
+
+
 def _fit(tests: Sequence[MotionTest], before: Model, after: Model, position: str) -> Fit:
     """Whole tests simulated open loop, from rest, with both models."""
     errors = []
@@ -200,6 +220,16 @@ def _correlation(residuals: Sequence[FloatArray]) -> FloatArray:
         power = sum(float(r @ r) for r in rows)
         found.append(sum(float(r[1:] @ r[:-1]) for r in rows) / power if power else math.nan)
     return np.array(found)
+
+
+def _stalled_notice(found: Estimated) -> str:
+    steps = found.solution.at.shared_step()
+    worst = int(np.argmax(steps))
+    return (
+        f"the estimation stalled after {found.evaluations} simulations: no step lowers the errors, "
+        f"though {found.problem.unknowns[worst].name} is {steps[worst]:.2g} standard errors from "
+        "where they are linearly least; --fix it, or look for what the model lacks first"
+    )
 
 
 def _left_out_notice(runs: Sequence[Run]) -> str:

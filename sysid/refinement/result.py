@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,8 @@ import numpy as np
 from sysid.bundle import Bundle
 from sysid.display.numbers import number
 from sysid.display.tables import Shown, ShownTable
-from sysid.estimation.linear import Estimate
+from sysid.estimation.linear import Estimate, finite_or_none
+from sysid.refinement.profiles import Profile
 from sysid.refinement.unknowns import Unknown
 from sysid.types import FloatArray
 
@@ -51,9 +51,9 @@ class RefinedParameter:
             "name": self.name,
             "origin": self.unknown.origin,
             "before": self.unknown.value,
-            "before_std": _finite(self.unknown.std),
+            "before_std": finite_or_none(self.unknown.std),
             "after": self.estimate.to_json(),
-            "movement": _finite(moved),
+            "movement": finite_or_none(moved),
             "informed_by_motion": self.informed,
         }
 
@@ -78,7 +78,8 @@ class RefineResult(Shown):
 
     `correlation` (p, p) of the parameters' errors, in their order; `fits` by use ("fit",
     "holdout"); `scatter` relative standard deviation of sliding and static friction from test
-    to test; `evaluations` of the simulation with its derivatives.
+    to test; `evaluations` of the simulation with its derivatives; `profiles` by parameter, as
+    asked.
     """
 
     parameters: tuple[RefinedParameter, ...]
@@ -91,6 +92,7 @@ class RefineResult(Shown):
     segments: int
     left_out: int
     bundle: Bundle
+    profiles: Mapping[str, Profile] = field(default_factory=dict)
     notices: tuple[str, ...] = ()
 
     def headline(self) -> str:
@@ -174,6 +176,14 @@ class RefineResult(Shown):
             "segments_left_out": self.left_out,
             "friction_scatter": {"sliding": self.scatter[0], "static": self.scatter[1]},
             "parameters": [p.to_json() for p in self.parameters],
+            "profiles": {
+                name: {
+                    "values": [float(v) for v in p.values],
+                    "rise": [float(r) for r in p.rise],
+                    "interval": [finite_or_none(limit) for limit in p.interval],
+                }
+                for name, p in self.profiles.items()
+            },
             "correlation": [[float(c) for c in row] for row in self.correlation],
             "rmse": {
                 use: {
@@ -186,8 +196,8 @@ class RefineResult(Shown):
             "residual_autocorrelation": {
                 use: {
                     name: {
-                        "before": _finite(float(fit.correlation_before[i])),
-                        "after": _finite(float(fit.correlation_after[i])),
+                        "before": finite_or_none(float(fit.correlation_before[i])),
+                        "after": finite_or_none(float(fit.correlation_after[i])),
                     }
                     for i, name in enumerate(self.channels)
                     if np.isfinite(fit.before[i])
@@ -195,10 +205,6 @@ class RefineResult(Shown):
                 for use, fit in self.fits.items()
             },
         }
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 __all__ = ["Fit", "RefineResult", "RefinedParameter"]

@@ -27,9 +27,6 @@ _MOST_ASIDE = 0.25
 _FOLLOWED = 2.0
 # Damping of a start after its first refusal, its growth and its bounds.
 _FIRST, _GROWTH, _LARGEST = 1e-3, 10.0, 1e6
-# The solver ends where its linearised equations would lower the cost by this (in units of an
-# error's variance): far below what the errors make of it.
-_GAIN = 0.05
 _LOSS = 0.5
 _LEAST_NORM = 1e-12
 
@@ -130,13 +127,17 @@ def _answer(
     return bool(accepted), float(size)
 
 
-def solve(problem: Problem, point: Iterate, most: int) -> Solution:
-    """Minimise a problem's cost from a point, with `most` evaluations."""
+def solve(problem: Problem, point: Iterate, most: int, near: float) -> Solution:
+    """Minimise a problem's cost from a point, with `most` evaluations.
+
+    It has converged where the linearised equations would move every shared unknown by less than
+    `near` standard errors.
+    """
     count = len(problem.runs)
     counted, damping = np.ones(count, dtype=bool), np.zeros(count)
     base = reduced(problem, point, problem.linearised(point), damping, counted)
     step_size, refused, evaluations = 1.0, 0, 1
-    while base.gain >= _GAIN and evaluations < most and refused < _MOST_REFUSED:
+    while not _is_near(base, near) and evaluations < most and refused < _MOST_REFUSED:
         given = _propose(base, step_size)
         to = base.moved(problem, given.step, counted)
         runs = problem.linearised(to)
@@ -151,7 +152,11 @@ def solve(problem: Problem, point: Iterate, most: int) -> Solution:
         if accepted:
             base, counted = trial, fewer | _followed(problem, trial, fewer)
         base = reduced(problem, base.point, base.runs, damping, counted)
-    return Solution(base, evaluations, base.gain < _GAIN, counted)
+    return Solution(base, evaluations, _is_near(base, near), counted)
+
+
+def _is_near(base: ReducedEquations, near: float) -> bool:
+    return float(np.max(base.shared_step(), initial=0.0)) < near
 
 
 def _next_damping(

@@ -40,7 +40,8 @@ class Unknown:
     """One parameter: its name in files, the number of the model that it is, value and prior.
 
     `std` is the prior's, in the parameter's unit, NaN without one. `lower`, `upper` as the
-    parameter's; `scale` a typical size for one that may be 0 or of either sign.
+    parameter's; `scale` a typical size for one that may be 0 or of either sign. `held_at`: the
+    coordinate that it keeps, for a profile.
     """
 
     name: str
@@ -52,6 +53,7 @@ class Unknown:
     upper: float
     scale: float
     origin: str
+    held_at: float | None = None
 
     @property
     def _form(self) -> str:
@@ -223,10 +225,7 @@ def chosen(
     Without `prior` none of them has one. Raises InputError for a name that is none.
     """
     free, fix = list(free), list(fix)
-    for name in (*free, *fix):
-        if not any(_matches(u, name) for u in unknowns):
-            known = ", ".join(u.name for u in unknowns)
-            raise input_error(f"parameter {name!r}", "is unknown", f"use one of {known}")
+    numbers_of(unknowns, [*free, *fix])
     found = [
         u
         for u in unknowns
@@ -234,6 +233,18 @@ def chosen(
         and not any(_matches(u, n) for n in fix)
     ]
     return found if prior else [dataclasses.replace(u, std=math.nan) for u in found]
+
+
+def numbers_of(unknowns: Sequence[Unknown], names: Iterable[str]) -> list[int]:
+    """Which of the unknowns these names mean. Raises InputError for a name that is none."""
+    found: dict[int, None] = {}
+    for name in names:
+        own = [i for i, u in enumerate(unknowns) if _matches(u, name)]
+        if not own:
+            known = ", ".join(u.name for u in unknowns)
+            raise input_error(f"parameter {name!r}", "is unknown", f"use one of {known}")
+        found |= dict.fromkeys(own)
+    return list(found)
 
 
 def _matches(unknown: Unknown, name: str) -> bool:

@@ -1,0 +1,127 @@
+"""`sysid refine`: a bundle's parameters estimated together on a campaign's motion logs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.text import Text
+
+from sysid.bundle import read_bundle, write_bundle
+from sysid.checks.log_check import check_campaign
+from sysid.commands.options import (
+    PathArgument,
+    bundle_option,
+    campaign_argument,
+    effects_option,
+    json_option,
+    report_option,
+)
+from sysid.commands.printing import notices, print_json, print_written, progress
+from sysid.display.terminal import console, new_table
+from sysid.io.campaign import read_campaign
+from sysid.model.effects.catalogue import catalogue_with
+from sysid.refinement.refine import refine as refine_bundle
+from sysid.refinement.result import RefineResult
+from sysid.types import Progress, no_progress
+from sysid.validation import validate
+
+
+@click.command()
+@campaign_argument
+@bundle_option
+@click.option("-o", "output", type=PathArgument, help="Write the refined bundle.")
+@report_option
+@click.option(
+    "--free",
+    multiple=True,
+    metavar="NAME",
+    help="Estimate a declared constant too (rig.inertia, rig.area_a, ...); may be repeated.",
+)
+@click.option("--fix", multiple=True, metavar="NAME", help="Keep a parameter; may be repeated.")
+@click.option("--no-prior", is_flag=True, help="Let the bench tests count for the start only.")
+@click.option("--robust", is_flag=True, help="Let each segment's errors count by their own size.")
+@click.option(
+    "--profile",
+    multiple=True,
+    metavar="NAME",
+    help="Profile-likelihood interval of a parameter; may be repeated.",
+)
+@effects_option
+@json_option
+def refine(campaign: Path, bundle: Path, as_json: bool, no_prior: bool, **options: Any) -> None:
+    """All parameters of the assembled model together, by simulation error on the motion logs."""
+    result, written = refine_campaign(
+        campaign, bundle, prior=not no_prior, progress=progress(), **options
+    )
+    _show(result, written, as_json)
+
+
+def refine_campaign(
+    campaign_path: Path,
+    bundle_path: Path,
+    *,
+    output: Path | None = None,
+    report: Path | None = None,
+    free: tuple[str, ...] = (),
+    fix: tuple[str, ...] = (),
+    prior: bool = True,
+    robust: bool = False,
+    profile: tuple[str, ...] = (),
+    effects: Path | None = None,
+    progress: Progress = no_progress,
+) -> tuple[RefineResult, tuple[Path, ...]]:
+    """Refine a bundle on a campaign's motion logs; the result, and the files that were written.
+
+    `effects` is a Python file with further effects, which is executed. Raises InputError for
+    unusable files or unknown names, NotIdentifiedError where the bundle lacks what the simulation
+    needs.
+    """
+    campaign = read_campaign(campaign_path)
+    catalogue = catalogue_with(effects) if effects else None
+    result = refine_bundle(
+        campaign,
+        read_bundle(bundle_path),
+        free=free,
+        fix=fix,
+        prior=prior,
+        robust=robust,
+        profile=profile,
+        catalogue=catalogue,
+        progress=progress,
+    )
+    written = []
+    if output is not None:
+        write_bundle(result.bundle, output)
+        written.append(output)
+    if report is not None:
+        from sysid.report import write_report
+
+        write_report(
+            report,
+            campaign=campaign,
+            bundle=result.bundle,
+            validation=validate(campaign, result.bundle, catalogue=catalogue, progress=progress),
+            checks=check_campaign(campaign),
+            progress=progress,
+        )
+        written.append(report)
+    return result, tuple(written)
+
+
+def _show(result: RefineResult, written: tuple[Path, ...], as_json: bool) -> None:
+    """Every parameter before and after, the errors of whole tests, and the files written."""
+    notices(result.notices)
+    if as_json:
+        content = result.to_json() | {"notices": list(result.notices)}
+        print_json(content | {"written": [str(path) for path in written]})
+        return
+    out = console()
+    out.print(Text(result.headline(), style="bold"), soft_wrap=True)
+    for shown in result.tables():
+        table = new_table(shown.title, *shown.columns)
+        for row in shown.rows:
+            table.add_row(*(Text(cell) for cell in row))
+        out.print("", table)
+    print_written(written)
