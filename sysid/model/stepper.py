@@ -420,7 +420,7 @@ def _cut(
         pressure_a=pressures[0],
         pressure_b=pressures[1],
         extra=tuple(rest[2:]),
-        loose=jnp.where(turned & sticks, way, 0.0),
+        loose=jnp.where(turned & sticks, way, jnp.zeros_like(time)),
         index=jnp.where(active & ~cut, lanes.index + 1, lanes.index),
         elapsed=jnp.where(cut, lanes.elapsed + share * step, 0.0),
         **ripples,
