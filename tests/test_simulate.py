@@ -19,9 +19,12 @@ from sysid.bundle.assembled_model import surfaces_for
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.io.logs import Trial, with_channels
 from sysid.io.rig import rig_from_content
+from sysid.model import simulator
 from sysid.model.base import Parameters
-from sysid.model.ports import Effect, Model
+from sysid.model.ports import Effect, Model, stack_models
+from sysid.model.preparation import prepare
 from sysid.model.simulator import Inputs, Trajectory, ValveCommand, simulate
+from sysid.model.stepper import advance
 from sysid.model.trials import inputs_from_trial, simulate_trials, starts_on_supply
 from tests.test_model import Everywhere
 
@@ -112,6 +115,21 @@ def test_a_run_does_not_depend_on_its_batch() -> None:
         position, pressure = errors(run, states(other))
         assert position < 1e-9
         assert pressure < 1e-4
+
+
+def test_a_run_longer_than_a_call_is_compiled_once() -> None:
+    """What a call returns has the types that it took: others would be compiled for anew."""
+    from sysid.model._jax import jax
+
+    inputs, models = random_runs(seed=2, count=1, seconds=0.1)
+    model = stack_models(models)
+    prepared = prepare(inputs[0], models[0], (), 1e-3)
+    table = simulator.event_table([prepared], 0, np.array([len(prepared)]))
+    lanes = simulator.start_lanes(inputs, model)
+    after = jax.eval_shape(lambda *given: advance(*given, model, ()), lanes, table)
+    given = jax.eval_shape(lambda lanes: lanes, lanes)
+    assert after == given
+    assert [a.weak_type for a in after if a != ()] == [g.weak_type for g in given if g != ()]
 
 
 def test_a_slower_log_gives_the_same_motion() -> None:
