@@ -19,7 +19,7 @@ from sysid.bundle.assembled_model import surfaces_for
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.io.logs import Trial, with_channels
 from sysid.io.rig import rig_from_content
-from sysid.model import simulator
+from sysid.model import simulator, tables
 from sysid.model.base import Parameters
 from sysid.model.ports import Effect, Model, stack_models
 from sysid.model.preparation import prepare
@@ -123,13 +123,27 @@ def test_a_run_longer_than_a_call_is_compiled_once() -> None:
 
     inputs, models = random_runs(seed=2, count=1, seconds=0.1)
     model = stack_models(models)
-    prepared = prepare(inputs[0], models[0], (), 1e-3)
-    table = simulator.event_table([prepared], 0, np.array([len(prepared)]))
-    lanes = simulator.start_lanes(inputs, model)
+    prepared = [prepare(inputs[0], models[0], (), 1e-3)]
+    table = tables.block_of(prepared, 1, 64, 1e-3).table(0)
+    lanes = simulator.at_first_row(simulator.start_lanes(inputs, model))
     after = jax.eval_shape(lambda *given: advance(*given, model, ()), lanes, table)
     given = jax.eval_shape(lambda lanes: lanes, lanes)
     assert after == given
-    assert [a.weak_type for a in after if a != ()] == [g.weak_type for g in given if g != ()]
+    assert [a.weak_type for a in jax.tree.leaves(after)] == [
+        g.weak_type for g in jax.tree.leaves(given)
+    ]
+
+
+def test_a_run_in_pieces_with_many_edges_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    inputs, models = random_runs(seed=2, count=2, seconds=0.5)
+    inputs[1] = dataclasses.replace(inputs[1], time=inputs[1].time + 1e3)
+    whole = simulate(inputs, models)
+    monkeypatch.setattr(simulator, "_ROWS", 48)
+    monkeypatch.setattr(tables, "_EDGES", 4)
+    for run, other in zip(simulate(inputs, models), whole, strict=True):
+        position, pressure = errors(run, states(other))
+        assert position < 1e-9
+        assert pressure < 1e-4
 
 
 def test_a_slower_log_gives_the_same_motion() -> None:

@@ -50,9 +50,29 @@ class Inputs:
         return self.valve_a if side == "a" else self.valve_b
 
 
+@dataclass(frozen=True)
+class SwitchedRun:
+    """One run under the on/off law: its rows, and the edges that turn its valves.
+
+    `edges`: of A and B, increasing times in s, after an odd number of which the valve is open.
+    """
+
+    time: FloatArray
+    motor: FloatArray
+    edges: tuple[FloatArray, FloatArray]
+
+    @property
+    def timing(self) -> tuple[FloatArray, ...]:
+        """What moves with the valves' delays: the edges."""
+        return self.edges
+
+    def __len__(self) -> int:
+        return len(self.time) - 1
+
+
 @dataclass
 class PreparedRun:
-    """One run prepared: its sub-steps and commands on them.
+    """One run prepared for mean flows: its sub-steps and commands on them.
 
     `ripple`, of mean-flow models that know of the pulses: by valve, at the sub-steps' starts,
     their ends, and its mean over the period (see `pulse_means`).
@@ -62,6 +82,11 @@ class PreparedRun:
     motor: FloatArray
     opens: dict[str, FloatArray]
     ripple: tuple[FloatArray, ...] = ()
+
+    @property
+    def timing(self) -> tuple[FloatArray, ...]:
+        """What moves with the valves' delays: the durations."""
+        return (self.grid.duration,)
 
     def __len__(self) -> int:
         return len(self.motor)
@@ -110,22 +135,15 @@ def _through_delays(
 
 def prepare(
     inputs: Inputs, model: Model, surfaces: tuple[Any, ...], max_step: float
-) -> PreparedRun:
-    """Sub-steps and commands of a run, by the on/off law or (with `surfaces`) by mean flows."""
-    time = np.asarray(inputs.time, dtype=float)
+) -> PreparedRun | SwitchedRun:
+    """A run's rows and edges (the on/off law) or, with `surfaces`, sub-steps and mean commands."""
     if surfaces and plant.knows_pulses(surfaces):
         return _prepare_pulsed(inputs, model, surfaces, max_step)
     if surfaces:
         return _prepare_averaged(inputs, model, max_step)
-    intervals = {side: open_intervals(inputs, side, model) for side in SIDES}
-    edges = [e for i in intervals.values() for e in (i.opens, i.closes)]
-    grid = valve_timing.split_at(time, np.concatenate(edges), max_step)
-    end = np.cumsum([len(e) for e in edges])
-    opens = {
-        "a": grid.is_open(slice(0, end[0]), slice(end[0], end[1])),
-        "b": grid.is_open(slice(end[1], end[2]), slice(end[2], end[3])),
-    }
-    return PreparedRun(grid, np.asarray(inputs.motor, dtype=float)[grid.row], opens)
+    a, b = (open_intervals(inputs, side, model).edges for side in SIDES)
+    time, motor = (np.asarray(column, dtype=float) for column in (inputs.time, inputs.motor))
+    return SwitchedRun(time, motor, (a, b))
 
 
 def _prepare_averaged(inputs: Inputs, model: Model, max_step: float) -> PreparedRun:
@@ -184,4 +202,4 @@ def _prepare_pulsed(
     return PreparedRun(grid, motor, opens, tuple(ripple))
 
 
-__all__ = ["Inputs", "PreparedRun", "ValveCommand", "open_intervals", "prepare"]
+__all__ = ["Inputs", "PreparedRun", "SwitchedRun", "ValveCommand", "open_intervals", "prepare"]

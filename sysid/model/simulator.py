@@ -15,17 +15,13 @@ from numpy.typing import NDArray
 
 from sysid.errors import NotIdentifiedError, SimulationError
 from sysid.io.channels import SIDES
-from sysid.model import plant, valve_timing
+from sysid.model import plant
 from sysid.model._jax import jax, jnp
+from sysid.model.lanes import Lanes, Table
 from sysid.model.ports import Model, Point, Structure, join, split, stack_models
-from sysid.model.preparation import (
-    Inputs,
-    PreparedRun,
-    ValveCommand,
-    open_intervals,
-    prepare,
-)
-from sysid.model.stepper import EventTable, Lanes, advance
+from sysid.model.preparation import Inputs, ValveCommand, open_intervals, prepare
+from sysid.model.stepper import advance
+from sysid.model.tables import Block, block_of
 from sysid.types import FloatArray
 
 MAX_STEP = 1e-3
@@ -34,10 +30,9 @@ MAX_STEP = 1e-3
 # Runs simulated together in one compiled call. A batch is cut into blocks of these widths,
 # padded with idle runs, so that few shapes are ever compiled.
 _WIDTHS = (1, 8, 32)
-# Sub-steps in one compiled call: the compiled shapes do not depend on a log's length.
-_CHUNK = 4096
-# Room for the steps that end at events; a call that runs out of it is continued.
-EVENT_ROOM = 512
+# Rows (mean flows: sub-steps) in one compiled call: the compiled shapes do not depend on a
+# log's length. The record of this many stays in a core's cache.
+_ROWS = 1280
 # Half the compile time of the default level, and no slower; vectors as wide as the processor's,
 # where the compiler would stop at 256 bit.
 COMPILER_OPTIONS = {"xla_backend_optimization_level": 2, "xla_cpu_prefer_vector_width": 512}
@@ -61,7 +56,7 @@ class Trajectory:
 )
 def _advance_chunk(
     lanes: Lanes,
-    table: EventTable,
+    table: Table,
     numbers: list[dict[str, Any]],
     *,
     structure: Structure,
@@ -70,14 +65,13 @@ def _advance_chunk(
     """Advance every run through its table, or as far as there is room for the record.
 
     Returns the lanes, the states after every step (steps, runs) and whether that step
-    reached a row of the log (steps, runs).
+    reached a row of the log (runs, steps).
     """
     parts = join(structure, numbers)
     model = Model(parts[0], parts[1 : 1 + effects])
     surfaces = parts[1 + effects :]
-    room = table.duration.shape[1] + EVENT_ROOM
+    room = table.room
     shape = (room, table.count.shape[0])
-    run = jnp.arange(table.count.shape[0])
     record = jax.lax.dynamic_update_index_in_dim
 
     def unfinished(carry: Any) -> Any:
@@ -90,33 +84,28 @@ def _advance_chunk(
         states = tuple(
             record(s, value, step, 0) for s, value in zip(states, after.shown(), strict=True)
         )
-        at = jnp.minimum(lanes.index, table.duration.shape[1] - 1)
-        sample = (after.index > lanes.index) & table.ends_sample[run, at]
-        return step + 1, after, states, record(reached, sample, step, 0)
+        return step + 1, after, states, record(reached, table.reached(lanes, after), step, 0)
 
     states = tuple(jnp.zeros(shape) for _ in STATE)
     carry = (0, lanes, states, jnp.zeros(shape, dtype=bool))
     _, lanes, states, reached = jax.lax.while_loop(unfinished, advance_once, carry)
-    return lanes, states, reached
+    return lanes, states, reached.T
 
 
 def _advance_block(
-    runs: list[PreparedRun], inputs: list[Inputs], models: list[Model], surfaces: tuple[Any, ...]
+    block: Block, inputs: list[Inputs], models: list[Model], surfaces: tuple[Any, ...]
 ) -> list[FloatArray]:
     """(4, samples) of every run: position, velocity, pressures at its rows."""
     model = stack_models(models)
     structure, numbers = split((model.parameters, *model.effects, *surfaces))
     lanes = start_lanes(inputs, model)
-    counts = np.array([len(r) for r in runs])
-    pieces = [[np.array([[getattr(lanes, n)[i]] for n in STATE])] for i in range(len(runs))]
-    if runs[0].ripple:
-        lanes = lanes._replace(ripple_a=np.zeros(len(runs)), ripple_b=np.zeros(len(runs)))
-    for start in range(0, int(counts.max()), _CHUNK):
-        count = np.clip(counts - start, 0, _CHUNK)
-        table = event_table(runs, start, count)
-        lanes = lanes._replace(index=np.zeros(len(runs), dtype=int))
+    rows = _Rows(lanes, [len(one.time) for one in inputs[: len(block.runs)]])
+    if surfaces:
+        lanes = lanes._replace(ripple_a=np.zeros(len(inputs)), ripple_b=np.zeros(len(inputs)))
+    for _, table in block.tables():
+        lanes = at_first_row(lanes)
         calls = 0
-        while (np.asarray(lanes.index) < count).any():
+        while (np.asarray(lanes.index) < table.count).any():
             if calls == MOST_CALLS:
                 raise SimulationError(
                     "simulation: the model switches without end at one instant; its effects "
@@ -126,42 +115,43 @@ def _advance_block(
             lanes, states, reached = _advance_chunk(
                 lanes, table, numbers, structure=structure, effects=len(model.effects)
             )
-            _collect(pieces, states, np.asarray(reached))
-    return [np.concatenate(p, axis=1) for p in pieces]
+            rows.collect(states, np.asarray(reached))
+    return rows.runs
 
 
-def _collect(
-    pieces: list[list[FloatArray]], states: tuple[Any, ...], reached: NDArray[np.bool_]
-) -> None:
-    """Append to each run's pieces the states (4, n) at the rows that it reached."""
-    run, step = np.nonzero(reached.T)
-    flat = step * reached.shape[1] + run
-    columns = np.empty((len(states), len(flat)))
-    for column, state in zip(columns, states, strict=True):
-        np.take(np.asarray(state).reshape(-1), flat, out=column, mode="clip")
-    ends = np.cumsum(np.bincount(run, minlength=len(pieces)))
-    for piece, part in zip(pieces, np.split(columns, ends[:-1], axis=1), strict=True):
-        piece.append(part)
+def at_first_row(lanes: Lanes) -> Lanes:
+    """The lanes at the first row of a table."""
+    none = np.zeros(len(lanes.index), dtype=int)
+    return lanes._replace(index=none, elapsed=np.zeros(len(none)), passed=(none, none))
+
+
+class _Rows:
+    """The states at the rows of a block of runs, as they come: (4, samples) of each in `runs`."""
+
+    def __init__(self, lanes: Lanes, lengths: list[int]) -> None:
+        self.runs = [np.empty((len(STATE), n)) for n in lengths]
+        self.filled = [1] * len(lengths)
+        for i, run in enumerate(self.runs):
+            run[:, 0] = [getattr(lanes, name)[i] for name in STATE]
+        self.columns = np.empty((len(STATE), 0))
+
+    def collect(self, states: tuple[Any, ...], reached: NDArray[np.bool_]) -> None:
+        """Take over the states (steps, runs) after the steps that reached a row (runs, steps)."""
+        run, step = np.divmod(np.flatnonzero(reached), reached.shape[1])
+        place = step * len(reached) + run
+        if self.columns.shape[1] < len(place):
+            self.columns = np.empty((len(STATE), len(place)))
+        columns = self.columns[:, : len(place)]
+        for column, state in zip(columns, states, strict=True):
+            np.take(np.asarray(state).reshape(-1), place, out=column, mode="clip")
+        end = 0
+        for i, count in enumerate(np.bincount(run, minlength=len(self.runs))[: len(self.runs)]):
+            start, end = end, end + int(count)
+            self.runs[i][:, self.filled[i] : self.filled[i] + int(count)] = columns[:, start:end]
+            self.filled[i] += int(count)
 
 
 STATE = ("position", "velocity", "pressure_a", "pressure_b")
-
-
-def event_table(
-    runs: list[PreparedRun], start: int, count: NDArray[np.intp], chunk: int = _CHUNK
-) -> EventTable:
-    """The runs' sub-steps from `start` on, next to each other, as many as a chunk holds."""
-    numbers = np.zeros((4 + len(runs[0].ripple), len(runs), chunk))
-    ends_sample = np.zeros((len(runs), chunk), dtype=bool)
-    for i, (run, n) in enumerate(zip(runs, count, strict=True)):
-        rows = slice(start, start + n)
-        for table, values in zip(
-            numbers, (run.grid.duration, run.motor, *run.opens.values(), *run.ripple), strict=True
-        ):
-            table[i, :n] = values[rows]
-        ends_sample[i, :n] = run.grid.ends_sample[rows]
-    duration, motor, open_a, open_b, *ripple = numbers
-    return EventTable(duration, motor, open_a, open_b, ends_sample, count, tuple(ripple))
 
 
 def start_lanes(inputs: list[Inputs], model: Model) -> Lanes:
@@ -264,15 +254,14 @@ def simulate(
     def block(members: list[int]) -> list[FloatArray]:
         own = [pairs[i] for i in members]
         runs = [prepare(one, model, surfaces, max_step) for one, model in own]
-        idle = width - len(own)
-        none = {side: np.zeros(0) for side in SIDES}
-        no_ripple = (np.zeros(0),) * len(runs[0].ripple)
-        nothing = PreparedRun(no_steps(), np.zeros(0), none, no_ripple)
-        filled = own + [own[0]] * idle
+        filled = own + [own[0]] * (width - len(own))
         found = _advance_block(
-            runs + [nothing] * idle, [i for i, _ in filled], [m for _, m in filled], surfaces
+            block_of(runs, width, _ROWS, max_step),
+            [i for i, _ in filled],
+            [m for _, m in filled],
+            surfaces,
         )
-        return found[: len(own)]
+        return found
 
     if len(blocks) == 1:
         results = [block(blocks[0])]
@@ -285,12 +274,6 @@ def simulate(
         for i, s in zip(members, found, strict=True)
     }
     return [Trajectory(np.asarray(one.time), *states[i]) for i, (one, _) in enumerate(pairs)]
-
-
-def no_steps() -> valve_timing.Grid:
-    return valve_timing.Grid(
-        np.zeros(0), np.zeros(0), np.zeros(0, np.intp), np.zeros(0, bool), np.zeros(0, np.intp)
-    )
 
 
 __all__ = ["MAX_STEP", "Inputs", "Trajectory", "ValveCommand", "open_intervals", "simulate"]

@@ -18,6 +18,9 @@ DelayPort = Callable[[FloatArray, FloatArray, bool], FloatArray]
 TIME_TOLERANCE = 1e-9
 """Times closer than this, s, are one: a log's decimal times and a PWM grid differ by rounding."""
 
+WHOLE_STEP = 1.0 - 1e-6
+"""A sub-step is split where this share of it is longer than the longest step."""
+
 
 @dataclass(frozen=True)
 class OpenIntervals:
@@ -25,6 +28,13 @@ class OpenIntervals:
 
     opens: FloatArray
     closes: FloatArray
+
+    @property
+    def edges(self) -> FloatArray:
+        """Every edge in order: the valve is open after an odd number of them."""
+        edges = np.empty(2 * len(self.opens))
+        edges[0::2], edges[1::2] = self.opens, self.closes
+        return edges
 
     def open_time(self, starts: FloatArray, ends: FloatArray) -> FloatArray:
         """Time open within each [starts, ends], s; exact."""
@@ -208,7 +218,7 @@ def split_at(time: FloatArray, edges: FloatArray, max_step: float) -> Grid:
 def _no_longer_than(grid: Grid, max_step: float) -> Grid:
     if grid.duration.max() <= max_step * (1.0 + 1e-6):
         return grid
-    parts = np.maximum(np.ceil(grid.duration / max_step * (1.0 - 1e-6)).astype(np.intp), 1)
+    parts = np.maximum(np.ceil(grid.duration / max_step * WHOLE_STEP).astype(np.intp), 1)
     owner = np.repeat(np.arange(len(parts)), parts)
     last = np.cumsum(parts)
     first = np.concatenate(([0], last))
