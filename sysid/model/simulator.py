@@ -255,13 +255,12 @@ def simulate(
         own = [pairs[i] for i in members]
         runs = [prepare(one, model, surfaces, max_step) for one, model in own]
         filled = own + [own[0]] * (width - len(own))
-        found = _advance_block(
+        return _advance_block(
             block_of(runs, width, _ROWS, max_step),
             [i for i, _ in filled],
             [m for _, m in filled],
             surfaces,
         )
-        return found
 
     if len(blocks) == 1:
         results = [block(blocks[0])]
