@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import NamedTuple, TypeVar
 
@@ -80,8 +81,21 @@ def _root(cubic: Cubic, s: Array) -> Array:
 
 
 def first_event(events: list[Cubic], always: Array) -> tuple[Array, list[Array]]:
-    """Share of the step at the first event (2: none), and whether each event is the one."""
+    """Share of the step at the first event (2: none), and whether each event is the one.
+
+    Where no run meets one in the step, nothing is computed.
+    """
     events = apart(always, lambda: events, events)
+    ends = [event.c0 + event.c1 + event.c2 + event.c3 < 0 for event in events]
+    needed = jnp.any(functools.reduce(jnp.logical_or, ends))
+    none = jnp.full_like(events[0].c0, 2.0), [jnp.zeros_like(end) for end in ends]
+    found: tuple[Array, list[Array]] = jax.lax.cond(
+        needed, lambda: _first(events, always), lambda: none
+    )
+    return found
+
+
+def _first(events: list[Cubic], always: Array) -> tuple[Array, list[Array]]:
     near = apart(
         always, lambda: [_about(event) for event in events], [event.c0 for event in events]
     )

@@ -98,6 +98,7 @@ def _advance_block(
     """(4, samples) of every run: position, velocity, pressures at its rows."""
     model = stack_models(models)
     structure, numbers = split((model.parameters, *model.effects, *surfaces))
+    numbers = jax.device_put(numbers)  # once for all calls
     lanes = start_lanes(inputs, model)
     rows = _Rows(lanes, [len(one.time) for one in inputs[: len(block.runs)]])
     if surfaces:
@@ -137,18 +138,21 @@ class _Rows:
 
     def collect(self, states: tuple[Any, ...], reached: NDArray[np.bool_]) -> None:
         """Take over the states (steps, runs) after the steps that reached a row (runs, steps)."""
-        run, step = np.divmod(np.flatnonzero(reached), reached.shape[1])
-        place = step * len(reached) + run
+        counts = np.count_nonzero(reached, axis=1)
+        lanes, steps = reached.shape
+        # Place (step, run) from place (run, step), without a division.
+        place = np.flatnonzero(reached) * lanes
+        place -= np.repeat(np.arange(lanes) * (steps * lanes - 1), counts)
         if self.columns.shape[1] < len(place):
             self.columns = np.empty((len(STATE), len(place)))
         columns = self.columns[:, : len(place)]
         for column, state in zip(columns, states, strict=True):
             np.take(np.asarray(state).reshape(-1), place, out=column, mode="clip")
         end = 0
-        for i, count in enumerate(np.bincount(run, minlength=len(self.runs))[: len(self.runs)]):
-            start, end = end, end + int(count)
-            self.runs[i][:, self.filled[i] : self.filled[i] + int(count)] = columns[:, start:end]
-            self.filled[i] += int(count)
+        for i, run in enumerate(self.runs):
+            start, end = end, end + int(counts[i])
+            self.filled[i], first = self.filled[i] + end - start, self.filled[i]
+            run[:, first : self.filled[i]] = columns[:, start:end]
 
 
 STATE = ("position", "velocity", "pressure_a", "pressure_b")

@@ -15,8 +15,7 @@ and only there, the pressure is advanced by an implicit method (`supply_approach
 from __future__ import annotations
 
 import dataclasses
-import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple, TypeVar
@@ -280,55 +279,44 @@ def _near_supply(start: Rates, step: Array, setting: Setting) -> dict[str, tuple
     """
     if setting.surfaces:
         return {}
-    near = {
-        s: setting.apart(partial(_supply_approach, s, c, start, step, setting), _Approach.like(c))
-        for s, c in setting.chambers.items()
-    }
-    needed = functools.reduce(jnp.logical_or, [jnp.any(a.stiff) for a in near.values()])
-    per_second = 1.0 / jnp.where(step > 0, step, 1.0)
-
-    def rates() -> Rates:
-        return tuple(-gap_change(*a[1:]) * per_second for a in near.values())
-
-    found = apart(needed, rates, tuple(a.gap for a in near.values()))
-    return {s: (a.stiff, rate) for (s, a), rate in zip(near.items(), found, strict=True)}
-
-
-class _Approach(NamedTuple):
-    """Of a chamber in a step: whether the stiff method advances it, and what `gap_change` takes."""
-
-    stiff: Array
-    gap: Array
-    stiffness: tuple[Array, Array]
-    other: tuple[Array, Array]
-
-    @classmethod
-    def like(cls, chamber: Chamber) -> _Approach:
-        """One with arrays of the same shape, for `apart`."""
+    held = {}
+    for side, chamber in setting.chambers.items():
         one = chamber.rate
-        return cls(chamber.choked, one, (one, one), (one, one))
+        stiff, *gap = setting.apart(
+            partial(_supply_gap, side, chamber, step, setting), (chamber.choked, one, one, one)
+        )
+        rate = partial(_supply_approach, side, chamber, start, step, setting, gap)
+        held[side] = stiff, apart(jnp.any(stiff), rate, one)
+    return held
+
+
+def _supply_gap(
+    side: str, chamber: Chamber, step: Array, setting: Setting
+) -> tuple[Array, Array, Array, Array]:
+    """Whether a chamber is near the supply, its gap D to it, h K and h g at the step's start."""
+    point = setting.point
+    gap = plant.supply_pressure(side, point, setting.model) - point.pressure(side)
+    stiffness = step * chamber.per_flow * point.parameters.valve(side).c_fill
+    other = stiffness * base.signed_sqrt(gap) - step * chamber.rate
+    reach = (_STIFF_STEPS * stiffness) * (_STIFF_STEPS * stiffness) + 2.0 * jnp.abs(other)
+    filling = (point.is_open(side) > 0) & ~chamber.choked
+    return filling & (jnp.abs(gap) < reach), gap, stiffness, other
 
 
 def _supply_approach(
-    side: str, chamber: Chamber, start: Rates, step: Array, setting: Setting
-) -> _Approach:
-    """What becomes of a chamber's gap to the supply in a step."""
+    side: str, chamber: Chamber, start: Rates, step: Array, setting: Setting, gap: Sequence[Array]
+) -> Array:
+    """Mean rate over the step by the stiff method, Pa/s; `gap`: the last three of `_supply_gap`."""
     model, point = setting.model, setting.point
-    p = point.parameters
-    gap = plant.supply_pressure(side, point, model) - point.pressure(side)
-    stiffness = step * chamber.per_flow * p.valve(side).c_fill
-    law = stiffness * base.signed_sqrt(gap)
-    other = law - step * chamber.rate
+    distance, stiffness, other = gap
     # The piston's part, which is the largest, changes during the step.
     later = dataclasses.replace(point, velocity=point.velocity + step * start[1])
     swept = plant.volume_rate(side, point, model), plant.volume_rate(side, later, model)
     shrunk = 1.0 / (1.0 + 0.5 * step * (swept[0] + swept[1]) / chamber.volume)
-    squeeze = p.heat_capacity_ratio * point.pressure(side) / chamber.volume
+    squeeze = point.parameters.heat_capacity_ratio * point.pressure(side) / chamber.volume
     gained = step * squeeze * (swept[1] * shrunk - swept[0])
-    reach = (_STIFF_STEPS * stiffness) * (_STIFF_STEPS * stiffness) + 2.0 * jnp.abs(other)
-    filling = (point.is_open(side) > 0) & ~chamber.choked
-    stiff = filling & (jnp.abs(gap) < reach)
-    return _Approach(stiff, gap, (stiffness, stiffness * shrunk), (other, other + gained))
+    change = gap_change(distance, (stiffness, stiffness * shrunk), (other, other + gained))
+    return -change / jnp.where(step > 0, step, 1.0)
 
 
 def advance(lanes: Lanes, table: Table, model: Model, surfaces: tuple[Any, ...]) -> Lanes:

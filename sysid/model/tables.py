@@ -18,7 +18,7 @@ Timing = tuple[FloatArray, ...]
 """What moves with the delays of a run's valves: s, or s per unit of what moves it."""
 
 # Edges of a valve that a piece has room for, at least; more where there are more.
-_EDGES = 1024
+_EDGES = 640
 # No two times count as one.
 _APART = -1.0
 
@@ -69,7 +69,7 @@ class SwitchedBlock(Block):
         most = max(int(np.diff(b).max()) for of_run in self.bounds for b in of_run)
         self.edges = _EDGES
         while self.edges <= most:  # the last place stays infinite
-            self.edges *= 4
+            self.edges *= 2
 
     def _bounds(self, run: SwitchedRun, edges: FloatArray) -> NDArray[np.intp]:
         marks = run.time[np.append(np.arange(0, len(run), self.rows), len(run))]
