@@ -19,7 +19,7 @@ from sysid.bundle.assembled_model import surfaces_for
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.io.logs import Trial, with_channels
 from sysid.io.rig import rig_from_content
-from sysid.model import simulator, tables
+from sysid.model import simulator, tables, valve_timing
 from sysid.model.base import Parameters
 from sysid.model.ports import Effect, Model, stack_models
 from sysid.model.preparation import prepare
@@ -132,6 +132,29 @@ def test_a_run_longer_than_a_call_is_compiled_once() -> None:
     assert [a.weak_type for a in jax.tree.leaves(after)] == [
         g.weak_type for g in jax.tree.leaves(given)
     ]
+
+
+def test_runs_that_share_a_log_are_prepared_once_and_stay_apart(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    inputs, models = random_runs(seed=2, count=6, seconds=0.2)
+    shared = [dataclasses.replace(inputs[0], position=0.01 * i) for i in range(6)]
+    alone = [one(i, m.parameters) for i, m in zip(shared, models, strict=True)]
+    calls = []
+    period_starts = valve_timing.period_starts
+
+    def counted(*given: Any) -> Any:
+        calls.append(given)
+        return period_starts(*given)
+
+    monkeypatch.setattr(valve_timing, "period_starts", counted)
+    monkeypatch.setattr(simulator, "cores", lambda: 1)
+    together = simulate(shared, models)  # each with delays of its own
+    assert len(calls) == 1
+    for run, other in zip(together, alone, strict=True):
+        position, pressure = errors(run, states(other))
+        assert position < 1e-9
+        assert pressure < 1e-4
 
 
 def test_a_run_in_pieces_with_many_edges_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,7 +19,7 @@ from sysid.model import plant
 from sysid.model._jax import jax, jnp
 from sysid.model.lanes import Lanes, Table
 from sysid.model.ports import Model, Point, Structure, join, split, stack_models
-from sysid.model.preparation import Inputs, ValveCommand, open_intervals, prepare
+from sysid.model.preparation import Inputs, Shared, ValveCommand, open_intervals, prepare
 from sysid.model.stepper import advance
 from sysid.model.tables import Block, block_of
 from sysid.types import FloatArray
@@ -255,9 +255,11 @@ def simulate(
     order = sorted(range(len(pairs)), key=lambda i: len(pairs[i][0].time))
     blocks = [order[i : i + width] for i in range(0, len(order), width)]
 
+    shared = Shared()
+
     def block(members: list[int]) -> list[FloatArray]:
         own = [pairs[i] for i in members]
-        runs = [prepare(one, model, surfaces, max_step) for one, model in own]
+        runs = [prepare(one, model, surfaces, max_step, shared) for one, model in own]
         filled = own + [own[0]] * (width - len(own))
         return _advance_block(
             block_of(runs, width, _ROWS, max_step),

@@ -22,7 +22,7 @@ from sysid.errors import SimulationError
 from sysid.model._jax import jax, jnp
 from sysid.model.lanes import Lanes, Table
 from sysid.model.ports import Model, Structure, join, overrides, split, stack_models
-from sysid.model.preparation import Inputs, prepare
+from sysid.model.preparation import Inputs, Shared, prepare
 from sysid.model.simulator import (
     COMPILER_OPTIONS,
     MAX_STEP,
@@ -116,7 +116,8 @@ def _block(
     max_step: float,
 ) -> list[Tangents]:
     """The first `count` of these runs; the others are idle and fill the compiled width."""
-    runs = [prepare(i, m, surfaces, max_step) for i, m in pairs[:count]]
+    shared = Shared()
+    runs = [prepare(i, m, surfaces, max_step, shared) for i, m in pairs[:count]]
     moved = [
         _moved(i, m, r.timing, varied, surfaces, max_step)
         for (i, m), r in zip(pairs, runs, strict=False)
