@@ -65,19 +65,18 @@ class SwitchedBlock(Block):
         self.max_step = max_step
         self.together = _APART if apart else TIME_TOLERANCE
         # By run and valve: how many edges lie before each piece.
-        self.bounds = [[self._bounds(run, edges) for edges in run.edges] for run in runs]
-        most = max(int(np.diff(b).max()) for of_run in self.bounds for b in of_run)
+        self.bounds = [self._bounds(run) for run in runs]
+        most = max(int((b[1:] - b[:-1]).max()) for of_run in self.bounds for b in of_run)
         self.edges = _EDGES
         while self.edges <= most:  # the last place stays infinite
             self.edges *= 2
 
-    def _bounds(self, run: SwitchedRun, edges: FloatArray) -> NDArray[np.intp]:
-        marks = run.time[np.append(np.arange(0, len(run), self.rows), len(run))]
-        if self.together < 0.0:
-            before: NDArray[np.intp] = np.searchsorted(edges, marks)
-        else:
-            before = np.searchsorted(edges, marks + self.together, side="right")
-        return before
+    def _bounds(self, run: SwitchedRun) -> list[NDArray[np.intp]]:
+        starts = [*range(0, len(run), self.rows), len(run)]
+        marks, side = run.time[starts], "left"
+        if self.together > 0.0:
+            marks, side = marks + self.together, "right"
+        return [edges.searchsorted(marks, side) for edges in run.edges]  # type: ignore[call-overload]
 
     def table(self, start: int) -> SwitchedTable:
         """The piece from a row on; times from there."""

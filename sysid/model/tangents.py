@@ -119,7 +119,7 @@ def _block(
     shared = Shared()
     runs = [prepare(i, m, surfaces, max_step, shared) for i, m in pairs[:count]]
     moved = [
-        _moved(i, m, r.timing, varied, surfaces, max_step)
+        _moved(i, m, r.timing, varied, surfaces, max_step, shared)
         for (i, m), r in zip(pairs, runs, strict=False)
     ]
     inputs, models = [i for i, _ in pairs], [m for _, m in pairs]
@@ -175,6 +175,7 @@ def _moved(
     varied: tuple[Direction, ...],
     surfaces: tuple[Any, ...],
     max_step: float,
+    shared: Shared,
 ) -> dict[int, Timing]:
     """By tangent: how the run's timing moves with it, s per unit; only where it does.
 
@@ -187,7 +188,8 @@ def _moved(
         # By step: what is as long as the timing itself.
         ends = {0.0: timing}
         for step in (_DELAY_STEP, -_DELAY_STEP):
-            other = prepare(inputs, _with(model, part, name, step), surfaces, max_step).timing
+            near = _with(model, part, name, step)
+            other = prepare(inputs, near, surfaces, max_step, shared).timing
             if all(len(o) == len(own) for o, own in zip(other, timing, strict=True)):
                 ends[step] = other
         high, low = max(ends), min(ends)
