@@ -131,11 +131,19 @@ def _edges(
     period = float(model.parameters.pwm_period)
     arrays = (inputs.time, command.values)
     numbers = (command.is_duty, command.starts_on, period)
-    on, off = shared.once(arrays, numbers, lambda: _commanded(inputs.time, command, period, shared))
+
+    def commanded() -> tuple[FloatArray, FloatArray]:
+        return shared.once(
+            arrays, numbers, lambda: _commanded(inputs.time, command, period, shared)
+        )
+
     if not any(overrides(effect, "pulses", "delays") for effect in model.effects):
         return shared.once(
-            arrays, (*numbers, *delays), lambda: valve_timing.delayed_edges(on, off, *delays)
+            arrays,
+            (*numbers, *delays),
+            lambda: valve_timing.delayed_edges(*commanded(), *delays),
         )
+    on, off = commanded()
     for effect in model.effects:
         on, off = effect.pulses(on, off, side)
 
