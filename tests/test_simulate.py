@@ -157,6 +157,13 @@ def test_runs_that_share_a_log_are_prepared_once_and_stay_apart(
         assert pressure < 1e-4
 
 
+def test_rows_far_apart_take_as_many_calls_as_they_need(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(simulator, "MOST_CALLS", 1)
+    time = np.array([0.0, 10.0])
+    run = one(Inputs(time=time, motor=np.zeros(2), pressure_a=2e5), held())
+    assert run.pressure_a[-1] == pytest.approx(1e5, rel=1e-3)
+
+
 def test_a_run_in_pieces_with_many_edges_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     inputs, models = random_runs(seed=2, count=2, seconds=0.5)
     inputs[1] = dataclasses.replace(inputs[1], time=inputs[1].time + 1e3)

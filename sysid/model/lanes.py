@@ -84,6 +84,11 @@ class EventTable(NamedTuple):
         return int(self.duration.shape[1]) + EVENT_ROOM
 
     @property
+    def calls(self) -> int:
+        """Calls that the table takes, at most, where no event ends a step."""
+        return 1
+
+    @property
     def timing(self) -> Rates:
         """What moves with a valve's delays."""
         return (self.duration,)
@@ -141,6 +146,12 @@ class SwitchedTable(NamedTuple):
     def room(self) -> int:
         """Steps that a call has room for: as many as rows and edges at usual PWM, and events."""
         return 7 * int(self.motor.shape[1]) // 4 + 64
+
+    @property
+    def calls(self) -> int:
+        """Calls that the table takes, at most, where no event ends a step."""
+        ends = self.motor.shape[1] + 2 * self.edges_a.shape[1]
+        return 1 + int(ends + float(self.time.max()) / float(self.max_step)) // self.room
 
     @property
     def timing(self) -> Rates:

@@ -36,7 +36,7 @@ _ROWS = 1280
 # Half the compile time of the default level, and no slower; vectors as wide as the processor's,
 # where the compiler would stop at 256 bit.
 COMPILER_OPTIONS = {"xla_backend_optimization_level": 2, "xla_cpu_prefer_vector_width": 512}
-# No run needs nearly as many continuations: more would be an endless loop.
+# No run needs nearly as many continuations for its events: more would be an endless loop.
 MOST_CALLS = 1000
 
 
@@ -137,7 +137,7 @@ def _advance_block(
         lanes = at_first_row(lanes)
         calls = 0
         while (np.asarray(lanes.index) < table.count).any():
-            if calls == MOST_CALLS:
+            if calls == MOST_CALLS + table.calls:
                 raise SimulationError(
                     "simulation: the model switches without end at one instant; its effects "
                     "or flows do not fit together"

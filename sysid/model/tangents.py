@@ -139,7 +139,7 @@ def _block(
         lanes = at_first_row(lanes)
         calls = 0
         while (np.asarray(lanes.index) < table.count).any():
-            if calls == MOST_CALLS:
+            if calls == MOST_CALLS + table.calls:
                 raise SimulationError(
                     "simulation: the model switches without end at one instant; its effects "
                     "or flows do not fit together"
