@@ -54,7 +54,6 @@ def kutta_cubic(start: Array, k1: Array, k2: Array, k3: Array, step: Array) -> C
     )
 
 
-@jax.jit  # traced once for all events
 def _about(cubic: Cubic) -> Array:
     """About the share of the step at which a cubic that starts positive turns negative.
 
@@ -96,9 +95,8 @@ def first_event(events: list[Cubic], always: Array) -> tuple[Array, list[Array]]
 
 
 def _first(events: list[Cubic], always: Array) -> tuple[Array, list[Array]]:
-    near = apart(
-        always, lambda: [_about(event) for event in events], [event.c0 for event in events]
-    )
+    every = Cubic(*(jnp.stack(of) for of in zip(*events, strict=True)))
+    near = apart(always, lambda: _about(every), every.c0)
 
     def sooner() -> tuple[Array, Cubic]:
         first, chosen = near[0], events[0]
