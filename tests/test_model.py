@@ -152,6 +152,17 @@ def test_numpy_and_jax_give_the_same() -> None:
         np.testing.assert_allclose(there, function(pressure, *numbers), rtol=1e-12, atol=1e-15)
 
 
+def test_the_sine_of_other_arrays_and_its_slope_are_right_to_rounding() -> None:
+    from sysid.model.jax_setup import jax, jnp
+
+    angle = np.concatenate(
+        (np.linspace(-7.0, 7.0, 2001), np.pi * np.arange(-9.0, 10.0), [1e3, -1e3])
+    )
+    there, slope = jax.jvp(base.sine, (jnp.asarray(angle),), (jnp.ones_like(angle),))
+    np.testing.assert_allclose(there, np.sin(angle), rtol=1e-15, atol=5e-16)
+    np.testing.assert_allclose(slope, np.cos(angle), rtol=1e-15, atol=1e-15)
+
+
 def _rig_content(**changes: Any) -> dict[str, Any]:
     content: dict[str, Any] = {
         "rig": {"name": "r", "orientation": "vertical"},

@@ -19,9 +19,12 @@ from sysid.bundle.assembled_model import surfaces_for
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.io.logs import Trial, with_channels
 from sysid.io.rig import rig_from_content
+from sysid.model import simulator, tables, valve_timing
 from sysid.model.base import Parameters
-from sysid.model.ports import Effect, Model
+from sysid.model.ports import Effect, Model, stack_models
+from sysid.model.preparation import prepare
 from sysid.model.simulator import Inputs, Trajectory, ValveCommand, simulate
+from sysid.model.stepper import advance
 from sysid.model.trials import inputs_from_trial, simulate_trials, starts_on_supply
 from tests.test_model import Everywhere
 
@@ -109,6 +112,65 @@ def test_a_run_does_not_depend_on_its_batch() -> None:
     ]
     for run, other in zip(together, alone * 4, strict=True):
         assert len(run.position) == len(other.position)
+        position, pressure = errors(run, states(other))
+        assert position < 1e-9
+        assert pressure < 1e-4
+
+
+def test_a_run_longer_than_a_call_is_compiled_once() -> None:
+    """What a call returns has the types that it took: others would be compiled for anew."""
+    from sysid.model.jax_setup import jax
+
+    inputs, models = random_runs(seed=2, count=1, seconds=0.1)
+    model = stack_models(models)
+    prepared = [prepare(inputs[0], models[0], (), 1e-3)]
+    table = tables.block_of(prepared, 1, 64, 1e-3).table(0)
+    lanes = simulator.at_first_row(simulator.start_lanes(inputs, model))
+    after = jax.eval_shape(lambda *given: advance(*given, model, ()), lanes, table)
+    given = jax.eval_shape(lambda lanes: lanes, lanes)
+    assert after == given
+    assert [a.weak_type for a in jax.tree.leaves(after)] == [
+        g.weak_type for g in jax.tree.leaves(given)
+    ]
+
+
+def test_runs_that_share_a_log_are_prepared_once_and_stay_apart(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    inputs, models = random_runs(seed=2, count=6, seconds=0.2)
+    shared = [dataclasses.replace(inputs[0], position=0.01 * i) for i in range(6)]
+    alone = [one(i, m.parameters) for i, m in zip(shared, models, strict=True)]
+    calls = []
+    period_starts = valve_timing.period_starts
+
+    def counted(*given: Any) -> Any:
+        calls.append(given)
+        return period_starts(*given)
+
+    monkeypatch.setattr(valve_timing, "period_starts", counted)
+    monkeypatch.setattr(simulator, "cores", lambda: 1)
+    together = simulate(shared, models)  # each with delays of its own
+    assert len(calls) == 1
+    for run, other in zip(together, alone, strict=True):
+        position, pressure = errors(run, states(other))
+        assert position < 1e-9
+        assert pressure < 1e-4
+
+
+def test_rows_far_apart_take_as_many_calls_as_they_need(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(simulator, "MOST_CALLS", 1)
+    time = np.array([0.0, 10.0])
+    run = one(Inputs(time=time, motor=np.zeros(2), pressure_a=2e5), held())
+    assert run.pressure_a[-1] == pytest.approx(1e5, rel=1e-3)
+
+
+def test_a_run_in_pieces_with_many_edges_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    inputs, models = random_runs(seed=2, count=2, seconds=0.5)
+    inputs[1] = dataclasses.replace(inputs[1], time=inputs[1].time + 1e3)
+    whole = simulate(inputs, models)
+    monkeypatch.setattr(simulator, "_ROWS", 48)
+    monkeypatch.setattr(tables, "_EDGES", 4)
+    for run, other in zip(simulate(inputs, models), whole, strict=True):
         position, pressure = errors(run, states(other))
         assert position < 1e-9
         assert pressure < 1e-4

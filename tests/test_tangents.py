@@ -39,6 +39,17 @@ def test_columns_are_the_differences(runs: tuple[list[Inputs], list[Model]]) -> 
     assert np.quantile(every, 0.95) < 0.02
 
 
+def test_valves_that_open_at_one_instant_have_each_their_own_slope() -> None:
+    inputs, models = random_runs(5, 2, 0.3)
+    same = {f"{name}_{side}": 2.3e-3 for name in ("on_delay", "off_delay") for side in "ab"}
+    models = [Model(m.parameters.replace(**same)) for m in models]
+    every = np.concatenate(list(column_errors(inputs, models).values()))
+    assert np.quantile(every, 0.95) < 0.02
+    directions = [(0, "on_delay_a"), (0, "on_delay_b")]
+    for run in simulate_tangents(inputs, models, directions):
+        assert all(slope.any() for slope in run.slopes[4:])
+
+
 def test_a_start_state_has_its_tangent(runs: tuple[list[Inputs], list[Model]]) -> None:
     inputs, models = runs
     assert not any(r.slopes[1].any() for r in simulate_tangents(inputs, models, []))  # at rest

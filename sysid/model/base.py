@@ -11,6 +11,7 @@ Equation numbers are those of the thesis; where it is printed wrongly, the corre
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -203,6 +204,31 @@ def bare_parameters(rig: Rig) -> Parameters:
 
 # --- mechanics -------------------------------------------------------------------------
 
+# pi in three parts, the first two with few enough digits that multiples of them are exact.
+_PI = (3.1415926218032837, 3.178650942459171e-08, 1.2246467864107189e-16)
+# 1 / 3!, 1 / 5!, ...: within pi/2 the terms left out are below the rounding.
+_SINE_SERIES = [(-1.0) ** n / math.factorial(2 * n + 1) for n in range(1, 11)]
+
+
+def sine(angle: Array) -> Array:
+    """sin(angle) to rounding, rad; of arrays not numpy's by arithmetic alone.
+
+    A compiler for vectors calls the C library's sine for each element, which costs as much as
+    a quarter of a simulation step.
+    """
+    xp = array_namespace(angle)
+    if xp is np:
+        return np.sin(angle)
+    turns = xp.round(angle * (1.0 / math.pi))
+    rest = ((angle - turns * _PI[0]) - turns * _PI[1]) - turns * _PI[2]
+    square = rest * rest
+    series = _SINE_SERIES[-1]
+    for term in _SINE_SERIES[-2::-1]:
+        series = series * square + term
+    half = 0.5 * turns
+    sign = 1.0 - 4.0 * (half - xp.floor(half))
+    return sign * (rest + rest * square * series)
+
 
 def cylinder_effort(
     pressure_a: Array,
@@ -237,8 +263,7 @@ def gravity_effort(position: Array, gravity_moment: Array, weight: Array = 0.0) 
     Rotary: (M_arm L/2 + Mp Lp) g sin(theta), theta = 0 hanging down; `gravity_moment` is
     the bracket times g. Linear: the `weight`. Both are zero in the horizontal.
     """
-    xp = array_namespace(position, gravity_moment, weight)
-    return gravity_moment * xp.sin(position) + weight
+    return gravity_moment * sine(position) + weight
 
 
 def sliding_friction(velocity: Array, coulomb_effort: Array, viscous: Array) -> Array:

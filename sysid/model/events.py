@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import NamedTuple, TypeVar
 
@@ -53,7 +54,6 @@ def kutta_cubic(start: Array, k1: Array, k2: Array, k3: Array, step: Array) -> C
     )
 
 
-@jax.jit  # traced once for all events
 def _about(cubic: Cubic) -> Array:
     """About the share of the step at which a cubic that starts positive turns negative.
 
@@ -80,11 +80,23 @@ def _root(cubic: Cubic, s: Array) -> Array:
 
 
 def first_event(events: list[Cubic], always: Array) -> tuple[Array, list[Array]]:
-    """Share of the step at the first event (2: none), and whether each event is the one."""
+    """Share of the step at the first event (2: none), and whether each event is the one.
+
+    Where no run meets one in the step, nothing is computed.
+    """
     events = apart(always, lambda: events, events)
-    near = apart(
-        always, lambda: [_about(event) for event in events], [event.c0 for event in events]
+    ends = [event.c0 + event.c1 + event.c2 + event.c3 < 0 for event in events]
+    needed = jnp.any(functools.reduce(jnp.logical_or, ends))
+    none = jnp.full_like(events[0].c0, 2.0), [jnp.zeros_like(end) for end in ends]
+    found: tuple[Array, list[Array]] = jax.lax.cond(
+        needed, lambda: _first(events, always), lambda: none
     )
+    return found
+
+
+def _first(events: list[Cubic], always: Array) -> tuple[Array, list[Array]]:
+    every = Cubic(*(jnp.stack(of) for of in zip(*events, strict=True)))
+    near = apart(always, lambda: _about(every), every.c0)
 
     def sooner() -> tuple[Array, Cubic]:
         first, chosen = near[0], events[0]

@@ -10,6 +10,7 @@ Ports are written with `array_namespace`, so that they serve numpy and jax alike
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
@@ -221,15 +222,21 @@ def split(parts: tuple[Any, ...]) -> tuple[Structure, list[dict[str, Any]]]:
     structure, numbers = [], []
     for part in parts:
         fixed, values = [], {}
-        for f in dataclasses.fields(part):
-            value = getattr(part, f.name)
+        kind: type = type(part)
+        for name in _field_names(kind):
+            value = getattr(part, name)
             if value is None or isinstance(value, str | bool | tuple):
-                fixed.append((f.name, value))
+                fixed.append((name, value))
             else:
-                values[f.name] = value
+                values[name] = value
         structure.append((type(part), tuple(fixed)))
         numbers.append(values)
     return tuple(structure), numbers
+
+
+@functools.cache
+def _field_names(kind: type) -> tuple[str, ...]:
+    return tuple(f.name for f in dataclasses.fields(kind))
 
 
 def join(structure: Structure, numbers: list[dict[str, Any]]) -> tuple[Any, ...]:
@@ -245,10 +252,11 @@ def stack_models(models: list[Model]) -> Model:
 
     Raises ValueError where the models differ in more than numbers.
     """
-    structures = {split(model.effects)[0] for model in models}
-    if len(structures) != 1:
+    # Idle runs repeat a model: each is taken apart once.
+    apart = {id(model): split((model.parameters, *model.effects)) for model in models}
+    if len({structure[1:] for structure, _ in apart.values()}) != 1:
         raise ValueError("models of one batch must have the same effects")
-    rows = [split((model.parameters, *model.effects)) for model in models]
+    rows = [apart[id(model)] for model in models]
     structure = rows[0][0]
     stacked = [
         {name: np.array([row[1][i][name] for row in rows], dtype=float) for name in part}

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from sysid.io.channels import SIDES
 from sysid.model import plant, valve_timing
-from sysid.model.ports import Model
+from sysid.model.ports import Model, overrides
 from sysid.model.pulse_means import pulse_means
 from sysid.types import FloatArray
+
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
@@ -50,9 +53,29 @@ class Inputs:
         return self.valve_a if side == "a" else self.valve_b
 
 
+@dataclass(frozen=True)
+class SwitchedRun:
+    """One run under the on/off law: its rows, and the edges that turn its valves.
+
+    `edges`: of A and B, increasing times in s, after an odd number of which the valve is open.
+    """
+
+    time: FloatArray
+    motor: FloatArray
+    edges: tuple[FloatArray, FloatArray]
+
+    @property
+    def timing(self) -> tuple[FloatArray, ...]:
+        """What moves with the valves' delays: the edges."""
+        return self.edges
+
+    def __len__(self) -> int:
+        return len(self.time) - 1
+
+
 @dataclass
 class PreparedRun:
-    """One run prepared: its sub-steps and commands on them.
+    """One run prepared for mean flows: its sub-steps and commands on them.
 
     `ripple`, of mean-flow models that know of the pulses: by valve, at the sub-steps' starts,
     their ends, and its mean over the period (see `pulse_means`).
@@ -63,8 +86,28 @@ class PreparedRun:
     opens: dict[str, FloatArray]
     ripple: tuple[FloatArray, ...] = ()
 
+    @property
+    def timing(self) -> tuple[FloatArray, ...]:
+        """What moves with the valves' delays: the durations."""
+        return (self.grid.duration,)
+
     def __len__(self) -> int:
         return len(self.motor)
+
+
+class Shared:
+    """What runs of a batch have in common, worked out once: by the identity of their arrays."""
+
+    def __init__(self) -> None:
+        self._known: dict[tuple[Any, ...], tuple[Any, tuple[Any, ...]]] = {}
+
+    def once(self, arrays: tuple[Any, ...], numbers: tuple[Any, ...], make: Callable[[], _T]) -> _T:
+        """make(), or what it made before of the same arrays (the objects) and numbers."""
+        key = (*map(id, arrays), *numbers)
+        if key not in self._known:
+            self._known[key] = make(), arrays  # these are kept: an id is theirs while they live
+        found: _T = self._known[key][0]
+        return found
 
 
 def open_intervals(
@@ -74,23 +117,51 @@ def open_intervals(
 
     `delays` of opening and closing, s, in place of the model's.
     """
+    edges = _edges(inputs, side, model, delays or _delays(side, model), Shared())
+    return valve_timing.OpenIntervals(edges[0::2].copy(), edges[1::2].copy())
+
+
+def _edges(
+    inputs: Inputs, side: str, model: Model, delays: tuple[float, float], shared: Shared
+) -> FloatArray:
+    """A valve's edges in order, s: it is open after an odd number of them."""
     command = inputs.valve(side)
     if command is None:
-        return valve_timing.OpenIntervals(np.zeros(0), np.zeros(0))
-    p = model.parameters
-    if command.is_duty:
-        on, off = valve_timing.pwm_intervals(
-            inputs.time, command.values, float(p.pwm_period), command.starts_on
+        return np.zeros(0)
+    period = float(model.parameters.pwm_period)
+    arrays = (inputs.time, command.values)
+    numbers = (command.is_duty, command.starts_on, period)
+
+    def commanded() -> tuple[FloatArray, FloatArray]:
+        return shared.once(
+            arrays, numbers, lambda: _commanded(inputs.time, command, period, shared)
         )
-    else:
-        on, off = valve_timing.switched_intervals(inputs.time, command.values, command.starts_on)
+
+    if not any(overrides(effect, "pulses", "delays") for effect in model.effects):
+        return shared.once(
+            arrays,
+            (*numbers, *delays),
+            lambda: valve_timing.delayed_edges(*commanded(), *delays),
+        )
+    on, off = commanded()
     for effect in model.effects:
         on, off = effect.pulses(on, off, side)
 
     def port(delays: FloatArray, times: FloatArray, opening: bool) -> FloatArray:
         return _through_delays(delays, times, opening, side, inputs, model)
 
-    return valve_timing.delayed(on, off, *(delays or _delays(side, model)), port)
+    return valve_timing.delayed_edges(on, off, *delays, port)
+
+
+def _commanded(
+    time: FloatArray, command: ValveCommand, period: float, shared: Shared
+) -> tuple[FloatArray, FloatArray]:
+    """A valve's commanded on-intervals: start and end, s."""
+    if not command.is_duty:
+        return valve_timing.switched_intervals(time, command.values, command.starts_on)
+    starts, row = shared.once((time,), (period,), lambda: valve_timing.period_starts(time, period))
+    held = np.minimum(np.maximum(command.values[row], 0.0), 1.0)
+    return valve_timing.duty_intervals(starts, held, period, command.starts_on)
 
 
 def _delays(side: str, model: Model) -> tuple[float, float]:
@@ -109,23 +180,24 @@ def _through_delays(
 
 
 def prepare(
-    inputs: Inputs, model: Model, surfaces: tuple[Any, ...], max_step: float
-) -> PreparedRun:
-    """Sub-steps and commands of a run, by the on/off law or (with `surfaces`) by mean flows."""
-    time = np.asarray(inputs.time, dtype=float)
+    inputs: Inputs,
+    model: Model,
+    surfaces: tuple[Any, ...],
+    max_step: float,
+    shared: Shared | None = None,
+) -> PreparedRun | SwitchedRun:
+    """A run's rows and edges (the on/off law) or, with `surfaces`, sub-steps and mean commands.
+
+    `shared`: of the runs prepared with it, what they have in common is worked out once.
+    """
     if surfaces and plant.knows_pulses(surfaces):
         return _prepare_pulsed(inputs, model, surfaces, max_step)
     if surfaces:
         return _prepare_averaged(inputs, model, max_step)
-    intervals = {side: open_intervals(inputs, side, model) for side in SIDES}
-    edges = [e for i in intervals.values() for e in (i.opens, i.closes)]
-    grid = valve_timing.split_at(time, np.concatenate(edges), max_step)
-    end = np.cumsum([len(e) for e in edges])
-    opens = {
-        "a": grid.is_open(slice(0, end[0]), slice(end[0], end[1])),
-        "b": grid.is_open(slice(end[1], end[2]), slice(end[2], end[3])),
-    }
-    return PreparedRun(grid, np.asarray(inputs.motor, dtype=float)[grid.row], opens)
+    known = shared or Shared()
+    a, b = (_edges(inputs, side, model, _delays(side, model), known) for side in SIDES)
+    time, motor = (np.asarray(column, dtype=float) for column in (inputs.time, inputs.motor))
+    return SwitchedRun(time, motor, (a, b))
 
 
 def _prepare_averaged(inputs: Inputs, model: Model, max_step: float) -> PreparedRun:
@@ -184,4 +256,12 @@ def _prepare_pulsed(
     return PreparedRun(grid, motor, opens, tuple(ripple))
 
 
-__all__ = ["Inputs", "PreparedRun", "ValveCommand", "open_intervals", "prepare"]
+__all__ = [
+    "Inputs",
+    "PreparedRun",
+    "Shared",
+    "SwitchedRun",
+    "ValveCommand",
+    "open_intervals",
+    "prepare",
+]

@@ -15,17 +15,13 @@ from numpy.typing import NDArray
 
 from sysid.errors import NotIdentifiedError, SimulationError
 from sysid.io.channels import SIDES
-from sysid.model import plant, valve_timing
+from sysid.model import plant
 from sysid.model.jax_setup import jax, jnp
+from sysid.model.lanes import Lanes, Table
 from sysid.model.ports import Model, Point, Structure, join, split, stack_models
-from sysid.model.preparation import (
-    Inputs,
-    PreparedRun,
-    ValveCommand,
-    open_intervals,
-    prepare,
-)
-from sysid.model.stepper import EventTable, Lanes, advance
+from sysid.model.preparation import Inputs, Shared, ValveCommand, open_intervals, prepare
+from sysid.model.stepper import advance
+from sysid.model.tables import Block, block_of
 from sysid.types import FloatArray
 
 MAX_STEP = 1e-3
@@ -34,13 +30,13 @@ MAX_STEP = 1e-3
 # Runs simulated together in one compiled call. A batch is cut into blocks of these widths,
 # padded with idle runs, so that few shapes are ever compiled.
 _WIDTHS = (1, 8, 32)
-# Sub-steps in one compiled call: the compiled shapes do not depend on a log's length.
-_CHUNK = 4096
-# Room for the steps that end at events; a call that runs out of it is continued.
-EVENT_ROOM = 512
-# Half the compile time of the default level, and no slower.
-COMPILER_OPTIONS = {"xla_backend_optimization_level": 2}
-# No run needs nearly as many continuations: more would be an endless loop.
+# Rows (mean flows: sub-steps) in one compiled call: the compiled shapes do not depend on a
+# log's length. The record of this many stays in a core's cache.
+_ROWS = 1280
+# Half the compile time of the default level, and no slower; vectors as wide as the processor's,
+# where the compiler would stop at 256 bit.
+COMPILER_OPTIONS = {"xla_backend_optimization_level": 2, "xla_cpu_prefer_vector_width": 512}
+# No run needs nearly as many continuations for its events: more would be an endless loop.
 MOST_CALLS = 1000
 
 
@@ -55,28 +51,57 @@ class Trajectory:
     pressure_b: FloatArray
 
 
+# Of each part of a model, the names of the numbers that each run has its own of.
+_Layout = tuple[tuple[str, ...], ...]
+# These numbers, (numbers, runs), and the others.
+_Packed = tuple[FloatArray, list[dict[str, Any]]]
+
+
+def _pack(numbers: list[dict[str, Any]], runs: int) -> tuple[_Layout, _Packed]:
+    """A model's numbers with those of the runs in one array, which a call takes over faster."""
+    layout = tuple(
+        tuple(name for name, value in part.items() if np.shape(value) == (runs,))
+        for part in numbers
+    )
+    own = [part[name] for part, names in zip(numbers, layout, strict=True) for name in names]
+    others = [
+        {name: value for name, value in part.items() if name not in names}
+        for part, names in zip(numbers, layout, strict=True)
+    ]
+    return layout, (np.array(own), others)
+
+
+def _unpack(layout: _Layout, packed: _Packed) -> list[dict[str, Any]]:
+    """The inverse of `_pack`."""
+    rows = iter(packed[0])
+    return [
+        {**dict(zip(names, rows, strict=False)), **others}
+        for names, others in zip(layout, packed[1], strict=True)
+    ]
+
+
 @functools.partial(
-    jax.jit, static_argnames=("structure", "effects"), compiler_options=COMPILER_OPTIONS
+    jax.jit, static_argnames=("structure", "effects", "layout"), compiler_options=COMPILER_OPTIONS
 )
 def _advance_chunk(
     lanes: Lanes,
-    table: EventTable,
-    numbers: list[dict[str, Any]],
+    table: Table,
+    packed: _Packed,
     *,
     structure: Structure,
     effects: int,
+    layout: _Layout,
 ) -> tuple[Lanes, tuple[Any, ...], Any]:
     """Advance every run through its table, or as far as there is room for the record.
 
     Returns the lanes, the states after every step (steps, runs) and whether that step
-    reached a row of the log (steps, runs).
+    reached a row of the log (runs, steps).
     """
-    parts = join(structure, numbers)
+    parts = join(structure, _unpack(layout, packed))
     model = Model(parts[0], parts[1 : 1 + effects])
     surfaces = parts[1 + effects :]
-    room = table.duration.shape[1] + EVENT_ROOM
+    room = table.room
     shape = (room, table.count.shape[0])
-    run = jnp.arange(table.count.shape[0])
     record = jax.lax.dynamic_update_index_in_dim
 
     def unfinished(carry: Any) -> Any:
@@ -89,78 +114,78 @@ def _advance_chunk(
         states = tuple(
             record(s, value, step, 0) for s, value in zip(states, after.shown(), strict=True)
         )
-        at = jnp.minimum(lanes.index, table.duration.shape[1] - 1)
-        sample = (after.index > lanes.index) & table.ends_sample[run, at]
-        return step + 1, after, states, record(reached, sample, step, 0)
+        return step + 1, after, states, record(reached, table.reached(lanes, after), step, 0)
 
     states = tuple(jnp.zeros(shape) for _ in STATE)
     carry = (0, lanes, states, jnp.zeros(shape, dtype=bool))
     _, lanes, states, reached = jax.lax.while_loop(unfinished, advance_once, carry)
-    return lanes, states, reached
+    return lanes, states, reached.T
 
 
 def _advance_block(
-    runs: list[PreparedRun], inputs: list[Inputs], models: list[Model], surfaces: tuple[Any, ...]
+    block: Block, inputs: list[Inputs], models: list[Model], surfaces: tuple[Any, ...]
 ) -> list[FloatArray]:
     """(4, samples) of every run: position, velocity, pressures at its rows."""
     model = stack_models(models)
     structure, numbers = split((model.parameters, *model.effects, *surfaces))
+    layout, packed = _pack(numbers, len(inputs))
     lanes = start_lanes(inputs, model)
-    counts = np.array([len(r) for r in runs])
-    pieces = [[np.array([[getattr(lanes, n)[i]] for n in STATE])] for i in range(len(runs))]
-    if runs[0].ripple:
-        lanes = lanes._replace(ripple_a=np.zeros(len(runs)), ripple_b=np.zeros(len(runs)))
-    for start in range(0, int(counts.max()), _CHUNK):
-        count = np.clip(counts - start, 0, _CHUNK)
-        table = event_table(runs, start, count)
-        lanes = lanes._replace(index=np.zeros(len(runs), dtype=int))
+    rows = _Rows(lanes, [len(one.time) for one in inputs[: len(block.runs)]])
+    if surfaces:
+        lanes = lanes._replace(ripple_a=np.zeros(len(inputs)), ripple_b=np.zeros(len(inputs)))
+    for _, table in block.tables():
+        lanes = at_first_row(lanes)
         calls = 0
-        while (np.asarray(lanes.index) < count).any():
-            if calls == MOST_CALLS:
+        while (np.asarray(lanes.index) < table.count).any():
+            if calls == MOST_CALLS + table.calls:
                 raise SimulationError(
                     "simulation: the model switches without end at one instant; its effects "
                     "or flows do not fit together"
                 )
             calls += 1
             lanes, states, reached = _advance_chunk(
-                lanes, table, numbers, structure=structure, effects=len(model.effects)
+                lanes, table, packed, structure=structure, effects=len(model.effects), layout=layout
             )
-            _collect(pieces, states, np.asarray(reached))
-    return [np.concatenate(p, axis=1) for p in pieces]
+            rows.collect(states, np.asarray(reached))
+    return rows.runs
 
 
-def _collect(
-    pieces: list[list[FloatArray]], states: tuple[Any, ...], reached: NDArray[np.bool_]
-) -> None:
-    """Append to each run's pieces the states (4, n) at the rows that it reached."""
-    run, step = np.nonzero(reached.T)
-    flat = step * reached.shape[1] + run
-    columns = np.empty((len(states), len(flat)))
-    for column, state in zip(columns, states, strict=True):
-        np.take(np.asarray(state).reshape(-1), flat, out=column, mode="clip")
-    ends = np.cumsum(np.bincount(run, minlength=len(pieces)))
-    for piece, part in zip(pieces, np.split(columns, ends[:-1], axis=1), strict=True):
-        piece.append(part)
+def at_first_row(lanes: Lanes) -> Lanes:
+    """The lanes at the first row of a table."""
+    none = np.zeros(len(lanes.index), dtype=int)
+    return lanes._replace(index=none, elapsed=np.zeros(len(none)), passed=(none, none))
+
+
+class _Rows:
+    """The states at the rows of a block of runs, as they come: (4, samples) of each in `runs`."""
+
+    def __init__(self, lanes: Lanes, lengths: list[int]) -> None:
+        self.runs = [np.empty((len(STATE), n)) for n in lengths]
+        self.filled = [1] * len(lengths)
+        for i, run in enumerate(self.runs):
+            run[:, 0] = [getattr(lanes, name)[i] for name in STATE]
+        self.columns = np.empty((len(STATE), 0))
+
+    def collect(self, states: tuple[Any, ...], reached: NDArray[np.bool_]) -> None:
+        """Take over the states (steps, runs) after the steps that reached a row (runs, steps)."""
+        counts = np.count_nonzero(reached, axis=1)
+        lanes, steps = reached.shape
+        # Place (step, run) from place (run, step), without a division.
+        place = np.flatnonzero(reached) * lanes
+        place -= np.repeat(np.arange(lanes) * (steps * lanes - 1), counts)
+        if self.columns.shape[1] < len(place):
+            self.columns = np.empty((len(STATE), len(place)))
+        columns = self.columns[:, : len(place)]
+        for column, state in zip(columns, states, strict=True):
+            np.take(np.asarray(state).reshape(-1), place, out=column, mode="clip")
+        end = 0
+        for i, run in enumerate(self.runs):
+            start, end = end, end + int(counts[i])
+            self.filled[i], first = self.filled[i] + end - start, self.filled[i]
+            run[:, first : self.filled[i]] = columns[:, start:end]
 
 
 STATE = ("position", "velocity", "pressure_a", "pressure_b")
-
-
-def event_table(
-    runs: list[PreparedRun], start: int, count: NDArray[np.intp], chunk: int = _CHUNK
-) -> EventTable:
-    """The runs' sub-steps from `start` on, next to each other, as many as a chunk holds."""
-    numbers = np.zeros((4 + len(runs[0].ripple), len(runs), chunk))
-    ends_sample = np.zeros((len(runs), chunk), dtype=bool)
-    for i, (run, n) in enumerate(zip(runs, count, strict=True)):
-        rows = slice(start, start + n)
-        for table, values in zip(
-            numbers, (run.grid.duration, run.motor, *run.opens.values(), *run.ripple), strict=True
-        ):
-            table[i, :n] = values[rows]
-        ends_sample[i, :n] = run.grid.ends_sample[rows]
-    duration, motor, open_a, open_b, *ripple = numbers
-    return EventTable(duration, motor, open_a, open_b, ends_sample, count, tuple(ripple))
 
 
 def start_lanes(inputs: list[Inputs], model: Model) -> Lanes:
@@ -260,18 +285,18 @@ def simulate(
     order = sorted(range(len(pairs)), key=lambda i: len(pairs[i][0].time))
     blocks = [order[i : i + width] for i in range(0, len(order), width)]
 
+    shared = Shared()
+
     def block(members: list[int]) -> list[FloatArray]:
         own = [pairs[i] for i in members]
-        runs = [prepare(one, model, surfaces, max_step) for one, model in own]
-        idle = width - len(own)
-        none = {side: np.zeros(0) for side in SIDES}
-        no_ripple = (np.zeros(0),) * len(runs[0].ripple)
-        nothing = PreparedRun(no_steps(), np.zeros(0), none, no_ripple)
-        filled = own + [own[0]] * idle
-        found = _advance_block(
-            runs + [nothing] * idle, [i for i, _ in filled], [m for _, m in filled], surfaces
+        runs = [prepare(one, model, surfaces, max_step, shared) for one, model in own]
+        filled = own + [own[0]] * (width - len(own))
+        return _advance_block(
+            block_of(runs, width, _ROWS, max_step),
+            [i for i, _ in filled],
+            [m for _, m in filled],
+            surfaces,
         )
-        return found[: len(own)]
 
     if len(blocks) == 1:
         results = [block(blocks[0])]
@@ -284,12 +309,6 @@ def simulate(
         for i, s in zip(members, found, strict=True)
     }
     return [Trajectory(np.asarray(one.time), *states[i]) for i, (one, _) in enumerate(pairs)]
-
-
-def no_steps() -> valve_timing.Grid:
-    return valve_timing.Grid(
-        np.zeros(0), np.zeros(0), np.zeros(0, np.intp), np.zeros(0, bool), np.zeros(0, np.intp)
-    )
 
 
 __all__ = ["MAX_STEP", "Inputs", "Trajectory", "ValveCommand", "open_intervals", "simulate"]

@@ -15,7 +15,7 @@ and only there, the pressure is advanced by an implicit method (`supply_approach
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple, TypeVar
@@ -25,11 +25,11 @@ from sysid.model import base, plant
 from sysid.model.base import Array
 from sysid.model.events import Cubic, apart, first_event, kutta_cubic
 from sysid.model.jax_setup import jax, jnp
+from sysid.model.lanes import EventTable, Lanes, Now, Rates, Table
 from sysid.model.ports import Model, Point
 from sysid.model.ripple import Ripple
 from sysid.model.supply_approach import gap_change
 
-Rates = tuple[Array, ...]
 _Result = TypeVar("_Result")
 
 # A pressure this close to a boundary, as a share of it, is on it: an event left it there.
@@ -40,49 +40,6 @@ _ON_MOVING_BOUNDARY = 1e-4
 _LEAST_SHARE = 1e-4
 # Implicit where sqrt(D) is below this many h K: the explicit method is exact enough above.
 _STIFF_STEPS = 1.0
-
-
-class Lanes(NamedTuple):
-    """Where each run is; arrays (runs,), `extra` a tuple of them.
-
-    `index` is the sub-step of the table, `elapsed` s into it, `loose` the direction in
-    which a shaft at rest has just broken away (else 0). `ripple_a`, `ripple_b`: of mean flows
-    under PWM, how far the pressure is above that at the ends of the period, Pa.
-    """
-
-    time: Array
-    position: Array
-    velocity: Array
-    pressure_a: Array
-    pressure_b: Array
-    extra: Rates
-    loose: Array
-    index: Array
-    elapsed: Array
-    ripple_a: Array = 0.0
-    ripple_b: Array = 0.0
-
-    def shown(self) -> Rates:
-        """Position, velocity and pressures as they are within a PWM period."""
-        pressures = self.pressure_a + self.ripple_a, self.pressure_b + self.ripple_b
-        return self.position, self.velocity, *pressures
-
-
-class EventTable(NamedTuple):
-    """Sub-steps of every run, arrays (runs, sub-steps); `count` (runs,) of them are real.
-
-    `motor` in Nm or N, `open_a` and `open_b` 1 or 0 (averaged valve model: duty),
-    `ends_sample` whether a row of the log lies at the sub-step's end. `ripple`, of mean flows
-    that know of the pulses: for A, then B, its start, end and mean in shares of a period.
-    """
-
-    duration: Array
-    motor: Array
-    open_a: Array
-    open_b: Array
-    ends_sample: Array
-    count: Array
-    ripple: Rates = ()
 
 
 class Chamber(NamedTuple):
@@ -221,18 +178,10 @@ def _ripples(lanes: Lanes, ripple: Rates, duration: Array, setting: Setting) -> 
 
 
 def _start(
-    lanes: Lanes,
-    commands: Rates,
-    pulses: tuple[Rates, Array],
-    model: Model,
-    surfaces: tuple[Any, ...],
-    always: Array,
+    lanes: Lanes, now: Now, model: Model, surfaces: tuple[Any, ...], always: Array
 ) -> tuple[Setting, Rates, Array]:
-    """The step's setting, the rates at its start and the breakaway margin there.
-
-    `pulses`: the ripple of the sub-step, and the sub-step's duration.
-    """
-    motor, open_a, open_b = commands
+    """The step's setting, the rates at its start and the breakaway margin there."""
+    motor, open_a, open_b = now.commands
     point = Point(
         time=lanes.time,
         position=lanes.position,
@@ -247,7 +196,9 @@ def _start(
         extra=dict(zip(model.state_names, lanes.extra, strict=True)),
     )
     setting = Setting(model, surfaces, always, point, {}, {})
-    setting = dataclasses.replace(setting, ripples=_ripples(lanes, *pulses, setting))
+    setting = dataclasses.replace(
+        setting, ripples=_ripples(lanes, now.ripple, now.duration, setting)
+    )
     one, flag = lanes.time, jnp.zeros_like(lanes.time, dtype=bool)
     applied = setting.apart(lambda: setting.applied_effort(point), one)
     margin, direction = setting.apart(
@@ -322,49 +273,59 @@ def _stage(
 
 
 def _near_supply(start: Rates, step: Array, setting: Setting) -> dict[str, tuple[Array, Array]]:
-    """For each side: (whether the stiff method advances it, its mean rate over the step)."""
+    """For each side: (whether the stiff method advances it, its mean rate over the step).
+
+    Few runs need the method in a step; where none does, nothing of it is computed.
+    """
     if setting.surfaces:
         return {}
+    held = {}
+    for side, chamber in setting.chambers.items():
+        one = chamber.rate
+        stiff, *gap = setting.apart(
+            partial(_supply_gap, side, chamber, step, setting), (chamber.choked, one, one, one)
+        )
+        rate = partial(_supply_approach, side, chamber, start, step, setting, gap)
+        held[side] = stiff, apart(jnp.any(stiff), rate, one)
+    return held
+
+
+def _supply_gap(
+    side: str, chamber: Chamber, step: Array, setting: Setting
+) -> tuple[Array, Array, Array, Array]:
+    """Whether a chamber is near the supply, its gap D to it, h K and h g at the step's start."""
+    point = setting.point
+    gap = plant.supply_pressure(side, point, setting.model) - point.pressure(side)
+    stiffness = step * chamber.per_flow * point.parameters.valve(side).c_fill
+    other = stiffness * base.signed_sqrt(gap) - step * chamber.rate
+    reach = (_STIFF_STEPS * stiffness) * (_STIFF_STEPS * stiffness) + 2.0 * jnp.abs(other)
+    filling = (point.is_open(side) > 0) & ~chamber.choked
+    return filling & (jnp.abs(gap) < reach), gap, stiffness, other
+
+
+def _supply_approach(
+    side: str, chamber: Chamber, start: Rates, step: Array, setting: Setting, gap: Sequence[Array]
+) -> Array:
+    """Mean rate over the step by the stiff method, Pa/s; `gap`: the last three of `_supply_gap`."""
     model, point = setting.model, setting.point
-    p = point.parameters
-    per_second = 1.0 / jnp.where(step > 0, step, 1.0)
-
-    def one(side: str, chamber: Chamber) -> tuple[Array, Array]:
-        gap = plant.supply_pressure(side, point, model) - point.pressure(side)
-        stiffness = step * chamber.per_flow * p.valve(side).c_fill
-        law = stiffness * base.signed_sqrt(gap)
-        other = law - step * chamber.rate
-        # The piston's part, which is the largest, changes during the step.
-        later = dataclasses.replace(point, velocity=point.velocity + step * start[1])
-        swept = plant.volume_rate(side, point, model), plant.volume_rate(side, later, model)
-        shrunk = 1.0 / (1.0 + 0.5 * step * (swept[0] + swept[1]) / chamber.volume)
-        squeeze = p.heat_capacity_ratio * point.pressure(side) / chamber.volume
-        gained = step * squeeze * (swept[1] * shrunk - swept[0])
-        reach = (_STIFF_STEPS * stiffness) * (_STIFF_STEPS * stiffness) + 2.0 * jnp.abs(other)
-        filling = (point.is_open(side) > 0) & ~chamber.choked
-        stiff = filling & (jnp.abs(gap) < reach)
-        change = gap_change(gap, (stiffness, stiffness * shrunk), (other, other + gained))
-        return stiff, -change * per_second
-
-    return {
-        s: setting.apart(partial(one, s, c), (c.choked, c.rate))
-        for s, c in setting.chambers.items()
-    }
+    distance, stiffness, other = gap
+    # The piston's part, which is the largest, changes during the step.
+    later = dataclasses.replace(point, velocity=point.velocity + step * start[1])
+    swept = plant.volume_rate(side, point, model), plant.volume_rate(side, later, model)
+    shrunk = 1.0 / (1.0 + 0.5 * step * (swept[0] + swept[1]) / chamber.volume)
+    squeeze = point.parameters.heat_capacity_ratio * point.pressure(side) / chamber.volume
+    gained = step * squeeze * (swept[1] * shrunk - swept[0])
+    change = gap_change(distance, (stiffness, stiffness * shrunk), (other, other + gained))
+    return -change / jnp.where(step > 0, step, 1.0)
 
 
-def advance(lanes: Lanes, table: EventTable, model: Model, surfaces: tuple[Any, ...]) -> Lanes:
+def advance(lanes: Lanes, table: Table, model: Model, surfaces: tuple[Any, ...]) -> Lanes:
     """One step of every run, to its sub-step's end or to the first event before it."""
-    run = jnp.arange(lanes.time.shape[0])
-    active = lanes.index < table.count
-    at = jnp.where(active, lanes.index, 0)
-    commands = tuple(t[run, at] for t in (table.motor, table.open_a, table.open_b))
-    rest = table.duration[run, at] - lanes.elapsed
-    step = jnp.where(active & (rest > 0), rest, 0.0)
-
-    ripple = tuple(t[run, at] for t in table.ripple)
-    pulses = ripple, table.duration[run, at]
-    setting, k1, margin_1 = _start(lanes, commands, pulses, model, surfaces, table.count[0] >= 0)
-    step = setting.apart(lambda: step, step)
+    always = table.count[0] >= 0
+    here = table.now(lanes)
+    now = apart(always, lambda: here, here)
+    setting, k1, margin_1 = _start(lanes, now, model, surfaces, always)
+    step = now.step
     held = _near_supply(k1, step, setting)
     if held:
         pressures = (jnp.where(*held[s], k) for s, k in zip(SIDES, k1[2:4], strict=True))
@@ -383,14 +344,15 @@ def advance(lanes: Lanes, table: EventTable, model: Model, surfaces: tuple[Any, 
     # The stages are accurate to first order only; this parabola removes their error.
     bend = 0.5 * (margin_3 - 2.0 * margin_2 + margin_1)
     margin = Cubic(margin_1, 2.0 * (margin_2 - margin_1), bend, jnp.zeros_like(bend))
-    return _cut(lanes, setting, cubics, (step, margin, way, active))
+    after, cut, gone = _cut(lanes, setting, cubics, (step, margin, way))
+    return after._replace(**table.moved(lanes, now, cut, gone))
 
 
 def _cut(
-    lanes: Lanes, setting: Setting, cubics: list[Cubic], found: tuple[Array, Cubic, Array, Array]
-) -> Lanes:
-    """Where the runs are after the step, cut at each run's first event."""
-    step, margin, way, active = found
+    lanes: Lanes, setting: Setting, cubics: list[Cubic], found: tuple[Array, Cubic, Array]
+) -> tuple[Lanes, Array, Array]:
+    """The runs' states after the step, whether it was cut at an event, and the s it took."""
+    step, margin, way = found
     direction = setting.point.direction
     sticks = direction == 0
     slowing = cubics[1].distance(direction)
@@ -411,20 +373,20 @@ def _cut(
             switched, setting.chambers.values(), rest[:2], strict=True
         )
     ]
-    time = lanes.time + share * step
+    gone = share * step
+    time = lanes.time + gone
     ripples = {f"ripple_{side}": ripple.at(time) for side, ripple in setting.ripples.items()}
-    return lanes._replace(
+    after = lanes._replace(
         time=time,
         position=jnp.where(hit, end, position),
         velocity=jnp.where(hit | turned, 0.0, velocity),
         pressure_a=pressures[0],
         pressure_b=pressures[1],
         extra=tuple(rest[2:]),
-        loose=jnp.where(turned & sticks, way, 0.0),
-        index=jnp.where(active & ~cut, lanes.index + 1, lanes.index),
-        elapsed=jnp.where(cut, lanes.elapsed + share * step, 0.0),
+        loose=jnp.where(turned & sticks, way, jnp.zeros_like(time)),
         **ripples,
     )
+    return after, cut, gone
 
 
 __all__ = ["Chamber", "EventTable", "Lanes", "Setting", "advance"]

@@ -4,8 +4,8 @@ The tangents of a run's states by its start state and by any of the model's numb
 along with the states. Choking, sticking, breakaway and the stops move with the parameters: the
 share of a step at which an event lies is a function of the states, so that its derivative, and
 with it the jump of the tangents there, is part of the result. A valve's edges move with its
-delays: the sub-steps' durations have tangents as well (differences of the exact edges, which
-are linear in the delays).
+delays: they (of mean flows: the sub-steps' durations) have tangents as well, differences of the
+exact edges, which are linear in the delays.
 """
 
 from __future__ import annotations
@@ -19,23 +19,22 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sysid.errors import SimulationError
-from sysid.io.channels import SIDES
 from sysid.model.jax_setup import jax, jnp
+from sysid.model.lanes import Lanes, Table
 from sysid.model.ports import Model, Structure, join, overrides, split, stack_models
-from sysid.model.preparation import Inputs, PreparedRun, prepare
+from sysid.model.preparation import Inputs, Shared, prepare
 from sysid.model.simulator import (
     COMPILER_OPTIONS,
-    EVENT_ROOM,
     MAX_STEP,
     MOST_CALLS,
     STATE,
+    at_first_row,
     check_known,
     cores,
-    event_table,
-    no_steps,
     start_lanes,
 )
-from sysid.model.stepper import EventTable, Lanes, advance
+from sysid.model.stepper import advance
+from sysid.model.tables import Timing, block_of
 from sysid.types import FloatArray
 
 Direction = tuple[int, str]
@@ -46,8 +45,8 @@ STARTS = STATE
 
 # As in `simulator`: few shapes are ever compiled.
 _WIDTHS = (8, 32)
-_CHUNKS = (1024, 2048)
-# Delays are moved by this for the durations' tangents, s: less than any sub-step that counts.
+_ROWS = (256, 1024)
+# Delays are moved by this for the edges' tangents, s: less than any sub-step that counts.
 _DELAY_STEP = 1e-7
 _TIMING = ("on_delay_a", "off_delay_a", "on_delay_b", "off_delay_b")
 
@@ -117,36 +116,30 @@ def _block(
     max_step: float,
 ) -> list[Tangents]:
     """The first `count` of these runs; the others are idle and fill the compiled width."""
-    runs = [prepare(i, m, surfaces, max_step) for i, m in pairs[:count]]
+    shared = Shared()
+    runs = [prepare(i, m, surfaces, max_step, shared) for i, m in pairs[:count]]
     moved = [
-        _moved(i, m, r, varied, surfaces, max_step) for (i, m), r in zip(pairs, runs, strict=False)
+        _moved(i, m, r.timing, varied, surfaces, max_step, shared)
+        for (i, m), r in zip(pairs, runs, strict=False)
     ]
-    idle = len(pairs) - count
-    none = {side: np.zeros(0) for side in SIDES}
-    nothing = PreparedRun(no_steps(), np.zeros(0), none, (np.zeros(0),) * len(runs[0].ripple))
-    runs += [nothing] * idle
     inputs, models = [i for i, _ in pairs], [m for _, m in pairs]
     model = stack_models(models)
     structure, numbers = split((model.parameters, *model.effects, *surfaces))
     lanes, slopes = _start(inputs, model, varied)
-    lengths = np.array([len(r) for r in runs])
-    chunk = next((c for c in _CHUNKS if c >= lengths.max()), _CHUNKS[-1])
+    longest = max(len(r) for r in runs)
+    size = next((n for n in _ROWS if n >= longest), _ROWS[-1])
+    pieces = block_of(runs, len(pairs), size, max_step, apart=True)
     first = [[np.array([[getattr(lanes, n)[i]] for n in STATE])] for i in range(count)]
     slope = [
         [np.array([[getattr(slopes, n)[:, i]] for n in STATE]).transpose(2, 0, 1)]
         for i in range(count)
     ]
-    for start in range(0, int(lengths.max()), chunk):
-        here = np.clip(lengths - start, 0, chunk)
-        table = event_table(runs, start, here, chunk)
-        durations = np.zeros((4 + len(varied), len(runs), chunk))
-        for i, change in enumerate(moved):
-            for j, values in change.items():
-                durations[4 + j, i, : here[i]] = values[start : start + here[i]]
-        lanes = lanes._replace(index=np.zeros(len(runs), dtype=int))
+    for start, table in pieces.tables():
+        timing = pieces.timing_slopes(start, moved, 4 + len(varied))
+        lanes = at_first_row(lanes)
         calls = 0
-        while (np.asarray(lanes.index) < here).any():
-            if calls == MOST_CALLS:
+        while (np.asarray(lanes.index) < table.count).any():
+            if calls == MOST_CALLS + table.calls:
                 raise SimulationError(
                     "simulation: the model switches without end at one instant; its effects "
                     "or flows do not fit together"
@@ -157,7 +150,7 @@ def _block(
                 table,
                 numbers,
                 slopes,
-                durations,
+                timing,
                 structure=structure,
                 effects=len(model.effects),
                 varied=varied,
@@ -166,7 +159,7 @@ def _block(
             values = np.stack([np.asarray(s) for s in states])
             along = np.stack([np.asarray(t) for t in tangents], axis=1)
             for i in range(count):
-                rows = np.flatnonzero(reached[:, i])
+                rows = np.flatnonzero(reached[i])
                 first[i].append(values[:, rows, i])
                 slope[i].append(along[:, :, rows, i])
     return [
@@ -178,31 +171,41 @@ def _block(
 def _moved(
     inputs: Inputs,
     model: Model,
-    run: PreparedRun,
+    timing: Timing,
     varied: tuple[Direction, ...],
     surfaces: tuple[Any, ...],
     max_step: float,
-) -> dict[int, FloatArray]:
-    """By direction: how the sub-steps' durations move with it, s per unit; only where they do.
+    shared: Shared,
+) -> dict[int, Timing]:
+    """By tangent: how the run's timing moves with it, s per unit; only where it does.
 
     Where a delay's change would reorder the edges, a one-sided difference is taken.
     """
     found = {}
-    for j, (part, name) in enumerate(varied):
+    for j, (part, name) in enumerate(varied, start=len(STARTS)):
         if not _moves_edges(model, part, name):
             continue
-        other = [
-            prepare(inputs, _with(model, part, name, step), surfaces, max_step).grid.duration
-            for step in (_DELAY_STEP, -_DELAY_STEP)
-        ]
-        sides = [len(o) == len(run) for o in other]
-        if all(sides):
-            found[j] = (other[0] - other[1]) / (2.0 * _DELAY_STEP)
-        elif sides[0]:
-            found[j] = (other[0] - run.grid.duration) / _DELAY_STEP
-        elif sides[1]:
-            found[j] = (run.grid.duration - other[1]) / _DELAY_STEP
+        # By step: what is as long as the timing itself.
+        ends = {0.0: timing}
+        for step in (_DELAY_STEP, -_DELAY_STEP):
+            near = _with(model, part, name, step)
+            other = prepare(inputs, near, surfaces, max_step, shared).timing
+            if all(len(o) == len(own) for o, own in zip(other, timing, strict=True)):
+                ends[step] = other
+        high, low = max(ends), min(ends)
+        if high > low:
+            found[j] = tuple(
+                _difference(*of, high - low) for of in zip(ends[high], ends[low], strict=True)
+            )
     return found
+
+
+def _difference(high: FloatArray, low: FloatArray, step: float) -> FloatArray:
+    """Slope between two; an edge that never comes has none."""
+    known = np.isfinite(low)
+    slope = np.zeros(len(low))
+    slope[known] = (high[known] - low[known]) / step
+    return slope
 
 
 def _moves_edges(model: Model, part: int, name: str) -> bool:
@@ -282,30 +285,32 @@ def _extra_slopes(
 )
 def _advance_chunk(
     lanes: Lanes,
-    table: EventTable,
+    table: Table,
     numbers: list[dict[str, Any]],
     slopes: _Slopes,
-    durations: Any,
+    timing: tuple[Any, ...],
     *,
     structure: Structure,
     effects: int,
     varied: tuple[Direction, ...],
 ) -> tuple[Lanes, _Slopes, tuple[Any, ...], tuple[Any, ...], Any]:
-    """As `simulator._advance_chunk`, with the tangents (directions, ...) of what it returns."""
-    room = table.duration.shape[1] + EVENT_ROOM
+    """As `simulator._advance_chunk`, with the tangents (directions, ...) of what it returns.
+
+    `timing`: tangents (directions, runs, ...) of the table's timing.
+    """
+    room = table.room
     runs = table.count.shape[0]
-    run = jnp.arange(runs)
     record = jax.lax.dynamic_update_index_in_dim
 
     def whole(floats: tuple[_Slopes, Any, tuple[Any, ...]]) -> Any:
-        state, duration, values = floats
+        state, times, values = floats
         given = [dict(part) for part in numbers]
         for (part, name), value in zip(varied, values, strict=True):
             given[part][name] = value
         parts = join(structure, given)
         model = Model(parts[0], parts[1 : 1 + effects])
         surfaces = parts[1 + effects :]
-        own = table._replace(duration=duration)
+        own = table.retimed(times)
 
         def unfinished(carry: Any) -> Any:
             step, now, _, _ = carry
@@ -317,16 +322,14 @@ def _advance_chunk(
             states = tuple(
                 record(s, v, step, 0) for s, v in zip(states, after.shown(), strict=True)
             )
-            at = jnp.minimum(now.index, duration.shape[1] - 1)
-            sample = (after.index > now.index) & table.ends_sample[run, at]
-            return step + 1, after, states, record(reached, sample, step, 0)
+            return step + 1, after, states, record(reached, own.reached(now, after), step, 0)
 
         states = tuple(jnp.zeros((room, runs)) for _ in STATE)
         begun = lanes._replace(**state._asdict())
         carry = (0, begun, states, jnp.zeros((room, runs), dtype=bool))
         _, now, states, reached = jax.lax.while_loop(unfinished, advance_once, carry)
         left = _Slopes(*(getattr(now, n) for n in _Slopes._fields))
-        return (left, states), (now, reached)
+        return (left, states), (now, reached.T)
 
     start = _Slopes(*(getattr(lanes, n) for n in _Slopes._fields))
     values = tuple(numbers[part][name] for part, name in varied)
@@ -337,10 +340,10 @@ def _advance_chunk(
     )
 
     def push(tangent: Any) -> Any:
-        return jax.jvp(whole, ((start, table.duration, values),), (tangent,), has_aux=True)
+        return jax.jvp(whole, ((start, table.timing, values),), (tangent,), has_aux=True)
 
     (_, states), (moved, tangents), (now, reached) = jax.vmap(push, out_axes=(None, 0, None))(
-        (slopes, durations, along)
+        (slopes, timing, along)
     )
     return now, moved, states, tangents, reached
 

@@ -18,6 +18,9 @@ DelayPort = Callable[[FloatArray, FloatArray, bool], FloatArray]
 TIME_TOLERANCE = 1e-9
 """Times closer than this, s, are one: a log's decimal times and a PWM grid differ by rounding."""
 
+WHOLE_STEP = 1.0 - 1e-6
+"""A sub-step is split where this share of it is longer than the longest step."""
+
 
 @dataclass(frozen=True)
 class OpenIntervals:
@@ -74,10 +77,16 @@ def period_duties(
     time: FloatArray, duty: FloatArray, period: float
 ) -> tuple[FloatArray, FloatArray]:
     """Start of every PWM period and the duty in force then, which holds for the period."""
+    starts, row = period_starts(time, period)
+    return starts, np.minimum(np.maximum(duty[row], 0.0), 1.0)
+
+
+def period_starts(time: FloatArray, period: float) -> tuple[FloatArray, NDArray[np.intp]]:
+    """Start of every PWM period and the row in force then."""
     span = time[-1] - time[0]
     count = int(np.floor((span + TIME_TOLERANCE) / period)) + 1
     starts = time[0] + np.arange(count) * period
-    return starts, np.clip(duty[_rows_before(time, starts + TIME_TOLERANCE) - 1], 0.0, 1.0)
+    return starts, _rows_before(time, starts + TIME_TOLERANCE) - 1
 
 
 def _rows_before(time: FloatArray, at: FloatArray) -> NDArray[np.intp]:
@@ -101,26 +110,30 @@ def pwm_intervals(
     Periods start at multiples of `period` from the first row. `starts_on` as in
     switched_intervals.
     """
-    starts, held = period_duties(time, duty, period)
+    return duty_intervals(*period_duties(time, duty, period), period, starts_on)
+
+
+def duty_intervals(
+    starts: FloatArray, held: FloatArray, period: float, starts_on: bool = False
+) -> tuple[FloatArray, FloatArray]:
+    """pwm_intervals of the duty held in each period, from its start."""
     # The last period is not cut: what it would do after the last row is not simulated.
     ends = starts + held * period
     on = held > 0.0
-    opens, closes = starts[on], ends[on]
+    opens, closes = (starts, ends) if on.all() else (starts[on], ends[on])
     if starts_on:
         opens = np.concatenate(([-np.inf], opens))
-        closes = np.concatenate(([time[0]], closes))
+        closes = np.concatenate((starts[:1], closes))
     return _without_gaps(opens, closes)
 
 
 def _without_gaps(opens: FloatArray, closes: FloatArray) -> tuple[FloatArray, FloatArray]:
     gap = opens[1:] - closes[:-1] > TIME_TOLERANCE
+    if gap.all():
+        return opens, closes
     return opens[np.concatenate(([True], gap))[: len(opens)]], closes[
         np.concatenate((gap, [True]))[: len(closes)]
     ]
-
-
-def _no_port(delays: FloatArray, times: FloatArray, opening: bool) -> FloatArray:
-    return delays
 
 
 def delayed(
@@ -128,20 +141,35 @@ def delayed(
     closes: FloatArray,
     on_delay: float,
     off_delay: float,
-    port: DelayPort = _no_port,
+    port: DelayPort | None = None,
 ) -> OpenIntervals:
     """When the valve is open, from the commanded on-intervals.
 
     An edge takes effect after its delay; an edge that overtakes the one before it cancels
     it, and itself (the state stays). `port` may change the delay of every edge.
     """
+    edges = delayed_edges(opens, closes, on_delay, off_delay, port)
+    return OpenIntervals(edges[0::2].copy(), edges[1::2].copy())
+
+
+def delayed_edges(
+    opens: FloatArray,
+    closes: FloatArray,
+    on_delay: float,
+    off_delay: float,
+    port: DelayPort | None = None,
+) -> FloatArray:
+    """The edges of `delayed` in order: the valve is open after an odd number of them."""
     edges = np.empty(2 * len(opens))
-    edges[0::2] = opens + port(np.full(len(opens), on_delay), opens, True)
-    edges[1::2] = closes + port(np.full(len(closes), off_delay), closes, False)
+    if port is None:
+        edges[0::2], edges[1::2] = opens + on_delay, closes + off_delay
+    else:
+        edges[0::2] = opens + port(np.full(len(opens), on_delay), opens, True)
+        edges[1::2] = closes + port(np.full(len(closes), off_delay), closes, False)
     while True:
-        overtaken = np.diff(edges) <= TIME_TOLERANCE
+        overtaken = edges[1:] - edges[:-1] <= TIME_TOLERANCE
         if not overtaken.any():
-            return OpenIntervals(edges[0::2].copy(), edges[1::2].copy())
+            return edges
         # In a run of overtaken edges the first pair cancels; the remaining ones are checked again.
         first = overtaken & ~np.concatenate(([False], overtaken[:-1]))
         keep = np.ones(len(edges), dtype=bool)
@@ -208,7 +236,7 @@ def split_at(time: FloatArray, edges: FloatArray, max_step: float) -> Grid:
 def _no_longer_than(grid: Grid, max_step: float) -> Grid:
     if grid.duration.max() <= max_step * (1.0 + 1e-6):
         return grid
-    parts = np.maximum(np.ceil(grid.duration / max_step * (1.0 - 1e-6)).astype(np.intp), 1)
+    parts = np.maximum(np.ceil(grid.duration / max_step * WHOLE_STEP).astype(np.intp), 1)
     owner = np.repeat(np.arange(len(parts)), parts)
     last = np.cumsum(parts)
     first = np.concatenate(([0], last))
