@@ -83,7 +83,7 @@ def estimate(
         if not open_tests.any() or number == _ROUNDS - 1:
             break
         progress(f"round {number + 1}: breakaway of {int(open_tests.sum())} tests")
-        moved = scanned(problem, solution.point, open_tests)
+        moved = scanned(problem, solution.point, open_tests, far=number == 0)
         if np.abs(moved.friction - solution.point.friction).max() < _SAME:
             break
         point = moved

@@ -29,6 +29,8 @@ SLIDING = ("coulomb_effort", "viscous")
 _STATIC: Direction = (0, "static_effort")
 # A sensor's slope is taken over a change of this share of a state's usual size.
 _SENSOR_STEP = 1e-6
+# A simulation that did not stay finite counts as this many times the noise off.
+_FAR = 1e6
 # Width of a coordinate that is held: far below any standard error.
 _HELD = 1e-9
 _SIZES = np.array([1.0, 10.0, 1e5, 1e5])
@@ -57,6 +59,14 @@ class RunErrors:
 
     residual: FloatArray
     slopes: FloatArray
+
+    def kept(self, run: Run) -> RunErrors:
+        """These errors; of a simulation that did not stay finite: far off, and nothing helps."""
+        logged = ~np.isnan(run.measured).any(axis=1)
+        if np.isfinite(self.residual[logged]).all() and np.isfinite(self.slopes[:, logged]).all():
+            return self
+        far = np.where(np.isnan(run.measured), np.nan, _FAR * run.noise[:, None])
+        return RunErrors(far, np.zeros_like(self.slopes))
 
 
 @dataclass(frozen=True)
@@ -175,7 +185,7 @@ class Problem:
             elif (part, name) == _STATIC:
                 own = 0.0  # each test has its own; the model's is their centre
             shared.append(by[unknown.direction] * (unknown.slope(float(c)) * own))
-        return RunErrors(states - run.measured, np.array([*local, *shared]))
+        return RunErrors(states - run.measured, np.array([*local, *shared])).kept(run)
 
     def shown(
         self, run: Run, found: Tangents, model: Model, directions: Sequence[Direction]

@@ -15,19 +15,22 @@ from sysid.refinement.problem import Iterate, Problem
 from sysid.refinement.settling import settled
 from sysid.types import BoolArray, FloatArray
 
-_GRIDS = ((3.0, 25), (0.3, 31))
+_COARSE, _FINE = np.linspace(-3.0, 3.0, 25), np.linspace(-0.3, 0.3, 31)
+# Static friction that the bench tests did not give may be this far off, as a logarithm.
+_FAR = np.linspace(-0.4, 0.4, 17)
 
 
-def scanned(problem: Problem, point: Iterate, tests: BoolArray) -> Iterate:
+def scanned(problem: Problem, point: Iterate, tests: BoolArray, *, far: bool) -> Iterate:
     """The point with the static friction of these tests (tests,) where the test's runs cost least.
 
-    Tried on a grid over the scatter's width, then on a finer one around the best; the present
-    value stays where none is better.
+    Tried on a grid over the scatter's width (with `far` beyond it too), then on a finer one around
+    the best; the present value stays where none is better.
     """
     part, numbers = problem.of_tests(tests)
     here = Iterate(point.shared, point.friction[tests], point.starts[numbers])
-    for reach, count in _GRIDS:
-        here = _best(part, here, np.linspace(-reach, reach, count))
+    first = np.concatenate([_COARSE, _FAR / problem.scatter[1]]) if far else _COARSE
+    for offsets in (first, _FINE):
+        here = _best(part, here, offsets)
     friction, starts = np.array(point.friction), np.array(point.starts)
     friction[tests], starts[numbers] = here.friction, here.starts
     return Iterate(point.shared, friction, starts)

@@ -14,7 +14,7 @@ import numpy as np
 from sysid.model.ports import Model
 from sysid.model.tangents import Direction, Tangents, simulate_tangents
 from sysid.refinement.factors import triangular
-from sysid.refinement.problem import SLIDING, Iterate, Problem
+from sysid.refinement.problem import SLIDING, Iterate, Problem, RunErrors
 from sysid.refinement.runs import STATES
 from sysid.types import FloatArray
 
@@ -78,7 +78,9 @@ def _part(
     states, slopes = problem.shown(run, found, model, _DIRECTIONS)
     coulomb, viscous = slopes[_S:]
     sliding = (coulomb * p.coulomb_effort + viscous * p.viscous) * problem.scatter[0]
-    columns = [*(slopes[:_S] * run.start_std[:, None, None]), sliding, states - run.measured]
+    local = np.array([*(slopes[:_S] * run.start_std[:, None, None]), sliding])
+    errors = RunErrors(states - run.measured, local).kept(run)
+    columns = [*errors.slopes, errors.residual]
     channels = tuple(
         whitening(np.column_stack([c[channel] for c in columns]))
         for channel, whitening in enumerate(problem.whitening[number])

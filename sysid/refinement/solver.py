@@ -23,6 +23,8 @@ from sysid.types import BoolArray, FloatArray
 _MOST_REFUSED = 6
 # Of all runs, at most this share may be set aside.
 _MOST_ASIDE = 0.25
+# A run that was set aside this often stays so.
+_MOST_CHANGES = 2
 # A run is followed again where its cost per row is at most this many times the counted ones'.
 _FOLLOWED = 2.0
 # Damping of a start after its first refusal, its growth and its bounds.
@@ -137,6 +139,7 @@ def solve(problem: Problem, point: Iterate, most: int, near: float) -> Solution:
     counted, damping = np.ones(count, dtype=bool), np.zeros(count)
     base = reduced(problem, point, problem.linearised(point), damping, counted)
     step_size, refused, evaluations = 1.0, 0, 1
+    changes = np.zeros(count, dtype=int)
     while not _is_near(base, near) and evaluations < most and refused < _MOST_REFUSED:
         given = _propose(base, step_size)
         to = base.moved(problem, given.step, counted)
@@ -150,7 +153,9 @@ def solve(problem: Problem, point: Iterate, most: int, near: float) -> Solution:
         accepted, step_size = _answer(comparable, trial, given, step_size)
         refused = 0 if accepted else refused + 1
         if accepted:
-            base, counted = trial, fewer | _followed(problem, trial, fewer)
+            back = _followed(problem, trial, fewer) & (changes < _MOST_CHANGES)
+            changes += aside
+            base, counted = trial, fewer | back
         base = reduced(problem, base.point, base.runs, damping, counted)
     return Solution(base, evaluations, _is_near(base, near), counted)
 
