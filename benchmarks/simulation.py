@@ -6,7 +6,8 @@
 
 accuracy: random rigs (seed 1) under PWM against 64 times finer steps, and the first
 `--solve-ivp` seconds of each against scipy's solve_ivp with events (rtol 1e-9). speed: a batch
-of 64 ten-second runs, a single one, and solve_ivp at equal error. compile: one process with an
+of 64 ten-second runs and what its preparation takes, one of 320 one-second runs, a single run,
+and solve_ivp at equal error. compile: one process with an
 empty cache, then more with it filled. Other work on the machine distorts wall times: CPU time
 is printed next to them.
 """
@@ -32,10 +33,22 @@ sys.path.insert(0, str(REPOSITORY))
 
 from benchmarks.reference_plant import integrate  # noqa: E402
 from benchmarks.rigs import random_runs  # noqa: E402
-from sysid.model.simulator import MAX_STEP, Inputs, Trajectory, simulate  # noqa: E402
+from sysid.model.ports import Model  # noqa: E402
+from sysid.model.preparation import Shared, prepare  # noqa: E402
+from sysid.model.simulator import (  # noqa: E402
+    MAX_STEP,
+    Inputs,
+    Trajectory,
+    check_known,
+    simulate,
+)
+from sysid.model.tables import block_of  # noqa: E402
 
 SEED = 1
 BATCH, SECONDS = 64, 10.0
+SEGMENTS = 320
+# As `simulate` does it: runs of a block, rows of a piece.
+BLOCK, ROWS = 32, 1280
 
 
 def rms(values: Any) -> float:
@@ -111,6 +124,18 @@ def report(name: str, simulated: float, wall: list[float], cpu: list[float]) -> 
     )
 
 
+def prepared(inputs: list[Inputs], models: list[Model]) -> None:
+    """What `simulate` does in Python before the compiled steps: checks, edges, tables."""
+    shared = Shared()
+    for first in range(0, len(inputs), BLOCK):
+        pairs = list(zip(inputs, models, strict=True))[first : first + BLOCK]
+        for one, model in pairs:
+            check_known(model, one, averaged=False)
+        runs = [prepare(one, model, (), MAX_STEP, shared) for one, model in pairs]
+        for _ in block_of(runs, BLOCK, ROWS, MAX_STEP).tables():
+            pass
+
+
 def speed() -> None:
     """Figure 2: times real time, and against solve_ivp."""
     print(f"load average {os.getloadavg()[0]:.1f}")
@@ -120,6 +145,11 @@ def speed() -> None:
     print(f"first call, compilation or its cache included: {first:.2f} s, single {single:.2f} s")
     batch = timed(lambda: simulate(inputs, models), 15)
     report(f"batch of {BATCH} runs of {SECONDS:g} s", BATCH * SECONDS, *batch)
+    share = min(timed(lambda: prepared(inputs, models), 15)[1]) / min(batch[1])
+    print(f"preparation: {share:.2f} of the batch's CPU time")
+    short = random_runs(SEED, SEGMENTS, 1.0, motor=False)
+    segments = timed(lambda: simulate(*short), 15)
+    report(f"batch of {SEGMENTS} runs of 1 s", SEGMENTS * 1.0, *segments)
     alone = timed(lambda: simulate(inputs[:1], models[:1]), 15)
     report(f"single run of {SECONDS:g} s", SECONDS, *alone)
     per_second = min(batch[1]) / (BATCH * SECONDS)

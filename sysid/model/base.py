@@ -211,14 +211,14 @@ _SINE_SERIES = [(-1.0) ** n / math.factorial(2 * n + 1) for n in range(1, 11)]
 
 
 def sine(angle: Array) -> Array:
-    """sin(angle) to rounding, rad; of arrays not numpy's by arithmetic alone.
+    """sin(angle) to rounding, rad; of jax's arrays by arithmetic alone.
 
-    A compiler for vectors calls the C library's sine for each element, which costs as much as
-    a quarter of a simulation step.
+    Its compiler calls the C library's sine for each element, which takes as much as a quarter of
+    a simulation step.
     """
     xp = array_namespace(angle)
-    if xp is np:
-        return np.sin(angle)
+    if getattr(xp, "__name__", "") != "jax.numpy":
+        return xp.sin(angle)
     turns = xp.round(angle * (1.0 / math.pi))
     rest = ((angle - turns * _PI[0]) - turns * _PI[1]) - turns * _PI[2]
     square = rest * rest

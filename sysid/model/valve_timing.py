@@ -183,22 +183,13 @@ class Grid:
     """Sub-steps between which a run has an edge, a sample or (averaged) a period's start.
 
     `duration` (n,) s; `row` (n,) the log row in force; `ends_sample` (n,) whether a sample
-    lies at the sub-step's end; `start` (n,) s since the first row; `edge_at` (edges,) the
-    first sub-step after each edge (n: none).
+    lies at the sub-step's end; `start` (n,) s since the first row.
     """
 
     start: FloatArray
     duration: FloatArray
     row: NDArray[np.intp]
     ends_sample: BoolArray
-    edge_at: NDArray[np.intp]
-
-    def is_open(self, opens: slice, closes: slice) -> FloatArray:
-        """1 or 0 in every sub-step, from which of the edges open the valve and which close it."""
-        size = len(self.start) + 1
-        change = np.bincount(self.edge_at[opens], minlength=size)
-        change -= np.bincount(self.edge_at[closes], minlength=size)
-        return np.cumsum(change[:-1]).astype(np.float64)
 
 
 def split_at(time: FloatArray, edges: FloatArray, max_step: float) -> Grid:
@@ -207,8 +198,7 @@ def split_at(time: FloatArray, edges: FloatArray, max_step: float) -> Grid:
     An edge within the tolerance of a sample, or of another edge, counts as there.
     """
     edges = np.clip(edges, time[0] - 1.0, time[-1] + 1.0)  # some lie at infinity
-    order = np.argsort(edges, kind="stable")  # a few sorted runs: merged, not sorted
-    edge = edges[order]
+    edge = np.sort(edges, kind="stable")  # a few sorted runs: merged, not sorted
     before = np.where(
         edge <= time[0] + TIME_TOLERANCE, 0, _rows_before(time, edge - TIME_TOLERANCE)
     )
@@ -217,19 +207,15 @@ def split_at(time: FloatArray, edges: FloatArray, max_step: float) -> Grid:
     on_sample[inside] |= time[before[inside]] - edge[inside] <= TIME_TOLERANCE
     apart = np.concatenate(([True], np.diff(edge) > TIME_TOLERANCE))[: len(edge)]
     kept = inside & ~on_sample & apart
-    count = np.cumsum(kept)
-    edge_at = np.empty(len(edge), dtype=np.intp)
-    edge_at[order] = before + count - (inside & ~on_sample)
     # Merge two sorted arrays by position, which is several times faster than sorting.
-    points = np.empty(len(time) + int(kept.sum()))
+    place = before[kept] + np.arange(int(kept.sum()))
+    points = np.empty(len(time) + len(place))
     is_sample = np.ones(len(points), dtype=bool)
-    place = edge_at[order][kept]
     is_sample[place] = False
     points[place] = edge[kept]
     points[is_sample] = time
     row = np.cumsum(is_sample[:-1]) - 1
-    edge_at = np.minimum(edge_at, len(row))
-    grid = Grid(points[:-1] - time[0], np.diff(points), row, is_sample[1:], edge_at)
+    grid = Grid(points[:-1] - time[0], np.diff(points), row, is_sample[1:])
     return _no_longer_than(grid, max_step)
 
 
@@ -245,4 +231,4 @@ def _no_longer_than(grid: Grid, max_step: float) -> Grid:
     ends = np.zeros(len(owner), dtype=bool)
     ends[last - 1] = grid.ends_sample
     start = grid.start[owner] + within * duration
-    return Grid(start, duration, grid.row[owner], ends, first[grid.edge_at])
+    return Grid(start, duration, grid.row[owner], ends)
