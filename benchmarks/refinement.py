@@ -14,6 +14,7 @@ standard errors of the truth.
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 import statistics
 import subprocess
@@ -123,14 +124,14 @@ POSITION_NOISE, PRESSURE_NOISE = 2e-5, 170.0
 LOGS, SECONDS = 5, 10.0
 
 
-def rig_runs(seed: int) -> tuple[list[Run], Model]:
+def rig_runs(seed: int, logs: int = LOGS, seconds: float = SECONDS) -> tuple[list[Run], Model]:
     """A random rig's logs cut into segments of 1 s, each from its true start state."""
-    inputs, models = random_runs(seed, LOGS, SECONDS)
+    inputs, models = random_runs(seed, logs, seconds)
     model = models[0]
     rng = np.random.default_rng([seed, 2])
     runs = []
     for number, (one, found) in enumerate(
-        zip(inputs, simulate(inputs, [model] * LOGS), strict=True)
+        zip(inputs, simulate(inputs, [model] * logs), strict=True)
     ):
         states = np.array([found.position, found.velocity, found.pressure_a, found.pressure_b])
         noise = np.array([POSITION_NOISE, PRESSURE_NOISE, PRESSURE_NOISE])
@@ -141,8 +142,6 @@ def rig_runs(seed: int) -> tuple[list[Run], Model]:
 
 def segments(number: int, inputs: Any, states: Any, measured: Any, noise: Any) -> list[Run]:
     """A log's segments of 1 s that start with a PWM period and no valve under way."""
-    import dataclasses
-
     rows, found = 1000, []
     for start in range(0, measured.shape[1] - rows, rows):
         part = slice(start, start + rows + 1)

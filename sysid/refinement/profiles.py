@@ -18,7 +18,8 @@ from sysid.types import FloatArray
 
 # Values on either side, in standard errors.
 _DISTANCES = (0.7, 1.4, 2.1, 2.8)
-_EVALUATIONS, _NEAR = 8, 0.1
+# What is local has to follow too, whatever the shared unknowns do.
+_LEAST, _MOST, _NEAR = 4, 8, 0.1
 
 
 @dataclass(frozen=True)
@@ -36,18 +37,20 @@ class Profile:
 
 def profile(found: Estimated, number: int, std: float) -> Profile:
     """The profile of one unknown whose standard error, in its coordinate, is `std`."""
-    unknown, start = found.problem.unknowns[number], found.solution.point
-    middle = float(start.shared[number])
+    unknown = found.problem.unknowns[number]
+    middle = float(found.solution.point.shared[number])
+    linear = _linear_steps(found, number)
     information = float(np.sqrt(found.solution.at.covariance()[number, number]))
     scale = (information / std) ** 2
     coordinates, rises = [middle], [0.0]
-    for sign in (-1.0, 1.0):
-        at = start
-        for distance in _DISTANCES:
-            coordinate = middle + sign * distance * std
-            at, cost = _at(found, number, coordinate, at)
-            coordinates.append(coordinate)
-            rises.append(max(cost - found.solution.at.cost, 0.0) * scale)
+    for distance in (*(-d for d in _DISTANCES), *_DISTANCES):
+        coordinate = middle + distance * std
+        start = found.solution.at.moved(
+            found.problem, linear * distance * std, found.solution.counted
+        )
+        cost = _cost_at(found, number, coordinate, start)
+        coordinates.append(coordinate)
+        rises.append(max(cost - found.solution.at.cost, 0.0) * scale)
     order = np.argsort(coordinates)
     c, rise = np.array(coordinates)[order], np.array(rises)[order]
     limits = _limits(c - middle, np.sqrt(rise))
@@ -55,17 +58,23 @@ def profile(found: Estimated, number: int, std: float) -> Profile:
     return Profile(np.array([unknown.at(x) for x in c]), rise, (low, high))
 
 
-def _at(found: Estimated, number: int, coordinate: float, start: Iterate) -> tuple[Iterate, float]:
-    """The best point with an unknown's coordinate held, and its cost."""
+def _linear_steps(found: Estimated, number: int) -> FloatArray:
+    """How all reduced unknowns (m,) move with one of them, by the linearised equations."""
+    jacobian = found.solution.at.jacobian
+    others = np.delete(jacobian, number, axis=1)
+    steps = -np.linalg.lstsq(others, jacobian[:, number], rcond=None)[0]
+    return np.insert(steps, number, 1.0)
+
+
+def _cost_at(found: Estimated, number: int, coordinate: float, start: Iterate) -> float:
+    """The least cost with an unknown's coordinate held."""
     unknowns = list(found.problem.unknowns)
     own = unknowns[number]
     unknowns[number] = dataclasses.replace(own, held_at=coordinate)
     problem = dataclasses.replace(found.problem, unknowns=tuple(unknowns))
-    shared = np.array(start.shared)
-    shared[number] = coordinate
-    solution = solve(problem, dataclasses.replace(start, shared=shared), _EVALUATIONS, _NEAR)
+    solution = solve(problem, start, _MOST, _NEAR, least=_LEAST)
     prior = (coordinate - own.start) / own.prior_std
-    return solution.point, solution.at.cost + (prior**2 if prior == prior else 0.0)
+    return solution.at.cost + (prior**2 if prior == prior else 0.0)
 
 
 def _limits(distance: FloatArray, root: FloatArray) -> tuple[float, float]:

@@ -129,8 +129,8 @@ def _answer(
     return bool(accepted), float(size)
 
 
-def solve(problem: Problem, point: Iterate, most: int, near: float) -> Solution:
-    """Minimise a problem's cost from a point, with `most` evaluations.
+def solve(problem: Problem, point: Iterate, most: int, near: float, *, least: int = 1) -> Solution:
+    """Minimise a problem's cost from a point, with `least` to `most` evaluations.
 
     It has converged where the linearised equations would move every shared unknown by less than
     `near` standard errors.
@@ -140,7 +140,9 @@ def solve(problem: Problem, point: Iterate, most: int, near: float) -> Solution:
     base = reduced(problem, point, problem.linearised(point), damping, counted)
     step_size, refused, evaluations = 1.0, 0, 1
     changes = np.zeros(count, dtype=int)
-    while not _is_near(base, near) and evaluations < most and refused < _MOST_REFUSED:
+    while evaluations < most and refused < _MOST_REFUSED:
+        if evaluations >= least and _is_near(base, near):
+            break
         given = _propose(base, step_size)
         to = base.moved(problem, given.step, counted)
         runs = problem.linearised(to)

@@ -1,0 +1,195 @@
+"""Estimation by simulation error: the parameters of simulated logs are found, and how well."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from benchmarks.refinement import rig_runs, unknown
+from sysid.errors import InputError
+from sysid.model.ports import Model
+from sysid.model.simulator import simulate
+from sysid.refinement.estimation import Estimated, FrictionScatter, estimate
+from sysid.refinement.problem import Problem, RunErrors
+from sysid.refinement.profiles import profile
+from sysid.refinement.runs import Run
+from sysid.refinement.scan import scanned
+from sysid.refinement.solver import solve
+from sysid.refinement.unknowns import Unknown, chosen, model_at, numbers_of
+from sysid.refinement.whitening import Whitening
+from sysid.types import FloatArray
+
+NAMES = ("coulomb_effort", "viscous", "choked_fill_a")
+OFF = (0.1, -0.1, 0.05)
+LOGS = 3
+SCATTER = FrictionScatter(0.02, 0.02, 5.0)
+
+
+@pytest.fixture(scope="module")
+def simulated() -> tuple[list[Run], Model]:
+    """Segments of a random rig's logs, with noise, and its model."""
+    return rig_runs(12, LOGS, 2.5)
+
+
+def problem_of(runs: list[Run], model: Model) -> Problem:
+    unknowns = tuple(unknown(model, n, off) for n, off in zip(NAMES, OFF, strict=True))
+    started = model_at(model, unknowns, np.array([u.value for u in unknowns]))
+    white = tuple(tuple(Whitening.white(float(n)) for n in run.noise) for run in runs)
+    return Problem(tuple(runs), unknowns, started, "theta_rad", white, SCATTER.pair, LOGS)
+
+
+@pytest.fixture(scope="module")
+def found(simulated: tuple[list[Run], Model]) -> Estimated:
+    return estimate(problem_of(*simulated), SCATTER)
+
+
+def test_parameters_are_found_within_their_errors(
+    simulated: tuple[list[Run], Model], found: Estimated
+) -> None:
+    assert found.solution.converged
+    std = np.sqrt(np.diag(found.solution.at.robust_covariance()))
+    for i, u in enumerate(found.problem.unknowns):
+        true = float(getattr(simulated[1].parameters, u.name))
+        error = u.at(float(found.solution.point.shared[i])) - true
+        allowed = 5.0 * u.slope(float(found.solution.point.shared[i])) * float(std[i])
+        assert abs(error) < allowed
+        assert allowed < abs(u.value - true)
+
+
+def test_most_segments_are_followed_to_the_noise(found: Estimated) -> None:
+    assert len(found.left_out) <= 1
+    for run, own in zip(found.problem.runs, found.solution.at.runs, strict=True):
+        rms = np.sqrt(np.mean(own.errors.residual**2, axis=1))
+        assert (rms < 3.0 * run.noise).all()
+
+
+def test_scipy_ends_where_optimistix_does(simulated: tuple[list[Run], Model]) -> None:
+    """Starts known and friction the same in all logs: the shared parameters alone."""
+    runs = [dataclasses.replace(r, start_std=np.full(4, 1e-12)) for r in simulated[0]]
+    problem = dataclasses.replace(
+        problem_of(runs, simulated[1]), scatter=(1e-9, 1e-9), robust=False
+    )
+    near = np.array(
+        [
+            u.coordinate(u.value / (1.0 + 0.98 * o))
+            for u, o in zip(problem.unknowns, OFF, strict=True)
+        ]
+    )
+    start = dataclasses.replace(problem.first_point(), shared=near)
+    ours = solve(problem, start, 30, 1e-3)
+
+    def residuals(coordinates: FloatArray) -> FloatArray:
+        point = dataclasses.replace(start, shared=coordinates)
+        models = [problem.model_for(point, run.test) for run in runs]
+        errors = []
+        for run, one in zip(runs, simulate(problem.inputs(point), models), strict=True):
+            shown = np.array([one.position, one.pressure_a, one.pressure_b])
+            errors.append(((shown - run.measured) / run.noise[:, None]).ravel())
+        return np.concatenate(errors)
+
+    scipys = least_squares(residuals, near, x_scale=0.01, diff_step=1e-6)
+    std = np.sqrt(np.diag(ours.at.covariance()))[: len(NAMES)]
+    assert np.abs(ours.point.shared - scipys.x).max() < 0.05 * std.max()
+    assert ours.at.cost <= 2.0 * scipys.cost * (1.0 + 1e-6)
+
+
+def test_a_scan_finds_static_friction_that_has_no_slope() -> None:
+    """A motor that rises by steps of a sample: breakaway is at one of them."""
+    runs, model = rig_runs(12, 1, 2.5)
+    effort = float(model.parameters.static_effort)
+    (first, *_) = runs
+    n = len(first.inputs.time)
+    still = dataclasses.replace(
+        first.inputs,
+        valve_a=None,
+        valve_b=None,
+        motor=np.repeat(np.linspace(0.0, 1.3 * effort, 26), n // 26 + 1)[:n],
+        position=0.0,
+        velocity=0.0,
+        pressure_a=float(model.parameters.atmosphere),
+        pressure_b=float(model.parameters.atmosphere),
+    )
+    (one,) = simulate([still], [model])
+    measured = np.array([one.position, one.pressure_a, one.pressure_b])
+    run = Run(0, "ramp", still, measured, np.array([1e-5, 1e-9, 1.0, 1.0]), first.noise)
+    started = Model(model.parameters.replace(static_effort=0.9 * effort))
+    white = (tuple(Whitening.white(float(x)) for x in run.noise),)
+    problem = Problem(
+        (run,), (unknown(started, "viscous", 0.0),), started, "theta_rad", white, SCATTER.pair, 1
+    )
+    here = problem.first_point()
+    there = scanned(problem, here, np.array([True]), far=True)
+    assert problem.linearised(here)[0].cost > 5.0 * problem.linearised(there)[0].cost
+    share = np.exp(there.friction[0, 1] * SCATTER.static) * 0.9
+    assert abs(share - 1.0) < 1.3 / 26.0
+
+
+def test_a_profile_of_a_linear_parameter_is_its_standard_error(found: Estimated) -> None:
+    std = float(np.sqrt(found.solution.at.robust_covariance()[2, 2]))
+    own = profile(found, 2, std)
+    low, high = own.interval
+    value = found.problem.unknowns[2].at(float(found.solution.point.shared[2]))
+    width = 1.96 * std * value
+    assert abs((value - low) / width - 1.0) < 0.1
+    assert abs((high - value) / width - 1.0) < 0.1
+
+
+def test_a_simulation_that_blows_up_is_far_off_and_pulls_nothing(
+    simulated: tuple[list[Run], Model],
+) -> None:
+    problem = problem_of(*simulated)
+    (first, *_) = problem.linearised(problem.first_point())
+    assert first.errors.kept(problem.runs[0]) is first.errors
+    residual = np.array(first.errors.residual)
+    residual[1, -1] = np.inf
+    lost = RunErrors(residual, first.errors.slopes).kept(problem.runs[0])
+    assert np.isfinite(lost.residual).all()
+    assert (np.abs(lost.residual) > 1e3 * np.abs(first.errors.residual).max(axis=1)[:, None]).all()
+    assert not lost.slopes.any()
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper", "value"), [(0.0, np.inf, 2.0), (-1.0, 3.0, 0.5), (-np.inf, np.inf, -4.0)]
+)
+def test_coordinates_have_no_bounds_and_lead_back(lower: float, upper: float, value: float) -> None:
+    own = Unknown("x", (0, "x"), value, 0.1, "", lower, upper, 2.0, "effect")
+    assert own.at(own.start) == pytest.approx(value)
+    for coordinate in (-1.3, 0.4, 2.0):
+        inside = own.at(coordinate)
+        assert lower < inside < upper
+        assert own.coordinate(inside) == pytest.approx(coordinate)
+        step = 1e-6
+        slope = (own.at(coordinate + step) - own.at(coordinate - step)) / (2.0 * step)
+        assert own.slope(coordinate) == pytest.approx(slope, rel=1e-5)
+
+
+def test_names_choose_and_an_unknown_one_is_refused(
+    simulated: tuple[list[Run], Model],
+) -> None:
+    declared = unknown(simulated[1], "inertia", 0.0)
+    unknowns = [unknown(simulated[1], n, 0.0) for n in NAMES]
+    every = [*unknowns, dataclasses.replace(declared, name="rig.inertia", origin="rig")]
+    assert [u.name for u in chosen(every)] == list(NAMES)
+    assert [u.name for u in chosen(every, free=["rig.inertia"], fix=["viscous"])] == [
+        "coulomb_effort",
+        "choked_fill_a",
+        "rig.inertia",
+    ]
+    assert numbers_of(every, ["inertia"]) == [3]
+    with pytest.raises(InputError, match=r"'mass': is unknown; use one of coulomb_effort"):
+        chosen(every, fix=["mass"])
+
+
+def test_whitening_leaves_innovations() -> None:
+    rng = np.random.default_rng(1)
+    noise = rng.standard_normal(20000)
+    errors = np.zeros_like(noise)
+    for i in range(1, len(noise)):
+        errors[i] = 0.8 * errors[i - 1] + noise[i]
+    own = Whitening.of([errors], 0.1, 4)
+    white = own(errors[:, None])[:, 0]
+    assert own.std == pytest.approx(1.0, rel=0.03)
+    assert abs(float(white[1:] @ white[:-1]) / float(white @ white)) < 0.03
