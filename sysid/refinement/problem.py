@@ -30,7 +30,7 @@ _STATIC: Direction = (0, "static_effort")
 # A sensor's slope is taken over a change of this share of a state's usual size.
 _SENSOR_STEP = 1e-6
 # A simulation that did not stay finite counts as this many times the noise off.
-_FAR = 1e6
+_FAR = 1e8
 # Width of a coordinate that is held: far below any standard error.
 _HELD = 1e-9
 _SIZES = np.array([1.0, 10.0, 1e5, 1e5])
