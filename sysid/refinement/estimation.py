@@ -17,7 +17,7 @@ from sysid.refinement.whitening import Whitening
 from sysid.types import BoolArray, FloatArray, Progress, no_progress
 
 _ROUNDS = 5
-_ROUND_EVALUATIONS = 30
+_ROUND_EVALUATIONS = 25
 _FINAL_EVALUATIONS = 30
 # Steps at which a descent ends, in standard errors.
 _ROUGHLY, _CLOSELY = 0.5, 0.05

@@ -49,7 +49,8 @@ class ReducedEquations:
     def shared_step(self) -> FloatArray:
         """The undamped step of each shared unknown (p,), in standard errors."""
         step = -np.linalg.lstsq(self.jacobian, self.r, rcond=None)[0]
-        return np.abs(step / np.sqrt(np.diag(self.covariance())))[: len(self.point.shared)]
+        variance = np.maximum(np.diag(self.covariance()), np.diag(self.robust_covariance()))
+        return np.abs(step / np.sqrt(variance))[: len(self.point.shared)]
 
     def covariance(self) -> FloatArray:
         """Of the errors of the reduced unknowns (m, m): information alone."""

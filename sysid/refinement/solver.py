@@ -25,6 +25,8 @@ _MOST_REFUSED = 6
 _MOST_ASIDE = 0.25
 # A run that was set aside this often stays so.
 _MOST_CHANGES = 2
+# So many steps that lower the cost by less than this share together are the end of it.
+_STILL, _LEAST_LOWERING = 4, 3e-5
 # A run is followed again where its cost per row is at most this many times the counted ones'.
 _FOLLOWED = 2.0
 # Damping of a start after its first refusal, its growth and its bounds.
@@ -139,9 +141,9 @@ def solve(problem: Problem, point: Iterate, most: int, near: float, *, least: in
     counted, damping = np.ones(count, dtype=bool), np.zeros(count)
     base = reduced(problem, point, problem.linearised(point), damping, counted)
     step_size, refused, evaluations = 1.0, 0, 1
-    changes = np.zeros(count, dtype=int)
+    changes, costs = np.zeros(count, dtype=int), [base.cost]
     while evaluations < most and refused < _MOST_REFUSED:
-        if evaluations >= least and _is_near(base, near):
+        if evaluations >= least and (_is_near(base, near) or _stagnates(costs)):
             break
         given = _propose(base, step_size)
         to = base.moved(problem, given.step, counted)
@@ -155,6 +157,7 @@ def solve(problem: Problem, point: Iterate, most: int, near: float, *, least: in
         accepted, step_size = _answer(comparable, trial, given, step_size)
         refused = 0 if accepted else refused + 1
         if accepted:
+            costs = [trial.cost] if aside.any() else [*costs, trial.cost]
             back = _followed(problem, trial, fewer) & (changes < _MOST_CHANGES)
             changes += aside
             base, counted = trial, fewer | back
@@ -164,6 +167,11 @@ def solve(problem: Problem, point: Iterate, most: int, near: float, *, least: in
 
 def _is_near(base: ReducedEquations, near: float) -> bool:
     return float(np.max(base.shared_step(), initial=0.0)) < near
+
+
+def _stagnates(costs: Sequence[float]) -> bool:
+    """Whether the last accepted steps lowered the cost by next to nothing."""
+    return len(costs) > _STILL and costs[-1] > costs[-1 - _STILL] * (1.0 - _LEAST_LOWERING)
 
 
 def _next_damping(
