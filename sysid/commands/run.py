@@ -1,4 +1,4 @@
-"""`sysid run`: campaign in; checks, bundle, diagnosis, refinement, validation, report, exports out."""
+"""`sysid run`: a campaign in; checks, bundle, diagnosis, validation, report and exports out."""
 
 from __future__ import annotations
 
