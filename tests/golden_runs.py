@@ -9,8 +9,8 @@ from golden_folder import GOLDEN, Folder
 
 COMMANDS = (
     *("", "fit", "fit friction", "fit valve-discrete", "fit valve-pwm", "fit campaign", "check"),
-    *("convert", "validate", "diagnose", "simulate", "control", "run", "demo", "export"),
-    *("effects", "init"),
+    *("convert", "validate", "diagnose", "refine", "simulate", "control", "run", "demo"),
+    *("export", "effects", "init"),
 )
 
 

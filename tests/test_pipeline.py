@@ -20,6 +20,8 @@ from sysid.commands.run import RunReport, run_campaign, show_run
 from sysid.commands.stages import EXPORTS
 from sysid.io.bundled import bundled_campaign
 
+# Without the refinement of the whole model, which takes longer than the others together:
+# `test_refine_command.py` has its stage.
 STAGES = ("check", "fit", "diagnose", "validate", "report", "export")
 
 
@@ -36,7 +38,7 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def first(campaign: Path, tmp_path_factory: pytest.TempPathFactory) -> RunReport:
-    return run_campaign(campaign, tmp_path_factory.mktemp("results"))
+    return run_campaign(campaign, tmp_path_factory.mktemp("results"), refine=False)
 
 
 def done(run: RunReport) -> list[str]:
@@ -81,7 +83,7 @@ def test_held_out_logs_are_only_validated_on(first: RunReport) -> None:
 def test_a_second_run_does_nothing(
     first: RunReport, campaign: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    again = run_campaign(campaign, first.folder)
+    again = run_campaign(campaign, first.folder, refine=False)
     assert done(again) == []
     show_run(again, as_json=False)
     assert rows(capsys.readouterr().out) == dict.fromkeys(STAGES, "up to date")
@@ -93,7 +95,7 @@ def test_a_resumed_report_shows_the_diagnosis_without_diagnosing_again(
     diagnosis = json.loads((first.folder / "diagnosis.json").read_text())
     assert first.diagnosis == diagnosis
     first.report.unlink()
-    assert done(run_campaign(campaign, first.folder)) == ["report"]
+    assert done(run_campaign(campaign, first.folder, refine=False)) == ["report"]
     html = first.report.read_text("utf-8")
     assert '<section id="diagnosis"' in html and "fig-diagnosis-curve-0" in html
 
@@ -121,7 +123,7 @@ def test_an_effect_in_the_extended_bundle_reaches_the_later_stages(
         run.path("diagnosis.json").write_text((first.folder / "diagnosis.json").read_text())
 
     monkeypatch.setattr(stages, "_diagnose", with_drag)
-    run = run_campaign(campaign, tmp_path)
+    run = run_campaign(campaign, tmp_path, refine=False)
     assert [entry.id for entry in run.bundle.effects] == ["quadratic-drag"]
     assert "quadratic-drag" in (tmp_path / EXPORTS["json"]).read_text()
 
@@ -136,7 +138,8 @@ def test_without_a_diagnosis_the_fitted_bundle_stands(
     campaign: Path, first: RunReport, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     shutil.copytree(first.folder, tmp_path, dirs_exist_ok=True)
-    arguments = ["run", str(campaign), "-o", str(tmp_path), "--no-diagnose", "--json"]
+    arguments = ["run", str(campaign), "-o", str(tmp_path), "--no-diagnose"]
+    arguments += ["--no-refine", "--json"]
     assert main(arguments) == 0
     printed = json.loads(capsys.readouterr().out)
     assert [stage["name"] for stage in printed["stages"]] == [s for s in STAGES if s != "diagnose"]
@@ -155,7 +158,9 @@ def test_a_campaign_that_cannot_be_diagnosed_goes_on_without(
     kept = [b for b in blocks if "friction-static" in b or "friction-sliding" in b]
     path.write_text("[[log]]".join([head, *kept]))
     run = run_campaign(path, tmp_path / "results")
-    assert tuple(done(run)) == STAGES
+    assert tuple(done(run)) == (*STAGES[:3], "refine", *STAGES[3:])
+    assert any(n.startswith("not refined: ") and "motion log" in n for n in run.notices)
+    assert run.bundle.refinement is None
     assert any(n.startswith("not diagnosed: ") and "valve-discrete" in n for n in run.notices)
     assert run.diagnosis is None
     html = run.report.read_text("utf-8")
@@ -176,7 +181,7 @@ def test_a_file_of_effects_is_read_before_the_work(
 
 def test_what_is_missing_is_made_again(first: RunReport, campaign: Path) -> None:
     (first.folder / EXPORTS["c"]).unlink()
-    again = run_campaign(campaign, first.folder)
+    again = run_campaign(campaign, first.folder, refine=False)
     assert done(again) == ["export"]
     assert "is missing" in (again.stages[-1].why or "")
 
@@ -191,7 +196,7 @@ def test_a_stage_is_done_again_with_a_reason(
     del state["report"]
     (folder / "run.json").write_text(json.dumps(state))
     said: list[str] = []
-    again = run_campaign(campaign, folder, progress=said.append)
+    again = run_campaign(campaign, folder, refine=False, progress=said.append)
     assert [stage.outcome for stage in again.stages[-2:]] == [
         "done",
         f"{EXPORTS['mat']} is missing: repeated",
@@ -205,7 +210,8 @@ def test_a_changed_log_makes_the_run_stale(
 ) -> None:
     path = campaign.parent / "motion_motor_2.csv"
     path.write_text("# a remark that changes nothing but the file\n" + path.read_text())
-    assert main(["run", str(campaign), "-o", str(first.folder), "--json"]) == 0
+    arguments = ["run", str(campaign), "-o", str(first.folder)]
+    assert main([*arguments, "--no-refine", "--json"]) == 0
     captured = capsys.readouterr()
     stages = json.loads(captured.out)["stages"]
     assert all("motion_motor_2.csv" in (stage["why"] or "") for stage in stages)
@@ -230,6 +236,6 @@ def test_a_killed_run_leaves_whole_files_and_is_finished_by_the_next(
         run.send_signal(signal.SIGKILL)
     for path in tmp_path.rglob("*.json"):
         json.loads(path.read_text())
-    finished = run_campaign(campaign, tmp_path, diagnose=False)
+    finished = run_campaign(campaign, tmp_path, diagnose=False, refine=False)
     assert finished.report.read_text().rstrip().endswith("</html>")
     assert not list(tmp_path.rglob(".sysid-*"))

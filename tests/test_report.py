@@ -19,6 +19,7 @@ import pytest
 
 from sysid.bundle import Bundle, FittedValves, Parts, Surface, Valve, bundle_text
 from sysid.bundle.files import bundle_from_json
+from sysid.bundle.refinement import Refinement
 from sysid.bundle.validation import Validation
 from sysid.bundle.valves import PwmDirections
 from sysid.checks.log_check import check_log
@@ -113,6 +114,50 @@ DIAGNOSIS: dict[str, Any] = {
 }  # fmt: skip
 
 
+def refined(name: str, origin: str, before: float, movement: float | None, **more: Any) -> Any:
+    """A refined parameter's record: a standard error of 1 % before, of 0.2 % after."""
+    after = before * (1.0 + 0.01 * (movement or 0.0))
+    limits = [0.996 * after, 1.004 * after]
+    record = {
+        "name": name, "origin": origin, "before": before,
+        "before_std": None if movement is None else 0.01 * before,
+        "after": {"value": after, "std": 0.002 * after, "unit": "Nm", "interval": limits},
+        "movement": movement, "informed_by_motion": True,
+    }  # fmt: skip
+    return record | more
+
+
+def position(*values: float) -> dict[str, Any]:
+    """Of the position, before and after."""
+    return {"theta_rad": dict(zip(("before", "after"), values, strict=True))}
+
+
+# One parameter far from where it was, one constant that the rig file has wrong, one with nothing.
+REFINEMENT: dict[str, Any] = {
+    "converged": False,
+    "evaluations": 41,
+    "segments": 30,
+    "segments_left_out": 2,
+    "friction_scatter": {"sliding": 0.021, "static": 0.034},
+    "parameters": [
+        refined("friction.coulomb_nm", "friction", 0.2, 45.0),
+        refined("friction.static_nm", "friction", 0.3, -0.1, informed_by_motion=False),
+        refined("rig.inertia", "rig", 0.02, 3.0),
+        refined("free-play.gap_rad", "effect", 0.01, None),
+    ],
+    "profiles": {
+        "friction.coulomb_nm": {
+            "values": [0.288, 0.29, 0.292], "rise": [5.0, 0.0, 4.0], "interval": [0.2885, None],
+        },
+    },
+    "correlation": [
+        [1.0, -0.93, 0.1, 0.0], [-0.93, 1.0, 0.0, 0.6], [0.1, 0.0, 1.0, 0.0], [0.0, 0.6, 0.0, 1.0],
+    ],
+    "rmse": {"fit": position(0.02, 0.005), "holdout": position(0.03, 0.033)},
+    "residual_autocorrelation": {"fit": position(0.99, 0.2)},
+}  # fmt: skip
+
+
 @dataclasses.dataclass(frozen=True)
 class Made:
     """A campaign with all that the report is made from, and the page."""
@@ -150,7 +195,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
         parts.merged(with_quick_networks(pwm)),
         [Source.of(logs[e.file], e.use, e.kind) for e in campaign.logs],
         seeds={"surfaces": 0},
-    )
+    ).replaced(refinement=Refinement.model_validate(REFINEMENT))
     validation = validate(campaign, bundle)
     checks = [check_log(log, campaign.rig) for log in logs.values()]
     path = tmp_path_factory.mktemp("report") / "report.html"
@@ -207,6 +252,11 @@ def hostile(made: Made, tmp_path_factory: pytest.TempPathFactory) -> Path:
         notices=(HOSTILE_FILE,),
     )
     content = json.loads(bundle_text(made.bundle.without("valves")))
+    content["refinement"]["parameters"][0]["name"] = HOSTILE_NAME
+    content["refinement"]["profiles"] = {
+        HOSTILE_NAME: REFINEMENT["profiles"]["friction.coulomb_nm"]
+    }
+    content["refinement"]["rmse"] = {HOSTILE_FILE: {HOSTILE_NAME: {"before": 1.0, "after": None}}}
     content["provenance"]["options"] = {HOSTILE_NAME: HOSTILE_FILE}
     content["friction"]["trials"][0].update(used=False, test=HOSTILE_NAME, reason=HOSTILE_FILE)
     bundle = bundle_from_json(content, Path(HOSTILE_FILE))
@@ -261,7 +311,7 @@ def test_every_section_is_there_and_nothing_left_out(made: Made) -> None:
     sections = [a["id"] for a in page.of("section")]
     assert sections == [
         "verdict", "data", "fits", "friction", "valves", "surfaces", "validation", "residuals",
-        "diagnosis", "provenance",
+        "diagnosis", "refinement", "provenance",
     ]  # fmt: skip
     assert "Left out" not in made.html
 
@@ -305,6 +355,39 @@ def test_text_from_files_is_escaped(hostile: Path) -> None:
     assert "On/off valves: no on/off law was fitted" in html
 
 
+def section_text(html: str, id: str) -> str:
+    """A section's text, without its pictures."""
+    found = re.search(rf'<section id="{id}".*?</section>', html, re.DOTALL)
+    assert found is not None
+    text = re.sub(r"<svg.*?</svg>|<[^>]*>", " ", found[0], flags=re.DOTALL)
+    return re.sub(r"\s+", " ", unescape(text))
+
+
+def test_the_refinement_is_told_whole(made: Made) -> None:
+    text = section_text(made.html, "refinement")
+    assert "4 parameters were estimated together" in text and "over 30 segments" in text
+    assert "did not converge: it stalled after 41 simulations" in text
+    assert "2 further segments are left out" in text
+    assert "2.1 % for sliding and 3.4 % for static friction" in text
+    assert "of friction.static_nm they say less than what was known before" in text
+    assert "hardly tell apart: friction.coulomb_nm and friction.static_nm (−0.93)" in text
+    # The inertia moved by 3 of its standard errors before, 15 after.
+    assert "rig.inertia: the rig file says 0.02" in text and "[inertia] equivalent_kg_m2" in text
+    assert "held out Position (mrad) 30.0 33.0 +10 %" in text
+    assert "training Position (mrad) 20.0 5.00 −75 % 0.9900 0.2000" in text
+    for figure in ("movement", "correlation", "profile-0"):
+        assert f"fig-refinement-{figure}-title" in made.html
+
+
+def test_a_refinement_of_another_form_is_left_out(made: Made) -> None:
+    content = json.loads(bundle_text(made.bundle))
+    content["refinement"] = {"parameters": "none of ours", "profiles": 3, "correlation": [[1]]}
+    bundle = bundle_from_json(content, Path("other.json")).without("valves", "friction")
+    html = render_report(campaign=made.campaign, bundle=bundle)
+    assert '<section id="refinement"' not in html
+    assert json.loads(bundle_text(bundle))["refinement"] == content["refinement"]
+
+
 def test_json_cannot_end_its_script() -> None:
     content = {"name": "</script><!--<script>\u2028&"}
     text = _json(content)
@@ -314,13 +397,14 @@ def test_json_cannot_end_its_script() -> None:
 
 def test_sections_without_their_part_are_left_out_and_said_so(made: Made) -> None:
     valves = FittedValves(a=Valve(discrete=made.bundle.valve("a").discrete))
-    bundle = made.bundle.without("friction").replaced(valves=valves)
+    bundle = made.bundle.without("friction", "refinement").replaced(valves=valves)
     html = render_report(campaign=made.campaign, bundle=bundle)
     sections = [a["id"] for a in outline(html).of("section")]
     assert sections == ["verdict", "data", "fits", "valves", "provenance"]
     assert "Friction: no friction was fitted" in html
     assert "the model was not validated" in html
     assert "Diagnosis: the model was not diagnosed" in html
+    assert "Refinement on motion: the parameters were not refined" in html
     assert len(html) < 1_000_000  # no plotting library where there is nothing to plot
 
 

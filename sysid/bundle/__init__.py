@@ -1,8 +1,8 @@
 """The parameter bundle: everything a controller, a simulator or a later fit needs, as JSON.
 
 `content` declares its content (parts: `friction`, `valves`, `effects`, `validation`,
-`provenance`), `bundle` its operations, `assembled_model` the model that it describes; `files`
-reads and writes it, `schema` generates its JSON schema from these classes.
+`refinement`, `provenance`), `bundle` its operations, `assembled_model` the model that it
+describes; `files` reads and writes it, `schema` generates its JSON schema from these classes.
 """
 
 from sysid.bundle.base import Unread
@@ -12,6 +12,7 @@ from sysid.bundle.effects import EffectEntry, HeldOutError
 from sysid.bundle.files import bundle_text, read_bundle, write_bundle
 from sysid.bundle.friction import Friction
 from sysid.bundle.provenance import LogRecord, Provenance
+from sysid.bundle.refinement import Refinement
 from sysid.bundle.validation import Validation
 from sysid.bundle.valves import DiscreteLaw, FittedValves, PwmSurfaces, Surface, Valve
 
@@ -26,6 +27,7 @@ __all__ = [
     "Parts",
     "Provenance",
     "PwmSurfaces",
+    "Refinement",
     "Surface",
     "Unread",
     "Validation",

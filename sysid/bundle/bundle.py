@@ -27,8 +27,10 @@ if TYPE_CHECKING:
     from sysid.model.ports import Model
 
 
+# What was found with the parts as they were: a change of them drops it.
+_JUDGED = ("validation", "refinement")
 # Parts that merging does not copy unchanged.
-_OWN = ("effects", "validation")
+_OWN = ("effects", *_JUDGED)
 
 
 class Bundle(Shown, BundleContent):
@@ -111,8 +113,8 @@ class Bundle(Shown, BundleContent):
         return model_from_bundle(self, rig or self.rig, catalogue)
 
     def with_effects(self, effects: Iterable[EffectEntry]) -> Bundle:
-        """With these effects after its own; its validation is dropped."""
-        return self.without("validation").replaced(effects=[*self.effects, *effects])
+        """With these effects after its own; its validation and refinement are dropped."""
+        return self.without(*_JUDGED).replaced(effects=[*self.effects, *effects])
 
     def with_sources(self, sources: Iterable[Source]) -> Bundle:
         """With these logs in its provenance too."""
@@ -121,8 +123,8 @@ class Bundle(Shown, BundleContent):
     def merged(self, other: Bundle) -> Bundle:
         """With the parts of `other` added; a part that both hold is replaced.
 
-        The existing validation is dropped. Raises InputError where the two were fitted for
-        different rigs.
+        The existing validation and refinement are dropped. Raises InputError where the two were
+        fitted for different rigs.
         """
         mine, others = self.rig_content, other.rig_content
         for section in sorted(set(mine) | set(others)):
@@ -135,7 +137,7 @@ class Bundle(Shown, BundleContent):
         fields = {key: getattr(other, _field(key)) for key in other.given() if key not in _OWN}
         if self.valves is not None and other.valves is not None:
             fields["valves"] = self.valves.merged(other.valves)
-        return self.without("validation").replaced(
+        return self.without(*_JUDGED).replaced(
             **{_field(key): value for key, value in fields.items()}
             | {
                 "effects": other.effects or self.effects,

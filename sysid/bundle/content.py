@@ -11,6 +11,7 @@ from sysid.bundle.base import Absent, Part
 from sysid.bundle.effects import EffectEntry
 from sysid.bundle.friction import Friction
 from sysid.bundle.provenance import Provenance
+from sysid.bundle.refinement import Refinement
 from sysid.bundle.validation import Validation
 from sysid.bundle.valves import FittedValves, Valve
 from sysid.io.rig import Rig, rig_from_content
@@ -56,7 +57,7 @@ class BundleContent(Part):
     valves: Absent[FittedValves] = None
     effects: list[EffectEntry]
     validation: Absent[Validation] = None
-    refinement: JsonValue = None
+    refinement: Absent[Refinement] = None
     provenance: Provenance
 
     _source: str = PrivateAttr("bundle")

@@ -19,6 +19,7 @@ from sysid.commands.options import (
     report_option,
 )
 from sysid.commands.printing import notices, print_json, print_written, progress
+from sysid.display.numbers import ascii_text
 from sysid.display.terminal import console, new_table
 from sysid.io.campaign import read_campaign
 from sysid.model.effects.catalogue import catalogue_with
@@ -122,6 +123,6 @@ def _show(result: RefineResult, written: tuple[Path, ...], as_json: bool) -> Non
     for shown in result.tables():
         table = new_table(shown.title, *shown.columns)
         for row in shown.rows:
-            table.add_row(*(Text(cell) for cell in row))
+            table.add_row(*(Text(ascii_text(cell)) for cell in row))
         out.print("", table)
     print_written(written)

@@ -231,8 +231,14 @@ def _diagnose(run: PipelineRun) -> None:
 
 
 def _refine(run: PipelineRun) -> None:
-    """A campaign whose motion cannot be simulated continues unrefined; a notice says why."""
+    """A campaign whose motion cannot be simulated continues unrefined; a notice says why.
+
+    A part tested alone has no motion of an actuator: its bundle continues as it is.
+    """
     bundle = run.bundle(_EXTENDED_FILE if run.diagnose else _FITTED_FILE)
+    if part_tested([entry.kind for entry in run.campaign.logs], bundle):
+        write_bundle(bundle, run.path(_REFINED_FILE))
+        return
     try:
         result = refine(run.campaign, bundle, catalogue=run.catalogue, progress=run.tell)
     except (InputError, NotIdentifiedError) as error:

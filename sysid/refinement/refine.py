@@ -18,11 +18,13 @@ import numpy as np
 from sysid.bundle import Bundle
 from sysid.bundle.assembled_model import assumed_friction, friction_keys
 from sysid.bundle.friction import Friction
+from sysid.display.numbers import ascii_text
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import MOTION_KINDS, Campaign, CampaignLog
 from sysid.model.effects.entry import Catalogue
 from sysid.model.ports import Model, has_discrete_law
+from sysid.refinement.declared import contradictions
 from sysid.refinement.estimation import Estimated, FrictionScatter, estimate
 from sysid.refinement.problem import Problem
 from sysid.refinement.profiles import Profile
@@ -123,9 +125,12 @@ def refine(
         left_out=len(found.left_out),
         profiles=profiles,
         bundle=bundle,
-        notices=tuple(notices),
     )
-    return dataclasses.replace(result, bundle=updated(bundle, campaign, result))
+    made = updated(bundle, campaign, result)
+    if made.refinement is not None:
+        wrong = contradictions(made.refinement.values(), campaign.rig)
+        notices += [ascii_text(line) for line in wrong]
+    return dataclasses.replace(result, bundle=made, notices=tuple(notices))
 
 
 def _tests(

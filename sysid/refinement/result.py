@@ -187,7 +187,10 @@ class RefineResult(Shown):
             "correlation": [[float(c) for c in row] for row in self.correlation],
             "rmse": {
                 use: {
-                    name: {"before": float(fit.before[i]), "after": float(fit.after[i])}
+                    name: {
+                        "before": finite_or_none(float(fit.before[i])),
+                        "after": finite_or_none(float(fit.after[i])),
+                    }
                     for i, name in enumerate(self.channels)
                     if np.isfinite(fit.before[i])
                 }

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from sysid.bundle import Bundle
 from sysid.bundle.base import Part
+from sysid.bundle.refinement import Refinement
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import Campaign
 from sysid.io.channels import SIDES
@@ -15,8 +16,8 @@ from sysid.refinement.result import RefineResult
 def updated(bundle: Bundle, campaign: Campaign, result: RefineResult) -> Bundle:
     """A bundle with a refinement's estimates, its record, and its logs in the provenance.
 
-    Constants of the rig file stay as declared: their estimates are in the record alone, but for
-    the inertia (mass), which a bundle's friction can hold. The validation is dropped.
+    Constants of the rig file stay as declared: their estimates are in the record alone. The
+    validation is dropped.
     """
     estimates = {p.name: p.estimate for p in result.parameters}
     fields: dict[str, object] = {}
@@ -35,7 +36,7 @@ def updated(bundle: Bundle, campaign: Campaign, result: RefineResult) -> Bundle:
         entry.replaced(parameters={**entry.parameters, **_under(f"{entry.id}.", estimates)})
         for entry in bundle.effects
     ]
-    fields["refinement"] = result.to_json()
+    fields["refinement"] = Refinement.model_validate(result.to_json())
     made = bundle.without("validation").replaced(**fields)
     return made.with_sources([*campaign.sources("fit"), *campaign.sources("holdout")])
 

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 
 _NOT_DIAGNOSED = "the model was not diagnosed (run sysid diagnose)"
+_NOT_REFINED = "the parameters were not refined on motion tests (run sysid refine)"
 
 
 def write_report(
@@ -152,6 +153,12 @@ def _parts(
 
         return None if validation is None else residuals_section(validation)
 
+    def refined() -> Section | None:
+        from sysid.report.refinement import refinement_section
+
+        part = bundle.refinement
+        return None if part is None else refinement_section(part, campaign.rig)
+
     not_validated = f"the model was not validated (motion logs: {', '.join(MOTION_KINDS)})"
     return [
         ("Friction", f"no friction was fitted (tests: {', '.join(FRICTION_KINDS)})", friction),
@@ -160,6 +167,7 @@ def _parts(
         ("Open-loop validation", not_validated, motion),
         ("Residuals", not_validated, residuals),
         ("Diagnosis", (diagnosis or {}).get("skipped", _NOT_DIAGNOSED), diagnosed),
+        ("Refinement on motion", _NOT_REFINED, refined),
     ]
 
 

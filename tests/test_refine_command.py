@@ -1,0 +1,279 @@
+"""`sysid refine` and the stage of `sysid run`: what is estimated, written, said and refused.
+
+Two tests by motor of a generated rig without scatter; the bundle holds the true parameters, each
+with a standard error of 1 %, and the rig file an inertia that is 3 % too large.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import copy
+import io
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from datasets.generator.campaign import Size, make_campaign
+from datasets.generator.files import write_log
+from datasets.generator.rigs import rig_toml
+from sysid.bundle import Bundle, FittedValves, Friction, Parts, read_bundle, write_bundle
+from sysid.bundle.valves import LAW_KEYS
+from sysid.commands import stages
+from sysid.commands.app import main
+from sysid.commands.run import RunReport, run_campaign
+from sysid.estimation.linear import Estimate
+from sysid.io.campaign import read_campaign
+
+SEED = 5
+SMALLEST = Size(1, 1, 1, 0.04, (1, 1), (1, 1), (1, 1))
+TOO_MUCH = 1.03
+UNITS = {
+    "static_nm": "Nm",
+    "coulomb_nm": "Nm",
+    "viscous_nm_s_per_rad": "Nm s/rad",
+    "choked_flow_fill_kg_s": "kg/s",
+    "choked_flow_dis_kg_s": "kg/s",
+    "c_fill": "kg/(s Pa^0.5)",
+    "c_dis": "kg/(s Pa)",
+}
+
+
+@dataclass(frozen=True)
+class Made:
+    """A campaign in files, the bundle to refine, and the rig's true inertia, kg m2."""
+
+    campaign: Path
+    bundle: Path
+    inertia: float
+
+    def arguments(self, *more: str) -> list[str]:
+        return ["refine", str(self.campaign), "--bundle", str(self.bundle), *more]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A command's exit status, and what it printed."""
+
+    code: int
+    out: str
+    err: str
+
+
+def run_command(arguments: list[str]) -> Outcome:
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        code = main(arguments)
+    return Outcome(code, out.getvalue(), err.getvalue())
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
+    folder = tmp_path_factory.mktemp("campaign")
+    generated = make_campaign(SEED, size=SMALLEST, kinds=("motion-motor",), scatter=0.0)
+    content = copy.deepcopy(generated.rig.content)
+    inertia = float(content["inertia"]["equivalent_kg_m2"])
+    content["inertia"]["equivalent_kg_m2"] = TOO_MUCH * inertia
+    (folder / "rig.toml").write_text(rig_toml(content))
+    lines = ['rig = "rig.toml"']
+    for log in generated.logs:
+        write_log(folder / f"{log.stem}.csv", log.tests, generated.rig)
+        lines += ["[[log]]", f'kind = "{log.kind}"', f'file = "{log.stem}.csv"']
+        lines += [f'use = "{log.use}"']
+    path = folder / "campaign.toml"
+    path.write_text("\n".join(lines) + "\n")
+    bundle = folder / "bundle.json"
+    write_bundle(true_bundle(generated.truth, path), bundle)
+    return Made(path, bundle, inertia)
+
+
+def true_bundle(truth: dict[str, Any], campaign: Path) -> Bundle:
+    friction = {name: known(name, value) for name, value in truth["friction"].items()}
+    valves = {
+        side: {"discrete": {name: known(name, value) for name, value in law.items()}}
+        for side, law in truth["valves"].items()
+    }
+    parts = Parts(Friction.model_validate(friction), FittedValves.model_validate(valves))
+    return Bundle.new(read_campaign(campaign).rig, parts, [])
+
+
+def known(name: str, value: float) -> Estimate:
+    return Estimate(value, 0.01 * abs(value), UNITS[name], (0.98 * value, 1.02 * value))
+
+
+@pytest.fixture(scope="module")
+def refined(made: Made) -> tuple[Outcome, Path]:
+    """The command with --json and -o, the inertia freed and all flows kept."""
+    output = made.campaign.parent / "refined.json"
+    free = ["--free", "rig.inertia", "--fix", "valves.a", "--fix", "valves.b"]
+    return run_command(made.arguments(*free, "--json", "-o", str(output))), output
+
+
+@pytest.fixture(scope="module")
+def content(refined: tuple[Outcome, Path]) -> dict[str, Any]:
+    printed: dict[str, Any] = json.loads(refined[0].out)
+    return printed
+
+
+def by_name(content: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    return {parameter["name"]: parameter for parameter in content["parameters"]}
+
+
+def test_json_is_one_object_that_names_what_was_written(
+    refined: tuple[Outcome, Path], content: dict[str, Any]
+) -> None:
+    outcome, output = refined
+    assert outcome.code == 0
+    assert content["written"] == [str(output)]
+    assert content["converged"] is True
+    assert content["segments"] >= 6
+    assert "estimating 4 parameters" in outcome.err
+
+
+def test_only_what_was_asked_for_is_estimated(content: dict[str, Any]) -> None:
+    assert list(by_name(content)) == [
+        "friction.static_nm",
+        "friction.coulomb_nm",
+        "friction.viscous_nm_s_per_rad",
+        "rig.inertia",
+    ]
+    count = len(content["parameters"])
+    assert [len(row) for row in content["correlation"]] == [count] * count
+    assert all(content["correlation"][i][i] == pytest.approx(1.0) for i in range(count))
+
+
+def test_an_inertia_that_the_rig_file_has_wrong_is_found_and_said(
+    made: Made, refined: tuple[Outcome, Path], content: dict[str, Any]
+) -> None:
+    found = by_name(content)["rig.inertia"]
+    assert found["before"] == pytest.approx(TOO_MUCH * made.inertia)
+    assert found["after"]["value"] == pytest.approx(made.inertia, rel=2e-3)
+    assert found["informed_by_motion"] is True
+    said = [
+        line for line in content["notices"] if line.startswith("rig.inertia: the rig file says")
+    ]
+    assert len(said) == 1 and "correct [inertia] equivalent_kg_m2 and fit again" in said[0]
+    assert said[0] in refined[0].err
+
+
+def test_held_out_motion_is_followed_better(content: dict[str, Any]) -> None:
+    errors = content["rmse"]["holdout"]["theta_rad"]
+    assert errors["after"] < 0.5 * errors["before"]
+
+
+def test_the_bundle_holds_the_record_and_the_new_numbers(
+    made: Made, refined: tuple[Outcome, Path], content: dict[str, Any]
+) -> None:
+    first, bundle = read_bundle(made.bundle), read_bundle(refined[1])
+    assert bundle.refinement is not None and first.refinement is None
+    assert [value.name for value in bundle.refinement.values()] == list(by_name(content))
+    assert bundle.friction is not None and bundle.friction.coulomb_nm is not None
+    after = by_name(content)["friction.coulomb_nm"]["after"]
+    assert bundle.friction.coulomb_nm.value == after["value"]
+    # What was kept is as it was, the rig file's constants among it.
+    assert bundle.valves == first.valves
+    assert bundle.rig_content == first.rig_content
+    assert {(e.file, e.use) for e in bundle.provenance.logs} == {
+        ("motion_motor.csv", "fit"),
+        ("motion_motor_2.csv", "holdout"),
+    }
+
+
+def test_a_change_of_parts_drops_the_record(made: Made, refined: tuple[Outcome, Path]) -> None:
+    bundle = read_bundle(refined[1])
+    assert "refinement" in bundle.given()
+    assert "refinement" not in bundle.merged(read_bundle(made.bundle)).given()
+    assert "refinement" not in bundle.with_effects([]).given()
+
+
+@pytest.mark.parametrize("option", ["--free", "--fix", "--profile"])
+def test_an_unknown_name_is_refused_with_those_that_are_known(made: Made, option: str) -> None:
+    outcome = run_command(made.arguments(option, "rig.colour"))
+    assert (outcome.code, outcome.out) == (2, "")
+    assert len(outcome.err.splitlines()) == 1
+    assert "rig.colour" in outcome.err and "use one of friction.static_nm" in outcome.err
+
+
+def test_nothing_left_to_estimate_is_refused(made: Made) -> None:
+    outcome = run_command(made.arguments("--fix", "friction", "--fix", "valves"))
+    assert outcome.code == 2
+    assert "leaves nothing to estimate" in outcome.err
+
+
+def test_a_campaign_without_motion_to_fit_on_is_refused(made: Made) -> None:
+    path = made.campaign.with_name("held_out.toml")
+    path.write_text(made.campaign.read_text().replace('use = "fit"', 'use = "holdout"'))
+    outcome = run_command(["refine", str(path), "--bundle", str(made.bundle)])
+    assert outcome.code == 2
+    assert "holds no motion log to fit on" in outcome.err and "motion-motor" in outcome.err
+
+
+def test_a_bundle_without_the_valves_laws_cannot_be_refined(made: Made, tmp_path: Path) -> None:
+    path = tmp_path / "friction.json"
+    write_bundle(read_bundle(made.bundle).without("valves"), path)
+    output = tmp_path / "refined.json"
+    arguments = ["refine", str(made.campaign), "--bundle", str(path), "-o", str(output)]
+    outcome = run_command(arguments)
+    assert outcome.code == 3
+    assert "holds no on/off law of both valves" in outcome.err
+    assert not output.exists()
+
+
+# --- the stage of `sysid run` ------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def pipeline(made: Made, tmp_path_factory: pytest.TempPathFactory) -> tuple[RunReport, RunReport]:
+    """A run with the stage, and one into a copy of its folder without; the fit is the bundle."""
+    with pytest.MonkeyPatch.context() as patch:
+        first = read_bundle(made.bundle)
+        patch.setattr(stages, "_fit", lambda run: write_bundle(first, run.path("fitted.json")))
+        folder = tmp_path_factory.mktemp("results")
+        with_stage = run_campaign(made.campaign, folder, diagnose=False)
+        without = run_campaign(made.campaign, folder, diagnose=False, refine=False)
+    return with_stage, without
+
+
+def test_the_pipeline_refines_what_it_fitted(made: Made, pipeline: tuple[RunReport, Any]) -> None:
+    run = pipeline[0]
+    names = [stage.name for stage in run.stages]
+    assert names == ["check", "fit", "refine", "validate", "report", "export"]
+    refined = read_bundle(run.folder / "refined.json")
+    assert refined.refinement is not None
+    assert {value.name for value in refined.refinement.values()} == {
+        "friction.static_nm",
+        "friction.coulomb_nm",
+        "friction.viscous_nm_s_per_rad",
+        *(f"valves.{side}.{key}" for side in "ab" for key in LAW_KEYS.values()),
+    }
+    assert run.bundle.refinement is not None and run.bundle.validation is not None
+    assert run.bundle.friction == refined.friction
+
+
+def test_motion_by_motor_informs_friction_and_not_the_flows(
+    pipeline: tuple[RunReport, Any],
+) -> None:
+    """With the chambers open to the atmosphere, filling is never seen."""
+    assert pipeline[0].bundle.refinement is not None
+    values = {value.name: value for value in pipeline[0].bundle.refinement.values()}
+    assert values["friction.viscous_nm_s_per_rad"].informed_by_motion
+    for side in "ab":
+        filling = values[f"valves.{side}.choked_flow_fill_kg_s"]
+        assert not filling.informed_by_motion
+        assert float(filling.movement or 0.0) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_without_the_stage_the_fitted_bundle_is_validated(
+    made: Made, pipeline: tuple[Any, RunReport]
+) -> None:
+    run = pipeline[1]
+    outcomes = {stage.name: stage.outcome for stage in run.stages}
+    assert "refine" not in outcomes
+    assert outcomes["fit"] == "up to date"
+    assert "repeated" in outcomes["validate"] and "repeated" in outcomes["report"]
+    assert run.bundle.refinement is None
+    assert run.bundle.friction == read_bundle(made.bundle).friction
+    html = run.report.read_text("utf-8")
+    assert '<section id="refinement"' not in html and "run sysid refine" in html
