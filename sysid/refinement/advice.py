@@ -1,9 +1,10 @@
 """Which test to run next: standard errors as the sensitivities of the simulation predict them.
 
-Information of a test is that of its linearised equations with the sensors' noise as it is, its
-start states unknown and its friction drawn anew (Fisher information; optimal design of
-experiments, Atkinson, Donev, Tobias 2007). It adds up: the bench tests by the bundle's standard
-errors, the motion logs to fit on, and each test that could be run.
+Information of a test is that of its linearised equations with errors as the motion logs show them
+(the sensors' noise where there are none), its start states unknown and its friction drawn anew
+(Fisher information; optimal design of experiments, Atkinson, Donev, Tobias 2007). It adds up: the
+bench tests by the bundle's standard errors, the motion logs to fit on, and each test that could
+be run.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from sysid.model.effects.entry import Catalogue
 from sysid.model.effects.linear import for_rig
 from sysid.model.ports import has_discrete_law
 from sysid.refinement.advice_result import AdviceResult, CandidateTest, Tie
-from sysid.refinement.candidates import candidate_motions
+from sysid.refinement.candidates import CandidateMotion, candidate_motions
 from sysid.refinement.effect_sizes import effect_sizes
 from sysid.refinement.information import covariance
 from sysid.refinement.options import (
@@ -33,6 +34,7 @@ from sysid.refinement.options import (
     noise_of,
     problem_of,
     runs_of_tests,
+    with_expected_errors,
 )
 from sysid.refinement.probes import Probes, probes_of
 from sysid.refinement.refine import KINDS, bench_scatter, motion_tests_of
@@ -57,6 +59,7 @@ def advise(
 ) -> AdviceResult:
     """Predict every parameter's standard error now, and after each of a list of tests.
 
+    `catalogue`: the effects whose smallest sizes are found (none where it is empty).
     `threshold`: how many standard errors an effect's strength must be to be seen. Raises
     InputError for logs or a rig file that cannot be used, NotIdentifiedError where the bundle
     does not hold the on/off law of both valves.
@@ -72,12 +75,14 @@ def advise(
     logged = motion_tests_of(campaign, campaign.select(KINDS, use="fit"), bundle, notices)
     unknowns = tuple(chosen(unknowns_of(bundle, rig, model)))
     setting = Setting(rig, model, unknowns, noise_of(logged, rig), bench_scatter(bundle).pair)
+    progress("errors of the motion logs")
+    setting = with_expected_errors(setting, logged)
     if bundle.refinement is not None:
         notices.append(_REFINED.format(bundle.source))
         logged = []
     progress("drawing tests that the rig can do")
     tests = runs_of_tests(logged, candidate_motions(rig, model), setting)
-    known = for_rig(catalogue or own_catalogue(), rig.is_linear)
+    known = for_rig(own_catalogue() if catalogue is None else catalogue, rig.is_linear)
     rivals = _rivals(bundle, known)
     probes = probes_of(model, [known[r] for own in rivals.values() for r in own])
     problem = problem_of(tests, probes, setting)
@@ -86,7 +91,7 @@ def advise(
     options += bench_options(problem, setting)
     p = len(unknowns)
     options.sort(key=lambda o: -_reduction(now, o, p))
-    candidates = tuple(_candidate(now, o, unknowns) for o in options)
+    candidates = tuple(_candidate(now, o, unknowns, tests.motions) for o in options)
     best = [i for i, o in enumerate(options) if o.motion is not None][:_BEST]
     sizes, skipped = effect_sizes(
         tests, [options[i] for i in best], setting, known.values(), threshold, progress
@@ -132,10 +137,16 @@ def _reduction(now: FloatArray, option: Option, count: int) -> float:
     return float(np.mean(np.log(before / after)))
 
 
-def _candidate(now: FloatArray, option: Option, unknowns: Sequence[Unknown]) -> CandidateTest:
+def _candidate(
+    now: FloatArray,
+    option: Option,
+    unknowns: Sequence[Unknown],
+    motions: Sequence[CandidateMotion],
+) -> CandidateTest:
     std = _std(now + option.information, unknowns)
     gain = _reduction(now, option, len(unknowns))
-    return CandidateTest(option.kind, option.text, option.duration, std, gain)
+    motion = None if option.motion is None else motions[option.motion].first(option.duration)
+    return CandidateTest(option.kind, option.text, option.duration, std, gain, motion)
 
 
 # --- ties ------------------------------------------------------------------------------

@@ -9,6 +9,7 @@ from typing import Any
 
 from sysid.display.numbers import number
 from sysid.display.tables import Shown, ShownTable
+from sysid.refinement.candidates import CandidateMotion
 from sysid.refinement.unknowns import Unknown
 from sysid.types import FloatArray
 
@@ -20,7 +21,7 @@ class CandidateTest:
     """A test that could be run: its log kind, what it is, `duration` s in all.
 
     `std` (p,) expected standard errors after it, in the parameters' units; `gain` the mean over
-    the parameters of log(standard error now / after).
+    the parameters of log(standard error now / after). `motion` are the commands of a motion test.
     """
 
     kind: str
@@ -28,6 +29,7 @@ class CandidateTest:
     duration: float
     std: FloatArray
     gain: float
+    motion: CandidateMotion | None = None
 
     @property
     def name(self) -> str:

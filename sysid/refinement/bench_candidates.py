@@ -131,7 +131,10 @@ def _filling(rig: Rig, model: Model, side: str) -> Inputs:
 
     def commanded(off: float) -> Inputs:
         on = ((time >= _ON_S) & (time < off)).astype(float)
-        return dataclasses.replace(held, **{f"valve_{side}": ValveCommand(on)})
+        valve = ValveCommand(on)
+        if side == "a":
+            return dataclasses.replace(held, valve_a=valve)
+        return dataclasses.replace(held, valve_b=valve)
 
     (whole,) = simulate([commanded(_OFF_S)], [model])
     pressure = getattr(whole, f"pressure_{side}")

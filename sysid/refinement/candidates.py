@@ -49,6 +49,14 @@ class CandidateMotion:
     valves: FloatArray | None
     channels: FloatArray
 
+    def first(self, seconds: float) -> CandidateMotion:
+        """Its first seconds."""
+        n = round(seconds / float(self.time[1] - self.time[0]))
+        valves = None if self.valves is None else self.valves[:, :n]
+        return CandidateMotion(
+            self.kind, self.text, self.time[:n], self.motor[:n], valves, self.channels[:, :n]
+        )
+
     def trial(self, rig: Rig, noise: FloatArray, seed: int) -> Trial:
         """The test as it would be logged, with noise of these standard deviations (3,)."""
         rng = np.random.default_rng(seed)

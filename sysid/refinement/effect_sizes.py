@@ -37,6 +37,8 @@ def effect_sizes(
     probes = probes_of(
         setting.model, [e for e in effects if not e.averaged_only and e.id not in own]
     )
+    if not probes.effects:
+        return (), {}
     numbers = list(dict.fromkeys(o.motion for o in best if o.motion is not None))
     some = tests.only(numbers)
     if not some.runs:

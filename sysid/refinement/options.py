@@ -14,8 +14,9 @@ from sysid.io.rig import Rig
 from sysid.model.ports import Model
 from sysid.refinement.bench_candidates import bench_candidates
 from sysid.refinement.candidates import DURATION_S, CandidateMotion
+from sysid.refinement.expected_errors import expected_whitening
 from sysid.refinement.information import ProbedProblem, information_of, prior_information
-from sysid.refinement.probes import Probes
+from sysid.refinement.probes import Probes, probes_of
 from sysid.refinement.refine import SEGMENT_S
 from sysid.refinement.runs import Run, runs_of
 from sysid.refinement.unknowns import Unknown
@@ -30,7 +31,7 @@ _SHORT_S = 5.0
 class Setting:
     """What all of the advice shares: the bundle's model, its unknowns, `noise` (3,) of a sample.
 
-    `scatter` of sliding and static friction from test to test, relative.
+    `scatter` of sliding and static friction from test to test, relative. `whitening` by channel.
     """
 
     rig: Rig
@@ -38,6 +39,11 @@ class Setting:
     unknowns: tuple[Unknown, ...]
     noise: FloatArray
     scatter: tuple[float, float]
+    whitening: tuple[Whitening, ...] = ()
+
+    def errors_of(self, run: Run) -> tuple[Whitening, ...]:
+        """What a run's errors are like, by channel: white noise, where nothing else is known."""
+        return self.whitening or tuple(Whitening.white(float(n)) for n in run.noise)
 
 
 @dataclass(frozen=True)
@@ -109,13 +115,13 @@ def runs_of_tests(
 
 
 def problem_of(tests: RunsOfTests, probes: Probes, setting: Setting) -> ProbedProblem:
-    """Errors that are the sensors' white noise; effects that the model lacks at zero beside it."""
+    """The tests' equations, with effects that the model lacks at zero beside its unknowns."""
     return ProbedProblem(
         runs=tests.runs,
         unknowns=(*setting.unknowns, *probes.unknowns),
         model=probes.model,
         position=setting.rig.position_channel,
-        whitening=tuple(tuple(Whitening.white(float(n)) for n in r.noise) for r in tests.runs),
+        whitening=tuple(setting.errors_of(run) for run in tests.runs),
         scatter=setting.scatter,
         tests=tests.logged + len(tests.motions),
         robust=False,
@@ -145,6 +151,16 @@ def information(problem: ProbedProblem, tests: RunsOfTests) -> tuple[FloatArray,
     return now, options
 
 
+def with_expected_errors(setting: Setting, logged: Sequence[MotionTest]) -> Setting:
+    """The setting with errors as the logged tests show them; white noise without such tests."""
+    tests = runs_of_tests(logged, [], setting)
+    if not tests.runs:
+        return setting
+    problem = problem_of(tests, probes_of(setting.model, []), setting)
+    found = expected_whitening(dataclasses.replace(problem, robust=True))
+    return dataclasses.replace(setting, whitening=found)
+
+
 def bench_options(problem: ProbedProblem, setting: Setting) -> list[Option]:
     """Logs of bench tests that could be made."""
     found = bench_candidates(problem, setting.rig, setting.noise)
@@ -160,4 +176,5 @@ __all__ = [
     "noise_of",
     "problem_of",
     "runs_of_tests",
+    "with_expected_errors",
 ]
