@@ -1,10 +1,10 @@
 """Whether `sysid advise` foretells the standard errors that the refinement then finds.
 
-    python benchmarks/advice.py [--seeds 9100 9106] [--results FILE.jsonl]
+    python benchmarks/advice.py [--seeds 9100 9106] [--size small] [--results FILE.jsonl]
 
-For each seed: a generated campaign of a lab's size (2 % scatter of friction, quantisation), its
-fit, and the advice. The best motion test of each kind of the list is then really made: its commands
-on the generator's own plant, with friction drawn anew, and noise. The logs to fit on and that
+For each seed: a generated campaign (2 % scatter of friction, quantisation), its fit, and the
+advice. The motion test that it names first is then really made: its commands on the generator's
+own plant, with friction drawn anew, and noise. The logs to fit on and that
 test are refined together, and the predicted standard error of each parameter is divided by the one
 that the refinement gives. The refined value's distance from the truth is printed in units of
 both. One line of JSON per rig is appended to the results, and all of them are summed up.
@@ -31,12 +31,14 @@ from datasets.generator.friction_tests import friction_factors  # noqa: E402
 from datasets.generator.rigs import GeneratedRig  # noqa: E402
 from datasets.generator.runs import Commands, at_atmosphere, logged, simulated  # noqa: E402
 from sysid.assembly import fit_campaign  # noqa: E402
-from sysid.io.campaign import read_campaign  # noqa: E402
+from sysid.io.campaign import MOTION_KINDS, read_campaign  # noqa: E402
 from sysid.refinement.advice import advise  # noqa: E402
 from sysid.refinement.candidates import CandidateMotion  # noqa: E402
 from sysid.refinement.refine import refine  # noqa: E402
 
 SCATTER = 0.02
+# Surfaces under PWM have no part in it.
+KINDS = ("friction-static", "friction-sliding", "valve-discrete", *MOTION_KINDS)
 _TRUTH = {"static": "static_friction", "coulomb": "coulomb_friction", "viscous": "viscous_friction"}
 WITHIN = (0.8, 1.25)
 
@@ -67,11 +69,21 @@ def really_made(
     path.write_text(path.read_text() + entry)
 
 
-def one_rig(seed: int) -> dict[str, Any]:
+def one_rig(seed: int, size: str) -> dict[str, Any]:
     """The seed's parameters: predicted and found standard errors, and the errors themselves."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        words = ["-o", name, "--seed", str(seed), "--size", "lab", "--parquet"]
+        words = [
+            "-o",
+            name,
+            "--seed",
+            str(seed),
+            "--size",
+            size,
+            "--parquet",
+            "--kinds",
+            ",".join(KINDS),
+        ]
         subprocess.run(
             [sys.executable, "-m", "datasets.generator", *words], cwd=REPOSITORY, check=True
         )
@@ -79,7 +91,7 @@ def one_rig(seed: int) -> dict[str, Any]:
         bundle = fit_campaign(campaign, surface="bipolynomial").bundle
         advice = advise(campaign, bundle, threshold=1.0, catalogue={})
         test = next(c for c in advice.candidates if c.motion is not None)
-        rig = make_campaign(seed, size=size_of("lab"), kinds=()).rig
+        rig = make_campaign(seed, size=size_of(size), kinds=()).rig
         assert test.motion is not None
         really_made(folder, rig, test.motion, np.random.default_rng([seed, 77]))
         found = refine(read_campaign(folder / "campaign.toml"), bundle)
@@ -92,7 +104,7 @@ def one_rig(seed: int) -> dict[str, Any]:
             "found": p.estimate.std,
             "error": p.estimate.value - true_value(rig, p.name),
         }
-    return {"seed": seed, "test": test.name, "parameters": rows}
+    return {"seed": seed, "size": size, "test": test.name, "parameters": rows}
 
 
 def summed_up(results: list[dict[str, Any]]) -> None:
@@ -123,6 +135,7 @@ def summed_up(results: list[dict[str, Any]]) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, nargs=2, default=(9100, 9106), help="first, end")
+    parser.add_argument("--size", default="small", help="of the campaigns, as the generator's")
     parser.add_argument("--results", type=Path, default=Path("advice.jsonl"))
     options = parser.parse_args()
     lines = options.results.read_text().splitlines() if options.results.exists() else []
@@ -130,7 +143,7 @@ def main() -> None:
     for seed in range(*options.seeds):
         if any(r["seed"] == seed for r in results):
             continue
-        results.append(one_rig(seed))
+        results.append(one_rig(seed, options.size))
         with options.results.open("a") as file:
             file.write(json.dumps(results[-1]) + "\n")
     summed_up(results)
