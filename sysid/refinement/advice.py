@@ -27,8 +27,8 @@ from sysid.refinement.candidates import CandidateMotion, candidate_motions
 from sysid.refinement.effect_sizes import effect_sizes
 from sysid.refinement.information import covariance
 from sysid.refinement.options import (
+    AdviceSetting,
     Option,
-    Setting,
     bench_options,
     information,
     noise_of,
@@ -74,7 +74,7 @@ def advise(
     progress("reading motion logs")
     logged = motion_tests_of(campaign, campaign.select(KINDS, use="fit"), bundle, notices)
     unknowns = tuple(chosen(unknowns_of(bundle, rig, model)))
-    setting = Setting(rig, model, unknowns, noise_of(logged, rig), bench_scatter(bundle).pair)
+    setting = AdviceSetting(rig, model, unknowns, noise_of(logged, rig), bench_scatter(bundle).pair)
     progress("errors of the motion logs")
     setting = with_expected_errors(setting, logged)
     if bundle.refinement is not None:

@@ -10,7 +10,7 @@ import numpy as np
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.refinement.advice_result import EffectSize
 from sysid.refinement.information import covariance
-from sysid.refinement.options import Option, RunsOfTests, Setting, information, problem_of
+from sysid.refinement.options import AdviceSetting, Option, RunsOfTests, information, problem_of
 from sysid.refinement.probes import probes_of, without_slope
 from sysid.types import FloatArray, Progress
 
@@ -23,7 +23,7 @@ _LEAST = 1e-6
 def effect_sizes(
     tests: RunsOfTests,
     best: Sequence[Option],
-    setting: Setting,
+    setting: AdviceSetting,
     effects: Iterable[type[CatalogueEffect]],
     threshold: float,
     progress: Progress,

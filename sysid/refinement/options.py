@@ -28,7 +28,7 @@ _SHORT_S = 5.0
 
 
 @dataclass(frozen=True)
-class Setting:
+class AdviceSetting:
     """What all of the advice shares: the bundle's model, its unknowns, `noise` (3,) of a sample.
 
     `scatter` of sliding and static friction from test to test, relative. `whitening` by channel.
@@ -99,7 +99,7 @@ def noise_of(tests: Sequence[MotionTest], rig: Rig) -> FloatArray:
 
 
 def runs_of_tests(
-    logged: Sequence[MotionTest], motions: Sequence[CandidateMotion], setting: Setting
+    logged: Sequence[MotionTest], motions: Sequence[CandidateMotion], setting: AdviceSetting
 ) -> RunsOfTests:
     """Runs of all tests; those that could be run are cut as if they had been logged."""
     rig, noise = setting.rig, setting.noise
@@ -114,7 +114,7 @@ def runs_of_tests(
     return RunsOfTests(tuple(runs), len(logged), tuple(motions))
 
 
-def problem_of(tests: RunsOfTests, probes: Probes, setting: Setting) -> ProbedProblem:
+def problem_of(tests: RunsOfTests, probes: Probes, setting: AdviceSetting) -> ProbedProblem:
     """The tests' equations, with effects that the model lacks at zero beside its unknowns."""
     return ProbedProblem(
         runs=tests.runs,
@@ -151,7 +151,7 @@ def information(problem: ProbedProblem, tests: RunsOfTests) -> tuple[FloatArray,
     return now, options
 
 
-def with_expected_errors(setting: Setting, logged: Sequence[MotionTest]) -> Setting:
+def with_expected_errors(setting: AdviceSetting, logged: Sequence[MotionTest]) -> AdviceSetting:
     """The setting with errors as the logged tests show them; white noise without such tests."""
     tests = runs_of_tests(logged, [], setting)
     if not tests.runs:
@@ -161,16 +161,16 @@ def with_expected_errors(setting: Setting, logged: Sequence[MotionTest]) -> Sett
     return dataclasses.replace(setting, whitening=found)
 
 
-def bench_options(problem: ProbedProblem, setting: Setting) -> list[Option]:
+def bench_options(problem: ProbedProblem, setting: AdviceSetting) -> list[Option]:
     """Logs of bench tests that could be made."""
     found = bench_candidates(problem, setting.rig, setting.noise)
     return [Option(b.kind, b.text, b.duration, b.information) for b in found]
 
 
 __all__ = [
+    "AdviceSetting",
     "Option",
     "RunsOfTests",
-    "Setting",
     "bench_options",
     "information",
     "noise_of",
