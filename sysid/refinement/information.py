@@ -64,7 +64,7 @@ class ProbedProblem(Problem):
             changed: CatalogueEffect = dataclasses.replace(probe.effect, **step)  # type: ignore[type-var]
             moved = Model(model.parameters, (*model.effects, changed))
             slopes.append((self._measured(run, found.states, moved) - here) / _SENSOR_STEP)
-        return RunErrors(own.residual, np.concatenate([own.slopes, slopes]))
+        return RunErrors(own.residual, np.concatenate([own.slopes, slopes])).kept(run)
 
 
 def prior_information(problem: Problem, columns: int) -> FloatArray:
