@@ -5,8 +5,8 @@
 Read measurements (`read_campaign`, `read_rig`, `read_log`), see what they can be used for
 (`check`), fit them (`fit`, or one part: `fit_friction`, `fit_valve_discrete`,
 `fit_valve_pwm`), use the model (`simulate`, `control`, `effects`), find what it lacks
-(`diagnose`), fit it as a whole (`refine`), see how well it predicts (`validate`), and write it
-out (`write_bundle`, `report`, `export`).
+(`diagnose`), fit it as a whole (`refine`), see how well it predicts (`validate`) and which test
+to run next (`advise`), and write it out (`write_bundle`, `report`, `export`).
 Values are SI, pressures absolute. Results print as tables, are displayed in a notebook, convert
 to a DataFrame (`to_frame`) and plot themselves on given or new axes (`plot`).
 
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from sysid.io.samples import Log
     from sysid.model import effects
     from sysid.model.ports import Model
+    from sysid.workflows.advising import advise
     from sysid.workflows.controlling import control
     from sysid.workflows.diagnosing import diagnose
     from sysid.workflows.fitting import fit, fit_friction, fit_valve_discrete, fit_valve_pwm
@@ -58,6 +59,7 @@ __all__ = [
     "NotIdentifiedError",
     "Rig",
     "SysidError",
+    "advise",
     "check",
     "control",
     "diagnose",
@@ -88,6 +90,7 @@ _HOMES = {
     "NotIdentifiedError": "sysid.errors",
     "Rig": "sysid.io.rig",
     "SysidError": "sysid.errors",
+    "advise": "sysid.workflows.advising",
     "check": "sysid.workflows.judging",
     "control": "sysid.workflows.controlling",
     "diagnose": "sysid.workflows.diagnosing",

@@ -33,6 +33,7 @@ _INTERRUPTED = 130
 _NO_OUTPUT = (errno.ENOSPC, errno.EIO, errno.EDQUOT)
 
 COMMANDS = {
+    "advise": "Which test to run next: expected standard errors, ties, sizes of effects.",
     "check": "Data quality of each LOG, and what it can and cannot identify.",
     "control": "Closed-loop simulation with a controller that reads BUNDLE.",
     "convert": "Bring a lab's own file (.mat, text, Excel, TDMS, Parquet) into the log format.",

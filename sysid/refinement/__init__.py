@@ -4,4 +4,8 @@
 stretches that are simulated), `problem` (their errors with slopes, whitened), `settling` and
 `reduction` (starts eliminated), `solver` (descent), `scan` (breakaway), `estimation` (all in turn),
 `result` and `updating` (what comes out).
+
+`advice` says which test to run next: `candidates`, `bench_candidates` (tests that could be run),
+`options` (them and the campaign as one problem), `expected_errors`, `information` (of a test),
+`probes` and `effect_sizes` (effects at strength zero), `advice_result`.
 """

@@ -202,7 +202,7 @@ class Problem:
             direction = directions[j - len(STATES)] if j >= len(STATES) else (0, "")
             size = float(np.max(np.abs(slope / _SIZES[:, None])))
             step, moved = _SENSOR_STEP / size if size > 0.0 else math.inf, model
-            if direction[0]:
+            if direction[0] and overrides(model.effects[direction[0] - 1], "measure"):
                 step, moved = _sensor_moved(model, direction, step)
             if math.isinf(step):
                 slopes.append(np.zeros_like(here))

@@ -85,7 +85,7 @@ def refine(
     profile = list(profile)
     numbers_of(unknowns, profile)  # a name that is none is refused before anything is computed
     progress("reading motion logs")
-    tests = _tests(campaign, entries, bundle, notices)
+    tests = motion_tests_of(campaign, entries, bundle, notices)
     position = campaign.rig.position_channel
     runs = [r for i, t in enumerate(tests) for r in runs_of(i, t, model, position)]
     if not runs:
@@ -105,7 +105,7 @@ def refine(
     parameters, correlation = _parameters(found)
     values = np.array([p.estimate.value for p in parameters])
     progress("simulating whole tests")
-    held_out = _tests(campaign, campaign.select(KINDS, use="holdout"), bundle, notices)
+    held_out = motion_tests_of(campaign, campaign.select(KINDS, use="holdout"), bundle, notices)
     after = model_at(model, unknowns, values)
     fits = {
         use: _fit(some, model, after, position)
@@ -133,9 +133,10 @@ def refine(
     return dataclasses.replace(result, bundle=made, notices=tuple(notices))
 
 
-def _tests(
+def motion_tests_of(
     campaign: Campaign, entries: Sequence[CampaignLog], bundle: Bundle, notices: list[str]
 ) -> list[MotionTest]:
+    """The tests of these logs with their segments; the logs' notices are appended."""
     found = []
     for entry in entries:
         log = campaign.read(entry)
@@ -246,4 +247,4 @@ def _left_out_notice(runs: Sequence[Run]) -> str:
     )
 
 
-__all__ = ["KINDS", "refine"]
+__all__ = ["KINDS", "bench_scatter", "motion_tests_of", "refine"]

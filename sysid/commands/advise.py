@@ -1,0 +1,53 @@
+"""`sysid advise`: a campaign and a bundle in, which test to run next out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+from rich.text import Text
+
+from sysid.bundle import read_bundle
+from sysid.commands.options import (
+    bundle_option,
+    campaign_argument,
+    effects_option,
+    json_option,
+)
+from sysid.commands.printing import notices, print_json, progress
+from sysid.display.numbers import ascii_text
+from sysid.display.terminal import console, new_table
+from sysid.io.campaign import read_campaign
+from sysid.refinement.advice_result import AdviceResult
+from sysid.workflows.advising import advise as advise_campaign
+
+
+@click.command()
+@campaign_argument
+@bundle_option
+@effects_option
+@json_option
+def advise(campaign: Path, bundle: Path, effects: Path | None, as_json: bool) -> None:
+    """Which test to run next: expected standard errors, ties, sizes of effects."""
+    read = read_campaign(campaign)
+    found = advise_campaign(read, read_bundle(bundle), effects=effects, progress=progress())
+    notices((*read.notices, *read.rig.notices, *found.notices))
+    if as_json:
+        print_json(found.to_json())
+        return
+    _show(found)
+
+
+def _show(found: AdviceResult) -> None:
+    out = console()
+    for shown in found.tables():
+        if not shown.rows:
+            continue
+        table = new_table(shown.title, *shown.columns)
+        for row in shown.rows:
+            table.add_row(*(Text(ascii_text(c)) for c in row))
+        out.print(table)
+    noted = {f"notice: {line}" for line in found.notices}
+    for line in (*found.footnotes(), found.headline()):
+        if line not in noted:
+            out.print(Text(line))

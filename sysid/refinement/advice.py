@@ -1,0 +1,227 @@
+"""Which test to run next: standard errors as the sensitivities of the simulation predict them.
+
+Information of a test is that of its linearised equations with errors as the motion logs show them
+(the sensors' noise where there are none), its start states unknown and its friction drawn anew
+(Fisher information; optimal design of experiments, Atkinson, Donev, Tobias 2007). It adds up: the
+bench tests by the bundle's standard errors, the motion logs to fit on, and each test that could
+be run.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.bundle import Bundle
+from sysid.errors import NotIdentifiedError
+from sysid.io.campaign import Campaign
+from sysid.model.effects.catalogue import catalogue as own_catalogue
+from sysid.model.effects.entry import Catalogue
+from sysid.model.effects.linear import for_rig
+from sysid.model.ports import has_discrete_law
+from sysid.refinement.advice_result import AdviceResult, CandidateTest, Tie
+from sysid.refinement.candidates import CandidateMotion, candidate_motions
+from sysid.refinement.effect_sizes import effect_sizes
+from sysid.refinement.information import covariance
+from sysid.refinement.options import (
+    AdviceSetting,
+    Option,
+    bench_options,
+    information,
+    noise_of,
+    problem_of,
+    runs_of_tests,
+    with_expected_errors,
+)
+from sysid.refinement.probes import Probes, probes_of
+from sysid.refinement.refine import KINDS, bench_scatter, motion_tests_of
+from sysid.refinement.unknowns import Unknown, chosen, unknowns_of
+from sysid.types import FloatArray, Progress, no_progress
+
+_TIED = 0.9
+# A test that lowers a tie's correlation by less is not said to break it.
+_BREAKS = 0.98
+_BEST = 3
+# Errors in the coordinates, which are of order one, from which on a parameter is not known.
+_UNKNOWN = 1e3
+
+
+def advise(
+    campaign: Campaign,
+    bundle: Bundle,
+    *,
+    threshold: float,
+    catalogue: Catalogue | None = None,
+    progress: Progress = no_progress,
+) -> AdviceResult:
+    """Predict every parameter's standard error now, and after each of a list of tests.
+
+    `catalogue`: the effects whose smallest sizes are found (none where it is empty).
+    `threshold`: how many standard errors an effect's strength must be to be seen. Raises
+    InputError for logs or a rig file that cannot be used, NotIdentifiedError where the bundle
+    does not hold the on/off law of both valves.
+    """
+    rig, model = campaign.rig, bundle.model(campaign.rig, catalogue)
+    if not has_discrete_law(model.parameters):
+        raise NotIdentifiedError(
+            f"{bundle.source}: holds no on/off law of both valves, by which motion is simulated; "
+            "fit valve-discrete tests into it"
+        )
+    notices: list[str] = []
+    progress("reading motion logs")
+    logged = motion_tests_of(campaign, campaign.select(KINDS, use="fit"), bundle, notices)
+    unknowns = tuple(chosen(unknowns_of(bundle, rig, model)))
+    setting = AdviceSetting(rig, model, unknowns, noise_of(logged, rig), bench_scatter(bundle).pair)
+    progress("errors of the motion logs")
+    setting = with_expected_errors(setting, logged)
+    if bundle.refinement is not None:
+        notices.append(_REFINED.format(bundle.source))
+        logged = []
+    progress("drawing tests that the rig can do")
+    tests = runs_of_tests(logged, candidate_motions(rig, model), setting)
+    known = for_rig(own_catalogue() if catalogue is None else catalogue, rig.is_linear)
+    rivals = _rivals(bundle, known)
+    probes = probes_of(model, [known[r] for own in rivals.values() for r in own])
+    problem = problem_of(tests, probes, setting)
+    progress(f"simulating {len(tests.runs)} segments with their slopes")
+    now, options = information(problem, tests)
+    options += bench_options(problem, setting)
+    p = len(unknowns)
+    options.sort(key=lambda o: -_reduction(now, o, p))
+    candidates = tuple(_candidate(now, o, unknowns, tests.motions) for o in options)
+    best = [i for i, o in enumerate(options) if o.motion is not None][:_BEST]
+    sizes, skipped = effect_sizes(
+        tests, [options[i] for i in best], setting, known.values(), threshold, progress
+    )
+    return AdviceResult(
+        parameters=unknowns,
+        now=_std(now, unknowns),
+        candidates=candidates,
+        ties=_ties(now, options, candidates, unknowns, probes, rivals),
+        sizes=sizes,
+        size_tests=tuple(candidates[i].name for i in best),
+        skipped=skipped,
+        threshold=threshold,
+        notices=tuple(notices),
+    )
+
+
+_REFINED = (
+    "{} is refined: its standard errors hold its motion logs, which are not counted again; how "
+    "its parameters' errors go together is not kept"
+)
+
+
+# --- standard errors -------------------------------------------------------------------
+
+
+def _coordinate_std(found: FloatArray, count: int) -> FloatArray:
+    """(count,): of the first unknowns, all others known."""
+    std = np.sqrt(np.diag(covariance(found[:count, :count])))
+    return np.where(std > _UNKNOWN, np.inf, std)
+
+
+def _std(found: FloatArray, unknowns: Sequence[Unknown]) -> FloatArray:
+    """(p,) in the parameters' units; infinite where nothing is known."""
+    slopes = np.array([abs(u.slope(u.start)) for u in unknowns])
+    return np.asarray(slopes * _coordinate_std(found, len(unknowns)))
+
+
+def _reduction(now: FloatArray, option: Option, count: int) -> float:
+    """Mean over the parameters of log(standard error now / after)."""
+    before = np.minimum(_coordinate_std(now, count), _UNKNOWN)
+    after = np.minimum(_coordinate_std(now + option.information, count), _UNKNOWN)
+    return float(np.mean(np.log(before / after)))
+
+
+def _candidate(
+    now: FloatArray,
+    option: Option,
+    unknowns: Sequence[Unknown],
+    motions: Sequence[CandidateMotion],
+) -> CandidateTest:
+    std = _std(now + option.information, unknowns)
+    gain = _reduction(now, option, len(unknowns))
+    motion = None if option.motion is None else motions[option.motion].first(option.duration)
+    return CandidateTest(option.kind, option.text, option.duration, std, gain, motion)
+
+
+# --- ties ------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """Two of the columns, by their place among `columns`: the unknowns that are estimated."""
+
+    one: str
+    other: str
+    columns: tuple[int, ...]
+    i: int
+    j: int
+
+    def correlation(self, found: FloatArray) -> float:
+        c = covariance(found[np.ix_(self.columns, self.columns)])
+        return float(c[self.i, self.j] / math.sqrt(c[self.i, self.i] * c[self.j, self.j]))
+
+
+def _rivals(bundle: Bundle, known: Catalogue) -> dict[str, list[str]]:
+    """Effects that the data could not tell from those in the bundle, each only once."""
+    taken = {entry.id for entry in bundle.effects}
+    found: dict[str, list[str]] = {}
+    for entry in bundle.effects:
+        own = [r for r in entry.ambiguous_with if r in known and r not in taken]
+        taken.update(own)
+        found[entry.id] = [r for r in own if not known[r].averaged_only]
+    return found
+
+
+def _ties(
+    now: FloatArray,
+    options: Sequence[Option],
+    candidates: Sequence[CandidateTest],
+    unknowns: Sequence[Unknown],
+    probes: Probes,
+    rivals: Mapping[str, Sequence[str]],
+) -> tuple[Tie, ...]:
+    pairs = [*_correlated(now, unknowns), *_indistinct(unknowns, probes, rivals)]
+    found = [_tie(now, options, candidates, pair) for pair in pairs]
+    return tuple(sorted(found, key=lambda tie: -abs(tie.now)))
+
+
+def _correlated(now: FloatArray, unknowns: Sequence[Unknown]) -> Iterator[_Pair]:
+    """Pairs of parameters whose errors are highly correlated."""
+    p = len(unknowns)
+    for i in range(p):
+        for j in range(i):
+            pair = _Pair(unknowns[j].name, unknowns[i].name, tuple(range(p)), j, i)
+            if abs(pair.correlation(now)) > _TIED:
+                yield pair
+
+
+def _indistinct(
+    unknowns: Sequence[Unknown], probes: Probes, rivals: Mapping[str, Sequence[str]]
+) -> Iterator[_Pair]:
+    """Each effect of the bundle beside each that could stand in its place: their strengths."""
+    p, places = len(unknowns), probes.places()
+    for effect, own in rivals.items():
+        at = next((i for i, u in enumerate(unknowns) if u.name.startswith(f"{effect}.")), None)
+        for rival in own if at is not None else ():
+            yield _Pair(effect, rival, (*range(p), p + places[rival][0]), at or 0, p)
+
+
+def _tie(
+    now: FloatArray, options: Sequence[Option], candidates: Sequence[CandidateTest], pair: _Pair
+) -> Tie:
+    """The pair's correlation, and the candidate that lowers it most."""
+    before = pair.correlation(now)
+    after = [pair.correlation(now + o.information) for o in options]
+    best = min(range(len(after)), key=lambda i: abs(after[i]), default=None)
+    if best is None or abs(after[best]) > _BREAKS * abs(before):
+        return Tie(pair.one, pair.other, before, None, before)
+    return Tie(pair.one, pair.other, before, candidates[best].name, after[best])
+
+
+__all__ = ["advise"]

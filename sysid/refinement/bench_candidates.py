@@ -1,0 +1,145 @@
+"""Bench tests that could be run next, and what each would say of the parameters."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.io.channels import SIDES
+from sysid.io.rig import Rig
+from sysid.model.ports import Model
+from sysid.model.preparation import Inputs, ValveCommand
+from sysid.refinement.information import ProbedProblem, information_of
+from sysid.refinement.problem import SLIDING
+from sysid.refinement.runs import Run
+from sysid.refinement.whitening import Whitening
+from sysid.types import FloatArray
+
+_TESTS = (6, 12)
+# Sliding speeds, travels per second.
+_SPEEDS = (0.2, 0.5, 1.0)
+_SLIDING_S, _RAMP_S = 2.0, 5.0
+# A held piston: static friction so many times as large holds it.
+_CLAMP = 1e6
+_FILLING_S, _ON_S, _OFF_S = 6.0, 1.0, 4.0
+_FILLINGS = 3
+_ROW_S = 1e-3
+# Where the piston is held, of half the travel: the valve's chamber is large there.
+_HELD = 0.95
+# Of the way from the atmosphere to the supply.
+_FULL = 0.97
+_LEAST_START_STD = 1e-9
+
+
+@dataclass(frozen=True)
+class BenchCandidate:
+    """A log of bench tests that could be made; `information` (k, k) over the shared unknowns."""
+
+    kind: str
+    text: str
+    duration: float
+    information: FloatArray
+
+
+def bench_candidates(problem: ProbedProblem, rig: Rig, noise: FloatArray) -> list[BenchCandidate]:
+    """Friction by the scatter of its tests, on/off valves by the noise (3,) of a filling."""
+    return [
+        *_sliding(problem, rig),
+        *_static(problem),
+        *(_fillings(problem, rig, noise, side) for side in SIDES if rig.valves is not None),
+    ]
+
+
+def _columns(problem: ProbedProblem) -> int:
+    return len(problem.unknowns) + len(problem.sensors)
+
+
+def _sliding(problem: ProbedProblem, rig: Rig) -> Iterator[BenchCandidate]:
+    """Effort at steady speeds, each test with friction of its own: Coulomb and viscous."""
+    speeds = np.array(_SPEEDS) * float(rig.travel or 1.0)
+    p = problem.model.parameters
+    c, b = float(p.coulomb_effort), float(p.viscous)
+    rows = np.zeros((len(speeds), _columns(problem)))
+    for i, unknown in enumerate(problem.unknowns):
+        if unknown.direction in [(0, name) for name in SLIDING]:
+            own = 1.0 if unknown.direction[1] == SLIDING[0] else speeds
+            rows[:, i] = own * unknown.slope(unknown.start)
+    rows /= (problem.scatter[0] * (c + b * speeds))[:, None]
+    if not rows.any():
+        return
+    unit = "m/s" if rig.is_linear else "rad/s"
+    at = ", ".join(f"{s:.2g}" for s in speeds)
+    for count in _TESTS:
+        times = count / len(speeds)
+        text = f"{count} tests, at {at} {unit}"
+        yield BenchCandidate("friction-sliding", text, count * _SLIDING_S, times * (rows.T @ rows))
+
+
+def _static(problem: ProbedProblem) -> Iterator[BenchCandidate]:
+    at = problem.static_number
+    if at is None:
+        return
+    unknown = problem.unknowns[at]
+    value = unknown.at(unknown.start)
+    row = np.zeros(_columns(problem))
+    row[at] = unknown.slope(unknown.start) / (problem.scatter[1] * value)
+    for count in _TESTS:
+        text = f"{count} breakaways"
+        information = count * np.outer(row, row)
+        yield BenchCandidate("friction-static", text, count * _RAMP_S, information)
+
+
+def _fillings(problem: ProbedProblem, rig: Rig, noise: FloatArray, side: str) -> BenchCandidate:
+    """A chamber filled and emptied with the piston held, the start pressure unknown."""
+    base = problem.model
+    clamped = base.parameters.replace(static_effort=_CLAMP * base.parameters.static_effort)
+    model = dataclasses.replace(base, parameters=clamped)
+    inputs = _filling(rig, model, side)
+    start_std = np.array([_LEAST_START_STD, _LEAST_START_STD, noise[1], noise[2]])
+    shown = np.zeros((3, len(inputs.time)))
+    held = dataclasses.replace(
+        problem,
+        runs=(Run(0, f"valve-discrete {side}", inputs, shown, start_std, noise),),
+        tests=1,
+        model=model,
+        whitening=(tuple(Whitening.white(float(n)) for n in noise),),
+    )
+    found = information_of(held, held.linearised(held.first_point()))
+    text = f"valve {side.upper()}, {_FILLINGS} fillings and exhausts"
+    return BenchCandidate("valve-discrete", text, _FILLINGS * _FILLING_S, _FILLINGS * found)
+
+
+def _filling(rig: Rig, model: Model, side: str) -> Inputs:
+    """On until the chamber is nearly at the supply, where the flow's slope has no end; then off."""
+    from sysid.model.simulator import simulate
+
+    row = rig.sampling.period_s if rig.sampling is not None else _ROW_S
+    time: FloatArray = np.asarray(np.arange(round(_FILLING_S / row)) * row, dtype=float)
+    p = model.parameters
+    atmosphere, supply = float(p.atmosphere), float(p.supply)
+    sign = 1.0 if side == "a" else -1.0
+    held = Inputs(
+        time,
+        np.zeros(len(time)),
+        position=sign * _HELD * 0.5 * float(rig.travel or 0.0),
+        pressure_a=atmosphere,
+        pressure_b=atmosphere,
+    )
+
+    def commanded(off: float) -> Inputs:
+        on = ((time >= _ON_S) & (time < off)).astype(float)
+        valve = ValveCommand(on)
+        if side == "a":
+            return dataclasses.replace(held, valve_a=valve)
+        return dataclasses.replace(held, valve_b=valve)
+
+    (whole,) = simulate([commanded(_OFF_S)], [model])
+    pressure = getattr(whole, f"pressure_{side}")
+    full = np.flatnonzero(pressure > atmosphere + _FULL * (supply - atmosphere))
+    return commanded(float(time[full[0]]) if full.size else _OFF_S)
+
+
+__all__ = ["BenchCandidate", "bench_candidates"]

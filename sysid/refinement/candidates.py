@@ -1,0 +1,269 @@
+"""Motion tests that could be run next: commands within the rig's limits, as the model moves.
+
+As an operator would, commands are tried until the arm moves well and stays off its stops; here
+it is the bundle's model that is tried. Draws have fixed seeds: the same bundle, the same tests.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.io.rig import Rig
+from sysid.io.samples import Trial
+from sysid.model.ports import Model
+from sysid.model.preparation import Inputs, ValveCommand
+from sysid.model.sensors import measured_channels
+from sysid.types import FloatArray
+
+DURATION_S = 10.0
+# Of half the travel: never passed by a proposed test, and reached by one that moves well.
+_LIMIT, _SWING = 0.9, 0.3
+_MOTOR_HZ = (0.5, 1.0, 2.0)
+_MOTOR_EFFORTS = 10
+_MOTOR_PHASES = (0.0, 0.5 * np.pi)
+_MOST_STATIC = 6.0
+_ROW_S = 1e-3
+_DRAWS, _ATTEMPTS = 24, 5
+# Middle of both duties, by level; their amplitude follows.
+_DUTY_LEVELS = {"low": (0.12, 0.2), "high": (0.22, 0.34)}
+_PULSE_S, _PAUSE_S = (0.008, 0.15), (0.15, 0.5)
+_REDRAW_S = 0.6
+_SEQUENCES = 20
+
+
+@dataclass(frozen=True)
+class CandidateMotion:
+    """A motion test that could be run: its log kind, what it is in words, its commands.
+
+    `motor` (n,) Nm or N; `valves` (2, n) duties (`kind` motion-pwm) or 0 and 1, None: both off.
+    `channels` (3, n): position and pressures as the model shows them, without noise.
+    """
+
+    kind: str
+    text: str
+    time: FloatArray
+    motor: FloatArray
+    valves: FloatArray | None
+    channels: FloatArray
+
+    def first(self, seconds: float) -> CandidateMotion:
+        """Its first seconds."""
+        n = round(seconds / float(self.time[1] - self.time[0]))
+        valves = None if self.valves is None else self.valves[:, :n]
+        return CandidateMotion(
+            self.kind, self.text, self.time[:n], self.motor[:n], valves, self.channels[:, :n]
+        )
+
+    def trial(self, rig: Rig, noise: FloatArray, seed: int) -> Trial:
+        """The test as it would be logged, with noise of these standard deviations (3,)."""
+        rng = np.random.default_rng(seed)
+        shown = self.channels + noise[:, None] * rng.standard_normal(self.channels.shape)
+        names = (rig.position_channel, "pressure_a_pa", "pressure_b_pa")
+        found = {rig.effort_channel: self.motor, **dict(zip(names, shown, strict=True))}
+        if self.valves is not None:
+            prefix = "duty" if self.kind == "motion-pwm" else "valve"
+            found |= {f"{prefix}_a": self.valves[0], f"{prefix}_b": self.valves[1]}
+        return Trial("1", self.time, found, f"candidate {self.kind}, {self.text}")
+
+
+@dataclass(frozen=True)
+class _Stage:
+    """What tries commands: the rig, its model, the rows of a test."""
+
+    rig: Rig
+    model: Model
+    time: FloatArray
+
+    @property
+    def half_travel(self) -> float:
+        return 0.5 * float(self.rig.travel or 0.0)
+
+    @property
+    def rows(self) -> int:
+        return len(self.time)
+
+    @property
+    def unit(self) -> str:
+        return "N" if self.rig.is_linear else "Nm"
+
+    @property
+    def most_effort(self) -> float:
+        static = float(self.model.parameters.static_effort)
+        return min(self.rig.max_effort or np.inf, _MOST_STATIC * static)
+
+    def shown(self, commands: Sequence[tuple[str, FloatArray, FloatArray | None]]) -> FloatArray:
+        """(tests, 3, n): what the sensors show under these commands (kind, motor, valves)."""
+        from sysid.model.simulator import simulate
+
+        runs = simulate(
+            [self._inputs(*command) for command in commands], [self.model] * len(commands)
+        )
+        names = (self.rig.position_channel, "pressure_a_pa", "pressure_b_pa")
+        found = [measured_channels(run, self.rig.position_channel, self.model) for run in runs]
+        return np.array([[channels[n] for n in names] for channels in found])
+
+    def _inputs(self, kind: str, motor: FloatArray, valves: FloatArray | None) -> Inputs:
+        pair = [None, None] if valves is None else list(valves)
+        a, b = (None if v is None else ValveCommand(v, kind == "motion-pwm") for v in pair)
+        return Inputs(self.time, motor, a, b)
+
+    def swing(self, shown: FloatArray) -> FloatArray:
+        """(tests,): share of the travel that each moves over; 0 if it comes near a stop."""
+        position = shown[:, 0]
+        inside = np.abs(position).max(axis=1) <= _LIMIT * self.half_travel
+        return np.where(inside, np.ptp(position, axis=1) / (2.0 * self.half_travel), 0.0)
+
+    def made(
+        self, text: str, command: tuple[str, FloatArray, FloatArray | None], shown: FloatArray
+    ) -> CandidateMotion:
+        kind, motor, valves = command
+        return CandidateMotion(kind, text, self.time, motor, valves, shown)
+
+
+def candidate_motions(rig: Rig, model: Model) -> list[CandidateMotion]:
+    """Motion tests of every kind that the rig can do, ten seconds each, from rest at the middle.
+
+    None of a kind that the model cannot do: a motor too weak, duties without a PWM period, an arm
+    that falls. Raises InputError without `[cylinder]`, whose stroke limits the motion.
+    """
+    rig.require("cylinder", "whose stroke limits a motion test")
+    row = rig.sampling.period_s if rig.sampling is not None else _ROW_S
+    time: FloatArray = np.asarray(np.arange(round(DURATION_S / row)) * row, dtype=float)
+    stage = _Stage(rig, model, time)
+    found = list(_motor_sweeps(stage))
+    if rig.pwm is not None:
+        found += _pwm_tests(stage)
+    return [*found, *_on_off_tests(stage)]
+
+
+def _clipped_sine(time: FloatArray, hz: float, phase: float, clip: float) -> FloatArray:
+    """A sine of amplitude 1 whose tops are cut at `clip`."""
+    return np.asarray(np.clip(np.sin(2.0 * np.pi * hz * time + phase), -clip, clip))
+
+
+def _motor_sweeps(stage: _Stage) -> Iterator[CandidateMotion]:
+    """At each frequency the largest effort that stays off the stops, and a middle one."""
+    static = float(stage.model.parameters.static_effort)
+    if stage.most_effort <= 1.2 * static:
+        return
+    efforts = np.geomspace(1.2 * static, stage.most_effort, _MOTOR_EFFORTS)
+    plan = [(f, e, p) for f in _MOTOR_HZ for e in efforts for p in _MOTOR_PHASES]
+    commands = [
+        ("motion-motor", e * _clipped_sine(stage.time, f, p, 0.85), None) for f, e, p in plan
+    ]
+    shown = stage.shown(commands)
+    swing = stage.swing(shown)
+    for hz in _MOTOR_HZ:
+        own = [i for i, (f, _, _) in enumerate(plan) if f == hz and swing[i] > 0.02]
+        if not own:
+            continue
+        best = max(own, key=lambda i: swing[i])
+        middle = min(own, key=lambda i: abs(swing[i] - 0.4 * swing[best]))
+        for i in dict.fromkeys((best, middle)):
+            text = f"sine {hz:g} Hz, {plan[i][1]:.3g} {stage.unit}"
+            yield stage.made(text, commands[i], shown[i])
+
+
+def _pwm_tests(stage: _Stage) -> Iterator[CandidateMotion]:
+    """Both duties as clipped sines about in antiphase, low and high, without and with motor."""
+    for level, span in _DUTY_LEVELS.items():
+        for with_motor in (False, True):
+            for attempt in range(_ATTEMPTS):
+                rng = np.random.default_rng((attempt, with_motor, level == "high"))
+                drawn = [_duties(stage, span, with_motor, rng) for _ in range(_DRAWS)]
+                shown = stage.shown(drawn)
+                swing = stage.swing(shown)
+                best = int(np.argmax(swing))
+                if swing[best] > _SWING:
+                    motor = f", motor {np.abs(drawn[best][1]).max():.3g} {stage.unit}"
+                    text = f"duties about {drawn[best][2].mean():.2f}{motor if with_motor else ''}"
+                    yield stage.made(text, drawn[best], shown[best])
+                    break
+
+
+def _duties(
+    stage: _Stage, span: tuple[float, float], with_motor: bool, rng: np.random.Generator
+) -> tuple[str, FloatArray, FloatArray]:
+    period = stage.rig.require("pwm", "which holds the PWM period").period_s
+    number = np.floor(stage.time / period + 1e-6).astype(int)
+    at = period * np.arange(number[-1] + 1)
+    hz, phase = rng.uniform(0.25, 0.6), rng.uniform(0.0, 2.0 * np.pi)
+    waves = []
+    for own_phase in (phase, phase + np.pi + rng.uniform(-0.5, 0.5)):
+        middle = rng.uniform(*span)
+        sine = _clipped_sine(at, hz * rng.uniform(0.97, 1.03), own_phase, rng.uniform(0.7, 1.0))
+        duty = middle + rng.uniform(0.08, 0.2) * sine
+        waves.append(np.round(np.clip(duty, 0.004, 0.95), 4)[number])
+    motor = _motor_beside(stage, hz, with_motor, rng)
+    return "motion-pwm", motor, np.array(waves)
+
+
+def _motor_beside(
+    stage: _Stage, hz: float, with_motor: bool, rng: np.random.Generator
+) -> FloatArray:
+    if not with_motor:
+        return np.zeros(stage.rows)
+    effort = rng.uniform(0.15, 0.5) * stage.most_effort
+    return effort * _clipped_sine(stage.time, hz, rng.uniform(0.0, 2.0 * np.pi), 0.8)
+
+
+def _on_off_tests(stage: _Stage) -> Iterator[CandidateMotion]:
+    for with_motor in (False, True):
+        rng = np.random.default_rng((7, with_motor))
+        motor = _motor_beside(stage, rng.uniform(0.3, 0.8), with_motor, rng)
+        found = _sequence(stage, motor, rng)
+        if found is not None:
+            valves, shown = found
+            text = f"{int((np.diff(valves, axis=1) > 0).sum())} pulses"
+            if with_motor:
+                text += f", motor {np.abs(motor).max():.3g} {stage.unit}"
+            yield stage.made(text, ("motion-discrete", motor, valves), shown)
+
+
+def _sequence(
+    stage: _Stage, motor: FloatArray, rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray] | None:
+    """Pulses that keep the arm off its stops, and what the sensors then show; None if not found.
+
+    Of several sequences the one that stays off longest is kept until shortly before it does not,
+    and drawn anew from there.
+    """
+    kept, rows = np.zeros((2, stage.rows)), 0
+    for _ in range(_SEQUENCES):
+        drawn = [_pulses(stage, kept, rows, rng) for _ in range(_DRAWS)]
+        shown = stage.shown([("motion-discrete", motor, valves) for valves in drawn])
+        swing = stage.swing(shown)
+        best = int(np.argmax(swing))
+        if swing[best] > _SWING:
+            return drawn[best], shown[best]
+        near = np.abs(shown[:, 0]) > _LIMIT * stage.half_travel
+        until = np.where(near.any(axis=1), near.argmax(axis=1), stage.rows)
+        longest = int(np.argmax(until))
+        back = round(_REDRAW_S / (stage.time[1] - stage.time[0]))
+        kept, rows = drawn[longest], max(int(until[longest]) - back, 0)
+        if until[longest] == stage.rows:  # it hardly moves
+            kept, rows = np.zeros((2, stage.rows)), 0
+    return None
+
+
+def _pulses(stage: _Stage, kept: FloatArray, rows: int, rng: np.random.Generator) -> FloatArray:
+    """The first rows of a sequence (2, n), then pulses of one valve and the other in turn."""
+    valves = np.array(kept)
+    valves[:, rows:] = 0.0
+    row_s = float(stage.time[1] - stage.time[0])
+    at, valve = rows + round(rng.uniform(*_PAUSE_S) / row_s), int(rng.integers(2))
+    while at < stage.rows:
+        length = max(round(float(np.exp(rng.uniform(*np.log(_PULSE_S)))) / row_s), 1)
+        valves[valve, at : at + length] = 1.0
+        if rng.random() < 0.2:  # the other valve over part of it: both chambers under pressure
+            late = at + round(rng.uniform(0.3, 0.9) * length)
+            valves[1 - valve, late : late + length] = 1.0
+        at += length + round(rng.uniform(*_PAUSE_S) / row_s)
+        valve = 1 - valve if rng.random() < 0.8 else valve
+    return valves
+
+
+__all__ = ["DURATION_S", "CandidateMotion", "candidate_motions"]

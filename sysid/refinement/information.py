@@ -1,0 +1,112 @@
+"""What a test says of the parameters: its information, with all that is its own eliminated.
+
+A test's start states and its friction (a random effect) are its own. What remains are the rows of
+its linearised equations over the shared unknowns; information adds up over tests.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.model.effects.entry import CatalogueEffect
+from sysid.model.ports import Model
+from sysid.model.tangents import Direction, Tangents
+from sysid.refinement.factors import triangular
+from sysid.refinement.problem import Iterate, Linearised, Problem, RunErrors
+from sysid.refinement.runs import STATES, Run
+from sysid.types import FloatArray
+
+_S = len(STATES)
+# As `reduction`: below this slope a test's static friction has no information.
+_INFORMED = 5.0
+# A direction with less information than this, in coordinates of order one, is not known at all.
+_NOTHING = 1e-9
+_SENSOR_STEP = 1e-3
+
+
+@dataclass(frozen=True)
+class SensorProbe:
+    """An effect of the sensors alone, at zero: its slope needs no simulation of its own.
+
+    `quantity` names the strength, `typical` is the size that is one unit of its column.
+    """
+
+    effect: CatalogueEffect
+    quantity: str
+    typical: float
+
+
+@dataclass(frozen=True)
+class ProbedProblem(Problem):
+    """A problem whose runs have a further column for each of the sensors' effects."""
+
+    sensors: tuple[SensorProbe, ...] = ()
+
+    def _errors(
+        self,
+        run: Run,
+        found: Tangents,
+        model: Model,
+        point: Iterate,
+        directions: Sequence[Direction],
+    ) -> RunErrors:
+        own = super()._errors(run, found, model, point, directions)
+        if not self.sensors:
+            return own
+        here = self._measured(run, found.states, model)
+        slopes = []
+        for probe in self.sensors:
+            step = {probe.quantity: _SENSOR_STEP * probe.typical}
+            changed: CatalogueEffect = dataclasses.replace(probe.effect, **step)  # type: ignore[type-var]
+            moved = Model(model.parameters, (*model.effects, changed))
+            slopes.append((self._measured(run, found.states, moved) - here) / _SENSOR_STEP)
+        return RunErrors(own.residual, np.concatenate([own.slopes, slopes])).kept(run)
+
+
+def prior_information(problem: Problem, columns: int) -> FloatArray:
+    """(columns, columns): of the bench tests, by the bundle's standard errors."""
+    rows = problem.prior(problem.first_point().shared)[:, :-1]
+    found = np.zeros((columns, columns))
+    found[: len(rows), : len(rows)] = rows.T @ rows
+    return found
+
+
+def information_of(problem: ProbedProblem, runs: Sequence[Linearised]) -> FloatArray:
+    """(k, k): what one test says by some of its runs; the order is that of the shared unknowns.
+
+    A run without a derivative (a chamber that is filled up to the supply) says nothing.
+    """
+    k = len(problem.unknowns) + len(problem.sensors)
+    rows = [r.factor[_S:, _S:-1] for r in runs if np.isfinite(r.factor).all()]
+    if not rows:
+        return np.zeros((k, k))
+    factor = triangular(rows)
+    scatter = np.zeros((2, factor.shape[1]))
+    scatter[:, :2] = np.eye(2)
+    if np.linalg.norm(factor[:, 1]) < _INFORMED:
+        factor[:, 1] = 0.0
+    elif problem.static_number is not None:
+        scatter[1, 2 + problem.static_number] = -1.0 / problem.scatter[1]
+    rest = triangular([scatter, factor])[2:, 2:]
+    return np.asarray(rest.T @ rest)
+
+
+def covariance(information: FloatArray) -> FloatArray:
+    """The inverse of information (k, k); a direction without any is very uncertain, not certain."""
+    scale = np.sqrt(np.maximum(np.diag(information), _NOTHING))
+    values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
+    inverse = (vectors / np.maximum(values, _NOTHING)) @ vectors.T
+    return np.asarray(inverse / np.outer(scale, scale))
+
+
+__all__ = [
+    "ProbedProblem",
+    "SensorProbe",
+    "covariance",
+    "information_of",
+    "prior_information",
+]

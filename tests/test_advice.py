@@ -1,0 +1,208 @@
+"""Advice on the next test: information, candidates within the rig's limits, ties, sizes, output."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from datasets.generator.campaign import SMALL, make_campaign
+from datasets.generator.files import write_log
+from datasets.generator.rigs import rig_toml
+from sysid.bundle import Bundle, Parts, write_bundle
+from sysid.bundle.effects import entry_of
+from sysid.bundle.friction import Friction
+from sysid.bundle.valves import FittedValves
+from sysid.commands.app import main
+from sysid.errors import InputError, NotIdentifiedError
+from sysid.estimation.linear import Estimate
+from sysid.io.campaign import MOTION_KINDS, Campaign, read_campaign
+from sysid.model.effects.catalogue import catalogue
+from sysid.refinement.advice import advise
+from sysid.refinement.advice_result import AdviceResult
+from sysid.refinement.candidates import candidate_motions
+from sysid.refinement.information import covariance
+
+SEED = 3
+STEMS = ("motion_motor", "motion_discrete")
+SHARE = 0.03
+
+
+def estimate(value: float) -> Estimate:
+    return Estimate.symmetric(value, SHARE * abs(value), "SI", math.inf)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small campaign of motion logs, and a bundle of the true parameters, known to 3 %."""
+    path = tmp_path_factory.mktemp("advice")
+    made = make_campaign(SEED, size=SMALL, kinds=MOTION_KINDS, stems=STEMS)
+    (path / "rig.toml").write_text(rig_toml(made.rig.content))
+    lines = ['rig = "rig.toml"']
+    for log in made.logs:
+        write_log(path / f"{log.stem}.csv", log.tests, made.rig)
+        lines += ["[[log]]", f'kind = "{log.kind}"', f'file = "{log.stem}.csv"', 'use = "fit"']
+    (path / "campaign.toml").write_text("\n".join(lines) + "\n")
+    friction = {k: estimate(v) for k, v in made.truth["friction"].items()}
+    valves = {
+        side: {"discrete": {k: estimate(v) for k, v in law.items()}}
+        for side, law in made.truth["valves"].items()
+    }
+    parts = Parts(Friction.model_validate(friction), FittedValves.model_validate(valves))
+    campaign = read_campaign(path / "campaign.toml")
+    write_bundle(Bundle.new(campaign.rig, parts, []), path / "bundle.json")
+    return path
+
+
+@pytest.fixture(scope="module")
+def campaign(folder: Path) -> Campaign:
+    return read_campaign(folder / "campaign.toml")
+
+
+@pytest.fixture(scope="module")
+def bundle(folder: Path) -> Bundle:
+    from sysid.bundle import read_bundle
+
+    return read_bundle(folder / "bundle.json")
+
+
+SOME = ("quadratic-drag", "torque-saturation", "pressure-offset")
+
+
+@pytest.fixture(scope="module")
+def advice(campaign: Campaign, bundle: Bundle) -> AdviceResult:
+    effects = {name: catalogue()[name] for name in SOME}
+    return advise(campaign, bundle, threshold=4.0, catalogue=effects)
+
+
+# --- standard errors -------------------------------------------------------------------
+
+
+def test_no_test_makes_anything_less_certain(advice: AdviceResult) -> None:
+    assert np.isfinite(advice.now).all() and (advice.now > 0.0).all()
+    for candidate in advice.candidates:
+        assert (candidate.std <= advice.now * (1.0 + 1e-6)).all()
+        assert candidate.gain >= -1e-9
+    gains = [c.gain for c in advice.candidates]
+    assert gains == sorted(gains, reverse=True)
+
+
+def test_the_motion_logs_say_more_than_the_bench(advice: AdviceResult) -> None:
+    flows = [i for i, p in enumerate(advice.parameters) if p.origin == "valve"]
+    assert all(advice.now[i] < 0.5 * advice.parameters[i].std for i in flows)
+
+
+def test_a_longer_test_says_more(advice: AdviceResult) -> None:
+    by_name = {(c.kind, c.text, c.duration): c for c in advice.candidates}
+    pairs = [(c, by_name[k, t, 5.0]) for (k, t, d), c in by_name.items() if d == 10.0]
+    assert len(pairs) >= 6
+    assert all((long.std <= short.std * (1.0 + 1e-6)).all() for long, short in pairs)
+
+
+def test_bench_friction_tests_say_what_their_scatter_lets_them(advice: AdviceResult) -> None:
+    """Independent breakaways: 1/std^2 adds up, each with the scatter assumed, 2 %."""
+    (at,) = [i for i, p in enumerate(advice.parameters) if p.name.startswith("friction.static")]
+    value, now = advice.parameters[at].value, advice.now[at]
+    test = next(c for c in advice.candidates if c.text == "12 breakaways")
+    expected = (now**-2 + 12.0 / (0.02 * value) ** 2) ** -0.5
+    assert test.std[at] == pytest.approx(expected, rel=1e-6)
+
+
+def test_what_nothing_informs_is_not_certain() -> None:
+    found = covariance(np.diag([4.0, 0.0]))
+    assert found[0, 0] == pytest.approx(0.25)
+    assert found[1, 1] > 1e6
+
+
+# --- candidates ------------------------------------------------------------------------
+
+
+def test_candidates_stay_off_the_stops_and_within_the_motor(
+    campaign: Campaign, bundle: Bundle
+) -> None:
+    rig = campaign.rig
+    found = candidate_motions(rig, bundle.model(rig))
+    assert {m.kind for m in found} == set(MOTION_KINDS)
+    assert rig.travel is not None and rig.max_effort is not None
+    for motion in found:
+        assert np.abs(motion.channels[0]).max() <= 0.45 * rig.travel
+        assert np.ptp(motion.channels[0]) > 0.01 * rig.travel
+        assert np.abs(motion.motor).max() <= rig.max_effort * (1.0 + 1e-9)
+        if motion.valves is not None:
+            assert motion.valves.min() >= 0.0 and motion.valves.max() <= 1.0
+    again = candidate_motions(rig, bundle.model(rig))
+    assert [m.text for m in again] == [m.text for m in found]
+
+
+# --- ties and sizes --------------------------------------------------------------------
+
+
+def test_an_indistinguishable_effect_is_told_apart_best_by_a_named_test(
+    campaign: Campaign, bundle: Bundle
+) -> None:
+    offset = catalogue()["torque-offset"].typical()
+    entry = entry_of(offset).replaced(ambiguous_with=["asymmetric-coulomb-friction"])
+    own = bundle.replaced(effects=[entry])
+    known = {n: catalogue()[n] for n in ("torque-offset", "asymmetric-coulomb-friction")}
+    found = advise(campaign, own, threshold=4.0, catalogue=known)
+    (tie,) = [t for t in found.ties if t.one == "torque-offset"]
+    assert tie.other == "asymmetric-coulomb-friction" and abs(tie.now) <= 1.0
+    assert tie.test is None or abs(tie.after) < abs(tie.now)
+    assert any(p.name == "torque-offset.offset_nm" for p in found.parameters)
+
+
+def test_sizes_shrink_with_a_test_and_a_threshold_has_none(advice: AdviceResult) -> None:
+    sizes = {s.effect: s for s in advice.sizes}
+    assert set(sizes) == {"quadratic-drag", "pressure-offset"}
+    assert set(advice.skipped) == {"torque-saturation"}
+    for size in sizes.values():
+        assert 0.0 < size.now < size.typical
+        assert len(size.after) == len(advice.size_tests) > 0
+        assert all(a <= size.now * (1.0 + 1e-6) for a in size.after)
+
+
+# --- output and errors -----------------------------------------------------------------
+
+
+def test_it_prints_and_converts(advice: AdviceResult) -> None:
+    assert advice.candidates[0].name in str(advice)
+    frame = advice.to_frame()
+    assert len(frame) == len(advice.candidates) * len(advice.parameters)
+    content = json.loads(json.dumps(advice.to_json(), allow_nan=False))
+    assert content["tests"][0]["test"] == advice.candidates[0].name
+    assert set(content["skipped_effects"]) == {"torque-saturation"}
+
+
+def test_a_bundle_without_valves_is_refused(
+    campaign: Campaign, bundle: Bundle, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(NotIdentifiedError, match="no on/off law"):
+        advise(campaign, bundle.without("valves"), threshold=4.0)
+    write_bundle(bundle.without("valves"), folder / "half.json")
+    words = ["advise", str(folder / "campaign.toml"), "--bundle", str(folder / "half.json")]
+    assert main(words) == 3
+    assert "no on/off law" in capsys.readouterr().err
+
+
+def test_without_motion_logs_the_rig_file_must_declare_the_noise(
+    campaign: Campaign, bundle: Bundle
+) -> None:
+    sensors = campaign.rig.sensors.model_copy(update={"pressure_noise_pa": None})
+    rig = dataclasses.replace(campaign.rig, sensors=sensors)
+    bare = dataclasses.replace(campaign, logs=(), rig=rig)
+    with pytest.raises(InputError, match="pressure_noise_pa"):
+        advise(bare, bundle, threshold=4.0)
+
+
+def test_a_refined_bundle_counts_its_motion_logs_once(
+    campaign: Campaign, bundle: Bundle, advice: AdviceResult
+) -> None:
+    refined = bundle.replaced(refinement={"converged": True})
+    found = advise(campaign, refined, threshold=4.0, catalogue={})
+    assert any("not counted again" in line for line in found.notices)
+    assert (found.now > 2.0 * advice.now).any()
+    np.testing.assert_allclose(found.now, [p.std for p in found.parameters], rtol=1e-6)
