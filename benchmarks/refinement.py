@@ -183,7 +183,7 @@ def converges(seed: int, off: float) -> tuple[bool, float, int]:
     problem = Problem(tuple(runs), unknowns, started, "theta_rad", white, scatter.pair, LOGS)
     found = estimate(problem, scatter)
     point = found.solution.point
-    std = np.sqrt(np.diag(found.solution.at.robust_covariance()))
+    std = np.sqrt(np.diag(found.solution.at.error_covariance()))
     errors, near = [], True
     for i, u in enumerate(unknowns):
         true = float(getattr(model.parameters, u.name))

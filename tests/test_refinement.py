@@ -50,7 +50,7 @@ def test_parameters_are_found_within_their_errors(
     simulated: tuple[list[Run], Model], found: Estimated
 ) -> None:
     assert found.solution.converged
-    std = np.sqrt(np.diag(found.solution.at.robust_covariance()))
+    std = np.sqrt(np.diag(found.solution.at.error_covariance()))
     for i, u in enumerate(found.problem.unknowns):
         true = float(getattr(simulated[1].parameters, u.name))
         error = u.at(float(found.solution.point.shared[i])) - true
@@ -128,7 +128,7 @@ def test_a_scan_finds_static_friction_that_has_no_slope() -> None:
 
 
 def test_a_profile_of_a_linear_parameter_is_its_standard_error(found: Estimated) -> None:
-    std = float(np.sqrt(found.solution.at.robust_covariance()[2, 2]))
+    std = float(np.sqrt(found.solution.at.error_covariance()[2, 2]))
     own = profile(found, 2, std)
     low, high = own.interval
     value = found.problem.unknowns[2].at(float(found.solution.point.shared[2]))

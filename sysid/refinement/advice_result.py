@@ -9,6 +9,7 @@ from typing import Any
 
 from sysid.display.numbers import number
 from sysid.display.tables import Shown, ShownTable
+from sysid.estimation.linear import finite_or_none
 from sysid.refinement.candidates import CandidateMotion
 from sysid.refinement.unknowns import Unknown
 from sysid.types import FloatArray
@@ -200,7 +201,7 @@ class AdviceResult(Shown):
                     "name": p.name,
                     "value": p.value,
                     "unit": p.unit,
-                    "std_now": _finite(float(self.now[i])),
+                    "std_now": finite_or_none(float(self.now[i])),
                     "best_test": best.name if (best := self.best_for(i)) else None,
                 }
                 for i, p in enumerate(self.parameters)
@@ -212,7 +213,7 @@ class AdviceResult(Shown):
                     "duration_s": c.duration,
                     "gain": c.gain,
                     "std_after": {
-                        p.name: _finite(float(s))
+                        p.name: finite_or_none(float(s))
                         for p, s in zip(self.parameters, c.std, strict=True)
                     },
                 }
@@ -233,9 +234,10 @@ class AdviceResult(Shown):
                     "strength": s.strength,
                     "unit": s.unit,
                     "usual": s.typical,
-                    "now": _finite(s.now),
+                    "now": finite_or_none(s.now),
                     "after": {
-                        name: _finite(a) for name, a in zip(self.size_tests, s.after, strict=True)
+                        name: finite_or_none(a)
+                        for name, a in zip(self.size_tests, s.after, strict=True)
                     },
                 }
                 for s in self.sizes
@@ -248,10 +250,6 @@ class AdviceResult(Shown):
 
 def _ratio(after: float, now: float) -> float:
     return after / now if math.isfinite(now) else float(not math.isfinite(after))
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 __all__ = ["AdviceResult", "CandidateTest", "EffectSize", "Tie"]

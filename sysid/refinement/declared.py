@@ -43,7 +43,7 @@ def _is_contradicted(value: RefinedValue) -> bool:
 def _key(name: str, rig: Rig) -> str:
     """Where the rig file says it."""
     if name != "inertia":
-        return _KEYS[name]
+        return _KEYS.get(name, name)
     if rig.is_linear:
         return "[inertia] mass_kg"
     whole = rig.inertia is not None and rig.inertia.equivalent_kg_m2 is not None

@@ -21,6 +21,8 @@ _ROUND_EVALUATIONS = 25
 _FINAL_EVALUATIONS = 30
 # Steps at which a descent ends, in standard errors.
 _ROUGHLY, _CLOSELY = 0.5, 0.05
+# The last descent begins near its end.
+_UNDAMPED = 1e6
 # A run whose largest RMSE over the noise is this many times the others' is not followed.
 _NOT_FOLLOWED = 3.0
 # Friction that a scan moves by less (units of the scatter) is where it was.
@@ -89,7 +91,7 @@ def estimate(
         point = moved
     final, start, left_out, scatter = _final(problem, solution, follows, scatter, robust)
     progress("the errors as they are")
-    solution = solve(final, start, _FINAL_EVALUATIONS, _CLOSELY)
+    solution = solve(final, start, _FINAL_EVALUATIONS, _CLOSELY, first_step=_UNDAMPED)
     return Estimated(final, solution, left_out, scatter, evaluations + solution.evaluations)
 
 
@@ -141,7 +143,7 @@ def _whitening(runs: Sequence[Run], found: Sequence[Linearised]) -> tuple[Whiten
             for f in found
             if not np.isnan(f.errors.residual[channel]).any()
         ]
-        floor = float(np.median([r.noise[channel] for r in runs]))
+        floor = float(np.nanmedian([r.noise[channel] for r in runs]))
         channels.append(
             Whitening.of(logged, floor, _MOST_ORDER) if logged else Whitening.white(1.0)
         )
@@ -150,14 +152,19 @@ def _whitening(runs: Sequence[Run], found: Sequence[Linearised]) -> tuple[Whiten
 
 def _scatter_of(problem: Problem, solution: Solution, bench: FrictionScatter) -> FrictionScatter:
     """The tests' spread of friction: the bench tests' and the motion tests', by their numbers."""
-    p, tests = len(problem.unknowns), problem.tests
-    variance = np.diag(solution.at.covariance())[p:].reshape(-1, 2)
-    variance = np.where(solution.at.held[:, None] & [False, True], 0.0, variance)
+    p, at = len(problem.unknowns), solution.at
+    variance = np.minimum(np.diag(at.covariance())[p:].reshape(-1, 2), 1.0)
+    # Static friction found by a scan is known as it is; where neither slope nor scan found it,
+    # there is nothing to learn from.
+    variance[at.held, 1] = 0.0
+    speaks = np.ones_like(variance)
+    speaks[at.held & (solution.point.friction[:, 1] == 0.0), 1] = 0.0
     misfit: FloatArray = problem.friction_misfit(solution.point)
-    squares = np.sum(misfit**2 + np.minimum(variance, 1.0), axis=0) * np.square(problem.scatter)
+    squares = np.sum(speaks * (misfit**2 + variance), axis=0) * np.square(problem.scatter)
+    total = bench.tests + np.sum(speaks, axis=0)
     known = bench.tests * np.square(bench.pair)
-    sliding, static = np.maximum(np.sqrt((known + squares) / (bench.tests + tests)), _LEAST_SCATTER)
-    return FrictionScatter(float(sliding), float(static), bench.tests + tests)
+    sliding, static = np.maximum(np.sqrt((known + squares) / total), _LEAST_SCATTER)
+    return FrictionScatter(float(sliding), float(static), float(total.min()))
 
 
 __all__ = ["Estimated", "FrictionScatter", "estimate", "followed"]

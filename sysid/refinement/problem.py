@@ -181,7 +181,7 @@ class Problem:
             own = 1.0
             if part == 0 and name in SLIDING:
                 # A test's own friction multiplies the model's.
-                own = float(getattr(p, name)) / unknown.at(float(c))
+                own = math.exp(float(point.friction[run.test, 0]) * self.scatter[0])
             elif (part, name) == _STATIC:
                 own = 0.0  # each test has its own; the model's is their centre
             shared.append(by[unknown.direction] * (unknown.slope(float(c)) * own))

@@ -74,7 +74,10 @@ def _cost_at(found: Estimated, number: int, coordinate: float, start: Iterate) -
     problem = dataclasses.replace(found.problem, unknowns=tuple(unknowns))
     solution = solve(problem, start, _MOST, _NEAR, least=_LEAST)
     prior = (coordinate - own.start) / own.prior_std
-    return solution.at.cost + (prior**2 if prior == prior else 0.0)
+    # The same runs as in the smallest cost, whichever are set aside here.
+    pairs = zip(solution.at.runs, found.solution.counted, strict=True)
+    cost = sum(run.cost for run, counted in pairs if counted) + problem.prior_cost(solution.point)
+    return cost + (prior**2 if prior == prior else 0.0)
 
 
 def _limits(distance: FloatArray, root: FloatArray) -> tuple[float, float]:

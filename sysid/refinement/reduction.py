@@ -23,6 +23,7 @@ _S = len(STATES)
 _LEAST_COLUMN = 1e-6
 # Below this slope (errors per unit of scatter) a test's static friction moves by a scan only.
 _INFORMED = 5.0
+_NOTHING = 1e-12
 
 
 @dataclass(frozen=True)
@@ -49,23 +50,30 @@ class ReducedEquations:
     def shared_step(self) -> FloatArray:
         """The undamped step of each shared unknown (p,), in standard errors."""
         step = -np.linalg.lstsq(self.jacobian, self.r, rcond=None)[0]
-        variance = np.maximum(np.diag(self.covariance()), np.diag(self.robust_covariance()))
-        return np.abs(step / np.sqrt(variance))[: len(self.point.shared)]
+        std = np.sqrt(np.diag(self.error_covariance()))
+        known = std > _NOTHING
+        return np.abs(np.where(known, step / np.where(known, std, 1.0), 0.0))[
+            : len(self.point.shared)
+        ]
 
     def covariance(self) -> FloatArray:
         """Of the errors of the reduced unknowns (m, m): information alone."""
         inverse = np.linalg.pinv(self.jacobian)
         return np.asarray(inverse @ inverse.T)
 
-    def robust_covariance(self) -> FloatArray:
-        """The same, from the spread of the runs' own gradients (the sandwich of White 1982).
+    def error_covariance(self) -> FloatArray:
+        """The same, no smaller than the spread of the runs' own gradients says (White 1982).
 
-        A run whose errors are larger, or more alike, than the whitening says counts as it is.
+        A run whose errors are larger, or more alike, than the whitening says counts as it is. The
+        correlations are those of the information.
         """
         inverse = self.covariance()
         count = len(self.scores)
         spread = self.scores.T @ self.scores * (count / max(count - 1, 1))
-        return np.asarray(inverse @ (spread + self.prior.T @ self.prior) @ inverse)
+        sandwich = np.diag(inverse @ (spread + self.prior.T @ self.prior) @ inverse)
+        known = np.maximum(np.diag(inverse), np.finfo(float).tiny)
+        larger = np.sqrt(np.maximum(sandwich / known, 1.0))
+        return np.asarray(inverse * np.outer(larger, larger))
 
     def moved(self, problem: Problem, step: FloatArray, counted: BoolArray) -> Iterate:
         """The point after a step (m,) of the reduced unknowns; starts of runs not counted move
@@ -162,8 +170,11 @@ def _prior_rows(problem: Problem, point: Iterate, held: BoolArray) -> FloatArray
     rows[:p, :p], rows[:p, -1] = own[:, :p], own[:, -1]
     rows[p:m, p:m], rows[p:m, -1] = np.eye(m - p), problem.friction_misfit(point).ravel()
     static = p + 1 + 2 * np.arange(problem.tests)
+    # A test whose static friction neither has a slope nor was found by a scan says nothing.
+    silent = held & (point.friction[:, 1] == 0.0)
     if problem.static_number is not None:
         rows[static, problem.static_number] = -1.0 / problem.scatter[1]
+        rows[static[silent], :] = 0.0
     rows[static[held], static[held]] = 0.0
     rows[m + np.flatnonzero(held), static[held]] = 1.0
     return rows

@@ -12,6 +12,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from sysid.bundle.assembled_model import assumed_friction, friction_keys
 from sysid.bundle.friction import Friction
 from sysid.display.numbers import ascii_text
 from sysid.errors import NotIdentifiedError, input_error
-from sysid.estimation.linear import Estimate
+from sysid.estimation.linear import Estimate, t_quantile
 from sysid.io.campaign import MOTION_KINDS, Campaign, CampaignLog
 from sysid.model.effects.entry import Catalogue
 from sysid.model.ports import Model, has_discrete_law
@@ -31,7 +32,13 @@ from sysid.refinement.profiles import Profile
 from sysid.refinement.profiles import profile as profile_of
 from sysid.refinement.result import Fit, RefinedParameter, RefineResult
 from sysid.refinement.runs import LEAST_ROWS, Run, runs_of
-from sysid.refinement.unknowns import chosen, model_at, numbers_of, unknowns_of
+from sysid.refinement.unknowns import (
+    chosen,
+    model_at,
+    numbers_of,
+    unknowns_of,
+    without_own_data,
+)
 from sysid.refinement.updating import updated
 from sysid.refinement.whitening import Whitening
 from sysid.types import FloatArray, Progress, no_progress
@@ -41,6 +48,9 @@ from sysid.validation.simulation import simulate_segments
 SEGMENT_S = 1.0
 KINDS = (*MOTION_KINDS, "friction-motion")
 _LEAST_SCATTER, _MOST_SCATTER = 2e-3, 0.1
+# A parameter's error falls to less than this share of the bench tests': motion informs it.
+_INFORMED = 0.9
+_NO_INFORMATION = 1e-12
 # Where no bench test shows the scatter of friction: a usual one, believed as much as five tests.
 _ASSUMED_SCATTER, _ASSUMED_TESTS = 0.02, 5.0
 
@@ -65,8 +75,9 @@ def refine(
     InputError for a name that is no parameter or a campaign without such logs, NotIdentifiedError
     where the bundle does not hold the on/off law of both valves, or nothing can be simulated.
     """
+    free, fix, profile = list(free), list(fix), list(profile)
     model = bundle.model(campaign.rig, catalogue)
-    notices = list(assumed_friction(bundle))
+    notices = [*campaign.notices, *campaign.rig.notices, *assumed_friction(bundle)]
     entries = campaign.select(KINDS, use="fit")
     if not entries:
         raise input_error(
@@ -79,10 +90,10 @@ def refine(
             f"{bundle.source}: holds no on/off law of both valves, by which motion is simulated; "
             "fit valve-discrete tests into it"
         )
-    unknowns = tuple(chosen(unknowns_of(bundle, campaign.rig, model), free, fix, prior=prior))
+    every = without_own_data(unknowns_of(bundle, campaign.rig, model), bundle, notices)
+    unknowns = tuple(chosen(every, free, fix, prior=prior))
     if not unknowns:
         raise input_error("--fix", "leaves nothing to estimate", "fix fewer parameters")
-    profile = list(profile)
     numbers_of(unknowns, profile)  # a name that is none is refused before anything is computed
     progress("reading motion logs")
     tests = motion_tests_of(campaign, entries, bundle, notices)
@@ -107,8 +118,11 @@ def refine(
     progress("simulating whole tests")
     held_out = motion_tests_of(campaign, campaign.select(KINDS, use="holdout"), bundle, notices)
     after = model_at(model, unknowns, values)
+    freed = [u.name for u in unknowns if u.origin == "rig"]
+    if freed:
+        notices.append(_freed_notice(freed))
     fits = {
-        use: _fit(some, model, after, position)
+        use: _fit(some, model, after, position, notices)
         for use, some in (("fit", tests), ("holdout", held_out))
         if some
     }
@@ -126,7 +140,8 @@ def refine(
         profiles=profiles,
         bundle=bundle,
     )
-    made = updated(bundle, campaign, result)
+    options: dict[str, Any] = {"free": free, "fix": fix, "prior": prior, "robust": robust}
+    made = updated(bundle, campaign, result, KINDS, options)
     if made.refinement is not None:
         wrong = contradictions(made.refinement.values(), campaign.rig)
         notices += [ascii_text(line) for line in wrong]
@@ -171,21 +186,31 @@ def _parameters(found: Estimated) -> tuple[tuple[RefinedParameter, ...], FloatAr
     """The unknowns with their estimates, and the correlation of their errors (p, p)."""
     solution, unknowns = found.solution, found.problem.unknowns
     p = len(unknowns)
-    covariance = solution.at.robust_covariance()[:p, :p]
+    covariance = solution.at.error_covariance()[:p, :p]
     std = np.sqrt(np.diag(covariance))
     parameters = []
     for i, unknown in enumerate(unknowns):
         at = float(solution.point.shared[i])
         # A test's friction is one draw: so many tests, so many degrees of freedom.
         dof = max(found.scatter.tests - 1.0, 1.0) if unknown.origin == "friction" else math.inf
-        slope = abs(unknown.slope(at))
-        estimate = Estimate.symmetric(unknown.at(at), slope * float(std[i]), unknown.unit, dof)
-        parameters.append(RefinedParameter(unknown, estimate))
-    return tuple(parameters), covariance / np.outer(std, std)
+        if not std[i] > _NO_INFORMATION:
+            # Nothing depends on it and no bench test spoke of it: it stays as it was.
+            former = Estimate.symmetric(unknown.value, unknown.std, unknown.unit, math.inf)
+            parameters.append(RefinedParameter(unknown, former, informed=False))
+            continue
+        # Symmetric where the parameter has no bounds: a positive one has a positive interval.
+        half = t_quantile(dof) * float(std[i])
+        interval = (unknown.at(at - half), unknown.at(at + half))
+        own_std = abs(unknown.slope(at)) * float(std[i])
+        estimate = Estimate(unknown.at(at), own_std, unknown.unit, interval)
+        informed = not estimate.std > _INFORMED * unknown.std
+        parameters.append(RefinedParameter(unknown, estimate, informed))
+    known = np.where(std > _NO_INFORMATION, std, 1.0)
+    return tuple(parameters), covariance / np.outer(known, known)
 
 
 def _profiles(found: Estimated, names: Iterable[str], progress: Progress) -> dict[str, Profile]:
-    std = np.sqrt(np.diag(found.solution.at.robust_covariance()))
+    std = np.sqrt(np.diag(found.solution.at.error_covariance()))
     profiles = {}
     for number in numbers_of(found.problem.unknowns, names):
         name = found.problem.unknowns[number].name
@@ -194,11 +219,18 @@ def _profiles(found: Estimated, names: Iterable[str], progress: Progress) -> dic
     return profiles
 
 
-def _fit(tests: Sequence[MotionTest], before: Model, after: Model, position: str) -> Fit:
-    """Whole tests simulated open loop, from rest, with both models."""
+def _fit(
+    tests: Sequence[MotionTest], before: Model, after: Model, position: str, notices: list[str]
+) -> Fit:
+    """Whole tests simulated open loop, from rest, with both models; NaN where one blows up."""
     errors = []
     for model in (before, after):
-        runs = simulate_segments([(t, t.whole) for t in tests], model, (), position)
+        try:
+            runs = simulate_segments([(t, t.whole) for t in tests], model, (), position)
+        except RuntimeError as error:
+            notices.append(f"errors of whole tests are not known: {error}")
+            errors.append((np.full(3, math.nan), np.full(3, math.nan)))
+            continue
         residuals = [
             (t.measured - r)[:, : t.counted(t.whole)] for t, r in zip(tests, runs, strict=True)
         ]
@@ -235,6 +267,13 @@ def _stalled_notice(found: Estimated) -> str:
         f"the estimation stalled after {found.evaluations} simulations: no step lowers the errors, "
         f"though {found.problem.unknowns[worst].name} is {steps[worst]:.2g} standard errors from "
         "where they are linearly least; --fix it, or look for what the model lacks first"
+    )
+
+
+def _freed_notice(names: Sequence[str]) -> str:
+    return (
+        f"{', '.join(names)}: estimated beside the others, which hold with what was found; the "
+        "bundle keeps the rig file's value, so put the estimate there before the bundle is used"
     )
 
 

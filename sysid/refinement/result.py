@@ -16,10 +16,6 @@ from sysid.refinement.profiles import Profile
 from sysid.refinement.unknowns import Unknown
 from sysid.types import FloatArray
 
-# A parameter's error falls to less than this share of the prior's: the motion tests inform it.
-_INFORMED = 0.9
-_HIGHLY_CORRELATED = 0.9
-
 
 @dataclass(frozen=True)
 class RefinedParameter:
@@ -31,6 +27,7 @@ class RefinedParameter:
 
     unknown: Unknown
     estimate: Estimate
+    informed: bool
 
     @property
     def name(self) -> str:
@@ -39,10 +36,6 @@ class RefinedParameter:
     @property
     def movement(self) -> float:
         return (self.estimate.value - self.unknown.value) / self.unknown.std
-
-    @property
-    def informed(self) -> bool:
-        return not self.estimate.std > _INFORMED * self.unknown.std
 
     def to_json(self) -> dict[str, Any]:
         """The parameter as `sysid refine --json` and the bundle hold it."""
@@ -62,8 +55,8 @@ class RefinedParameter:
 class Fit:
     """Simulation errors of one use of the tests: RMSE (3,) by channel before and after.
 
-    Position in rad or m, pressures in Pa; NaN where not logged. `whiteness` (3,) is the residual's
-    autocorrelation from one sample to the next, before and after.
+    Position in rad or m, pressures in Pa; NaN where not logged. `correlation_before`,
+    `correlation_after` (3,): the residual's autocorrelation from one sample to the next.
     """
 
     before: FloatArray
@@ -156,16 +149,6 @@ class RefineResult(Shown):
         )
         titles = ("logs", "channel", "RMSE before", "after", "autocorrelation before", "after")
         yield ShownTable("Open-loop simulation of whole tests", titles, channels)
-
-    def tied(self) -> list[tuple[str, str, float]]:
-        """Pairs of parameters whose errors are highly correlated, strongest first."""
-        found = [
-            (self.parameters[i].name, self.parameters[j].name, float(self.correlation[i, j]))
-            for i in range(len(self.parameters))
-            for j in range(i)
-            if abs(self.correlation[i, j]) > _HIGHLY_CORRELATED
-        ]
-        return sorted(found, key=lambda pair: -abs(pair[2]))
 
     def to_json(self) -> dict[str, Any]:
         """The object that `sysid refine --json` prints and a bundle's `refinement` holds."""

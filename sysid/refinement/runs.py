@@ -23,6 +23,8 @@ _START_PRIOR = 10.0
 _KNOWN = 1e-8
 _LEAST_START_STD = (1e-9, 1e-9, 1e-3, 1e-3)
 _NOT_LOGGED = 1e3
+# A channel that shows no noise at all is not known exactly.
+_LEAST_NOISE = np.array([1e-7, 1.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,7 @@ def _run(number: int, test: MotionTest, segment: Segment, model: Model, position
         inputs=dataclasses.replace(inputs, **unknown),
         measured=test.measured[:, segment.start : segment.stop],
         start_std=np.where(moves & (std > _KNOWN), _START_PRIOR * std, std),
-        noise=test.noise.total,
+        noise=np.maximum(test.noise.total, _LEAST_NOISE),
     )
 
 

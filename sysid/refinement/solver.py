@@ -131,16 +131,24 @@ def _answer(
     return bool(accepted), float(size)
 
 
-def solve(problem: Problem, point: Iterate, most: int, near: float, *, least: int = 1) -> Solution:
+def solve(
+    problem: Problem,
+    point: Iterate,
+    most: int,
+    near: float,
+    *,
+    least: int = 1,
+    first_step: float = 1.0,
+) -> Solution:
     """Minimise a problem's cost from a point, with `least` to `most` evaluations.
 
     It has converged where the linearised equations would move every shared unknown by less than
-    `near` standard errors.
+    `near` standard errors. `first_step`: optimistix' first step size, one over the damping.
     """
     count = len(problem.runs)
     counted, damping = np.ones(count, dtype=bool), np.zeros(count)
     base = reduced(problem, point, problem.linearised(point), damping, counted)
-    step_size, refused, evaluations = 1.0, 0, 1
+    step_size, refused, evaluations = first_step, 0, 1
     changes, costs = np.zeros(count, dtype=int), [base.cost]
     while evaluations < most and refused < _MOST_REFUSED:
         if evaluations >= least and (_is_near(base, near) or _stagnates(costs)):
@@ -157,8 +165,8 @@ def solve(problem: Problem, point: Iterate, most: int, near: float, *, least: in
         accepted, step_size = _answer(comparable, trial, given, step_size)
         refused = 0 if accepted else refused + 1
         if accepted:
-            costs = [trial.cost] if aside.any() else [*costs, trial.cost]
             back = _followed(problem, trial, fewer) & (changes < _MOST_CHANGES)
+            costs = [] if (aside | back).any() else [*costs, trial.cost]
             changes += aside
             base, counted = trial, fewer | back
         base = reduced(problem, base.point, base.runs, damping, counted)

@@ -13,8 +13,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from sysid.bundle import Bundle
 from sysid.bundle.assembled_model import friction_keys
 from sysid.bundle.valves import LAW_KEYS
@@ -27,7 +25,9 @@ from sysid.model.ports import Model
 from sysid.types import FloatArray
 
 Direction = tuple[int, str]
-_MOST_FACTOR = 20.0
+_MOST_FACTOR, _MOST_EXPONENT = 20.0, 50.0
+# A value at its bound starts this share of the range inside it.
+_LEAST_SHARE = 1e-9
 _LEAST_STD = 1e-4
 # Relative uncertainty of a declared constant that is freed, where the rig file gives none.
 _DECLARED = 0.03
@@ -54,13 +54,14 @@ class Unknown:
     scale: float
     origin: str
     held_at: float | None = None
+    has_prior: bool = True
 
     @property
     def _form(self) -> str:
-        if self.lower == 0.0 and self.value > 0.0:
-            return "log"
         if math.isfinite(self.lower) and math.isfinite(self.upper):
             return "logit"
+        if self.lower == 0.0 and self.value > 0.0:
+            return "log"
         return "plain"
 
     def coordinate(self, value: float) -> float:
@@ -68,8 +69,9 @@ class Unknown:
         if self._form == "log":
             return math.log(value / self.value)
         if self._form == "logit":
-            share = np.clip((value - self.lower) / (self.upper - self.lower), 1e-9, 1.0 - 1e-9)
-            return float(math.log(share / (1.0 - share)))
+            share = (value - self.lower) / (self.upper - self.lower)
+            share = min(max(share, _LEAST_SHARE), 1.0 - _LEAST_SHARE)
+            return math.log(share / (1.0 - share))
         return (value - self.value) / self.scale
 
     def at(self, coordinate: float) -> float:
@@ -78,16 +80,15 @@ class Unknown:
             most = math.log(_MOST_FACTOR)
             return self.value * math.exp(min(max(coordinate, -most), most))
         if self._form == "logit":
-            share = 1.0 / (1.0 + math.exp(-coordinate))
-            return self.lower + (self.upper - self.lower) * share
-        return self.value + self.scale * coordinate
+            return self.lower + (self.upper - self.lower) * _logistic(coordinate)
+        return min(max(self.value + self.scale * coordinate, self.lower), self.upper)
 
     def slope(self, coordinate: float) -> float:
         """Change of the value with the coordinate."""
         if self._form == "log":
             return self.at(coordinate)
         if self._form == "logit":
-            share = 1.0 / (1.0 + math.exp(-coordinate))
+            share = _logistic(coordinate)
             return (self.upper - self.lower) * share * (1.0 - share)
         return self.scale
 
@@ -99,7 +100,20 @@ class Unknown:
     @property
     def prior_std(self) -> float:
         """The prior's standard deviation in the coordinate; NaN without a prior."""
-        return self.std / max(self.slope(self.start), 1e-300)
+        return self.std / max(self.slope(self.start), 1e-300) if self.has_prior else math.nan
+
+
+def _logistic(coordinate: float) -> float:
+    return 1.0 / (1.0 + math.exp(min(-coordinate, _MOST_EXPONENT)))
+
+
+def effect_names(bundle: Bundle) -> list[str]:
+    """What each effect's parameters begin with: its id, numbered where it is there twice."""
+    ids = [entry.id for entry in bundle.effects]
+    return [
+        name if ids.count(name) == 1 else f"{name}-{ids[: number + 1].count(name)}"
+        for number, name in enumerate(ids)
+    ]
 
 
 def unknowns_of(bundle: Bundle, rig: Rig, model: Model) -> list[Unknown]:
@@ -127,6 +141,8 @@ def _friction(bundle: Bundle, rig: Rig, model: Model) -> list[Unknown]:
     for name, key in friction_keys(rig.is_linear).items():
         field = _FRICTION_FIELDS[name]
         value = float(getattr(model.parameters, field))
+        if value <= 0.0:
+            continue  # friction that is not there stays so: its logarithm has no start
         estimate = getattr(part, key, None)
         found.append(_positive(f"friction.{key}", (0, field), value, estimate, "friction"))
     return found
@@ -157,6 +173,7 @@ def _valves(bundle: Bundle, model: Model) -> list[Unknown]:
 
 def _effects(bundle: Bundle, model: Model) -> list[Unknown]:
     found = []
+    names = effect_names(bundle)
     for number, (entry, effect) in enumerate(zip(bundle.effects, model.effects, strict=True)):
         if not isinstance(effect, CatalogueEffect):
             continue
@@ -166,7 +183,7 @@ def _effects(bundle: Bundle, model: Model) -> list[Unknown]:
             std = estimate.std if isinstance(estimate, Estimate) else math.nan
             found.append(
                 Unknown(
-                    f"{effect.id}.{q.label}",
+                    f"{names[number]}.{q.label}",
                     (number + 1, q.name),
                     value,
                     std if std > 0.0 else math.nan,
@@ -175,6 +192,8 @@ def _effects(bundle: Bundle, model: Model) -> list[Unknown]:
                     q.upper,
                     abs(q.typical) or 1.0,
                     "effect",
+                    # Effects are estimated on motion logs: these would count twice.
+                    has_prior=False,
                 )
             )
     return found
@@ -213,6 +232,37 @@ def _declared(rig: Rig, model: Model) -> list[Unknown]:
     return found
 
 
+def without_own_data(
+    unknowns: Sequence[Unknown], bundle: Bundle, notices: list[str]
+) -> list[Unknown]:
+    """The unknowns without a prior where their numbers came from the motion logs themselves.
+
+    A refinement's, a diagnosis' (it refits sliding friction and flows), and friction from motion:
+    the logs would count twice.
+    """
+    if bundle.refinement is not None:
+        notices.append(
+            f"{bundle.source}: was refined already: its numbers are where the estimation starts, "
+            "but no prior"
+        )
+        own = {"friction", "valve"}
+        return [dataclasses.replace(u, has_prior=u.origin not in own) for u in unknowns]
+    refitted: set[str] = set()
+    if bundle.friction is not None and bundle.friction.source == "friction-motion":
+        refitted |= {"coulomb_effort", "viscous"}
+    if "diagnosis" in bundle.provenance.options and bundle.effects:
+        refitted |= {"coulomb_effort", "viscous"}
+        refitted |= {f"{law}_{side}" for law in LAW_KEYS for side in SIDES}
+    return [
+        dataclasses.replace(u, has_prior=u.has_prior and u.direction not in _base(refitted))
+        for u in unknowns
+    ]
+
+
+def _base(names: Iterable[str]) -> set[Direction]:
+    return {(0, name) for name in names}
+
+
 def chosen(
     unknowns: Sequence[Unknown],
     free: Iterable[str] = (),
@@ -232,7 +282,7 @@ def chosen(
         if (u.origin != "rig" or any(_matches(u, n) for n in free))
         and not any(_matches(u, n) for n in fix)
     ]
-    return found if prior else [dataclasses.replace(u, std=math.nan) for u in found]
+    return found if prior else [dataclasses.replace(u, has_prior=False) for u in found]
 
 
 def numbers_of(unknowns: Sequence[Unknown], names: Iterable[str]) -> list[int]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+
+from pydantic import JsonValue
 
 from sysid.bundle import Bundle
 from sysid.bundle.base import Part
@@ -11,10 +13,18 @@ from sysid.estimation.linear import Estimate
 from sysid.io.campaign import Campaign
 from sysid.io.channels import SIDES
 from sysid.refinement.result import RefineResult
+from sysid.refinement.unknowns import effect_names
 
 
-def updated(bundle: Bundle, campaign: Campaign, result: RefineResult) -> Bundle:
-    """A bundle with a refinement's estimates, its record, and its logs in the provenance.
+def updated(
+    bundle: Bundle,
+    campaign: Campaign,
+    result: RefineResult,
+    kinds: Iterable[str],
+    options: Mapping[str, JsonValue],
+) -> Bundle:
+    """A bundle with a refinement's estimates, its record, and in the provenance its logs, which
+    are of these kinds, and its options.
 
     Constants of the rig file stay as declared: their estimates are in the record alone. The
     validation is dropped.
@@ -33,12 +43,15 @@ def updated(bundle: Bundle, campaign: Campaign, result: RefineResult) -> Bundle:
         }
         fields["valves"] = bundle.valves.replaced(**sides)
     fields["effects"] = [
-        entry.replaced(parameters={**entry.parameters, **_under(f"{entry.id}.", estimates)})
-        for entry in bundle.effects
+        entry.replaced(parameters={**entry.parameters, **_under(f"{name}.", estimates)})
+        for name, entry in zip(effect_names(bundle), bundle.effects, strict=True)
     ]
     fields["refinement"] = Refinement.model_validate(result.to_json())
     made = bundle.without("validation").replaced(**fields)
-    return made.with_sources([*campaign.sources("fit"), *campaign.sources("holdout")])
+    wanted = set(kinds)
+    made = made.with_sources([s for s in campaign.sources() if s.kind in wanted])
+    every = {**made.provenance.options, "refinement": dict(options)}
+    return made.replaced(provenance=made.provenance.replaced(options=every))
 
 
 def _under(prefix: str, estimates: Mapping[str, Estimate]) -> dict[str, Estimate]:
