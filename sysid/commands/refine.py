@@ -52,7 +52,7 @@ from sysid.validation import validate
 @effects_option
 @json_option
 def refine(campaign: Path, bundle: Path, as_json: bool, no_prior: bool, **options: Any) -> None:
-    """All parameters of the assembled model together, by simulation error on the motion logs."""
+    """All parameters of the assembled model together, by simulation error."""
     result, written = refine_campaign(
         campaign, bundle, prior=not no_prior, progress=progress(), **options
     )
