@@ -203,7 +203,7 @@ def _parameters(found: Estimated) -> tuple[tuple[RefinedParameter, ...], FloatAr
         interval = (unknown.at(at - half), unknown.at(at + half))
         own_std = abs(unknown.slope(at)) * float(std[i])
         estimate = Estimate(unknown.at(at), own_std, unknown.unit, interval)
-        informed = not estimate.std > _INFORMED * unknown.std
+        informed = not (unknown.has_prior and estimate.std > _INFORMED * unknown.std)
         parameters.append(RefinedParameter(unknown, estimate, informed))
     known = np.where(std > _NO_INFORMATION, std, 1.0)
     return tuple(parameters), covariance / np.outer(known, known)
