@@ -74,6 +74,7 @@ def true_values(truth: dict[str, Any]) -> dict[str, float]:
 def coverage(seeds: list[int], keep: Path | None) -> None:
     """Print each campaign's figures, then all of them."""
     shares: dict[str, list[float]] = {}
+    kept: dict[str, list[bool]] = {}
     held, total, ratios, unconverged = 0, 0, [], 0
     with tempfile.TemporaryDirectory() as temporary:
         for seed in seeds:
@@ -85,7 +86,9 @@ def coverage(seeds: list[int], keep: Path | None) -> None:
             inside = 0
             for p in found.parameters:
                 low, high = p.estimate.interval
-                inside += low <= true[p.name] <= high
+                holds = low <= true[p.name] <= high
+                inside += holds
+                kept.setdefault(p.name, []).append(holds)
                 error = (p.estimate.value - true[p.name]) / p.estimate.std
                 shares.setdefault(p.name, []).append(error)
             held, total = held + inside, total + len(found.parameters)
@@ -101,7 +104,8 @@ def coverage(seeds: list[int], keep: Path | None) -> None:
     for name, own in shares.items():
         print(
             f"{name:32} mean error over std {statistics.mean(own):+.2f} +- "
-            f"{1 / len(own) ** 0.5:.2f}, spread {statistics.pstdev(own):.2f}"
+            f"{1 / len(own) ** 0.5:.2f}, spread {statistics.pstdev(own):.2f}, "
+            f"{sum(kept[name])} of {len(own)} hold"
         )
     print(f"intervals that hold: {held} of {total} ({100 * held / total:.1f} %)")
     print(f"held-out position after over before: median {statistics.median(ratios):.2f}")

@@ -26,6 +26,8 @@ from sysid.commands.app import main
 from sysid.commands.run import RunReport, run_campaign
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import read_campaign
+from sysid.refinement.refine import refine
+from sysid.refinement.unknowns import unknowns_of, without_own_data
 
 SEED = 5
 SMALLEST = Size(1, 1, 1, 0.04, (1, 1), (1, 1), (1, 1))
@@ -277,3 +279,46 @@ def test_without_the_stage_the_fitted_bundle_is_validated(
     assert run.bundle.friction == read_bundle(made.bundle).friction
     html = run.report.read_text("utf-8")
     assert '<section id="refinement"' not in html and "run sysid refine" in html
+
+
+def test_friction_that_is_zero_stays_and_two_effects_of_a_kind_stay_apart(
+    made: Made, tmp_path: Path
+) -> None:
+    content = json.loads(made.bundle.read_text("utf-8"))
+    content["friction"]["viscous_nm_s_per_rad"]["value"] = -1e-5
+    for side, value in (("a", 100.0), ("b", -200.0)):
+        content["effects"].append(
+            {
+                "id": "pressure-offset",
+                "parameters": {
+                    "pressure_offset_pa": {"value": value, "std": 10.0, "unit": "Pa"},
+                    "side": side,
+                },
+            }
+        )
+    path = tmp_path / "bundle.json"
+    path.write_text(json.dumps(content), "utf-8")
+    campaign = read_campaign(made.campaign)
+    bundle = read_bundle(path)
+    names = [u.name for u in unknowns_of(bundle, campaign.rig, bundle.model(campaign.rig))]
+    assert "friction.viscous_nm_s_per_rad" not in names
+    assert "friction.coulomb_nm" in names
+    assert {"pressure-offset-1.pressure_offset_pa", "pressure-offset-2.pressure_offset_pa"} <= set(
+        names
+    )
+
+
+def test_a_refined_bundle_is_no_prior_of_the_same_logs(made: Made, tmp_path: Path) -> None:
+    campaign = read_campaign(made.campaign)
+    refined = refine(campaign, read_bundle(made.bundle)).bundle
+    assert refined.provenance.options["refinement"] == {
+        "free": [],
+        "fix": [],
+        "prior": True,
+        "robust": False,
+    }
+    notices: list[str] = []
+    every = unknowns_of(refined, campaign.rig, refined.model(campaign.rig))
+    left = without_own_data(every, refined, notices)
+    assert len(notices) == 1 and "refined already" in notices[0]
+    assert not any(u.has_prior for u in left if u.origin in ("friction", "valve"))

@@ -13,7 +13,7 @@ from sysid.errors import InputError
 from sysid.model.ports import Model
 from sysid.model.simulator import simulate
 from sysid.refinement.estimation import Estimated, FrictionScatter, estimate
-from sysid.refinement.problem import Problem, RunErrors
+from sysid.refinement.problem import Iterate, Problem, RunErrors
 from sysid.refinement.profiles import profile
 from sysid.refinement.runs import Run
 from sysid.refinement.scan import scanned
@@ -193,3 +193,29 @@ def test_whitening_leaves_innovations() -> None:
     white = own(errors[:, None])[:, 0]
     assert own.std == pytest.approx(1.0, rel=0.03)
     assert abs(float(white[1:] @ white[:-1]) / float(white @ white)) < 0.03
+
+
+def test_errors_are_never_below_the_information(found: Estimated) -> None:
+    """Few segments: the spread of their gradients alone would promise too much."""
+    at = found.solution.at
+    assert (np.diag(at.error_covariance()) >= 0.999 * np.diag(at.covariance())).all()
+
+
+def test_a_positive_parameter_with_an_upper_bound_stays_below_it() -> None:
+    own = Unknown("gap", (1, "gap"), 0.08, 0.01, "rad", 0.0, 0.1, 0.05, "effect")
+    assert own.at(own.start) == pytest.approx(0.08)
+    assert own.at(1e9) <= 0.1
+    assert own.at(-1e9) >= 0.0
+
+
+def test_a_channel_without_noise_is_not_known_exactly(
+    simulated: tuple[list[Run], Model],
+) -> None:
+    runs, model = simulated
+    flat = np.array(runs[0].measured)
+    flat[1] = flat[1, 0]
+    problem = problem_of([dataclasses.replace(runs[0], measured=flat)], model)
+    (one,) = dataclasses.replace(problem, tests=1).linearised(
+        Iterate(problem.first_point().shared, np.zeros((1, 2)), np.zeros((1, 4)))
+    )
+    assert np.isfinite(one.factor).all()
