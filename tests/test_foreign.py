@@ -210,9 +210,11 @@ def test_excel_cell_without_a_number_is_named(tmp_path: Path) -> None:
         convert(foreign, tmp_path / "log.csv", maps=["time_s=t", "theta_rad=q"])
 
 
+@pytest.mark.parametrize("name", ["rec.tdms", "rec.parquet"])
 @pytest.mark.parametrize("with_time", [False, True])
-def test_tdms(tmp_path: Path, with_time: bool) -> None:
-    foreign, out = tmp_path / "rec.tdms", tmp_path / "log.csv"
+def test_tdms(tmp_path: Path, with_time: bool, name: str) -> None:
+    """Whatever the file is called: its signature says what it is."""
+    foreign, out = tmp_path / name, tmp_path / "log.csv"
     write_tdms(foreign, (0.0, 0.0) if with_time else (0.001, 0.001), with_time)
     entries = maps("run/t", "run/P", "run/angle")
     convert(foreign, out, maps=entries[not with_time :], atmosphere_pa=ATMOSPHERE)

@@ -220,7 +220,7 @@ class _ForeignFile:
             tuple(table.notices),
             tuple(unused_columns(table, recipe)),
             # A log that is converted once more keeps what is known of its samples.
-            tuple(lines_between(comments_in(self.path, self.raw))),
+            tuple(lines_between(comments_in(self.raw))),
         )
 
 

@@ -31,6 +31,7 @@ FOREIGN_SUFFIXES = (".mat", ".xlsx", ".xls", ".tdms")
 _NOTED = b"sysid.comments"
 # Comments stand at the head of a file.
 _HEAD_BYTES = 1 << 16
+_PARQUET = b"PAR1"
 _NOT_A_NUMBER = ["", "NaN", "nan", "NA", "N/A", "null", "NULL", "None", "-nan", "#N/A"]
 
 
@@ -225,9 +226,9 @@ def _read_parquet(path: Path, raw: bytes, digest: str, wanted: Collection[str]) 
     return LogTable(path, digest, header, frame.reset_index(drop=True), None, comments=comments)
 
 
-def comments_in(path: Path, raw: bytes) -> tuple[str, ...]:
+def comments_in(raw: bytes) -> tuple[str, ...]:
     """The comments of a file that `write_table` wrote; none of any other file."""
-    if path.suffix.lower() == ".parquet":
+    if raw.startswith(_PARQUET):
         import pyarrow.parquet as parquet
 
         return _comments_of(parquet.read_schema(io.BytesIO(raw)).metadata)
