@@ -100,6 +100,13 @@ def _advance_chunk(
     parts = join(structure, _unpack(layout, packed))
     model = Model(parts[0], parts[1 : 1 + effects])
     surfaces = parts[1 + effects :]
+    return run_through(lanes, table, model, surfaces)
+
+
+def run_through(
+    lanes: Lanes, table: Table, model: Model, surfaces: tuple[Any, ...]
+) -> tuple[Lanes, tuple[Any, ...], Any]:
+    """The loop of `_advance_chunk`, to be traced: its lanes, states and rows reached."""
     room = table.room
     shape = (room, table.count.shape[0])
     record = jax.lax.dynamic_update_index_in_dim

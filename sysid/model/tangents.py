@@ -31,9 +31,9 @@ from sysid.model.simulator import (
     at_first_row,
     check_known,
     cores,
+    run_through,
     start_lanes,
 )
-from sysid.model.stepper import advance
 from sysid.model.tables import Timing, block_of
 from sysid.types import FloatArray
 
@@ -298,9 +298,7 @@ def _advance_chunk(
 
     `timing`: tangents (directions, runs, ...) of the table's timing.
     """
-    room = table.room
     runs = table.count.shape[0]
-    record = jax.lax.dynamic_update_index_in_dim
 
     def whole(floats: tuple[_Slopes, Any, tuple[Any, ...]]) -> Any:
         state, times, values = floats
@@ -310,26 +308,10 @@ def _advance_chunk(
         parts = join(structure, given)
         model = Model(parts[0], parts[1 : 1 + effects])
         surfaces = parts[1 + effects :]
-        own = table.retimed(times)
-
-        def unfinished(carry: Any) -> Any:
-            step, now, _, _ = carry
-            return (step < room) & jnp.any(now.index < table.count)
-
-        def advance_once(carry: Any) -> Any:
-            step, now, states, reached = carry
-            after = advance(now, own, model, surfaces)
-            states = tuple(
-                record(s, v, step, 0) for s, v in zip(states, after.shown(), strict=True)
-            )
-            return step + 1, after, states, record(reached, own.reached(now, after), step, 0)
-
-        states = tuple(jnp.zeros((room, runs)) for _ in STATE)
         begun = lanes._replace(**state._asdict())
-        carry = (0, begun, states, jnp.zeros((room, runs), dtype=bool))
-        _, now, states, reached = jax.lax.while_loop(unfinished, advance_once, carry)
+        now, states, reached = run_through(begun, table.retimed(times), model, surfaces)
         left = _Slopes(*(getattr(now, n) for n in _Slopes._fields))
-        return (left, states), (now, reached.T)
+        return (left, states), (now, reached)
 
     start = _Slopes(*(getattr(lanes, n) for n in _Slopes._fields))
     values = tuple(numbers[part][name] for part, name in varied)
