@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from rich.text import Text
@@ -23,10 +23,11 @@ from sysid.display.numbers import ascii_text
 from sysid.display.terminal import console, new_table
 from sysid.io.campaign import read_campaign
 from sysid.model.effects.catalogue import catalogue_with
-from sysid.refinement.refine import refine as refine_bundle
-from sysid.refinement.result import RefineResult
 from sysid.types import Progress, no_progress
 from sysid.validation import validate
+
+if TYPE_CHECKING:
+    from sysid.refinement.result import RefineResult
 
 
 @click.command()
@@ -79,6 +80,8 @@ def refine_campaign(
     unusable files or unknown names, NotIdentifiedError where the bundle lacks what the simulation
     needs.
     """
+    from sysid.refinement.refine import refine as refine_bundle  # loads jax
+
     campaign = read_campaign(campaign_path)
     catalogue = catalogue_with(effects) if effects else None
     result = refine_bundle(

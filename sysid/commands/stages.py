@@ -27,7 +27,6 @@ from sysid.export import export_file
 from sysid.io.campaign import Campaign
 from sysid.io.files import write_atomic
 from sysid.model.effects.catalogue import catalogue_with
-from sysid.refinement.refine import refine
 from sysid.types import Progress
 from sysid.validation import VALIDATED_KINDS, validate
 
@@ -235,6 +234,8 @@ def _refine(run: PipelineRun) -> None:
 
     A part tested alone has no motion of an actuator: its bundle continues as it is.
     """
+    from sysid.refinement.refine import refine  # loads jax
+
     bundle = run.bundle(_EXTENDED_FILE if run.diagnose else _FITTED_FILE)
     if part_tested([entry.kind for entry in run.campaign.logs], bundle):
         write_bundle(bundle, run.path(_REFINED_FILE))
