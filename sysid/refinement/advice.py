@@ -16,12 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.bundle import Bundle
-from sysid.errors import NotIdentifiedError
 from sysid.io.campaign import Campaign
 from sysid.model.effects.catalogue import catalogue as own_catalogue
 from sysid.model.effects.entry import Catalogue
 from sysid.model.effects.linear import for_rig
-from sysid.model.ports import has_discrete_law
 from sysid.refinement.advice_result import AdviceResult, CandidateTest, Tie
 from sysid.refinement.candidates import CandidateMotion, candidate_motions
 from sysid.refinement.effect_sizes import effect_sizes
@@ -37,7 +35,7 @@ from sysid.refinement.options import (
     with_expected_errors,
 )
 from sysid.refinement.probes import Probes, probes_of
-from sysid.refinement.refine import KINDS, bench_scatter, motion_tests_of
+from sysid.refinement.refine import KINDS, bench_scatter, check_on_off_law, motion_tests_of
 from sysid.refinement.unknowns import Unknown, chosen, unknowns_of
 from sysid.types import FloatArray, Progress, no_progress
 
@@ -65,11 +63,7 @@ def advise(
     does not hold the on/off law of both valves.
     """
     rig, model = campaign.rig, bundle.model(campaign.rig, catalogue)
-    if not has_discrete_law(model.parameters):
-        raise NotIdentifiedError(
-            f"{bundle.source}: holds no on/off law of both valves, by which motion is simulated; "
-            "fit valve-discrete tests into it"
-        )
+    check_on_off_law(bundle, model)
     notices: list[str] = []
     progress("reading motion logs")
     logged = motion_tests_of(campaign, campaign.select(KINDS, use="fit"), bundle, notices)

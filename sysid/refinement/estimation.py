@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.refinement.problem import Iterate, Linearised, Problem, RunErrors
+from sysid.refinement.problem import Iterate, Problem
 from sysid.refinement.reduction import ReducedEquations
 from sysid.refinement.runs import Run
 from sysid.refinement.scan import scanned
@@ -24,7 +24,7 @@ _ROUGHLY, _CLOSELY = 0.5, 0.05
 # The last descent begins near its end.
 _UNDAMPED = 1e6
 # A run whose largest RMSE over the noise is this many times the others' is not followed.
-_NOT_FOLLOWED = 3.0
+NOT_FOLLOWED = 3.0
 # Friction that a scan moves by less (units of the scatter) is where it was.
 _SAME = 0.15
 _MOST_ORDER = 4
@@ -98,14 +98,17 @@ def estimate(
 def followed(problem: Problem, at: ReducedEquations, counted: BoolArray) -> BoolArray:
     """Whether the simulation follows each run (runs,): its errors are like those of the others."""
     ratio = np.array(
-        [_ratio(run, own.errors) for run, own in zip(problem.runs, at.runs, strict=True)]
+        [
+            error_ratio(run, own.errors.residual)
+            for run, own in zip(problem.runs, at.runs, strict=True)
+        ]
     )
-    return np.asarray(ratio <= _NOT_FOLLOWED * max(float(np.median(ratio[counted])), 1.0))
+    return np.asarray(ratio <= NOT_FOLLOWED * max(float(np.median(ratio[counted])), 1.0))
 
 
-def _ratio(run: Run, errors: RunErrors) -> float:
-    """A run's largest RMSE over the noise among its channels."""
-    return float(np.nanmax(np.sqrt(np.mean(errors.residual**2, axis=1)) / run.noise))
+def error_ratio(run: Run, residual: FloatArray) -> float:
+    """A run's largest RMSE over the noise among its channels; `residual` (3, n)."""
+    return float(np.nanmax(np.sqrt(np.mean(residual**2, axis=1)) / run.noise))
 
 
 def _final(
@@ -114,12 +117,12 @@ def _final(
     """The problem of the runs that are followed, with errors as they are; where to start it."""
     numbers = np.flatnonzero(follows)
     runs = tuple(problem.runs[i] for i in numbers)
-    own = [rough.at.runs[i] for i in numbers]
+    own = [rough.at.runs[i].errors.residual for i in numbers]
     found = _scatter_of(problem, rough, scatter)
     final = dataclasses.replace(
         problem,
         runs=runs,
-        whitening=(_whitening(runs, own),) * len(runs),
+        whitening=(whitening_of(runs, own),) * len(runs),
         scatter=found.pair,
         robust=robust,
         max_step=_FINE_STEP,
@@ -135,19 +138,17 @@ def _final(
     )
 
 
-def _whitening(runs: Sequence[Run], found: Sequence[Linearised]) -> tuple[Whitening, ...]:
-    channels = []
-    for channel in range(3):
-        logged = [
-            f.errors.residual[channel]
-            for f in found
-            if not np.isnan(f.errors.residual[channel]).any()
-        ]
-        floor = float(np.nanmedian([r.noise[channel] for r in runs]))
-        channels.append(
-            Whitening.of(logged, floor, _MOST_ORDER) if logged else Whitening.white(1.0)
+def whitening_of(runs: Sequence[Run], residuals: Sequence[FloatArray]) -> tuple[Whitening, ...]:
+    """Of each channel, from residuals (3, n); the runs' noise where there are none."""
+    found = []
+    for channel, floor in enumerate(np.nanmedian([run.noise for run in runs], axis=0)):
+        logged = [r[channel] for r in residuals if not np.isnan(r[channel]).any()]
+        found.append(
+            Whitening.of(logged, float(floor), _MOST_ORDER)
+            if logged
+            else Whitening.white(float(floor))
         )
-    return tuple(channels)
+    return tuple(found)
 
 
 def _scatter_of(problem: Problem, solution: Solution, bench: FrictionScatter) -> FrictionScatter:
@@ -167,4 +168,12 @@ def _scatter_of(problem: Problem, solution: Solution, bench: FrictionScatter) ->
     return FrictionScatter(float(sliding), float(static), float(total.min()))
 
 
-__all__ = ["Estimated", "FrictionScatter", "estimate", "followed"]
+__all__ = [
+    "NOT_FOLLOWED",
+    "Estimated",
+    "FrictionScatter",
+    "error_ratio",
+    "estimate",
+    "followed",
+    "whitening_of",
+]

@@ -9,20 +9,16 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
+from sysid.refinement.estimation import NOT_FOLLOWED, error_ratio, whitening_of
 from sysid.refinement.problem import Iterate, Problem
 from sysid.refinement.reduction import ReducedEquations, reduced
-from sysid.refinement.runs import Run
 from sysid.refinement.whitening import Whitening
 from sysid.types import FloatArray
 
-# As in `estimation`: a run with errors so many times the others' is not followed.
-_NOT_FOLLOWED = 3.0
-_MOST_ORDER = 4
-# As there, for what an encoder resolves.
+# Half of `estimation`'s: the figures of `benchmarks/advice.py` were measured with it.
 _FINE_STEP = 2.5e-4
 _STEPS = 3
 
@@ -35,7 +31,7 @@ def expected_whitening(problem: Problem) -> tuple[Whitening, ...]:
     runs = problem.linearised(problem.first_point())
     has = [i for i, own in enumerate(runs) if np.isfinite(own.factor).all()]
     if not has:
-        return _white(problem.runs)
+        return whitening_of(problem.runs, [])
     some = dataclasses.replace(
         problem,
         runs=tuple(problem.runs[i] for i in has),
@@ -43,9 +39,9 @@ def expected_whitening(problem: Problem) -> tuple[Whitening, ...]:
         max_step=_FINE_STEP,
     )
     left = _after_steps(some)
-    sizes = np.array([_size(r, e) for r, e in zip(some.runs, left, strict=True)])
-    counted = sizes <= _NOT_FOLLOWED * max(float(np.median(sizes)), 1.0)
-    return _fitted(some.runs, [e for e, c in zip(left, counted, strict=True) if c])
+    sizes = np.array([error_ratio(r, e) for r, e in zip(some.runs, left, strict=True)])
+    counted = sizes <= NOT_FOLLOWED * max(float(np.median(sizes)), 1.0)
+    return whitening_of(some.runs, [e for e, c in zip(left, counted, strict=True) if c])
 
 
 def _after_steps(problem: Problem) -> list[FloatArray]:
@@ -61,28 +57,6 @@ def _after_steps(problem: Problem) -> list[FloatArray]:
         to = at.moved(problem, step, every)
         left, point, cost = _left(problem, at, to), to, at.cost
     return left
-
-
-def _size(run: Run, errors: FloatArray) -> float:
-    """A run's largest RMSE over the noise among its channels."""
-    return float(np.nanmax(np.sqrt(np.mean(errors**2, axis=1)) / run.noise))
-
-
-def _floors(runs: Sequence[Run]) -> FloatArray:
-    return np.asarray(np.nanmedian([run.noise for run in runs], axis=0))
-
-
-def _white(runs: Sequence[Run]) -> tuple[Whitening, ...]:
-    return tuple(Whitening.white(float(n)) for n in _floors(runs))
-
-
-def _fitted(runs: Sequence[Run], errors: Sequence[FloatArray]) -> tuple[Whitening, ...]:
-    found = []
-    for channel, floor in enumerate(_floors(runs)):
-        logged = [e[channel] for e in errors if not np.isnan(e[channel]).any()]
-        white = Whitening.white(float(floor))
-        found.append(Whitening.of(logged, float(floor), _MOST_ORDER) if logged else white)
-    return tuple(found)
 
 
 def _left(problem: Problem, at: ReducedEquations, to: Iterate) -> list[FloatArray]:

@@ -85,11 +85,7 @@ def refine(
             "holds no motion log to fit on",
             f'add a [[log]] of kind {", ".join(MOTION_KINDS)} with use = "fit"',
         )
-    if not has_discrete_law(model.parameters):
-        raise NotIdentifiedError(
-            f"{bundle.source}: holds no on/off law of both valves, by which motion is simulated; "
-            "fit valve-discrete tests into it"
-        )
+    check_on_off_law(bundle, model)
     every = without_own_data(unknowns_of(bundle, campaign.rig, model), bundle, notices)
     unknowns = tuple(chosen(every, free, fix, prior=prior))
     if not unknowns:
@@ -146,6 +142,15 @@ def refine(
         wrong = contradictions(made.refinement.values(), campaign.rig)
         notices += [ascii_text(line) for line in wrong]
     return dataclasses.replace(result, bundle=made, notices=tuple(notices))
+
+
+def check_on_off_law(bundle: Bundle, model: Model) -> None:
+    """Raises NotIdentifiedError where a bundle's model cannot simulate motion by its pulses."""
+    if not has_discrete_law(model.parameters):
+        raise NotIdentifiedError(
+            f"{bundle.source}: holds no on/off law of both valves, by which motion is simulated; "
+            "fit valve-discrete tests into it"
+        )
 
 
 def motion_tests_of(
@@ -286,4 +291,4 @@ def _left_out_notice(runs: Sequence[Run]) -> str:
     )
 
 
-__all__ = ["KINDS", "bench_scatter", "motion_tests_of", "refine"]
+__all__ = ["KINDS", "bench_scatter", "check_on_off_law", "motion_tests_of", "refine"]
