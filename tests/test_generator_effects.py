@@ -175,7 +175,7 @@ def test_size_zero_is_the_plain_plant(id: str, form: str, plain: dict[str, Float
     name = SHOWS[id][0]
     rows = run(name, (drawn(id, form, 0.0),))
     error = np.abs(as_plain(rows) - plain[name][:, [0, 2, 3]]).max(axis=0)
-    assert error[0] < 1e-3 and max(error[1:]) < 200.0
+    assert error[0] < 1e-6 and max(error[1:]) < 0.5
     assert np.all(rows[:, SENSED_SUPPLY] == PS)
 
 

@@ -1,7 +1,8 @@
 """Fixed steps of Heun's method for a plant with undeclared effects.
 
-Steps of 25 or 50 us end at every valve edge. Friction's direction is held over a step: where the
-velocity changes sign the shaft is at rest and sticks or moves on, by effort and static friction.
+Steps of 25 or 50 us end at every valve edge, and where the rates jump: a flow begins or ceases to
+choke, the shaft breaks away, or its velocity changes sign. There it is at rest and sticks or moves
+on, by effort and static friction.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from datasets.generator.effects.gas import (
     RESERVOIR,
     SENSOR_1,
     SENSOR_2,
+    backs,
     gas_rates,
     supplies,
 )
@@ -36,10 +38,12 @@ from datasets.generator.effects.mechanics import (
     sliding_level,
 )
 from datasets.generator.plant import (
+    CRITICAL_RATIO,
     HELD,
     N_MODES,
     N_STATES,
     OPEN_A,
+    OPEN_B,
     POSITION,
     PRESSURE_A,
     PRESSURE_B,
@@ -53,6 +57,10 @@ from datasets.generator.plant import (
 SENSED_POSITION, SENSED_A, SENSED_B, SENSED_SUPPLY = 4, 5, 6, 7
 N_COLUMNS = 8
 SHORTEST_S = 1e-9
+# Where the rates jump is located to this, and passed at once.
+PASSAGE_S = 1e-8
+# Where a pressure slides along a choked boundary it jumps again at once: the rest is taken whole.
+MOST_PARTS = 8
 
 
 @compiled
@@ -78,14 +86,21 @@ def _rates(
 
 
 @compiled
+def _effort_at_rest(x: FloatArray, time: float, command: float, p: Any, k: Any) -> float:
+    """What static friction has to hold."""
+    effort = free_effort(x, time, command, p, k)
+    if k.use_asymmetric_static > 0.0:
+        effort -= k.asymmetry_nm * k.angle_scale
+    return float(effort)
+
+
+@compiled
 def _stick_or_slide(
     x: FloatArray, mode: IntArray, time: float, stuck: float, command: float, p: Any, k: Any
 ) -> None:
     """At zero velocity: stuck unless the effort exceeds static friction."""
     x[VELOCITY] = 0.0
-    effort = free_effort(x, time, command, p, k)
-    if k.use_asymmetric_static > 0.0:
-        effort -= k.asymmetry_nm * k.angle_scale
+    effort = _effort_at_rest(x, time, command, p, k)
     if abs(effort) <= breakaway_level(x, time, stuck, p, k):
         mode[SLIDE] = 0
     else:
@@ -110,19 +125,77 @@ def _after_step(
 
 
 @compiled
+def _margins(
+    x: FloatArray, mode: IntArray, time: float, stuck: float, command: float, p: Any, k: Any
+) -> tuple[float, float, float]:
+    """Numbers that change sign where the rates jump: where a flow chokes, and friction reverses.
+
+    Each chamber's pressure above its flow's choked boundary, Pa; the velocity along the motion, or
+    what is left of static friction at rest.
+    """
+    supply_a, supply_b, _ = supplies(x, mode, time, p, k)
+    back_a, back_b = backs(x, mode, p, k)
+    a = CRITICAL_RATIO * supply_a if mode[OPEN_A] == 1 else back_a / CRITICAL_RATIO
+    b = CRITICAL_RATIO * supply_b if mode[OPEN_B] == 1 else back_b / CRITICAL_RATIO
+    shaft = 1.0
+    if mode[HELD] == 0 and k.bristle_compliance_rad_per_nm <= 0.0:
+        if mode[SLIDE] != 0:
+            shaft = mode[SLIDE] * x[VELOCITY]
+        else:
+            effort = _effort_at_rest(x, time, command, p, k)
+            shaft = breakaway_level(x, time, stuck, p, k) - abs(effort)
+    return x[PRESSURE_A] - a, x[PRESSURE_B] - b, shaft
+
+
+@compiled
+def _passed(before: tuple[float, float, float], after: tuple[float, float, float]) -> bool:
+    """Whether the rates have jumped between two `_margins`."""
+    return bool(
+        before[0] * after[0] < 0.0 or before[1] * after[1] < 0.0 or before[2] * after[2] < 0.0
+    )
+
+
+@compiled
 def _advance(
     x: FloatArray, mode: IntArray, time: float, h: float, stuck: float, command: float,
     p: Any, k: Any, first: FloatArray, second: FloatArray, end: FloatArray,
 ) -> float:  # fmt: skip
-    """One step of `h` s; returns for how long the shaft has been stuck, s. The last three: work."""
-    _rates(x, mode, time, command, p, k, first)
-    for i in range(x.size):
-        end[i] = x[i] + h * first[i]
-    _rates(end, mode, time + h, command, p, k, second)
-    for i in range(x.size):
-        x[i] += 0.5 * h * (first[i] + second[i])
-    _after_step(x, mode, time + h, stuck, command, p, k)
-    return stuck + h if mode[SLIDE] == 0 else 0.0
+    """One step of `h` s; returns for how long the shaft has been stuck, s. The last three: work.
+
+    Where the rates jump it is taken in parts: up to there (both of Heun's rates from one side,
+    found by bisection), across, and on.
+    """
+    done, parts = 0.0, 0
+    while h - done > 0.0:
+        now, whole = time + done, h - done
+        _rates(x, mode, now, command, p, k, first)
+        before = _margins(x, mode, now, stuck, command, p, k)
+        early, late, step = 0.0, whole, whole
+        while True:
+            for i in range(x.size):
+                end[i] = x[i] + step * first[i]
+            _rates(end, mode, now + step, command, p, k, second)
+            rest = stuck + step
+            passed = _passed(before, _margins(end, mode, now + step, rest, command, p, k))
+            for i in range(x.size):
+                end[i] = x[i] + 0.5 * step * (first[i] + second[i])
+            passed = passed or _passed(before, _margins(end, mode, now + step, rest, command, p, k))
+            if parts >= MOST_PARTS or step <= PASSAGE_S:
+                break
+            if passed:
+                late = step
+            else:
+                early = step
+                if late - early <= PASSAGE_S:
+                    break
+            step = 0.5 * (early + late)
+            if late - early <= PASSAGE_S:
+                step = early if early > 0.0 else late
+        x[:] = end
+        done, parts = (h if step == whole else done + step), parts + 1
+        _after_step(x, mode, time + done, stuck, command, p, k)
+        stuck = stuck + step if mode[SLIDE] == 0 else 0.0
+    return stuck
 
 
 @compiled

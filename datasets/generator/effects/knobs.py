@@ -125,9 +125,6 @@ def plant_record(plant: Plant) -> Any:
 
 
 def step_s(effects: Sequence[Injected], switching: bool) -> float:
-    """The integrator's step, s: half as long where valves switch, or bristles or inertias are fast.
-
-    Each passage of the choked boundary costs an error in proportion to the step.
-    """
+    """The integrator's step, s: half where valves switch, or bristles or inertias are fast."""
     step = 50e-6 if switching else 100e-6
     return 0.5 * step if any(effect.id in _FAST for effect in effects) else step
