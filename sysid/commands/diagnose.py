@@ -46,6 +46,11 @@ _MOST_SUSPECTS = 6
 @report_option
 @effects_option
 @click.option(
+    "--refine/--no-refine",
+    default=True,
+    help="Whether to estimate all parameters together by simulation error at the end.",
+)
+@click.option(
     "--seed", type=SEED, default=0, show_default=True, help="Seed of the simulated twins."
 )
 @json_option
@@ -78,18 +83,20 @@ def diagnose_campaign(
     output: Path | None = None,
     report: Path | None = None,
     effects: Path | None = None,
+    refine: bool = True,
     seed: int = 0,
     progress: Progress = no_progress,
 ) -> Diagnosed:
     """Diagnose a campaign with its fitted bundle; write the extended bundle and the report.
 
-    `effects` is a Python file with effects in addition to the catalogue. Raises InputError
+    `effects` is a Python file with effects in addition to the catalogue; `refine` whether the
+    numbers of what was found are those of simulation error. Raises InputError
     for unusable files, NotIdentifiedError where the bundle or the campaign is insufficient.
     """
     campaign = read_campaign(campaign_path)
     bundle = read_bundle(bundle_path)
     diagnosis, notices = diagnose_logs(
-        campaign, bundle, effects=effects, seed=seed, progress=progress
+        campaign, bundle, effects=effects, refine=refine, seed=seed, progress=progress
     )
     extended = extended_bundle(bundle, diagnosis, campaign)
     written = []
@@ -184,10 +191,9 @@ def _effect_tables(content: dict[str, Any]) -> Iterable[Table]:
 def _before_after_tables(content: dict[str, Any]) -> Iterable[Table]:
     if not content["residual"]:
         return
-    added = [f"+ {effect['id']}" for effect in content["effects"]]
     how = "" if "component" in content else ", simulated open loop"
     title = f"RMSE on held-out logs{how}"
-    table = new_table(title, "channel", "original bundle", *added, "noise floor")
+    table = new_table(title, "channel", "original bundle", *wording.steps(content), "noise floor")
     for name, errors in wording.errors_by_step(content).items():
         floor = content["residual"][name]["noise_floor"]
         cells = ("-" if math.isnan(e) else f"{e:.4g}" for e in errors)

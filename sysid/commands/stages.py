@@ -122,7 +122,8 @@ def _digest(path: Path) -> str:
 class Stage:
     """A stage: its output, its inputs in addition to the logs, and its work.
 
-    `reads_effects`: whether a file of further effects is one of its inputs.
+    `reads_effects`: whether a file of further effects is one of its inputs; `reads_refine`:
+    whether it does the refinement where one is asked for.
     """
 
     name: str
@@ -130,6 +131,7 @@ class Stage:
     made_from: tuple[str, ...]
     perform: Callable[[PipelineRun], None]
     reads_effects: bool = True
+    reads_refine: bool = False
 
 
 def perform(run: PipelineRun, stage: Stage) -> StageReport:
@@ -142,6 +144,8 @@ def perform(run: PipelineRun, stage: Stage) -> StageReport:
     }
     if stage.reads_effects and run.effects is not None:
         made_from["--effects"] = _digest(run.effects)
+    if stage.reads_refine:
+        made_from["--refine"] = str(run.refine)
     state = _read_state(run.folder)
     why = _stale(run, stage, made_from, state.get(stage.name))
     if why is None:
@@ -214,6 +218,7 @@ def _diagnose(run: PipelineRun) -> None:
             run.campaign,
             bundle,
             effects=run.effects,
+            refine=run.refine,
             seed=run.seed,
             progress=run.tell,
         )
@@ -232,12 +237,14 @@ def _diagnose(run: PipelineRun) -> None:
 def _refine(run: PipelineRun) -> None:
     """A campaign whose motion cannot be simulated continues unrefined; a notice says why.
 
-    A part tested alone has no motion of an actuator: its bundle continues as it is.
+    A part tested alone has no motion of an actuator: its bundle continues as it is, and so does
+    one that the diagnosis refined.
     """
     from sysid.refinement.refine import refine  # loads jax
 
     bundle = run.bundle(_EXTENDED_FILE if run.diagnose else _FITTED_FILE)
-    if part_tested([entry.kind for entry in run.campaign.logs], bundle):
+    part = part_tested([entry.kind for entry in run.campaign.logs], bundle)
+    if part or bundle.refinement is not None:
         write_bundle(bundle, run.path(_REFINED_FILE))
         return
     try:
@@ -308,7 +315,7 @@ def stages_of(run: PipelineRun) -> list[Stage]:
     stages = [
         Stage("check", (_CHECKS_FILE,), (), _check, reads_effects=False),
         Stage("fit", (_FITTED_FILE,), (), _fit, reads_effects=False),
-        Stage("diagnose", diagnosed, (_FITTED_FILE,), _diagnose),
+        Stage("diagnose", diagnosed, (_FITTED_FILE,), _diagnose, reads_refine=True),
         Stage("refine", (_REFINED_FILE,), (refined_from,), _refine),
         Stage("validate", (BUNDLE_FILE,), (run.model_file,), _validate),
         Stage("report", (REPORT_FILE,), shown, _report),

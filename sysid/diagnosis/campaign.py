@@ -13,6 +13,7 @@ from sysid.diagnosis import Diagnosis, diagnose
 from sysid.diagnosis.actuator.result import FoundEffect
 from sysid.diagnosis.bench.diagnose import ComponentDiagnosis, diagnose_component
 from sysid.diagnosis.bench.registry import part_tested
+from sysid.diagnosis.refined import with_refined_numbers
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import Campaign, CampaignLog
 from sysid.io.channels import SIDES
@@ -29,12 +30,14 @@ def diagnose_logs(
     bundle: Bundle,
     *,
     effects: EffectSource = None,
+    refine: bool = True,
     seed: int = 0,
     progress: Progress = no_progress,
 ) -> tuple[Diagnosis | ComponentDiagnosis, tuple[str, ...]]:
     """The diagnosis of a campaign's logs, and the readers' notices.
 
-    An effect that the bundle already holds is part of the model under diagnosis.
+    An effect that the bundle already holds is part of the model under diagnosis. With `refine`
+    the numbers of what an actuator lacks are those of simulation error on its motion logs.
     """
     catalogue = catalogue_from(effects)
     taken = {entry.id for entry in bundle.effects}
@@ -61,6 +64,9 @@ def diagnose_logs(
     model = bundle.model(campaign.rig, catalogue)
     notices += assumed_friction(bundle)
     diagnosis = diagnose(logs, campaign.rig, model, open_ones, seed=seed, progress=progress)
+    if refine:
+        extended = extended_bundle(bundle, diagnosis, campaign)
+        diagnosis = with_refined_numbers(diagnosis, campaign, extended, catalogue, progress)
     return diagnosis, tuple(notices)
 
 
@@ -75,7 +81,7 @@ def _read(campaign: Campaign, entry: CampaignLog, bundle: Bundle) -> Log:
 def extended_bundle(
     bundle: Bundle, diagnosis: Diagnosis | ComponentDiagnosis, campaign: Campaign
 ) -> Bundle:
-    """The bundle with the effects found, and the base parameters refitted together with them.
+    """The bundle with the effects found, and the base parameters estimated together with them.
 
     PWM surfaces stay as they were fitted. Where no effect was found only the campaign's
     held-out logs are added to the provenance.
@@ -83,6 +89,10 @@ def extended_bundle(
     found = bundle.with_sources(campaign.sources(None if diagnosis.effects else "holdout"))
     if not diagnosis.effects:
         return found
+    if isinstance(diagnosis, Diagnosis) and diagnosis.refinement is not None:
+        refined = diagnosis.refinement.bundle
+        entries = [_entry(effect) for effect in diagnosis.effects]
+        return refined.replaced(effects=[*refined.effects[: -len(entries)], *entries])
     found = found.with_effects(_entry(effect) for effect in diagnosis.effects)
     if isinstance(diagnosis, ComponentDiagnosis):
         found = _with_part(found, diagnosis)

@@ -139,16 +139,28 @@ def parameter_rows(effect: Mapping[str, Any]) -> Iterator[tuple[str, Estimate | 
 
 
 def errors_by_step(content: Content) -> dict[str, list[float]]:
-    """Held-out RMSE by channel: of the original bundle, then after each effect.
+    """Held-out RMSE by channel: of the original bundle, then after each of `steps`.
 
     NaN after an effect that could not be simulated without the next.
     """
     found = {}
     for name, error in content["residual"].items():
         after = [effect["holdout_rmse"].get(name, {}) for effect in content["effects"]]
-        steps = [step.get("after", math.nan) for step in after]
-        found[name] = [error["before"], *steps]
+        errors = [step.get("after", math.nan) for step in after]
+        last = [error["after"]] if is_refined(content) else []
+        found[name] = [error["before"], *errors, *last]
     return found
+
+
+def steps(content: Content) -> list[str]:
+    """What was done to the original bundle, step by step: the effects, then the refinement."""
+    added = [f"+ {effect['id']}" for effect in content["effects"]]
+    return [*added, "refined"] if is_refined(content) else added
+
+
+def is_refined(content: Content) -> bool:
+    """Whether the numbers are from a refinement by simulation error."""
+    return bool(content.get("refined"))
 
 
 __all__ = [
@@ -156,9 +168,11 @@ __all__ = [
     "advice",
     "balance_of",
     "errors_by_step",
+    "is_refined",
     "joined",
     "p_text",
     "parameter_rows",
     "regressor_name",
     "sentence",
+    "steps",
 ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from pathlib import PurePath
 from typing import Any
 
 import numpy as np
@@ -79,7 +80,7 @@ def _run(number: int, test: MotionTest, segment: Segment, model: Model, position
     std = np.maximum(np.nan_to_num(segment.state.std, nan=_NOT_LOGGED), _LEAST_START_STD)
     return Run(
         test=number,
-        name=f"{test.source} at {inputs.elapsed:.1f} s",
+        name=f"{PurePath(test.source).name} at {inputs.elapsed:.1f} s",
         inputs=dataclasses.replace(inputs, **unknown),
         measured=test.measured[:, segment.start : segment.stop],
         start_std=np.where(moves & (std > _KNOWN), _START_PRIOR * std, std),

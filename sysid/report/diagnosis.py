@@ -9,9 +9,11 @@ from sysid.diagnosis.wording import (
     SMALLEST_P,
     advice,
     errors_by_step,
+    is_refined,
     joined,
     parameter_rows,
     sentence,
+    steps,
 )
 from sysid.display.channels import channel_of
 from sysid.display.numbers import MISSING, estimate_cells, number
@@ -55,7 +57,13 @@ def diagnosis_section(content: Content, is_linear: bool) -> Section:
         "those of twins: the same tests simulated with the fitted model and passed through the "
         "same filters and fits. An effect was added if it explains more than on any twin, and a "
         "fair share of the remainder. It was fitted on the training tests; the errors below are "
-        "those of held-out tests.",
+        "those of held-out tests."
+        + (
+            " At the end all parameters were estimated together by simulation error on the "
+            "training tests (refined)."
+            if is_refined(content)
+            else ""
+        ),
     )
     return Section("diagnosis", "Diagnosis", intro, tuple(blocks))
 
@@ -82,11 +90,10 @@ def short_p(value: float) -> str:
     return f"< {number(SMALLEST_P, 1)}" if value < SMALLEST_P else number(value, 1)
 
 
-def parameters_table(
-    content: Content,
-    caption: str = "Their parameters; standard errors by leaving out one test at a time",
-) -> HtmlTable:
+def parameters_table(content: Content, caption: str = "") -> HtmlTable:
     """The parameters of every effect, with their intervals."""
+    how = "from the refinement" if is_refined(content) else "by leaving out one test at a time"
+    caption = caption or f"Their parameters; standard errors {how}"
     rows = []
     for effect in content["effects"]:
         meanings = content["figures"]["meanings"].get(effect["id"], {})
@@ -111,24 +118,26 @@ def errors_table(
         floor = content["residual"][name]["noise_floor"]
         cells = [number(channel.residual(e)) for e in (*errors, floor)]
         rows.append((f"{channel.title} ({channel.residual_unit})", *cells))
-    added = [f"+ {effect['id']}" for effect in content["effects"]]
-    columns = ("Channel", "Original bundle", *added, "Noise floor")
+    columns = ("Channel", "Original bundle", *steps(content), "Noise floor")
     return table(caption, columns, rows)
 
 
 def waterfall(content: Content, caption: str = "") -> FigureGroup:
     """Held-out error of every channel, effect by effect, down to the noise floor."""
-    added = [effect["id"] for effect in content["effects"]]
     figures = [
         panels.waterfall(
-            channel_of(name), errors, added, float(content["residual"][name]["noise_floor"])
+            channel_of(name),
+            errors,
+            steps(content),
+            float(content["residual"][name]["noise_floor"]),
         )
         for name, errors in errors_by_step(content).items()
     ]
     caption = caption or (
         "From the original bundle to the extended model: error in open-loop simulation of the "
-        "held-out tests, and how much each effect reduces it, with the base parameters refitted. "
-        "The noise floor (thin line) is the error of a correct model: sensor noise, quantisation "
+        "held-out tests, and how much each effect reduces it, with the base parameters refitted"
+        + (", and then their refinement. " if is_refined(content) else ". ")
+        + "The noise floor (thin line) is the error of a correct model: sensor noise, quantisation "
         "and the rig's own scatter from test to test."
     )
     return FigureGroup(caption, tuple(figures))

@@ -70,22 +70,22 @@ def residual_title(residual: str, is_linear: bool) -> str:
 
 
 def waterfall(
-    channel: Channel, errors: Sequence[float], added: Sequence[str], floor: float
+    channel: Channel, errors: Sequence[float], steps: Sequence[str], floor: float
 ) -> Figure:
-    """Held-out RMSE of the original bundle, its reduction by each effect, and the noise floor.
+    """Held-out RMSE of the original bundle, its reduction by each step, and the noise floor.
 
-    `errors` (1 + effects,) and `floor` in the channel's SI unit.
+    `errors` (1 + steps,) and `floor` in the channel's SI unit.
     """
     shown = [channel.residual_scale * e for e in errors]
     low = channel.residual_scale * floor
     unit = channel.residual_unit
     rows = [("original bundle", 0.0, shown[0], "measured", number(shown[0]))]
-    for name, before, after in zip(added, shown, shown[1:], strict=False):
+    for name, before, after in zip(steps, shown, shown[1:], strict=False):
         role = "third" if after <= before else "model"
         sign = MINUS if after <= before else "+"
         change = f"{sign}{number(abs(before - after))}"
-        rows.append((f"+ {_drawable(name)}", min(before, after), max(before, after), role, change))
-    if added:
+        rows.append((_drawable(name), min(before, after), max(before, after), role, change))
+    if steps:
         rows.append(("extended model", 0.0, shown[-1], "second", number(shown[-1])))
     rows.append(("noise floor", 0.0, low, "muted", number(low)))
     figure, ax = _rows_panel(channel.title, len(rows))
@@ -96,9 +96,10 @@ def waterfall(
         ax.plot([low, low], [-place - 0.37, -place + 0.09], color=COLOUR["ink"], linewidth=0.8)
     ax.set_xlim(0.0, 1.04 * float(np.nanmax([*shown, low, 1e-12])))
     ax.set_xlabel(f"RMSE on held-out tests ({unit})")
-    steps = "; ".join(f"after {n} {number(e)}" for n, e in zip(added, shown[1:], strict=True))
+    pairs = zip(steps, shown[1:], strict=True)
+    told = "; ".join(f"after {n.removeprefix('+ ')} {number(e)}" for n, e in pairs)
     description = (
-        f"The original bundle has {number(shown[0])} {unit}{'; ' + steps if steps else ''}; the "
+        f"The original bundle has {number(shown[0])} {unit}{'; ' + told if told else ''}; the "
         f"noise floor is {number(low)} {unit}."
     )
     title = f"Error of {channel.title} on held-out tests, effect by effect"

@@ -62,7 +62,7 @@ class CampaignDiagnosis(Shown):
         """The effects' parameters, and the errors on held-out logs after each effect."""
         for effect in self.effects:
             yield estimate_table(effect.headline(), effect.by_label())
-        steps = ("original bundle", *(f"+ {effect.id}" for effect in self.effects))
+        steps = self._steps()
         rows = []
         for name, errors in self._errors().items():
             floor = self.residual[name].noise_floor
@@ -78,7 +78,7 @@ class CampaignDiagnosis(Shown):
         ax = one_axes(ax)
         errors = self._errors()
         floors = {name: self.residual[name].noise_floor or math.nan for name in errors}
-        steps = ["original bundle", *(f"+ {effect.id}" for effect in self.effects)]
+        steps = self._steps()
         heights = {
             step: [errors[name][i] / floors[name] for name in errors]
             for i, step in enumerate(steps)
@@ -88,6 +88,9 @@ class CampaignDiagnosis(Shown):
         ax.set_yscale("log")
         ax.set_ylabel("RMSE / noise floor")
         return ax
+
+    def _steps(self) -> list[str]:
+        return ["original bundle", *wording.steps(self.detail.to_json())]
 
     def _errors(self) -> dict[str, list[float]]:
         return wording.errors_by_step(self.detail.to_json())
@@ -102,15 +105,17 @@ def diagnose(
     bundle: Bundle,
     *,
     effects: EffectSource = None,
+    refine: bool = True,
     seed: int = 0,
     progress: Progress | None = None,
 ) -> CampaignDiagnosis:
     """What a bundle's model lacks, from a campaign's training logs; errors on held-out ones.
 
-    `effects`: effects in addition to the catalogue's, a Python file or the classes; `seed` of
-    the simulated twins. Takes from seconds (a part tested alone) to minutes. Raises InputError
-    for logs that cannot be used or have changed since the fit, NotIdentifiedError where the
-    bundle or the campaign is insufficient.
+    `effects`: effects in addition to the catalogue's, a Python file or the classes; `refine`:
+    whether all parameters are estimated together by simulation error at the end, where an actuator
+    lacked something; `seed` of the simulated twins. Takes from seconds (a part tested alone) to
+    minutes. Raises InputError for logs that cannot be used or have changed since the fit,
+    NotIdentifiedError where the bundle or the campaign is insufficient.
 
     >>> part = si.read_campaign("bench/campaign.toml")
     >>> found = si.diagnose(part, si.fit(part))
@@ -120,7 +125,9 @@ def diagnose(
     ['after', 'before', 'noise_floor']
     """
     with progress_or_shown(progress, "diagnosing") as tell:
-        found, notices = diagnose_logs(campaign, bundle, effects=effects, seed=seed, progress=tell)
+        found, notices = diagnose_logs(
+            campaign, bundle, effects=effects, refine=refine, seed=seed, progress=tell
+        )
     longer = extended_bundle(bundle, found, campaign)
     said = tuple(dict.fromkeys((*notices, *found.notices)))
     return CampaignDiagnosis(found, longer, said)

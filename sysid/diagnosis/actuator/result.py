@@ -14,6 +14,7 @@ from sysid.display.tables import Shown, ShownTable, estimate_records, estimate_t
 from sysid.estimation.linear import Estimate
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import Model
+from sysid.refinement.result import RefineResult
 
 Verdict = Literal["adequate", "effects-found", "unexplained"]
 
@@ -92,7 +93,8 @@ class Diagnosis:
 
     `residual`: pooled RMSE on the held-out logs by channel. `model`: the extended model.
     `rejected`: suspects of the last round, none of which was added. `loop`: what was found on
-    the training logs, step by step.
+    the training logs, step by step. `refinement`: of the numbers by simulation error, where they
+    are from it; the errors after each effect are those before it.
     """
 
     verdict: Verdict
@@ -103,6 +105,7 @@ class Diagnosis:
     rejected: tuple[Suspect, ...]
     loop: Loop
     seed: int
+    refinement: RefineResult | None = None
     notices: tuple[str, ...] = ()
 
     @property
@@ -125,5 +128,6 @@ class Diagnosis:
             "rejected": [{"id": s.id, "gain": s.gain, "p_value": s.p_value} for s in self.rejected],
             "friction_scatter": self.loop.scatter.sliding,
             "seed": self.seed,
+            "refined": self.refinement is not None,
             "notices": list(self.notices),
         }

@@ -1,0 +1,107 @@
+"""The last step of a diagnosis: the numbers of the model found, estimated by simulation error.
+
+The balances that find an effect give its numbers with the bias of their approximations. Where the
+model that was found is simulated, the motion tests say them without (design, step 4).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from sysid.bundle import Bundle, EffectEntry
+from sysid.diagnosis.actuator.holdout import held_out
+from sysid.diagnosis.actuator.result import Diagnosis, FoundEffect
+from sysid.errors import InputError, NotIdentifiedError, SimulationError
+from sysid.estimation.linear import Estimate
+from sysid.io.campaign import MOTION_KINDS, Campaign
+from sysid.model.effects.entry import Catalogue, CatalogueEffect
+from sysid.refinement.result import Fit, RefineResult
+from sysid.types import FloatArray, Progress, no_progress
+from sysid.validation.motion_tests import CHAMBER_PRESSURES
+
+# Whole training tests that are simulated this much worse (mean over the channels) say that the
+# estimation went elsewhere; less is the friction of single tests.
+_WORSE = 1.1
+
+
+def with_refined_numbers(
+    diagnosis: Diagnosis,
+    campaign: Campaign,
+    extended: Bundle,
+    catalogue: Catalogue,
+    progress: Progress = no_progress,
+) -> Diagnosis:
+    """The diagnosis with its numbers, and the errors after, as a refinement has them.
+
+    `extended` is the bundle with the effects found. Where nothing was found, or the refinement
+    does not hold, the diagnosis is as it was, with a notice that says why.
+    """
+    if not diagnosis.effects:
+        return diagnosis
+    from sysid.refinement.refine import refine  # loads jax
+
+    try:
+        result = refine(campaign, extended, catalogue=catalogue, progress=progress)
+        why = _why_not(result)
+        if why:
+            return _as_it_was(diagnosis, why)
+        model = result.bundle.model(campaign.rig, catalogue)
+        logs = [(e.kind, campaign.read(e)) for e in campaign.select(MOTION_KINDS, use="holdout")]
+        outside = held_out(campaign.rig, logs)
+        after = outside.rmse(model) if outside.tests else np.full(3, math.nan)
+    except (InputError, NotIdentifiedError, SimulationError) as error:
+        return _as_it_was(diagnosis, str(error))
+    names = (campaign.rig.position_channel, *CHAMBER_PRESSURES)
+    errors = dict(zip(names, map(float, after), strict=True))
+    count = len(diagnosis.effects)
+    found = zip(
+        diagnosis.effects, result.bundle.effects[-count:], model.effects[-count:], strict=True
+    )
+    effects = [_refined(effect, entry, own) for effect, entry, own in found]  # type: ignore[arg-type]
+    return dataclasses.replace(
+        diagnosis,
+        effects=tuple(effects),
+        residual={
+            name: dataclasses.replace(error, after=errors[name])
+            for name, error in diagnosis.residual.items()
+        },
+        model=model,
+        refinement=result,
+        notices=(*diagnosis.notices, *result.notices),
+    )
+
+
+def _why_not(result: RefineResult) -> str:
+    """Why a refinement's numbers are not taken; empty where they are."""
+    if not result.converged:
+        return "the estimation did not converge"
+    worse = _times(result.fits["fit"])
+    if not worse <= _WORSE:
+        return f"the training tests would be simulated {worse:.2g} times worse"
+    return ""
+
+
+def _times(fit: Fit) -> float:
+    """Errors of whole tests, after over before: geometric mean of the logged channels."""
+    ratio: FloatArray = fit.after / fit.before
+    return float(np.exp(np.nanmean(np.log(ratio)))) if np.isfinite(ratio).any() else math.nan
+
+
+def _as_it_was(diagnosis: Diagnosis, why: str) -> Diagnosis:
+    notice = f"the numbers are those of the balances, not refined by simulation: {why}"
+    return dataclasses.replace(diagnosis, notices=(*diagnosis.notices, notice))
+
+
+def _refined(found: FoundEffect, entry: EffectEntry, effect: CatalogueEffect) -> FoundEffect:
+    estimates = {
+        q.name: estimate
+        for q in type(found.effect).quantities
+        if isinstance(estimate := entry.parameters.get(q.label), Estimate)
+    }
+    return dataclasses.replace(found, effect=effect, estimates={**found.estimates, **estimates})
+
+
+__all__ = ["with_refined_numbers"]
