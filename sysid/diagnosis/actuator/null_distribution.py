@@ -11,7 +11,7 @@ import numpy as np
 from sysid.diagnosis.actuator.equation_error import CHANNELS
 from sysid.diagnosis.actuator.screening import Projected, screen_group
 from sysid.diagnosis.actuator.signatures import Candidate
-from sysid.parallel import run_all
+from sysid.parallel import run_in_threads
 from sysid.types import FloatArray
 
 _SMALLEST_P = 1e-300
@@ -57,7 +57,7 @@ class Null:
         wanted = [e for e in effects if len(self._gains.get(e, ())) == known]
         forms = {e: [f for f in self._forms if f.id == e] for e in wanted}
         jobs = [(e, twin) for e in wanted for twin in twins]
-        found = run_all(partial(screen_group, twin, forms[e]) for e, twin in jobs)
+        found = run_in_threads(partial(screen_group, twin, forms[e]) for e, twin in jobs)
         for (e, _), results in zip(jobs, found, strict=True):
             best = max((r.gain for r in results), default=0.0)
             self._gains[e] = np.append(self._gains.get(e, np.zeros(0)), best)

@@ -18,7 +18,7 @@ from sysid.diagnosis.actuator.signatures import (
 from sysid.diagnosis.actuator.whitening import Frame
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import Model
-from sysid.parallel import run_all
+from sysid.parallel import run_in_threads
 from sysid.types import FloatArray
 
 # Below this remaining share of its length a signature is one the base parameters can imitate.
@@ -95,7 +95,7 @@ def screen(base: Projected, forms: Sequence[Candidate]) -> list[Explained]:
     """Every form against a residual, in parallel on the machine's cores."""
     # The forms of one effect stay together: those on both sides build on those on either.
     groups = [list(group) for _, group in itertools.groupby(forms, key=lambda f: f.id)]
-    found = run_all(partial(screen_group, base, group) for group in groups)
+    found = run_in_threads(partial(screen_group, base, group) for group in groups)
     return [result for group in found for result in group]
 
 

@@ -35,7 +35,7 @@ from sysid.estimation.linear import Estimate
 from sysid.model.effects.catalogue import class_of
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import Model
-from sysid.parallel import run_all
+from sysid.parallel import run_in_threads
 from sysid.types import FloatArray
 
 SIGNIFICANCE = 1e-3
@@ -283,7 +283,7 @@ def _least_wald(found: Refit, excess: Mapping[str, float]) -> float:
 def _refit(base: Projected, starts: Sequence[Sequence[CatalogueEffect]]) -> list[Refit]:
     """Each effect from its starting points; the best of each."""
     flat = [start for points in starts for start in points]
-    found = run_all(partial(refit, base, [start]) for start in flat)
+    found = run_in_threads(partial(refit, base, [start]) for start in flat)
     best: dict[str, Refit] = {}
     for one in found:
         if one.id not in best or one.gain > best[one.id].gain:
