@@ -1,7 +1,7 @@
 """What a fitted model lacks: residuals, twins, screening, refit, verdict.
 
 `actuator/` and `bench/` diagnose, `campaign` chooses between them and extends the bundle,
-`thresholds` holds what both are judged by, `wording` the verdict in words, `content` what a
+`thresholds` holds what both are judged by, `looked` what a search came to, `wording` the verdict in words, `content` what a
 report shows.
 """
 

@@ -12,6 +12,7 @@ from sysid.diagnosis import content, wording
 from sysid.diagnosis.actuator.result import BeforeAfter, Diagnosis, FoundEffect, Verdict
 from sysid.diagnosis.bench.diagnose import ComponentDiagnosis
 from sysid.diagnosis.campaign import diagnose_logs, extended_bundle
+from sysid.diagnosis.looked import SECONDS, Looked
 from sysid.display.numbers import number
 from sysid.display.plots import bars, one_axes
 from sysid.display.progress import progress_or_shown
@@ -49,6 +50,11 @@ class CampaignDiagnosis(Shown):
     def residual(self) -> Mapping[str, BeforeAfter]:
         """RMSE on the held-out logs by channel, in its unit: before, after, noise floor."""
         return self.detail.residual
+
+    @property
+    def looked(self) -> Looked:
+        """What was looked at, and what was missed: for want of time, or as it failed."""
+        return self.detail.looked
 
     def headline(self) -> str:
         """The verdict in one sentence."""
@@ -103,12 +109,15 @@ def diagnose(
     *,
     effects: EffectSource = None,
     seed: int = 0,
+    budget: float | None = SECONDS,
     progress: Progress | None = None,
 ) -> CampaignDiagnosis:
     """What a bundle's model lacks, from a campaign's training logs; errors on held-out ones.
 
     `effects`: effects in addition to the catalogue's, a Python file or the classes; `seed` of
-    the simulated twins. Takes from seconds (a part tested alone) to minutes. Raises InputError
+    the simulated twins. Takes from seconds (a part tested alone) to minutes: the search ends
+    after `budget` seconds (None: never) with the best so far, and `looked` says what was missed;
+    one that ends by itself finds the same whatever the budget. Raises InputError
     for logs that cannot be used or have changed since the fit, NotIdentifiedError where the
     bundle or the campaign is insufficient.
 
@@ -120,7 +129,9 @@ def diagnose(
     ['after', 'before', 'noise_floor']
     """
     with progress_or_shown(progress, "diagnosing") as tell:
-        found, notices = diagnose_logs(campaign, bundle, effects=effects, seed=seed, progress=tell)
+        found, notices = diagnose_logs(
+            campaign, bundle, effects=effects, seed=seed, budget=budget, progress=tell
+        )
     longer = extended_bundle(bundle, found, campaign)
     said = tuple(dict.fromkeys((*notices, *found.notices)))
     return CampaignDiagnosis(found, longer, said)

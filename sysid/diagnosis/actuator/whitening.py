@@ -19,6 +19,7 @@ from sysid.diagnosis.actuator.samples import Rows, Traces, Windows, windows
 from sysid.io.channels import SIDES
 from sysid.model import base
 from sysid.model.ports import Model
+from sysid.parallel import check_time
 from sysid.types import BoolArray, FloatArray, IntArray
 
 ORDER = 6
@@ -72,8 +73,10 @@ class Frame:
     def residual(self, model: Model, channels: tuple[str, ...] = CHANNELS) -> FloatArray:
         """The whitened equation error of a model, (rows,).
 
-        A trial model whose states diverge has a large one, not an undefined one.
+        A trial model whose states diverge has a large one, not an undefined one. Raises
+        OutOfTimeError.
         """
+        check_time()
         with np.errstate(over="ignore", invalid="ignore"):
             error = equation_error(self.traces, model, channels, self.rows_used)
             found = self.vector(error, channels)
