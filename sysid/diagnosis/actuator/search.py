@@ -133,7 +133,7 @@ class Search:
 
 
 @dataclass
-class _State:
+class _SearchState:
     """How far a search has come: its steps, the residual after them, the last round's suspects.
 
     `joint` holds the steps' effects fitted together.
@@ -163,7 +163,7 @@ def search(
     """
     with time_limit(None):
         first = projected(frame, model)
-    state = _State(first, first)
+    state = _SearchState(first, first)
     before = null.excess(first)
     book.stage = "screening, round 1"
 
@@ -180,7 +180,7 @@ def search(
 
 
 def _round(
-    state: _State,
+    state: _SearchState,
     before: Mapping[str, float],
     candidates: Sequence[Candidate],
     null: Null,
@@ -226,7 +226,7 @@ def _round(
 
 
 def _best(
-    state: _State,
+    state: _SearchState,
     before: Mapping[str, float],
     excess: Mapping[str, float],
     fitted: Sequence[Refit],
@@ -274,7 +274,7 @@ def _best(
     )
 
 
-def _finished(state: _State) -> Search:
+def _finished(state: _SearchState) -> Search:
     """All effects as fitted together, from the base model on."""
     first, base, steps, joint = state.first, state.base, state.steps, state.joint
     if joint is None:
