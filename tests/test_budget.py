@@ -15,6 +15,7 @@ from test_components_points import breakaways
 from test_diagnosis import loop, made
 from test_parallel import is_alive, told_and_slept
 
+import sysid.diagnosis.actuator.loop as actuator_loop
 import sysid.diagnosis.actuator.search as actuator_search
 from datasets.generator.campaign import Size, drawn_effects, make_campaign
 from datasets.generator.files import write_campaign
@@ -24,6 +25,7 @@ from sysid.commands.app import main
 from sysid.diagnosis.actuator.loop import Loop
 from sysid.diagnosis.bench.selection import select
 from sysid.diagnosis.wording import sentence
+from sysid.errors import SimulationError
 from sysid.model.effects import catalogue
 from sysid.parallel import (
     VARIABLE,
@@ -227,3 +229,19 @@ def test_a_part_gets_a_verdict_out_of_time() -> None:
     assert not late.additions and not late.looked.is_decided
     assert {m.reason for m in late.looked.missed} == {"out of time"}
     np.testing.assert_array_equal(late.folds, free.folds)
+
+
+def test_a_model_that_cannot_be_simulated_gets_a_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No effect is named without twins, and nothing is called adequate."""
+    monkeypatch.delenv("SYSID_DEBUG", raising=False)
+
+    def fails(*_: Any) -> Any:
+        raise SimulationError("simulation: the model switches without end")
+
+    monkeypatch.setattr(actuator_loop, "simulate_twins", fails)
+    found = loop(*made(SEAL, scatter=0.02))
+    assert found.search.steps == () and not found.looked.is_decided
+    assert {m.stage for m in found.looked.missed} == {
+        "simulation of a twin",
+        "simulation of twins",
+    }

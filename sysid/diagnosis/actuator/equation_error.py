@@ -181,8 +181,9 @@ def _as_shown(
 
 def forget() -> None:
     """Drop the caches kept for the traces of a diagnosis."""
-    for kept in (_without_sensors, _with_timing, _states, selected):
+    for kept in (_without_sensors, _with_timing, _states):
         kept.forget()
+    selected.cache_clear()
     extra_states.forget()
 
 

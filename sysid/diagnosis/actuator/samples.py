@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,7 +23,6 @@ from sysid.io.rig import Rig
 from sysid.io.trial_kind import is_held
 from sysid.model.ports import Model
 from sysid.model.valve_timing import OpenIntervals
-from sysid.parallel import kept_per_thread
 from sysid.types import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -131,7 +131,8 @@ class Traces:
         return replace(self, open_a=open_a, open_b=open_b)
 
 
-@kept_per_thread(3)
+# All threads share the few that are kept: most look at the same traces, and one is large.
+@lru_cache(maxsize=4)
 def selected(traces: Traces, rows: Rows) -> Traces:
     """`Traces.at`; `equation_error.forget` ends what is kept."""
     names = [f.name for f in fields(traces) if f.name != "runs"]
