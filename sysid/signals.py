@@ -23,6 +23,8 @@ FILTER_ORDER = 2
 _LEAST_SHARE = 1e-7
 # Jitter of time stamps from rounding, as a share of a period; it is ignored.
 _JITTER_IGNORED = 1e-3
+# Factors of a recursion between 0 and 1 are equal within this: time stamps are rounded.
+_EQUAL_FACTORS = 1e-9
 _DIFFERENCE_ORDERS = (2, 3, 4, 5, 6)
 _LAGS = (2, 4, 8, 16, 32)
 _NOISE_BLOCKS = 16
@@ -82,6 +84,23 @@ def second_derivative(values: FloatArray, period: float) -> FloatArray:
         return np.zeros_like(x)
     inner = (x[2:] - 2.0 * x[1:-1] + x[:-2]) / period**2
     return np.concatenate([inner[:1], inner, inner[-1:]])
+
+
+def recursion(factors: FloatArray, inputs: FloatArray) -> FloatArray:
+    """x (n,) with x[0] = inputs[0] and x[k] = factors[k] x[k-1] + inputs[k], both (n,).
+
+    Factors that differ by rounding only, as those of an even grid do, count as one: a filter.
+    """
+    if len(factors) and np.ptp(factors) <= _EQUAL_FACTORS:
+        from scipy.signal import lfilter
+
+        return np.asarray(lfilter([1.0], [1.0, -float(np.mean(factors))], inputs))
+    from scipy.linalg.lapack import dtbtrs
+
+    # A triangular system of two diagonals, which is solved one sample after the other.
+    bands = np.ones((2, len(inputs)))
+    bands[1, :-1] = -factors[1:]
+    return np.asarray(dtbtrs(bands, inputs[:, None], uplo="L", diag="U")[0][:, 0])
 
 
 def uniform_grid(time: FloatArray) -> FloatArray:

@@ -322,7 +322,7 @@ def test_no_window_holds_a_chamber_that_rests_on_the_atmosphere(
     # A law with a root in it, such as ISO 6358's, makes flow of the noise there.
     atmosphere = healthy[2].parameters.atmosphere
     for side in "ab":
-        used = build_windows(traces, healthy[2])[f"rate_{side}"].used().index
+        used = build_windows(traces, healthy[2])[f"rate_{side}"].used.index
         near = np.abs(traces.pressure(side)[used] - atmosphere) < 0.009 * atmosphere
         exhausts = getattr(traces, f"open_{side}")[used] < 1.0
         assert len(used) > 1000 and not np.any(near & exhausts)

@@ -549,6 +549,20 @@ def test_a_lagged_sensor_follows_steps_and_ramps_exactly() -> None:
     np.testing.assert_allclose(ramp, 1e6 * (time + lag * np.expm1(-time / lag)), atol=1e-6)
 
 
+@pytest.mark.parametrize("even", [True, False])
+def test_a_lag_is_the_recursion_of_its_equation(even: bool) -> None:
+    rng = np.random.default_rng(2)
+    steps = np.full(400, 1e-3) if even else rng.uniform(2e-4, 3e-3, 400)
+    time = 7.0 + np.concatenate(([0.0], np.cumsum(steps)))
+    values, lag = 1e5 + 1e4 * rng.standard_normal(401), 2e-3
+    behind, expected = 0.0, [values[0]]
+    for step, change, value in zip(np.diff(time), np.diff(values), values[1:], strict=True):
+        kept = np.exp(-step / lag)
+        behind = kept * behind + change * (lag / step) * (1.0 - kept)
+        expected.append(value - behind)
+    np.testing.assert_allclose(sensor.lagged(values, time, lag), expected, rtol=1e-12)
+
+
 def test_a_lag_does_not_depend_on_how_lines_are_sampled() -> None:
     coarse = np.array([0.0, 0.004, 0.005, 0.02])
     values = np.array([1e5, 3e5, 2e5, 2.2e5])

@@ -29,6 +29,7 @@ from sysid.diagnosis.actuator.result import Diagnosis
 from sysid.diagnosis.bench.diagnose import ComponentDiagnosis
 from sysid.diagnosis.campaign import diagnose_logs, extended_bundle
 from sysid.diagnosis.content import content, looks
+from sysid.diagnosis.looked import SECONDS
 from sysid.display.terminal import console, new_table
 from sysid.io.campaign import Campaign, read_campaign
 from sysid.model.effects.catalogue import catalogue_with
@@ -37,6 +38,12 @@ from sysid.validation import VALIDATED_KINDS, validate
 
 # Suspects of one round that a summary names.
 _MOST_SUSPECTS = 6
+
+
+def _no_nan(_: click.Context, option: click.Parameter, value: float) -> float:
+    if math.isnan(value):
+        raise click.BadParameter("nan is no time", param=option)
+    return value
 
 
 @click.command()
@@ -52,6 +59,15 @@ _MOST_SUSPECTS = 6
 )
 @click.option(
     "--seed", type=SEED, default=0, show_default=True, help="Seed of the simulated twins."
+)
+@click.option(
+    "--budget",
+    type=click.FloatRange(min=0.0, min_open=True),
+    callback=_no_nan,
+    default=SECONDS,
+    show_default=True,
+    metavar="SECONDS",
+    help="Time for the search; it ends then with the best so far, and says what it missed.",
 )
 @json_option
 def diagnose(campaign: Path, bundle: Path, as_json: bool, **options: Any) -> None:
@@ -85,18 +101,26 @@ def diagnose_campaign(
     effects: Path | None = None,
     refine: bool = True,
     seed: int = 0,
+    budget: float | None = SECONDS,
     progress: Progress = no_progress,
 ) -> Diagnosed:
     """Diagnose a campaign with its fitted bundle; write the extended bundle and the report.
 
     `effects` is a Python file with effects in addition to the catalogue; `refine` whether the
-    numbers of what was found are those of simulation error. Raises InputError
+    numbers of what was found are those of simulation error; after `budget` seconds it ends with
+    the best so far. Raises InputError
     for unusable files, NotIdentifiedError where the bundle or the campaign is insufficient.
     """
     campaign = read_campaign(campaign_path)
     bundle = read_bundle(bundle_path)
     diagnosis, notices = diagnose_logs(
-        campaign, bundle, effects=effects, refine=refine, seed=seed, progress=progress
+        campaign,
+        bundle,
+        effects=effects,
+        refine=refine,
+        seed=seed,
+        budget=budget,
+        progress=progress,
     )
     extended = extended_bundle(bundle, diagnosis, campaign)
     written = []

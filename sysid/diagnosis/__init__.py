@@ -1,8 +1,8 @@
 """What a fitted model lacks: residuals, twins, screening, refit, verdict.
 
 `actuator/` and `bench/` diagnose, `campaign` chooses between them and extends the bundle,
-`thresholds` holds what both are judged by, `wording` the verdict in words, `content` what a
-report shows.
+`thresholds` holds what both are judged by, `looked` what a search looked at, `wording` the
+verdict in words, `content` what a report shows.
 """
 
 from sysid.diagnosis.actuator.diagnose import diagnose

@@ -13,6 +13,7 @@ from sysid.diagnosis import Diagnosis, diagnose
 from sysid.diagnosis.actuator.result import FoundEffect
 from sysid.diagnosis.bench.diagnose import ComponentDiagnosis, diagnose_component
 from sysid.diagnosis.bench.registry import part_tested
+from sysid.diagnosis.looked import SECONDS
 from sysid.diagnosis.refined import with_refined_numbers
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import Campaign, CampaignLog
@@ -20,6 +21,7 @@ from sysid.io.channels import SIDES
 from sysid.io.logs import Log
 from sysid.model.effects.catalogue import EffectSource, catalogue_from
 from sysid.model.effects.linear import for_rig
+from sysid.parallel import time_limit
 from sysid.types import Progress, no_progress
 
 _Part = TypeVar("_Part", bound=Part)
@@ -32,13 +34,27 @@ def diagnose_logs(
     effects: EffectSource = None,
     refine: bool = True,
     seed: int = 0,
+    budget: float | None = SECONDS,
     progress: Progress = no_progress,
 ) -> tuple[Diagnosis | ComponentDiagnosis, tuple[str, ...]]:
     """The diagnosis of a campaign's logs, and the readers' notices.
 
     An effect that the bundle already holds is part of the model under diagnosis. With `refine`
-    the numbers of what an actuator lacks are those of simulation error on its motion logs.
+    the numbers of what an actuator lacks are those of simulation error on its motion logs. Ends
+    after `budget` seconds with the best so far (None: never).
     """
+    with time_limit(budget):
+        return _diagnose_logs(campaign, bundle, effects, refine, seed, progress)
+
+
+def _diagnose_logs(
+    campaign: Campaign,
+    bundle: Bundle,
+    effects: EffectSource,
+    refine: bool,
+    seed: int,
+    progress: Progress,
+) -> tuple[Diagnosis | ComponentDiagnosis, tuple[str, ...]]:
     catalogue = catalogue_from(effects)
     taken = {entry.id for entry in bundle.effects}
     open_ones = for_rig(
@@ -88,7 +104,7 @@ def extended_bundle(
     """
     found = bundle.with_sources(campaign.sources(None if diagnosis.effects else "holdout"))
     if not diagnosis.effects:
-        return found
+        return found if diagnosis.looked.is_complete else _recorded(found, diagnosis)
     if isinstance(diagnosis, Diagnosis) and diagnosis.refinement is not None:
         refined = diagnosis.refinement.bundle
         entries = [_entry(effect) for effect in diagnosis.effects]
@@ -98,7 +114,14 @@ def extended_bundle(
         found = _with_part(found, diagnosis)
     else:
         found = _with_model(found, diagnosis)
+    return _recorded(found, diagnosis)
+
+
+def _recorded(found: Bundle, diagnosis: Diagnosis | ComponentDiagnosis) -> Bundle:
+    """The bundle with the seed, the verdict and what the search missed in its provenance."""
     made: dict[str, Any] = {"seed": diagnosis.seed, "verdict": diagnosis.verdict}
+    if not diagnosis.looked.is_complete:
+        made["search"] = diagnosis.looked.to_json()
     options = {**found.provenance.options, "diagnosis": made}
     return found.replaced(provenance=found.provenance.replaced(options=options))
 

@@ -84,12 +84,15 @@ def looks(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     that were screened), `p_value`, and `fate`, in words.
     """
     search, null = diagnosis.loop.search, diagnosis.loop.null
+    missed = diagnosis.looked.missed
     found: list[dict[str, Any]] = []
     views: list[tuple[Step | None, Sequence[Suspect]]] = [
         *((step, step.suspects) for step in search.steps),
         (None, diagnosis.rejected),
     ]
-    for step, suspects in views:
+    for number, (step, suspects) in enumerate(views, start=1):
+        own = [m for m in missed if m.stage == f"fit of suspects, round {number}"]
+        late = {m.subject: f"not fitted: {m.reason}" for m in own}
         rows = [
             {
                 "id": s.id,
@@ -97,7 +100,7 @@ def looks(diagnosis: Diagnosis) -> list[dict[str, Any]]:
                 "refitted": None if s.refitted is None else float(s.refitted),
                 "twins": [float(g) for g in null.gains(s.id)],
                 "p_value": float(s.p_value),
-                "fate": _fate(s, step, suspects, search),
+                "fate": late.get(s.id) or _fate(s, step, suspects, search),
             }
             for s in suspects
         ]

@@ -18,6 +18,7 @@ from sysid.errors import InputError, NotIdentifiedError, SimulationError
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import MOTION_KINDS, Campaign
 from sysid.model.effects.entry import Catalogue, CatalogueEffect
+from sysid.parallel import OutOfTimeError, check_time
 from sysid.refinement.result import Fit, RefineResult
 from sysid.types import FloatArray, Progress, no_progress
 from sysid.validation.motion_tests import CHAMBER_PRESSURES
@@ -44,6 +45,7 @@ def with_refined_numbers(
     from sysid.refinement.refine import refine  # loads jax
 
     try:
+        check_time()
         result = refine(campaign, extended, catalogue=catalogue, progress=progress)
         why = _why_not(result)
         if why:
@@ -52,6 +54,8 @@ def with_refined_numbers(
         logs = [(e.kind, campaign.read(e)) for e in campaign.select(MOTION_KINDS, use="holdout")]
         outside = held_out(campaign.rig, logs)
         after = outside.rmse(model) if outside.tests else np.full(3, math.nan)
+    except OutOfTimeError:
+        return _as_it_was(diagnosis, "no time was left")
     except (InputError, NotIdentifiedError, SimulationError) as error:
         return _as_it_was(diagnosis, str(error))
     names = (campaign.rig.position_channel, *CHAMBER_PRESSURES)

@@ -34,7 +34,18 @@ _REGRESSORS = {
 
 
 def sentence(content: Content) -> str:
-    """The verdict in one sentence."""
+    """The verdict in one sentence, and a second one where the search did not end."""
+    return f"{_verdict(content)}{_incomplete(content)}"
+
+
+def _incomplete(content: Content) -> str:
+    """The stages that a search did not come to the end of; empty where it did."""
+    missed = content.get("search", {}).get("missed", [])
+    stages = list(dict.fromkeys(entry["stage"] for entry in missed))
+    return f" The search is incomplete: not done: {joined(stages)}." if stages else ""
+
+
+def _verdict(content: Content) -> str:
     ids = [effect["id"] for effect in content["effects"]]
     gained = f"; {_gained(content)}" if content["residual"] else ""
     if content["verdict"] == "adequate":
@@ -89,7 +100,12 @@ def advice(content: Content) -> tuple[str, ...]:
             rivals = joined(effect["ambiguous_with"], "or")
             test = f" To distinguish them: {effect['advice']}." if effect["advice"] else ""
             lines.append(f"{effect['id']} is indistinguishable from {rivals} in these data.{test}")
-    if content["unexplained"]:
+    if _incomplete(content):
+        lines.append(
+            "Effects that were not looked at may explain what remains: allow more time (--budget "
+            "SECONDS); the notices name what failed."
+        )
+    elif content["unexplained"]:
         lines.append(
             "No effect in the catalogue explains the remainder. Its curve shows what a user effect "
             "would have to produce (--effects FILE); tests that vary its regressor over a "

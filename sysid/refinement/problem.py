@@ -15,6 +15,7 @@ from sysid.model.preparation import Inputs
 from sysid.model.sensors import VELOCITY_CHANNELS, through_sensors
 from sysid.model.simulator import MAX_STEP
 from sysid.model.tangents import Direction, Tangents, simulate_tangents
+from sysid.parallel import check_time
 from sysid.refinement.factors import triangular
 from sysid.refinement.runs import STATES, Run
 from sysid.refinement.unknowns import Unknown, model_at
@@ -136,7 +137,8 @@ class Problem:
         )
 
     def linearised(self, point: Iterate) -> list[Linearised]:
-        """Every run's equations at a point."""
+        """Every run's equations at a point. Raises OutOfTimeError."""
+        check_time()
         directions = self._directions()
         models = [self.model_for(point, run.test) for run in self.runs]
         found = simulate_tangents(self.inputs(point), models, directions, max_step=self.max_step)

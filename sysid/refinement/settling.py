@@ -13,6 +13,7 @@ import numpy as np
 
 from sysid.model.ports import Model
 from sysid.model.tangents import Direction, Tangents, simulate_tangents
+from sysid.parallel import check_time
 from sysid.refinement.factors import triangular
 from sysid.refinement.problem import SLIDING, Iterate, Problem, RunErrors
 from sysid.refinement.runs import STATES
@@ -23,7 +24,11 @@ _DIRECTIONS: tuple[Direction, ...] = tuple((0, n) for n in SLIDING)
 
 
 def settled(problem: Problem, points: Sequence[Iterate]) -> tuple[FloatArray, list[Iterate]]:
-    """Costs (points, tests), with starts and sliding friction at their best, and these points."""
+    """Costs (points, tests), with starts and sliding friction at their best, and these points.
+
+    Raises OutOfTimeError.
+    """
+    check_time()
     inputs = [i for point in points for i in problem.inputs(point)]
     models = [problem.model_for(point, run.test) for point in points for run in problem.runs]
     found = iter(zip(simulate_tangents(inputs, models, _DIRECTIONS), models, strict=True))

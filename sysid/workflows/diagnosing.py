@@ -12,6 +12,7 @@ from sysid.diagnosis import content, wording
 from sysid.diagnosis.actuator.result import BeforeAfter, Diagnosis, FoundEffect, Verdict
 from sysid.diagnosis.bench.diagnose import ComponentDiagnosis
 from sysid.diagnosis.campaign import diagnose_logs, extended_bundle
+from sysid.diagnosis.looked import SECONDS, Looked
 from sysid.display.numbers import number
 from sysid.display.plots import bars, one_axes
 from sysid.display.progress import progress_or_shown
@@ -49,6 +50,11 @@ class CampaignDiagnosis(Shown):
     def residual(self) -> Mapping[str, BeforeAfter]:
         """RMSE on the held-out logs by channel, in its unit: before, after, noise floor."""
         return self.detail.residual
+
+    @property
+    def looked(self) -> Looked:
+        """What was looked at, and what was missed: for want of time, or as it failed."""
+        return self.detail.looked
 
     def headline(self) -> str:
         """The verdict in one sentence."""
@@ -107,6 +113,7 @@ def diagnose(
     effects: EffectSource = None,
     refine: bool = True,
     seed: int = 0,
+    budget: float | None = SECONDS,
     progress: Progress | None = None,
 ) -> CampaignDiagnosis:
     """What a bundle's model lacks, from a campaign's training logs; errors on held-out ones.
@@ -114,8 +121,10 @@ def diagnose(
     `effects`: effects in addition to the catalogue's, a Python file or the classes; `refine`:
     whether all parameters are estimated together by simulation error at the end, where an actuator
     lacked something; `seed` of the simulated twins. Takes from seconds (a part tested alone) to
-    minutes. Raises InputError for logs that cannot be used or have changed since the fit,
-    NotIdentifiedError where the bundle or the campaign is insufficient.
+    minutes: it ends after `budget` seconds (None: never) with the best so far, and `looked` says
+    what was missed; one that ends by itself finds the same whatever the budget. Raises InputError
+    for logs that cannot be used or have changed since the fit, NotIdentifiedError where the
+    bundle or the campaign is insufficient.
 
     >>> part = si.read_campaign("bench/campaign.toml")
     >>> found = si.diagnose(part, si.fit(part))
@@ -126,7 +135,13 @@ def diagnose(
     """
     with progress_or_shown(progress, "diagnosing") as tell:
         found, notices = diagnose_logs(
-            campaign, bundle, effects=effects, refine=refine, seed=seed, progress=tell
+            campaign,
+            bundle,
+            effects=effects,
+            refine=refine,
+            seed=seed,
+            budget=budget,
+            progress=tell,
         )
     longer = extended_bundle(bundle, found, campaign)
     said = tuple(dict.fromkeys((*notices, *found.notices)))

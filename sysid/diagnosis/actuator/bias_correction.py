@@ -12,8 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from sysid.diagnosis.actuator.refit import linear_step, reaching_columns
-from sysid.diagnosis.actuator.search import Search, own_columns
+from sysid.diagnosis.actuator.refit import linear_step, own_columns, reaching_columns
+from sysid.diagnosis.actuator.search import Search
 from sysid.diagnosis.actuator.signatures import base_parameters
 from sysid.diagnosis.actuator.whitening import Frame
 from sysid.model.effects.entry import with_values

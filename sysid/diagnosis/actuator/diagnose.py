@@ -18,6 +18,7 @@ from sysid.io.logs import Log, Trial
 from sysid.io.rig import Rig
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import Model, has_discrete_law
+from sysid.parallel import time_limit
 from sysid.types import FloatArray
 from sysid.validation.motion_tests import CHAMBER_PRESSURES
 
@@ -46,6 +47,7 @@ def diagnose(
     `logs` are (use, kind, log): those with use `fit` are diagnosed and fitted on, the motion
     logs among those held out are only simulated, before and after. Raises InputError for
     logs that cannot be used, NotIdentifiedError where the model or the logs do not suffice.
+    Ends within the time limit in force (`sysid.parallel`) with what was found by then.
     """
     if not has_discrete_law(model.parameters):
         raise NotIdentifiedError(
@@ -75,21 +77,20 @@ def diagnose(
         progress=progress,
     )
     progress("simulating the held-out logs, before and after")
-    errors = _errors(outside, model, found)
-    floor = (
-        outside.noise_floor(found.search.model, found.noise, found.scatter_after, seed)
-        if outside.tests
-        else np.full(3, math.nan)
-    )
-    unexplained = leftover(found, rig)
-    far_off = not found.search.steps and is_far_off(errors[-1], floor)
-    if far_off and not unexplained:
-        unexplained = faintest(found, rig)
-        notices.append(_FAR_OFF_NOTICE)
+    with time_limit(None):
+        errors = _errors(outside, model, found)
+        floor = _noise_floor(outside, found, seed)
+        unexplained = leftover(found, rig)
+        far_off = not found.search.steps and is_far_off(errors[-1], floor)
+        undecided = not found.search.steps and not found.looked.is_decided
+        if (far_off or undecided) and not unexplained:
+            unexplained = faintest(found, rig)
+            notices += [_FAR_OFF_NOTICE] * far_off
+    notices += found.looked.sentences()
     forget()
     names = (rig.position_channel, *CHAMBER_PRESSURES)
     return Diagnosis(
-        verdict=_verdict(found, far_off or bool(unexplained)),
+        verdict=_verdict(found, far_off or undecided or bool(unexplained)),
         effects=tuple(
             _found_effect(step, found, names, errors[i], errors[i + 1])
             for i, step in enumerate(found.search.steps)
@@ -131,13 +132,23 @@ def _errors(outside: HeldOut, model: Model, found: Loop) -> list[FloatArray]:
     """RMSE (3,) of the given model, and after each step."""
     if not outside.tests:
         return [np.full(3, math.nan)] * (len(found.search.steps) + 1)
-    return [outside.rmse(model), *(_rmse(outside, step.model) for step in found.search.steps)]
+    return [_rmse(outside, model), *(_rmse(outside, step.model) for step in found.search.steps)]
 
 
 def _rmse(outside: HeldOut, model: Model) -> FloatArray:
     """RMSE (3,), NaN where the model's equations cannot be simulated."""
     try:
         return outside.rmse(model)
+    except SimulationError:
+        return np.full(3, math.nan)
+
+
+def _noise_floor(outside: HeldOut, found: Loop, seed: int) -> FloatArray:
+    """(3,), NaN where there are no tests, or the model's equations cannot be simulated."""
+    if not outside.tests:
+        return np.full(3, math.nan)
+    try:
+        return outside.noise_floor(found.search.model, found.noise, found.scatter_after, seed)
     except SimulationError:
         return np.full(3, math.nan)
 

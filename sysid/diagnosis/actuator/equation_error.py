@@ -7,28 +7,24 @@ sensor effects are undone before the equations use a channel.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from sysid.diagnosis.actuator.samples import Rows, Traces, opening, smooth
+from sysid.diagnosis.actuator import states as extra_states
+from sysid.diagnosis.actuator.samples import Rows, Traces, opening, selected, smooth
+from sysid.diagnosis.actuator.states import integrate_states, point_of
 from sysid.io.channels import SIDES
-from sysid.model import base, plant
+from sysid.model import plant
 from sysid.model.ports import Effect, Model, Point, overrides
-from sysid.types import FloatArray, IntArray
+from sysid.parallel import kept_per_thread
+from sysid.types import FloatArray
 
 EFFORT, RATE_A, RATE_B = "effort", "rate_a", "rate_b"
 CHANNELS = (EFFORT, RATE_A, RATE_B)
 
-# States are integrated in pieces, all at once, each after a run-up from rest.
-_PIECE_S = 0.25
-_RUN_UP_S = 0.35
-# A resonance takes longer to forget, and costs less: fewer tests, no flows.
-_MECHANICAL_RUN_UP_S = 1.0
-_STATE_STEP_S = 1e-3
 _SENSOR_ROUNDS = 2
 _SENSOR_CUTOFF_HZ = 80.0
 _TIMING_PORTS = ("pulses", "delays")
@@ -133,24 +129,6 @@ def equation_error(
     return EquationError(**found)
 
 
-def point_of(traces: Traces, model: Model) -> Point:
-    """Where the model is at every sample."""
-    parameters = model.at(traces.time)
-    supply = parameters.supply + (traces.supply - parameters.supply_reference)
-    return Point(
-        time=traces.time,
-        position=traces.position,
-        velocity=traces.velocity,
-        pressure_a=traces.pressure_a,
-        pressure_b=traces.pressure_b,
-        motor=traces.motor,
-        open_a=traces.open_a,
-        open_b=traces.open_b,
-        direction=traces.direction,
-        parameters=parameters.replace(supply=supply),
-    )
-
-
 def chamber_flow(side: str, point: Point, model: Model) -> FloatArray:
     """Mean flow into a chamber over the time around a sample, kg/s (n,).
 
@@ -203,8 +181,10 @@ def _as_shown(
 
 def forget() -> None:
     """Drop the caches kept for the traces of a diagnosis."""
-    for kept in (_without_sensors, _with_timing, _states, Traces.at):
-        kept.cache_clear()
+    for kept in (_without_sensors, _with_timing, _states):
+        kept.forget()
+    selected.cache_clear()
+    extra_states.forget()
 
 
 def _with_part_in_states(model: Model) -> Model:
@@ -215,17 +195,19 @@ def _with_part_in_states(model: Model) -> Model:
     )
 
 
-@lru_cache(maxsize=4)
+@kept_per_thread(4)
 def _states(traces: Traces, model: Model) -> dict[str, FloatArray]:
-    return integrate_states(traces, model)
+    owners = [e for e in model.effects if e.states]
+    needs_flow = any(channel != EFFORT for e in owners for channel in channels_of(e))
+    return integrate_states(traces, model, needs_flow)
 
 
-@lru_cache(maxsize=2)
+@kept_per_thread(2)
 def _with_timing(seen: Traces, traces: Traces, model: Model) -> Traces:
     return seen.with_opening(*(opening(traces.runs, model, side) for side in SIDES))
 
 
-@lru_cache(maxsize=2)
+@kept_per_thread(2)
 def _without_sensors(traces: Traces, sensors: tuple[Effect, ...]) -> Traces:
     """The traces as they were before the sensors: the `measure` ports undone by iteration.
 
@@ -252,147 +234,3 @@ def _without_sensors(traces: Traces, sensors: tuple[Effect, ...]) -> Traces:
             for channel, gap in zip(shown, lost, strict=True)
         ]
     return traces.with_channels(*true)
-
-
-# --- extra states ----------------------------------------------------------------------
-
-
-def integrate_states(traces: Traces, model: Model) -> dict[str, FloatArray]:
-    """Extra states along the measured traces, (n,) by name.
-
-    The tests are cut into pieces that are integrated side by side by Heun's method; each
-    begins with a run-up, at a test's own start or from the states at rest, so that its states
-    have forgotten their start. Where only the torque balance is concerned, held tests are
-    left out.
-    """
-    found = {name: np.zeros(len(traces)) for name in model.state_names}
-    owners = [e for e in model.effects if e.states]
-    needs_flow = any(channel != EFFORT for e in owners for channel in channels_of(e))
-    run_up = _RUN_UP_S if needs_flow else _MECHANICAL_RUN_UP_S
-    point = point_of(traces, model)
-    flows = {side: measured_flow(side, traces, point, model) for side in SIDES}
-    runs = [run for run in traces.runs if run.moves or needs_flow]
-    for period in sorted({run.period for run in runs}):
-        rows = [run.rows for run in runs if run.period == period]
-        _integrate(point, flows, model, _pieces(rows, period, run_up), found)
-    return found
-
-
-def measured_flow(side: str, traces: Traces, point: Point, model: Model) -> FloatArray:
-    """Mass flow into a chamber that follows from its measured pressure, kg/s (n,).
-
-    Unlike the valve's law it does not jump with noise near a boundary.
-    """
-    p = point.parameters
-    flow = base.flow_from_pressure_rate(
-        traces.rate_a if side == "a" else traces.rate_b,
-        point.pressure(side),
-        plant.chamber_volume(side, plant.displacement(point, model), p),
-        plant.volume_rate(side, point, model),
-        p.heat_capacity_ratio,
-        p.gas_constant,
-        p.temperature,
-    )
-    return np.asarray(flow)
-
-
-@dataclass(frozen=True)
-class _Pieces:
-    """Pieces of tests in parallel: (pieces,) rows at which each begins to count and ends.
-
-    `low` is where its run-up begins, `last` its test's last row; `steps` from there on.
-    """
-
-    first: IntArray
-    low: IntArray
-    last: IntArray
-    count: int
-    steps: int
-    period: float
-
-
-def _pieces(runs: Sequence[slice], period: float, run_up_s: float) -> _Pieces:
-    count, run_up = round(_PIECE_S / period), round(run_up_s / period)
-    found = [
-        (first, max(rows.start, first - run_up), rows.stop - 1)
-        for rows in runs
-        for first in range(rows.start, rows.stop, count)
-    ]
-    first, low, last = np.array(found, dtype=np.intp).reshape(-1, 3).T
-    return _Pieces(first, low, last, count, run_up + count, period)
-
-
-def _integrate(
-    whole: Point,
-    flows: Mapping[str, FloatArray],
-    model: Model,
-    pieces: _Pieces,
-    found: dict[str, FloatArray],
-) -> None:
-    """Heun's method through all pieces at once; writes the states of the rows that count."""
-    names = model.state_names
-    parts = max(1, int(np.ceil(pieces.period / _STATE_STEP_S * (1 - 1e-6))))
-    step = pieces.period / parts
-    rows = np.minimum(pieces.low + np.arange(pieces.steps + 1)[:, None], pieces.last)
-    take = _taker(whole, rows)
-    here = take(0)
-    initial = plant.initial_states(here, model)
-    state = {n: np.zeros(len(pieces.low)) + initial[n] for n in names}
-
-    own = {side: flow[rows] for side, flow in flows.items()}
-
-    def rates(at: Point, k: int) -> dict[str, FloatArray]:
-        return plant.state_rates(at, {side: flow[k] for side, flow in own.items()}, model)
-
-    history = {n: np.empty((pieces.steps, len(pieces.low))) for n in names}
-    for k in range(pieces.steps):
-        after = take(k + 1)
-        for n in names:
-            history[n][k] = state[n]
-        for _ in range(parts):
-            slope = rates(replace(here, extra=state), k)
-            trial = {n: state[n] + step * slope[n] for n in names}
-            slope_after = rates(replace(after, extra=trial), k + 1)
-            state = {n: state[n] + 0.5 * step * (slope[n] + slope_after[n]) for n in names}
-        here = after
-    place = pieces.low + np.arange(pieces.steps)[:, None]
-    counts = (place >= pieces.first) & (place < pieces.first + pieces.count)
-    counts &= place <= pieces.last
-    for n in names:
-        found[n][place[counts]] = history[n][counts]
-
-
-def _taker(point: Point, rows: IntArray) -> Callable[[int], Point]:
-    """A function from a step to the point at that row of `rows` (steps, pieces)."""
-    count = len(np.asarray(point.time))
-
-    def gathered(value: object) -> object:
-        array = np.asarray(value)
-        return array[rows] if array.shape == (count,) else value
-
-    def at(value: object, step: int) -> object:
-        return value[step] if isinstance(value, np.ndarray) and value.ndim == 2 else value
-
-    parameters = {n: gathered(v) for n, v in vars(point.parameters).items()}
-    fields = {n: gathered(getattr(point, n)) for n in _POINT_FIELDS}
-    varying = [n for n, v in parameters.items() if isinstance(v, np.ndarray) and v.ndim == 2]
-
-    def take(step: int) -> Point:
-        changes = {n: at(parameters[n], step) for n in varying}
-        own = point.parameters.replace(**changes)
-        return Point(parameters=own, **{n: at(v, step) for n, v in fields.items()})  # type: ignore[arg-type]
-
-    return take
-
-
-_POINT_FIELDS = (
-    "time",
-    "position",
-    "velocity",
-    "pressure_a",
-    "pressure_b",
-    "motor",
-    "open_a",
-    "open_b",
-    "direction",
-)

@@ -8,16 +8,18 @@ from dataclasses import dataclass
 from sysid.diagnosis.actuator.bias_correction import corrected
 from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.samples import Traces, prepare
-from sysid.diagnosis.actuator.screening import projected
+from sysid.diagnosis.actuator.screening import Projected, projected
 from sysid.diagnosis.actuator.search import Search, search
 from sysid.diagnosis.actuator.signatures import candidates
 from sysid.diagnosis.actuator.twins import Scatter, SensorNoise, sensor_noise, simulate_twins
 from sysid.diagnosis.actuator.whitening import Frame, build_frame, friction_scatter, noise_of
+from sysid.diagnosis.looked import Book, Looked
 from sysid.errors import SimulationError
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import Model
+from sysid.parallel import Failure, attempt, time_limit
 
 TWINS = 4
 CORRECTION_TWINS = 2
@@ -29,7 +31,7 @@ class Loop:
     """Everything that the loop found on the training logs.
 
     `scatter` is friction's from test to test as the twins have it, `scatter_after` as the
-    extended model leaves it.
+    extended model leaves it; `looked`: what was looked at, and what not.
     """
 
     traces: Traces
@@ -38,6 +40,7 @@ class Loop:
     scatter_after: Scatter
     null: Null
     search: Search
+    looked: Looked
 
 
 def close_loop(
@@ -53,35 +56,70 @@ def close_loop(
     """Find what a fitted model lacks on training tests, given as (file, kind, trial).
 
     `simulation_error` is the logarithm of a model's error on the fitted motion logs: of the
-    numbers with and without the twins' correction, the better-simulating ones are kept.
+    numbers with and without the twins' correction, the better-simulating ones are kept. Ends
+    within the time limit in force (`sysid.parallel`), save for what no verdict can do without:
+    the residual, and one twin.
     """
-    noise = sensor_noise(tests, rig)
-    traces = prepare(tests, rig, model)
+    book = Book()
     forms = candidates(effect for effect in catalogue if not effect.averaged_only)
-    # The noise's colour in the residuals comes from a twin; scatter does not affect it.
-    pilot = next(iter(simulate_twins(traces, model, noise, Scatter(), 1, seed + 1, rig)))
-    colour = noise_of(pilot, model)
-    bare = projected(build_frame(traces, model, colour, 0.0), model)
-    spread = min(friction_scatter(bare.frame, bare.rest), _SCATTER_LIMIT)
+    with time_limit(None):
+        noise = sensor_noise(tests, rig)
+        traces = prepare(tests, rig, model)
+        pilot = _pilot(traces, model, noise, rig, seed + 1, book)
+        # The noise's colour in the residuals comes from a twin; scatter does not affect it.
+        colour = noise_of(pilot, model)
+        bare = projected(build_frame(traces, model, colour, 0.0), model)
+        spread = min(friction_scatter(bare.frame, bare.rest), _SCATTER_LIMIT)
     scatter = Scatter(spread, spread)
     progress(f"friction scatters by {100 * spread:.1f} % from test to test")
 
     def frame_of(some: Traces) -> Frame:
         return build_frame(some, model, colour, spread)
 
+    book.stage = "simulation of twins"
     progress(f"simulating {TWINS} twins")
-    judged = [
-        projected(frame_of(twin), model)
-        for twin in simulate_twins(traces, model, noise, scatter, TWINS, seed, rig)
-    ]
-    null = Null(judged, forms)
-    found = search(frame_of(traces), model, forms, null, progress, simulation_error)
+    judged: list[Projected] = []
+
+    def judge() -> None:
+        for twin in simulate_twins(traces, model, noise, scatter, TWINS, seed, rig):
+            judged.append(projected(frame_of(twin), model))
+
+    ended = attempt(judge)
+    if isinstance(ended, Failure):
+        book.miss(ended, decides=False)
+    with time_limit(None):
+        null = Null(judged or [projected(frame_of(pilot), model)], forms)
+    found = search(frame_of(traces), model, forms, null, progress, simulation_error, book)
     if found.steps:
+        book.stage = "correction of the numbers by twins of the extended model"
         progress("correcting the numbers with twins of the extended model")
-        found = _corrected(found, traces, noise, rig, frame_of, simulation_error, seed + 2)
-    after = build_frame(traces, found.model, colour, 0.0)
-    left = min(friction_scatter(after, projected(after, found.model).rest), spread)
-    return Loop(traces, noise, scatter, Scatter(left, left), null, found)
+        before = found
+        better = attempt(
+            lambda: _corrected(before, traces, noise, rig, frame_of, simulation_error, seed + 2)
+        )
+        if isinstance(better, Failure):
+            book.miss(better, decides=False)
+        else:
+            found = better
+    with time_limit(None):
+        after = build_frame(traces, found.model, colour, 0.0)
+        left = min(friction_scatter(after, projected(after, found.model).rest), spread)
+    return Loop(traces, noise, scatter, Scatter(left, left), null, found, book.closed())
+
+
+def _pilot(
+    traces: Traces, model: Model, noise: SensorNoise, rig: Rig, seed: int, book: Book
+) -> Traces:
+    """A twin without scatter; the logs themselves where the model cannot be simulated.
+
+    No effect gains more on the logs than on those, so that none is named then.
+    """
+    book.stage = "simulation of a twin"
+    try:
+        return next(iter(simulate_twins(traces, model, noise, Scatter(), 1, seed, rig)))
+    except SimulationError as error:
+        book.miss(Failure(str(error)))
+        return traces
 
 
 def _corrected(

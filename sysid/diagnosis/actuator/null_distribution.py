@@ -11,7 +11,8 @@ import numpy as np
 from sysid.diagnosis.actuator.equation_error import CHANNELS
 from sysid.diagnosis.actuator.screening import Projected, screen_group
 from sysid.diagnosis.actuator.signatures import Candidate
-from sysid.parallel import run_all
+from sysid.diagnosis.looked import Book
+from sysid.parallel import attempt_in_threads, check_time
 from sysid.types import FloatArray
 
 _SMALLEST_P = 1e-300
@@ -42,23 +43,26 @@ class Null:
             name: np.array([typical_square(twin, name) for twin in twins]) for name in CHANNELS
         }
 
-    def calibrate(self, gains: Mapping[str, float], least: float) -> None:
+    def calibrate(self, gains: Mapping[str, float], least: float, book: Book) -> list[str]:
         """Screen the twins for these effects, given with their gains on the logs.
 
         Where the first twin gains as much, or the gain is below `least`, the others are not
-        screened.
+        screened. Returns those that could be screened. Raises OutOfTimeError.
         """
-        self._screen(gains, self._twins[:1])
-        clear = [e for e, g in gains.items() if g > max(_ASK_AGAIN * self._gains[e][0], least)]
-        self._screen(clear, self._twins[1:])
+        self._screen(gains, self._twins[:1], book)
+        known = [e for e in gains if e in self._gains]
+        clear = [e for e in known if gains[e] > max(_ASK_AGAIN * self._gains[e][0], least)]
+        self._screen(clear, self._twins[1:], book)
+        return known
 
-    def _screen(self, effects: Iterable[str], twins: Sequence[Projected]) -> None:
+    def _screen(self, effects: Iterable[str], twins: Sequence[Projected], book: Book) -> None:
         known = 0 if twins and twins[0] is self._twins[0] else 1
         wanted = [e for e in effects if len(self._gains.get(e, ())) == known]
         forms = {e: [f for f in self._forms if f.id == e] for e in wanted}
         jobs = [(e, twin) for e in wanted for twin in twins]
-        found = run_all(partial(screen_group, twin, forms[e]) for e, twin in jobs)
-        for (e, _), results in zip(jobs, found, strict=True):
+        tried = attempt_in_threads(partial(screen_group, twin, forms[e]) for e, twin in jobs)
+        check_time()
+        for e, results in book.results([e for e, _ in jobs], tried):
             best = max((r.gain for r in results), default=0.0)
             self._gains[e] = np.append(self._gains.get(e, np.zeros(0)), best)
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -233,3 +233,21 @@ def standard_errors(base: Projected, extra: FloatArray) -> dict[str, float]:
         name: float(abs(getattr(base.model.parameters, name)) * relative[i])
         for i, name in enumerate(names)
     }
+
+
+def own_columns(frame: Frame, model: Model) -> FloatArray:
+    """Change of the residual with every parameter of the model's effects, (rows, k), in order."""
+    residual = frame.residual(model)
+    columns = []
+    for place, effect in enumerate(model.effects):
+        assert isinstance(effect, CatalogueEffect)
+        for q in type(effect).quantities:
+            value = float(getattr(effect, q.name))
+            share = THRESHOLD_STEP if is_threshold(q) else 0.01
+            move = share * (abs(value) or abs(q.typical) or 1.0)
+            move = -move if value + move > q.upper else move
+            changed = list(model.effects)
+            changed[place] = replace(effect, **{q.name: value + move})  # type: ignore[type-var]
+            other = frame.residual(Model(model.parameters, tuple(changed)))
+            columns.append((other - residual) / move)
+    return np.column_stack(columns)

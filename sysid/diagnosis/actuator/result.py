@@ -9,6 +9,7 @@ from typing import Any, Literal
 from sysid.diagnosis.actuator.loop import Loop
 from sysid.diagnosis.actuator.search import Suspect
 from sysid.diagnosis.actuator.unexplained import Unexplained
+from sysid.diagnosis.looked import Looked
 from sysid.diagnosis.wording import p_text
 from sysid.display.tables import Shown, ShownTable, estimate_records, estimate_table
 from sysid.estimation.linear import Estimate
@@ -109,6 +110,11 @@ class Diagnosis:
     notices: tuple[str, ...] = ()
 
     @property
+    def looked(self) -> Looked:
+        """What was looked at, and what was not: for want of time, or as it failed."""
+        return self.loop.looked
+
+    @property
     def base_std(self) -> Mapping[str, float]:
         """Standard errors of the refitted base parameters, in their units."""
         return self.loop.search.base_std
@@ -126,6 +132,7 @@ class Diagnosis:
             "residual": {name: errors.to_json() for name, errors in self.residual.items()},
             "unexplained": [entry.to_json() for entry in self.unexplained],
             "rejected": [{"id": s.id, "gain": s.gain, "p_value": s.p_value} for s in self.rejected],
+            "search": self.looked.to_json(),
             "friction_scatter": self.loop.scatter.sliding,
             "seed": self.seed,
             "refined": self.refinement is not None,

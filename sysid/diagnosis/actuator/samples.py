@@ -110,11 +110,9 @@ class Traces:
         channels = (self.acceleration, self.rate_a, self.rate_b)
         return all(bool(np.isfinite(channel).all()) for channel in channels)
 
-    @lru_cache(maxsize=8)  # noqa: B019 - `equation_error.forget` ends it
     def at(self, rows: Rows) -> Traces:
-        """These rows alone, of no test in particular."""
-        names = [f.name for f in fields(self) if f.name != "runs"]
-        return replace(self, runs=(), **{n: getattr(self, n)[rows.index] for n in names})
+        """These rows alone, of no test in particular; the last few selections are kept."""
+        return selected(self, rows)
 
     def with_measured(
         self, position: FloatArray, pressure_a: FloatArray, pressure_b: FloatArray
@@ -131,6 +129,14 @@ class Traces:
     def with_opening(self, open_a: FloatArray, open_b: FloatArray) -> Traces:
         """The same tests with the valves open at other times."""
         return replace(self, open_a=open_a, open_b=open_b)
+
+
+# All threads share the few that are kept: most look at the same traces, and one is large.
+@lru_cache(maxsize=4)
+def selected(traces: Traces, rows: Rows) -> Traces:
+    """`Traces.at`; `equation_error.forget` ends what is kept."""
+    names = [f.name for f in fields(traces) if f.name != "runs"]
+    return replace(traces, runs=(), **{n: getattr(traces, n)[rows.index] for n in names})
 
 
 def prepare(tests: Sequence[tuple[str, str, Trial]], rig: Rig, model: Model) -> Traces:
@@ -310,23 +316,20 @@ def opening(runs: Sequence[TestRun], model: Model, side: str) -> FloatArray:
 class Windows:
     """Hann windows over the samples: `average` maps (n,) to (windows,).
 
-    Only windows that lie within one stretch of usable samples exist. `run` (windows,) is
-    the test's index, `stretch` (windows,) numbers the unbroken rows of windows, `centre`
-    (windows,) the middle sample.
+    Only windows that lie within one stretch of usable samples exist. `matrix` averages the
+    samples that any window holds, `used`. `run` (windows,) is the test's index, `stretch`
+    (windows,) numbers the unbroken rows of windows, `centre` (windows,) the middle sample.
     """
 
     matrix: csr_array
+    used: Rows
     run: IntArray
     stretch: IntArray
     centre: IntArray
 
     def average(self, values: FloatArray) -> FloatArray:
         """Mean of each window, (windows,) or (windows, m) from (n,) or (n, m)."""
-        return np.asarray(self.matrix @ values)
-
-    def used(self) -> Rows:
-        """The samples that any window holds."""
-        return Rows(np.flatnonzero(np.diff(self.matrix.tocsc().indptr)).astype(np.intp))
+        return np.asarray(self.matrix @ values[self.used.index])
 
     def __len__(self) -> int:
         return len(self.run)
@@ -368,8 +371,10 @@ def windows(traces: Traces, usable: BoolArray) -> Windows:
         ),
         shape=(count, len(traces)),
     )
+    used = np.flatnonzero(np.diff(matrix.tocsc().indptr)).astype(np.intp)
     return Windows(
-        matrix,
+        matrix[:, used],
+        Rows(used),
         np.concatenate([empty, *of_run]),
         np.concatenate([empty, *of_stretch]),
         np.concatenate([empty, *centres]),

@@ -16,9 +16,10 @@ from sysid.diagnosis.actuator.signatures import (
     base_parameters,
 )
 from sysid.diagnosis.actuator.whitening import Frame
+from sysid.diagnosis.looked import Book
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import Model
-from sysid.parallel import run_all
+from sysid.parallel import attempt_in_threads, check_time
 from sysid.types import FloatArray
 
 # Below this remaining share of its length a signature is one the base parameters can imitate.
@@ -91,12 +92,18 @@ class Explained:
     probed_gain: float
 
 
-def screen(base: Projected, forms: Sequence[Candidate]) -> list[Explained]:
-    """Every form against a residual, in parallel on the machine's cores."""
+def screen(base: Projected, forms: Sequence[Candidate], book: Book) -> list[Explained]:
+    """Every form against a residual, in parallel on the machine's cores.
+
+    Effects that cannot be screened are noted. Raises OutOfTimeError.
+    """
     # The forms of one effect stay together: those on both sides build on those on either.
     groups = [list(group) for _, group in itertools.groupby(forms, key=lambda f: f.id)]
-    found = run_all(partial(screen_group, base, group) for group in groups)
-    return [result for group in found for result in group]
+    tried = attempt_in_threads(partial(screen_group, base, group) for group in groups)
+    found = book.results([group[0].id for group in groups], tried)
+    book.screened += [name for name, _ in found]
+    check_time()
+    return [result for _, group in found for result in group]
 
 
 def screen_group(base: Projected, forms: Sequence[Candidate]) -> list[Explained]:

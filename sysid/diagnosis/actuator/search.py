@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from contextlib import nullcontext
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -13,9 +14,8 @@ from scipy.stats import chi2
 from sysid.diagnosis.actuator.equation_error import channels_of
 from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.refit import (
-    THRESHOLD_STEP,
     Refit,
-    is_threshold,
+    own_columns,
     refit,
     standard_errors,
     with_base_refitted,
@@ -30,13 +30,13 @@ from sysid.diagnosis.actuator.screening import (
 )
 from sysid.diagnosis.actuator.signatures import Candidate
 from sysid.diagnosis.actuator.whitening import Frame
+from sysid.diagnosis.looked import Book
 from sysid.errors import SimulationError
 from sysid.estimation.linear import Estimate
 from sysid.model.effects.catalogue import class_of
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import Model
-from sysid.parallel import run_all
-from sysid.types import FloatArray
+from sysid.parallel import Failure, attempt, attempt_in_threads, time_limit
 
 SIGNIFICANCE = 1e-3
 MOST_EFFECTS = 3
@@ -132,6 +132,20 @@ class Search:
         }
 
 
+@dataclass
+class _SearchState:
+    """How far a search has come: its steps, the residual after them, the last round's suspects.
+
+    `joint` holds the steps' effects fitted together.
+    """
+
+    first: Projected
+    base: Projected
+    steps: list[Step] = field(default_factory=list)
+    suspects: list[Suspect] = field(default_factory=list)
+    joint: Refit | None = None
+
+
 def search(
     frame: Frame,
     model: Model,
@@ -139,90 +153,148 @@ def search(
     null: Null,
     progress: Callable[[str], None],
     simulation_error: Callable[[Model], float],
+    book: Book,
 ) -> Search:
     """Add effects while one passes the twins' test and explains a fair share of the excess.
 
     A further effect must not raise `simulation_error`, the logarithm of a model's error on the
-    fitted motion logs: one that only absorbs the misfit of the first may raise it.
+    fitted motion logs: one that only absorbs the misfit of the first may raise it. What fails,
+    or what time runs out for, is noted in `book`; the result is then the best so far.
     """
-    first = base = projected(frame, model)
+    with time_limit(None):
+        first = projected(frame, model)
+    state = _SearchState(first, first)
     before = null.excess(first)
-    steps: list[Step] = []
+    book.stage = "screening, round 1"
+
+    def next_round() -> bool:
+        return _round(state, before, candidates, null, progress, simulation_error, book)
+
     while True:
-        taken = {step.refit.id for step in steps}
-        open_ones = [c for c in candidates if c.id not in taken and _composes(base.model, c)]
-        screened = screen(base, open_ones)
-        best, starts = best_by_effect(screened), starting_points(screened)
-        suspects = _suspects(best, null)
-        passing = [
-            starts[s.id]
-            for s in suspects
-            if s.p_value < SIGNIFICANCE
-            and s.ratio > CLEAR_RATIO
-            and s.gain > WORTH_REFITTING * suspects[0].gain
-        ]
-        if not passing or len(steps) == MOST_EFFECTS:
-            return _finished(first, base, steps, suspects)
-        excess = null.excess(base)
-        refits = [
-            r
-            for r in _refit(base, passing[:MOST_SUSPECTS])
-            if r.gain > 0.0
-            and r.wald(frame.tests) > (_CLEAR_WALD if steps else _least_wald(r, excess))
-        ]
-        if not refits:
-            return _finished(first, base, steps, suspects)
-        winner = max(refits, key=lambda r: r.gain - _penalty(r, base))
-        progress(f"{winner.id}: tried {', '.join(r.id for r in refits)}")
-        share = _share(winner, excess)
-        least = _LEAST_PART if share < _WHOLE_SHARE else _LEAST_WHOLE
-        # Where the effects so far do not act, nothing can be a misfit of their form.
-        gone = sum(max(before[c] - excess[c], 0.0) for c in channels_of(winner.effect))
-        small = winner.gain < least * gone
-        if share < LEAST_SHARE or small or not _leaves_alone(first, steps, winner):
-            return _finished(first, base, steps, suspects)
-        extended = with_base_refitted(first, base.model + winner.effect)
-        if steps and not _simulates(simulation_error, base.model, extended):
-            return _finished(first, base, steps, suspects)
-        step = Step(
-            refit=winner,
-            model=extended,
-            p_value=null.p_value(winner.id, winner.gain, len(type(winner.effect).strengths())),
-            share=share,
-            ambiguous=_ambiguous(winner, refits, base),
-            suspects=tuple(
-                replace(s, refitted=next((r.gain for r in refits if r.id == s.id), None))
-                for s in suspects
-            ),
-        )
-        steps.append(step)
-        base = projected(frame, extended, extra=own_columns(frame, extended))
+        added = attempt(next_round)
+        if isinstance(added, Failure):
+            book.miss(added)
+        if added is not True:
+            with time_limit(None):
+                return _finished(state)
 
 
-def _finished(
-    first: Projected, last: Projected, steps: Sequence[Step], suspects: Sequence[Suspect]
-) -> Search:
-    """All effects fitted once more, together, from the base model on."""
-    if not steps:
-        return Search((), first.model, first, last, None, {}, tuple(suspects))
-    alone = steps[0].refit
-    joint = refit(first, [s.refit.effect for s in steps]) if len(steps) > 1 else alone
+def _round(
+    state: _SearchState,
+    before: Mapping[str, float],
+    candidates: Sequence[Candidate],
+    null: Null,
+    progress: Callable[[str], None],
+    simulation_error: Callable[[Model], float],
+    book: Book,
+) -> bool:
+    """Add the effect that explains most of what is left; whether there was one, and time left."""
+    base, number = state.base, len(state.steps) + 1
+    taken = {step.refit.id for step in state.steps}
+    state.suspects, book.stage = [], f"screening, round {number}"
+    open_ones = [c for c in candidates if c.id not in taken and _composes(base.model, c)]
+    screened = screen(base, open_ones, book)
+    best, starts = best_by_effect(screened), starting_points(screened)
+    book.stage = f"comparison with twins, round {number}"
+    state.suspects = suspects = _suspects(best, null, book)
+    passing = [
+        s.id
+        for s in suspects
+        if s.p_value < SIGNIFICANCE
+        and s.ratio > CLEAR_RATIO
+        and s.gain > WORTH_REFITTING * suspects[0].gain
+    ]
+    if not passing or len(state.steps) == MOST_EFFECTS:
+        return False
+    book.stage = f"fit of suspects, round {number}"
+    excess = null.excess(base)
+    fitted = _refit(base, [starts[name] for name in passing[:MOST_SUSPECTS]], book)
+    # Of the first round's suspects the best that was fitted is taken, if time runs out then.
+    with time_limit(None) if not state.steps else nullcontext():
+        step = _best(state, before, excess, fitted, null, progress, simulation_error, book)
+    if step is None:
+        return False
+    unfitted = {m.subject for m in book.missed if m.stage == book.stage and m.subject}
+    near = tuple(sorted({*step.ambiguous, *unfitted} - {step.refit.id}))
+    state.steps.append(replace(step, ambiguous=near))
+    with time_limit(None):
+        extra = own_columns(base.frame, step.model)
+        state.base = projected(base.frame, step.model, extra=extra)
+    state.suspects = []
+    book.stage = f"screening, round {number + 1}"
+    return True
+
+
+def _best(
+    state: _SearchState,
+    before: Mapping[str, float],
+    excess: Mapping[str, float],
+    fitted: Sequence[Refit],
+    null: Null,
+    progress: Callable[[str], None],
+    simulation_error: Callable[[Model], float],
+    book: Book,
+) -> Step | None:
+    """The step with the fitted suspect that explains most, if it is to be added."""
+    first, base, steps = state.first, state.base, state.steps
+    refits = [
+        r
+        for r in fitted
+        if r.gain > 0.0
+        and r.wald(base.frame.tests) > (_CLEAR_WALD if steps else _least_wald(r, excess))
+    ]
+    if not refits:
+        return None
+    winner = max(refits, key=lambda r: r.gain - _penalty(r, base))
+    progress(f"{winner.id}: tried {', '.join(r.id for r in refits)}")
+    share = _share(winner, excess)
+    least = _LEAST_PART if share < _WHOLE_SHARE else _LEAST_WHOLE
+    # Where the effects so far do not act, nothing can be a misfit of their form.
+    gone = sum(max(before[c] - excess[c], 0.0) for c in channels_of(winner.effect))
+    if share < LEAST_SHARE or winner.gain < least * gone:
+        return None
+    book.stage = f"fit with {winner.id} added"
+    joint = _together(first, steps, winner)
+    if joint is None:
+        return None
+    extended = with_base_refitted(first, base.model + winner.effect)
+    if steps and not _simulates(simulation_error, base.model, extended):
+        return None
+    state.joint, book.stage = joint, f"fit of suspects, round {len(steps) + 1}"
+    return Step(
+        refit=winner,
+        model=extended,
+        p_value=null.p_value(winner.id, winner.gain, len(type(winner.effect).strengths())),
+        share=share,
+        ambiguous=_ambiguous(winner, refits, base),
+        suspects=tuple(
+            replace(s, refitted=next((r.gain for r in refits if r.id == s.id), None))
+            for s in state.suspects
+        ),
+    )
+
+
+def _finished(state: _SearchState) -> Search:
+    """All effects as fitted together, from the base model on."""
+    first, base, steps, joint = state.first, state.base, state.steps, state.joint
+    if joint is None:
+        return Search((), first.model, first, base, None, {}, tuple(state.suspects))
     extended = Model(first.model.parameters, (*first.model.effects, *joint.effects))
     model = with_base_refitted(first, extended)
     own = own_columns(first.frame, model)
     last = projected(first.frame, model, extra=own)
     base_std = standard_errors(last, own)
     steps = [*steps[:-1], replace(steps[-1], model=model)]
-    return Search(tuple(steps), model, first, last, joint, base_std, tuple(suspects))
+    return Search(tuple(steps), model, first, last, joint, base_std, tuple(state.suspects))
 
 
-def _leaves_alone(first: Projected, steps: Sequence[Step], winner: Refit) -> bool:
-    """Whether the effects so far keep their size when another one is added.
+def _together(first: Projected, steps: Sequence[Step], winner: Refit) -> Refit | None:
+    """The effects so far and another one fitted together; None where they change their size.
 
     Two effects that grow against each other are not real: together they imitate a curve.
     """
     if not steps:
-        return True
+        return winner
     before = [step.refit.effect for step in steps]
     joint = refit(first, [*before, winner.effect])
     for old, new in zip(before, joint.effects, strict=False):
@@ -232,8 +304,8 @@ def _leaves_alone(first: Projected, steps: Sequence[Step], winner: Refit) -> boo
         size = float(was @ was)
         kept = float(was @ now) / size if size > 0.0 else 0.0
         if not 1.0 / _MOST_CHANGE < kept < _MOST_CHANGE:
-            return False
-    return True
+            return None
+    return joint
 
 
 def _simulates(simulation_error: Callable[[Model], float], before: Model, after: Model) -> bool:
@@ -248,7 +320,7 @@ def _composes(model: Model, candidate: Candidate) -> bool:
     return not set(model.state_names).intersection(candidate.neutral().states)
 
 
-def _suspects(best: dict[str, Explained], null: Null) -> list[Suspect]:
+def _suspects(best: dict[str, Explained], null: Null, book: Book) -> list[Suspect]:
     """Effects whose gain noise alone is unlikely to give, judged by the twins."""
     remarkable = [
         name
@@ -256,7 +328,7 @@ def _suspects(best: dict[str, Explained], null: Null) -> list[Suspect]:
         if null.family * chi2.sf(result.gain, len(result.coefficients)) < SIGNIFICANCE
     ][:_CALIBRATED]
     gains = {name: best[name].gain for name in remarkable}
-    null.calibrate(gains, WORTH_REFITTING * max(gains.values(), default=0.0))
+    known = null.calibrate(gains, WORTH_REFITTING * max(gains.values(), default=0.0), book)
     found = [
         Suspect(
             name,
@@ -264,7 +336,7 @@ def _suspects(best: dict[str, Explained], null: Null) -> list[Suspect]:
             null.ratio(name, best[name].gain),
             null.p_value(name, best[name].gain, len(best[name].coefficients)),
         )
-        for name in remarkable
+        for name in known
     ]
     return sorted(found, key=lambda s: -s.gain)
 
@@ -280,14 +352,16 @@ def _least_wald(found: Refit, excess: Mapping[str, float]) -> float:
     return _MAIN_WALD if _share(found, excess) > _MAIN_SHARE else _CLEAR_WALD
 
 
-def _refit(base: Projected, starts: Sequence[Sequence[CatalogueEffect]]) -> list[Refit]:
-    """Each effect from its starting points; the best of each."""
+def _refit(base: Projected, starts: Sequence[Sequence[CatalogueEffect]], book: Book) -> list[Refit]:
+    """Each effect from its starting points; the best of each. What fails is noted."""
     flat = [start for points in starts for start in points]
-    found = run_all(partial(refit, base, [start]) for start in flat)
+    tried = attempt_in_threads(partial(refit, base, [start]) for start in flat)
+    found = book.results([start.id for start in flat], tried)
+    book.fitted += [name for name, _ in found]
     best: dict[str, Refit] = {}
-    for one in found:
-        if one.id not in best or one.gain > best[one.id].gain:
-            best[one.id] = one
+    for name, one in found:
+        if name not in best or one.gain > best[name].gain:
+            best[name] = one
     return list(best.values())
 
 
@@ -310,21 +384,3 @@ def _ambiguous(winner: Refit, refits: Sequence[Refit], base: Projected) -> tuple
         if bic < _CLEAR_BIC or rival.gain > _RIVAL_SHARE * winner.gain:
             near.add(rival.id)
     return tuple(sorted(near))
-
-
-def own_columns(frame: Frame, model: Model) -> FloatArray:
-    """Change of the residual with every parameter of the model's effects, (rows, k), in order."""
-    residual = frame.residual(model)
-    columns = []
-    for place, effect in enumerate(model.effects):
-        assert isinstance(effect, CatalogueEffect)
-        for q in type(effect).quantities:
-            value = float(getattr(effect, q.name))
-            share = THRESHOLD_STEP if is_threshold(q) else 0.01
-            move = share * (abs(value) or abs(q.typical) or 1.0)
-            move = -move if value + move > q.upper else move
-            changed = list(model.effects)
-            changed[place] = replace(effect, **{q.name: value + move})  # type: ignore[type-var]
-            other = frame.residual(Model(model.parameters, tuple(changed)))
-            columns.append((other - residual) / move)
-    return np.column_stack(columns)

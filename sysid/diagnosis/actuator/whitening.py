@@ -19,6 +19,7 @@ from sysid.diagnosis.actuator.samples import Rows, Traces, Windows, windows
 from sysid.io.channels import SIDES
 from sysid.model import base
 from sysid.model.ports import Model
+from sysid.parallel import check_time
 from sysid.types import BoolArray, FloatArray, IntArray
 
 ORDER = 6
@@ -45,18 +46,20 @@ class ResidualNoise:
 class Frame:
     """Traces with their windows, and the whitening of each channel's residuals.
 
-    `rows_used` are the samples that a channel's windows hold, `averaging` its windows over
-    these. `friction` (rows of the effort channel,): each test's sliding friction as the fitted
+    `friction` (rows of the effort channel,): each test's sliding friction as the fitted
     model has it, whitened; `scatter` its relative spread from test to test.
     """
 
     traces: Traces
     windows: dict[str, Windows]
     whitening: dict[str, Any]
-    rows_used: dict[str, Rows]
-    averaging: dict[str, Any]
     friction: FloatArray
     scatter: float
+
+    @property
+    def rows_used(self) -> dict[str, Rows]:
+        """The samples that each channel's windows hold."""
+        return {name: view.used for name, view in self.windows.items()}
 
     def vector(self, error: EquationError, channels: tuple[str, ...] = CHANNELS) -> FloatArray:
         """The whitened residual, (rows,), of errors at the rows used; 0 for channels not named."""
@@ -70,8 +73,10 @@ class Frame:
     def residual(self, model: Model, channels: tuple[str, ...] = CHANNELS) -> FloatArray:
         """The whitened equation error of a model, (rows,).
 
-        A trial model whose states diverge has a large one, not an undefined one.
+        A trial model whose states diverge has a large one, not an undefined one. Raises
+        OutOfTimeError.
         """
+        check_time()
         with np.errstate(over="ignore", invalid="ignore"):
             error = equation_error(self.traces, model, channels, self.rows_used)
             found = self.vector(error, channels)
@@ -79,7 +84,7 @@ class Frame:
 
     def channel(self, name: str, error: EquationError) -> FloatArray:
         """The whitened residual of one channel."""
-        white = self.whitening[name] @ (self.averaging[name] @ error[name])
+        white = self.whitening[name] @ (self.windows[name].matrix @ error[name])
         return self._without_scatter(white) if name == EFFORT else white
 
     def _without_scatter(self, values: FloatArray) -> FloatArray:
@@ -176,9 +181,7 @@ def build_frame(traces: Traces, model: Model, noise: ResidualNoise, scatter: flo
     p = model.parameters
     friction = p.coulomb_effort * traces.direction + p.viscous * traces.velocity
     white = np.asarray(whitening[EFFORT] @ views[EFFORT].average(np.asarray(friction)))
-    used = {name: view.used() for name, view in views.items()}
-    averaging = {name: view.matrix[:, used[name].index] for name, view in views.items()}
-    return Frame(traces, views, whitening, used, averaging, white, scatter)
+    return Frame(traces, views, whitening, white, scatter)
 
 
 def _autocovariance(values: FloatArray, view: Windows) -> FloatArray:

@@ -15,6 +15,7 @@ from sysid.diagnosis.bench.component import Component, Law, rmse
 from sysid.diagnosis.bench.registry import component_of
 from sysid.diagnosis.bench.selection import Addition, Attempt, Selection, select
 from sysid.diagnosis.bench.unexplained import LEAST_SHARE, BinnedResidual, curves
+from sysid.diagnosis.looked import Looked
 from sysid.errors import NotIdentifiedError
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
@@ -49,6 +50,11 @@ class ComponentDiagnosis:
     notices: tuple[str, ...]
     seed: int = 0
 
+    @property
+    def looked(self) -> Looked:
+        """What was looked at, and what was missed: for want of time, or as it failed."""
+        return self.selection.looked
+
     def to_json(self) -> dict[str, Any]:
         """What `sysid diagnose --json` prints (spec/cli.md)."""
         return {
@@ -64,6 +70,7 @@ class ComponentDiagnosis:
                 for c in self.unexplained
             ],
             "rejected": [_attempt(a) for a in self.selection.rejected],
+            "search": self.looked.to_json(),
             "undecided": [{"id": u.id, **u.to_json()} for u in self.selection.undecided],
             "curves": [curve.to_json() for curve in self.curves],
             "seed": self.seed,
@@ -105,7 +112,8 @@ def diagnose_component(
     outside = component_of(kind, held_out, rig) if held_out else None
     ambiguous = [a.repeats.sentence for a in selection.additions if a.repeats.sentence]
     ambiguous += [effect.undecided_sentence for effect in selection.undecided]
-    notices = (*(() if outside else (_LEFT_OUT,)), *ambiguous)
+    looked = selection.looked.sentences()
+    notices = (*(() if outside else (_LEFT_OUT,)), *ambiguous, *looked)
     laws = [given, *(a.fitted.law for a in selection.additions)]
     progress("predicting the held-out tests, before and after")
     floor = (outside or component).noise_floor(laws[-1])
@@ -119,9 +127,12 @@ def diagnose_component(
     left = curves(component, given, laws[-1])
     error = errors[-1].get(component.channel, selection.final.fit.residual_std)
     structured = [c for c in left[:1] if c.share > LEAST_SHARE and error > _AT_FLOOR * floor]
+    undecided = not selection.additions and not selection.looked.is_decided
+    if undecided:
+        structured = structured or left[:1]
     return ComponentDiagnosis(
         kind=kind,
-        verdict=_verdict(selection, bool(structured)),
+        verdict=_verdict(selection, undecided or bool(structured)),
         effects=tuple(
             _found(addition, selection, before, after)
             for addition, before, after in zip(

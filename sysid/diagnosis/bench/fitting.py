@@ -24,6 +24,7 @@ from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import LeastSquaresFit, Parameter, central_jacobian_of_all, minimise
 from sysid.estimation.quality import FitQuality, repeated_scatter, repeats_test, scatter_test
 from sysid.model.effects.entry import CatalogueEffect, Quantity, with_values
+from sysid.parallel import check_time
 from sysid.types import FloatArray
 
 _EVALUATIONS = 30
@@ -190,6 +191,7 @@ def _minimise(
     start = np.array([p.value for p in everything])
 
     def residuals(points: Sequence[FloatArray]) -> list[FloatArray]:
+        check_time()
         return residuals_of(component, [law_at(own, effects, point) for point in points], tests)
 
     def moved(i: int) -> FloatArray:

@@ -11,7 +11,7 @@ an effect that fits but does not predict, if parts of the tests name it.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
@@ -19,11 +19,12 @@ import numpy as np
 from sysid.diagnosis.bench.component import Component
 from sysid.diagnosis.bench.fitting import FittedLaw, cross_validated, fit_law
 from sysid.diagnosis.bench.stability import Repeats, repeats
+from sysid.diagnosis.looked import Book, Looked
 from sysid.diagnosis.thresholds import DIGITS, LEAST_GAIN, RIVAL_SHARE, SIGNIFICANCE
 from sysid.estimation.nonlinear import LeastSquaresFit
 from sysid.model.effects.catalogue import class_of
 from sysid.model.effects.entry import CatalogueEffect
-from sysid.parallel import run_all
+from sysid.parallel import Failure, attempt, attempt_all, time_limit
 from sysid.types import FloatArray
 
 Kind = type[CatalogueEffect]
@@ -77,7 +78,8 @@ class Selection:
     """The law without effects, the additions in order, and the last round, which added none.
 
     `folds` (k,): mean square error of each fold, predicted by the law without effects.
-    `undecided`: effects that were not added though parts of the tests name them.
+    `undecided`: effects that were not added though parts of the tests name them. `looked`:
+    what was looked at, and what not.
     """
 
     base: FittedLaw
@@ -85,6 +87,7 @@ class Selection:
     additions: tuple[Addition, ...]
     rejected: tuple[Attempt, ...]
     undecided: tuple[Repeats, ...]
+    looked: Looked = field(default_factory=Looked)
 
     @property
     def final(self) -> FittedLaw:
@@ -99,33 +102,46 @@ def select(
 ) -> Selection:
     """Add effects to a part's law as long as they predict tests that were left out.
 
-    Raises NotIdentifiedError where the law itself is not identified.
+    Ends within the time limit in force (`sysid.parallel`), but for the law itself. Raises
+    NotIdentifiedError where that is not identified.
     """
-    everything = range(len(component.tests))
+    everything, book = range(len(component.tests)), Book()
     folds = folds_of(component)
-    base = fit_law(component, (), everything)
+    with time_limit(None):
+        base = fit_law(component, (), everything)
+        first = error = cross_validated(component, (), folds, base.law)
     kinds = component.effects(catalogue)
     chosen: list[Kind] = []
     additions: list[Addition] = []
-    first = error = cross_validated(component, (), folds, base.law)
     while True:
+        book.stage = f"fit of effects, round {len(chosen) + 1}"
         open_ones = [k for k in kinds if k not in chosen]
         so_far = additions[-1].fitted if additions else base
-        fits = _attempts(component, chosen, open_ones, so_far, folds, error)
+        fits = _attempts(component, chosen, open_ones, so_far, folds, error, book)
         attempts = [attempt for attempt, _ in fits]
         fitting = [(a, f) for a, f in fits if a.p_value * len(open_ones) < SIGNIFICANCE]
         passing = [(a, f) for a, f in fitting if _predicts(a, error)]
         if not passing or len(chosen) == MOST_EFFECTS:
             most = [f for _, f in fitting[: 1 + _MOST_RIVALS]]
-            undecided = () if passing else _undecided(component, so_far, most)
-            return Selection(base, first, tuple(additions), tuple(attempts), undecided)
+            named = () if passing else attempt(lambda: _undecided(component, so_far, most))  # noqa: B023
+            if isinstance(named, Failure):
+                book.miss(named, decides=False)
+                named = ()
+            looked = book.closed()
+            return Selection(base, first, tuple(additions), tuple(attempts), named, looked)
         winner, fitted = passing[0]
         chosen.append(next(k for k in open_ones if k.id == winner.id))
         progress(f"{winner.id}: removes {100 * winner.gain:.0f} % of the prediction error")
         rivals = [f for a, f in fits if a.gain > 0.0 and a is not winner]
-        again = repeats(component, so_far, [fitted, *rivals[:_MOST_RIVALS]])
+        unfitted = {m.subject for m in book.missed if m.stage == book.stage}
+        book.stage = f"repetition on parts of the tests, round {len(chosen)}"
+        contenders = [fitted, *rivals[:_MOST_RIVALS]]
+        again = attempt(partial(repeats, component, so_far, contenders))
+        if isinstance(again, Failure):
+            book.miss(again, decides=False)
+            again = Repeats(winner.id, ())
         near = _ambiguous(winner, [a for a, _ in passing], {k.id for k in kinds})
-        ambiguous = tuple(sorted({*near, *again.others}))
+        ambiguous = tuple(sorted({*near, *again.others, *unfitted}))
         additions.append(Addition(chosen[-1], fitted, winner, ambiguous, again, tuple(attempts)))
         error = winner.folds
 
@@ -144,15 +160,23 @@ def _attempts(
     without: FittedLaw,
     folds: Sequence[Sequence[int]],
     error: FloatArray,
+    book: Book,
 ) -> list[tuple[Attempt, FittedLaw]]:
-    """Every open effect with its fit, the best prediction first; computed in parallel."""
+    """Every open effect with its fit, the best prediction first; computed in parallel.
+
+    What fails, or what time runs out for, is noted.
+    """
     everything = range(len(component.tests))
-    tried = run_all(
+    by_id = {kind.id: kind for kind in kinds}
+    tried = attempt_all(
         partial(_attempt, component, [*chosen, kind], without, folds, error) for kind in kinds
     )
+    results = book.results(list(by_id), tried)
+    book.screened += [name for name, _ in results]
+    book.fitted += [name for name, done in results if done is not None]
     found = [
-        (done[0], FittedLaw.of(component, [*chosen, kind], everything, done[1]))
-        for kind, done in zip(kinds, tried, strict=True)
+        (done[0], FittedLaw.of(component, [*chosen, by_id[name]], everything, done[1]))
+        for name, done in results
         if done is not None
     ]
     # Of two that are equivalent on these tests the catalogue's first counts.

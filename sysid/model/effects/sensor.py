@@ -7,13 +7,13 @@ pressure, which is no channel, acts as a parameter.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from sysid import signals
 from sysid.io.channels import SIDES
 from sysid.model.base import Array, Parameters, array_namespace
 from sysid.model.effects.entry import CatalogueEffect, Quantity, of_side
@@ -30,16 +30,14 @@ def lagged(values: Array, time: Array, lag: float) -> FloatArray:
     `values` (n,), `time` (n,) s increasing, evenly or not, `lag` s, 0 for none.
     """
     shown = np.array(values, dtype=float)
-    if lag <= 0.0 or len(shown) < 2:
+    if lag <= 0.0 or len(shown) < 2 or not np.any(shown != shown[0]):
         return shown
     step = np.diff(time)
     forgets = -np.expm1(-step / lag)
     # How far the lagged signal is behind: it decays, and the slope feeds it.
     fed = np.diff(shown) * (lag / step) * forgets
-    pairs = zip((1.0 - forgets).tolist(), fed.tolist(), strict=True)
-    behind = itertools.accumulate(pairs, lambda b, pair: pair[0] * b + pair[1], initial=0.0)
-    result: FloatArray = shown - np.fromiter(behind, dtype=float, count=len(shown))
-    return result
+    shown[1:] -= signals.recursion(1.0 - forgets, fed)
+    return shown
 
 
 def delayed(values: Array, time: Array, delay: float) -> FloatArray:

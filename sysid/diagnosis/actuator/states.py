@@ -1,0 +1,226 @@
+"""Extra states along measured traces: pieces of all tests at once, in one compiled loop.
+
+The tests are cut into pieces that are integrated side by side by Heun's method; each begins
+with a run-up, at a test's own start or from the states at rest, so that its states have
+forgotten their start.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, lru_cache
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from sysid.diagnosis.actuator.samples import Traces
+from sysid.io.channels import SIDES
+from sysid.model import base, plant
+from sysid.model.base import Array
+from sysid.model.ports import Model, Point, Structure, join, split
+from sysid.types import BoolArray, FloatArray, IntArray
+
+_PIECE_S = 0.25
+_RUN_UP_S = 0.35
+# A resonance takes longer to forget, and costs less: fewer tests, no flows.
+_MECHANICAL_RUN_UP_S = 1.0
+_STATE_STEP_S = 1e-3
+# Rows and pieces are padded to whole multiples, so that few shapes are ever compiled.
+_ROWS = 65536
+_LANES = 256
+_SIGNALS = (
+    "time",
+    "position",
+    "velocity",
+    "pressure_a",
+    "pressure_b",
+    "rate_a",
+    "rate_b",
+    "motor",
+    "open_a",
+    "open_b",
+    "direction",
+    "supply",
+)
+
+
+def point_of(traces: Traces, model: Model) -> Point:
+    """Where the model is at every sample."""
+    parameters = model.at(traces.time)
+    supply = parameters.supply + (traces.supply - parameters.supply_reference)
+    return Point(
+        time=traces.time,
+        position=traces.position,
+        velocity=traces.velocity,
+        pressure_a=traces.pressure_a,
+        pressure_b=traces.pressure_b,
+        motor=traces.motor,
+        open_a=traces.open_a,
+        open_b=traces.open_b,
+        direction=traces.direction,
+        parameters=parameters.replace(supply=supply),
+    )
+
+
+def measured_flow(side: str, traces: Traces, point: Point, model: Model) -> Array:
+    """Mass flow into a chamber that follows from its measured pressure, kg/s (n,).
+
+    Unlike the valve's law it does not jump with noise near a boundary.
+    """
+    p = point.parameters
+    return base.flow_from_pressure_rate(
+        traces.rate_a if side == "a" else traces.rate_b,
+        point.pressure(side),
+        plant.chamber_volume(side, plant.displacement(point, model), p),
+        plant.volume_rate(side, point, model),
+        p.heat_capacity_ratio,
+        p.gas_constant,
+        p.temperature,
+    )
+
+
+def integrate_states(traces: Traces, model: Model, needs_flow: bool) -> dict[str, FloatArray]:
+    """Extra states along the measured traces, (n,) by name.
+
+    Without `needs_flow` only the torque balance is concerned, and held tests are left out.
+    """
+    found = {name: np.zeros(len(traces)) for name in model.state_names}
+    structure, numbers = split((model.parameters, *model.effects))
+    # As numbers of one kind: jax compiles anew for each kind.
+    inputs = [{name: np.asarray(v, dtype=float) for name, v in part.items()} for part in numbers]
+    for pieces in _all_pieces(traces, needs_flow):
+        parts = max(1, int(np.ceil(pieces.period / _STATE_STEP_S * (1 - 1e-6))))
+        histories = _compiled()(
+            _signals(traces),
+            (pieces.low, pieces.last),
+            pieces.period / parts,
+            inputs,
+            structure=structure,
+            names=model.state_names,
+            steps=pieces.steps,
+            parts=parts,
+        )
+        for name, history in zip(model.state_names, histories, strict=True):
+            found[name][pieces.rows] = np.asarray(history)[pieces.counts]
+    return found
+
+
+def forget() -> None:
+    """Drop what is kept for the traces of a diagnosis."""
+    _signals.cache_clear()
+    _all_pieces.cache_clear()
+
+
+@dataclass(frozen=True)
+class _Pieces:
+    """Pieces of tests in parallel: (pieces,) rows at which their run-up begins (`low`) and at
+    which their test ends (`last`); `steps` from there on.
+
+    `counts` (steps, pieces): which steps count; `rows` the rows that these are.
+    """
+
+    low: IntArray
+    last: IntArray
+    counts: BoolArray
+    rows: IntArray
+    steps: int
+    period: float
+
+
+@lru_cache(maxsize=4)
+def _all_pieces(traces: Traces, needs_flow: bool) -> tuple[_Pieces, ...]:
+    """The pieces of all tests that are concerned, those of one sampling period together."""
+    runs = [run for run in traces.runs if run.moves or needs_flow]
+    run_up = _RUN_UP_S if needs_flow else _MECHANICAL_RUN_UP_S
+    return tuple(
+        _pieces([run.rows for run in runs if run.period == period], period, run_up)
+        for period in sorted({run.period for run in runs})
+    )
+
+
+def _pieces(runs: Sequence[slice], period: float, run_up_s: float) -> _Pieces:
+    count, run_up = round(_PIECE_S / period), round(run_up_s / period)
+    cut = [
+        (first, max(rows.start, first - run_up), rows.stop - 1)
+        for rows in runs
+        for first in range(rows.start, rows.stop, count)
+    ]
+    # Idle pieces repeat the last one.
+    cut += [cut[-1]] * (-len(cut) % _LANES)
+    first, low, last = np.array(cut, dtype=np.intp).T
+    place = low + np.arange(run_up + count)[:, None]
+    counts = (place >= first) & (place < first + count) & (place <= last)
+    return _Pieces(low, last, counts, place[counts], run_up + count, period)
+
+
+@lru_cache(maxsize=2)
+def _signals(traces: Traces) -> dict[str, Any]:
+    """The channels that the states may depend on, as the compiled loop takes them."""
+    from sysid.model.jax_setup import jnp
+
+    padding = -len(traces) % _ROWS
+    return {n: jnp.asarray(np.pad(getattr(traces, n), (0, padding))) for n in _SIGNALS}
+
+
+@cache
+def _compiled() -> Any:
+    """`_histories`, compiled; jax is loaded with the first effect that has a state."""
+    import jax
+
+    from sysid.model.simulator import COMPILER_OPTIONS
+
+    fixed = ("structure", "names", "steps", "parts")
+    return jax.jit(_histories, static_argnames=fixed, compiler_options=COMPILER_OPTIONS)
+
+
+def _histories(
+    signals: dict[str, Any],
+    bounds: tuple[Any, Any],
+    step: Any,
+    numbers: list[dict[str, Any]],
+    *,
+    structure: Structure,
+    names: tuple[str, ...],
+    steps: int,
+    parts: int,
+) -> tuple[Any, ...]:
+    """Heun's method through all pieces at once, to be traced: each state, (steps, pieces)."""
+    from sysid.model.jax_setup import jax, jnp
+
+    parameters, *effects = join(structure, numbers)
+    model, (low, last) = Model(parameters, tuple(effects)), bounds
+
+    def sample(k: Any) -> dict[str, Any]:
+        rows = jnp.minimum(low + k, last)
+        return {name: signal[rows] for name, signal in signals.items()}
+
+    def rates_at(sampled: dict[str, Any]) -> Callable[[Any], list[Any]]:
+        here: Any = SimpleNamespace(**sampled)
+        point = point_of(here, model)
+        flows = {side: measured_flow(side, here, point, model) for side in SIDES}
+
+        def rates(state: Any) -> list[Any]:
+            extra = dict(zip(names, state, strict=True))
+            found = plant.state_rates(replace(point, extra=extra), flows, model)
+            return [found[name] for name in names]
+
+        return rates
+
+    def advance(carry: Any, k: Any) -> tuple[Any, Any]:
+        state, here = before, _ = carry
+        after = sample(k + 1)
+        now, then = rates_at(here), rates_at(after)
+        for _ in range(parts):
+            slope = now(state)
+            trial = [s + step * r for s, r in zip(state, slope, strict=True)]
+            pairs = zip(state, slope, then(trial), strict=True)
+            state = tuple(s + 0.5 * step * (r + q) for s, r, q in pairs)
+        return (state, after), before
+
+    first = sample(0)
+    here: Any = SimpleNamespace(**first)
+    start = plant.initial_states(point_of(here, model), model)
+    state = tuple(jnp.zeros(low.shape) + start[name] for name in names)
+    return tuple(jax.lax.scan(advance, (state, first), jnp.arange(steps))[1])

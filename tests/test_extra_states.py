@@ -1,0 +1,103 @@
+"""Extra states along measured traces, against a plain loop over the samples."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_diagnosis import made
+
+from sysid.diagnosis.actuator.equation_error import EFFORT, channels_of
+from sysid.diagnosis.actuator.samples import Traces, prepare
+from sysid.diagnosis.actuator.states import integrate_states, measured_flow, point_of
+from sysid.io.channels import SIDES
+from sysid.model import plant
+from sysid.model.effects import catalogue
+from sysid.model.effects.chamber import TemperatureDrift
+from sysid.model.ports import Model
+from sysid.types import FloatArray
+
+KINDS = [kind for kind in catalogue().values() if kind.states]
+# Seconds, as `sysid.diagnosis.actuator.states` has them: run-up with and without flows, piece.
+RUN_UP, MECHANICAL_RUN_UP, PIECE = 0.35, 1.0, 0.25
+
+
+@pytest.fixture(scope="module")
+def short() -> tuple[Traces, Model]:
+    """A valve test and a motion test, 1500 samples of each."""
+    tests, rig, model = made(scatter=0.0)
+    kinds = ("valve-discrete", "motion-discrete")
+    brief = [next(test for test in tests if test[1] == kind) for kind in kinds]
+    cut = [
+        (
+            file,
+            kind,
+            replace(
+                trial,
+                time=trial.time[:1500],
+                channels={name: values[:1500] for name, values in trial.channels.items()},
+            ),
+        )
+        for file, kind, trial in brief
+    ]
+    return prepare(cut, rig, model), model
+
+
+def plainly(traces: Traces, model: Model, low: int, stop: int) -> dict[str, FloatArray]:
+    """Heun's method from row `low` on, one row after the other: the states at `low` to `stop`."""
+    step = float(traces.time[low + 1] - traces.time[low])
+    channels = {n: v for n, v in vars(traces).items() if n != "runs"}
+
+    def at(row: int) -> Traces:
+        return Traces(runs=(), **{n: v[[row]] for n, v in channels.items()})
+
+    def rates(row: int, state: dict[str, FloatArray]) -> dict[str, FloatArray]:
+        here = at(row)
+        point = point_of(here, model)
+        flows = {side: measured_flow(side, here, point, model) for side in SIDES}
+        found = plant.state_rates(replace(point, extra=state), flows, model)
+        return {name: np.asarray(value) for name, value in found.items()}
+
+    state = {
+        n: np.asarray(v) for n, v in plant.initial_states(point_of(at(low), model), model).items()
+    }
+    history = [state]
+    for row in range(low, stop):
+        slope = rates(row, state)
+        trial = {n: state[n] + step * slope[n] for n in state}
+        after = rates(row + 1, trial)
+        state = {n: state[n] + 0.5 * step * (slope[n] + after[n]) for n in state}
+        history.append(state)
+    return {n: np.array([float(s[n][0]) for s in history]) for n in state}
+
+
+@pytest.mark.parametrize("drifts", [False, True])
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.id)
+def test_states_are_those_of_a_plain_loop(
+    kind: type, drifts: bool, short: tuple[Traces, Model]
+) -> None:
+    traces, model = short
+    model = model + kind.typical()  # type: ignore[attr-defined]
+    if drifts:
+        model = model + TemperatureDrift(0.2)
+    needs_flow = any(name != EFFORT for name in channels_of(model.effects[0]))
+    found = integrate_states(traces, model, needs_flow)
+    assert set(found) == set(model.state_names)
+    for run in traces.runs:
+        if not run.moves and not needs_flow:
+            assert all(not found[name][run.rows].any() for name in found)
+            continue
+        count = round(PIECE / run.period)
+        run_up = round((RUN_UP if needs_flow else MECHANICAL_RUN_UP) / run.period)
+        first = run.rows.start + 2 * count
+        low = max(run.rows.start, first - run_up)
+        expected = plainly(traces, model, low, first + count - 1)
+        for name, values in expected.items():
+            size = float(np.abs(values).max())
+            np.testing.assert_allclose(
+                found[name][first : first + count],
+                values[first - low :],
+                rtol=1e-9,
+                atol=1e-10 * size,
+            )
