@@ -14,6 +14,7 @@ import numpy as np
 from sysid.bundle import Bundle, EffectEntry
 from sysid.diagnosis.actuator.holdout import held_out
 from sysid.diagnosis.actuator.result import Diagnosis, FoundEffect
+from sysid.diagnosis.looked import Looked, Missed
 from sysid.errors import InputError, NotIdentifiedError, SimulationError
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import MOTION_KINDS, Campaign
@@ -38,7 +39,7 @@ def with_refined_numbers(
     """The diagnosis with its numbers, and the errors after, as a refinement has them.
 
     `extended` is the bundle with the effects found. Where nothing was found, or the refinement
-    does not hold, the diagnosis is as it was, with a notice that says why.
+    does not hold or time runs out, the diagnosis is as it was, with a notice that says why.
     """
     if not diagnosis.effects:
         return diagnosis
@@ -55,7 +56,7 @@ def with_refined_numbers(
         outside = held_out(campaign.rig, logs)
         after = outside.rmse(model) if outside.tests else np.full(3, math.nan)
     except OutOfTimeError:
-        return _as_it_was(diagnosis, "no time was left")
+        return _out_of_time(diagnosis)
     except (InputError, NotIdentifiedError, SimulationError) as error:
         return _as_it_was(diagnosis, str(error))
     names = (campaign.rig.position_channel, *CHAMBER_PRESSURES)
@@ -97,6 +98,17 @@ def _times(fit: Fit) -> float:
 def _as_it_was(diagnosis: Diagnosis, why: str) -> Diagnosis:
     notice = f"the numbers are those of the balances, not refined by simulation: {why}"
     return dataclasses.replace(diagnosis, notices=(*diagnosis.notices, notice))
+
+
+def _out_of_time(diagnosis: Diagnosis) -> Diagnosis:
+    stage = "refinement of the numbers by simulation"
+    missed = Looked(missed=(Missed(stage, "", "out of time", out_of_time=True, decides=False),))
+    looked = dataclasses.replace(
+        diagnosis.looked, missed=(*diagnosis.looked.missed, *missed.missed)
+    )
+    loop = dataclasses.replace(diagnosis.loop, looked=looked)
+    notices = (*diagnosis.notices, *missed.sentences())
+    return dataclasses.replace(diagnosis, loop=loop, notices=notices)
 
 
 def _refined(found: FoundEffect, entry: EffectEntry, effect: CatalogueEffect) -> FoundEffect:

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sysid.parallel import check_time
 from sysid.refinement.problem import Iterate, Linearised, Problem
 from sysid.refinement.reduction import ReducedEquations, reduced
 from sysid.types import BoolArray, FloatArray
@@ -151,6 +152,7 @@ def solve(
     step_size, refused, evaluations = first_step, 0, 1
     changes, costs = np.zeros(count, dtype=int), [base.cost]
     while evaluations < most and refused < _MOST_REFUSED:
+        check_time()
         if evaluations >= least and (_is_near(base, near) or _stagnates(costs)):
             break
         given = _propose(base, step_size)
