@@ -78,6 +78,7 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> Ran:
         return found[0]
 
     outputs = ["-o", str(folder / "extended.json"), "--report", str(folder / "report.html")]
+    outputs += ["--budget", "1000"]  # a machine under load finds the same
     printed = io.StringIO()
     with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(io.StringIO()):
         patch.setattr(sysid.commands.diagnose, "diagnose_campaign", kept)

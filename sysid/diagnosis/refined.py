@@ -20,7 +20,7 @@ from sysid.estimation.linear import Estimate
 from sysid.io.campaign import MOTION_KINDS, Campaign
 from sysid.model.effects.entry import Catalogue, CatalogueEffect
 from sysid.parallel import OutOfTimeError, check_time
-from sysid.refinement.result import Fit, RefineResult
+from sysid.refinement.result import Fit
 from sysid.types import FloatArray, Progress, no_progress
 from sysid.validation.motion_tests import CHAMBER_PRESSURES
 
@@ -48,8 +48,9 @@ def with_refined_numbers(
     try:
         check_time()
         result = refine(campaign, extended, catalogue=catalogue, progress=progress)
-        why = _why_not(result)
-        if why:
+        worse = _times(result.fits["fit"])
+        if not worse <= _WORSE:
+            why = f"the training tests would be simulated {worse:.2g} times worse"
             return _as_it_was(diagnosis, why)
         model = result.bundle.model(campaign.rig, catalogue)
         logs = [(e.kind, campaign.read(e)) for e in campaign.select(MOTION_KINDS, use="holdout")]
@@ -77,16 +78,6 @@ def with_refined_numbers(
         refinement=result,
         notices=(*diagnosis.notices, *result.notices),
     )
-
-
-def _why_not(result: RefineResult) -> str:
-    """Why a refinement's numbers are not taken; empty where they are."""
-    if not result.converged:
-        return "the estimation did not converge"
-    worse = _times(result.fits["fit"])
-    if not worse <= _WORSE:
-        return f"the training tests would be simulated {worse:.2g} times worse"
-    return ""
 
 
 def _times(fit: Fit) -> float:

@@ -28,6 +28,8 @@ _MOST_ASIDE = 0.25
 _MOST_CHANGES = 2
 # So many steps that lower the cost by less than this share together are the end of it.
 _STILL, _LEAST_LOWERING = 4, 3e-5
+# Steps of less than this, in standard errors, are within what an interval says.
+_NEAR_ENOUGH = 0.25
 # A run is followed again where its cost per row is at most this many times the counted ones'.
 _FOLLOWED = 2.0
 # Damping of a start after its first refusal, its growth and its bounds.
@@ -143,8 +145,9 @@ def solve(
 ) -> Solution:
     """Minimise a problem's cost from a point, with `least` to `most` evaluations.
 
-    It has converged where the linearised equations would move every shared unknown by less than
-    `near` standard errors. `first_step`: optimistix' first step size, one over the damping.
+    It ends where the linearised equations would move every shared unknown by less than `near`
+    standard errors, and has converged where by less than a quarter. `first_step`: optimistix' first
+    step size, one over the damping.
     """
     count = len(problem.runs)
     counted, damping = np.ones(count, dtype=bool), np.zeros(count)
@@ -172,7 +175,7 @@ def solve(
             changes += aside
             base, counted = trial, fewer | back
         base = reduced(problem, base.point, base.runs, damping, counted)
-    return Solution(base, evaluations, _is_near(base, near), counted)
+    return Solution(base, evaluations, _is_near(base, max(near, _NEAR_ENOUGH)), counted)
 
 
 def _is_near(base: ReducedEquations, near: float) -> bool:
