@@ -1,7 +1,7 @@
 """Estimation by simulation error, as measured.
 
     python benchmarks/refinement.py coverage [--seeds 1701 1702 ...] [--keep DIR]
-    python benchmarks/refinement.py convergence [--rigs 50] [--off 0.3]
+    python benchmarks/refinement.py convergence [--rigs 50] [--off 0.3] [--first 2001]
 
 coverage: generated campaigns (standard size, friction scatter of 2 % from test to test,
 quantisation), fitted and refined; error over standard error of each parameter, intervals that hold
@@ -32,6 +32,7 @@ sys.path.insert(0, str(REPOSITORY))
 import sysid as si  # noqa: E402
 from benchmarks.rigs import random_runs  # noqa: E402
 from sysid.model.ports import Model  # noqa: E402
+from sysid.model.preparation import open_intervals  # noqa: E402
 from sysid.model.simulator import simulate  # noqa: E402
 from sysid.refinement.estimation import FrictionScatter, estimate  # noqa: E402
 from sysid.refinement.problem import Problem  # noqa: E402
@@ -140,15 +141,28 @@ def rig_runs(seed: int, logs: int = LOGS, seconds: float = SECONDS) -> tuple[lis
         states = np.array([found.position, found.velocity, found.pressure_a, found.pressure_b])
         noise = np.array([POSITION_NOISE, PRESSURE_NOISE, PRESSURE_NOISE])
         measured = states[[0, 2, 3]] + noise[:, None] * rng.standard_normal((3, states.shape[1]))
-        runs += segments(number, one, states, measured, noise)
+        settled = settled_rows(one, model)
+        runs += segments(number, one, states, measured, noise, settled)
     return runs, model
 
 
-def segments(number: int, inputs: Any, states: Any, measured: Any, noise: Any) -> list[Run]:
-    """A log's segments of 1 s that start with a PWM period and no valve under way."""
-    rows, found = 1000, []
-    for start in range(0, measured.shape[1] - rows, rows):
-        part = slice(start, start + rows + 1)
+def settled_rows(inputs: Any, model: Model) -> Any:
+    """Rows that start a PWM period while neither valve is open: no edge is under way there."""
+    period = round(1000 * float(model.parameters.pwm_period))
+    rows = np.arange(0, len(inputs.time), period)
+    at = inputs.time[rows]
+    free = [~open_intervals(inputs, side, model).is_open(at) for side in ("a", "b")]
+    return rows[free[0] & free[1]]
+
+
+def segments(
+    number: int, inputs: Any, states: Any, measured: Any, noise: Any, settled: Any
+) -> list[Run]:
+    """A log's segments of 1 s, one after another, each from a settled row."""
+    rows, found, start = 1000, [], 0
+    while (later := settled[settled >= start]).size and later[0] + rows < measured.shape[1]:
+        part = slice(later[0], later[0] + rows + 1)
+        start = part.start
         valves = [
             dataclasses.replace(v, values=v.values[part]) if v else None
             for v in (inputs.valve_a, inputs.valve_b)
@@ -167,6 +181,7 @@ def segments(number: int, inputs: Any, states: Any, measured: Any, noise: Any) -
         )
         std = np.array([noise[0], 0.02 if states[1, start] else 1e-9, noise[1], noise[2]])
         found.append(Run(number, f"log {number}", cut, measured[:, part], std, noise))
+        start += rows
     return found
 
 
@@ -197,10 +212,10 @@ def converges(seed: int, off: float) -> tuple[bool, float, int]:
     return near, max(errors), found.evaluations
 
 
-def convergence(rigs: int, off: float) -> None:
-    """Print each rig's outcome, and how many converged."""
+def convergence(rigs: int, off: float, first: int) -> None:
+    """Print each rig's outcome, and how many converged; seeds from the first on."""
     done = 0
-    for seed in range(2001, 2001 + rigs):
+    for seed in range(first, first + rigs):
         begun = time.perf_counter()
         near, error, evaluations = converges(seed, off)
         done += near
@@ -220,11 +235,12 @@ def main() -> None:
     parser.add_argument("--keep", type=Path, help="Folder with campaigns of earlier calls.")
     parser.add_argument("--rigs", type=int, default=50)
     parser.add_argument("--off", type=float, default=0.3)
+    parser.add_argument("--first", type=int, default=2001, help="The first rig's seed.")
     options = parser.parse_args()
     if options.what == "coverage":
         coverage(options.seeds, options.keep)
     else:
-        convergence(options.rigs, options.off)
+        convergence(options.rigs, options.off, options.first)
 
 
 if __name__ == "__main__":
