@@ -155,13 +155,11 @@ def _block(
                 effects=len(model.effects),
                 varied=varied,
             )
-            reached = np.asarray(reached)
-            values = np.stack([np.asarray(s) for s in states])
-            along = np.stack([np.asarray(t) for t in tangents], axis=1)
+            reached, states, tangents = (np.asarray(a) for a in (reached, states, tangents))
             for i in range(count):
                 rows = np.flatnonzero(reached[i])
-                first[i].append(values[:, rows, i])
-                slope[i].append(along[:, :, rows, i])
+                first[i].append(states[i][:, rows])
+                slope[i].append(tangents[i][:, :, rows])
     return [
         Tangents(np.concatenate(f, axis=-1), np.concatenate(s, axis=-1))
         for f, s in zip(first, slope, strict=True)
@@ -293,9 +291,10 @@ def _advance_chunk(
     structure: Structure,
     effects: int,
     varied: tuple[Direction, ...],
-) -> tuple[Lanes, _Slopes, tuple[Any, ...], tuple[Any, ...], Any]:
-    """As `simulator._advance_chunk`, with the tangents (directions, ...) of what it returns.
+) -> tuple[Lanes, _Slopes, Any, Any, Any]:
+    """As `simulator._advance_chunk`, with the tangents of the lanes, (directions, ...) each.
 
+    States (runs, 4, steps) and their tangents (runs, directions, 4, steps): a run's lie together.
     `timing`: tangents (directions, runs, ...) of the table's timing.
     """
     runs = table.count.shape[0]
@@ -327,7 +326,8 @@ def _advance_chunk(
     (_, states), (moved, tangents), (now, reached) = jax.vmap(push, out_axes=(None, 0, None))(
         (slopes, timing, along)
     )
-    return now, moved, states, tangents, reached
+    by_run = jnp.stack(states).transpose(2, 0, 1)
+    return now, moved, by_run, jnp.stack(tangents).transpose(3, 1, 0, 2), reached
 
 
 __all__ = ["STARTS", "Direction", "Tangents", "simulate_tangents"]

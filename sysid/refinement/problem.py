@@ -136,11 +136,16 @@ class Problem:
             model.effects,
         )
 
+    def models(self, point: Iterate) -> list[Model]:
+        """Every run's model at a point."""
+        by_test = [self.model_for(point, test) for test in range(self.tests)]
+        return [by_test[run.test] for run in self.runs]
+
     def linearised(self, point: Iterate) -> list[Linearised]:
         """Every run's equations at a point. Raises OutOfTimeError."""
         check_time()
         directions = self._directions()
-        models = [self.model_for(point, run.test) for run in self.runs]
+        models = self.models(point)
         found = simulate_tangents(self.inputs(point), models, directions, max_step=self.max_step)
         return [
             self._equations(i, self._errors(run, own, model, point, directions), point)

@@ -30,7 +30,7 @@ def settled(problem: Problem, points: Sequence[Iterate]) -> tuple[FloatArray, li
     """
     check_time()
     inputs = [i for point in points for i in problem.inputs(point)]
-    models = [problem.model_for(point, run.test) for point in points for run in problem.runs]
+    models = [own for point in points for own in problem.models(point)]
     found = iter(zip(simulate_tangents(inputs, models, _DIRECTIONS), models, strict=True))
     costs, moved = np.zeros((len(points), problem.tests)), []
     for j, point in enumerate(points):
