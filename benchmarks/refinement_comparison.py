@@ -239,7 +239,7 @@ def compare(seed: int, repeats: int, limit: float, cores: int, options: Any) -> 
         folder = Path(temporary)
         stem, true, start = make_job(seed, folder)
         known = contenders(options.python, folder)
-        field = [c for c in known if c.name in (options.only or [c.name, "sysid"])]
+        field = [c for c in known if not options.only or c.name in (*options.only, "sysid")]
         times: dict[str, list[Used]] = {c.name: [] for c in field}
         for turn in range(repeats + 1):  # the first fills the caches
             for one in list(field):

@@ -16,8 +16,8 @@ from sysid.refinement.settling import settled
 from sysid.types import BoolArray, FloatArray
 
 _COARSE, _FINE = np.linspace(-3.0, 3.0, 25), np.linspace(-0.3, 0.3, 31)
-# Static friction that the bench tests did not give may be this far off, as a logarithm.
-_FAR = np.linspace(-0.4, 0.4, 17)
+# Static friction that the bench tests did not give may be this far off, as a logarithm: by half.
+_FAR = np.linspace(-0.8, 0.8, 33)
 
 
 def scanned(problem: Problem, point: Iterate, tests: BoolArray, *, far: bool) -> Iterate:
