@@ -187,7 +187,8 @@ def show_diagnosis(diagnosed: Diagnosed, as_json: bool) -> None:
         out.print("", table)
     out.print()
     written = (f"written: {path}" for path in diagnosed.written)
-    for line in (*wording.advice(content), *written):
+    rest = [line for line in [wording.left(content)] if line]
+    for line in (*rest, *wording.advice(content), *written):
         out.print(Text(line), soft_wrap=True)
 
 

@@ -92,6 +92,20 @@ def _remaining(content: Content) -> Iterator[str]:
         )
 
 
+def left(content: Content) -> str:
+    """What the error after consists of; empty where that is not known."""
+    rest = content.get("remainder")
+    if not rest:
+        return ""
+    unit, over = rest["unit"], joined([regressor_name(n) for n in rest["regressors"]])
+    repeats, scatter, noise = (number(rest[k], 3) for k in ("repeatable", "scatter", "noise"))
+    return (
+        f"What is left, {number(rest['rmse'], 3)} {unit} (squares add up): {repeats} {unit} repeat "
+        f"from test to test over {over}, {scatter} {unit} differ between tests, {noise} {unit} are "
+        "noise."
+    )
+
+
 def advice(content: Content) -> tuple[str, ...]:
     """What to do next: the tests that would distinguish rivals, and how to treat a remainder."""
     lines = []
@@ -186,6 +200,7 @@ __all__ = [
     "errors_by_step",
     "is_refined",
     "joined",
+    "left",
     "p_text",
     "parameter_rows",
     "regressor_name",

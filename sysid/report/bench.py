@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.diagnosis.wording import advice, regressor_name, sentence
+from sysid.diagnosis.wording import advice, left, regressor_name, sentence
 from sysid.display.numbers import number
 from sysid.report import svg
 from sysid.report.blocks import Block, Figure, FigureGroup, Fold, Heading, Lines, Section, table
@@ -51,6 +51,8 @@ def component_section(content: Content) -> Section:
                 tuple(_curve(i, c) for i, c in enumerate(content["curves"])),
             ),
         ]
+    if left(content):
+        blocks.append(Lines((left(content),)))
     blocks += _tried(content)
     lines = advice(content)
     if lines:

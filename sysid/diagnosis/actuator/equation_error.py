@@ -167,11 +167,8 @@ def _as_shown(
     for run in traces.runs:
         rows = run.rows
         time = traces.time[rows]
-        zero: Mapping[str, FloatArray] = {
-            "theta_rad": traces.position[rows],
-            "pressure_a_pa": nothing[rows],
-            "pressure_b_pa": nothing[rows],
-        }
+        # The other chamber's sensor is not asked.
+        zero: Mapping[str, FloatArray] = {"theta_rad": traces.position[rows], name: nothing[rows]}
         moved: Mapping[str, FloatArray] = {**zero, name: rate[rows]}
         for effect in sensors:
             zero, moved = effect.measure(zero, time), effect.measure(moved, time)

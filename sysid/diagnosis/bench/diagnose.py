@@ -13,6 +13,7 @@ from sysid.bundle import Bundle, Parts
 from sysid.diagnosis.actuator.result import BeforeAfter, FoundEffect, Verdict
 from sysid.diagnosis.bench.component import Component, Law, rmse
 from sysid.diagnosis.bench.registry import component_of
+from sysid.diagnosis.bench.remainder import Remainder, remainder
 from sysid.diagnosis.bench.selection import Addition, Attempt, Selection, select
 from sysid.diagnosis.bench.unexplained import LEAST_SHARE, BinnedResidual, curves
 from sysid.diagnosis.looked import Looked
@@ -35,7 +36,8 @@ class ComponentDiagnosis:
     `residual`: pooled RMSE on the held-out tests by channel, what is predicted first, then
     further channels (`Component.further_errors`). `part`: the bundle's section of the law
     refitted together with the effects. `curves`: the residual over the regressors that it
-    depends on most.
+    depends on most. `remainder`: how much of what is left repeats from test to test, None where
+    that cannot be said.
     """
 
     kind: str
@@ -45,6 +47,7 @@ class ComponentDiagnosis:
     unit: str
     unexplained: tuple[BinnedResidual, ...]
     curves: tuple[BinnedResidual, ...]
+    remainder: Remainder | None
     selection: Selection
     part: Parts
     notices: tuple[str, ...]
@@ -73,6 +76,7 @@ class ComponentDiagnosis:
             "search": self.looked.to_json(),
             "undecided": [{"id": u.id, **u.to_json()} for u in self.selection.undecided],
             "curves": [curve.to_json() for curve in self.curves],
+            "remainder": None if self.remainder is None else self.remainder.to_json(),
             "seed": self.seed,
             "notices": list(self.notices),
         }
@@ -145,6 +149,7 @@ def diagnose_component(
         unit=component.unit,
         unexplained=tuple(structured),
         curves=tuple(left),
+        remainder=remainder(component, outside, laws[-1], floor),
         selection=selection,
         part=selection.final.part(),
         notices=notices,
