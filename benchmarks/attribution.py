@@ -72,7 +72,7 @@ def call(*words: str) -> subprocess.CompletedProcess[str]:
         cwd=REPOSITORY,
         capture_output=True,
         text=True,
-        timeout=SECONDS,
+        timeout=SECONDS + 300,
         check=False,
     )
 

@@ -117,9 +117,14 @@ def attempt_all(jobs: Iterable[Callable[[], Result]]) -> list[Result | Failure]:
         for result in _in_processes(waiting, left):
             done.append(result)
     except TimeoutError:
-        pass
-    late = Failure("out of time: its process was ended", out_of_time=True)
-    return done + [late] * (len(waiting) - len(done))
+        rest = Failure("out of time: its process was ended", out_of_time=True)
+    except Exception as error:  # a worker that died, for want of memory perhaps
+        if os.environ.get("SYSID_DEBUG"):
+            raise
+        rest = Failure(one_line(f"{type(error).__name__}: {error}"))
+    else:
+        return done
+    return done + [rest] * (len(waiting) - len(done))
 
 
 def _within(job: Callable[[], Result], deadline: float) -> Result | Failure:

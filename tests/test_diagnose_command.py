@@ -6,10 +6,13 @@ import contextlib
 import io
 import json
 import shutil
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 import sysid.commands.diagnose
@@ -23,7 +26,10 @@ from sysid.diagnosis import content as findings
 from sysid.diagnosis.actuator.result import Diagnosis
 from sysid.diagnosis.actuator.signatures import base_parameters
 from sysid.diagnosis.campaign import extended_bundle
+from sysid.diagnosis.refined import with_refined_numbers
 from sysid.io.campaign import read_campaign
+from sysid.model.effects.catalogue import catalogue
+from sysid.refinement.result import Fit
 from sysid.report import svg
 from sysid.report.diagnosis import diagnosis_section
 
@@ -136,6 +142,31 @@ def test_the_numbers_are_those_of_simulation(ran: Ran, tmp_path: Path) -> None:
                   if p.name.endswith("stribeck_torque_nm"))  # fmt: skip
     true = ran.truth["stribeck_torque_nm"]
     assert abs(found - true) < abs(before - true)
+
+
+def _fails(*_: Any, **__: Any) -> Any:
+    raise RuntimeError("the simulation does not stay finite")
+
+
+def _is_worse(*_: Any, **__: Any) -> Any:
+    one = np.ones(3)
+    return SimpleNamespace(fits={"fit": Fit(one, 2.0 * one, one, one)})
+
+
+@pytest.mark.parametrize(
+    ("outcome", "why"), [(_fails, "does not stay finite"), (_is_worse, "2 times worse")]
+)
+def test_a_refinement_that_does_not_hold_is_not_taken(
+    ran: Ran, outcome: Callable[..., Any], why: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sysid.refinement.refine.refine", outcome)
+    assert isinstance(ran.diagnosed.diagnosis, Diagnosis)
+    before = replace(ran.diagnosed.diagnosis, refinement=None)
+    campaign, extended = read_campaign(ran.campaign), read_bundle(ran.extended)
+    found = with_refined_numbers(before, campaign, extended, catalogue())
+    assert found.effects == before.effects and found.residual == before.residual
+    assert why in found.not_refined and why in found.notices[-1]
+    assert found.to_json()["refined"] is False
 
 
 def test_summary_says_verdict_effects_errors_and_what_was_tried(

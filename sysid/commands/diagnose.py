@@ -55,7 +55,7 @@ def _no_nan(_: click.Context, option: click.Parameter, value: float) -> float:
 @click.option(
     "--refine/--no-refine",
     default=True,
-    help="Whether to estimate all parameters together by simulation error at the end.",
+    help="Whether to estimate all parameters together at the end, if an actuator lacked an effect.",
 )
 @click.option(
     "--seed", type=SEED, default=0, show_default=True, help="Seed of the simulated twins."
@@ -67,7 +67,7 @@ def _no_nan(_: click.Context, option: click.Parameter, value: float) -> float:
     default=SECONDS,
     show_default=True,
     metavar="SECONDS",
-    help="Time for the search; it ends then with the best so far, and says what it missed.",
+    help="Time for search and refinement; ends then with the best so far, says what it missed.",
 )
 @json_option
 def diagnose(campaign: Path, bundle: Path, as_json: bool, **options: Any) -> None:

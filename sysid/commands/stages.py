@@ -238,13 +238,14 @@ def _refine(run: PipelineRun) -> None:
     """A campaign whose motion cannot be simulated continues unrefined; a notice says why.
 
     A part tested alone has no motion of an actuator: its bundle continues as it is, and so does
-    one that the diagnosis refined.
+    one that the diagnosis refined, or tried to refine and could not.
     """
     from sysid.refinement.refine import refine  # loads jax
 
     bundle = run.bundle(_EXTENDED_FILE if run.diagnose else _FITTED_FILE)
     part = part_tested([entry.kind for entry in run.campaign.logs], bundle)
-    if part or bundle.refinement is not None:
+    tried = (run.diagnosis() or {}).get("not_refined")
+    if part or tried or bundle.refinement is not None:
         write_bundle(bundle, run.path(_REFINED_FILE))
         return
     try:

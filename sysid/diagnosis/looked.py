@@ -28,8 +28,13 @@ class Missed:
     decides: bool = True
 
     def to_json(self) -> dict[str, Any]:
-        """As JSON types: `stage`, `subject` (an effect's id or None), `reason`."""
-        return {"stage": self.stage, "subject": self.subject or None, "reason": self.reason}
+        """As JSON types: `stage`, `subject` (an effect's id or None), `reason`, `decides`."""
+        return {
+            "stage": self.stage,
+            "subject": self.subject or None,
+            "reason": self.reason,
+            "decides": self.decides,
+        }
 
 
 @dataclass(frozen=True)
@@ -91,13 +96,13 @@ class Book:
     def results(
         self, subjects: Sequence[str], found: Iterable[_Result | Failure]
     ) -> list[tuple[str, _Result]]:
-        """The subjects that came to a result; the others are noted."""
-        kept = []
-        for subject, result in zip(subjects, found, strict=True):
-            if isinstance(result, Failure):
+        """The subjects that came to a result; those that came to none are noted."""
+        pairs = list(zip(subjects, found, strict=True))
+        kept = [(s, result) for s, result in pairs if not isinstance(result, Failure)]
+        known = {subject for subject, _ in kept}
+        for subject, result in pairs:
+            if isinstance(result, Failure) and subject not in known:
                 self.miss(result, subject)
-            else:
-                kept.append((subject, result))
         return kept
 
     def closed(self) -> Looked:

@@ -50,7 +50,8 @@ def with_refined_numbers(
         result = refine(campaign, extended, catalogue=catalogue, progress=progress)
         worse = _times(result.fits["fit"])
         if not worse <= _WORSE:
-            why = f"the training tests would be simulated {worse:.2g} times worse"
+            how = f"{worse:.2g} times worse" if math.isfinite(worse) else "no more"
+            why = f"the training tests would be simulated {how}"
             return _as_it_was(diagnosis, why)
         model = result.bundle.model(campaign.rig, catalogue)
         logs = [(e.kind, campaign.read(e)) for e in campaign.select(MOTION_KINDS, use="holdout")]
@@ -58,7 +59,7 @@ def with_refined_numbers(
         after = outside.rmse(model) if outside.tests else np.full(3, math.nan)
     except OutOfTimeError:
         return _out_of_time(diagnosis)
-    except (InputError, NotIdentifiedError, SimulationError) as error:
+    except (InputError, NotIdentifiedError, SimulationError, RuntimeError) as error:
         return _as_it_was(diagnosis, str(error))
     names = (campaign.rig.position_channel, *CHAMBER_PRESSURES)
     errors = dict(zip(names, map(float, after), strict=True))
@@ -73,6 +74,7 @@ def with_refined_numbers(
         residual={
             name: dataclasses.replace(error, after=errors[name])
             for name, error in diagnosis.residual.items()
+            if math.isfinite(errors[name])
         },
         model=model,
         refinement=result,
@@ -81,14 +83,20 @@ def with_refined_numbers(
 
 
 def _times(fit: Fit) -> float:
-    """Errors of whole tests, after over before: geometric mean of the logged channels."""
+    """Errors of whole tests, after over before: geometric mean of the logged channels.
+
+    0 where they could not be simulated before and can be now; infinite where they cannot.
+    """
     ratio: FloatArray = fit.after / fit.before
-    return float(np.exp(np.nanmean(np.log(ratio)))) if np.isfinite(ratio).any() else math.nan
+    if not np.isfinite(ratio).any():
+        return 0.0 if np.isfinite(fit.after).any() else math.inf
+    return float(np.exp(np.nanmean(np.log(ratio))))
 
 
 def _as_it_was(diagnosis: Diagnosis, why: str) -> Diagnosis:
     notice = f"the numbers are those of the balances, not refined by simulation: {why}"
-    return dataclasses.replace(diagnosis, notices=(*diagnosis.notices, notice))
+    notices = (*diagnosis.notices, notice)
+    return dataclasses.replace(diagnosis, not_refined=why, notices=notices)
 
 
 def _out_of_time(diagnosis: Diagnosis) -> Diagnosis:

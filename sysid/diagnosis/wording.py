@@ -45,6 +45,12 @@ def _incomplete(content: Content) -> str:
     return f" The search is incomplete: not done: {joined(stages)}." if stages else ""
 
 
+def _is_undecided(content: Content) -> bool:
+    """Whether something was missed on which the verdict depends."""
+    missed = content.get("search", {}).get("missed", [])
+    return any(entry.get("decides", True) for entry in missed)
+
+
 def _verdict(content: Content) -> str:
     ids = [effect["id"] for effect in content["effects"]]
     gained = f"; {_gained(content)}" if content["residual"] else ""
@@ -114,7 +120,7 @@ def advice(content: Content) -> tuple[str, ...]:
             rivals = joined(effect["ambiguous_with"], "or")
             test = f" To distinguish them: {effect['advice']}." if effect["advice"] else ""
             lines.append(f"{effect['id']} is indistinguishable from {rivals} in these data.{test}")
-    if _incomplete(content):
+    if _is_undecided(content):
         lines.append(
             "Effects that were not looked at may explain what remains: allow more time (--budget "
             "SECONDS); the notices name what failed."

@@ -134,7 +134,10 @@ class Effect:
         return delays
 
     def measure(self, channels: Mapping[str, Array], time: Array) -> dict[str, Array]:
-        """Measured channels from true ones; arrays (n,) by log-format names, time in s."""
+        """Measured channels from true ones; arrays (n,) by log-format names, time in s.
+
+        A channel that is not asked for may be absent.
+        """
         return dict(channels)
 
     def recent_pulses(self, on: Array, off: Array, until: Array, side: str) -> tuple[Array, Array]:

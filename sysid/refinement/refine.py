@@ -20,7 +20,7 @@ from sysid.bundle import Bundle
 from sysid.bundle.assembled_model import assumed_friction, friction_keys
 from sysid.bundle.friction import Friction
 from sysid.display.numbers import ascii_text
-from sysid.errors import NotIdentifiedError, input_error
+from sysid.errors import NotIdentifiedError, SimulationError, input_error
 from sysid.estimation.linear import Estimate, t_quantile
 from sysid.io.campaign import MOTION_KINDS, Campaign, CampaignLog
 from sysid.model.effects.entry import Catalogue
@@ -232,7 +232,7 @@ def _fit(
     for model in (before, after):
         try:
             runs = simulate_segments([(t, t.whole) for t in tests], model, (), position)
-        except RuntimeError as error:
+        except (SimulationError, RuntimeError) as error:
             notices.append(f"errors of whole tests are not known: {error}")
             errors.append((np.full(3, math.nan), np.full(3, math.nan)))
             continue

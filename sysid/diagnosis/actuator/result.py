@@ -95,7 +95,8 @@ class Diagnosis:
     `residual`: pooled RMSE on the held-out logs by channel. `model`: the extended model.
     `rejected`: suspects of the last round, none of which was added. `loop`: what was found on
     the training logs, step by step. `refinement`: of the numbers by simulation error, where they
-    are from it; the errors after each effect are those before it.
+    are from it; the errors after each effect are those before it. `not_refined`: why its numbers
+    were not taken, empty where they were or none was asked for.
     """
 
     verdict: Verdict
@@ -107,6 +108,7 @@ class Diagnosis:
     loop: Loop
     seed: int
     refinement: RefineResult | None = None
+    not_refined: str = ""
     notices: tuple[str, ...] = ()
 
     @property
@@ -136,5 +138,6 @@ class Diagnosis:
             "friction_scatter": self.loop.scatter.sliding,
             "seed": self.seed,
             "refined": self.refinement is not None,
+            "not_refined": self.not_refined,
             "notices": list(self.notices),
         }

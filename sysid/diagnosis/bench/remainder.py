@@ -53,6 +53,8 @@ def remainder(
 
     `noise` in the channel's unit.
     """
+    if not math.isfinite(noise):
+        return None
     names, inputs, left, test = _table(component, law)
     if outside is not None:
         _, other, found, _ = _table(outside, law)
