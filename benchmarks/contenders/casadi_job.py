@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 from scipy.optimize import least_squares
 from scipy.sparse import csr_matrix, vstack
-from shooting import PLACES, SHARED, START, TOLERANCE, Job
+from shooting import DESCENT, PLACES, SHARED, START, Job
 
 GAMMA, SECOND = 0.43586652150845899942, 0.28206673924577050029
 THIRD = (1.2084966491760100703, -0.64436317068446906972)
@@ -302,11 +302,8 @@ def main() -> None:
             job.residual,
             job.x[job.free],
             jac=shooting.jacobian,
-            x_scale="jac",
-            ftol=TOLERANCE,
-            xtol=1e-9,
-            gtol=None,
             max_nfev=64,
+            **DESCENT,
         ).x
 
     shooting.job.solve(descend, sys.argv[2])

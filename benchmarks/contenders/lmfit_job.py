@@ -9,7 +9,7 @@ from typing import Any
 import lmfit
 import numpy as np
 from plant import simulate
-from shooting import TOLERANCE, Job
+from shooting import DESCENT, Job
 
 
 def descend(job: Job) -> Any:
@@ -23,10 +23,9 @@ def descend(job: Job) -> Any:
 
     # It counts the differences too.
     fitter = lmfit.Minimizer(residual, parameters, max_nfev=64 * 16)
-    options = {"x_scale": "jac", "ftol": TOLERANCE, "xtol": 1e-9, "gtol": None}
     # lmfit 1.3 multiplies a sparse Jacobian, to a covariance, as if it were a matrix of numpy's.
     with contextlib.suppress(ValueError):
-        fitter.least_squares(jac_sparsity=job.sparsity(), **options)
+        fitter.least_squares(jac_sparsity=job.sparsity(), **DESCENT)
     return fitter.result.x
 
 

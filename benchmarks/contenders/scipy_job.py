@@ -6,7 +6,7 @@ import sys
 from typing import Any
 
 from scipy.optimize import least_squares
-from shooting import TOLERANCE, Job
+from shooting import DESCENT, Job
 
 
 def descend(job: Job) -> Any:
@@ -15,11 +15,8 @@ def descend(job: Job) -> Any:
         job.residual,
         job.x[job.free],
         jac_sparsity=job.sparsity(),
-        x_scale="jac",
-        ftol=TOLERANCE,
-        xtol=1e-9,
-        gtol=None,
         max_nfev=64,
+        **DESCENT,
     ).x
 
 

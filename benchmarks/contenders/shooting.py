@@ -17,7 +17,8 @@ from scipy.sparse import csr_matrix, identity, vstack
 SHARED, START, SCATTER = 8, 4, 0.02
 # Where the shared unknowns lie among the plant's numbers.
 PLACES = np.array([0, 1, 2, 17, 19, 18, 20, 21])
-TOLERANCE = 1e-6
+# When scipy's least squares ends, and on what scale it steps.
+DESCENT: dict[str, Any] = {"x_scale": "jac", "ftol": 1e-6, "xtol": 1e-9, "gtol": None}
 
 
 class Job:
@@ -144,4 +145,4 @@ class Job:
         Path(out).write_text("\n".join(repr(float(v)) for v in values) + "\n")
 
 
-__all__ = ["TOLERANCE", "Job"]
+__all__ = ["DESCENT", "Job"]
