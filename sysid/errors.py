@@ -55,7 +55,7 @@ class NotIdentifiedError(SysidError):
 
 
 class SimulationError(NotIdentifiedError):
-    """A model that cannot be simulated: its equations switch without end at one instant."""
+    """A model that cannot be simulated: it diverges, or switches without end at one instant."""
 
 
 def input_error(where: str | Path, what: str, mend: str) -> InputError:

@@ -108,8 +108,8 @@ def diagnose_campaign(
 
     `effects` is a Python file with effects in addition to the catalogue; `refine` whether the
     numbers of what was found are those of simulation error; after `budget` seconds it ends with
-    the best so far. Raises InputError
-    for unusable files, NotIdentifiedError where the bundle or the campaign is insufficient.
+    the best so far. Raises InputError for unusable files, NotIdentifiedError where the bundle or
+    the campaign is insufficient.
     """
     campaign = read_campaign(campaign_path)
     bundle = read_bundle(bundle_path)
@@ -187,8 +187,7 @@ def show_diagnosis(diagnosed: Diagnosed, as_json: bool) -> None:
         out.print("", table)
     out.print()
     written = (f"written: {path}" for path in diagnosed.written)
-    rest = [line for line in [wording.left(content)] if line]
-    for line in (*rest, *wording.advice(content), *written):
+    for line in filter(None, (wording.left(content), *wording.advice(content), *written)):
         out.print(Text(line), soft_wrap=True)
 
 

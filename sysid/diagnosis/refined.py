@@ -15,7 +15,7 @@ from sysid.bundle import Bundle, EffectEntry
 from sysid.diagnosis.actuator.holdout import held_out
 from sysid.diagnosis.actuator.result import Diagnosis, FoundEffect
 from sysid.diagnosis.looked import Looked, Missed
-from sysid.errors import InputError, NotIdentifiedError, SimulationError
+from sysid.errors import InputError, NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import MOTION_KINDS, Campaign
 from sysid.model.effects.entry import Catalogue, CatalogueEffect
@@ -59,7 +59,7 @@ def with_refined_numbers(
         after = outside.rmse(model) if outside.tests else np.full(3, math.nan)
     except OutOfTimeError:
         return _out_of_time(diagnosis)
-    except (InputError, NotIdentifiedError, SimulationError, RuntimeError) as error:
+    except (InputError, NotIdentifiedError, RuntimeError) as error:
         return _as_it_was(diagnosis, str(error))
     names = (campaign.rig.position_channel, *CHAMBER_PRESSURES)
     errors = dict(zip(names, map(float, after), strict=True))

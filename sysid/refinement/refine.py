@@ -232,7 +232,7 @@ def _fit(
     for model in (before, after):
         try:
             runs = simulate_segments([(t, t.whole) for t in tests], model, (), position)
-        except (SimulationError, RuntimeError) as error:
+        except SimulationError as error:
             notices.append(f"errors of whole tests are not known: {error}")
             errors.append((np.full(3, math.nan), np.full(3, math.nan)))
             continue

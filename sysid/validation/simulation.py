@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sysid.errors import SimulationError
 from sysid.model.ports import Model
 from sysid.model.sensors import measured_channels, true_start
 from sysid.types import FloatArray
@@ -33,7 +34,7 @@ def simulate_segments(
     sensors show them, and so is the start state, which was measured: both go through the
     `measure` ports of the model's effects, which know the position by the name `position`.
     Effects count time from the test's start.
-    Raises RuntimeError where a simulation does not stay finite, instead of returning a number.
+    Raises SimulationError where a simulation does not stay finite, instead of returning a number.
     """
     from sysid.model.simulator import simulate
 
@@ -53,7 +54,8 @@ def simulate_segments(
             shown = measured_channels(run, position, models[i], inputs[i].elapsed)
             found[i] = np.array([shown[name] for name in (position, *CHAMBER_PRESSURES)])
             if not np.isfinite(found[i]).all():
-                raise RuntimeError(f"{segments[i][0].source}: the simulation does not stay finite")
+                why = "the simulation does not stay finite"
+                raise SimulationError(f"{segments[i][0].source}: {why}")
     return [found[i] for i in range(len(inputs))]
 
 

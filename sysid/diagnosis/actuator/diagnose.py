@@ -139,7 +139,7 @@ def _rmse(outside: HeldOut, model: Model) -> FloatArray:
     """RMSE (3,), NaN where the model's equations cannot be simulated."""
     try:
         return outside.rmse(model)
-    except (SimulationError, RuntimeError):
+    except SimulationError:
         return np.full(3, math.nan)
 
 
@@ -149,7 +149,7 @@ def _noise_floor(outside: HeldOut, found: Loop, seed: int) -> FloatArray:
         return np.full(3, math.nan)
     try:
         return outside.noise_floor(found.search.model, found.noise, found.scatter_after, seed)
-    except (SimulationError, RuntimeError):
+    except SimulationError:
         return np.full(3, math.nan)
 
 

@@ -312,7 +312,7 @@ def _simulates(simulation_error: Callable[[Model], float], before: Model, after:
     """Whether a model simulates the fitted motion logs no worse than without its last effect."""
     try:
         return simulation_error(after) <= simulation_error(before) + _TOLERATED_RISE
-    except (SimulationError, RuntimeError):
+    except SimulationError:
         return False
 
 

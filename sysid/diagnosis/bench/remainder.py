@@ -16,7 +16,7 @@ import numpy as np
 
 from sysid.diagnosis.bench.component import Component, Law
 from sysid.diagnosis.bench.selection import folds_of
-from sysid.types import FloatArray
+from sysid.types import FloatArray, IntArray
 
 # They hold the noise of what is predicted.
 _NOISY = ("motor", "acceleration")
@@ -80,12 +80,12 @@ _Table = tuple[FloatArray, FloatArray]
 
 def _table(
     component: Component, law: Law
-) -> tuple[tuple[str, ...], FloatArray, FloatArray, FloatArray]:
+) -> tuple[tuple[str, ...], FloatArray, FloatArray, IntArray]:
     """Names (k,) of the regressors, their values (n, k), residuals (n,), and whose test's (n,)."""
     every = range(len(component.tests))
     parts = component.residuals(law, every)
     columns = {n: v for n, v in component.regressors(every).items() if n not in _NOISY}
-    test = np.repeat(np.arange(len(parts)), [len(part) for part in parts]).astype(float)
+    test = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
     return tuple(columns), np.column_stack([*columns.values()]), np.concatenate(parts), test
 
 
