@@ -74,6 +74,7 @@ def estimate(
     own scatter; with `robust` by their own size still.
     """
     point, evaluations = point or problem.first_point(), 0
+    seen, done = np.full(problem.tests, np.nan), np.zeros(problem.tests, dtype=bool)
     for number in range(_ROUNDS):
         progress(f"round {number + 1}: {len(problem.runs)} segments at once")
         solution = solve(problem, point, _ROUND_EVALUATIONS, _ROUGHLY)
@@ -82,13 +83,19 @@ def estimate(
         open_tests = np.array(
             [not all(follows[i] for i in problem.members(t)) for t in range(problem.tests)]
         )
+        open_tests &= ~done
         if not open_tests.any() or number == _ROUNDS - 1:
             break
         progress(f"round {number + 1}: breakaway of {int(open_tests.sum())} tests")
-        moved = scanned(problem, solution.point, open_tests, far=number == 0)
-        if np.abs(moved.friction - solution.point.friction).max() < _SAME:
+        far = number == 0 and not problem.knows_static
+        point = scanned(problem, solution.point, open_tests, far=far)
+        static = np.where(open_tests, point.friction[:, 1], seen)
+        change = np.abs(static - solution.point.friction[:, 1])
+        # A descent may leave what a scan found, and the next scan find it again.
+        done |= open_tests & ((np.abs(static - seen) < _SAME) | (change < _SAME))
+        seen = static
+        if not (open_tests & ~done).any():
             break
-        point = moved
     final, start, left_out, scatter = _final(problem, solution, follows, scatter, robust)
     progress("the errors as they are")
     solution = solve(final, start, _FINAL_EVALUATIONS, _CLOSELY, first_step=_UNDAMPED)

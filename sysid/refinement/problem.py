@@ -259,6 +259,12 @@ class Problem:
         """Which of the unknowns is static friction."""
         return next((i for i, u in enumerate(self.unknowns) if u.direction == _STATIC), None)
 
+    @property
+    def knows_static(self) -> bool:
+        """Whether static friction is fixed, or the bench tests say what it is."""
+        number = self.static_number
+        return number is None or self.unknowns[number].prior_std > 0.0
+
     def prior_cost(self, point: Iterate) -> float:
         """Of the unknowns about the bench tests, and of the tests' friction about the model's."""
         misfit = self.prior(point.shared)[:, -1]

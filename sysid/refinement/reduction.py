@@ -24,6 +24,8 @@ _LEAST_COLUMN = 1e-6
 # Below this slope (errors per unit of scatter) a test's static friction moves by a scan only.
 _INFORMED = 5.0
 _NOTHING = 1e-12
+# A run that alone says something leaves nothing of it without it.
+_LEAST_LEFT = 1e-6
 
 
 @dataclass(frozen=True)
@@ -33,8 +35,8 @@ class ReducedEquations:
     ||r + jacobian dz||^2 is the cost after their step dz, with each start at its best; `r`
     (m + 1,), `jacobian` (m + 1, m). `heads` (runs, 4, k + 1) give the starts' steps. `cost` is all
     of it at the point. Tests that are `held` (tests,) have static friction without a slope; it
-    does not step. `scores` (runs, m) is each run's share of the gradient, `prior` (n, m) the
-    prior's rows.
+    does not step. `own` are the rows (k, m + 1) of each run that counts, `prior` (n, m) the
+    prior's.
     """
 
     point: Iterate
@@ -44,13 +46,17 @@ class ReducedEquations:
     heads: FloatArray
     cost: float
     held: BoolArray
-    scores: FloatArray
+    own: tuple[FloatArray, ...]
     prior: FloatArray
 
     def shared_step(self) -> FloatArray:
-        """The undamped step of each shared unknown (p,), in standard errors."""
+        """The undamped step of each shared unknown (p,), in standard errors by the runs' own
+        gradients (White 1982).
+        """
         step = -np.linalg.lstsq(self.jacobian, self.r, rcond=None)[0]
-        std = np.sqrt(np.diag(self.error_covariance()))
+        inverse = self.covariance()
+        spread = [rows[:, -1] @ rows[:, :-1] @ inverse for rows in self.own]
+        std = np.sqrt(np.diag(self._enlarged(inverse, spread)))
         known = std > _NOTHING
         return np.abs(np.where(known, step / np.where(known, std, 1.0), 0.0))[
             : len(self.point.shared)
@@ -62,17 +68,23 @@ class ReducedEquations:
         return np.asarray(inverse @ inverse.T)
 
     def error_covariance(self) -> FloatArray:
-        """The same, no smaller than the spread of the runs' own gradients says (White 1982).
+        """The same, no smaller than leaving out one run after the other says.
 
-        A run whose errors are larger, or more alike, than the whitening says counts as it is. The
-        correlations are those of the information.
+        A run whose errors are larger, or more alike, than the whitening says counts as it is: the
+        jackknife over runs, linearised (Bell, McCaffrey 2002), as one run may hold most of what is
+        known of a parameter. The correlations are those of the information.
         """
         inverse = self.covariance()
-        count = len(self.scores)
-        spread = self.scores.T @ self.scores * (count / max(count - 1, 1))
-        sandwich = np.diag(inverse @ (spread + self.prior.T @ self.prior) @ inverse)
+        return self._enlarged(inverse, [_step_without(rows, inverse) for rows in self.own])
+
+    def _enlarged(self, inverse: FloatArray, steps: Sequence[FloatArray]) -> FloatArray:
+        """A covariance (m, m), no smaller than what steps (m,) of the runs add up to."""
+        count = len(steps)
+        found = np.sum(np.square([*steps, np.zeros(len(inverse))]), axis=0)
+        found *= (count - 1) / max(count, 1)
+        found += np.sum((self.prior @ inverse) ** 2, axis=0)
         known = np.maximum(np.diag(inverse), np.finfo(float).tiny)
-        larger = np.sqrt(np.maximum(sandwich / known, 1.0))
+        larger = np.sqrt(np.maximum(found / known, 1.0))
         return np.asarray(inverse * np.outer(larger, larger))
 
     def moved(self, problem: Problem, step: FloatArray, counted: BoolArray) -> Iterate:
@@ -103,6 +115,15 @@ class ReducedEquations:
         return found
 
 
+def _step_without(rows: FloatArray, inverse: FloatArray) -> FloatArray:
+    """Step (m,) of the reduced unknowns where a run's rows (k, m + 1) are left out."""
+    slopes, residual = rows[:, :-1], rows[:, -1]
+    influence = slopes @ inverse
+    left, vectors = np.linalg.eigh(np.eye(len(rows)) - influence @ slopes.T)
+    scaled = (vectors.T @ residual) / np.maximum(left, _LEAST_LEFT)
+    return np.asarray((vectors @ scaled) @ influence)
+
+
 def _parts(problem: Problem, values: FloatArray) -> tuple[FloatArray, FloatArray]:
     p = len(problem.unknowns)
     return values[:p], values[p:].reshape(-1, 2)
@@ -120,15 +141,11 @@ def reduced(
     m = p + 2 * tests
     heads = np.empty((len(runs), _S, runs[0].factor.shape[1]))
     tails: list[list[FloatArray]] = [[] for _ in range(tests)]
-    scores = np.zeros((len(runs), m))
     for i, (linearised, run) in enumerate(zip(runs, problem.runs, strict=True)):
         own = _damped(linearised.factor, float(damping[i]))
         heads[i] = own[:_S]
         if counted[i]:
             tails[run.test].append(own[_S:, _S:])
-            score = own[_S:, _S:-1].T @ own[_S:, -1]
-            scores[i, p + 2 * run.test : p + 2 * run.test + 2] = score[:2]
-            scores[i, :p] = score[2:]
     rows, held = [], np.zeros(tests, dtype=bool)
     for test, own_tails in enumerate(tails):
         if not own_tails:
@@ -136,12 +153,11 @@ def reduced(
         factor = triangular(own_tails)
         if np.linalg.norm(factor[:, 1]) < _INFORMED:
             held[test], factor[:, 1] = True, 0.0
-        wide = np.zeros((len(factor), m + 1))
-        wide[:, p + 2 * test : p + 2 * test + 2] = factor[:, :2]
-        wide[:, :p], wide[:, -1] = factor[:, 2:-1], factor[:, -1]
-        rows.append(wide)
+        rows.append(_wide(factor, test, p, m))
+    alone = [_wide(own, test, p, m) for test, many in enumerate(tails) for own in many]
+    for own in alone:
+        own[:, p + 1 + 2 * np.flatnonzero(held)] = 0.0
     prior = _prior_rows(problem, point, held)
-    scores[:, p + 1 + 2 * np.flatnonzero(held)] = 0.0
     rows.append(prior)
     factor = triangular(rows)
     cost = problem.prior_cost(point) + sum(
@@ -151,8 +167,16 @@ def reduced(
     # What no step can lower counts in the comparison of two points all the same.
     r[-1] = math.sqrt(max(cost - float(r[:-1] @ r[:-1]), 0.0))
     return ReducedEquations(
-        point, tuple(runs), r, jacobian, heads, cost, held, scores, prior[:, :-1]
+        point, tuple(runs), r, jacobian, heads, cost, held, tuple(alone), prior[:, :-1]
     )
+
+
+def _wide(tail: FloatArray, test: int, p: int, m: int) -> FloatArray:
+    """Rows (k, m + 1) over all reduced unknowns of a test's, over its friction and the shared."""
+    wide = np.zeros((len(tail), m + 1))
+    wide[:, p + 2 * test : p + 2 * test + 2] = tail[:, :2]
+    wide[:, :p], wide[:, -1] = tail[:, 2:-1], tail[:, -1]
+    return wide
 
 
 def _damped(factor: FloatArray, damping: float) -> FloatArray:
