@@ -219,3 +219,22 @@ def test_a_channel_without_noise_is_not_known_exactly(
         Iterate(problem.first_point().shared, np.zeros((1, 2)), np.zeros((1, 4)))
     )
     assert np.isfinite(one.factor).all()
+
+
+def test_errors_are_those_of_leaving_out_a_run(found: Estimated) -> None:
+    """The jackknife's steps are what the equations without a run's rows give."""
+    at = found.solution.at
+    everything = np.vstack([*at.own, np.column_stack([at.prior, np.zeros(len(at.prior))])])
+    free = ~np.all(everything[:, :-1] == 0.0, axis=0)
+    steps = []
+    for i in range(len(at.own)):
+        rest = [rows for j, rows in enumerate(at.own) if j != i]
+        slopes = np.vstack([*rest, np.column_stack([at.prior, np.zeros(len(at.prior))])])
+        score = -at.own[i][:, :-1].T @ at.own[i][:, -1]  # what the others' gradient is at the end
+        information = slopes[:, :-1].T @ slopes[:, :-1]
+        steps.append(np.linalg.lstsq(information, -score, rcond=None)[0])
+    count = len(steps)
+    spread = np.sum(np.square(steps), axis=0) * (count - 1) / count
+    spread += np.sum((at.prior @ at.covariance()) ** 2, axis=0)
+    expected = np.maximum(spread, np.diag(at.covariance()))
+    assert np.diag(at.error_covariance())[free] == pytest.approx(expected[free], rel=1e-3)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from sysid.bundle.base import Lenient, Number, Part
+from sysid.bundle.base import Absent, Lenient, Number, Part
 from sysid.estimation.linear import Estimate
 
 
@@ -54,16 +54,17 @@ FiguresByUse = dict[str, dict[str, BeforeAndAfter]]
 class Refinement(Part):
     """The record of `sysid refine`.
 
-    `evaluations` simulations of `segments` stretches of motion, without those that the model does
-    not follow; `correlation` of the parameters' errors in their order; `rmse` of whole tests
-    simulated open loop, in the channel's unit, and the residual's autocorrelation from one
-    sample to the next.
+    `evaluations` simulations of `segments` stretches of motion, up to `longest_segment_s`, without
+    those that the model does not follow; `correlation` of the parameters' errors in their order;
+    `rmse` of whole tests simulated open loop, in the channel's unit, and the residual's
+    autocorrelation from one sample to the next.
     """
 
     converged: Lenient[bool | None] = None
     evaluations: Lenient[int | None] = None
     segments: Lenient[int | None] = None
     segments_left_out: Lenient[int | None] = None
+    longest_segment_s: Absent[Lenient[Number | None]] = None
     friction_scatter: Lenient[ScatterOfFriction | None] = None
     parameters: Lenient[list[RefinedValue]] = Field(default_factory=list)
     profiles: Lenient[dict[str, ProfileRecord]] = Field(default_factory=dict)

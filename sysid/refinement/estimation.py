@@ -31,6 +31,7 @@ _MOST_ORDER = 4
 # An encoder resolves more than a simulation in steps of 1 ms does (`benchmarks/simulation.py`).
 _FINE_STEP = 5e-4
 _LEAST_SCATTER = 1e-3
+_FEW_RUNS = 20
 
 
 @dataclass(frozen=True)
@@ -50,13 +51,25 @@ class FrictionScatter:
 
 @dataclass(frozen=True)
 class Estimated:
-    """The last problem and its solution, the runs that the model does not follow, the scatter."""
+    """The last problem and its solution, the runs that the model does not follow, the scatter.
+
+    `shorter`: the estimate from the runs before they were joined.
+    """
 
     problem: Problem
     solution: Solution
     left_out: tuple[Run, ...]
     scatter: FrictionScatter
     evaluations: int
+    shorter: Estimated | None = None
+
+    def error_covariance(self) -> FloatArray:
+        """Of the errors of the reduced unknowns (m, m); few runs say little of their own scatter,
+        and then it is that of the `shorter` runs, whose estimate is no better.
+        """
+        few = self.shorter is not None and len(self.problem.runs) < _FEW_RUNS
+        found = self.shorter.solution if few and self.shorter else self.solution
+        return found.at.error_covariance()
 
 
 def estimate(

@@ -1,7 +1,8 @@
 """The parameters of the assembled model estimated together, by the error of its simulation.
 
 Bock's multiple shooting (Bock, Plitt 1984; Schittkowski 2002): the motion tests are cut into
-segments, each with its own start state, so that a wrong parameter does not add up over a test.
+segments, each with its own start state, so that a wrong parameter does not add up over a test;
+where the model follows them, they are joined, up to whole tests (`lengthening`).
 The errors are those of the sensors as they are: noise, quantisation, and what is left of the
 residual's correlation. Friction differs from test to test; each test has its own, about the
 model's, as a random effect. What the bench tests said is the prior.
@@ -15,6 +16,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from sysid.bundle import Bundle
 from sysid.bundle.assembled_model import assumed_friction, friction_keys
@@ -27,6 +29,7 @@ from sysid.model.effects.entry import Catalogue
 from sysid.model.ports import Model, has_discrete_law
 from sysid.refinement.declared import contradictions
 from sysid.refinement.estimation import Estimated, FrictionScatter, estimate
+from sysid.refinement.lengthening import lengthened
 from sysid.refinement.problem import Problem
 from sysid.refinement.profiles import Profile
 from sysid.refinement.profiles import profile as profile_of
@@ -104,7 +107,10 @@ def refine(
     white = tuple(tuple(Whitening.white(float(n)) for n in run.noise) for run in runs)
     problem = Problem(tuple(runs), unknowns, model, position, white, scatter.pair, len(tests))
     progress(f"estimating {len(unknowns)} parameters on {len(runs)} segments")
-    found = estimate(problem, scatter, robust=robust, progress=progress)
+    with threadpool_limits(1, user_api="blas"):
+        # Small matrices: more threads only wait for each other.
+        found = estimate(problem, scatter, robust=robust, progress=progress)
+        found = lengthened(found, tests, progress)
     if found.left_out:
         notices.append(_left_out_notice(found.left_out))
     if not found.solution.converged:
@@ -133,6 +139,7 @@ def refine(
         converged=found.solution.converged,
         segments=len(found.problem.runs),
         left_out=len(found.left_out),
+        longest=max(float(np.ptp(run.inputs.time)) for run in found.problem.runs),
         profiles=profiles,
         bundle=bundle,
     )
@@ -191,7 +198,7 @@ def _parameters(found: Estimated) -> tuple[tuple[RefinedParameter, ...], FloatAr
     """The unknowns with their estimates, and the correlation of their errors (p, p)."""
     solution, unknowns = found.solution, found.problem.unknowns
     p = len(unknowns)
-    covariance = solution.at.error_covariance()[:p, :p]
+    covariance = found.error_covariance()[:p, :p]
     std = np.sqrt(np.diag(covariance))
     parameters = []
     for i, unknown in enumerate(unknowns):
@@ -215,7 +222,7 @@ def _parameters(found: Estimated) -> tuple[tuple[RefinedParameter, ...], FloatAr
 
 
 def _profiles(found: Estimated, names: Iterable[str], progress: Progress) -> dict[str, Profile]:
-    std = np.sqrt(np.diag(found.solution.at.error_covariance()))
+    std = np.sqrt(np.diag(found.error_covariance()))
     profiles = {}
     for number in numbers_of(found.problem.unknowns, names):
         name = found.problem.unknowns[number].name

@@ -71,8 +71,8 @@ class RefineResult(Shown):
 
     `correlation` (p, p) of the parameters' errors, in their order; `fits` by use ("fit",
     "holdout"); `scatter` relative standard deviation of sliding and static friction from test
-    to test; `evaluations` of the simulation with its derivatives; `profiles` by parameter, as
-    asked.
+    to test; `longest` segment, s; `evaluations` of the simulation with its derivatives;
+    `profiles` by parameter, as asked.
     """
 
     parameters: tuple[RefinedParameter, ...]
@@ -84,6 +84,7 @@ class RefineResult(Shown):
     converged: bool
     segments: int
     left_out: int
+    longest: float
     bundle: Bundle
     profiles: Mapping[str, Profile] = field(default_factory=dict)
     notices: tuple[str, ...] = ()
@@ -91,8 +92,8 @@ class RefineResult(Shown):
     def headline(self) -> str:
         state = "converged" if self.converged else "not converged"
         return (
-            f"{len(self.parameters)} parameters from {self.segments} segments of motion, {state} "
-            f"after {self.evaluations} simulations"
+            f"{len(self.parameters)} parameters from {self.segments} segments of motion (up to "
+            f"{self.longest:.1f} s), {state} after {self.evaluations} simulations"
         )
 
     def records(self) -> Sequence[Mapping[str, Any]]:
@@ -157,6 +158,7 @@ class RefineResult(Shown):
             "evaluations": self.evaluations,
             "segments": self.segments,
             "segments_left_out": self.left_out,
+            "longest_segment_s": self.longest,
             "friction_scatter": {"sliding": self.scatter[0], "static": self.scatter[1]},
             "parameters": [p.to_json() for p in self.parameters],
             "profiles": {

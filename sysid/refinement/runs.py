@@ -63,17 +63,19 @@ class Run:
 
 def runs_of(number: int, test: MotionTest, model: Model, position: str) -> list[Run]:
     """A test's segments as runs; the whole test where it has none."""
-    found = []
-    for segment in test.segments or (test.whole,):
-        rows = test.counted(segment)
-        if segment.settled and rows >= LEAST_ROWS:
-            cut = dataclasses.replace(segment, stop=segment.start + rows)
-            found.append(_run(number, test, cut, model, position))
-    return found
+    return [
+        run_of(number, test, segment, model, position)
+        for segment in test.segments or (test.whole,)
+        if segment.settled and test.counted(segment) >= LEAST_ROWS
+    ]
 
 
-def _run(number: int, test: MotionTest, segment: Segment, model: Model, position: str) -> Run:
-    inputs = true_start(inputs_of(test, segment), position, model)
+def run_of(number: int, test: MotionTest, segment: Segment, model: Model, position: str) -> Run:
+    """The rows of a segment that count, as a run."""
+    rows = test.counted(segment)
+    inputs = true_start(
+        inputs_of(test, dataclasses.replace(segment, stop=segment.start + rows)), position, model
+    )
     atmosphere = float(model.parameters.atmosphere)
     unknown: dict[str, Any] = {n: atmosphere for n in STATES[2:] if getattr(inputs, n) is None}
     moves = np.array([True, segment.state.values[1] != 0.0, True, True])
@@ -82,10 +84,10 @@ def _run(number: int, test: MotionTest, segment: Segment, model: Model, position
         test=number,
         name=f"{PurePath(test.source).name} at {inputs.elapsed:.1f} s",
         inputs=dataclasses.replace(inputs, **unknown),
-        measured=test.measured[:, segment.start : segment.stop],
+        measured=test.measured[:, segment.start : segment.start + rows],
         start_std=np.where(moves & (std > _KNOWN), _START_PRIOR * std, std),
         noise=np.maximum(test.noise.total, _LEAST_NOISE),
     )
 
 
-__all__ = ["LEAST_ROWS", "STATES", "Run", "runs_of"]
+__all__ = ["LEAST_ROWS", "STATES", "Run", "run_of", "runs_of"]

@@ -105,6 +105,8 @@ def _intro(refinement: Refinement, values: list[RefinedValue]) -> tuple[str, ...
     said = f"{len(values)} parameters were estimated together, by the error of simulation"
     if segments is not None:
         said += f" over {segments:.0f} segments of the training motion tests"
+        longest = read_number(refinement.longest_segment_s)
+        said += "" if longest is None else f", the longest of {longest:.2g} s"
     lines = [f"{said}. {_state(refinement)}".strip(), _informed(values)]
     scatter = refinement.friction_scatter
     if isinstance(scatter, ScatterOfFriction):

@@ -1,0 +1,190 @@
+"""Longer segments, then whole tests, where the model follows them: the last step of a refinement.
+
+A longer run tells more of what acts slowly, and is what a user simulates; but what the model
+lacks adds up in it. So the data choose: segments are joined, at last to whole tests (single
+shooting). What the model does not follow in one stays apart, and the longer runs count where the
+estimation converges and no parameter moves by more than its standard error allows (Hausman 1978: a
+right model gives the same numbers at both lengths).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Container, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.parallel import OutOfTimeError
+from sysid.refinement.estimation import Estimated, followed, whitening_of
+from sysid.refinement.problem import Iterate, Problem
+from sysid.refinement.reduction import reduced
+from sysid.refinement.runs import run_of
+from sysid.refinement.solver import Solution, solve
+from sysid.types import BoolArray, Progress, no_progress
+from sysid.validation.motion_tests import MotionTest, Segment
+
+# So many segments are joined; 0: all of a test, which then starts at rest in its first row.
+_JOINED = (3, 0)
+# Runs that the model does not follow in one stay as they were, and the others are tried again.
+_TRIES = 4
+_EVALUATIONS, _CLOSELY, _UNDAMPED = 15, 0.05, 1e6
+# In standard errors of the shorter runs' estimate, of which the data are the same.
+_MOST_MOVED = 3.0
+_NO_INFORMATION = 1e-12
+# Neighbours start at most this share of a run's length after the end of the one before.
+_GAP = 0.5
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """Rows of a test as one run, and the present runs (numbers) that lie in it."""
+
+    test: int
+    segment: Segment
+    members: tuple[int, ...]
+
+    @property
+    def key(self) -> tuple[int, int, int]:
+        return self.test, self.segment.start, self.segment.stop
+
+
+def lengthened(
+    found: Estimated, tests: Sequence[MotionTest], progress: Progress = no_progress
+) -> Estimated:
+    """The estimate from the longest runs of these tests that the data allow."""
+    for joined in _JOINED:
+        progress(f"{joined} segments as one" if joined else "whole tests")
+        try:
+            longer = _longer(found, tests, joined)
+        except OutOfTimeError:
+            break  # what the shorter runs gave is whole
+        if longer is None:
+            break
+        found = longer
+    return found
+
+
+def _longer(found: Estimated, tests: Sequence[MotionTest], joined: int) -> Estimated | None:
+    """The estimate from joined segments; None where the data are against it."""
+    apart: set[tuple[int, int, int]] = set()
+    for _ in range(_TRIES):
+        pieces = _pieces(found.problem, tests, joined, apart)
+        if len(pieces) == len(found.problem.runs):
+            return None
+        problem, point = _problem_of(found, tests, pieces)
+        follows, residuals = _at_once(problem, point)
+        broken = _broken(pieces, follows)
+        if not broken:
+            white = whitening_of(problem.runs, residuals)
+            problem = dataclasses.replace(problem, whitening=(white,) * len(pieces))
+            solution = solve(problem, point, _EVALUATIONS, _CLOSELY, first_step=_UNDAMPED)
+            follows = solution.counted & followed(problem, solution.at, solution.counted)
+            broken = _broken(pieces, follows)
+            if not broken:
+                return _accepted(found, problem, solution)
+        apart |= broken
+    return None
+
+
+def _broken(pieces: Sequence[_Piece], follows: BoolArray) -> set[tuple[int, int, int]]:
+    """The joined pieces that the model does not follow."""
+    pairs = zip(pieces, follows, strict=True)
+    return {piece.key for piece, f in pairs if not f and len(piece.members) > 1}
+
+
+def _accepted(found: Estimated, problem: Problem, solution: Solution) -> Estimated | None:
+    """The longer runs' estimate if it converged and does not contradict the shorter runs'."""
+    p = len(problem.unknowns)
+    std = np.sqrt(np.diag(found.error_covariance())[:p])
+    change = np.abs(solution.point.shared - found.solution.point.shared)
+    known = std > _NO_INFORMATION
+    if not solution.converged or np.any(change[known] > _MOST_MOVED * std[known]):
+        return None
+    evaluations = found.evaluations + solution.evaluations + 1
+    return dataclasses.replace(
+        found,
+        problem=problem,
+        solution=solution,
+        evaluations=evaluations,
+        shorter=found.shorter or found,
+    )
+
+
+def _at_once(problem: Problem, point: Iterate) -> tuple[BoolArray, list[np.ndarray]]:
+    """Whether the model follows each run from the point, and the residuals (3, n) there."""
+    runs = problem.linearised(point)
+    every = np.ones(len(runs), dtype=bool)
+    at = reduced(problem, point, runs, np.zeros(len(runs)), every)
+    return followed(problem, at, every), [run.errors.residual for run in runs]
+
+
+def _problem_of(
+    found: Estimated, tests: Sequence[MotionTest], pieces: Sequence[_Piece]
+) -> tuple[Problem, Iterate]:
+    """The problem of these runs and its point: each starts as its first member did."""
+    old, point = found.problem, found.solution.point
+    runs, starts = [], np.array([point.starts[piece.members[0]] for piece in pieces])
+    for i, piece in enumerate(pieces):
+        if len(piece.members) == 1:
+            runs.append(old.runs[piece.members[0]])
+            continue
+        own = run_of(piece.test, tests[piece.test], piece.segment, old.model, old.position)
+        runs.append(own)
+        if own.inputs.elapsed < old.runs[piece.members[0]].inputs.elapsed:
+            starts[i] = 0.0  # the test's first row: a start of its own
+    longer = dataclasses.replace(old, runs=tuple(runs), whitening=(old.whitening[0],) * len(runs))
+    return longer, Iterate(point.shared, point.friction, starts)
+
+
+def _pieces(
+    problem: Problem,
+    tests: Sequence[MotionTest],
+    joined: int,
+    apart: Container[tuple[int, int, int]],
+) -> list[_Piece]:
+    """The present runs, neighbours as one but where that is in `apart`."""
+    found = []
+    for number, test in enumerate(tests):
+        for group in _neighbours(_present(problem, number, test), joined):
+            piece = _as_one(group, test, whole=not joined)
+            found += group if piece.key in apart else [piece]
+    return found
+
+
+def _present(problem: Problem, number: int, test: MotionTest) -> list[_Piece]:
+    """A test's runs in the order of time."""
+    found = []
+    for i in problem.members(number):
+        run = problem.runs[i]
+        start = int(np.argmin(np.abs(test.time - test.time[0] - run.inputs.elapsed)))
+        same = [s for s in (*test.segments, test.whole) if s.start == start]
+        segment = dataclasses.replace(same[0], stop=start + len(run.inputs.time))
+        found.append(_Piece(number, segment, (i,)))
+    return sorted(found, key=lambda piece: piece.segment.start)
+
+
+def _neighbours(pieces: Sequence[_Piece], joined: int) -> list[list[_Piece]]:
+    """Pieces that follow one another, up to `joined` of them; 0: all."""
+    groups: list[list[_Piece]] = []
+    for piece in pieces:
+        last = groups[-1][-1].segment if groups else None
+        near = last and piece.segment.start - last.stop < _GAP * (last.stop - last.start)
+        if near and not (joined and len(groups[-1]) == joined):
+            groups[-1].append(piece)
+        else:
+            groups.append([piece])
+    return groups
+
+
+def _as_one(group: Sequence[_Piece], test: MotionTest, *, whole: bool) -> _Piece:
+    """A group as one piece; with `whole` all of the test, where it is all that was cut of it."""
+    first, last = group[0].segment, group[-1].segment
+    segment = dataclasses.replace(first, stop=last.stop)
+    cut = [s for s in test.segments if s.settled]
+    if whole and cut and first.start == cut[0].start and last.stop >= cut[-1].start:
+        segment = test.whole
+    return _Piece(group[0].test, segment, tuple(m for piece in group for m in piece.members))
+
+
+__all__ = ["lengthened"]
