@@ -309,4 +309,5 @@ def _result(
             for i, p in enumerate(pieces)
         ),
         quality=judged,
+        joint=curves.joint,
     )

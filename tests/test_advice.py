@@ -16,6 +16,7 @@ from datasets.generator.rigs import rig_toml
 from sysid.bundle import Bundle, Parts, write_bundle
 from sysid.bundle.effects import entry_of
 from sysid.bundle.friction import Friction
+from sysid.bundle.refinement import Refinement
 from sysid.bundle.valves import FittedValves
 from sysid.commands.app import main
 from sysid.errors import InputError, NotIdentifiedError
@@ -201,7 +202,7 @@ def test_without_motion_logs_the_rig_file_must_declare_the_noise(
 def test_a_refined_bundle_counts_its_motion_logs_once(
     campaign: Campaign, bundle: Bundle, advice: AdviceResult
 ) -> None:
-    refined = bundle.replaced(refinement={"converged": True})
+    refined = bundle.replaced(refinement=Refinement(converged=True))
     found = advise(campaign, refined, threshold=4.0, catalogue={})
     assert any("not counted again" in line for line in found.notices)
     assert (found.now > 2.0 * advice.now).any()

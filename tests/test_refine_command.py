@@ -1,7 +1,8 @@
 """`sysid refine` and the stage of `sysid run`: what is estimated, written, said and refused.
 
 Two tests by motor of a generated rig without scatter; the bundle holds the true parameters, each
-with a standard error of 1 %, and the rig file an inertia that is 3 % too large.
+with a standard error of 1 % and correlated with others of its part, and the rig file an inertia
+that is 3 % too large.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from datasets.generator.campaign import Size, make_campaign
@@ -92,13 +94,23 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
 
 
 def true_bundle(truth: dict[str, Any], campaign: Path) -> Bundle:
-    friction = {name: known(name, value) for name, value in truth["friction"].items()}
+    friction: dict[str, Any] = {n: known(n, value) for n, value in truth["friction"].items()}
+    friction["correlation"] = correlation("coulomb_nm", "viscous_nm_s_per_rad")
     valves = {
-        side: {"discrete": {name: known(name, value) for name, value in law.items()}}
+        side: {
+            "discrete": {
+                **{name: known(name, value) for name, value in law.items()},
+                "correlation": correlation("choked_flow_fill_kg_s", "c_fill"),
+            }
+        }
         for side, law in truth["valves"].items()
     }
     parts = Parts(Friction.model_validate(friction), FittedValves.model_validate(valves))
     return Bundle.new(read_campaign(campaign).rig, parts, [])
+
+
+def correlation(first: str, second: str) -> dict[str, Any]:
+    return {"names": [first, second], "matrix": [[1.0, -0.8], [-0.8, 1.0]]}
 
 
 def known(name: str, value: float) -> Estimate:
@@ -181,6 +193,24 @@ def test_the_bundle_holds_the_record_and_the_new_numbers(
         ("motion_motor.csv", "fit"),
         ("motion_motor_2.csv", "holdout"),
     }
+
+
+def test_friction_comes_with_the_correlation_of_its_new_errors(
+    refined: tuple[Outcome, Path], content: dict[str, Any]
+) -> None:
+    """Not with the bench tests', which the valves, kept as they were, still have."""
+    bundle = read_bundle(refined[1])
+    assert bundle.friction is not None and bundle.friction.correlation is not None
+    names = bundle.friction.correlation.names
+    assert names == ["static_nm", "coulomb_nm", "viscous_nm_s_per_rad"]
+    places = [list(by_name(content)).index(f"friction.{name}") for name in names]
+    whole = np.array(content["correlation"])[np.ix_(places, places)]
+    assert bundle.friction.correlation.array() == pytest.approx(whole, abs=1e-6)
+    assert whole[1, 2] != pytest.approx(-0.8, abs=1e-3)
+    for side in "ab":
+        law = bundle.valve(side).discrete
+        assert law is not None and law.correlation is not None
+        assert law.correlation.array()[0, 1] == -0.8
 
 
 def test_a_change_of_parts_drops_the_record(made: Made, refined: tuple[Outcome, Path]) -> None:

@@ -8,6 +8,7 @@ describes; `files` reads and writes it, `schema` generates its JSON schema from 
 from sysid.bundle.base import Unread
 from sysid.bundle.bundle import Bundle
 from sysid.bundle.content import Parts
+from sysid.bundle.correlation import Correlation
 from sysid.bundle.effects import EffectEntry, HeldOutError
 from sysid.bundle.files import bundle_text, read_bundle, write_bundle
 from sysid.bundle.friction import Friction
@@ -18,6 +19,7 @@ from sysid.bundle.valves import DiscreteLaw, FittedValves, PwmSurfaces, Surface,
 
 __all__ = [
     "Bundle",
+    "Correlation",
     "DiscreteLaw",
     "EffectEntry",
     "FittedValves",

@@ -90,7 +90,7 @@ def bundle_from_json(content: Any, path: Path) -> Bundle:
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         place = ".".join(str(part) for part in first["loc"])
-        raise _unusable(path, place, first["msg"]) from None
+        raise _unusable(path, place, first["msg"].removeprefix("Value error, ")) from None
 
 
 class _NotFiniteError(ValueError):

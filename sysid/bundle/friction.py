@@ -5,6 +5,7 @@ from __future__ import annotations
 from pydantic import ConfigDict, Field, JsonValue
 
 from sysid.bundle.base import Absent, Lenient, Number, Part
+from sysid.bundle.correlation import CorrelatedPart
 from sysid.bundle.quality import QualityByName
 from sysid.estimation.linear import Estimate
 
@@ -62,13 +63,13 @@ class CombinationRecord(Part):
         return Estimate.from_json(self.to_json())
 
 
-class Friction(Part):
+class Friction(CorrelatedPart):
     """Static, Coulomb and viscous friction (thesis 3.4.1), in Nm and rad or in N and m.
 
     `source` is the kind of test that gave Coulomb and viscous friction, `cross_check` the
     estimates of the other kind; `rmse_nm` (linear: `rmse_n`) and `quality` of each fit by kind
     of test; `trials` the outcome of each test; `combinations` the sums that are identified where
-    their parts are not.
+    their parts are not; `correlation` of the errors of what moving tests gave.
     """
 
     model_config = ConfigDict(

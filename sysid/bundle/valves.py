@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import ConfigDict, Field, JsonValue
 
 from sysid.bundle.base import Absent, Lenient, Number, Part, Unread
+from sysid.bundle.correlation import CorrelatedPart
 from sysid.bundle.quality import Quality, QualityByName
 from sysid.estimation.linear import Estimate
 
@@ -23,12 +24,13 @@ LAW_KEYS = {
 }
 
 
-class DiscreteLaw(Part):
+class DiscreteLaw(CorrelatedPart):
     """The on/off law of one valve (thesis 3.6.6, 3.6.10) with its delays.
 
     `c_fill` in kg/(s Pa^0.5), `c_dis` in kg/(s Pa). The critical ratios and the jumps at the
     choked boundaries are checks. `noise_pa`, `rmse_pa` and `fit_percent` refer to the curves,
-    `quality` to those of one direction ("fill", "discharge").
+    `quality` to those of one direction ("fill", "discharge"); `correlation` to the errors of
+    flows, coefficients and delays.
     """
 
     c_fill: Estimate

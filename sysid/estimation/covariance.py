@@ -1,9 +1,12 @@
-"""A covariance of estimates, and its degrees of freedom."""
+"""A covariance of estimates, its degrees of freedom, and the correlation that it says."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass
+
+import numpy as np
 
 from sysid.types import FloatArray
 
@@ -23,3 +26,47 @@ class Covariance:
         if not self.dof[index] > 0.0:
             return math.inf
         return math.sqrt(max(float(self.matrix[index, index]), 0.0))
+
+
+@dataclass(frozen=True)
+class JointCovariance:
+    """The covariance `matrix` (k, k) of the errors of k estimates, by name."""
+
+    names: tuple[str, ...]
+    matrix: FloatArray
+
+    def correlation(self, known: Collection[str]) -> tuple[tuple[str, ...], FloatArray]:
+        """Those of the names in `known` that have an error, and their correlation (m, m)."""
+        variances = np.diag(self.matrix)
+        places = [
+            i
+            for i, (name, variance) in enumerate(zip(self.names, variances, strict=True))
+            if name in known and 0.0 < variance < math.inf
+        ]
+        matrix = correlation_of(self.matrix[np.ix_(places, places)])
+        return tuple(self.names[i] for i in places), matrix
+
+
+def correlation_of(covariance: FloatArray) -> FloatArray:
+    """The correlation (k, k) of a covariance (k, k); 0 with what has no finite error."""
+    variances = np.diag(covariance)
+    known = (variances > 0.0) & np.isfinite(variances)
+    std = np.sqrt(np.where(known, variances, 1.0))
+    matrix = np.where(np.outer(known, known), covariance, 0.0) / np.outer(std, std)
+    matrix = np.clip(0.5 * (matrix + matrix.T), -1.0, 1.0)
+    np.fill_diagonal(matrix, 1.0)
+    return np.asarray(matrix)
+
+
+def shrunk(covariance: FloatArray, dof: float, towards: FloatArray | None = None) -> FloatArray:
+    """A covariance (k, k) that the scatter of few tests shows, its correlations shrunk.
+
+    Of `dof` + 1 tests, as if k + 1 further ones had shown the correlations of the covariance
+    `towards` (None: none), as an inverse Wishart prior does (Barnard, McCulloch, Meng 2000). Two
+    tests alone would say that two numbers are tied exactly.
+    """
+    k = len(covariance)
+    prior = np.eye(k) if towards is None else correlation_of(towards)
+    matrix = (dof * correlation_of(covariance) + (k + 1.0) * prior) / (dof + k + 1.0)
+    std = np.sqrt(np.diag(covariance))
+    return np.asarray(matrix * np.outer(std, std))

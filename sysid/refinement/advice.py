@@ -104,8 +104,8 @@ def advise(
 
 
 _REFINED = (
-    "{} is refined: its standard errors hold its motion logs, which are not counted again; how "
-    "its parameters' errors go together is not kept"
+    "{} is refined: its standard errors, with their correlation, hold its motion logs, which are "
+    "not counted again"
 )
 
 

@@ -17,6 +17,7 @@ from sysid.model.simulator import MAX_STEP
 from sysid.model.tangents import Direction, Tangents, simulate_tangents
 from sysid.parallel import check_time
 from sysid.refinement.factors import triangular
+from sysid.refinement.prior import prior_factor
 from sysid.refinement.runs import STATES, Run
 from sysid.refinement.unknowns import Unknown, model_at
 from sysid.refinement.whitening import Whitening
@@ -271,17 +272,20 @@ class Problem:
         return float(misfit @ misfit + np.sum(self.friction_misfit(point) ** 2))
 
     def prior(self, shared: FloatArray) -> FloatArray:
-        """Rows (p, p + 1) of the unknowns' priors and their misfit; zero without one."""
-        p = len(self.unknowns)
-        rows = np.zeros((p, p + 1))
+        """Rows (p, p + 1) of the unknowns' joint prior and their misfit; zero without one."""
+        starts = np.array([u.start for u in self.unknowns])
+        factor = self._prior_factor
+        rows = np.column_stack([factor, factor @ (shared - starts)])
         for i, unknown in enumerate(self.unknowns):
-            std = unknown.prior_std
             if unknown.held_at is not None:
+                rows[i] = 0.0
                 rows[i, i] = 1.0 / _HELD
                 rows[i, -1] = (shared[i] - unknown.held_at) / _HELD
-            elif std > 0.0:
-                rows[i, i], rows[i, -1] = 1.0 / std, (shared[i] - unknown.start) / std
         return rows
+
+    @functools.cached_property
+    def _prior_factor(self) -> FloatArray:
+        return prior_factor(self.unknowns)
 
 
 def _sensor_moved(model: Model, direction: Direction, step: float) -> tuple[float, Model]:

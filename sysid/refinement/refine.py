@@ -5,7 +5,8 @@ segments, each with its own start state, so that a wrong parameter does not add 
 where the model follows them, they are joined, up to whole tests (`lengthening`).
 The errors are those of the sensors as they are: noise, quantisation, and what is left of the
 residual's correlation. Friction differs from test to test; each test has its own, about the
-model's, as a random effect. What the bench tests said is the prior.
+model's, as a random effect. What the bench tests said is the prior, with the covariance of each
+part's errors.
 """
 
 from __future__ import annotations

@@ -2,19 +2,21 @@
 
 An unknown is estimated in a coordinate without bounds: a positive one by its logarithm, one
 between two bounds by its logit, any other on a scale of its own. What the bench tests say of it
-is its prior, there with the standard error of the bundle.
+is its prior, there with the standard error of the bundle, and with the correlations that the
+bundle keeps (`sysid.refinement.prior`).
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from sysid.bundle import Bundle
 from sysid.bundle.assembled_model import friction_keys
+from sysid.bundle.correlation import CorrelatedPart
 from sysid.bundle.valves import LAW_KEYS
 from sysid.errors import input_error
 from sysid.estimation.linear import Estimate
@@ -41,7 +43,8 @@ class Unknown:
 
     `std` is the prior's, in the parameter's unit, NaN without one. `lower`, `upper` as the
     parameter's; `scale` a typical size for one that may be 0 or of either sign. `held_at`: the
-    coordinate that it keeps, for a profile.
+    coordinate that it keeps, for a profile. `correlations` of the prior's error with those of
+    others, by their names.
     """
 
     name: str
@@ -55,6 +58,7 @@ class Unknown:
     origin: str
     held_at: float | None = None
     has_prior: bool = True
+    correlations: tuple[tuple[str, float], ...] = ()
 
     @property
     def _form(self) -> str:
@@ -122,12 +126,35 @@ def unknowns_of(bundle: Bundle, rig: Rig, model: Model) -> list[Unknown]:
     Friction, flows, delays, effects with what the bundle says of them; the rig file's constants
     with 3 %.
     """
-    return [
+    found = [
         *_friction(bundle, rig, model),
         *_valves(bundle, model),
         *_effects(bundle, model),
         *_declared(rig, model),
     ]
+    known = _correlations_by_name(bundle)
+    return [dataclasses.replace(u, correlations=known.get(u.name, ())) for u in found]
+
+
+def _correlations_by_name(bundle: Bundle) -> dict[str, tuple[tuple[str, float], ...]]:
+    """Of each unknown's error with the others', where the bundle keeps them."""
+    return {
+        name: tuple(zip(names, row, strict=True))
+        for names, matrix in _correlations(bundle)
+        for name, row in zip(names, matrix, strict=True)
+    }
+
+
+def _correlations(bundle: Bundle) -> Iterator[tuple[list[str], list[list[float]]]]:
+    """Names and matrices: of a refinement the whole one, else those of friction and each valve."""
+    if bundle.refinement is not None and (whole := bundle.refinement.correlations()):
+        yield [p.name for p in bundle.refinement.values()], whole
+        return
+    parts: dict[str, CorrelatedPart | None] = {"friction": bundle.friction}
+    parts |= {f"valves.{side}": bundle.valve(side).discrete for side in SIDES}
+    for place, part in parts.items():
+        if part is not None and (found := part.correlation) is not None:
+            yield [f"{place}.{name}" for name in found.names], found.array().tolist()
 
 
 def fitted_names(unknowns: Iterable[Unknown]) -> list[str]:

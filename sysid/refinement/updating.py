@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from typing import TypeVar
 
+import numpy as np
 from pydantic import JsonValue
 
-from sysid.bundle import Bundle
-from sysid.bundle.base import Part
+from sysid.bundle import Bundle, Correlation
+from sysid.bundle.correlation import CorrelatedPart
 from sysid.bundle.refinement import Refinement
+from sysid.estimation.covariance import JointCovariance
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import Campaign
 from sysid.io.channels import SIDES
 from sysid.refinement.result import RefineResult
 from sysid.refinement.unknowns import effect_names
+
+_Fitted = TypeVar("_Fitted", bound=CorrelatedPart)
+# A parameter that nothing was said of has no correlation, not even with itself.
+_NOTHING = 0.5
 
 
 def updated(
@@ -26,18 +33,17 @@ def updated(
     """A bundle with a refinement's estimates, its record, and in the provenance its logs, which
     are of these kinds, and its options.
 
-    Constants of the rig file stay as declared: their estimates are in the record alone. The
+    Each part's numbers come with the correlation of their errors; those across parts are in the
+    record alone, as are the estimates of the rig file's constants, which stay as declared. The
     validation is dropped.
     """
     estimates = {p.name: p.estimate for p in result.parameters}
     fields: dict[str, object] = {}
     if bundle.friction is not None:
-        fields["friction"] = _replaced(bundle.friction, _under("friction.", estimates))
+        fields["friction"] = _replaced(bundle.friction, "friction.", result)
     if bundle.valves is not None:
         sides = {
-            side: valve.replaced(
-                discrete=_replaced(valve.discrete, _under(f"valves.{side}.", estimates))
-            )
+            side: valve.replaced(discrete=_replaced(valve.discrete, f"valves.{side}.", result))
             for side in SIDES
             if (valve := bundle.valves.sides().get(side)) is not None and valve.discrete is not None
         }
@@ -58,5 +64,19 @@ def _under(prefix: str, estimates: Mapping[str, Estimate]) -> dict[str, Estimate
     return {n.removeprefix(prefix): e for n, e in estimates.items() if n.startswith(prefix)}
 
 
-def _replaced(part: Part, estimates: Mapping[str, Estimate]) -> Part:
+def _replaced(part: _Fitted, prefix: str, result: RefineResult) -> _Fitted:
+    """The part with the estimates whose names begin so, and the correlation of their errors."""
+    estimates = _under(prefix, {p.name: p.estimate for p in result.parameters})
+    found = _correlation(prefix, result)
+    if found is not None:
+        return part.replaced(**estimates, correlation=found)
     return part.replaced(**estimates) if estimates else part
+
+
+def _correlation(prefix: str, result: RefineResult) -> Correlation | None:
+    """Of those that something was said of; None where these are not two."""
+    said = np.diag(result.correlation) > _NOTHING
+    names = [p.name if s else "" for p, s in zip(result.parameters, said, strict=True)]
+    places = [i for i, name in enumerate(names) if name.startswith(prefix)]
+    own = tuple(names[i].removeprefix(prefix) for i in places)
+    return Correlation.of(JointCovariance(own, result.correlation[np.ix_(places, places)]), own)

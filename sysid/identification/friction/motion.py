@@ -11,12 +11,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sysid.errors import NotIdentifiedError
+from sysid.estimation.covariance import JointCovariance, shrunk
 from sysid.estimation.linear import Estimate, LinearFit, satterthwaite
 from sysid.estimation.quality import FitQuality, runs_test
 from sysid.identification.friction.combinations import (
@@ -55,8 +55,6 @@ _MOST_INFLATION = 100.0
 # Of a trial's samples that are left.
 _FEWEST_SAMPLES = 20
 _BINS = 10
-# Values, standard errors and degrees of freedom of the fitted columns, (p,) each.
-_Found: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
 _NAMES = ("Coulomb friction", "viscous friction", "offset", "inertia")
 
 
@@ -66,7 +64,7 @@ class MotionFriction:
 
     `combinations` are the sums that are identified where the parameters are not. `explained` is
     the share of the filtered effort's variance that the law explains (R2); `both_ways` whether
-    the motion has two directions.
+    the motion has two directions; `joint` the covariance of what is fitted.
     """
 
     coulomb: Estimate
@@ -82,6 +80,17 @@ class MotionFriction:
     both_ways: bool = True
     limits: SlidingLimits | None = None
     quality: FitQuality | None = None
+    joint: JointCovariance | None = None
+
+
+@dataclass(frozen=True)
+class _Found:
+    """The fitted columns: values, standard errors, degrees of freedom (p,), covariance (p, p)."""
+
+    values: FloatArray
+    stds: FloatArray
+    dofs: FloatArray
+    matrix: FloatArray
 
 
 def usable_motion(
@@ -211,11 +220,15 @@ class _Model:
         pooled = self.regression(samples)
         if fits is None:
             covariance = pooled.correlated_covariance(_trial_numbers(samples))
-            return pooled.coefficients, np.sqrt(np.diag(covariance.matrix)), covariance.dof
+            matrix = covariance.matrix
+            return _Found(pooled.coefficients, np.sqrt(np.diag(matrix)), covariance.dof, matrix)
         table = np.array([fit.coefficients for fit in fits])
         n = len(fits)
         stds = table.std(axis=0, ddof=1) / math.sqrt(n)
-        return table.mean(axis=0), stds, np.full(table.shape[1], n - 1.0)
+        p = table.shape[1]
+        matrix = np.cov(table, rowvar=False).reshape(p, p) / n
+        matrix = shrunk(matrix, n - 1.0, towards=pooled.unscaled)
+        return _Found(table.mean(axis=0), stds, np.full(p, n - 1.0), matrix)
 
     def law(self, samples: Sequence[MotionSamples]) -> FloatArray:
         """All four coefficients (4,) of all trials together."""
@@ -237,7 +250,6 @@ class _Model:
     def with_model_error(self, samples: Sequence[MotionSamples], found: _Found) -> _Found:
         """Standard errors with those of a jackknife over bins of speed added: what the law does not
         describe changes from bin to bin, but not from trial to trial."""
-        values, stds, dofs = found
         bins = bins_of_speed(samples, _BINS)
         rest = []
         for k in range(_BINS):
@@ -249,12 +261,14 @@ class _Model:
         if len(rest) < _BINS:
             return found
         off = np.array(rest) - np.mean(rest, axis=0)
-        shares = np.vstack([stds**2, (_BINS - 1) / _BINS * np.sum(off**2, axis=0)])
+        shares = np.vstack([found.stds**2, (_BINS - 1) / _BINS * np.sum(off**2, axis=0)])
         total = [
             satterthwaite(own, np.array([dof, _BINS - 1.0]))
-            for own, dof in zip(shares.T, dofs, strict=True)
+            for own, dof in zip(shares.T, found.dofs, strict=True)
         ]
-        return values, np.sqrt(shares.sum(axis=0)), np.array(total)
+        bends = shrunk((_BINS - 1) / _BINS * (off.T @ off), _BINS - 1.0, towards=found.matrix)
+        matrix = found.matrix + bends
+        return _Found(found.values, np.sqrt(shares.sum(axis=0)), np.array(total), matrix)
 
     def full(self, values: FloatArray) -> FloatArray:
         """All four coefficients (4,), those that are not fitted at 0 or at the given inertia."""
@@ -293,14 +307,16 @@ def _finished(
     all_units = (units.effort, units.viscous_unit, units.effort, units.inertia_unit)
     by_column = {
         column: Estimate.symmetric(float(value), float(std), all_units[column], float(dof))
-        for column, value, std, dof in zip(model.columns, *found, strict=True)
+        for column, value, std, dof in zip(
+            model.columns, found.values, found.stds, found.dofs, strict=True
+        )
     }
     sums: tuple[Combination, ...] = ()
     if not model.shape.full:
         parts = [by_column[c] for c in (COULOMB, OFFSET) if c in by_column]
         slope = (0.0, 0.0) if model.shape.speeds else model.slope(samples)
         sums = combined(parts, slope, model.shape, units)
-    full = model.full(found[0])
+    full = model.full(found.values)
     rmse, count = _rmse(samples, full)
     effort = np.concatenate([model.balanced(s) for s in samples])
 
@@ -323,6 +339,7 @@ def _finished(
         model.shape.both,
         limits,
         _quality(samples, effort, full, model, units),
+        _joint(model, found, units),
     )
 
 
@@ -344,6 +361,12 @@ def _quality(
         has_constant=model.shape.both,
         lack_of_fit=runs_test([part[::A_LENGTH] for part in left]),
     )
+
+
+def _joint(model: _Model, found: _Found, units: Units) -> JointCovariance:
+    """Of what is fitted, by its names in a bundle."""
+    names = (units.coulomb, units.viscous, units.offset, units.inertia)
+    return JointCovariance(tuple(names[column] for column in model.columns), found.matrix)
 
 
 def _inertia(model: _Model, by_column: dict[int, Estimate], units: Units) -> Estimate | None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid.bundle import Friction, Parts
+from sysid.bundle import Correlation, Friction, Parts
 from sysid.bundle.quality import records_of
 from sysid.display.plots import legend, one_axes
 from sysid.display.quality import quality_table
@@ -240,6 +240,14 @@ class FrictionResult(NamedEstimates, Shown):
         """R2 by kind: share of the variance of the effort in motion that the law explains."""
         return {} if self.motion is None else {MOTION: self.motion.explained}
 
+    @property
+    def correlation(self) -> Correlation | None:
+        """Of the errors of what `source` gave; None where that is not two parameters."""
+        fit = {SLIDING: self.sliding, MOTION: self.motion}.get(self.source)
+        if fit is None or fit.joint is None:
+            return None
+        return Correlation.of(fit.joint, [k for k, e in self.parameters.items() if e.identified])
+
     def part(self) -> Parts:
         """The bundle's `friction` (`spec/bundle.md`), with the supporting tables."""
         table: dict[str, Any] = dict(self.parameters)
@@ -248,6 +256,8 @@ class FrictionResult(NamedEstimates, Shown):
         table["cross_check"] = dict(self.cross_check)
         if self.combinations:
             table["combinations"] = [c.to_json() for c in self.combinations]
+        if (correlation := self.correlation) is not None:
+            table["correlation"] = correlation
         table["quality"] = records_of(self.quality)
         table["trials"] = [use.to_json() for use in self.trials]
         if self.static is not None:

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.errors import NotIdentifiedError
+from sysid.estimation.covariance import JointCovariance, shrunk
 from sysid.estimation.linear import (
     Estimate,
     FTest,
@@ -72,7 +73,7 @@ class SlidingFriction:
     of each trial's own law, where the speed is not steady). `grouped`: each level has its
     own variance (at least three trials at each), else one relative variance is shared.
     `lack_of_fit` tests whether the levels' means deviate from the law of Coulomb and viscous
-    friction by more than the scatter of the trials.
+    friction by more than the scatter of the trials. `joint`: the covariance of the identified.
     """
 
     coulomb: Estimate
@@ -87,6 +88,7 @@ class SlidingFriction:
     lack_of_fit: FTest | None
     notices: tuple[str, ...]
     quality: FitQuality | None = None
+    joint: JointCovariance | None = None
 
 
 def levels_of(set_effort: FloatArray) -> NDArray[np.intp]:
@@ -132,7 +134,8 @@ def fit_sliding(points: SlidingPoints, units: Units) -> SlidingFriction:
             "trials; give constant-effort trials at levels farther apart"
         )
     estimates = (coulomb, viscous, offset)
-    return _finished(points, estimates, p_value, units, ratios.grouped, LEVELS)
+    joint = _joint(ratios.covariance(len(names)), units)
+    return _finished(points, estimates, p_value, units, ratios.grouped, LEVELS, joint)
 
 
 def _fit_laws(
@@ -155,7 +158,30 @@ def _fit_laws(
         offset = Estimate.symmetric(value, std, units.effort, fit.dof)
         p_value = t_p_value(value / std, fit.dof) if std > 0.0 else 1.0
     viscous = mean_estimate(slopes, units.viscous_unit)
-    return _finished(points, (coulomb, viscous, offset), p_value, units, True, WITHIN)
+    joint = _joint(_covariance_of_laws(fit, slopes, points.direction), units)
+    return _finished(points, (coulomb, viscous, offset), p_value, units, True, WITHIN, joint)
+
+
+def _covariance_of_laws(fit: LinearFit, slopes: FloatArray, way: FloatArray) -> FloatArray:
+    """(2 or 3, 2 or 3): Coulomb, viscous friction and offset, from each trial's law.
+
+    A trial's friction at zero speed, along its motion, scatters together with its slope; `fit` is
+    that of the signed intercepts.
+    """
+    n = len(slopes)
+    left = np.vstack([way * fit.residuals, slopes - np.mean(slopes)])
+    # Each of the two by its own degrees of freedom.
+    scale = np.sqrt([fit.dof, n - 1])
+    scatter = shrunk(left @ left.T / np.outer(scale, scale), fit.dof)
+    influence = np.insert(way * fit.influence, 1, 1.0 / n, axis=0)
+    kind = np.array([0, 1, 0])[: len(influence)]
+    return np.asarray(influence @ influence.T * scatter[np.ix_(kind, kind)])
+
+
+def _joint(matrix: FloatArray, units: Units) -> JointCovariance:
+    """Of Coulomb, viscous friction and, where it is estimated, the offset."""
+    names = (units.coulomb, units.viscous, units.offset)
+    return JointCovariance(names[: len(matrix)], matrix)
 
 
 def _offset_unknown(units: Units) -> Estimate:
@@ -174,6 +200,7 @@ def _finished(
     units: Units,
     grouped: bool,
     method: str,
+    joint: JointCovariance,
 ) -> SlidingFriction:
     """Residuals, clusters, lack of fit and notices of the fitted Coulomb, viscous and offset."""
     coulomb, viscous, offset = estimates
@@ -199,6 +226,7 @@ def _finished(
         curved,
         _notices(offset, offset_p_value, clusters, curved, units),
         _quality(points, residual, curved, offset.identified, units),
+        joint,
     )
 
 
@@ -290,6 +318,12 @@ class _Ratios:
 
     def _fraction(self, which: int) -> tuple[float, float, FloatArray]:
         """Numerator, denominator, and their covariance by group, (g, 2, 2)."""
+        numerator, denominator, jacobian = self._terms(which)
+        shares = np.einsum("ij,gjk,lk->gil", jacobian, self._shares, jacobian)
+        return numerator, denominator, shares
+
+    def _terms(self, which: int) -> tuple[float, float, FloatArray]:
+        """Numerator, denominator, and their change with the coefficients, (2, 2 p)."""
         f, w, n = self._force, self._speed, len(self._force)
         jacobian = np.zeros((2, 2 * n))
         jacobian[1, n + 1] = 1.0
@@ -300,8 +334,7 @@ class _Ratios:
             numerator = float(f[which] * w[1] - w[which] * f[1])
             jacobian[0, which], jacobian[0, 1] = w[1], -w[which]
             jacobian[0, n + which], jacobian[0, n + 1] = -f[1], f[which]
-        shares = np.einsum("ij,gjk,lk->gil", jacobian, self._shares, jacobian)
-        return numerator, float(w[1]), shares
+        return numerator, float(w[1]), jacobian
 
     def estimate(self, which: int, unit: str) -> Estimate:
         numerator, denominator, shares = self._fraction(which)
@@ -310,6 +343,17 @@ class _Ratios:
         variance = max(float(contrast @ shares.sum(axis=0) @ contrast), 0.0)
         interval = fieller_interval(numerator, denominator, shares, self._dofs)
         return Estimate(ratio, math.sqrt(variance) / abs(denominator), unit, interval)
+
+    def covariance(self, count: int) -> FloatArray:
+        """(count, count): of the first parameters together, to first order."""
+        reach = np.array([self._influence(which) for which in range(count)])
+        return np.asarray(reach @ self._shares.sum(axis=0) @ reach.T)
+
+    def _influence(self, which: int) -> FloatArray:
+        """(2 p,): the change of a parameter with each reduced-form coefficient."""
+        numerator, denominator, jacobian = self._terms(which)
+        contrast = np.array([1.0, -numerator / denominator])
+        return np.asarray(contrast @ jacobian / denominator)
 
     def p_value(self, which: int) -> float:
         """p-value of the parameter being zero."""

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.estimation.covariance import Covariance
+from sysid.estimation.covariance import Covariance, JointCovariance, shrunk
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import LeastSquaresFit, Parameter, central_jacobian, minimise
 from sysid.identification.valve_discrete.held_chamber import DiscreteValve, pressure_curve
@@ -76,14 +76,35 @@ class CurveFit:
         interval for their number.
         """
         plain = self.fit.estimate(name, self.covariance)
-        labels = np.array([p.source for p in self.problem.pieces])
-        if not plain.identified or not self._scatters(name):
+        if not plain.identified or name not in self.scattering:
             return plain, False
-        _, trial = np.unique(labels, return_inverse=True)
-        i = self.fit.names.index(name)
-        wide = self.fit.jackknife_covariance(trial[self.groups])
+        i, wide = self.fit.names.index(name), self.jackknife
         std = max(wide.std(i), plain.std)
         return Estimate.symmetric(plain.value, std, plain.unit, float(wide.dof[i])), True
+
+    @cached_property
+    def scattering(self) -> tuple[str, ...]:
+        """The identified shared parameters that differ from test to test beyond their error."""
+        known = [n for n in self.problem.free if self.fit.estimate(n, self.covariance).identified]
+        return tuple(name for name in known if self._scatters(name))
+
+    @cached_property
+    def jackknife(self) -> Covariance:
+        """Leave-one-test-out, of all parameters."""
+        labels = np.array([p.source for p in self.problem.pieces])
+        _, trial = np.unique(labels, return_inverse=True)
+        return self.fit.jackknife_covariance(trial[self.groups])
+
+    @cached_property
+    def joint(self) -> JointCovariance:
+        """Of the shared parameters: by the noise, or by the tests' scatter where some differ."""
+        names = self.problem.free
+        own = (slice(len(names)),) * 2
+        matrix = self.covariance.matrix[own]
+        if self.scattering:
+            wide = self.jackknife
+            matrix = shrunk(wide.matrix[own], float(wide.dof[0]), towards=matrix)
+        return JointCovariance(names, matrix)
 
     def inflation(self, column: int) -> float:
         """The factor by which correlated noise raises the variance of a parameter."""

@@ -6,12 +6,13 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from sysid.bundle import DiscreteLaw, FittedValves, Parts, Valve
+from sysid.bundle import Correlation, DiscreteLaw, FittedValves, Parts, Valve
 from sysid.bundle.quality import records_of
 from sysid.display.numbers import number
 from sysid.display.plots import legend, one_axes, some_axes
 from sysid.display.quality import quality_table
 from sysid.display.tables import Shown, ShownTable, estimate_records, estimate_table
+from sysid.estimation.covariance import JointCovariance
 from sysid.estimation.linear import Estimate
 from sysid.estimation.named import NamedEstimates
 from sysid.estimation.quality import FitQuality
@@ -39,7 +40,7 @@ class DiscreteFit(NamedEstimates, Shown):
     jumps of the law at the choked boundary (percent, unchoked over choked less one).
     `stretches`: the start values, by 3.5.3. `choked_flow_fill_kg_s` holds at `supply` Pa.
     `rmse`, `noise` Pa; `fit_percent` 100 (1 - NRMSE) over all tests; `quality` by direction,
-    "fill" and "discharge".
+    "fill" and "discharge"; `joint`: the covariance of flows, coefficients and delays.
     """
 
     valve: str
@@ -51,6 +52,7 @@ class DiscreteFit(NamedEstimates, Shown):
     fit_percent: float
     curves: tuple[PressureCurve, ...] = field(repr=False)
     quality: Mapping[str, FitQuality] = field(default_factory=dict)
+    joint: JointCovariance | None = field(default=None, repr=False)
 
     def by_name(self) -> Mapping[str, Estimate]:
         """The estimates."""
@@ -82,17 +84,26 @@ class DiscreteFit(NamedEstimates, Shown):
         legend(ax)
         return ax
 
+    @property
+    def correlation(self) -> Correlation | None:
+        """Of the errors of the identified; None where these are not two."""
+        known = [name for name, e in self.estimates.items() if e.identified]
+        return None if self.joint is None else Correlation.of(self.joint, known)
+
     def law(self) -> DiscreteLaw:
         """`valves.<a|b>.discrete` of the bundle."""
-        return DiscreteLaw(
+        content: dict[str, Any] = {
             **self.estimates,
-            supply_pressure_pa=self.supply,
-            rmse_pa=self.rmse,
-            noise_pa=self.noise,
-            fit_percent=self.fit_percent,
-            quality=records_of(self.quality),
-            tests=sorted({c.test for c in self.curves}),
-        )
+            "supply_pressure_pa": self.supply,
+            "rmse_pa": self.rmse,
+            "noise_pa": self.noise,
+            "fit_percent": self.fit_percent,
+            "quality": records_of(self.quality),
+            "tests": sorted({c.test for c in self.curves}),
+        }
+        if (correlation := self.correlation) is not None:
+            content["correlation"] = correlation
+        return DiscreteLaw.model_validate(content)
 
 
 @dataclass(frozen=True, repr=False)

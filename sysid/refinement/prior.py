@@ -1,0 +1,51 @@
+"""What the bench tests said of the unknowns together: their errors are correlated.
+
+A fit of Coulomb and viscous friction finds their sum at the speeds of its tests better than either;
+so it is with a valve's choked flows, coefficients and delays. The bundle keeps that correlation
+with each part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sysid.refinement.unknowns import Unknown
+from sysid.types import FloatArray
+
+# Numbers that are tied exactly, as rounding may say, are tied to this share of their variance.
+_LEAST_EIGENVALUE = 1e-6
+
+
+def prior_factor(unknowns: Sequence[Unknown]) -> FloatArray:
+    """(p, p): W with W' W the inverse of the priors' covariance in the unknowns' coordinates.
+
+    Zero rows and columns for unknowns without a prior. A fixed parameter is none of them: the
+    others keep their own standard errors. The row of an unknown that is held has it alone, and the
+    others' are those of the errors that are left once it is known.
+    """
+    std = np.array([u.prior_std for u in unknowns])
+    places = [i for i, s in enumerate(std) if s > 0.0]
+    places.sort(key=lambda i: unknowns[i].held_at is None)
+    factor = np.zeros((len(unknowns), len(unknowns)))
+    if places:
+        triangle = np.linalg.cholesky(_correlation([unknowns[i] for i in places]))
+        white = np.linalg.inv(triangle)
+        factor[np.ix_(places, places)] = white / std[places]
+    return factor
+
+
+def _correlation(unknowns: Sequence[Unknown]) -> FloatArray:
+    """(k, k), with no direction that is known exactly."""
+    rows = [dict(u.correlations) for u in unknowns]
+    matrix = np.array([[row.get(u.name, 0.0) for u in unknowns] for row in rows])
+    np.fill_diagonal(matrix, 1.0)
+    least = float(np.linalg.eigvalsh(matrix)[0])
+    share = max((_LEAST_EIGENVALUE - least) / (1.0 - least), 0.0) if least < 1.0 else 0.0
+    matrix *= 1.0 - share
+    np.fill_diagonal(matrix, 1.0)
+    return np.asarray(matrix)
+
+
+__all__ = ["prior_factor"]
