@@ -9,6 +9,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from sysid.diagnosis.looked import stage_text
 from sysid.display.channels import channel_of
 from sysid.display.numbers import number
 from sysid.estimation.linear import Estimate
@@ -41,7 +42,7 @@ def sentence(content: Content) -> str:
 def _incomplete(content: Content) -> str:
     """The stages that a search did not come to the end of; empty where it did."""
     missed = content.get("search", {}).get("missed", [])
-    stages = list(dict.fromkeys(entry["stage"] for entry in missed))
+    stages = list(dict.fromkeys(stage_text(e["stage"], e.get("round")) for e in missed))
     return f" The search is incomplete: not done: {joined(stages)}." if stages else ""
 
 

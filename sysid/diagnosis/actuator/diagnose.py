@@ -62,6 +62,22 @@ def diagnose(
     ]
     if not tests:
         raise NotIdentifiedError('diagnosis: no log has use = "fit"; give it some')
+    try:
+        return _diagnosed(tests, logs, rig, model, catalogue, seed, progress)
+    finally:
+        forget()
+
+
+def _diagnosed(
+    tests: Sequence[tuple[str, str, Trial]],
+    logs: Sequence[tuple[str, str, Log]],
+    rig: Rig,
+    model: Model,
+    catalogue: Mapping[str, type[CatalogueEffect]],
+    seed: int,
+    progress: Callable[[str], None],
+) -> Diagnosis:
+    """The diagnosis from the training tests, (file, kind, trial) each, and all logs."""
     outside = held_out(rig, [(kind, log) for use, kind, log in logs if use == "holdout"])
     notices = []
     if not outside.tests:
@@ -87,7 +103,6 @@ def diagnose(
             unexplained = faintest(found, rig)
             notices += [_FAR_OFF_NOTICE] * far_off
     notices += found.looked.sentences()
-    forget()
     names = (rig.position_channel, *CHAMBER_PRESSURES)
     return Diagnosis(
         verdict=_verdict(found, far_off or undecided or bool(unexplained)),

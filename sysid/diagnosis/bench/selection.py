@@ -19,7 +19,7 @@ import numpy as np
 from sysid.diagnosis.bench.component import Component
 from sysid.diagnosis.bench.fitting import FittedLaw, cross_validated, fit_law
 from sysid.diagnosis.bench.stability import Repeats, repeats
-from sysid.diagnosis.looked import Book, Looked
+from sysid.diagnosis.looked import Book, Looked, SearchStage
 from sysid.diagnosis.thresholds import DIGITS, LEAST_GAIN, RIVAL_SHARE, SIGNIFICANCE
 from sysid.estimation.nonlinear import LeastSquaresFit
 from sysid.model.effects.catalogue import class_of
@@ -114,7 +114,7 @@ def select(
     chosen: list[Kind] = []
     additions: list[Addition] = []
     while True:
-        book.stage = f"fit of effects, round {len(chosen) + 1}"
+        book.enter(SearchStage.EFFECTS, len(chosen) + 1)
         open_ones = [k for k in kinds if k not in chosen]
         so_far = additions[-1].fitted if additions else base
         fits = _attempts(component, chosen, open_ones, so_far, folds, error, book)
@@ -133,8 +133,8 @@ def select(
         chosen.append(next(k for k in open_ones if k.id == winner.id))
         progress(f"{winner.id}: removes {100 * winner.gain:.0f} % of the prediction error")
         rivals = [f for a, f in fits if a.gain > 0.0 and a is not winner]
-        unfitted = {m.subject for m in book.missed if m.stage == book.stage}
-        book.stage = f"repetition on parts of the tests, round {len(chosen)}"
+        unfitted = book.unfinished(SearchStage.EFFECTS, len(chosen))
+        book.enter(SearchStage.REPETITION, len(chosen))
         contenders = [fitted, *rivals[:_MOST_RIVALS]]
         again = attempt(partial(repeats, component, so_far, contenders))
         if isinstance(again, Failure):
