@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_components_points import breakaways
+from test_components_points import AXIS, KIND, breakaway_log, breakaways
 from test_diagnosis import loop, made
 from test_parallel import is_alive, told_and_slept
 
@@ -22,9 +22,11 @@ import sysid.diagnosis.actuator.search as actuator_search
 from datasets.generator.campaign import Size, drawn_effects, make_campaign
 from datasets.generator.files import write_campaign
 from datasets.generator.rigs import reference_rig
-from sysid.bundle import read_bundle
+from sysid.bundle import Bundle, read_bundle
 from sysid.commands.app import main
 from sysid.diagnosis.actuator.loop import Loop
+from sysid.diagnosis.bench.diagnose import diagnose_component
+from sysid.diagnosis.bench.fitting import fit_law
 from sysid.diagnosis.bench.selection import select
 from sysid.diagnosis.looked import SearchStage
 from sysid.diagnosis.wording import sentence
@@ -249,6 +251,22 @@ def test_a_part_gets_a_verdict_out_of_time() -> None:
     assert not late.additions and not late.looked.is_decided
     assert {m.reason for m in late.looked.missed} == {"out of time"}
     np.testing.assert_array_equal(late.folds, free.folds)
+
+
+@pytest.mark.parametrize(("offset", "because"), [(0.0, "unfinished search"), (0.1, "structure")])
+def test_what_an_unfinished_search_leaves_is_structure_only_where_it_is(
+    offset: float, because: str
+) -> None:
+    component = breakaways(asymmetry=offset)
+    bundle = Bundle.new(AXIS, fit_law(component, (), range(len(component.tests))).part(), [])
+    with time_limit(1e-9):
+        late = diagnose_component(
+            KIND, [breakaway_log(asymmetry=offset)], [], AXIS, bundle, catalogue()
+        )
+    printed = late.to_json()
+    assert printed["verdict"] == "unexplained" and printed["because"] == because
+    assert ("structure remains" in sentence(printed)) == (because == "structure")
+    assert "The search is incomplete: not done: fit of effects, round 1." in sentence(printed)
 
 
 def test_a_model_that_cannot_be_simulated_gets_a_verdict(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 from sysid.parallel import Failure
 
@@ -13,6 +13,11 @@ _Result = TypeVar("_Result")
 
 SECONDS = 120.0
 """Default of the time for a search; what no verdict can do without is not cut short."""
+
+
+Because = Literal["structure", "held-out errors", "unfinished search"]
+"""Why a verdict is `unexplained`: structure that no effect explains; held-out tests far off though
+no balance shows structure; or a search that missed something and found nothing."""
 
 
 class SearchStage(StrEnum):
@@ -96,6 +101,15 @@ class Looked:
         return tuple(found)
 
 
+def why_unexplained(structured: bool, far_off: bool, undecided: bool) -> Because | None:
+    """The strongest of the reasons that hold; None: no reason, the verdict is another."""
+    if structured:
+        return "structure"
+    if far_off:
+        return "held-out errors"
+    return "unfinished search" if undecided else None
+
+
 def stage_text(stage: str, number: int | None) -> str:
     """A stage in words, with its round if it has one."""
     return f"{stage}, round {number}" if number else stage
@@ -148,4 +162,14 @@ class Book:
 
 LATE = Failure("out of time", out_of_time=True)
 
-__all__ = ["LATE", "SECONDS", "Book", "Looked", "Missed", "SearchStage", "stage_text"]
+__all__ = [
+    "LATE",
+    "SECONDS",
+    "Because",
+    "Book",
+    "Looked",
+    "Missed",
+    "SearchStage",
+    "stage_text",
+    "why_unexplained",
+]

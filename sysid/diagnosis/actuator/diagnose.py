@@ -13,6 +13,7 @@ from sysid.diagnosis.actuator.loop import Loop, close_loop
 from sysid.diagnosis.actuator.result import BeforeAfter, Diagnosis, FoundEffect, Verdict
 from sysid.diagnosis.actuator.search import Step
 from sysid.diagnosis.actuator.unexplained import faintest, leftover
+from sysid.diagnosis.looked import why_unexplained
 from sysid.errors import NotIdentifiedError, SimulationError
 from sysid.io.logs import Log, Trial
 from sysid.io.rig import Rig
@@ -97,6 +98,7 @@ def _diagnosed(
         errors = _errors(outside, model, found)
         floor = _noise_floor(outside, found, seed)
         unexplained = leftover(found, rig)
+        structured = bool(unexplained)
         far_off = not found.search.steps and is_far_off(errors[-1], floor)
         undecided = not found.search.steps and not found.looked.is_decided
         if (far_off or undecided) and not unexplained:
@@ -104,8 +106,9 @@ def _diagnosed(
             notices += [_FAR_OFF_NOTICE] * far_off
     notices += found.looked.sentences()
     names = (rig.position_channel, *CHAMBER_PRESSURES)
+    because = why_unexplained(structured, far_off, undecided)
     return Diagnosis(
-        verdict=_verdict(found, far_off or undecided or bool(unexplained)),
+        verdict=_verdict(found, because is not None),
         effects=tuple(
             _found_effect(step, found, names, errors[i], errors[i + 1])
             for i, step in enumerate(found.search.steps)
@@ -120,6 +123,7 @@ def _diagnosed(
         rejected=found.search.suspects,
         loop=found,
         notices=tuple(notices),
+        because=because,
         seed=seed,
     )
 

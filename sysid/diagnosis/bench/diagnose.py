@@ -16,7 +16,7 @@ from sysid.diagnosis.bench.registry import component_of
 from sysid.diagnosis.bench.remainder import Remainder, remainder
 from sysid.diagnosis.bench.selection import Addition, Attempt, Selection, select
 from sysid.diagnosis.bench.unexplained import LEAST_SHARE, BinnedResidual, curves
-from sysid.diagnosis.looked import Looked
+from sysid.diagnosis.looked import Because, Looked, why_unexplained
 from sysid.errors import NotIdentifiedError
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
@@ -37,7 +37,7 @@ class ComponentDiagnosis:
     further channels (`Component.further_errors`). `part`: the bundle's section of the law
     refitted together with the effects. `curves`: the residual over the regressors that it
     depends on most. `remainder`: how much of what is left repeats from test to test, None where
-    that cannot be said.
+    that cannot be said. `because`: why the verdict is `unexplained`, None where it is not.
     """
 
     kind: str
@@ -51,6 +51,7 @@ class ComponentDiagnosis:
     selection: Selection
     part: Parts
     notices: tuple[str, ...]
+    because: Because | None = None
     seed: int = 0
 
     @property
@@ -72,6 +73,7 @@ class ComponentDiagnosis:
                 {"channel": c.channel, "regressor": c.regressor, "share": c.share}
                 for c in self.unexplained
             ],
+            "because": self.because,
             "rejected": [_attempt(a) for a in self.selection.rejected],
             "search": self.looked.to_json(),
             "undecided": [{"id": u.id, **u.to_json()} for u in self.selection.undecided],
@@ -132,11 +134,12 @@ def diagnose_component(
     error = errors[-1].get(component.channel, selection.final.fit.residual_std)
     structured = [c for c in left[:1] if c.share > LEAST_SHARE and error > _AT_FLOOR * floor]
     undecided = not selection.additions and not selection.looked.is_decided
+    because = why_unexplained(bool(structured), False, undecided)
     if undecided:
         structured = structured or left[:1]
     return ComponentDiagnosis(
         kind=kind,
-        verdict=_verdict(selection, undecided or bool(structured)),
+        verdict=_verdict(selection, because is not None),
         effects=tuple(
             _found(addition, selection, before, after)
             for addition, before, after in zip(
@@ -153,6 +156,7 @@ def diagnose_component(
         selection=selection,
         part=selection.final.part(),
         notices=notices,
+        because=because,
     )
 
 
