@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -288,6 +289,33 @@ def test_the_whole_run(campaign: Path, capsys: pytest.CaptureFixture[str]) -> No
     assert content["diagnosis"]["effects"][0]["id"] == "asymmetric-viscous-friction"
     assert "tested alone" in (out / "report.html").read_text()
     assert "viscous_asymmetry_n_s_per_m" in (out / "export" / "model.json").read_text()
+
+
+def test_a_run_that_was_cut_short_is_done_again_with_more_time(
+    campaign: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = campaign.parent / "out"
+
+    def diagnosing(budget: str) -> tuple[dict[str, Any], str, dict[str, Any]]:
+        """The stage, the notices and the diagnosis of a run with a budget."""
+        assert main(["run", str(campaign), "-o", str(out), "--json", "--budget", budget]) == 0
+        printed = capsys.readouterr()
+        content = json.loads(printed.out)
+        (stage,) = (s for s in content["stages"] if s["name"] == "diagnose")
+        said = [line for line in printed.err.splitlines() if "notice: diagnose: incomplete" in line]
+        return stage, "".join(said), content["diagnosis"]
+
+    stage, said, diagnosis = diagnosing("1e-9")
+    assert stage["why"] == "not done yet" and not stage["complete"] and "--budget" in said
+    assert diagnosis["verdict"] == "unexplained" and diagnosis["effects"] == []
+    for budget in ("1e-9", "1e-10"):
+        stage, said, _ = diagnosing(budget)
+        assert stage["why"] is None and not stage["complete"] and "--budget" in said
+    stage, said, diagnosis = diagnosing("600")
+    assert "incomplete after" in stage["why"] and stage["complete"] and not said
+    assert diagnosis["verdict"] == "effects-found"
+    stage, said, _ = diagnosing("900")
+    assert stage["why"] is None and stage["complete"] and not said
 
 
 def test_without_a_held_out_log_tests_are_left_out_in_turn(
