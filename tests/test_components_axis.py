@@ -14,10 +14,11 @@ import pytest
 from sysid.bundle import Bundle, read_bundle
 from sysid.bundle.assembled_model import effects_from_bundle
 from sysid.commands.app import main
+from sysid.diagnosis.actuator.signatures import candidates
 from sysid.diagnosis.bench.axis import Axis, axis
 from sysid.diagnosis.bench.component import Law, rmse
 from sysid.diagnosis.bench.fitting import fit_law
-from sysid.diagnosis.bench.selection import select
+from sysid.diagnosis.bench.selection import Selection, select
 from sysid.diagnosis.bench.unexplained import curves
 from sysid.errors import NotIdentifiedError
 from sysid.friction import fit_friction
@@ -46,12 +47,14 @@ def plain(speed: FloatArray) -> FloatArray:
     return COULOMB * np.sign(speed) + VISCOUS * speed
 
 
-def imposed(seed: int, friction: Friction, spring: float = 0.0, noise: float = 0.5) -> Trial:
+def imposed(
+    seed: int, friction: Friction, spring: float = 0.0, noise: float = 0.5, scale: float = 1.0
+) -> Trial:
     """12 s at 500 Hz along a smooth motion of several speeds, and the force that it takes."""
     rng = np.random.default_rng(seed)
     time = np.arange(0.0, 12.0, 0.002)
     phases = rng.uniform(0.0, 2.0 * np.pi, 3)
-    waves = ((0.25, 0.045), (0.6, 0.012), (1.1, 0.006))
+    waves = ((0.25, 0.045 * scale), (0.6, 0.012 * scale), (1.1, 0.006 * scale))
     position, speed, acceleration = (
         sum(
             size * (2.0 * np.pi * f) ** k * np.sin(2.0 * np.pi * f * time + p + 0.5 * np.pi * k)
@@ -233,6 +236,43 @@ def test_an_axis_at_rest_is_refused() -> None:
     )
     with pytest.raises(NotIdentifiedError, match="hardly moves"):
         axis([nothing], RIG)
+
+
+# --- waves over the position -------------------------------------------------------------
+
+
+def short(*effects: str, spring: float = 0.0, scale: float = 0.35) -> Selection:
+    """What of these is found on a stroke of 43 mm (and less)."""
+    trials = [imposed(seed, plain, spring, scale=scale) for seed in (1, 2, 3, 4)]
+    return select(axis(trials, RIG), {name: CATALOGUE[name] for name in effects})
+
+
+def test_a_ripple_has_a_period_within_the_stroke() -> None:
+    """A slope is no ripple: less than a period fits any curve of low order."""
+    ripples = ("torque-ripple", "gear-mesh-ripple")
+    found = short(*ripples, spring=2000.0)
+    part = found.base.component
+    assert 0.03 < part.travel < 0.05
+    for name in ripples:
+        (wave,) = (q for q in part.quantities_of(CATALOGUE[name]) if q.is_wave)
+        assert (
+            wave.lower == pytest.approx(2.0 * np.pi / part.travel) and min(wave.grid) >= wave.lower
+        )
+        fitted = fit_law(part, [CATALOGUE[name]], range(len(part.tests)))
+        assert getattr(fitted.law.effects[0], wave.name) >= wave.lower
+    assert short(*ripples, "cable-spring", spring=2000.0).additions[0].kind.id == "cable-spring"
+
+
+def test_a_stroke_too_short_for_any_period_has_no_ripple() -> None:
+    found = short("torque-ripple", "cable-spring", scale=0.01)
+    assert found.looked.screened == ("cable-spring",)
+    forms = candidates(CATALOGUE.values(), travel=found.base.component.travel)
+    ids = {form.id for form in forms}
+    assert not ids & {"torque-ripple", "gear-mesh-ripple"} and "cable-spring" in ids
+    waves = {
+        dict(f.shape).get("ripple_wave_per_rad", 1e9) for f in candidates(CATALOGUE.values(), 0.04)
+    }
+    assert min(waves) >= 2.0 * np.pi / 0.04 and len(waves) > 10
 
 
 # --- the commands --------------------------------------------------------------------------

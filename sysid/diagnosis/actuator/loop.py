@@ -61,10 +61,11 @@ def close_loop(
     the residual, and one twin.
     """
     book = Book()
-    forms = candidates(effect for effect in catalogue if not effect.averaged_only)
     with time_limit(None):
         noise = sensor_noise(tests, rig)
         traces = prepare(tests, rig, model)
+        own = [effect for effect in catalogue if not effect.averaged_only]
+        forms = candidates(own, traces.travel)
         pilot = _pilot(traces, model, noise, rig, seed + 1, book)
         # The noise's colour in the residuals comes from a twin; scatter does not affect it.
         colour = noise_of(pilot, model)

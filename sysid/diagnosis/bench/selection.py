@@ -110,7 +110,7 @@ def select(
     with time_limit(None):
         base = fit_law(component, (), everything)
         first = error = cross_validated(component, (), folds, base.law)
-    kinds = component.effects(catalogue)
+    kinds = [kind for kind in component.effects(catalogue) if component.quantities_of(kind)]
     chosen: list[Kind] = []
     additions: list[Addition] = []
     while True:
