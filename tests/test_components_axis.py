@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +18,11 @@ from sysid.commands.app import main
 from sysid.diagnosis.actuator.signatures import candidates
 from sysid.diagnosis.bench.axis import Axis, axis
 from sysid.diagnosis.bench.component import Law, rmse
+from sysid.diagnosis.bench.diagnose import ComponentDiagnosis, diagnose_component
 from sysid.diagnosis.bench.fitting import fit_law
+from sysid.diagnosis.bench.registry import AXIS as KIND
 from sysid.diagnosis.bench.selection import Selection, select
-from sysid.diagnosis.bench.unexplained import curves
+from sysid.diagnosis.bench.unexplained import LEAST_SHARE, curves
 from sysid.errors import NotIdentifiedError
 from sysid.friction import fit_friction
 from sysid.io.logs import Trial
@@ -273,6 +276,44 @@ def test_a_stroke_too_short_for_any_period_has_no_ripple() -> None:
         dict(f.shape).get("ripple_wave_per_rad", 1e9) for f in candidates(CATALOGUE.values(), 0.04)
     }
     assert min(waves) >= 2.0 * np.pi / 0.04 and len(waves) > 10
+
+
+# --- what is left ------------------------------------------------------------------------
+
+
+def verdict_on(laws: Sequence[Friction], more: Callable[[Trial], FloatArray]) -> ComponentDiagnosis:
+    """Of the last two tests held out, with no effect to try; each test has its own friction."""
+    trials = []
+    for seed, law in enumerate(laws, start=1):
+        trial = imposed(seed, law)
+        force = trial["motor_force_n"] + more(trial)
+        trials.append(replace(trial, channels={**trial.channels, "motor_force_n": force}))
+    part = axis(trials[:-2], RIG)
+    given = Bundle.new(RIG, fit_law(part, (), range(len(part.tests))).part(), [])
+    return diagnose_component(KIND, trials[:-2], trials[-2:], RIG, given, {})
+
+
+def test_what_repeats_over_two_quantities_together_is_unexplained() -> None:
+    """The mean over either alone is 0."""
+
+    def more(trial: Trial) -> FloatArray:
+        place = trial["position_m"] / 0.02
+        ahead = np.gradient(trial["position_m"], trial.time)
+        return np.asarray(8.0 * np.sin(place) * np.sin(ahead / 0.02))
+
+    found = verdict_on([plain] * 6, more)
+    assert found.curves[0].share < LEAST_SHARE
+    assert found.verdict == "unexplained" and found.because == "structure"
+    assert found.remainder is not None and found.remainder.repeatable > 2.0
+    assert found.unexplained[0].share == found.remainder.share
+
+
+def test_friction_that_scatters_from_test_to_test_is_no_structure() -> None:
+    factors = 1.0 + 0.05 * np.random.default_rng(5).normal(size=6)
+    found = verdict_on([lambda v, f=f: f * plain(v) for f in factors], lambda trial: 0.0)
+    assert found.verdict == "adequate" and found.because is None
+    assert found.remainder is not None
+    assert found.remainder.rmse > 1.5 * found.remainder.noise
 
 
 # --- the commands --------------------------------------------------------------------------

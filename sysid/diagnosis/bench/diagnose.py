@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -132,7 +132,10 @@ def diagnose_component(
     floors = {component.channel: floor, **{name: noise for name, (_, noise) in simulated.items()}}
     left = curves(component, given, laws[-1])
     error = errors[-1].get(component.channel, selection.final.fit.residual_std)
+    rest = remainder(component, outside, laws[-1], floor)
     structured = [c for c in left[:1] if c.share > LEAST_SHARE and error > _AT_FLOOR * floor]
+    if rest is not None:
+        structured = _repeating(structured, rest, left, errors[0].get(component.channel, error))
     undecided = not selection.additions and not selection.looked.is_decided
     because = why_unexplained(bool(structured), False, undecided)
     if undecided:
@@ -152,12 +155,27 @@ def diagnose_component(
         unit=component.unit,
         unexplained=tuple(structured),
         curves=tuple(left),
-        remainder=remainder(component, outside, laws[-1], floor),
+        remainder=rest,
         selection=selection,
         part=selection.final.part(),
         notices=notices,
         because=because,
     )
+
+
+def _repeating(
+    structured: list[BinnedResidual],
+    rest: Remainder,
+    left: Sequence[BinnedResidual],
+    before: float,
+) -> list[BinnedResidual]:
+    """What counts as structure where it is known how much repeats from test to test."""
+    if not rest.is_steady:
+        return []
+    if not rest.is_large(before):
+        return structured
+    # Over several quantities together more repeats than over the strongest alone.
+    return [replace(curve, share=max(curve.share, rest.share)) for curve in left[:1]]
 
 
 def _cross_validated(selection: Selection) -> list[float]:
