@@ -91,6 +91,15 @@ def test_the_first_job_hangs_and_the_later_ones_are_kept(monkeypatch: pytest.Mon
     assert time.monotonic() - begin < 20.0
 
 
+def test_no_process_is_started_once_the_time_is_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(VARIABLE, "2")
+    begin = time.monotonic()
+    with time_limit(1e-9):
+        found = attempt_all([partial(asleep, 0)] * 3)
+    assert found == [Failure("out of time", out_of_time=True)] * 3
+    assert time.monotonic() - begin < 1.0
+
+
 @pytest.mark.parametrize("culprit", [partial(dead, 0), Unreadable()], ids=["dies", "unreadable"])
 @pytest.mark.parametrize("place", [0, 3])
 def test_a_worker_that_dies_takes_no_other_job_along(

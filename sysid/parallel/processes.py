@@ -66,7 +66,7 @@ def attempt_all(jobs: Iterable[Callable[[], Result]]) -> list[Result | Failure]:
     deadline = limit_in_force().deadline
     waiting = {i: partial(_attempt_by, job, deadline) for i, job in enumerate(jobs)}
     workers = min(job_count(), len(waiting))
-    if workers <= 1:
+    if workers <= 1 or time.monotonic() > deadline:  # none is begun then, and no process started
         return [job() for job in waiting.values()]
     found: dict[int, Result | Failure] = {}
     why = _collected(found, waiting, workers, deadline)
