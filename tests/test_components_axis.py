@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from sysid.diagnosis.bench.component import Law, rmse
 from sysid.diagnosis.bench.diagnose import ComponentDiagnosis, diagnose_component
 from sysid.diagnosis.bench.fitting import fit_law
 from sysid.diagnosis.bench.registry import AXIS as KIND
-from sysid.diagnosis.bench.selection import Selection, select
+from sysid.diagnosis.bench.selection import Attempt, Selection, select, simplest
 from sysid.diagnosis.bench.unexplained import LEAST_SHARE, curves
 from sysid.errors import NotIdentifiedError
 from sysid.friction import fit_friction
@@ -276,6 +277,27 @@ def test_a_stroke_too_short_for_any_period_has_no_ripple() -> None:
         dict(f.shape).get("ripple_wave_per_rad", 1e9) for f in candidates(CATALOGUE.values(), 0.04)
     }
     assert min(waves) >= 2.0 * np.pi / 0.04 and len(waves) > 10
+
+
+@pytest.mark.parametrize(
+    ("gain", "squares", "chosen"),
+    [
+        (0.79, 1.0005, "cable-spring"),  # as good, and simpler
+        (0.79, 1.1, "gear-mesh-ripple"),  # the BIC says otherwise
+        (0.60, 1.0005, "gear-mesh-ripple"),  # and so do tests left out
+    ],
+)
+def test_of_two_that_predict_as_well_the_simpler_is_taken(
+    gain: float, squares: float, chosen: str
+) -> None:
+    def tried(id: str, gain: float, numbers: int, squares: float) -> Any:
+        fit = SimpleNamespace(values=np.zeros(numbers), sum_of_squares=squares)
+        attempt = Attempt(id, 1e-9, gain, np.zeros(3))
+        return attempt, SimpleNamespace(fit=fit, independent_samples=200.0)
+
+    passing = [tried("gear-mesh-ripple", 0.8, 7, 1.0), tried("cable-spring", gain, 5, squares)]
+    assert simplest(passing)[0].id == chosen
+    assert simplest(passing[:1])[0].id == "gear-mesh-ripple"
 
 
 # --- what is left ------------------------------------------------------------------------
