@@ -115,7 +115,7 @@ def remainder(
 
 
 @dataclass(frozen=True)
-class _Table:
+class _Samples:
     """Regressors (n, k), residuals (n,), and whose test's (n,)."""
 
     inputs: FloatArray
@@ -125,26 +125,26 @@ class _Table:
     def __len__(self) -> int:
         return len(self.left)
 
-    def divided(self, out: Sequence[int]) -> tuple[_Table, _Table]:
+    def divided(self, out: Sequence[int]) -> tuple[_Samples, _Samples]:
         """Without some tests, and those."""
         those = np.isin(self.test, list(out))
         return self._rows(~those), self._rows(those)
 
-    def _rows(self, rows: NDArray[np.bool_]) -> _Table:
-        return _Table(self.inputs[rows], self.left[rows], self.test[rows])
+    def _rows(self, rows: NDArray[np.bool_]) -> _Samples:
+        return _Samples(self.inputs[rows], self.left[rows], self.test[rows])
 
 
-def _table(component: Component, law: Law) -> tuple[tuple[str, ...], _Table]:
+def _table(component: Component, law: Law) -> tuple[tuple[str, ...], _Samples]:
     """The names (k,) of the regressors, and the table of all tests."""
     every = range(len(component.tests))
     parts = component.residuals(law, every)
     columns = {n: v for n, v in component.regressors(every).items() if n not in _NOISY}
     test = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
     inputs = np.column_stack([*columns.values()])
-    return tuple(columns), _Table(inputs, np.concatenate(parts), test)
+    return tuple(columns), _Samples(inputs, np.concatenate(parts), test)
 
 
-def _gains(fit: _Table, new: _Table) -> FloatArray:
+def _gains(fit: _Samples, new: _Samples) -> FloatArray:
     """Squares of each new test's residuals, and of what they are off from what `fit` predicts.
 
     (tests, 2).
