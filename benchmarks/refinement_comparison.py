@@ -245,7 +245,10 @@ def compare(seed: int, repeats: int, limit: float, cores: int, options: Any) -> 
             for one in list(field):
                 used, found = run(one, stem, limit, cores)
                 if not found:
-                    print(f"{one.name}: stopped after {used.cpu:.0f} s of CPU time", flush=True)
+                    print(
+                        f"{one.name}: stopped in turn {turn} after {used.cpu:.0f} s of CPU time",
+                        flush=True,
+                    )
                     field.remove(one)
                 elif turn:
                     times[one.name].append(used)
@@ -268,9 +271,10 @@ def compare(seed: int, repeats: int, limit: float, cores: int, options: Any) -> 
 
 
 def ratio(own: list[Used], ours: list[Used], kind: str) -> float:
-    """The median of the turns' ratios."""
-    pairs = zip(own, ours, strict=True)
-    return statistics.median(getattr(a, kind) / getattr(b, kind) for a, b in pairs)
+    """The median of the ratios of the turns that both ended; NaN where there is none."""
+    pairs = zip(own, ours, strict=False)
+    ratios = [getattr(a, kind) / getattr(b, kind) for a, b in pairs]
+    return statistics.median(ratios) if ratios else math.nan
 
 
 def main() -> None:

@@ -7,25 +7,30 @@ import os
 import time
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from test_components_points import breakaways
+from test_components_points import AXIS, KIND, breakaway_log, breakaways
 from test_diagnosis import loop, made
 from test_parallel import is_alive, told_and_slept
 
+import sysid.diagnosis.actuator.diagnose as actuator_diagnose
 import sysid.diagnosis.actuator.loop as actuator_loop
 import sysid.diagnosis.actuator.search as actuator_search
 from datasets.generator.campaign import Size, drawn_effects, make_campaign
 from datasets.generator.files import write_campaign
 from datasets.generator.rigs import reference_rig
-from sysid.bundle import read_bundle
+from sysid.bundle import Bundle, read_bundle
 from sysid.commands.app import main
 from sysid.diagnosis.actuator.loop import Loop
+from sysid.diagnosis.bench.diagnose import diagnose_component
+from sysid.diagnosis.bench.fitting import fit_law
 from sysid.diagnosis.bench.selection import select
+from sysid.diagnosis.looked import SearchStage
 from sysid.diagnosis.wording import sentence
-from sysid.errors import SimulationError
+from sysid.errors import InputError, SimulationError
 from sysid.model.effects import catalogue
 from sysid.parallel import (
     VARIABLE,
@@ -154,9 +159,26 @@ def test_out_of_time_the_best_that_was_fitted_is_kept(monkeypatch: pytest.Monkey
     found = loop(*made(SEAL, scatter=0.02))
     (first, *_) = found.search.steps
     assert first.refit.id == ended[0]
-    late = {m.subject for m in found.looked.missed if m.stage == "fit of suspects, round 1"}
+    suspects = (SearchStage.SUSPECTS, 1)
+    late = {m.subject for m in found.looked.missed if (m.stage, m.round) == suspects}
     assert late and late <= set(first.ambiguous)
     assert all(m.out_of_time for m in found.looked.missed)
+
+
+def test_a_search_that_fails_leaves_nothing_in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    (file, kind, trial), *_ = made(SEAL)[0]
+    log = SimpleNamespace(path=Path(file), trials=(trial,))
+    ended: list[str] = []
+    monkeypatch.setattr(actuator_diagnose, "forget", lambda: ended.append("forgotten"))
+
+    def fails(*_: Any, **__: Any) -> Any:
+        raise InputError("a log that cannot be used")
+
+    monkeypatch.setattr(actuator_diagnose, "close_loop", fails)
+    _, rig, model = made(SEAL)
+    with pytest.raises(InputError):
+        actuator_diagnose.diagnose([("fit", kind, log)], rig, model, {})  # type: ignore[list-item]
+    assert ended == ["forgotten"]
 
 
 # --- the command -------------------------------------------------------------------------
@@ -231,6 +253,22 @@ def test_a_part_gets_a_verdict_out_of_time() -> None:
     np.testing.assert_array_equal(late.folds, free.folds)
 
 
+@pytest.mark.parametrize(("offset", "because"), [(0.0, "unfinished search"), (0.1, "structure")])
+def test_what_an_unfinished_search_leaves_is_structure_only_where_it_is(
+    offset: float, because: str
+) -> None:
+    component = breakaways(asymmetry=offset)
+    bundle = Bundle.new(AXIS, fit_law(component, (), range(len(component.tests))).part(), [])
+    with time_limit(1e-9):
+        late = diagnose_component(
+            KIND, [breakaway_log(asymmetry=offset)], [], AXIS, bundle, catalogue()
+        )
+    printed = late.to_json()
+    assert printed["verdict"] == "unexplained" and printed["because"] == because
+    assert ("structure remains" in sentence(printed)) == (because == "structure")
+    assert "The search is incomplete: not done: fit of effects, round 1." in sentence(printed)
+
+
 def test_a_model_that_cannot_be_simulated_gets_a_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
     """No effect is named without twins, and nothing is called adequate."""
     monkeypatch.delenv("SYSID_DEBUG", raising=False)
@@ -242,6 +280,6 @@ def test_a_model_that_cannot_be_simulated_gets_a_verdict(monkeypatch: pytest.Mon
     found = loop(*made(SEAL, scatter=0.02))
     assert found.search.steps == () and not found.looked.is_decided
     assert {m.stage for m in found.looked.missed} == {
-        "simulation of a twin",
-        "simulation of twins",
+        SearchStage.TWIN,
+        SearchStage.TWINS,
     }

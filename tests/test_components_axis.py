@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -13,11 +16,14 @@ import pytest
 from sysid.bundle import Bundle, read_bundle
 from sysid.bundle.assembled_model import effects_from_bundle
 from sysid.commands.app import main
+from sysid.diagnosis.actuator.signatures import candidates
 from sysid.diagnosis.bench.axis import Axis, axis
 from sysid.diagnosis.bench.component import Law, rmse
+from sysid.diagnosis.bench.diagnose import ComponentDiagnosis, diagnose_component
 from sysid.diagnosis.bench.fitting import fit_law
-from sysid.diagnosis.bench.selection import select
-from sysid.diagnosis.bench.unexplained import curves
+from sysid.diagnosis.bench.registry import AXIS as KIND
+from sysid.diagnosis.bench.selection import Attempt, Selection, select, simplest
+from sysid.diagnosis.bench.unexplained import LEAST_SHARE, curves
 from sysid.errors import NotIdentifiedError
 from sysid.friction import fit_friction
 from sysid.io.logs import Trial
@@ -45,12 +51,14 @@ def plain(speed: FloatArray) -> FloatArray:
     return COULOMB * np.sign(speed) + VISCOUS * speed
 
 
-def imposed(seed: int, friction: Friction, spring: float = 0.0, noise: float = 0.5) -> Trial:
+def imposed(
+    seed: int, friction: Friction, spring: float = 0.0, noise: float = 0.5, scale: float = 1.0
+) -> Trial:
     """12 s at 500 Hz along a smooth motion of several speeds, and the force that it takes."""
     rng = np.random.default_rng(seed)
     time = np.arange(0.0, 12.0, 0.002)
     phases = rng.uniform(0.0, 2.0 * np.pi, 3)
-    waves = ((0.25, 0.045), (0.6, 0.012), (1.1, 0.006))
+    waves = ((0.25, 0.045 * scale), (0.6, 0.012 * scale), (1.1, 0.006 * scale))
     position, speed, acceleration = (
         sum(
             size * (2.0 * np.pi * f) ** k * np.sin(2.0 * np.pi * f * time + p + 0.5 * np.pi * k)
@@ -234,6 +242,102 @@ def test_an_axis_at_rest_is_refused() -> None:
         axis([nothing], RIG)
 
 
+# --- waves over the position -------------------------------------------------------------
+
+
+def short(*effects: str, spring: float = 0.0, scale: float = 0.35) -> Selection:
+    """What of these is found on a stroke of 43 mm (and less)."""
+    trials = [imposed(seed, plain, spring, scale=scale) for seed in (1, 2, 3, 4)]
+    return select(axis(trials, RIG), {name: CATALOGUE[name] for name in effects})
+
+
+def test_a_ripple_has_a_period_within_the_stroke() -> None:
+    """A slope is no ripple: less than a period fits any curve of low order."""
+    ripples = ("torque-ripple", "gear-mesh-ripple")
+    found = short(*ripples, spring=2000.0)
+    part = found.base.component
+    assert 0.03 < part.travel < 0.05
+    for name in ripples:
+        (wave,) = (q for q in part.quantities_of(CATALOGUE[name]) if q.is_wave)
+        assert (
+            wave.lower == pytest.approx(2.0 * np.pi / part.travel) and min(wave.grid) >= wave.lower
+        )
+        fitted = fit_law(part, [CATALOGUE[name]], range(len(part.tests)))
+        assert getattr(fitted.law.effects[0], wave.name) >= wave.lower
+    assert short(*ripples, "cable-spring", spring=2000.0).additions[0].kind.id == "cable-spring"
+
+
+def test_a_stroke_too_short_for_any_period_has_no_ripple() -> None:
+    found = short("torque-ripple", "cable-spring", scale=0.01)
+    assert found.looked.screened == ("cable-spring",)
+    forms = candidates(CATALOGUE.values(), travel=found.base.component.travel)
+    ids = {form.id for form in forms}
+    assert not ids & {"torque-ripple", "gear-mesh-ripple"} and "cable-spring" in ids
+    waves = {
+        dict(f.shape).get("ripple_wave_per_rad", 1e9) for f in candidates(CATALOGUE.values(), 0.04)
+    }
+    assert min(waves) >= 2.0 * np.pi / 0.04 and len(waves) > 10
+
+
+@pytest.mark.parametrize(
+    ("gain", "squares", "chosen"),
+    [
+        (0.79, 1.0005, "cable-spring"),  # as good, and simpler
+        (0.79, 1.1, "gear-mesh-ripple"),  # the BIC says otherwise
+        (0.60, 1.0005, "gear-mesh-ripple"),  # and so do tests left out
+    ],
+)
+def test_of_two_that_predict_as_well_the_simpler_is_taken(
+    gain: float, squares: float, chosen: str
+) -> None:
+    def tried(id: str, gain: float, numbers: int, squares: float) -> Any:
+        fit = SimpleNamespace(values=np.zeros(numbers), sum_of_squares=squares)
+        attempt = Attempt(id, 1e-9, gain, np.zeros(3))
+        return attempt, SimpleNamespace(fit=fit, independent_samples=200.0)
+
+    passing = [tried("gear-mesh-ripple", 0.8, 7, 1.0), tried("cable-spring", gain, 5, squares)]
+    assert simplest(passing)[0].id == chosen
+    assert simplest(passing[:1])[0].id == "gear-mesh-ripple"
+
+
+# --- what is left ------------------------------------------------------------------------
+
+
+def verdict_on(laws: Sequence[Friction], more: Callable[[Trial], FloatArray]) -> ComponentDiagnosis:
+    """Of the last two tests held out, with no effect to try; each test has its own friction."""
+    trials = []
+    for seed, law in enumerate(laws, start=1):
+        trial = imposed(seed, law)
+        force = trial["motor_force_n"] + more(trial)
+        trials.append(replace(trial, channels={**trial.channels, "motor_force_n": force}))
+    part = axis(trials[:-2], RIG)
+    given = Bundle.new(RIG, fit_law(part, (), range(len(part.tests))).part(), [])
+    return diagnose_component(KIND, trials[:-2], trials[-2:], RIG, given, {})
+
+
+def test_what_repeats_over_two_quantities_together_is_unexplained() -> None:
+    """The mean over either alone is 0."""
+
+    def more(trial: Trial) -> FloatArray:
+        place = trial["position_m"] / 0.02
+        ahead = np.gradient(trial["position_m"], trial.time)
+        return np.asarray(8.0 * np.sin(place) * np.sin(ahead / 0.02))
+
+    found = verdict_on([plain] * 6, more)
+    assert found.curves[0].share < LEAST_SHARE
+    assert found.verdict == "unexplained" and found.because == "structure"
+    assert found.remainder is not None and found.remainder.repeatable > 2.0
+    assert found.unexplained[0].share == found.remainder.share
+
+
+def test_friction_that_scatters_from_test_to_test_is_no_structure() -> None:
+    factors = 1.0 + 0.05 * np.random.default_rng(5).normal(size=6)
+    found = verdict_on([lambda v, f=f: f * plain(v) for f in factors], lambda trial: 0.0)
+    assert found.verdict == "adequate" and found.because is None
+    assert found.remainder is not None
+    assert found.remainder.rmse > 1.5 * found.remainder.noise
+
+
 # --- the commands --------------------------------------------------------------------------
 
 
@@ -288,6 +392,33 @@ def test_the_whole_run(campaign: Path, capsys: pytest.CaptureFixture[str]) -> No
     assert content["diagnosis"]["effects"][0]["id"] == "asymmetric-viscous-friction"
     assert "tested alone" in (out / "report.html").read_text()
     assert "viscous_asymmetry_n_s_per_m" in (out / "export" / "model.json").read_text()
+
+
+def test_a_run_that_was_cut_short_is_done_again_with_more_time(
+    campaign: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = campaign.parent / "out"
+
+    def diagnosing(budget: str) -> tuple[dict[str, Any], str, dict[str, Any]]:
+        """The stage, the notices and the diagnosis of a run with a budget."""
+        assert main(["run", str(campaign), "-o", str(out), "--json", "--budget", budget]) == 0
+        printed = capsys.readouterr()
+        content = json.loads(printed.out)
+        (stage,) = (s for s in content["stages"] if s["name"] == "diagnose")
+        said = [line for line in printed.err.splitlines() if "notice: diagnose: incomplete" in line]
+        return stage, "".join(said), content["diagnosis"]
+
+    stage, said, diagnosis = diagnosing("1e-9")
+    assert stage["why"] == "not done yet" and not stage["complete"] and "--budget" in said
+    assert diagnosis["verdict"] == "unexplained" and diagnosis["effects"] == []
+    for budget in ("1e-9", "1e-10"):
+        stage, said, _ = diagnosing(budget)
+        assert stage["why"] is None and not stage["complete"] and "--budget" in said
+    stage, said, diagnosis = diagnosing("600")
+    assert "incomplete after" in stage["why"] and stage["complete"] and not said
+    assert diagnosis["verdict"] == "effects-found"
+    stage, said, _ = diagnosing("900")
+    assert stage["why"] is None and stage["complete"] and not said
 
 
 def test_without_a_held_out_log_tests_are_left_out_in_turn(

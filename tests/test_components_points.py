@@ -55,9 +55,12 @@ def noise(count: int, seed: int = 0) -> FloatArray:
 
 def breakaways(sine: float = 0.0, asymmetry: float = 0.0, seed: int = 0) -> FrictionPoints:
     """Breakaway at seven angles, twice each way; in closed form, not through the ports."""
+    return friction_points([breakaway_log(sine, asymmetry, seed)], AXIS)
+
+
+def breakaway_log(sine: float = 0.0, asymmetry: float = 0.0, seed: int = 0) -> Trial:
     torque = STATIC * WAYS * (1.0 + sine * np.sin(1.2 * ANGLES)) + asymmetry
-    torque = torque + NOISE_NM * noise(len(WAYS), seed)
-    return friction_points([readings(0.0 * WAYS, torque, ANGLES)], AXIS)
+    return readings(0.0 * WAYS, torque + NOISE_NM * noise(len(WAYS), seed), ANGLES)
 
 
 def steady(drag: float, seed: int = 0, torques: FloatArray = TORQUES) -> FrictionPoints:

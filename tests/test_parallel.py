@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -9,12 +10,13 @@ import sys
 import time
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from sysid.commands.app import main
 from sysid.errors import InputError
-from sysid.parallel import VARIABLE, job_count, run_all
+from sysid.parallel import VARIABLE, Failure, attempt_all, job_count, run_all, time_limit
 
 PARENT = """
 import os, signal, sys, time
@@ -46,6 +48,81 @@ def test_one_job_is_this_process_and_two_are_others(monkeypatch: pytest.MonkeyPa
     monkeypatch.setenv(VARIABLE, "2")
     others = set(run_all(jobs))
     assert os.getpid() not in others and len(others) == 2
+
+
+def asleep(_: int) -> None:
+    """A job that does not look at the time."""
+    time.sleep(60.0)
+
+
+def dead(_: int) -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def refused() -> None:
+    raise ImportError("no module of that name here")
+
+
+class Unreadable:
+    """A job that cannot be read where it is to run."""
+
+    def __call__(self) -> int:
+        return 0
+
+    def __reduce__(self) -> Any:
+        return refused, ()
+
+
+def doubled(number: int) -> int:
+    return 2 * number
+
+
+DOUBLED = [partial(doubled, i) for i in range(5)]
+
+
+def test_the_first_job_hangs_and_the_later_ones_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(VARIABLE, "2")
+    attempt_all(DOUBLED)  # workers take their time to start
+    begin = time.monotonic()
+    with time_limit(3.0):
+        hung, *others = attempt_all([partial(asleep, 0), *DOUBLED])
+    assert isinstance(hung, Failure) and hung.out_of_time
+    assert others == [0, 2, 4, 6, 8]
+    assert time.monotonic() - begin < 20.0
+
+
+def test_no_process_is_started_once_the_time_is_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(VARIABLE, "2")
+    begin = time.monotonic()
+    with time_limit(1e-9):
+        found = attempt_all([partial(asleep, 0)] * 3)
+    assert found == [Failure("out of time", out_of_time=True)] * 3
+    assert time.monotonic() - begin < 1.0
+
+
+@pytest.mark.parametrize("culprit", [partial(dead, 0), Unreadable()], ids=["dies", "unreadable"])
+@pytest.mark.parametrize("place", [0, 3])
+def test_a_worker_that_dies_takes_no_other_job_along(
+    place: int, culprit: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(VARIABLE, "2")
+    monkeypatch.delenv("SYSID_DEBUG", raising=False)
+    jobs: list[Any] = [*DOUBLED[:place], culprit, *DOUBLED[place:]]
+    found = attempt_all(jobs)
+    failed = found.pop(place)
+    assert isinstance(failed, Failure) and failed.reason and not failed.out_of_time
+    assert found == [0, 2, 4, 6, 8]
+    assert attempt_all(DOUBLED) == found
+
+
+def test_a_pool_of_the_users_own_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(VARIABLE, "2")
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        number = pool.apply(process_number, (0,))
+        with time_limit(0.5):
+            found = attempt_all([partial(asleep, 0)] * 2)
+        assert all(isinstance(one, Failure) and one.out_of_time for one in found)
+        assert pool.apply_async(process_number, (0,)).get(30.0) == number
 
 
 @pytest.mark.parametrize("text", ["0", "-1", "two", "1e3", "9" * 30])

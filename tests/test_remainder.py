@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
@@ -75,6 +75,17 @@ def test_a_few_readings_say_nothing() -> None:
     few: Any = bench(0.5, 0.2, 5, tests=1)
     assert remainder(few, None, Law({}), NOISE) is None
     assert wording.left({"remainder": None}) == ""
+
+
+def test_what_repeats_is_structure_only_where_most_tests_have_it() -> None:
+    found = remainder(bench(0.5, 0.2, 1, tests=6), bench(0.5, 0.2, 2, tests=2), Law({}), NOISE)
+    assert found is not None and (found.agreeing, found.tests) == (8, 8)
+    assert found.is_steady and found.is_large(before=0.6)
+    assert not found.is_large(before=100.0)  # below a tenth of what was there
+    few = replace(found, agreeing=4)
+    assert not few.is_steady
+    alike = remainder(bench(0.0, 0.5, 1, tests=6), bench(0.0, 0.5, 2, tests=2), Law({}), NOISE)
+    assert alike is not None and not alike.is_steady
 
 
 def test_in_words() -> None:

@@ -14,6 +14,7 @@ from rich.text import Text
 
 from sysid.bundle import Bundle, read_bundle, write_bundle
 from sysid.checks.log_check import check_campaign
+from sysid.commands.budget import budget_option
 from sysid.commands.options import (
     SEED,
     PathArgument,
@@ -27,23 +28,18 @@ from sysid.commands.printing import estimate_cells, notices, print_json, progres
 from sysid.diagnosis import wording
 from sysid.diagnosis.actuator.result import Diagnosis
 from sysid.diagnosis.bench.diagnose import ComponentDiagnosis
-from sysid.diagnosis.campaign import diagnose_logs, extended_bundle
-from sysid.diagnosis.content import content, looks
+from sysid.diagnosis.content import looks
 from sysid.diagnosis.looked import SECONDS
 from sysid.display.terminal import console, new_table
 from sysid.io.campaign import Campaign, read_campaign
 from sysid.model.effects.catalogue import catalogue_with
 from sysid.types import Progress, no_progress
 from sysid.validation import VALIDATED_KINDS, validate
+from sysid.workflows.diagnosing import CampaignDiagnosis
+from sysid.workflows.diagnosing import diagnose as workflow
 
 # Suspects of one round that a summary names.
 _MOST_SUSPECTS = 6
-
-
-def _no_nan(_: click.Context, option: click.Parameter, value: float) -> float:
-    if math.isnan(value):
-        raise click.BadParameter("nan is no time", param=option)
-    return value
 
 
 @click.command()
@@ -60,15 +56,7 @@ def _no_nan(_: click.Context, option: click.Parameter, value: float) -> float:
 @click.option(
     "--seed", type=SEED, default=0, show_default=True, help="Seed of the simulated twins."
 )
-@click.option(
-    "--budget",
-    type=click.FloatRange(min=0.0, min_open=True),
-    callback=_no_nan,
-    default=SECONDS,
-    show_default=True,
-    metavar="SECONDS",
-    help="Time for search and refinement; ends then with the best so far, says what it missed.",
-)
+@budget_option
 @json_option
 def diagnose(campaign: Path, bundle: Path, as_json: bool, **options: Any) -> None:
     """What the model lacks: the residual's cause, and the errors with and without it."""
@@ -113,7 +101,7 @@ def diagnose_campaign(
     """
     campaign = read_campaign(campaign_path)
     bundle = read_bundle(bundle_path)
-    diagnosis, notices = diagnose_logs(
+    found = workflow(
         campaign,
         bundle,
         effects=effects,
@@ -122,44 +110,42 @@ def diagnose_campaign(
         budget=budget,
         progress=progress,
     )
-    extended = extended_bundle(bundle, diagnosis, campaign)
     written = []
     if output is not None:
-        write_bundle(extended, output)
+        write_bundle(found.bundle, output)
         written.append(output)
     if report is not None:
-        _write_report(report, campaign, extended, diagnosis, effects, progress)
+        _write_report(report, campaign, found, effects, progress)
         written.append(report)
-    notices = (*campaign.notices, *campaign.rig.notices, *notices, *diagnosis.notices)
-    return Diagnosed(diagnosis, extended, tuple(dict.fromkeys(notices)), tuple(written))
+    notices = (*campaign.notices, *campaign.rig.notices, *found.notices)
+    return Diagnosed(found.detail, found.bundle, tuple(dict.fromkeys(notices)), tuple(written))
 
 
 def _write_report(
     path: Path,
     campaign: Campaign,
-    bundle: Bundle,
-    diagnosis: Diagnosis | ComponentDiagnosis,
+    found: CampaignDiagnosis,
     effects: Path | None,
     progress: Progress,
 ) -> None:
     from sysid.report import write_report
 
     validation = None
-    is_part = isinstance(diagnosis, ComponentDiagnosis)
+    is_part = isinstance(found.detail, ComponentDiagnosis)
     if not is_part and campaign.select(VALIDATED_KINDS, None):
         validation = validate(
             campaign,
-            bundle,
+            found.bundle,
             catalogue=catalogue_with(effects),
             progress=progress,
         )
     write_report(
         path,
         campaign=campaign,
-        bundle=bundle,
+        bundle=found.bundle,
         validation=validation,
         checks=check_campaign(campaign),
-        diagnosis=content(diagnosis),
+        diagnosis=found.content(),
         progress=progress,
     )
 

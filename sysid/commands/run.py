@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import click
 from rich.text import Text
 
 from sysid.bundle import Bundle, read_bundle
+from sysid.commands.budget import budget_option
 from sysid.commands.options import (
     SEED,
     PathArgument,
@@ -30,6 +32,7 @@ from sysid.commands.stages import (
     stages_of,
 )
 from sysid.diagnosis import wording
+from sysid.diagnosis.looked import SECONDS
 from sysid.display.terminal import console, new_table
 from sysid.errors import input_error
 from sysid.io.campaign import read_campaign
@@ -56,6 +59,7 @@ run_options = options(
         default=True,
         help="Whether to estimate all parameters together on the motion logs.",
     ),
+    budget_option,
     effects_option,
     json_option,
 )
@@ -112,6 +116,7 @@ def run_campaign(
     diagnose: bool = True,
     refine: bool = True,
     effects: Path | None = None,
+    budget: float | None = SECONDS,
     progress: Progress = no_progress,
 ) -> RunReport:
     """Run every stage that is not up to date. Raises what the stages raise.
@@ -119,7 +124,8 @@ def run_campaign(
     `surface` and `seed` are those of `sysid fit valve-pwm` and the diagnosis; `diagnose` says
     whether to look for what the model lacks, `refine` whether to estimate all parameters together
     afterwards, `effects` is a Python file with further effects; `progress` is called with a line
-    for each step.
+    for each step. The diagnosis ends after `budget` seconds (None: never); where it missed
+    something then, a call with more does it again.
     """
     campaign = read_campaign(campaign_path)
     if effects is not None:
@@ -133,7 +139,16 @@ def run_campaign(
     remove_leftovers(folder)
     remove_leftovers(folder / "export")
     run = PipelineRun(
-        campaign, folder, surface, seed, progress, digests(campaign), diagnose, refine, effects
+        campaign,
+        folder,
+        surface,
+        seed,
+        progress,
+        digests(campaign),
+        diagnose=diagnose,
+        refine=refine,
+        effects=effects,
+        budget=math.inf if budget is None else budget,
     )
     run.notices += [*campaign.notices, *campaign.rig.notices]
     stages = tuple(perform(run, stage) for stage in stages_of(run))

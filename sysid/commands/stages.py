@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -20,8 +21,7 @@ from sysid.assembly import fit_campaign
 from sysid.bundle import Bundle, read_bundle, write_bundle
 from sysid.checks.log_check import LogCheck, check_campaign
 from sysid.diagnosis.bench.registry import part_tested
-from sysid.diagnosis.campaign import diagnose_logs, extended_bundle
-from sysid.diagnosis.content import content
+from sysid.diagnosis.looked import SECONDS
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.export import export_file
 from sysid.io.campaign import Campaign
@@ -29,6 +29,7 @@ from sysid.io.files import write_atomic
 from sysid.model.effects.catalogue import catalogue_with
 from sysid.types import Progress
 from sysid.validation import VALIDATED_KINDS, validate
+from sysid.workflows.diagnosing import diagnose
 
 if TYPE_CHECKING:
     from sysid.model.effects.entry import Catalogue
@@ -43,23 +44,29 @@ _REFINED_FILE = "refined.json"
 _DIAGNOSIS_FILE = "diagnosis.json"
 _CHECKS_FILE = "checks.json"
 _NOT_DONE_YET = "not done yet"
+# In a stage's record: the budget that was too small for all of it, s.
+_CUT_SHORT = "cut_short_after_s"
 EXPORTS = {"c": "export/model.h", "mat": "export/model.mat", "json": "export/model.json"}
 
 
 @dataclass(frozen=True)
 class StageReport:
-    """The outcome of a stage: `why` it was done (None: it was up to date), and its duration, s."""
+    """The outcome of a stage: `why` it was done (None: it was up to date), and its duration, s.
+
+    `complete`: whether it did all of its work, not only what there was time for.
+    """
 
     name: str
     why: str | None
     seconds: float
+    complete: bool = True
 
     @property
     def outcome(self) -> str:
-        """The outcome in words: done, up to date, or why it was repeated."""
-        if self.why is None:
-            return "up to date"
-        return "done" if self.why == _NOT_DONE_YET else f"{self.why}: repeated"
+        """The outcome in words: done, up to date or why it was repeated, and whether in part."""
+        said = "up to date" if self.why is None else f"{self.why}: repeated"
+        said = "done" if self.why == _NOT_DONE_YET else said
+        return said if self.complete else f"{said}, incomplete"
 
 
 @dataclass
@@ -75,6 +82,7 @@ class PipelineRun:
     diagnose: bool = True
     refine: bool = True
     effects: Path | None = None
+    budget: float = SECONDS
     notices: list[str] = field(default_factory=list)
     validation: ValidationResult | None = None
 
@@ -123,7 +131,8 @@ class Stage:
     """A stage: its output, its inputs in addition to the logs, and its work.
 
     `reads_effects`: whether a file of further effects is one of its inputs; `reads_refine`:
-    whether it does the refinement where one is asked for.
+    whether it does the refinement where one is asked for; `was_cut_short`: whether its output says
+    that time ran out for some of it.
     """
 
     name: str
@@ -132,6 +141,7 @@ class Stage:
     perform: Callable[[PipelineRun], None]
     reads_effects: bool = True
     reads_refine: bool = False
+    was_cut_short: Callable[[PipelineRun], bool] = lambda run: False
 
 
 def perform(run: PipelineRun, stage: Stage) -> StageReport:
@@ -150,7 +160,9 @@ def perform(run: PipelineRun, stage: Stage) -> StageReport:
     why = _stale(run, stage, made_from, state.get(stage.name))
     if why is None:
         run.tell(f"{stage.name}: up to date")
-        return StageReport(stage.name, None, 0.0)
+        complete = _CUT_SHORT not in state[stage.name]
+        run.notices += [] if complete else [_incomplete(stage, state[stage.name][_CUT_SHORT])]
+        return StageReport(stage.name, None, 0.0, complete)
     run.tell(f"{stage.name}: {'starts' if why == _NOT_DONE_YET else f'{why}; starts again'}")
     start = time.perf_counter()
     stage.perform(run)
@@ -160,8 +172,19 @@ def perform(run: PipelineRun, stage: Stage) -> StageReport:
         "outputs": {name: _digest(run.path(name)) for name in stage.outputs},
         "seconds": round(seconds, 3),
     }
+    cut_short = stage.was_cut_short(run)
+    if cut_short:
+        state[stage.name][_CUT_SHORT] = run.budget
+        run.notices.append(_incomplete(stage, run.budget))
     write_atomic(run.path(STATE_FILE), json.dumps(state, indent=2) + "\n")
-    return StageReport(stage.name, why, seconds)
+    return StageReport(stage.name, why, seconds, not cut_short)
+
+
+def _incomplete(stage: Stage, budget: float) -> str:
+    return (
+        f"{stage.name}: incomplete, as its {budget:g} s ran out: a larger --budget does it again "
+        f"(so does any, without {stage.outputs[0]})"
+    )
 
 
 def _read_state(folder: Path) -> dict[str, Any]:
@@ -183,6 +206,9 @@ def _stale(
     changed = [k for k in {**old, **made_from} if old.get(k) != made_from.get(k)]
     if changed:
         return f"stale, changed: {', '.join(changed)}"
+    cut_short = before.get(_CUT_SHORT)
+    if cut_short is not None and run.budget > cut_short:
+        return f"incomplete after --budget {cut_short:g}"
     for name, digest in before.get("outputs", {}).items():
         path = run.path(name)
         if not path.is_file():
@@ -214,24 +240,30 @@ def _diagnose(run: PipelineRun) -> None:
     """A campaign that cannot be diagnosed continues as fitted, with a notice that says why."""
     bundle = run.bundle(_FITTED_FILE)
     try:
-        diagnosis, notices = diagnose_logs(
+        diagnosis = diagnose(
             run.campaign,
             bundle,
             effects=run.effects,
             refine=run.refine,
             seed=run.seed,
+            budget=None if math.isinf(run.budget) else run.budget,
             progress=run.tell,
         )
     except NotIdentifiedError as error:
         run.notices.append(f"not diagnosed: {error}")
         found: dict[str, Any] = {"skipped": str(error)}
     else:
-        run.notices += [*notices, *diagnosis.notices]
-        found = content(diagnosis)
-        bundle = extended_bundle(bundle, diagnosis, run.campaign)
+        run.notices += diagnosis.notices
+        found, bundle = diagnosis.content(), diagnosis.bundle
     text = json.dumps(found, indent=2, allow_nan=False, ensure_ascii=False)
     write_atomic(run.path(_DIAGNOSIS_FILE), text + "\n")
     write_bundle(bundle, run.path(_EXTENDED_FILE))
+
+
+def _was_cut_short(run: PipelineRun) -> bool:
+    """Whether the diagnosis missed something for want of time."""
+    search = (run.diagnosis() or {}).get("search", {})
+    return any(entry.get("out_of_time") for entry in search.get("missed", []))
 
 
 def _refine(run: PipelineRun) -> None:
@@ -316,7 +348,14 @@ def stages_of(run: PipelineRun) -> list[Stage]:
     stages = [
         Stage("check", (_CHECKS_FILE,), (), _check, reads_effects=False),
         Stage("fit", (_FITTED_FILE,), (), _fit, reads_effects=False),
-        Stage("diagnose", diagnosed, (_FITTED_FILE,), _diagnose, reads_refine=True),
+        Stage(
+            "diagnose",
+            diagnosed,
+            (_FITTED_FILE,),
+            _diagnose,
+            reads_refine=True,
+            was_cut_short=_was_cut_short,
+        ),
         Stage("refine", (_REFINED_FILE,), (refined_from,), _refine),
         Stage("validate", (BUNDLE_FILE,), (run.model_file,), _validate),
         Stage("report", (REPORT_FILE,), shown, _report),

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sysid.diagnosis.looked import SearchStage
 from sysid.types import FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -91,7 +92,7 @@ def looks(diagnosis: Diagnosis) -> list[dict[str, Any]]:
         (None, diagnosis.rejected),
     ]
     for number, (step, suspects) in enumerate(views, start=1):
-        own = [m for m in missed if m.stage == f"fit of suspects, round {number}"]
+        own = [m for m in missed if (m.stage, m.round) == (SearchStage.SUSPECTS, number)]
         late = {m.subject: f"not fitted: {m.reason}" for m in own}
         rows = [
             {

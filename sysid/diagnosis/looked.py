@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from enum import StrEnum
+from typing import Any, Literal, TypeVar
 
 from sysid.parallel import Failure
 
@@ -14,25 +15,48 @@ SECONDS = 120.0
 """Default of the time for a search; what no verdict can do without is not cut short."""
 
 
+Because = Literal["structure", "held-out errors", "unfinished search"]
+"""Why a verdict is `unexplained`: structure that no effect explains; held-out tests far off though
+no balance shows structure; or a search that missed something and found nothing."""
+
+
+class SearchStage(StrEnum):
+    """What a search is about; those within a round have its number too."""
+
+    TWIN = "simulation of a twin"
+    TWINS = "simulation of twins"
+    SCREENING = "screening"
+    COMPARISON = "comparison with twins"
+    SUSPECTS = "fit of suspects"
+    TOGETHER = "fit with the effects added before"
+    EFFECTS = "fit of effects"
+    REPETITION = "repetition on parts of the tests"
+    CORRECTION = "correction of the numbers by twins of the extended model"
+    REFINEMENT = "refinement of the numbers by simulation"
+
+
 @dataclass(frozen=True)
 class Missed:
     """A stage that did not end, or an effect (`subject`) that it did not come to, and why.
 
-    `decides`: the verdict depends on it.
+    `round` from 1, 0 outside the rounds. `decides`: the verdict depends on it.
     """
 
-    stage: str
+    stage: SearchStage
+    round: int
     subject: str
     reason: str
     out_of_time: bool
     decides: bool = True
 
     def to_json(self) -> dict[str, Any]:
-        """As JSON types: `stage`, `subject` (an effect's id or None), `reason`, `decides`."""
+        """As JSON types: None for no round, and for a `subject` that is no effect's id."""
         return {
-            "stage": self.stage,
+            "stage": self.stage.value,
+            "round": self.round or None,
             "subject": self.subject or None,
             "reason": self.reason,
+            "out_of_time": self.out_of_time,
             "decides": self.decides,
         }
 
@@ -66,30 +90,55 @@ class Looked:
     def sentences(self) -> tuple[str, ...]:
         """Notices: what was missed, stage by stage."""
         found = []
-        for stage in dict.fromkeys(miss.stage for miss in self.missed):
-            own = [miss for miss in self.missed if miss.stage == stage]
+        for stage, number in dict.fromkeys((m.stage, m.round) for m in self.missed):
+            own = [m for m in self.missed if (m.stage, m.round) == (stage, number)]
             subjects = ", ".join(dict.fromkeys(m.subject for m in own if m.subject))
             reasons = "; ".join(dict.fromkeys(m.reason for m in own))
             of = f" of {subjects}" if subjects else ""
             late = any(m.out_of_time for m in own)
             mend = " (--budget allows more time)" if late else ""
-            found.append(f"not done: {stage}{of}: {reasons}{mend}")
+            found.append(f"not done: {stage_text(stage, number)}{of}: {reasons}{mend}")
         return tuple(found)
+
+
+def why_unexplained(structured: bool, far_off: bool, undecided: bool) -> Because | None:
+    """The strongest of the reasons that hold; None: no reason, the verdict is another."""
+    if structured:
+        return "structure"
+    if far_off:
+        return "held-out errors"
+    return "unfinished search" if undecided else None
+
+
+def stage_text(stage: str, number: int | None) -> str:
+    """A stage in words, with its round if it has one."""
+    return f"{stage}, round {number}" if number else stage
 
 
 @dataclass
 class Book:
     """A `Looked` in the making."""
 
-    stage: str = ""
+    stage: SearchStage = SearchStage.TWIN
+    round: int = 0
     screened: list[str] = field(default_factory=list)
     fitted: list[str] = field(default_factory=list)
     missed: list[Missed] = field(default_factory=list)
 
+    def enter(self, stage: SearchStage, number: int = 0) -> None:
+        """A stage begins, of a round or (0) outside them."""
+        self.stage, self.round = stage, number
+
+    def unfinished(self, stage: SearchStage, number: int) -> set[str]:
+        """The effects that a stage of a round did not come to."""
+        return {m.subject for m in self.missed if (m.stage, m.round) == (stage, number)} - {""}
+
     def miss(self, failure: Failure, *subjects: str, decides: bool = True) -> None:
         """Note that the present stage failed, as a whole or for these effects."""
         for subject in subjects or ("",):
-            entry = Missed(self.stage, subject, failure.reason, failure.out_of_time, decides)
+            entry = Missed(
+                self.stage, self.round, subject, failure.reason, failure.out_of_time, decides
+            )
             if entry not in self.missed:
                 self.missed.append(entry)
 
@@ -113,4 +162,14 @@ class Book:
 
 LATE = Failure("out of time", out_of_time=True)
 
-__all__ = ["LATE", "SECONDS", "Book", "Looked", "Missed"]
+__all__ = [
+    "LATE",
+    "SECONDS",
+    "Because",
+    "Book",
+    "Looked",
+    "Missed",
+    "SearchStage",
+    "stage_text",
+    "why_unexplained",
+]

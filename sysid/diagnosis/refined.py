@@ -14,7 +14,7 @@ import numpy as np
 from sysid.bundle import Bundle, EffectEntry
 from sysid.diagnosis.actuator.holdout import held_out
 from sysid.diagnosis.actuator.result import Diagnosis, FoundEffect
-from sysid.diagnosis.looked import Looked, Missed
+from sysid.diagnosis.looked import LATE, Book, SearchStage
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import MOTION_KINDS, Campaign
@@ -100,8 +100,9 @@ def _as_it_was(diagnosis: Diagnosis, why: str) -> Diagnosis:
 
 
 def _out_of_time(diagnosis: Diagnosis) -> Diagnosis:
-    stage = "refinement of the numbers by simulation"
-    missed = Looked(missed=(Missed(stage, "", "out of time", out_of_time=True, decides=False),))
+    book = Book(SearchStage.REFINEMENT)
+    book.miss(LATE, decides=False)
+    missed = book.closed()
     looked = dataclasses.replace(
         diagnosis.looked, missed=(*diagnosis.looked.missed, *missed.missed)
     )

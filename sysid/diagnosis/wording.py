@@ -9,6 +9,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from sysid.diagnosis.looked import stage_text
 from sysid.display.channels import channel_of
 from sysid.display.numbers import number
 from sysid.estimation.linear import Estimate
@@ -41,7 +42,7 @@ def sentence(content: Content) -> str:
 def _incomplete(content: Content) -> str:
     """The stages that a search did not come to the end of; empty where it did."""
     missed = content.get("search", {}).get("missed", [])
-    stages = list(dict.fromkeys(entry["stage"] for entry in missed))
+    stages = list(dict.fromkeys(stage_text(e["stage"], e.get("round")) for e in missed))
     return f" The search is incomplete: not done: {joined(stages)}." if stages else ""
 
 
@@ -89,13 +90,25 @@ def _gained(content: Content) -> str:
     return f"errors on held-out tests: {joined(said)}"
 
 
+_NO_STRUCTURE = {
+    "held-out errors": "no balance shows why the held-out tests are simulated so badly",
+    "unfinished search": "what the search did not come to may be missing",
+}
+
+
 def _remaining(content: Content) -> Iterator[str]:
+    """What is left, by balance: structure; where none counts as such, the reason comes first."""
+    other = _NO_STRUCTURE.get(content.get("because") or "")
+    said = (
+        "the residual of {0} depends most on {1} ({2} % of its variance)"
+        if other
+        else "structure remains in {0}, strongest over {1} ({2} % of the residual's variance)"
+    )
+    if other:
+        yield other
     for entry in content["unexplained"]:
-        yield (
-            f"structure remains in {balance_of(entry['channel'])}, strongest over "
-            f"{regressor_name(entry['regressor'])} "
-            f"({number(100.0 * entry['share'], 2)} % of the residual's variance)"
-        )
+        share = number(100.0 * entry["share"], 2)
+        yield said.format(balance_of(entry["channel"]), regressor_name(entry["regressor"]), share)
 
 
 def left(content: Content) -> str:
@@ -125,7 +138,7 @@ def advice(content: Content) -> tuple[str, ...]:
             "Effects that were not looked at may explain what remains: allow more time (--budget "
             "SECONDS); the notices name what failed."
         )
-    elif content["unexplained"]:
+    elif content["unexplained"] and not _NO_STRUCTURE.get(content.get("because") or ""):
         lines.append(
             "No effect in the catalogue explains the remainder. Its curve shows what a user effect "
             "would have to produce (--effects FILE); tests that vary its regressor over a "

@@ -233,11 +233,19 @@ def _remaining(content: Content, is_linear: bool) -> list[Block]:
         panels.leftover(f"fig-diagnosis-left-{place}", entry, is_linear)
         for place, entry in enumerate(left)
     )
-    caption = (
-        "The remainder, which no effect in the catalogue explains: means with their 95 % band over "
-        "the regressor on which the residual depends most."
+    is_structure = content.get("because", "structure") == "structure"
+    what = (
+        "The remainder, which no effect in the catalogue explains"
+        if is_structure
+        else "The residual where it depends most on anything, which does not count as structure"
     )
-    return [Heading("diagnosis-left", "Unexplained remainder"), FigureGroup(caption, figures)]
+    caption = (
+        f"{what}: means with their 95 % band over the regressor on which the residual depends most."
+    )
+    return [
+        Heading("diagnosis-left", "Unexplained remainder" if is_structure else "Remainder"),
+        FigureGroup(caption, figures),
+    ]
 
 
 __all__ = [

@@ -13,6 +13,7 @@ from sysid.diagnosis.actuator.loop import Loop, close_loop
 from sysid.diagnosis.actuator.result import BeforeAfter, Diagnosis, FoundEffect, Verdict
 from sysid.diagnosis.actuator.search import Step
 from sysid.diagnosis.actuator.unexplained import faintest, leftover
+from sysid.diagnosis.looked import why_unexplained
 from sysid.errors import NotIdentifiedError, SimulationError
 from sysid.io.logs import Log, Trial
 from sysid.io.rig import Rig
@@ -62,6 +63,22 @@ def diagnose(
     ]
     if not tests:
         raise NotIdentifiedError('diagnosis: no log has use = "fit"; give it some')
+    try:
+        return _diagnosed(tests, logs, rig, model, catalogue, seed, progress)
+    finally:
+        forget()
+
+
+def _diagnosed(
+    tests: Sequence[tuple[str, str, Trial]],
+    logs: Sequence[tuple[str, str, Log]],
+    rig: Rig,
+    model: Model,
+    catalogue: Mapping[str, type[CatalogueEffect]],
+    seed: int,
+    progress: Callable[[str], None],
+) -> Diagnosis:
+    """The diagnosis from the training tests, (file, kind, trial) each, and all logs."""
     outside = held_out(rig, [(kind, log) for use, kind, log in logs if use == "holdout"])
     notices = []
     if not outside.tests:
@@ -81,16 +98,17 @@ def diagnose(
         errors = _errors(outside, model, found)
         floor = _noise_floor(outside, found, seed)
         unexplained = leftover(found, rig)
+        structured = bool(unexplained)
         far_off = not found.search.steps and is_far_off(errors[-1], floor)
         undecided = not found.search.steps and not found.looked.is_decided
         if (far_off or undecided) and not unexplained:
             unexplained = faintest(found, rig)
             notices += [_FAR_OFF_NOTICE] * far_off
     notices += found.looked.sentences()
-    forget()
     names = (rig.position_channel, *CHAMBER_PRESSURES)
+    because = why_unexplained(structured, far_off, undecided)
     return Diagnosis(
-        verdict=_verdict(found, far_off or undecided or bool(unexplained)),
+        verdict=_verdict(found, because is not None),
         effects=tuple(
             _found_effect(step, found, names, errors[i], errors[i + 1])
             for i, step in enumerate(found.search.steps)
@@ -105,6 +123,7 @@ def diagnose(
         rejected=found.search.suspects,
         loop=found,
         notices=tuple(notices),
+        because=because,
         seed=seed,
     )
 

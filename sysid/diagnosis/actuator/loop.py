@@ -13,7 +13,7 @@ from sysid.diagnosis.actuator.search import Search, search
 from sysid.diagnosis.actuator.signatures import candidates
 from sysid.diagnosis.actuator.twins import Scatter, SensorNoise, sensor_noise, simulate_twins
 from sysid.diagnosis.actuator.whitening import Frame, build_frame, friction_scatter, noise_of
-from sysid.diagnosis.looked import Book, Looked
+from sysid.diagnosis.looked import Book, Looked, SearchStage
 from sysid.errors import SimulationError
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
@@ -61,10 +61,11 @@ def close_loop(
     the residual, and one twin.
     """
     book = Book()
-    forms = candidates(effect for effect in catalogue if not effect.averaged_only)
     with time_limit(None):
         noise = sensor_noise(tests, rig)
         traces = prepare(tests, rig, model)
+        own = [effect for effect in catalogue if not effect.averaged_only]
+        forms = candidates(own, traces.travel)
         pilot = _pilot(traces, model, noise, rig, seed + 1, book)
         # The noise's colour in the residuals comes from a twin; scatter does not affect it.
         colour = noise_of(pilot, model)
@@ -76,7 +77,7 @@ def close_loop(
     def frame_of(some: Traces) -> Frame:
         return build_frame(some, model, colour, spread)
 
-    book.stage = "simulation of twins"
+    book.enter(SearchStage.TWINS)
     progress(f"simulating {TWINS} twins")
     judged: list[Projected] = []
 
@@ -91,7 +92,7 @@ def close_loop(
         null = Null(judged or [projected(frame_of(pilot), model)], forms)
     found = search(frame_of(traces), model, forms, null, progress, simulation_error, book)
     if found.steps:
-        book.stage = "correction of the numbers by twins of the extended model"
+        book.enter(SearchStage.CORRECTION)
         progress("correcting the numbers with twins of the extended model")
         before = found
         better = attempt(
@@ -114,7 +115,7 @@ def _pilot(
 
     No effect gains more on the logs than on those, so that none is named then.
     """
-    book.stage = "simulation of a twin"
+    book.enter(SearchStage.TWIN)
     try:
         return next(iter(simulate_twins(traces, model, noise, Scatter(), 1, seed, rig)))
     except SimulationError as error:

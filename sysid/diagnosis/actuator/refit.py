@@ -101,7 +101,10 @@ def refit(base: Projected, starts: Sequence[CatalogueEffect]) -> Refit:
     channels = tuple(c for c in CHANNELS if any(c in channels_of(e, others) for e in starts))
     touched = base.frame.belongs(channels)
     names = [n for n in base_parameters(base.model) if channel_of(n) in channels]
-    parameters = [*_own_parameters(starts), *(_relative(n) for n in names)]
+    parameters = [
+        *_own_parameters(starts, base.frame.traces.travel),
+        *(_relative(n) for n in names),
+    ]
     count = len(parameters) - len(names)
     quantities = [q for e in starts for q in type(e).quantities]
     shares = [THRESHOLD_STEP if is_threshold(q) else _STEP for q in quantities]
@@ -147,7 +150,7 @@ def is_threshold(quantity: Quantity) -> bool:
     return quantity.is_strength and bool(quantity.grid)
 
 
-def _own_parameters(effects: Sequence[CatalogueEffect]) -> list[Parameter]:
+def _own_parameters(effects: Sequence[CatalogueEffect], travel: float) -> list[Parameter]:
     return [
         Parameter(
             f"{e.id}/{q.name}",
@@ -158,7 +161,7 @@ def _own_parameters(effects: Sequence[CatalogueEffect]) -> list[Parameter]:
             abs(q.typical),
         )
         for e in effects
-        for q in type(e).quantities
+        for q in type(e).within(travel) or type(e).quantities
     ]
 
 

@@ -9,7 +9,7 @@ from typing import Any, Literal
 from sysid.diagnosis.actuator.loop import Loop
 from sysid.diagnosis.actuator.search import Suspect
 from sysid.diagnosis.actuator.unexplained import Unexplained
-from sysid.diagnosis.looked import Looked
+from sysid.diagnosis.looked import Because, Looked
 from sysid.diagnosis.wording import p_text
 from sysid.display.tables import Shown, ShownTable, estimate_records, estimate_table
 from sysid.estimation.linear import Estimate
@@ -96,7 +96,8 @@ class Diagnosis:
     `rejected`: suspects of the last round, none of which was added. `loop`: what was found on
     the training logs, step by step. `refinement`: of the numbers by simulation error, where they
     are from it; the errors after each effect are those before it. `not_refined`: why its numbers
-    were not taken, empty where they were or none was asked for.
+    were not taken, empty where they were or none was asked for. `because`: why the verdict is
+    `unexplained`, None where it is not.
     """
 
     verdict: Verdict
@@ -110,6 +111,7 @@ class Diagnosis:
     refinement: RefineResult | None = None
     not_refined: str = ""
     notices: tuple[str, ...] = ()
+    because: Because | None = None
 
     @property
     def looked(self) -> Looked:
@@ -133,6 +135,7 @@ class Diagnosis:
             "effects": [effect.to_json() for effect in self.effects],
             "residual": {name: errors.to_json() for name, errors in self.residual.items()},
             "unexplained": [entry.to_json() for entry in self.unexplained],
+            "because": self.because,
             "rejected": [{"id": s.id, "gain": s.gain, "p_value": s.p_value} for s in self.rejected],
             "search": self.looked.to_json(),
             "friction_scatter": self.loop.scatter.sliding,

@@ -105,6 +105,12 @@ class Traces:
         """Chamber pressure, Pa."""
         return self.pressure_a if side == "a" else self.pressure_b
 
+    @property
+    def travel(self) -> float:
+        """How much of the position is visited in motion, rad or m."""
+        moving = self.position[self.direction != 0.0]
+        return float(np.ptp(moving)) if len(moving) else 0.0
+
     def is_finite(self) -> bool:
         """Whether every channel is a number everywhere."""
         channels = (self.acceleration, self.rate_a, self.rate_b)

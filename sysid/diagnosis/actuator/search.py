@@ -30,7 +30,7 @@ from sysid.diagnosis.actuator.screening import (
 )
 from sysid.diagnosis.actuator.signatures import Candidate
 from sysid.diagnosis.actuator.whitening import Frame
-from sysid.diagnosis.looked import Book
+from sysid.diagnosis.looked import Book, SearchStage
 from sysid.errors import SimulationError
 from sysid.estimation.linear import Estimate
 from sysid.model.effects.catalogue import class_of
@@ -165,7 +165,7 @@ def search(
         first = projected(frame, model)
     state = _SearchState(first, first)
     before = null.excess(first)
-    book.stage = "screening, round 1"
+    book.enter(SearchStage.SCREENING, 1)
 
     def next_round() -> bool:
         return _round(state, before, candidates, null, progress, simulation_error, book)
@@ -191,11 +191,12 @@ def _round(
     """Add the effect that explains most of what is left; whether there was one, and time left."""
     base, number = state.base, len(state.steps) + 1
     taken = {step.refit.id for step in state.steps}
-    state.suspects, book.stage = [], f"screening, round {number}"
+    state.suspects = []
+    book.enter(SearchStage.SCREENING, number)
     open_ones = [c for c in candidates if c.id not in taken and _composes(base.model, c)]
     screened = screen(base, open_ones, book)
     best, starts = best_by_effect(screened), starting_points(screened)
-    book.stage = f"comparison with twins, round {number}"
+    book.enter(SearchStage.COMPARISON, number)
     state.suspects = suspects = _suspects(best, null, book)
     passing = [
         s.id
@@ -206,7 +207,7 @@ def _round(
     ]
     if not passing or len(state.steps) == MOST_EFFECTS:
         return False
-    book.stage = f"fit of suspects, round {number}"
+    book.enter(SearchStage.SUSPECTS, number)
     excess = null.excess(base)
     fitted = _refit(base, [starts[name] for name in passing[:MOST_SUSPECTS]], book)
     # Of the first round's suspects the best that was fitted is taken, if time runs out then.
@@ -214,14 +215,14 @@ def _round(
         step = _best(state, before, excess, fitted, null, progress, simulation_error, book)
     if step is None:
         return False
-    unfitted = {m.subject for m in book.missed if m.stage == book.stage and m.subject}
+    unfitted = book.unfinished(SearchStage.SUSPECTS, number)
     near = tuple(sorted({*step.ambiguous, *unfitted} - {step.refit.id}))
     state.steps.append(replace(step, ambiguous=near))
     with time_limit(None):
         extra = own_columns(base.frame, step.model)
         state.base = projected(base.frame, step.model, extra=extra)
     state.suspects = []
-    book.stage = f"screening, round {number + 1}"
+    book.enter(SearchStage.SCREENING, number + 1)
     return True
 
 
@@ -253,14 +254,14 @@ def _best(
     gone = sum(max(before[c] - excess[c], 0.0) for c in channels_of(winner.effect))
     if share < LEAST_SHARE or winner.gain < least * gone:
         return None
-    book.stage = f"fit with {winner.id} added"
+    book.enter(SearchStage.TOGETHER, len(steps) + 1)
     joint = _together(first, steps, winner)
     if joint is None:
         return None
     extended = with_base_refitted(first, base.model + winner.effect)
     if steps and not _simulates(simulation_error, base.model, extended):
         return None
-    state.joint, book.stage = joint, f"fit of suspects, round {len(steps) + 1}"
+    state.joint = joint
     return Step(
         refit=winner,
         model=extended,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -57,14 +58,22 @@ class Candidate:
         return self.effect.neutral(**dict(self.shape) | strengths)
 
 
-def candidates(catalogue: Iterable[type[CatalogueEffect]]) -> list[Candidate]:
-    """Every form of every effect that screening tries."""
+def candidates(
+    catalogue: Iterable[type[CatalogueEffect]], travel: float = math.inf
+) -> list[Candidate]:
+    """Every form of every effect that screening tries, on logs that visit so much of the position.
+
+    rad or m.
+    """
     found = []
     for effect in catalogue:
+        quantities = effect.within(travel)
+        if quantities is None:
+            continue
         axes: list[list[tuple[str, Any]]] = []
         if effect.has_side():
             axes.append([("side", side) for side in SIDE_CHOICES])
-        for quantity in effect.shapes():
+        for quantity in (q for q in quantities if not q.is_strength):
             values = quantity.grid or (quantity.typical,)
             axes.append([(quantity.name, value) for value in values])
         strengths = [

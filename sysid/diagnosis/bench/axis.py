@@ -83,6 +83,11 @@ class Axis(Component):
     def tests(self) -> tuple[str, ...]:
         return tuple(case.label for case in self.cases)
 
+    @property
+    def travel(self) -> float:
+        places = [np.asarray(c.point.position)[c.rows] for c in self.cases]
+        return float(np.ptp(np.concatenate(places)))
+
     def parameters(self) -> list[Parameter]:
         u = units_of(self.rig)
         effort = float(np.mean([np.mean(np.abs(c.point.motor)) for c in self.cases]))

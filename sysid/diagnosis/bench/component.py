@@ -16,7 +16,7 @@ from sysid.errors import NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import Parameter
 from sysid.estimation.quality import FitQuality
-from sysid.model.effects.entry import CatalogueEffect
+from sysid.model.effects.entry import CatalogueEffect, Quantity
 from sysid.types import FloatArray, IntArray
 
 Effects = tuple[CatalogueEffect, ...]
@@ -88,6 +88,15 @@ class Component(ABC):
     @abstractmethod
     def law_of(self, bundle: Bundle) -> Law:
         """The law that a bundle holds, without effects. Raises NotIdentifiedError."""
+
+    @property
+    def travel(self) -> float:
+        """How much of the position the tests visit, rad or m; infinite where that is unknown."""
+        return math.inf
+
+    def quantities_of(self, kind: type[CatalogueEffect]) -> tuple[Quantity, ...]:
+        """An effect's quantities with what these tests can show of them; none: nothing."""
+        return kind.within(self.travel) or ()
 
     @property
     def most_folds(self) -> int:
@@ -165,10 +174,11 @@ def smallest_probe(kind: type[CatalogueEffect], side: str) -> CatalogueEffect:
     return kind.neutral(**fields, **sizes)
 
 
-def shapes(kind: type[CatalogueEffect]) -> list[dict[str, float]]:
+def shapes(quantities: Sequence[Quantity]) -> list[dict[str, float]]:
     """Every form of an effect: its shapes' values by field, over their grids."""
-    names = [q.name for q in kind.shapes()]
-    grids = [q.grid or (q.typical,) for q in kind.shapes()]
+    own = [q for q in quantities if not q.is_strength]
+    names = [q.name for q in own]
+    grids = [q.grid or (q.typical,) for q in own]
     return [dict(zip(names, row, strict=True)) for row in itertools.product(*grids)]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from sysid.diagnosis.bench.registry import component_of
 from sysid.diagnosis.bench.remainder import Remainder, remainder
 from sysid.diagnosis.bench.selection import Addition, Attempt, Selection, select
 from sysid.diagnosis.bench.unexplained import LEAST_SHARE, BinnedResidual, curves
-from sysid.diagnosis.looked import Looked
+from sysid.diagnosis.looked import Because, Looked, why_unexplained
 from sysid.errors import NotIdentifiedError
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
@@ -37,7 +37,7 @@ class ComponentDiagnosis:
     further channels (`Component.further_errors`). `part`: the bundle's section of the law
     refitted together with the effects. `curves`: the residual over the regressors that it
     depends on most. `remainder`: how much of what is left repeats from test to test, None where
-    that cannot be said.
+    that cannot be said. `because`: why the verdict is `unexplained`, None where it is not.
     """
 
     kind: str
@@ -51,6 +51,7 @@ class ComponentDiagnosis:
     selection: Selection
     part: Parts
     notices: tuple[str, ...]
+    because: Because | None = None
     seed: int = 0
 
     @property
@@ -72,6 +73,7 @@ class ComponentDiagnosis:
                 {"channel": c.channel, "regressor": c.regressor, "share": c.share}
                 for c in self.unexplained
             ],
+            "because": self.because,
             "rejected": [_attempt(a) for a in self.selection.rejected],
             "search": self.looked.to_json(),
             "undecided": [{"id": u.id, **u.to_json()} for u in self.selection.undecided],
@@ -130,13 +132,17 @@ def diagnose_component(
     floors = {component.channel: floor, **{name: noise for name, (_, noise) in simulated.items()}}
     left = curves(component, given, laws[-1])
     error = errors[-1].get(component.channel, selection.final.fit.residual_std)
+    rest = remainder(component, outside, laws[-1], floor)
     structured = [c for c in left[:1] if c.share > LEAST_SHARE and error > _AT_FLOOR * floor]
+    if rest is not None:
+        structured = _repeating(structured, rest, left, errors[0].get(component.channel, error))
     undecided = not selection.additions and not selection.looked.is_decided
+    because = why_unexplained(bool(structured), False, undecided)
     if undecided:
         structured = structured or left[:1]
     return ComponentDiagnosis(
         kind=kind,
-        verdict=_verdict(selection, undecided or bool(structured)),
+        verdict=_verdict(selection, because is not None),
         effects=tuple(
             _found(addition, selection, before, after)
             for addition, before, after in zip(
@@ -149,11 +155,27 @@ def diagnose_component(
         unit=component.unit,
         unexplained=tuple(structured),
         curves=tuple(left),
-        remainder=remainder(component, outside, laws[-1], floor),
+        remainder=rest,
         selection=selection,
         part=selection.final.part(),
         notices=notices,
+        because=because,
     )
+
+
+def _repeating(
+    structured: list[BinnedResidual],
+    rest: Remainder,
+    left: Sequence[BinnedResidual],
+    before: float,
+) -> list[BinnedResidual]:
+    """What counts as structure where it is known how much repeats from test to test."""
+    if not rest.is_steady:
+        return []
+    if not rest.is_large(before):
+        return structured
+    # Over several quantities together more repeats than over the strongest alone.
+    return [replace(curve, share=max(curve.share, rest.share)) for curve in left[:1]]
 
 
 def _cross_validated(selection: Selection) -> list[float]:

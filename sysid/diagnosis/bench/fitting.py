@@ -167,7 +167,7 @@ def _moved(own: Sequence[Parameter], fit: LeastSquaresFit) -> list[Parameter]:
     ]
 
 
-def _effect_parameters(effects: Sequence[CatalogueEffect]) -> list[Parameter]:
+def _effect_parameters(component: Component, effects: Sequence[CatalogueEffect]) -> list[Parameter]:
     return [
         Parameter(
             _key(type(e), q),
@@ -177,7 +177,7 @@ def _effect_parameters(effects: Sequence[CatalogueEffect]) -> list[Parameter]:
             abs(getattr(e, q.name)) or abs(q.typical),
         )
         for e in effects
-        for q in type(e).quantities
+        for q in component.quantities_of(type(e))
     ]
 
 
@@ -187,7 +187,7 @@ def _minimise(
     effects: Sequence[CatalogueEffect],
     tests: Sequence[int],
 ) -> LeastSquaresFit:
-    everything = [*own, *_effect_parameters(effects)]
+    everything = [*own, *_effect_parameters(component, effects)]
     start = np.array([p.value for p in everything])
 
     def residuals(points: Sequence[FloatArray]) -> list[FloatArray]:

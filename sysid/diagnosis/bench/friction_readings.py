@@ -74,6 +74,10 @@ class FrictionPoints(Component):
         return self.labels
 
     @property
+    def travel(self) -> float:
+        return float(np.ptp(self.angle))
+
+    @property
     def most_folds(self) -> int:
         """Each reading is left out by itself."""
         return len(self.labels)
@@ -143,7 +147,9 @@ class FrictionPoints(Component):
             kind
             for kind in catalogue.values()
             if not kind.states
-            and any(acts(probe) for probe in probes(kind, self.side(), shapes(kind)))
+            and any(
+                acts(probe) for probe in probes(kind, self.side(), shapes(self.quantities_of(kind)))
+            )
         )
 
     def side(self) -> str:

@@ -9,15 +9,21 @@ to test, and no law in these quantities takes it away.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.diagnosis.bench.component import Component, Law
 from sysid.diagnosis.bench.selection import folds_of
 from sysid.types import FloatArray, IntArray
 
+LEAST_REPEATABLE = 0.1
+"""Share of the error of the law without effects below which what repeats is not looked into."""
+LEAST_AGREEING = 0.75
+"""Share of the tests that must have the structure in common."""
 # They hold the noise of what is predicted.
 _NOISY = ("motor", "acceleration")
 _MOST_SAMPLES = 20_000
@@ -29,7 +35,8 @@ class Remainder:
     """RMSE of a channel's residual, in its unit, and its parts, whose squares add up to its own.
 
     `noise`: from one sample to the next; `repeatable`: what other tests predict over `regressors`;
-    `scatter`: the rest, from test to test.
+    `scatter`: the rest, from test to test. `agreeing`: of `tests`, the training tests left out in
+    turn and the held-out ones, those whose residual others predict at all.
     """
 
     channel: str
@@ -39,6 +46,28 @@ class Remainder:
     repeatable: float
     scatter: float
     regressors: tuple[str, ...]
+    agreeing: int
+    tests: int
+
+    def is_large(self, before: float) -> bool:
+        """Whether what repeats is more than noise, and than a tenth of `before`.
+
+        `before`: the RMSE of the law without the effects added, in the channel's unit.
+        """
+        return self.repeatable > max(self.noise, LEAST_REPEATABLE * before)
+
+    @property
+    def is_steady(self) -> bool:
+        """Whether most tests have it in common.
+
+        Where friction is another in each test, a few are alike by chance, but seldom most.
+        """
+        return self.agreeing >= LEAST_AGREEING * self.tests
+
+    @property
+    def share(self) -> float:
+        """Share of the variance that repeats, 0 to 1."""
+        return (self.repeatable / self.rmse) ** 2 if self.rmse > 0.0 else 0.0
 
     def to_json(self) -> dict[str, Any]:
         """The numbers by name."""
@@ -55,53 +84,84 @@ def remainder(
     """
     if not math.isfinite(noise):
         return None
-    names, inputs, left, test = _table(component, law)
+    names, own = _table(component, law)
+    pairs = [own.divided(fold) for fold in folds_of(component)]
     if outside is not None:
-        _, other, found, _ = _table(outside, law)
-        pairs = [((inputs, left), (other, found))]
-    else:
-        out = [np.isin(test, list(fold)) for fold in folds_of(component)]
-        pairs = [((inputs[~o], left[~o]), (inputs[o], left[o])) for o in out]
-    enough = all(len(fit[1]) >= 2 * _LEAST_IN_LEAF and len(new[1]) for fit, new in pairs)
-    if not names or not pairs or not enough:
+        pairs.append((own, _table(outside, law)[1]))
+    judged = pairs[-1:] if outside is not None else pairs
+    enough = all(len(fit) >= 2 * _LEAST_IN_LEAF and len(new) for fit, new in pairs)
+    if not names or not judged or not enough:
         return None
-    squares = sum(float(np.sum(new[1] ** 2)) for _, new in pairs)
-    missed = sum(_missed(fit, new) for fit, new in pairs)
-    rmse = math.sqrt(squares / sum(len(new[1]) for _, new in pairs))
+    gains = [_gains(fit, new) for fit, new in pairs]
+    squares, missed = np.sum([np.sum(g, axis=0) for g in gains[-len(judged) :]], axis=0)
+    rmse = math.sqrt(squares / sum(len(new) for _, new in judged))
     share = max(1.0 - missed / squares, 0.0) if squares > 0.0 else 0.0
     noise = min(noise, rmse * math.sqrt(1.0 - share))
     scatter = math.sqrt(max(rmse**2 * (1.0 - share) - noise**2, 0.0))
     repeatable = rmse * math.sqrt(share)
-    return Remainder(component.channel, component.unit, rmse, noise, repeatable, scatter, names)
+    tests = np.concatenate(gains)
+    agreeing = int(np.count_nonzero(tests[:, 1] < tests[:, 0]))
+    return Remainder(
+        component.channel,
+        component.unit,
+        rmse,
+        noise,
+        repeatable,
+        scatter,
+        names,
+        agreeing,
+        len(tests),
+    )
 
 
-_Table = tuple[FloatArray, FloatArray]
+@dataclass(frozen=True)
+class _Samples:
+    """Regressors (n, k), residuals (n,), and whose test's (n,)."""
+
+    inputs: FloatArray
+    left: FloatArray
+    test: IntArray
+
+    def __len__(self) -> int:
+        return len(self.left)
+
+    def divided(self, out: Sequence[int]) -> tuple[_Samples, _Samples]:
+        """Without some tests, and those."""
+        those = np.isin(self.test, list(out))
+        return self._rows(~those), self._rows(those)
+
+    def _rows(self, rows: NDArray[np.bool_]) -> _Samples:
+        return _Samples(self.inputs[rows], self.left[rows], self.test[rows])
 
 
-def _table(
-    component: Component, law: Law
-) -> tuple[tuple[str, ...], FloatArray, FloatArray, IntArray]:
-    """Names (k,) of the regressors, their values (n, k), residuals (n,), and whose test's (n,)."""
+def _table(component: Component, law: Law) -> tuple[tuple[str, ...], _Samples]:
+    """The names (k,) of the regressors, and the table of all tests."""
     every = range(len(component.tests))
     parts = component.residuals(law, every)
     columns = {n: v for n, v in component.regressors(every).items() if n not in _NOISY}
     test = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
-    return tuple(columns), np.column_stack([*columns.values()]), np.concatenate(parts), test
+    inputs = np.column_stack([*columns.values()])
+    return tuple(columns), _Samples(inputs, np.concatenate(parts), test)
 
 
-def _missed(fit: _Table, new: _Table) -> float:
-    """Squares of the residuals of new tests about what those that were fitted on predict."""
+def _gains(fit: _Samples, new: _Samples) -> FloatArray:
+    """Squares of each new test's residuals, and of what they are off from what `fit` predicts.
+
+    (tests, 2).
+    """
     from sklearn.ensemble import HistGradientBoostingRegressor
 
-    stride = -(-len(fit[1]) // _MOST_SAMPLES)
+    stride = -(-len(fit) // _MOST_SAMPLES)
     trees = HistGradientBoostingRegressor(
         max_iter=_TREES,
         max_leaf_nodes=_LEAVES,
         min_samples_leaf=_LEAST_IN_LEAF,
         early_stopping=False,
         random_state=_SEED,
-    ).fit(fit[0][::stride], fit[1][::stride])
-    return float(np.sum((new[1] - trees.predict(new[0])) ** 2))
+    ).fit(fit.inputs[::stride], fit.left[::stride])
+    off = new.left - trees.predict(new.inputs)
+    which = np.unique(new.test, return_inverse=True)[1]
+    return np.column_stack([np.bincount(which, values**2) for values in (new.left, off)])
 
 
-__all__ = ["Remainder", "remainder"]
+__all__ = ["LEAST_AGREEING", "LEAST_REPEATABLE", "Remainder", "remainder"]

@@ -3,13 +3,16 @@
 Each effect of the catalogue that acts on the part is fitted together with the law and the
 effects added before, and predicts tests that it was not fitted on. The one that predicts best
 is added if its strength differs significantly from 0, corrected for all that were tried
-(Bonferroni), and it removes a substantial share of the prediction error. It is ambiguous if
+(Bonferroni), and it removes a substantial share of the prediction error. One with fewer numbers
+that predicts about as well goes before it where the BIC is no worse: a shape with many may imitate
+a constant, a slope or a product of two channels. It is ambiguous if
 parts of the tests would have added another effect (`sysid.diagnosis.bench.stability`); so is
 an effect that fits but does not predict, if parts of the tests name it.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -19,7 +22,7 @@ import numpy as np
 from sysid.diagnosis.bench.component import Component
 from sysid.diagnosis.bench.fitting import FittedLaw, cross_validated, fit_law
 from sysid.diagnosis.bench.stability import Repeats, repeats
-from sysid.diagnosis.looked import Book, Looked
+from sysid.diagnosis.looked import Book, Looked, SearchStage
 from sysid.diagnosis.thresholds import DIGITS, LEAST_GAIN, RIVAL_SHARE, SIGNIFICANCE
 from sysid.estimation.nonlinear import LeastSquaresFit
 from sysid.model.effects.catalogue import class_of
@@ -110,11 +113,11 @@ def select(
     with time_limit(None):
         base = fit_law(component, (), everything)
         first = error = cross_validated(component, (), folds, base.law)
-    kinds = component.effects(catalogue)
+    kinds = [kind for kind in component.effects(catalogue) if component.quantities_of(kind)]
     chosen: list[Kind] = []
     additions: list[Addition] = []
     while True:
-        book.stage = f"fit of effects, round {len(chosen) + 1}"
+        book.enter(SearchStage.EFFECTS, len(chosen) + 1)
         open_ones = [k for k in kinds if k not in chosen]
         so_far = additions[-1].fitted if additions else base
         fits = _attempts(component, chosen, open_ones, so_far, folds, error, book)
@@ -129,12 +132,12 @@ def select(
                 named = ()
             looked = book.closed()
             return Selection(base, first, tuple(additions), tuple(attempts), named, looked)
-        winner, fitted = passing[0]
+        winner, fitted = simplest(passing)
         chosen.append(next(k for k in open_ones if k.id == winner.id))
         progress(f"{winner.id}: removes {100 * winner.gain:.0f} % of the prediction error")
         rivals = [f for a, f in fits if a.gain > 0.0 and a is not winner]
-        unfitted = {m.subject for m in book.missed if m.stage == book.stage}
-        book.stage = f"repetition on parts of the tests, round {len(chosen)}"
+        unfitted = book.unfinished(SearchStage.EFFECTS, len(chosen))
+        book.enter(SearchStage.REPETITION, len(chosen))
         contenders = [fitted, *rivals[:_MOST_RIVALS]]
         again = attempt(partial(repeats, component, so_far, contenders))
         if isinstance(again, Failure):
@@ -203,6 +206,25 @@ def _attempt(
     return Attempt(kinds[-1].id, p_value, gain, squares), fitted.fit
 
 
+def simplest(passing: Sequence[tuple[Attempt, FittedLaw]]) -> tuple[Attempt, FittedLaw]:
+    """Of effects that predict, the best first, the one with the fewest numbers that do as well.
+
+    As well: of almost the same gain, and no worse by the BIC.
+    """
+    best, fitted = passing[0]
+    least = RIVAL_SHARE * best.gain
+    limit = _bic(fitted, fitted)
+    equal = [(a, f) for a, f in passing if a.gain > least and _bic(f, fitted) <= limit]
+    return min(equal, key=lambda pair: len(pair[1].fit.values))
+
+
+def _bic(fitted: FittedLaw, best: FittedLaw) -> float:
+    """Schwarz's criterion, with as many samples as the best's correlated residuals are worth."""
+    count = max(best.independent_samples, 2.0)
+    squares = max(fitted.fit.sum_of_squares, 1e-300)
+    return count * math.log(squares) + len(fitted.fit.values) * math.log(count)
+
+
 def _predicts(attempt: Attempt, error: FloatArray) -> bool:
     better = int(np.count_nonzero(attempt.folds < error))
     return attempt.gain > LEAST_GAIN and 2 * better > len(error)
@@ -225,4 +247,4 @@ def _ambiguous(winner: Attempt, passing: Sequence[Attempt], known: set[str]) -> 
     return tuple(sorted(near))
 
 
-__all__ = ["Addition", "Attempt", "Selection", "folds_of", "select"]
+__all__ = ["Addition", "Attempt", "Selection", "folds_of", "select", "simplest"]

@@ -93,7 +93,8 @@ def _start(
     basis = np.linalg.qr(fit.jacobian / np.maximum(np.linalg.norm(fit.jacobian, axis=0), 1e-300))[0]
     best, most = kind.neutral(**side_of(kind, component)), -1.0
     sizes = list(itertools.product(*(_probes(q) for q in kind.strengths())))
-    forms = [(shape, probes) for shape in shapes(kind) for probes in sizes]
+    every = shapes(component.quantities_of(kind))
+    forms = [(shape, probes) for shape in every for probes in sizes]
     probing = [
         kind.neutral(**{**shape, **side_of(kind, component), q.name: size})
         for shape, probes in forms

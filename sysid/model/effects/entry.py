@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal, Self
 
 from sysid.model.ports import Effect
@@ -21,7 +22,9 @@ class Quantity:
     form it takes. `typical` is the usual size on a rig like the reference rig. `grid` holds
     the values that screening tries: of a shape parameter all plausible ones, of a strength
     only where the effect is not proportional to it (a threshold, a limit, a dead gap).
-    `key` is its name in files and reports, where that differs from the field's name.
+    `key` is its name in files and reports, where that differs from the field's name. `is_wave`:
+    a wave number over position (rad per unit), of which data show something only where a whole
+    period lies within what they visit.
     """
 
     name: str
@@ -33,6 +36,20 @@ class Quantity:
     is_strength: bool = True
     grid: tuple[float, ...] = ()
     key: str = ""
+    is_wave: bool = False
+
+    def within(self, travel: float) -> Quantity | None:
+        """It on a log that visits so much of the position: at least one period; None: none fits.
+
+        Less than a period is a polynomial of low order, and its amplitude and phase mean nothing.
+        """
+        if not self.is_wave or math.isinf(travel):
+            return self
+        least = max(2.0 * math.pi / travel, self.lower) if travel > 0.0 else math.inf
+        if least > self.upper:
+            return None
+        grid = tuple(value for value in self.grid if value >= least) or (least,)
+        return replace(self, lower=least, typical=max(self.typical, least), grid=grid)
 
     @property
     def label(self) -> str:
@@ -70,6 +87,16 @@ class CatalogueEffect(Effect):
     def shapes(cls) -> tuple[Quantity, ...]:
         """The quantities that determine the form of the effect."""
         return tuple(q for q in cls.quantities if not q.is_strength)
+
+    @classmethod
+    def within(cls, travel: float) -> tuple[Quantity, ...] | None:
+        """The quantities on logs that visit so much of the position (rad or m; infinite: unknown).
+
+        None where no period of a wave fits (`Quantity.within`).
+        """
+        found = [q.within(travel) for q in cls.quantities]
+        kept = tuple(q for q in found if q is not None)
+        return kept if len(kept) == len(found) else None
 
     @classmethod
     def has_side(cls) -> bool:

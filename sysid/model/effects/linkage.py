@@ -104,6 +104,7 @@ class GearMeshRipple(CatalogueEffect):
             "teeth per turn over 2 pi, or teeth of the pinion",
             is_strength=False,
             grid=tuple(float(n) for n in (*range(6, 30), *range(30, 62, 2), *range(64, 100, 4))),
+            is_wave=True,
         ),
     )
     signature = "a line in the torque's spectrum over angle"

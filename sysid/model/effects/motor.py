@@ -41,6 +41,7 @@ class TorqueRipple(CatalogueEffect):
             "pole pairs, slots or teeth per turn of the output",
             is_strength=False,
             grid=tuple(float(n) for n in (*range(4, 30), *range(30, 62, 2), *range(64, 100, 4))),
+            is_wave=True,
         ),
     )
     signature = "a ripple over angle that grows with the motor's torque"

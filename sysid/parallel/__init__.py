@@ -1,0 +1,32 @@
+"""One door to several processes or threads: how many, and for how long, and that no process
+outlives its parent.
+
+`SYSID_JOBS` (the command line's `--jobs`) bounds the processes; 1 means none but one's own, and
+without it there is one to each core.
+"""
+
+from sysid.parallel.limits import (
+    Failure,
+    OutOfTimeError,
+    attempt,
+    check_time,
+    time_limit,
+)
+from sysid.parallel.processes import VARIABLE, attempt_all, check_jobs, job_count, run_all
+from sysid.parallel.threads import PerThread, attempt_in_threads, kept_per_thread
+
+__all__ = [
+    "VARIABLE",
+    "Failure",
+    "OutOfTimeError",
+    "PerThread",
+    "attempt",
+    "attempt_all",
+    "attempt_in_threads",
+    "check_jobs",
+    "check_time",
+    "job_count",
+    "kept_per_thread",
+    "run_all",
+    "time_limit",
+]

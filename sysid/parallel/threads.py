@@ -1,0 +1,72 @@
+"""Jobs in threads of this process, and results that each thread keeps for itself."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable
+from contextvars import copy_context
+from functools import lru_cache
+from typing import Generic, ParamSpec, TypeVar
+
+from sysid.parallel.limits import Failure, Limit, attempt, limit_in_force, within
+from sysid.parallel.processes import job_count
+
+Given = ParamSpec("Given")
+Result = TypeVar("Result")
+
+
+def attempt_in_threads(jobs: Iterable[Callable[[], Result]]) -> list[Result | Failure]:
+    """`attempt` of each job, in order, in threads of this process: nothing is copied.
+
+    For jobs that spend their time in numpy on long arrays, which lets other threads run, and
+    that call `check_time`: a thread cannot be killed.
+    """
+    from concurrent.futures import ThreadPoolExecutor
+
+    waiting = list(jobs)
+    workers = min(job_count(), len(waiting))
+    if workers <= 1:
+        return [attempt(job) for job in waiting]
+    own = Limit(limit_in_force().deadline)
+    with within(own):
+        contexts = [copy_context() for _ in waiting]
+    with ThreadPoolExecutor(workers) as pool:
+        try:
+            pairs = zip(contexts, waiting, strict=True)
+            futures = [pool.submit(context.run, attempt, job) for context, job in pairs]
+            return [future.result() for future in futures]
+        except BaseException:
+            own.is_stopped = True
+            raise
+
+
+class PerThread(Generic[Given, Result]):
+    """A function whose last `size` results are kept, in each thread its own.
+
+    So no thread drops what another works with, and with a thread go its results.
+    """
+
+    def __init__(self, function: Callable[Given, Result], size: int) -> None:
+        self._function, self._size, self._own = function, size, threading.local()
+        self.__doc__ = function.__doc__
+
+    def __call__(self, *values: Given.args, **named: Given.kwargs) -> Result:
+        kept = getattr(self._own, "kept", None)
+        if kept is None:
+            kept = self._own.kept = lru_cache(maxsize=self._size)(self._function)
+        result: Result = kept(*values, **named)  # type: ignore[arg-type]
+        return result
+
+    def forget(self) -> None:
+        """Drop this thread's results."""
+        self._own.__dict__.clear()
+
+
+def kept_per_thread(
+    size: int,
+) -> Callable[[Callable[Given, Result]], PerThread[Given, Result]]:
+    """A decorator that makes a function a `PerThread`."""
+    return lambda function: PerThread(function, size)
+
+
+__all__ = ["PerThread", "attempt_in_threads", "kept_per_thread"]
