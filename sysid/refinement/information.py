@@ -42,9 +42,14 @@ class SensorProbe:
 
 @dataclass(frozen=True)
 class ProbedProblem(Problem):
-    """A problem whose runs have a further column for each of the sensors' effects."""
+    """A problem whose runs have a further column for each of the sensors' effects.
+
+    `enlargement`: by how much the standard error of each of the first unknowns is larger than its
+    information says, the median of them for the others; 1 where none is given.
+    """
 
     sensors: tuple[SensorProbe, ...] = ()
+    enlargement: tuple[float, ...] = ()
 
     def _errors(
         self,
@@ -92,7 +97,14 @@ def information_of(problem: ProbedProblem, runs: Sequence[Linearised]) -> FloatA
     elif problem.static_number is not None:
         scatter[1, 2 + problem.static_number] = -1.0 / problem.scatter[1]
     rest = triangular([scatter, factor])[2:, 2:]
+    rest /= _enlargement(problem, k)
     return np.asarray(rest.T @ rest)
+
+
+def _enlargement(problem: ProbedProblem, columns: int) -> FloatArray:
+    """(columns,)."""
+    known = np.array(problem.enlargement or (1.0,))
+    return np.concatenate([known, np.full(columns, np.median(known))])[:columns]
 
 
 def covariance(information: FloatArray) -> FloatArray:

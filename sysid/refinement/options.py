@@ -14,7 +14,7 @@ from sysid.io.rig import Rig
 from sysid.model.ports import Model
 from sysid.refinement.bench_candidates import bench_candidates
 from sysid.refinement.candidates import DURATION_S, CandidateMotion
-from sysid.refinement.expected_errors import expected_whitening
+from sysid.refinement.expected_errors import expected_errors
 from sysid.refinement.information import ProbedProblem, information_of, prior_information
 from sysid.refinement.probes import Probes, probes_of
 from sysid.refinement.refine import SEGMENT_S
@@ -32,6 +32,7 @@ class AdviceSetting:
     """What all of the advice shares: the bundle's model, its unknowns, `noise` (3,) of a sample.
 
     `scatter` of sliding and static friction from test to test, relative. `whitening` by channel.
+    `enlargement` of each unknown's standard error over its information (`ProbedProblem`).
     """
 
     rig: Rig
@@ -40,6 +41,7 @@ class AdviceSetting:
     noise: FloatArray
     scatter: tuple[float, float]
     whitening: tuple[Whitening, ...] = ()
+    enlargement: tuple[float, ...] = ()
 
     def errors_of(self, run: Run) -> tuple[Whitening, ...]:
         """What a run's errors are like, by channel: white noise, where nothing else is known."""
@@ -126,6 +128,7 @@ def problem_of(tests: RunsOfTests, probes: Probes, setting: AdviceSetting) -> Pr
         tests=tests.logged + len(tests.motions),
         robust=False,
         sensors=probes.sensors,
+        enlargement=setting.enlargement,
     )
 
 
@@ -157,8 +160,10 @@ def with_expected_errors(setting: AdviceSetting, logged: Sequence[MotionTest]) -
     if not tests.runs:
         return setting
     problem = problem_of(tests, probes_of(setting.model, []), setting)
-    found = expected_whitening(dataclasses.replace(problem, robust=True))
-    return dataclasses.replace(setting, whitening=found)
+    found = expected_errors(dataclasses.replace(problem, robust=True))
+    return dataclasses.replace(
+        setting, whitening=found.whitening, enlargement=tuple(found.enlargement)
+    )
 
 
 def bench_options(problem: ProbedProblem, setting: AdviceSetting) -> list[Option]:
