@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from sysid.bundle.base import Lenient, Number, Part
+from sysid.bundle.base import Absent, Lenient, Number, Part
 from sysid.estimation.linear import Estimate
 
 
@@ -57,7 +57,8 @@ class Refinement(Part):
     `evaluations` simulations of `segments` stretches of motion, without those that the model does
     not follow; `correlation` of the parameters' errors in their order; `rmse` of whole tests
     simulated open loop, in the channel's unit, and the residual's autocorrelation from one
-    sample to the next.
+    sample to the next. `effort_rmse`: where a motor alone drives, that of the equation of motion
+    along the measured motion.
     """
 
     converged: Lenient[bool | None] = None
@@ -70,6 +71,7 @@ class Refinement(Part):
     correlation: Lenient[list[list[Number]]] = Field(default_factory=list)
     rmse: Lenient[FiguresByUse] = Field(default_factory=dict)
     residual_autocorrelation: Lenient[FiguresByUse] = Field(default_factory=dict)
+    effort_rmse: Absent[Lenient[FiguresByUse | None]] = None
 
     def values(self) -> list[RefinedValue]:
         """The parameters; none where they have another form than sysid's."""
@@ -89,6 +91,10 @@ class Refinement(Part):
     def errors(self) -> FiguresByUse:
         """RMSE of whole tests."""
         return self.rmse if isinstance(self.rmse, dict) else {}
+
+    def effort_errors(self) -> FiguresByUse:
+        """RMSE of the equation of motion; none where pressures act."""
+        return self.effort_rmse if isinstance(self.effort_rmse, dict) else {}
 
     def autocorrelations(self) -> FiguresByUse:
         """The residual's autocorrelation."""

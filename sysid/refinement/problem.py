@@ -191,7 +191,7 @@ class Problem:
                 own = math.exp(float(point.friction[run.test, 0]) * self.scatter[0])
             elif (part, name) == _STATIC:
                 own = 0.0  # each test has its own; the model's is their centre
-            shared.append(by[unknown.direction] * (unknown.slope(float(c)) * own))
+            shared.append(by[unknown.direction] * (unknown.model_slope(float(c)) * own))
         return RunErrors(states - run.measured, np.array([*local, *shared])).kept(run)
 
     def shown(

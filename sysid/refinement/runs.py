@@ -84,7 +84,7 @@ def _run(number: int, test: MotionTest, segment: Segment, model: Model, position
         inputs=dataclasses.replace(inputs, **unknown),
         measured=test.measured[:, segment.start : segment.stop],
         start_std=np.where(moves & (std > _KNOWN), _START_PRIOR * std, std),
-        noise=np.maximum(test.noise.total, _LEAST_NOISE),
+        noise=np.fmax(test.noise.total, _LEAST_NOISE),  # not NaN where it is not logged
     )
 
 

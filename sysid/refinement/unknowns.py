@@ -15,6 +15,7 @@ from typing import Any
 
 from sysid.bundle import Bundle
 from sysid.bundle.assembled_model import friction_keys
+from sysid.bundle.friction import Friction
 from sysid.bundle.valves import LAW_KEYS
 from sysid.errors import input_error
 from sysid.estimation.linear import Estimate
@@ -41,7 +42,8 @@ class Unknown:
 
     `std` is the prior's, in the parameter's unit, NaN without one. `lower`, `upper` as the
     parameter's; `scale` a typical size for one that may be 0 or of either sign. `held_at`: the
-    coordinate that it keeps, for a profile.
+    coordinate that it keeps, for a profile. `sign`: the model's number is this many times the
+    value (a friction fit counts an offset against the motion, the model along it).
     """
 
     name: str
@@ -55,6 +57,7 @@ class Unknown:
     origin: str
     held_at: float | None = None
     has_prior: bool = True
+    sign: float = 1.0
 
     @property
     def _form(self) -> str:
@@ -91,6 +94,15 @@ class Unknown:
             share = _logistic(coordinate)
             return (self.upper - self.lower) * share * (1.0 - share)
         return self.scale
+
+    def model_slope(self, coordinate: float) -> float:
+        """Change of the model's number with the coordinate."""
+        return self.sign * self.slope(coordinate)
+
+    @property
+    def varies_by_test(self) -> bool:
+        """Whether each test has its own, about the model's: static and sliding friction."""
+        return self.direction in _base(_FRICTION_FIELDS.values())
 
     @property
     def start(self) -> float:
@@ -145,6 +157,38 @@ def _friction(bundle: Bundle, rig: Rig, model: Model) -> list[Unknown]:
             continue  # friction that is not there stays so: its logarithm has no start
         estimate = getattr(part, key, None)
         found.append(_positive(f"friction.{key}", (0, field), value, estimate, "friction"))
+    return [*found, *_fitted_beside_friction(part, rig, model)]
+
+
+def _fitted_beside_friction(part: Friction | None, rig: Rig, model: Model) -> list[Unknown]:
+    """What motion gives with friction where a motor alone drives: inertia or mass, and offset."""
+    if part is None or not rig.is_motor_alone:
+        return []
+    found = []
+    inertia_key, offset_key = (
+        ("mass_kg", "offset_n") if rig.is_linear else ("inertia_kg_m2", "offset_nm")
+    )
+    inertia, offset = part.inertia, part.offset
+    if inertia is not None and inertia.identified:
+        value = float(model.parameters.inertia)
+        name = f"friction.{inertia_key}"
+        found.append(_positive(name, (0, "inertia"), value, inertia, "friction"))
+    if offset is not None and offset.identified:
+        scale = _OFFSET_SHARE * float(model.parameters.coulomb_effort) or 1.0
+        found.append(
+            Unknown(
+                f"friction.{offset_key}",
+                (0, "offset"),
+                offset.value,
+                offset.std,
+                offset.unit,
+                -math.inf,
+                math.inf,
+                scale,
+                "friction",
+                sign=-1.0,
+            )
+        )
     return found
 
 
@@ -214,10 +258,17 @@ _CONSTANTS = {
     "off_delay_b": ("rig.off_delay_b", "s"),
 }
 
+_MECHANICS = ("inertia", "gravity_moment", "weight")
+
 
 def _declared(rig: Rig, model: Model) -> list[Unknown]:
     found = []
-    for field, (name, unit) in _CONSTANTS.items():
+    constants = _CONSTANTS
+    if rig.is_motor_alone:
+        constants = {name: constants[name] for name in _MECHANICS}
+        if rig.total_inertia() is None:
+            del constants["inertia"]  # the friction fit's
+    for field, (name, unit) in constants.items():
         value = float(getattr(model.parameters, field))
         if value > 0.0 and math.isfinite(value):
             std = _DECLARED * value
@@ -249,12 +300,15 @@ def without_own_data(
         return [dataclasses.replace(u, has_prior=u.origin not in own) for u in unknowns]
     refitted: set[str] = set()
     if bundle.friction is not None and bundle.friction.source == "friction-motion":
-        refitted |= {"coulomb_effort", "viscous"}
+        refitted |= {"coulomb_effort", "viscous", "inertia", "offset"}
     if "diagnosis" in bundle.provenance.options and bundle.effects:
-        refitted |= {"coulomb_effort", "viscous"}
+        refitted |= {"coulomb_effort", "viscous", "inertia", "offset"}
         refitted |= {f"{law}_{side}" for law in LAW_KEYS for side in SIDES}
     return [
-        dataclasses.replace(u, has_prior=u.has_prior and u.direction not in _base(refitted))
+        dataclasses.replace(
+            u,
+            has_prior=u.has_prior and (u.origin == "rig" or u.direction not in _base(refitted)),
+        )
         for u in unknowns
     ]
 
@@ -312,7 +366,7 @@ def model_at(model: Model, unknowns: Sequence[Unknown], values: FloatArray) -> M
     for unknown, value in zip(unknowns, values, strict=True):
         part, name = unknown.direction
         if part == 0:
-            parameters[name] = float(value)
+            parameters[name] = unknown.sign * float(value)
         else:
             effects[part - 1] = dataclasses.replace(effects[part - 1], **{name: float(value)})
     return Model(model.parameters.replace(**parameters), tuple(effects))
