@@ -149,8 +149,7 @@ def _motor_alone(friction: Friction, rig: Rig, values: Mapping[str, float]) -> P
     inertia, offset = friction.inertia, friction.offset
     known = inertia is not None and inertia.identified
     return bare_parameters(rig).replace(
-        # Without a static law it breaks away where it slides, whatever sliding friction becomes.
-        static_effort=0.0 if _lacks_static_alone(friction, rig.is_linear) else values["static"],
+        static_effort=values["static"],
         coulomb_effort=values["coulomb"],
         viscous=values["viscous"],
         inertia=inertia.value if inertia is not None and known else require_inertia(rig),

@@ -265,6 +265,12 @@ class Problem:
         number = self.static_number
         return number is None or self.unknowns[number].prior_std > 0.0
 
+    @property
+    def has_unknown_breakaway(self) -> bool:
+        """Whether static friction is estimated and no test has said what it is."""
+        number = self.static_number
+        return number is not None and math.isnan(self.unknowns[number].std)
+
     def prior_cost(self, point: Iterate) -> float:
         """Of the unknowns about the bench tests, and of the tests' friction about the model's."""
         misfit = self.prior(point.shared)[:, -1]

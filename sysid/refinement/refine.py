@@ -84,7 +84,7 @@ def refine(
         raise input_error(
             campaign.path,
             "holds no motion log to fit on",
-            f'add a [[log]] of kind {", ".join(MOTION_KINDS)} with use = "fit"',
+            f'add a [[log]] of kind {", ".join(KINDS)} with use = "fit"',
         )
     model = bundle.model(campaign.rig, catalogue)
     notices = [*campaign.notices, *campaign.rig.notices, *assumed_friction(bundle)]
@@ -117,6 +117,12 @@ def refine(
     progress("simulating whole tests")
     held_out = motion_tests_of(campaign, campaign.select(KINDS, use="holdout"), bundle, notices)
     after = model_at(model, unknowns, values)
+    static = found.problem.static_number
+    if static is not None and not parameters[static].is_known:
+        # As the bundle's model has it, which then holds no static friction.
+        after = Model(
+            after.parameters.replace(static_effort=after.parameters.coulomb_effort), after.effects
+        )
     freed = [u.name for u in unknowns if u.origin == "rig"]
     if freed:
         notices.append(_freed_notice(freed))

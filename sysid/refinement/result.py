@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -36,6 +37,11 @@ class RefinedParameter:
     @property
     def movement(self) -> float:
         return (self.estimate.value - self.unknown.value) / self.unknown.std
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the bench tests or motion told it."""
+        return math.isfinite(self.estimate.std)
 
     def to_json(self) -> dict[str, Any]:
         """The parameter as `sysid refine --json` and the bundle hold it."""
@@ -122,7 +128,7 @@ class RefineResult(Shown):
                 number(p.estimate.std, 2),
                 p.unknown.unit,
                 number(p.movement, 2),
-                "yes" if p.informed else "bench only",
+                "yes" if p.informed else "bench only" if p.is_known else "no",
             )
             for p in self.parameters
         )

@@ -26,8 +26,6 @@ def scanned(problem: Problem, point: Iterate, tests: BoolArray, *, far: bool) ->
     Tried on a grid over the scatter's width (with `far` beyond it too), then on a finer one around
     the best; the present value stays where none is better.
     """
-    if not problem.model.parameters.static_effort > 0.0:
-        return point  # it breaks away where it slides
     part, numbers = problem.of_tests(tests)
     here = Iterate(point.shared, point.friction[tests], point.starts[numbers])
     first = np.concatenate([_COARSE, _FAR / problem.scatter[1]]) if far else _COARSE

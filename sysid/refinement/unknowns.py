@@ -134,12 +134,13 @@ def unknowns_of(bundle: Bundle, rig: Rig, model: Model) -> list[Unknown]:
     Friction, flows, delays, effects with what the bundle says of them; the rig file's constants
     with 3 %.
     """
-    return [
+    fitted = [
         *_friction(bundle, rig, model),
         *_valves(bundle, model),
         *_effects(bundle, model),
-        *_declared(rig, model),
     ]
+    taken = {u.direction for u in fitted}
+    return [*fitted, *(u for u in _declared(rig, model) if u.direction not in taken)]
 
 
 def fitted_names(unknowns: Iterable[Unknown]) -> list[str]:
@@ -156,7 +157,8 @@ def _friction(bundle: Bundle, rig: Rig, model: Model) -> list[Unknown]:
         if value <= 0.0:
             continue  # friction that is not there stays so: its logarithm has no start
         estimate = getattr(part, key, None)
-        found.append(_positive(f"friction.{key}", (0, field), value, estimate, "friction"))
+        place, unit = f"friction.{key}", "" if name == "viscous" else _effort_unit(rig)
+        found.append(_positive(place, (0, field), value, estimate, "friction", unit))
     return [*found, *_fitted_beside_friction(part, rig, model)]
 
 
@@ -192,12 +194,22 @@ def _fitted_beside_friction(part: Friction | None, rig: Rig, model: Model) -> li
     return found
 
 
+def _effort_unit(rig: Rig) -> str:
+    return "N" if rig.is_linear else "Nm"
+
+
 def _positive(
-    name: str, direction: Direction, value: float, estimate: Estimate | None, origin: str
+    name: str,
+    direction: Direction,
+    value: float,
+    estimate: Estimate | None,
+    origin: str,
+    unit: str = "",
 ) -> Unknown:
+    """One above 0; `unit` is that of an estimate without one, as it was not identified."""
     known = estimate is not None and estimate.identified and math.isfinite(estimate.std)
     std = max(estimate.std, _LEAST_STD * abs(value)) if known and estimate else math.nan
-    unit = estimate.unit if estimate else ""
+    unit = estimate.unit if estimate and estimate.unit else unit
     return Unknown(name, direction, value, std, unit, 0.0, math.inf, abs(value) or 1.0, origin)
 
 
@@ -266,15 +278,13 @@ def _declared(rig: Rig, model: Model) -> list[Unknown]:
     constants = _CONSTANTS
     if rig.is_motor_alone:
         constants = {name: constants[name] for name in _MECHANICS}
-        if rig.total_inertia() is None:
-            del constants["inertia"]  # the friction fit's
     for field, (name, unit) in constants.items():
         value = float(getattr(model.parameters, field))
         if value > 0.0 and math.isfinite(value):
             std = _DECLARED * value
             found.append(Unknown(name, (0, field), value, std, unit, 0.0, math.inf, value, "rig"))
     size = float(model.parameters.coulomb_effort) or 1.0
-    unit = "N" if rig.is_linear else "Nm"
+    unit = _effort_unit(rig)
     value = float(model.parameters.offset)
     scale = _OFFSET_SHARE * size
     found.append(

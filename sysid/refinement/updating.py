@@ -29,7 +29,8 @@ def updated(
     Constants of the rig file stay as declared: their estimates are in the record alone. The
     validation is dropped.
     """
-    estimates = {p.name: p.estimate for p in result.parameters}
+    # What neither the bench tests nor motion told stays unidentified.
+    estimates = {p.name: p.estimate for p in result.parameters if p.is_known}
     fields: dict[str, object] = {}
     if bundle.friction is not None:
         fields["friction"] = _replaced(bundle.friction, _under("friction.", estimates))

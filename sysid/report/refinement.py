@@ -89,6 +89,8 @@ def _limit(value: Number | None) -> float:
 def _known_from(value: RefinedValue) -> str:
     if value.informed_by_motion:
         return "motion"
+    if value.after.std is None or not math.isfinite(value.after.std):
+        return MISSING
     return "rig file" if value.origin == "rig" else "bench"
 
 
