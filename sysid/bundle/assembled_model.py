@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,12 +16,13 @@ from sysid.bundle.friction import Friction
 from sysid.bundle.valves import AVERAGED, DIRECTIONS, LAW_KEYS, SURFACE_KINDS, PwmSurfaces
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.io.channels import SIDES
-from sysid.io.rig import Rig
+from sysid.io.rig import Rig, require_inertia
 from sysid.model.base import (
     Array,
     Parameters,
     ValveParameters,
     array_namespace,
+    bare_parameters,
     parameters_from_rig,
 )
 from sysid.model.effects.catalogue import catalogue_with
@@ -111,7 +113,8 @@ def parameters_from_bundle(bundle: BundleContent, rig: Rig) -> Parameters:
     A valve without a discrete law gets NaN flows, so that it cannot be used by mistake; see
     `has_discrete_law`. The offset that a friction fit estimates next to friction is left out: the
     base model has none, and an offset that is only noise would push an open-loop position away
-    (the effect `torque-offset` is for a real one). Negative friction is set to 0, static friction
+    (the effect `torque-offset` is for a real one). A motor alone (`Rig.is_motor_alone`) has it:
+    the motion that gave its law gave the offset too. Negative friction is set to 0, static friction
     that is not identified to Coulomb friction (`assumed_friction` says so). Raises InputError
     where the rig file lacks a section, NotIdentifiedError where the bundle has no friction.
     """
@@ -127,6 +130,8 @@ def parameters_from_bundle(bundle: BundleContent, rig: Rig) -> Parameters:
         name: max(_identified(friction, key, f"{where}, friction", _TESTS[name]), 0.0)
         for name, key in keys.items()
     }
+    if rig.is_motor_alone:
+        return _motor_alone(friction, rig, values)
     parameters = parameters_from_rig(
         rig,
         static_effort=values["static"],
@@ -135,10 +140,28 @@ def parameters_from_bundle(bundle: BundleContent, rig: Rig) -> Parameters:
         valve_a=_discrete_law(bundle, "a"),
         valve_b=_discrete_law(bundle, "b"),
     )
-    inertia = friction.mass_kg if rig.is_linear else friction.inertia_kg_m2
-    if inertia is None or not inertia.identified:
-        return parameters
-    return parameters.replace(inertia=inertia.value)
+    inertia = fitted_inertia(bundle)
+    return parameters if inertia is None else parameters.replace(inertia=inertia)
+
+
+def _motor_alone(friction: Friction, rig: Rig, values: Mapping[str, float]) -> Parameters:
+    """Of a rig without pneumatics: its mechanics alone; `values` of friction by short name."""
+    inertia, offset = friction.inertia, friction.offset
+    known = inertia is not None and inertia.identified
+    return bare_parameters(rig).replace(
+        static_effort=values["static"],
+        coulomb_effort=values["coulomb"],
+        viscous=values["viscous"],
+        inertia=inertia.value if inertia is not None and known else require_inertia(rig),
+        # A friction fit counts it against the motion, the model along it.
+        offset=-offset.value if offset is not None and offset.identified else 0.0,
+    )
+
+
+def fitted_inertia(bundle: BundleContent) -> float | None:
+    """The inertia (kg m2) or mass (kg) that friction tests gave; None where they did not."""
+    inertia = None if bundle.friction is None else bundle.friction.inertia
+    return inertia.value if inertia is not None and inertia.identified else None
 
 
 def friction_keys(is_linear: bool) -> dict[str, str]:
@@ -367,6 +390,7 @@ __all__ = [
     "assumed_friction",
     "effects_from_bundle",
     "first_valve_model",
+    "fitted_inertia",
     "friction_keys",
     "model_from_bundle",
     "parameters_from_bundle",

@@ -57,7 +57,8 @@ class Refinement(Part):
     `evaluations` simulations of `segments` stretches of motion, up to `longest_segment_s`, without
     those that the model does not follow; `correlation` of the parameters' errors in their order;
     `rmse` of whole tests simulated open loop, in the channel's unit, and the residual's
-    autocorrelation from one sample to the next.
+    autocorrelation from one sample to the next. `effort_rmse`: where a motor alone drives, that of
+    the equation of motion along the measured motion.
     """
 
     converged: Lenient[bool | None] = None
@@ -71,6 +72,7 @@ class Refinement(Part):
     correlation: Lenient[list[list[Number]]] = Field(default_factory=list)
     rmse: Lenient[FiguresByUse] = Field(default_factory=dict)
     residual_autocorrelation: Lenient[FiguresByUse] = Field(default_factory=dict)
+    effort_rmse: Absent[Lenient[FiguresByUse | None]] = None
 
     def values(self) -> list[RefinedValue]:
         """The parameters; none where they have another form than sysid's."""
@@ -90,6 +92,10 @@ class Refinement(Part):
     def errors(self) -> FiguresByUse:
         """RMSE of whole tests."""
         return self.rmse if isinstance(self.rmse, dict) else {}
+
+    def effort_errors(self) -> FiguresByUse:
+        """RMSE of the equation of motion; none where pressures act."""
+        return self.effort_rmse if isinstance(self.effort_rmse, dict) else {}
 
     def autocorrelations(self) -> FiguresByUse:
         """The residual's autocorrelation."""

@@ -103,6 +103,11 @@ class Rig:
             return None
         return self.cylinder.stroke_m / self.cylinder.pitch_radius_m
 
+    @property
+    def is_motor_alone(self) -> bool:
+        """Whether a motor alone drives it: neither air nor a cylinder nor valves are declared."""
+        return self.air is None and self.cylinder is None and self.valves is None
+
     def require(self, section: str, why: str) -> Any:
         """The section, or an InputError that says what needs it."""
         value = getattr(self, section)

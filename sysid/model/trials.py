@@ -123,7 +123,9 @@ def check_commands(trial: Trial, rig: Rig, valve_model: str) -> None:
 
 def assumed_starts(trial: Trial, rig: Rig) -> list[str]:
     """Notices of the starting values that a test does not hold and that are assumed."""
-    starts = {rig.position_channel: "0"} | dict.fromkeys(CHAMBER_PRESSURES, "the atmosphere")
+    starts = {rig.position_channel: "0"}
+    if not rig.is_motor_alone:
+        starts |= dict.fromkeys(CHAMBER_PRESSURES, "the atmosphere")
     return [
         f"{trial.source}: no {name}: it starts at {start}"
         for name, start in starts.items()

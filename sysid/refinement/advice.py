@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.bundle import Bundle
+from sysid.errors import input_error
 from sysid.io.campaign import Campaign
 from sysid.model.effects.catalogue import catalogue as own_catalogue
 from sysid.model.effects.entry import Catalogue
@@ -62,7 +63,14 @@ def advise(
     InputError for logs or a rig file that cannot be used, NotIdentifiedError where the bundle
     does not hold the on/off law of both valves.
     """
-    rig, model = campaign.rig, bundle.model(campaign.rig, catalogue)
+    rig = campaign.rig
+    if rig.is_motor_alone:
+        raise input_error(
+            rig.source,
+            "declares a motor alone",
+            "the tests that can be proposed are those of a rig with a cylinder and valves",
+        )
+    model = bundle.model(rig, catalogue)
     check_on_off_law(bundle, model)
     notices: list[str] = []
     progress("reading motion logs")

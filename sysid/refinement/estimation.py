@@ -87,6 +87,10 @@ def estimate(
     own scatter; with `robust` by their own size still.
     """
     point, evaluations = point or problem.first_point(), 0
+    if problem.has_unknown_breakaway:
+        # The other parameters would make up for it, and every segment be as wrong as all others.
+        progress("breakaway of all tests, of which no test says where it is")
+        point = scanned(problem, point, np.ones(problem.tests, dtype=bool), far=True)
     seen, done = np.full(problem.tests, np.nan), np.zeros(problem.tests, dtype=bool)
     for number in range(_ROUNDS):
         progress(f"round {number + 1}: {len(problem.runs)} segments at once")

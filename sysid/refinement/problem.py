@@ -192,7 +192,7 @@ class Problem:
                 own = math.exp(float(point.friction[run.test, 0]) * self.scatter[0])
             elif (part, name) == _STATIC:
                 own = 0.0  # each test has its own; the model's is their centre
-            shared.append(by[unknown.direction] * (unknown.slope(float(c)) * own))
+            shared.append(by[unknown.direction] * (unknown.model_slope(float(c)) * own))
         return RunErrors(states - run.measured, np.array([*local, *shared])).kept(run)
 
     def shown(
@@ -265,6 +265,12 @@ class Problem:
         """Whether static friction is fixed, or the bench tests say what it is."""
         number = self.static_number
         return number is None or self.unknowns[number].prior_std > 0.0
+
+    @property
+    def has_unknown_breakaway(self) -> bool:
+        """Whether static friction is estimated and no test has said what it is."""
+        number = self.static_number
+        return number is not None and math.isnan(self.unknowns[number].std)
 
     def prior_cost(self, point: Iterate) -> float:
         """Of the unknowns about the bench tests, and of the tests' friction about the model's."""

@@ -20,12 +20,14 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from sysid.bundle import Bundle
-from sysid.bundle.assembled_model import assumed_friction, friction_keys
+from sysid.bundle.assembled_model import assumed_friction, fitted_inertia, friction_keys
 from sysid.bundle.friction import Friction
 from sysid.display.numbers import ascii_text
 from sysid.errors import NotIdentifiedError, SimulationError, input_error
 from sysid.estimation.linear import Estimate, t_quantile
 from sysid.io.campaign import MOTION_KINDS, Campaign, CampaignLog
+from sysid.io.logs import Trial
+from sysid.io.rig import Rig
 from sysid.model.effects.entry import Catalogue
 from sysid.model.ports import Model, has_discrete_law
 from sysid.refinement.declared import contradictions
@@ -46,6 +48,7 @@ from sysid.refinement.unknowns import (
 from sysid.refinement.updating import updated
 from sysid.refinement.whitening import Whitening
 from sysid.types import FloatArray, Progress, no_progress
+from sysid.validation.effort_balance import effort_rmse
 from sysid.validation.motion_tests import CHAMBER_PRESSURES, MotionTest, prepare
 from sysid.validation.simulation import simulate_segments
 
@@ -80,15 +83,15 @@ def refine(
     where the bundle does not hold the on/off law of both valves, or nothing can be simulated.
     """
     free, fix, profile = list(free), list(fix), list(profile)
-    model = bundle.model(campaign.rig, catalogue)
-    notices = [*campaign.notices, *campaign.rig.notices, *assumed_friction(bundle)]
     entries = campaign.select(KINDS, use="fit")
     if not entries:
         raise input_error(
             campaign.path,
             "holds no motion log to fit on",
-            f'add a [[log]] of kind {", ".join(MOTION_KINDS)} with use = "fit"',
+            f'add a [[log]] of kind {", ".join(KINDS)} with use = "fit"',
         )
+    model = bundle.model(campaign.rig, catalogue)
+    notices = [*campaign.notices, *campaign.rig.notices, *assumed_friction(bundle)]
     check_on_off_law(bundle, model)
     every = without_own_data(unknowns_of(bundle, campaign.rig, model), bundle, notices)
     unknowns = tuple(chosen(every, free, fix, prior=prior))
@@ -121,6 +124,12 @@ def refine(
     progress("simulating whole tests")
     held_out = motion_tests_of(campaign, campaign.select(KINDS, use="holdout"), bundle, notices)
     after = model_at(model, unknowns, values)
+    static = found.problem.static_number
+    if static is not None and not parameters[static].is_known:
+        # As the bundle's model has it, which then holds no static friction.
+        after = Model(
+            after.parameters.replace(static_effort=after.parameters.coulomb_effort), after.effects
+        )
     freed = [u.name for u in unknowns if u.origin == "rig"]
     if freed:
         notices.append(_freed_notice(freed))
@@ -143,6 +152,11 @@ def refine(
         longest=max(float(np.ptp(run.inputs.time)) for run in found.problem.runs),
         profiles=profiles,
         bundle=bundle,
+        effort={
+            use: _effort(some, model, after, campaign.rig)
+            for use, some in (("fit", tests), ("holdout", held_out))
+            if some and campaign.rig.is_motor_alone
+        },
     )
     options: dict[str, Any] = {"free": free, "fix": fix, "prior": prior, "robust": robust}
     made = updated(bundle, campaign, result, KINDS, options)
@@ -171,7 +185,10 @@ def motion_tests_of(
         bundle.check_log_unchanged(log, entry.kind)
         if entry.use == "holdout":
             bundle.check_not_fitted(log)
-        found += [prepare(trial, entry.kind, campaign.rig, SEGMENT_S) for trial in log.trials]
+        inertia = fitted_inertia(bundle)
+        found += [
+            prepare(trial, entry.kind, campaign.rig, SEGMENT_S, inertia) for trial in log.trials
+        ]
         notices += log.notices
     return [t for t in found if t.counted(t.whole) >= LEAST_ROWS]
 
@@ -205,7 +222,7 @@ def _parameters(found: Estimated) -> tuple[tuple[RefinedParameter, ...], FloatAr
     for i, unknown in enumerate(unknowns):
         at = float(solution.point.shared[i])
         # A test's friction is one draw: so many tests, so many degrees of freedom.
-        dof = max(found.scatter.tests - 1.0, 1.0) if unknown.origin == "friction" else math.inf
+        dof = max(found.scatter.tests - 1.0, 1.0) if unknown.varies_by_test else math.inf
         if not std[i] > _NO_INFORMATION:
             # Nothing depends on it and no bench test spoke of it: it stays as it was.
             former = Estimate.symmetric(unknown.value, unknown.std, unknown.unit, math.inf)
@@ -249,6 +266,17 @@ def _fit(
         ]
         errors.append((_rmse(residuals), _correlation(residuals)))
     return Fit(errors[0][0], errors[1][0], errors[0][1], errors[1][1])
+
+
+def _effort(
+    tests: Sequence[MotionTest], before: Model, after: Model, rig: Rig
+) -> dict[str, tuple[float, float]]:
+    """What both models leave of the motor's effort along the measured motion, RMSE by channel."""
+    position, effort = rig.position_channel, rig.effort_channel
+    trials = [
+        Trial(t.label, t.time, {position: t.measured[0], effort: t.motor}, t.source) for t in tests
+    ]
+    return {effort: (effort_rmse(trials, rig, before), effort_rmse(trials, rig, after))}
 
 
 def _rmse(residuals: Sequence[FloatArray]) -> FloatArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -36,6 +37,11 @@ class RefinedParameter:
     @property
     def movement(self) -> float:
         return (self.estimate.value - self.unknown.value) / self.unknown.std
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the bench tests or motion told it."""
+        return math.isfinite(self.estimate.std)
 
     def to_json(self) -> dict[str, Any]:
         """The parameter as `sysid refine --json` and the bundle hold it."""
@@ -72,7 +78,8 @@ class RefineResult(Shown):
     `correlation` (p, p) of the parameters' errors, in their order; `fits` by use ("fit",
     "holdout"); `scatter` relative standard deviation of sliding and static friction from test
     to test; `longest` segment, s; `evaluations` of the simulation with its derivatives;
-    `profiles` by parameter, as asked.
+    `profiles` by parameter, as asked. `effort`: where a motor alone drives, RMSE of the equation
+    of motion along the measured motion before and after, by use and channel (Nm or N).
     """
 
     parameters: tuple[RefinedParameter, ...]
@@ -88,6 +95,7 @@ class RefineResult(Shown):
     bundle: Bundle
     profiles: Mapping[str, Profile] = field(default_factory=dict)
     notices: tuple[str, ...] = ()
+    effort: Mapping[str, Mapping[str, tuple[float, float]]] = field(default_factory=dict)
 
     def headline(self) -> str:
         state = "converged" if self.converged else "not converged"
@@ -121,7 +129,7 @@ class RefineResult(Shown):
                 number(p.estimate.std, 2),
                 p.unknown.unit,
                 number(p.movement, 2),
-                "yes" if p.informed else "bench only",
+                "yes" if p.informed else "bench only" if p.is_known else "no",
             )
             for p in self.parameters
         )
@@ -150,10 +158,17 @@ class RefineResult(Shown):
         )
         titles = ("logs", "channel", "RMSE before", "after", "autocorrelation before", "after")
         yield ShownTable("Open-loop simulation of whole tests", titles, channels)
+        if self.effort:
+            efforts = tuple(
+                (use, name, number(before, 4), number(after, 4))
+                for use, channels_of in self.effort.items()
+                for name, (before, after) in channels_of.items()
+            )
+            yield ShownTable("Equation of motion along the measured motion", titles[:4], efforts)
 
     def to_json(self) -> dict[str, Any]:
         """The object that `sysid refine --json` prints and a bundle's `refinement` holds."""
-        return {
+        content = {
             "converged": self.converged,
             "evaluations": self.evaluations,
             "segments": self.segments,
@@ -193,6 +208,15 @@ class RefineResult(Shown):
                 for use, fit in self.fits.items()
             },
         }
+        if self.effort:
+            content["effort_rmse"] = {
+                use: {
+                    name: {"before": finite_or_none(before), "after": finite_or_none(after)}
+                    for name, (before, after) in channels.items()
+                }
+                for use, channels in self.effort.items()
+            }
+        return content
 
 
 __all__ = ["Fit", "RefineResult", "RefinedParameter"]

@@ -86,7 +86,7 @@ def run_of(number: int, test: MotionTest, segment: Segment, model: Model, positi
         inputs=dataclasses.replace(inputs, **unknown),
         measured=test.measured[:, segment.start : segment.start + rows],
         start_std=np.where(moves & (std > _KNOWN), _START_PRIOR * std, std),
-        noise=np.maximum(test.noise.total, _LEAST_NOISE),
+        noise=np.fmax(test.noise.total, _LEAST_NOISE),  # not NaN where it is not logged
     )
 
 

@@ -17,6 +17,7 @@ from typing import Any
 from sysid.bundle import Bundle
 from sysid.bundle.assembled_model import friction_keys
 from sysid.bundle.correlation import CorrelatedPart
+from sysid.bundle.friction import Friction
 from sysid.bundle.valves import LAW_KEYS
 from sysid.errors import input_error
 from sysid.estimation.linear import Estimate
@@ -44,7 +45,8 @@ class Unknown:
     `std` is the prior's, in the parameter's unit, NaN without one. `lower`, `upper` as the
     parameter's; `scale` a typical size for one that may be 0 or of either sign. `held_at`: the
     coordinate that it keeps, for a profile. `correlations` of the prior's error with those of
-    others, by their names.
+    others, by their names. `sign`: the model's number is this many times the value (a friction fit
+    counts an offset against the motion, the model along it).
     """
 
     name: str
@@ -59,6 +61,7 @@ class Unknown:
     held_at: float | None = None
     has_prior: bool = True
     correlations: tuple[tuple[str, float], ...] = ()
+    sign: float = 1.0
 
     @property
     def _form(self) -> str:
@@ -96,6 +99,15 @@ class Unknown:
             return (self.upper - self.lower) * share * (1.0 - share)
         return self.scale
 
+    def model_slope(self, coordinate: float) -> float:
+        """Change of the model's number with the coordinate."""
+        return self.sign * self.slope(coordinate)
+
+    @property
+    def varies_by_test(self) -> bool:
+        """Whether each test has its own, about the model's: static and sliding friction."""
+        return self.direction in _base(_FRICTION_FIELDS.values())
+
     @property
     def start(self) -> float:
         """The coordinate of its value."""
@@ -126,14 +138,17 @@ def unknowns_of(bundle: Bundle, rig: Rig, model: Model) -> list[Unknown]:
     Friction, flows, delays, effects with what the bundle says of them; the rig file's constants
     with 3 %.
     """
-    found = [
+    fitted = [
         *_friction(bundle, rig, model),
         *_valves(bundle, model),
         *_effects(bundle, model),
-        *_declared(rig, model),
     ]
     known = _correlations_by_name(bundle)
-    return [dataclasses.replace(u, correlations=known.get(u.name, ())) for u in found]
+    taken = {u.direction for u in fitted}
+    return [
+        *(dataclasses.replace(u, correlations=known.get(u.name, ())) for u in fitted),
+        *(u for u in _declared(rig, model) if u.direction not in taken),
+    ]
 
 
 def _correlations_by_name(bundle: Bundle) -> dict[str, tuple[tuple[str, float], ...]]:
@@ -171,16 +186,59 @@ def _friction(bundle: Bundle, rig: Rig, model: Model) -> list[Unknown]:
         if value <= 0.0:
             continue  # friction that is not there stays so: its logarithm has no start
         estimate = getattr(part, key, None)
-        found.append(_positive(f"friction.{key}", (0, field), value, estimate, "friction"))
+        place, unit = f"friction.{key}", "" if name == "viscous" else _effort_unit(rig)
+        found.append(_positive(place, (0, field), value, estimate, "friction", unit))
+    return [*found, *_fitted_beside_friction(part, rig, model)]
+
+
+def _fitted_beside_friction(part: Friction | None, rig: Rig, model: Model) -> list[Unknown]:
+    """What motion gives with friction where a motor alone drives: inertia or mass, and offset."""
+    if part is None or not rig.is_motor_alone:
+        return []
+    found = []
+    inertia_key, offset_key = (
+        ("mass_kg", "offset_n") if rig.is_linear else ("inertia_kg_m2", "offset_nm")
+    )
+    inertia, offset = part.inertia, part.offset
+    if inertia is not None and inertia.identified:
+        value = float(model.parameters.inertia)
+        name = f"friction.{inertia_key}"
+        found.append(_positive(name, (0, "inertia"), value, inertia, "friction"))
+    if offset is not None and offset.identified:
+        scale = _OFFSET_SHARE * float(model.parameters.coulomb_effort) or 1.0
+        found.append(
+            Unknown(
+                f"friction.{offset_key}",
+                (0, "offset"),
+                offset.value,
+                offset.std,
+                offset.unit,
+                -math.inf,
+                math.inf,
+                scale,
+                "friction",
+                sign=-1.0,
+            )
+        )
     return found
 
 
+def _effort_unit(rig: Rig) -> str:
+    return "N" if rig.is_linear else "Nm"
+
+
 def _positive(
-    name: str, direction: Direction, value: float, estimate: Estimate | None, origin: str
+    name: str,
+    direction: Direction,
+    value: float,
+    estimate: Estimate | None,
+    origin: str,
+    unit: str = "",
 ) -> Unknown:
+    """One above 0; `unit` is that of an estimate without one, as it was not identified."""
     known = estimate is not None and estimate.identified and math.isfinite(estimate.std)
     std = max(estimate.std, _LEAST_STD * abs(value)) if known and estimate else math.nan
-    unit = estimate.unit if estimate else ""
+    unit = estimate.unit if estimate and estimate.unit else unit
     return Unknown(name, direction, value, std, unit, 0.0, math.inf, abs(value) or 1.0, origin)
 
 
@@ -241,16 +299,21 @@ _CONSTANTS = {
     "off_delay_b": ("rig.off_delay_b", "s"),
 }
 
+_MECHANICS = ("inertia", "gravity_moment", "weight")
+
 
 def _declared(rig: Rig, model: Model) -> list[Unknown]:
     found = []
-    for field, (name, unit) in _CONSTANTS.items():
+    constants = _CONSTANTS
+    if rig.is_motor_alone:
+        constants = {name: constants[name] for name in _MECHANICS}
+    for field, (name, unit) in constants.items():
         value = float(getattr(model.parameters, field))
         if value > 0.0 and math.isfinite(value):
             std = _DECLARED * value
             found.append(Unknown(name, (0, field), value, std, unit, 0.0, math.inf, value, "rig"))
     size = float(model.parameters.coulomb_effort) or 1.0
-    unit = "N" if rig.is_linear else "Nm"
+    unit = _effort_unit(rig)
     value = float(model.parameters.offset)
     scale = _OFFSET_SHARE * size
     found.append(
@@ -276,12 +339,15 @@ def without_own_data(
         return [dataclasses.replace(u, has_prior=u.origin not in own) for u in unknowns]
     refitted: set[str] = set()
     if bundle.friction is not None and bundle.friction.source == "friction-motion":
-        refitted |= {"coulomb_effort", "viscous"}
+        refitted |= {"coulomb_effort", "viscous", "inertia", "offset"}
     if "diagnosis" in bundle.provenance.options and bundle.effects:
-        refitted |= {"coulomb_effort", "viscous"}
+        refitted |= {"coulomb_effort", "viscous", "inertia", "offset"}
         refitted |= {f"{law}_{side}" for law in LAW_KEYS for side in SIDES}
     return [
-        dataclasses.replace(u, has_prior=u.has_prior and u.direction not in _base(refitted))
+        dataclasses.replace(
+            u,
+            has_prior=u.has_prior and (u.origin == "rig" or u.direction not in _base(refitted)),
+        )
         for u in unknowns
     ]
 
@@ -339,7 +405,7 @@ def model_at(model: Model, unknowns: Sequence[Unknown], values: FloatArray) -> M
     for unknown, value in zip(unknowns, values, strict=True):
         part, name = unknown.direction
         if part == 0:
-            parameters[name] = float(value)
+            parameters[name] = unknown.sign * float(value)
         else:
             effects[part - 1] = dataclasses.replace(effects[part - 1], **{name: float(value)})
     return Model(model.parameters.replace(**parameters), tuple(effects))

@@ -37,7 +37,8 @@ def updated(
     record alone, as are the estimates of the rig file's constants, which stay as declared. The
     validation is dropped.
     """
-    estimates = {p.name: p.estimate for p in result.parameters}
+    # What neither the bench tests nor motion told stays unidentified.
+    estimates = {p.name: p.estimate for p in result.parameters if p.is_known}
     fields: dict[str, object] = {}
     if bundle.friction is not None:
         fields["friction"] = _replaced(bundle.friction, "friction.", result)

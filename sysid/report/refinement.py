@@ -40,6 +40,8 @@ def refinement_section(refinement: Refinement, rig: Rig) -> Section | None:
     blocks += _profiles(refinement)
     if refinement.errors():
         blocks += [Heading("refinement-errors", "Open-loop errors"), errors_table(refinement)]
+    if refinement.effort_errors():
+        blocks.append(effort_table(refinement))
     return Section("refinement", "Refinement on motion", _intro(refinement, values), tuple(blocks))
 
 
@@ -87,6 +89,8 @@ def _limit(value: Number | None) -> float:
 def _known_from(value: RefinedValue) -> str:
     if value.informed_by_motion:
         return "motion"
+    if value.after.std is None or not math.isfinite(value.after.std):
+        return MISSING
     return "rig file" if value.origin == "rig" else "bench"
 
 
@@ -222,6 +226,18 @@ def errors_table(refinement: Refinement) -> HtmlTable:
     return table(caption, columns, rows, text=(1,))
 
 
+def effort_table(refinement: Refinement) -> HtmlTable:
+    """RMSE of the equation of motion, by use: it does not add up over time as a position does."""
+    rows = [
+        (_USES.get(use, use), *_channel_cells(name, errors, None)[:4])
+        for use, channels in refinement.effort_errors().items()
+        for name, errors in channels.items()
+    ]
+    columns = ("Tests", "Channel", "RMSE before", "RMSE after", "Change")
+    caption = "Equation of motion along the measured motion: RMSE of the effort that is left"
+    return table(caption, columns, rows, text=(1,))
+
+
 def _channel_cells(
     name: str, errors: BeforeAndAfter, correlation: BeforeAndAfter | None
 ) -> tuple[str, ...]:
@@ -247,4 +263,10 @@ def _channel_cells(
     )
 
 
-__all__ = ["errors_table", "intervals_table", "parameters_table", "refinement_section"]
+__all__ = [
+    "effort_table",
+    "errors_table",
+    "intervals_table",
+    "parameters_table",
+    "refinement_section",
+]

@@ -80,17 +80,43 @@ def check_at_rest(
     measured: FloatArray,
     tolerance: float,
     rig: Rig,
+    fitted_inertia: float | None = None,
 ) -> None:
     """InputError where the shaft moves in the first 50 ms further than it could from rest.
 
+    Arguments as those of `moves_at_start`.
+    """
+    moved = moves_at_start(time, motor, measured, tolerance, rig, fitted_inertia)
+    if moved is None:
+        return
+    raise input_error(
+        source,
+        f"starts while moving: {moved}",
+        "start each test at rest, or cut off its beginning up to a standstill",
+    )
+
+
+def moves_at_start(
+    time: FloatArray,
+    motor: FloatArray,
+    measured: FloatArray,
+    tolerance: float,
+    rig: Rig,
+    fitted_inertia: float | None = None,
+) -> str | None:
+    """How far the shaft moves in the first 50 ms, in words, if further than it could from rest.
+
     From rest it cannot have gone further than the logged effort, friction aside, would have
     driven it: the double integral of |effort|/inertia. `measured` (3, n) position and
-    pressures; `tolerance` is what the encoder may show at rest, rad or m.
+    pressures; `tolerance` is what the encoder may show at rest, rad or m. `fitted_inertia`
+    (kg m2 or kg) counts where the rig file declares none.
     """
     rows = int(np.count_nonzero(time - time[0] <= _START_S))
     time, measured = time[:rows] - time[0], measured[:, :rows]
     effort = np.abs(_applied_effort(motor[:rows], measured, rig))
-    rate = _EFFORT_MARGIN * effort / require_inertia(rig)
+    declared = rig.total_inertia()
+    inertia = fitted_inertia if declared is None else declared
+    rate = _EFFORT_MARGIN * effort / (require_inertia(rig) if inertia is None else inertia)
     # The greater of two neighbours: what happens between rows is unknown.
     rate = np.maximum(rate[:-1], rate[1:]) * np.diff(time)
     speed = np.cumsum(rate)
@@ -98,13 +124,11 @@ def check_at_rest(
     gone = np.abs(measured[0] - measured[0, 0])
     beyond = np.flatnonzero(gone > reach + tolerance)
     if beyond.size == 0:
-        return
+        return None
     at = int(beyond[0])
-    raise input_error(
-        source,
-        f"starts while moving: the position changes by {gone[at]:.3g} in its first "
-        f"{1000.0 * time[at]:.3g} ms, and from rest the logged effort explains {reach[at]:.2g}",
-        "start each test at rest, or cut off its beginning up to a standstill",
+    return (
+        f"the position changes by {gone[at]:.3g} in its first {1000.0 * time[at]:.3g} ms, and "
+        f"from rest the logged effort explains {reach[at]:.2g}"
     )
 
 

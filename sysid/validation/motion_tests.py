@@ -26,6 +26,7 @@ from sysid.validation.motion_checks import (
     check_at_rest,
     check_channels,
     check_sampling,
+    moves_at_start,
     near_end_stop,
 )
 from sysid.validation.start_states import (
@@ -42,6 +43,7 @@ Commands = tuple[FloatArray | None, FloatArray | None]
 
 # A segment may start this share of its length after its place on the even grid.
 _SLACK = 0.25
+_MOVING = "{0}: starts while moving ({1}): its first samples give the velocity that it starts with"
 
 
 @dataclass(frozen=True)
@@ -93,11 +95,15 @@ class MotionTest:
         return int(near[0]) if near.size else segment.stop - segment.start
 
 
-def prepare(trial: Trial, kind: str, rig: Rig, horizon: float) -> MotionTest:
+def prepare(
+    trial: Trial, kind: str, rig: Rig, horizon: float, inertia: float | None = None
+) -> MotionTest:
     """A test of a motion log, its noise, and its start states about every `horizon` s.
 
+    `inertia` (kg m2 or kg) is the bundle's, for a rig file that declares none.
     Raises InputError, which names the test, for missing channels, gaps, a sampling that
-    cannot follow the PWM grid, or a test that does not start at rest.
+    cannot follow the PWM grid, or a test that does not start at rest (with a motor alone it may:
+    its first samples show the velocity).
     """
     check_channels(trial, kind, rig)
     check_sampling(trial, kind, rig)
@@ -113,7 +119,14 @@ def prepare(trial: Trial, kind: str, rig: Rig, horizon: float) -> MotionTest:
     )
     motor = np.asarray(trial.channels.get(rig.effort_channel, np.zeros(len(trial))), dtype=float)
     tolerance = 2.0 * noise.still
-    check_at_rest(trial.source, trial.time, motor, measured, tolerance, rig)
+    start = state_at_rest(trial.time, measured, noise, edges)
+    if rig.is_motor_alone:
+        moved = moves_at_start(trial.time, motor, measured, tolerance, rig, inertia)
+        if moved is not None:
+            start = _state_in_motion(trial.time, measured, noise, edges)
+            notices.append(_MOVING.format(trial.source, moved))
+    else:
+        check_at_rest(trial.source, trial.time, motor, measured, tolerance, rig, inertia)
     test = MotionTest(
         label=trial.label,
         source=trial.source,
@@ -124,12 +137,23 @@ def prepare(trial: Trial, kind: str, rig: Rig, horizon: float) -> MotionTest:
         measured=measured,
         near_stop=near_end_stop(measured[0], rig),
         noise=noise,
-        whole=Segment(0, len(trial), state_at_rest(trial.time, measured, noise, edges)),
+        whole=Segment(0, len(trial), start),
     )
     if test.near_stop.any():
         notices.append(_stop_notice(test))
     segments = _segments(test, edges, horizon, rig, stride)
     return replace(test, segments=segments, notices=tuple(notices))
+
+
+def _state_in_motion(
+    time: FloatArray,
+    measured: FloatArray,
+    noise: ChannelNoise,
+    edges: tuple[ValveEdges, ValveEdges],
+) -> InitialState:
+    """State at a test's first row from its first samples: a motor alone hides no other state."""
+    near = slice(0, half_window(float(time[1] - time[0]), None) + 1)
+    return state_within(float(time[0]), time[near], measured[:, near], noise, edges, None)
 
 
 def _stop_notice(test: MotionTest) -> str:
@@ -159,12 +183,13 @@ def _measured(trial: Trial, rig: Rig, notices: list[str]) -> FloatArray:
     for name in CHAMBER_PRESSURES:
         if name in trial:
             rows.append(trial[name])
-        else:
+            continue
+        if not rig.is_motor_alone:
             notices.append(
                 f"{trial.source}: {name} is not logged; the chamber is taken to start at the "
                 "atmosphere's pressure, and the test is simulated as a whole only"
             )
-            rows.append(np.full(len(trial), np.nan))
+        rows.append(np.full(len(trial), np.nan))
     return np.array(rows, dtype=float)
 
 
@@ -205,7 +230,8 @@ def _segments(
     stride: int | None,
 ) -> tuple[Segment, ...]:
     """Segments of `horizon` s, one after another, each from an estimated state."""
-    if np.isnan(test.measured).any():
+    # A motor alone has no chambers whose pressure a start would need.
+    if np.isnan(test.measured[: 1 if rig.is_motor_alone else None]).any():
         return ()
     rows, n = round(horizon / test.period), len(test.time)
     half = half_window(test.period, stride)

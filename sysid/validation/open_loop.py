@@ -20,6 +20,7 @@ from sysid.bundle.assembled_model import (
     MEAN_FLOW_MODELS,
     VALVE_MODELS,
     assumed_friction,
+    fitted_inertia,
     surfaces_from_bundle,
 )
 from sysid.errors import NotIdentifiedError, input_error
@@ -125,7 +126,7 @@ def _other_rig(bundle: Bundle, rig: Rig) -> list[str]:
 
 def _offset(bundle: Bundle, rig: Rig) -> list[str]:
     """A significant offset in the friction fit is an effect, which the base model lacks."""
-    if any(effect.id == _OFFSET_EFFECT for effect in bundle.effects):
+    if rig.is_motor_alone or any(effect.id == _OFFSET_EFFECT for effect in bundle.effects):
         return []
     friction = bundle.friction
     if friction is None:
@@ -182,7 +183,8 @@ def _read(
     notices += log.notices
     cases = []
     for trial in log.trials:
-        test = prepare(trial, entry.kind, campaign.rig, max(HORIZONS_S))
+        inertia = fitted_inertia(bundle)
+        test = prepare(trial, entry.kind, campaign.rig, max(HORIZONS_S), inertia)
         notices += test.notices
         if test.counted(test.whole) < 2:
             notices.append(f"{test.source}: starts at an end stop and is left out")

@@ -149,6 +149,9 @@ def state_within(
         ripples = (_HALF_WINDOW_RIPPLES, _HALF_WINDOW_RIPPLES // 2)
         halves = [*((n * stride + 0.5) * period for n in ripples), 0.5 * period]
     for i, pressure in enumerate(measured[1:]):
+        if np.isnan(pressure).all():
+            found.append(_LocalFit(np.full(2, np.nan), np.full(2, np.nan), 0))
+            continue
         keep = np.ones(len(time), dtype=bool)
         if stride is None:
             keep = _between_edges(edges[i], at, time)

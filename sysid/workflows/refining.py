@@ -32,7 +32,8 @@ def refine(
     their own size; `profile`: parameters with an interval by profile likelihood. `effects`: those
     of the bundle that are not in the catalogue, a Python file or the classes. Raises InputError
     for an unknown name or a campaign without motion logs to fit on, NotIdentifiedError where the
-    bundle does not hold the on/off law of both valves.
+    bundle does not hold the on/off law of both valves. A rig with a motor alone, without air,
+    cylinder and valves, is refined on its friction-motion logs.
 
     >>> refined = si.refine(campaign, bundle)                           # doctest: +SKIP
     >>> si.write_bundle(refined.bundle, "refined.json")                 # doctest: +SKIP

@@ -27,41 +27,23 @@ from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import Parameter
 from sysid.estimation.quality import FitQuality
 from sysid.identification.friction.effort import MOTION, EvenTrial, even_trial, units_of
-from sysid.identification.friction.motion_samples import default_cutoff, left_out, tells_speeds
+from sysid.identification.friction.motion_samples import tells_speeds
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
-from sysid.model import plant
 from sysid.model.base import bare_parameters
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.effects.linkage import InertiaMismatch
 from sysid.model.ports import Model, Point, overrides
-from sysid.types import FloatArray, IntArray
+from sysid.types import FloatArray
+from sysid.validation.effort_balance import ImposedMotion, effort_gap, imposed_motion
 
-FASTEST_CUTOFF_HZ = 20.0
-# Kinematics that nonlinear laws see pass a wider filter than the balance.
-_WIDER = 3.0
 # Fewest tests: fewer trials than this are cut into stretches.
 _FEWEST_TESTS = 3
 _STRETCHES = 6
-_SAMPLES_A_TEST = 4000
 _LEAST_CHANGE = 1e-9
-_LEAST_SCALE = 1e-3
 # A linear axis has no pinion, and its weight is the same everywhere: an offset.
 _ROTARY_ONLY = ("pitch-eccentricity", "mounting-tilt")
 _PORTS = ("parameters", "motor_effort", "friction_effort", "external_effort", "pitch_radius")
-
-
-@dataclass(frozen=True)
-class _Test:
-    """One stretch: where the axis is at every sample, and the rows that count."""
-
-    label: str
-    point: Point
-    acceleration: FloatArray
-    period: float
-    cutoff_hz: float
-    rows: IntArray
-    load: FloatArray
 
 
 @dataclass(frozen=True)
@@ -69,7 +51,7 @@ class Axis(Component):
     """An axis on its tests; `axis` builds one from trials."""
 
     rig: Rig
-    cases: tuple[_Test, ...]
+    cases: tuple[ImposedMotion, ...]
     trials: tuple[Trial, ...]
     has_speeds: bool
     channel: str = field(default="", init=False)
@@ -145,19 +127,9 @@ class Axis(Component):
         nothing = Law({p.name: 0.0 for p in self.parameters()})
         return self.residuals(nothing, tests)
 
-    def _residual(self, case: _Test, law: Law) -> FloatArray:
+    def _residual(self, case: ImposedMotion, law: Law) -> FloatArray:
         """Of the whole trial that a stretch belongs to, (n,)."""
-        model = self._model(law)
-        parameters = model.at(case.point.time)
-        point = dataclasses.replace(case.point, parameters=parameters)
-        driven = plant.applied_effort(point, model)
-        resisted = plant.sliding_friction(point, model) + parameters.inertia * case.acceleration
-        # In the logged command's own units: otherwise a motor gain of 0 would explain everything.
-        given, taken = case.point.motor, plant.motor_effort(point, model)
-        power = float(given @ given)
-        scale = float(taken @ given) / power if power > 0.0 else 1.0
-        gap = np.asarray(driven - resisted) / (scale if abs(scale) > _LEAST_SCALE else 1.0)
-        return signals.lowpass(gap, case.period, case.cutoff_hz)
+        return effort_gap(case, self._model(law))
 
     def _model(self, law: Law) -> Model:
         u = units_of(self.rig)
@@ -263,7 +235,7 @@ def axis(trials: Sequence[Trial], rig: Rig) -> Axis:
 
     Three or more trials are left out one by one; fewer are cut into stretches.
     """
-    cases: list[_Test] = []
+    cases: list[ImposedMotion] = []
     pieces = 1 if len(trials) >= _FEWEST_TESTS else math.ceil(_STRETCHES / max(len(trials), 1))
     for trial in trials:
         # The friction fit has already reported notices about its channels.
@@ -278,44 +250,18 @@ def axis(trials: Sequence[Trial], rig: Rig) -> Axis:
     return Axis(rig, tuple(cases), tuple(trials), tells_speeds(speed, load))
 
 
-def _cases(trial: Trial, even: EvenTrial, rig: Rig, pieces: int) -> list[_Test]:
+def _cases(trial: Trial, even: EvenTrial, rig: Rig, pieces: int) -> list[ImposedMotion]:
     """A trial as one test, or cut into stretches of equal length."""
-    wide = default_cutoff(even, _WIDER * FASTEST_CUTOFF_HZ)
-    cutoff = wide / _WIDER
-    rows = np.flatnonzero(~left_out(even, cutoff))
-    thin = max(1, signals.filter_length(even.period, cutoff) // 4, len(rows) // _SAMPLES_A_TEST)
-    rows = rows[::thin]
-    position = signals.lowpass(even.position, even.period, wide)
-    velocity = signals.first_derivative(position, even.period)
-    grid = even.time + trial.time[0]
-    atmosphere = bare_parameters(rig).atmosphere
-    point = Point(
-        time=even.time,
-        position=position,
-        velocity=velocity,
-        pressure_a=_channel(trial, "pressure_a_pa", grid, atmosphere),
-        pressure_b=_channel(trial, "pressure_b_pa", grid, atmosphere),
-        motor=signals.held_about_rows(even.motor),
-        open_a=np.zeros(len(even)),
-        open_b=np.zeros(len(even)),
-        direction=np.sign(velocity),
-        parameters=bare_parameters(rig),
-    )
-    acceleration = signals.second_derivative(position, even.period)
+    whole = imposed_motion(trial, even, rig)
+    rows = whole.rows
     edges = np.linspace(0, len(even), pieces + 1)
     found = []
     for k in range(pieces):
         own = rows[(rows >= edges[k]) & (rows < edges[k + 1])]
         label = trial.label if pieces == 1 else f"{trial.label}, part {k + 1} of {pieces}"
         if len(own):
-            found.append(_Test(label, point, acceleration, even.period, cutoff, own, even.cylinder))
+            found.append(dataclasses.replace(whole, label=label, rows=own))
     return found
 
 
-def _channel(trial: Trial, name: str, grid: FloatArray, default: Any) -> FloatArray:
-    if name not in trial:
-        return np.full(len(grid), float(default))
-    return np.asarray(signals.resample(trial.time, trial[name], grid))
-
-
-__all__ = ["FASTEST_CUTOFF_HZ", "Axis", "axis"]
+__all__ = ["Axis", "axis"]
