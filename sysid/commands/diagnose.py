@@ -19,19 +19,21 @@ from sysid.commands.options import (
     PathArgument,
     bundle_option,
     campaign_argument,
+    component_option,
     effects_option,
     json_option,
     report_option,
 )
+from sysid.commands.own_component import read_with
 from sysid.commands.printing import estimate_cells, notices, print_json, progress
+from sysid.components.campaign import diagnosed, extended
 from sysid.diagnosis import wording
 from sysid.diagnosis.actuator.result import Diagnosis
 from sysid.diagnosis.bench.diagnose import ComponentDiagnosis
-from sysid.diagnosis.campaign import diagnose_logs, extended_bundle
 from sysid.diagnosis.content import content, looks
 from sysid.diagnosis.looked import SECONDS
 from sysid.display.terminal import console, new_table
-from sysid.io.campaign import Campaign, read_campaign
+from sysid.io.campaign import Campaign
 from sysid.model.effects.catalogue import catalogue_with
 from sysid.types import Progress, no_progress
 from sysid.validation import VALIDATED_KINDS, validate
@@ -52,6 +54,7 @@ def _no_nan(_: click.Context, option: click.Parameter, value: float) -> float:
 @click.option("-o", "output", type=PathArgument, help="Write the extended bundle.")
 @report_option
 @effects_option
+@component_option
 @click.option(
     "--refine/--no-refine",
     default=True,
@@ -99,6 +102,7 @@ def diagnose_campaign(
     output: Path | None = None,
     report: Path | None = None,
     effects: Path | None = None,
+    component: str | None = None,
     refine: bool = True,
     seed: int = 0,
     budget: float | None = SECONDS,
@@ -106,14 +110,15 @@ def diagnose_campaign(
 ) -> Diagnosed:
     """Diagnose a campaign with its fitted bundle; write the extended bundle and the report.
 
-    `effects` is a Python file with effects in addition to the catalogue; `refine` whether the
+    `effects` is a Python file with effects in addition to the catalogue, `component` one of the
+    user's own, whose logs are the campaign's; `refine` whether the
     numbers of what was found are those of simulation error; after `budget` seconds it ends with
     the best so far. Raises InputError for unusable files, NotIdentifiedError where the bundle or
     the campaign is insufficient.
     """
-    campaign = read_campaign(campaign_path)
+    campaign = read_with(campaign_path, component, progress)
     bundle = read_bundle(bundle_path)
-    diagnosis, notices = diagnose_logs(
+    diagnosis, notices = diagnosed(
         campaign,
         bundle,
         effects=effects,
@@ -122,16 +127,16 @@ def diagnose_campaign(
         budget=budget,
         progress=progress,
     )
-    extended = extended_bundle(bundle, diagnosis, campaign)
+    longer = extended(bundle, diagnosis, campaign)
     written = []
     if output is not None:
-        write_bundle(extended, output)
+        write_bundle(longer, output)
         written.append(output)
     if report is not None:
-        _write_report(report, campaign, extended, diagnosis, effects, progress)
+        _write_report(report, campaign, longer, diagnosis, effects, progress)
         written.append(report)
     notices = (*campaign.notices, *campaign.rig.notices, *notices, *diagnosis.notices)
-    return Diagnosed(diagnosis, extended, tuple(dict.fromkeys(notices)), tuple(written))
+    return Diagnosed(diagnosis, longer, tuple(dict.fromkeys(notices)), tuple(written))
 
 
 def _write_report(
