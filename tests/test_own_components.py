@@ -137,6 +137,89 @@ def test_simulation_converges_in_its_steps(cylinder: Path) -> None:
         assert float(np.sqrt(np.mean(gap**2))) < least
 
 
+def test_it_is_checked_validated_and_reported(cylinder: Path) -> None:
+    campaign, fitted, page = (cylinder / n for n in ("campaign.toml", "own.json", "own.html"))
+    given = ("--component", CYLINDER)
+    checks = json.loads(done("check", campaign, *given, "--json").out)["logs"]
+    assert [c["use"] for c in checks] == ["fit", "fit", "fit", "holdout"]
+    assert all(i["identified"] for i in checks[0]["identifies"])
+    done("fit", campaign, *given, "-o", fitted)
+    told = done(
+        "validate", campaign, "--bundle", fitted, *given, "-o", fitted, "--report", page, "--json"
+    )
+    found = json.loads(told.out)["validation"]["logs"][-1]
+    bundle = read_bundle(fitted)
+    assert bundle.validation is not None and len(bundle.validation.validated()) == 4
+    # By hand: the held-out log, from its start, with the bundle's numbers.
+    part = training_part(own_tests(si.read_campaign(campaign, component=CYLINDER)))
+    trial = own_tests(si.read_campaign(campaign, component=CYLINDER)).held_out[0]
+    shown = part.open_loop(part.law_of(bundle), [(trial, 0, len(trial))])[0]
+    for name, channel in found["channels"].items():
+        gap = trial[name] - shown[name]
+        spread = trial[name] - trial[name].mean()
+        assert channel["rmse"] == pytest.approx(float(np.sqrt(np.mean(gap**2))))
+        fit = 100.0 * (1.0 - np.linalg.norm(gap) / np.linalg.norm(spread))
+        assert channel["fit_percent"] == pytest.approx(fit) and fit > 50.0
+    text = page.read_text("utf-8")
+    assert "Component of the user" in text and "fig-own-pressure_pa-0" in text
+    assert "open loop: fit" in text and "stiffness_n_per_m" in text
+
+
+def test_a_check_says_what_is_missing_or_implausible(cylinder: Path, tmp_path: Path) -> None:
+    for name in ("rig.toml", "campaign.toml", "test_1.csv", "test_2.csv", "test_3.csv"):
+        (tmp_path / name).write_text((cylinder / name).read_text("utf-8"), "utf-8")
+    rows = (cylinder / "test_4.csv").read_text("utf-8").splitlines()
+    (tmp_path / "test_4.csv").write_text("\n".join(r.rpartition(",")[0] for r in rows), "utf-8")
+    scaled = [
+        ",".join([t, f"{100 * float(u):g}", *more])
+        for t, u, *more in (
+            row.split(",") for row in (tmp_path / "test_2.csv").read_text("utf-8").splitlines()[1:]
+        )
+    ]
+    (tmp_path / "test_2.csv").write_text("\n".join([rows[0], *scaled, ""]), "utf-8")
+    still = [
+        ",".join([t, "0", *more])
+        for t, _, *more in (
+            row.split(",") for row in (tmp_path / "test_3.csv").read_text("utf-8").splitlines()[1:]
+        )
+    ]
+    (tmp_path / "test_3.csv").write_text("\n".join([rows[0], *still, ""]), "utf-8")
+    told = done("check", tmp_path / "campaign.toml", "--component", CYLINDER)
+    said = [line for line in told.err.splitlines() if "notice" in line]
+    assert any("column pressure_pa (Pa) is missing" in line for line in said)
+    assert any("command runs from" in line and "-1 to 1 dimensionless" in line for line in said)
+    assert "command does not change: it excites nothing" in told.out
+
+
+def test_an_axis_of_the_emps_benchmark(shared_data: Path, tmp_path: Path) -> None:
+    """The public servo's mass and friction, by the second file of the worked motor."""
+    source = shared_data / "emps"
+    for name, file in (("estimation", "DATA_EMPS.mat"), ("pulses", "DATA_EMPS_PULSES.mat")):
+        maps = ("time_s=t:s", "position_m=qm:m", "motor_force_n=vir:35.15 N")
+        given = [word for text in maps for word in ("--map", text)]
+        done("convert", source / file, "-o", tmp_path / f"{name}.csv", *given)
+    rig = '[rig]\nname = "EMPS"\nmotion = "linear"\norientation = "horizontal"\n'
+    (tmp_path / "rig.toml").write_text(rig, "utf-8")
+    logged = [
+        f'[[log]]\nkind = "servo-axis"\nfile = "{n}.csv"\nuse = "{use}"'
+        for n, use in (("estimation", "fit"), ("pulses", "holdout"))
+    ]
+    path = tmp_path / "campaign.toml"
+    path.write_text("\n".join(['rig = "rig.toml"', *logged, ""]), "utf-8")
+    campaign = si.read_campaign(path, component=MOTOR)
+    bundle = si.fit(campaign)
+    assert bundle.component is not None and bundle.component.name == "ServoAxis"
+    numbers = {name: e.value for name, e in bundle.component.parameters.items()}
+    # Janot, Gautier, Brunot 2019: 95.1 kg, 203.5 Ns/m, 20.4 N, offset -3.2 N (identified there).
+    assert numbers["mass_kg"] == pytest.approx(95.1, rel=0.03)
+    assert numbers["viscous_n_s_per_m"] == pytest.approx(203.5, rel=0.15)
+    assert numbers["coulomb_n"] == pytest.approx(20.4, rel=0.15)
+    checked = si.validate(campaign, bundle)
+    errors = checked.select("holdout")[0].channels["position_m"]
+    second = next(h for h in errors.horizons if h.horizon_s == 1.0)
+    assert second.rmse is not None and second.rmse < 2e-3
+
+
 def write_springs(folder: Path, cubic: float) -> Path:
     """Three tests of a spring to fit on, one held out: rows of position, force."""
     lines = ['rig = "rig.toml"']

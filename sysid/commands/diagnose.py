@@ -13,7 +13,6 @@ from rich.table import Table
 from rich.text import Text
 
 from sysid.bundle import Bundle, read_bundle, write_bundle
-from sysid.checks.log_check import check_campaign
 from sysid.commands.options import (
     SEED,
     PathArgument,
@@ -26,7 +25,9 @@ from sysid.commands.options import (
 )
 from sysid.commands.own_component import read_with
 from sysid.commands.printing import estimate_cells, notices, print_json, progress
-from sysid.components.campaign import diagnosed, extended
+from sysid.components.campaign import diagnosed, extended, is_own
+from sysid.components.log_check import checked
+from sysid.components.validation import validated
 from sysid.diagnosis import wording
 from sysid.diagnosis.actuator.result import Diagnosis
 from sysid.diagnosis.bench.diagnose import ComponentDiagnosis
@@ -36,7 +37,7 @@ from sysid.display.terminal import console, new_table
 from sysid.io.campaign import Campaign
 from sysid.model.effects.catalogue import catalogue_with
 from sysid.types import Progress, no_progress
-from sysid.validation import VALIDATED_KINDS, validate
+from sysid.validation import VALIDATED_KINDS
 
 # Suspects of one round that a summary names.
 _MOST_SUSPECTS = 6
@@ -150,9 +151,9 @@ def _write_report(
     from sysid.report import write_report
 
     validation = None
-    is_part = isinstance(diagnosis, ComponentDiagnosis)
-    if not is_part and campaign.select(VALIDATED_KINDS, None):
-        validation = validate(
+    is_part = isinstance(diagnosis, ComponentDiagnosis) and not is_own(campaign)
+    if not is_part and (is_own(campaign) or campaign.select(VALIDATED_KINDS, None)):
+        validation = validated(
             campaign,
             bundle,
             catalogue=catalogue_with(effects),
@@ -163,7 +164,7 @@ def _write_report(
         campaign=campaign,
         bundle=bundle,
         validation=validation,
-        checks=check_campaign(campaign),
+        checks=checked(campaign),
         diagnosis=content(diagnosis),
         progress=progress,
     )

@@ -16,6 +16,7 @@ from sysid.components.loading import LoadedComponent, component_in
 from sysid.components.parts import OwnPart, effects_in, scales_of, stretches_of, term_class
 from sysid.components.static import StaticPart
 from sysid.diagnosis import Diagnosis
+from sysid.diagnosis.bench.component import Law
 from sysid.diagnosis.bench.diagnose import ComponentDiagnosis, diagnose_component
 from sysid.diagnosis.bench.fitting import FittedLaw, fit_law
 from sysid.diagnosis.campaign import diagnose_logs, extended_bundle
@@ -31,12 +32,21 @@ from sysid.types import Progress, no_progress
 
 @dataclass(frozen=True)
 class OwnTests:
-    """The tests of a campaign's component: training and held-out ones, and the readers' notices."""
+    """The tests of a campaign's component: training and held-out ones, and the readers' notices.
+
+    `logs` are the campaign's in turn, each with its use.
+    """
 
     loaded: LoadedComponent
     fitted: tuple[Trial, ...]
     held_out: tuple[Trial, ...]
     notices: tuple[str, ...]
+    logs: tuple[tuple[str, Log], ...] = ()
+
+    @property
+    def all_trials(self) -> tuple[Trial, ...]:
+        """Training and held-out tests."""
+        return (*self.fitted, *self.held_out)
 
 
 def is_own(campaign: Campaign) -> bool:
@@ -68,6 +78,7 @@ def tests_of(campaign: Campaign, bundle: Bundle | None = None) -> OwnTests:
     loaded = loaded_in(campaign)
     trials: dict[str, list[Trial]] = {"fit": [], "holdout": []}
     notices = [*campaign.notices, *campaign.rig.notices]
+    logs = []
     for entry in campaign.logs:
         log = campaign.read(entry)
         if bundle is not None:
@@ -77,8 +88,10 @@ def tests_of(campaign: Campaign, bundle: Bundle | None = None) -> OwnTests:
         require_columns(log, loaded)
         trials[entry.use] += log.trials
         notices += log.notices
+        logs.append((entry.use, log))
     notices += out_of_range(loaded, (*trials["fit"], *trials["holdout"]))
-    return OwnTests(loaded, tuple(trials["fit"]), tuple(trials["holdout"]), tuple(notices))
+    fitted, held_out = tuple(trials["fit"]), tuple(trials["holdout"])
+    return OwnTests(loaded, fitted, held_out, tuple(notices), tuple(logs))
 
 
 def require_columns(log: Log, loaded: LoadedComponent) -> None:
@@ -124,6 +137,17 @@ def part_of(
     if isinstance(loaded.definition, DynamicComponent):
         make = DynamicPart
     return make(loaded, stretches_of(trials), tuple(scales), tuple(kept))
+
+
+def law_in(tests: OwnTests, bundle: Bundle) -> tuple[OwnPart, Law]:
+    """The component on all tests, and the law of a bundle with the terms in it.
+
+    Raises InputError for terms that are unknown, NotIdentifiedError where the bundle lacks the law.
+    """
+    kept = [effect.id for effect in effects_in(bundle, tests.loaded)]
+    scales = scales_of(tests.loaded, tests.fitted or tests.held_out)
+    part = part_of(tests.loaded, tests.all_trials, scales, kept)
+    return part, part.law_of(bundle)
 
 
 def training_part(tests: OwnTests, kept: Sequence[str] = ()) -> OwnPart:
@@ -270,6 +294,7 @@ __all__ = [
     "extended",
     "fit_own",
     "is_own",
+    "law_in",
     "loaded_in",
     "missing_column",
     "out_of_range",

@@ -91,11 +91,20 @@ class DynamicPart(OwnPart):
     def predicted(self, law: Law, tests: Sequence[int]) -> list[dict[str, FloatArray]]:
         return self._of_tests(self._simulated([law])[0], tests)
 
-    def _simulated(self, laws: Sequence[Law]) -> FloatArray:
+    def open_loop(
+        self, law: Law, pieces: Sequence[tuple[Trial, int, int]]
+    ) -> list[dict[str, FloatArray]]:
+        outputs = self._simulated([law], runs_of(self.made, pieces))[0]
+        return [
+            {n: outputs[r, : stop - start, i] for i, n in enumerate(self.made.outputs)}
+            for r, (_, start, stop) in enumerate(pieces)
+        ]
+
+    def _simulated(self, laws: Sequence[Law], runs: Runs | None = None) -> FloatArray:
         """(laws, runs, n, outputs); what diverges is set far off. Raises InputError."""
         vectors = np.stack([self.vector(law) for law in laws])
         try:
-            outputs = simulated(self.made, vectors, self.runs)
+            outputs = simulated(self.made, vectors, runs or self.runs)
         except SysidError:
             raise
         except Exception as error:

@@ -108,6 +108,12 @@ class OwnPart(Component):
     def shown(self, tests: Sequence[int]) -> list[dict[str, FloatArray]]:
         """Each output as measured there, (n,)."""
 
+    @abstractmethod
+    def open_loop(
+        self, law: Law, pieces: Sequence[tuple[Trial, int, int]]
+    ) -> list[dict[str, FloatArray]]:
+        """Each output on every row from the first to the last of pieces of trials, (n,)."""
+
     def residuals(self, law: Law, tests: Sequence[int]) -> list[FloatArray]:
         return self._left(self.predicted(law, tests), tests)
 

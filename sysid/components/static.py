@@ -12,6 +12,7 @@ import numpy as np
 from sysid.components.definition import StaticComponent, outputs_of
 from sysid.components.parts import OwnPart, Stretch
 from sysid.diagnosis.bench.component import Law
+from sysid.io.logs import Trial
 from sysid.types import FloatArray
 
 
@@ -25,6 +26,12 @@ class StaticPart(OwnPart):
 
     def predicted(self, law: Law, tests: Sequence[int]) -> list[dict[str, FloatArray]]:
         return [self.on(_columns(self.stretches[t], self._law), law) for t in tests]
+
+    def open_loop(
+        self, law: Law, pieces: Sequence[tuple[Trial, int, int]]
+    ) -> list[dict[str, FloatArray]]:
+        chosen = [Stretch(trial.label, trial, start, stop) for trial, start, stop in pieces]
+        return [self.on(_columns(one, self._law), law) for one in chosen]
 
     def on(self, columns: Mapping[str, FloatArray], law: Law) -> dict[str, FloatArray]:
         """Each output (n,) from the inputs (n,). Raises InputError where the user's code fails."""
