@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from own_components import refused, run
+from own_components import FOLDER, refused, run
 
 import sysid as si
 from sysid.errors import InputError
@@ -107,6 +107,15 @@ def test_a_bad_file(campaign: Path, old: str, new: str, said: str) -> None:
     line = refused("fit", campaign, "--component", path, "-o", output)
     assert said in line and "cart.py" in line.replace("campaign.toml", "cart.py")
     assert not output.exists()
+
+
+def test_the_component_of_the_docs(campaign: Path) -> None:
+    text = (FOLDER.parent.parent / "docs" / "own-components.md").read_text("utf-8")
+    path = campaign.parent / "cart.py"
+    path.write_text(text.split("```python\n")[1].split("```")[0], "utf-8")
+    bundle = si.fit(si.read_campaign(campaign, component=path))
+    assert bundle.component is not None
+    assert bundle.component.parameters["mass_kg"].value == pytest.approx(1.7, rel=0.05)
 
 
 def test_code_that_fails_late(campaign: Path) -> None:

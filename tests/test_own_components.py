@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from own_components import CYLINDER, MOTOR, done
+from own_components import CYLINDER, MOTOR, done, refused
 
 import sysid as si
 from datasets.components import logs
@@ -165,6 +165,57 @@ def test_it_is_checked_validated_and_reported(cylinder: Path) -> None:
     assert "open loop: fit" in text and "stiffness_n_per_m" in text
 
 
+def test_it_is_refined_with_the_starts_free(servo: Path) -> None:
+    campaign = si.read_campaign(servo / "campaign.toml", component=MOTOR)
+    bundle = si.fit(campaign)
+    longer = si.diagnose(campaign, bundle).bundle
+    refined = si.refine(campaign, longer)
+    numbers = {
+        **refined.bundle.component.parameters,  # type: ignore[union-attr]
+        **refined.bundle.effects[0].numbers(),
+    }
+    for name, value in logs.SERVO.items():
+        assert numbers[name].value == pytest.approx(value, rel=0.02), name
+        assert numbers[name].std > 0.0
+    assert refined.after["current_a"] < 1.1 * refined.before["current_a"]  # type: ignore[union-attr]
+    assert "unbalance/unbalance_nm" in str(refined)
+
+
+def test_starts_that_are_off_are_estimated(servo: Path) -> None:
+    """The derivatives by the starts: runs begun elsewhere are brought back to the data."""
+    campaign = si.read_campaign(servo / "campaign.toml", component=MOTOR)
+    part = training_part(own_tests(campaign), ["unbalance"])
+    truth = dict(logs.SERVO)
+    truth["unbalance/unbalance_nm"] = truth.pop("unbalance_nm")
+    law = Law(truth)
+    zero = np.zeros((3, 2))
+    jacobian = part.jacobian_from(law, zero)  # type: ignore[attr-defined]
+    step = 1e-6
+    for run in range(3):
+        for state in range(2):
+            off = zero.copy()
+            off[run, state] = step
+            ends = [part.residuals_from(law, s * off) for s in (-1.0, 1.0)]  # type: ignore[attr-defined]
+            slope = (ends[1] - ends[0]) / (2.0 * step)
+            given = jacobian[:, 5 + 1 + 2 * run + state]
+            assert np.linalg.norm(given - slope) < 1e-4 * np.linalg.norm(slope)
+
+
+def test_the_whole_run_and_what_a_bundle_of_one_is_not_for(cylinder: Path, tmp_path: Path) -> None:
+    results = tmp_path / "results"
+    line = ("run", cylinder / "campaign.toml", "--component", CYLINDER, "-o", results)
+    first = json.loads(done(*line, "--json").out)
+    assert [s["name"] for s in first["stages"]] == [
+        "check", "fit", "diagnose", "refine", "validate", "report",
+    ]  # fmt: skip
+    assert first["diagnosis"]["effects"][0]["id"] == "seal-friction" and first["exports"] == {}
+    assert all(s["why"] is None for s in json.loads(done(*line, "--json").out)["stages"])
+    bundle = read_bundle(results / "bundle.json")
+    assert bundle.component is not None and bundle.effects[0].id == "seal-friction"
+    said = refused("export", results / "bundle.json", "--format", "c", "-o", tmp_path / "x.h")
+    assert "holds a component of your own (SpringReturnCylinder)" in said
+
+
 def test_a_check_says_what_is_missing_or_implausible(cylinder: Path, tmp_path: Path) -> None:
     for name in ("rig.toml", "campaign.toml", "test_1.csv", "test_2.csv", "test_3.csv"):
         (tmp_path / name).write_text((cylinder / name).read_text("utf-8"), "utf-8")
@@ -210,10 +261,15 @@ def test_an_axis_of_the_emps_benchmark(shared_data: Path, tmp_path: Path) -> Non
     bundle = si.fit(campaign)
     assert bundle.component is not None and bundle.component.name == "ServoAxis"
     numbers = {name: e.value for name, e in bundle.component.parameters.items()}
-    # Janot, Gautier, Brunot 2019: 95.1 kg, 203.5 Ns/m, 20.4 N, offset -3.2 N (identified there).
-    assert numbers["mass_kg"] == pytest.approx(95.1, rel=0.03)
-    assert numbers["viscous_n_s_per_m"] == pytest.approx(203.5, rel=0.15)
-    assert numbers["coulomb_n"] == pytest.approx(20.4, rel=0.15)
+    # The benchmark's own values (benchmarks/README.md); the base law lacks what differs between
+    # the directions.
+    assert numbers["mass_kg"] == pytest.approx(95.1, rel=0.1)
+    assert numbers["viscous_n_s_per_m"] == pytest.approx(203.5, rel=0.1)
+    found = si.diagnose(campaign, bundle)
+    assert found.effects[0].id == "uneven-viscous"
+    after = found.bundle.component.parameters["mass_kg"]  # type: ignore[union-attr]
+    assert after.value == pytest.approx(95.1, rel=0.05)
+    assert found.residual["position_m"].after < 0.8 * found.residual["position_m"].before
     checked = si.validate(campaign, bundle)
     errors = checked.select("holdout")[0].channels["position_m"]
     second = next(h for h in errors.horizons if h.horizon_s == 1.0)

@@ -269,12 +269,22 @@ def extended(
 
 def _with_refitted_terms(bundle: Bundle, diagnosis: ComponentDiagnosis) -> Bundle:
     """The numbers of the terms that a bundle held before, refitted beside what was added."""
-    part = diagnosis.selection.final.component
-    assert isinstance(part, OwnPart)
-    if not part.kept:
+    final = diagnosis.selection.final
+    assert isinstance(final.component, OwnPart)
+    if not final.component.kept:
         return bundle
-    estimates = diagnosis.selection.final.base_estimates()
-    return bundle.replaced(effects=[_renewed(e, part, estimates) for e in bundle.effects])
+    return with_numbers(bundle, final.component, final.base_estimates())
+
+
+def with_numbers(bundle: Bundle, part: OwnPart, estimates: dict[str, Estimate]) -> Bundle:
+    """A bundle with other numbers of the parameters, and of the terms that it holds."""
+    record = bundle.component
+    assert record is not None
+    own = {name: estimates[name] for name in record.parameters}
+    return bundle.replaced(
+        component=record.replaced(parameters=own),
+        effects=[_renewed(entry, part, estimates) for entry in bundle.effects],
+    )
 
 
 def _renewed(entry: EffectEntry, part: OwnPart, estimates: dict[str, Estimate]) -> EffectEntry:
@@ -302,4 +312,5 @@ __all__ = [
     "runs_own_code",
     "tests_of",
     "training_part",
+    "with_numbers",
 ]

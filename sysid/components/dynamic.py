@@ -14,7 +14,7 @@ import numpy as np
 from sysid import signals
 from sysid.components.definition import DynamicComponent
 from sysid.components.parts import OwnPart
-from sysid.components.simulation import Runs, runs_of, simulated, slopes
+from sysid.components.simulation import Runs, runs_of, simulated, slopes, with_starts
 from sysid.diagnosis.bench.component import Law
 from sysid.errors import SysidError
 from sysid.io.logs import Trial
@@ -28,6 +28,7 @@ _FEWEST_ROWS = 4
 _HALF_WINDOW = 15
 # What a residual counts, in spreads of its output, where a simulation diverges.
 _DIVERGED = 1e3
+_FAR = 1e12
 
 
 @dataclass(frozen=True)
@@ -139,6 +140,45 @@ class DynamicPart(OwnPart):
             by_test = self._of_tests(one, tests)
             columns.append(np.concatenate([self._scaled(test) for test in by_test]))
         return -np.column_stack(columns)
+
+    def residuals_from(self, law: Law, starts: FloatArray) -> FloatArray:
+        """All residuals (n,) where the runs start `starts` (runs, states) off their own starts."""
+        every = range(len(self.stretches))
+        outputs = with_starts(self.made, self.vector(law), starts, self.runs)
+        outputs = np.nan_to_num(outputs, nan=_FAR, posinf=_FAR, neginf=-_FAR)
+        return np.concatenate(self._left(self._of_tests(outputs, every), every))
+
+    def jacobian_from(self, law: Law, starts: FloatArray) -> FloatArray:
+        """Derivatives of these by the parameters, then by each run's start, (n, p)."""
+        names, states = list(self.numbers(law)), len(self.made.states)
+        own = [names.index(p.name) for p in self.parameters()]
+        places = [*own, *range(len(names), len(names) + states)]
+        directions = np.eye(len(names) + states)[places]
+        found = slopes(self.made, self.vector(law), starts, self.runs, directions)
+        found = np.nan_to_num(found, nan=0.0, posinf=0.0, neginf=0.0)
+        every = range(len(self.stretches))
+
+        def column(outputs: FloatArray) -> FloatArray:
+            return np.concatenate([self._scaled(t) for t in self._of_tests(outputs, every)])
+
+        columns = [column(one) for one in found[: len(own)]]
+        for r in range(len(self.pieces)):
+            # A run's start moves that run alone.
+            alone = np.zeros((len(self.pieces), 1, 1))
+            alone[r] = 1.0
+            columns += [column(one * alone) for one in found[len(own) :]]
+        return -np.column_stack(columns)
+
+    def state_sizes(self, law: Law) -> FloatArray:
+        """A size of each state (states,): the change of its start that moves the outputs by about
+        a tenth of their spread."""
+        states = len(self.made.states)
+        starts = np.zeros((len(self.pieces), states))
+        reach = np.linalg.norm(self.jacobian_from(law, starts), axis=0)[len(self.parameters()) :]
+        spread = float(np.linalg.norm(np.concatenate(self.measured(range(len(self.stretches))))))
+        each = np.sqrt(np.sum(reach.reshape(-1, states) ** 2, axis=0))
+        sizes: FloatArray = 0.1 * spread / np.maximum(each, 1e-12 * spread)
+        return sizes
 
     def _scaled(self, outputs: dict[str, FloatArray]) -> FloatArray:
         pairs = zip(self.made.outputs, self.scales, strict=True)
