@@ -6,7 +6,8 @@ Read measurements (`read_campaign`, `read_rig`, `read_log`), see what they can b
 (`check`), fit them (`fit`, or one part: `fit_friction`, `fit_valve_discrete`,
 `fit_valve_pwm`), use the model (`simulate`, `control`, `effects`), find what it lacks
 (`diagnose`), fit it as a whole (`refine`), see how well it predicts (`validate`) and which test
-to run next (`advise`), and write it out (`write_bundle`, `report`, `export`).
+to run next (`advise`), and write it out (`write_bundle`, `report`, `export`). `components` holds
+what a component of your own derives from.
 Values are SI, pressures absolute. Results print as tables, are displayed in a notebook, convert
 to a DataFrame (`to_frame`) and plot themselves on given or new axes (`plot`).
 
@@ -27,6 +28,7 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
+    from sysid import components
     from sysid.bundle import Bundle
     from sysid.errors import InputError, NotIdentifiedError, SysidError
     from sysid.io.campaign import Campaign
@@ -61,6 +63,7 @@ __all__ = [
     "SysidError",
     "advise",
     "check",
+    "components",
     "control",
     "diagnose",
     "effects",
@@ -111,10 +114,13 @@ _HOMES = {
 }
 
 
+_PACKAGES = {"components": "sysid.components", "effects": "sysid.model.effects"}
+
+
 def __getattr__(name: str) -> Any:
     """A public name, loaded at first use."""
-    if name == "effects":
-        value: Any = import_module("sysid.model.effects")
+    if name in _PACKAGES:
+        value: Any = import_module(_PACKAGES[name])
     elif name in _HOMES:
         value = getattr(import_module(_HOMES[name]), name)
     else:

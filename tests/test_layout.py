@@ -30,6 +30,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("control",),
     ("diagnosis",),
     ("assembly", "checks", "export"),
+    ("components",),
     ("report",),
     ("workflows",),
     ("commands",),

@@ -1,12 +1,14 @@
 """The parameter bundle: everything a controller, a simulator or a later fit needs, as JSON.
 
-`content` declares its content (parts: `friction`, `valves`, `effects`, `validation`,
-`refinement`, `provenance`), `bundle` its operations, `assembled_model` the model that it
-describes; `files` reads and writes it, `schema` generates its JSON schema from these classes.
+`content` declares its content (parts: `friction`, `valves`, `component`, `effects`,
+`validation`, `refinement`, `provenance`), `bundle` its operations, `assembled_model` the
+model that it describes; `files` reads and writes it, `schema` generates its JSON schema from
+these classes.
 """
 
 from sysid.bundle.base import Unread
 from sysid.bundle.bundle import Bundle
+from sysid.bundle.component import ComponentRecord
 from sysid.bundle.content import Parts
 from sysid.bundle.correlation import Correlation
 from sysid.bundle.effects import EffectEntry, HeldOutError
@@ -19,6 +21,7 @@ from sysid.bundle.valves import DiscreteLaw, FittedValves, PwmSurfaces, Surface,
 
 __all__ = [
     "Bundle",
+    "ComponentRecord",
     "Correlation",
     "DiscreteLaw",
     "EffectEntry",

@@ -220,6 +220,12 @@ def effects_from_bundle(
     Raises InputError for an effect that `catalogue` lacks, one with foreign
     parameters (`effect_from_entry`), and two that need the same state.
     """
+    if bundle.component is not None:
+        raise input_error(
+            bundle.source,
+            f"holds a component of your own ({bundle.component.name}), not an actuator",
+            "check, fit, diagnose, refine, validate and run take it with --component",
+        )
     if not bundle.effects:
         return ()
     if catalogue is None:

@@ -87,7 +87,11 @@ class Bundle(Shown, BundleContent):
 
     def qualities(self) -> dict[str, QualityRecord]:
         """How well each fitted law follows its tests, by its place in the bundle."""
-        parts = (("friction", self.friction), ("valves", self.valves))
+        parts = (
+            ("friction", self.friction),
+            ("valves", self.valves),
+            ("component", self.component),
+        )
         return {k: q for name, part in parts for k, q in qualities_in(part, name)}
 
     def _parts(self) -> dict[str, Part]:
@@ -97,6 +101,8 @@ class Bundle(Shown, BundleContent):
             valve = self.valve(side)
             laws = ((name, getattr(valve, name)) for name in valve.given())
             found |= {f"valves.{side}.{n}": law for n, law in laws if isinstance(law, Part)}
+        if self.component is not None:
+            found[self.component.kind] = self.component
         return found
 
     def _estimates(self) -> dict[str, dict[str, Estimate]]:

@@ -8,6 +8,7 @@ from typing import Literal, Self
 from pydantic import ConfigDict, Field, JsonValue, PrivateAttr
 
 from sysid.bundle.base import Absent, Part
+from sysid.bundle.component import ComponentRecord
 from sysid.bundle.effects import EffectEntry
 from sysid.bundle.friction import Friction
 from sysid.bundle.provenance import Provenance
@@ -21,20 +22,24 @@ SCHEMA: Literal["sysid-bundle/1"] = "sysid-bundle/1"
 
 @dataclass(frozen=True)
 class Parts:
-    """The results of a campaign's fits: friction, valves, one of them, or nothing."""
+    """The results of a campaign's fits: friction, valves, one of them, or nothing.
+
+    `component` is a component of the user's own.
+    """
 
     friction: Friction | None = None
     valves: FittedValves | None = None
+    component: ComponentRecord | None = None
 
     def __bool__(self) -> bool:
-        return self.friction is not None or self.valves is not None
+        return any(part is not None for part in vars(self).values())
 
     def merged(self, other: Parts) -> Parts:
         """With the parts of `other`; friction is replaced whole, valves by law."""
         valves = other.valves or self.valves
         if self.valves is not None and other.valves is not None:
             valves = self.valves.merged(other.valves)
-        return Parts(other.friction or self.friction, valves)
+        return Parts(other.friction or self.friction, valves, other.component or self.component)
 
 
 class BundleContent(Part):
@@ -55,6 +60,7 @@ class BundleContent(Part):
     rig_content: dict[str, JsonValue] = Field(alias="rig", json_schema_extra={"required": ["rig"]})
     friction: Absent[Friction] = None
     valves: Absent[FittedValves] = None
+    component: Absent[ComponentRecord] = None
     effects: list[EffectEntry]
     validation: Absent[Validation] = None
     refinement: Absent[Refinement] = None

@@ -9,12 +9,19 @@ from typing import Any
 import click
 from rich.text import Text
 
-from sysid.checks.log_check import LogCheck, check_campaign, check_log
-from sysid.commands.options import json_option, logs_argument, map_option, rig_option
-from sysid.commands.printing import notices, print_json
+from sysid.checks.log_check import LogCheck, check_log
+from sysid.commands.options import (
+    component_option,
+    json_option,
+    logs_argument,
+    map_option,
+    rig_option,
+)
+from sysid.commands.own_component import read_with
+from sysid.commands.printing import notices, print_json, progress
+from sysid.components.log_check import checked
 from sysid.display.terminal import console, new_table
 from sysid.errors import input_error
-from sysid.io.campaign import read_campaign
 from sysid.io.logs import read_log
 from sysid.io.rig import find_rig_file, read_rig
 from sysid.io.units import parse_map
@@ -24,8 +31,15 @@ from sysid.io.units import parse_map
 @logs_argument
 @rig_option
 @map_option
+@component_option
 @json_option
-def check(logs: Sequence[Path], rig: Path | None, maps: Sequence[str], as_json: bool) -> None:
+def check(
+    logs: Sequence[Path],
+    rig: Path | None,
+    maps: Sequence[str],
+    component: str | None,
+    as_json: bool,
+) -> None:
     """Data quality of each LOG, and what it can and cannot identify.
 
     A campaign file in place of a LOG stands for all logs that it lists, which are then also
@@ -35,7 +49,10 @@ def check(logs: Sequence[Path], rig: Path | None, maps: Sequence[str], as_json: 
     said: list[str] = []
     for path in logs:
         if path.suffix == ".toml":
-            checks += _campaign_checks(path, rig, maps, said)
+            checks += _campaign_checks(path, rig, maps, component, said)
+        elif component is not None:
+            mend = "give the campaign file that lists it"
+            raise input_error(path, "is no campaign file, which --component needs", mend)
         else:
             known = read_rig(rig or find_rig_file(path))
             checks.append(check_log(read_log(path, known, parse_map(maps)), known))
@@ -43,7 +60,7 @@ def check(logs: Sequence[Path], rig: Path | None, maps: Sequence[str], as_json: 
 
 
 def _campaign_checks(
-    path: Path, rig: Path | None, maps: Sequence[str], said: list[str]
+    path: Path, rig: Path | None, maps: Sequence[str], component: str | None, said: list[str]
 ) -> list[LogCheck]:
     """The checks of a campaign's logs; the reader's notices are added to `said`."""
     if rig is not None or maps:
@@ -51,9 +68,9 @@ def _campaign_checks(
         raise input_error(
             path, f"a campaign file names its own rig and maps, {given} is for logs", "omit it"
         )
-    campaign = read_campaign(path)
+    campaign = read_with(path, component, progress())
     said += [*campaign.notices, *campaign.rig.notices]
-    return check_campaign(campaign)
+    return checked(campaign)
 
 
 # --- printing -----------------------------------------------------------------------------

@@ -13,28 +13,32 @@ from rich.table import Table
 from rich.text import Text
 
 from sysid.bundle import Bundle, read_bundle, write_bundle
-from sysid.checks.log_check import check_campaign
 from sysid.commands.budget import budget_option
 from sysid.commands.options import (
     SEED,
     PathArgument,
     bundle_option,
     campaign_argument,
+    component_option,
     effects_option,
     json_option,
     report_option,
 )
+from sysid.commands.own_component import read_with
 from sysid.commands.printing import estimate_cells, notices, print_json, progress
+from sysid.components.campaign import is_own
+from sysid.components.log_check import checked
+from sysid.components.validation import validated
 from sysid.diagnosis import wording
 from sysid.diagnosis.actuator.result import Diagnosis
 from sysid.diagnosis.bench.diagnose import ComponentDiagnosis
 from sysid.diagnosis.content import looks
 from sysid.diagnosis.looked import SECONDS
 from sysid.display.terminal import console, new_table
-from sysid.io.campaign import Campaign, read_campaign
+from sysid.io.campaign import Campaign
 from sysid.model.effects.catalogue import catalogue_with
 from sysid.types import Progress, no_progress
-from sysid.validation import VALIDATED_KINDS, validate
+from sysid.validation import VALIDATED_KINDS
 from sysid.workflows.diagnosing import CampaignDiagnosis
 from sysid.workflows.diagnosing import diagnose as workflow
 
@@ -48,6 +52,7 @@ _MOST_SUSPECTS = 6
 @click.option("-o", "output", type=PathArgument, help="Write the extended bundle.")
 @report_option
 @effects_option
+@component_option
 @click.option(
     "--refine/--no-refine",
     default=True,
@@ -87,6 +92,7 @@ def diagnose_campaign(
     output: Path | None = None,
     report: Path | None = None,
     effects: Path | None = None,
+    component: str | None = None,
     refine: bool = True,
     seed: int = 0,
     budget: float | None = SECONDS,
@@ -94,12 +100,13 @@ def diagnose_campaign(
 ) -> Diagnosed:
     """Diagnose a campaign with its fitted bundle; write the extended bundle and the report.
 
-    `effects` is a Python file with effects in addition to the catalogue; `refine` whether the
+    `effects` is a Python file with effects in addition to the catalogue, `component` one of the
+    user's own, whose logs are the campaign's; `refine` whether the
     numbers of what was found are those of simulation error; after `budget` seconds it ends with
     the best so far. Raises InputError for unusable files, NotIdentifiedError where the bundle or
     the campaign is insufficient.
     """
-    campaign = read_campaign(campaign_path)
+    campaign = read_with(campaign_path, component, progress)
     bundle = read_bundle(bundle_path)
     found = workflow(
         campaign,
@@ -131,9 +138,9 @@ def _write_report(
     from sysid.report import write_report
 
     validation = None
-    is_part = isinstance(found.detail, ComponentDiagnosis)
-    if not is_part and campaign.select(VALIDATED_KINDS, None):
-        validation = validate(
+    is_part = isinstance(found.detail, ComponentDiagnosis) and not is_own(campaign)
+    if not is_part and (is_own(campaign) or campaign.select(VALIDATED_KINDS, None)):
+        validation = validated(
             campaign,
             found.bundle,
             catalogue=catalogue_with(effects),
@@ -144,7 +151,7 @@ def _write_report(
         campaign=campaign,
         bundle=found.bundle,
         validation=validation,
-        checks=check_campaign(campaign),
+        checks=checked(campaign),
         diagnosis=found.content(),
         progress=progress,
     )

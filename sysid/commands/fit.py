@@ -20,12 +20,14 @@ from sysid.commands.options import (
     SEED,
     PathArgument,
     campaign_argument,
+    component_option,
     json_option,
     logs_argument,
     map_option,
     options,
     rig_option,
 )
+from sysid.commands.own_component import read_with
 from sysid.commands.printing import (
     estimate_cells,
     notices,
@@ -35,10 +37,10 @@ from sysid.commands.printing import (
     progress,
     quality_table,
 )
+from sysid.components.campaign import fit_own
 from sysid.display.terminal import console, new_table
 from sysid.errors import input_error
 from sysid.friction import FrictionResult, fit_friction
-from sysid.io.campaign import read_campaign
 from sysid.io.logs import Log, Trial, read_log
 from sysid.io.rig import Rig, find_rig_file, read_rig
 from sysid.io.source import Source
@@ -179,10 +181,17 @@ def _valve_pwm(
 @fit.command("campaign", hidden=True)
 @campaign_argument
 @click.option("-o", "output", type=PathArgument, help="Write the bundle here.")
+@component_option
 @json_option
-def _campaign(campaign: Path, output: Path | None, as_json: bool) -> None:
+def _campaign(campaign: Path, output: Path | None, component: str | None, as_json: bool) -> None:
     """Everything that a campaign's training logs identify, in one bundle."""
-    read = read_campaign(campaign)
+    read = read_with(campaign, component, progress())
+    if component is not None:
+        own = fit_own(read, progress=progress("fitting "))
+        if output is not None:
+            write_bundle(own.bundle, output)
+        _show(Fitted(own.bundle, (), own.notices, output), as_json, _own_tables)
+        return
     found = fit_campaign(read, progress=progress("fitting "))
     if output is not None:
         write_bundle(found.bundle, output)
@@ -351,6 +360,13 @@ def _remark_tables(fitted: Fitted) -> Iterable[Table]:
         for remark in fitted.remarks:
             table.add_row(Text(remark))
         yield table
+
+
+def _own_tables(fitted: Fitted) -> Iterable[Table]:
+    """The parameters of a component of the user's own."""
+    record = fitted.bundle.component
+    if record is not None:
+        yield parameter_table(f"{record.name} ({record.kind})", record.parameters)
 
 
 def _campaign_tables(fitted: Fitted) -> Iterable[Table]:

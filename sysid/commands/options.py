@@ -38,6 +38,11 @@ map_option = click.option(
     metavar="TARGET=COLUMN:UNIT",
     help='Foreign column and unit, e.g. "pressure_a_pa=P1:kPa(g)"; may be repeated.',
 )
+component_option = click.option(
+    "--component",
+    metavar="FILE[:CLASS]",
+    help="Python file with a component of your own, whose logs these are; it is executed.",
+)
 effects_option = click.option(
     "--effects", type=PathArgument, help="Python file with further effects; it is executed."
 )

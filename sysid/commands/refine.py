@@ -14,19 +14,25 @@ from sysid.commands.options import (
     PathArgument,
     bundle_option,
     campaign_argument,
+    component_option,
     effects_option,
     json_option,
     report_option,
 )
+from sysid.commands.own_component import read_with
 from sysid.commands.printing import notices, print_json, print_written, progress
+from sysid.components.log_check import checked
+from sysid.components.validation import validate_own
 from sysid.display.numbers import ascii_text
 from sysid.display.terminal import console, new_table
+from sysid.errors import input_error
 from sysid.io.campaign import read_campaign
 from sysid.model.effects.catalogue import catalogue_with
 from sysid.types import Progress, no_progress
 from sysid.validation import validate
 
 if TYPE_CHECKING:
+    from sysid.components.refinement import OwnRefinement
     from sysid.refinement.result import RefineResult
 
 
@@ -51,9 +57,23 @@ if TYPE_CHECKING:
     help="Profile-likelihood interval of a parameter; may be repeated.",
 )
 @effects_option
+@component_option
 @json_option
-def refine(campaign: Path, bundle: Path, as_json: bool, no_prior: bool, **options: Any) -> None:
+def refine(
+    campaign: Path,
+    bundle: Path,
+    as_json: bool,
+    no_prior: bool,
+    component: str | None,
+    **options: Any,
+) -> None:
     """All parameters of the assembled model together, by simulation error."""
+    if component is not None:
+        files = {name: options.pop(name) for name in ("output", "report")}
+        given = [name for name, value in {**options, "no-prior": no_prior}.items() if value]
+        own, paths = _refine_own(campaign, bundle, component, given, **files)
+        _show(own, paths, as_json)
+        return
     result, written = refine_campaign(
         campaign, bundle, prior=not no_prior, progress=progress(), **options
     )
@@ -114,7 +134,42 @@ def refine_campaign(
     return result, tuple(written)
 
 
-def _show(result: RefineResult, written: tuple[Path, ...], as_json: bool) -> None:
+def _refine_own(
+    campaign_path: Path,
+    bundle_path: Path,
+    component: str,
+    given: list[str],
+    *,
+    output: Path | None,
+    report: Path | None,
+) -> tuple[OwnRefinement, tuple[Path, ...]]:
+    """Refine a component of the user's own; `given` names options that it does not take."""
+    from sysid.components.refinement import refine_own
+
+    if given:
+        raise input_error(f"--{given[0]}", "is not for a component of your own", "omit it")
+    campaign = read_with(campaign_path, component, progress())
+    result = refine_own(campaign, read_bundle(bundle_path), progress=progress())
+    written = []
+    if output is not None:
+        write_bundle(result.bundle, output)
+        written.append(output)
+    if report is not None:
+        from sysid.report import write_report
+
+        write_report(
+            report,
+            campaign=campaign,
+            bundle=result.bundle,
+            validation=validate_own(campaign, result.bundle),
+            checks=checked(campaign),
+            progress=progress(),
+        )
+        written.append(report)
+    return result, tuple(written)
+
+
+def _show(result: RefineResult | OwnRefinement, written: tuple[Path, ...], as_json: bool) -> None:
     """Every parameter before and after, the errors of whole tests, and the files written."""
     notices(result.notices)
     if as_json:

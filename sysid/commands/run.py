@@ -16,10 +16,12 @@ from sysid.commands.options import (
     SEED,
     PathArgument,
     campaign_argument,
+    component_option,
     effects_option,
     json_option,
     options,
 )
+from sysid.commands.own_component import read_with
 from sysid.commands.printing import notices, print_json, progress, validation_table
 from sysid.commands.stages import (
     BUNDLE_FILE,
@@ -35,7 +37,6 @@ from sysid.diagnosis import wording
 from sysid.diagnosis.looked import SECONDS
 from sysid.display.terminal import console, new_table
 from sysid.errors import input_error
-from sysid.io.campaign import read_campaign
 from sysid.io.files import remove_leftovers
 from sysid.model.effects.catalogue import catalogue_with
 from sysid.types import Progress, no_progress
@@ -68,6 +69,7 @@ run_options = options(
 @click.command()
 @campaign_argument
 @click.option("-o", "folder", required=True, type=PathArgument, help="Folder for all results.")
+@component_option
 @run_options
 def run(campaign: Path, folder: Path, as_json: bool, **options: Any) -> None:
     """The whole pipeline, from checks to exports. Resumes where it stopped."""
@@ -92,6 +94,11 @@ class RunReport:
         """The HTML report."""
         return self.folder / REPORT_FILE
 
+    @property
+    def is_exported(self) -> bool:
+        """Whether files for a controller were written: none of a component of the user's own."""
+        return any(stage.name == "export" for stage in self.stages)
+
     def to_json(self) -> dict[str, Any]:
         """The output of `sysid run --json`; `diagnosis` as in `sysid diagnose --json`, or null."""
         diagnosis = self.diagnosis and {k: v for k, v in self.diagnosis.items() if k != "figures"}
@@ -99,7 +106,9 @@ class RunReport:
             "folder": str(self.folder),
             "report": str(self.report),
             "bundle": str(self.folder / BUNDLE_FILE),
-            "exports": {kind: str(self.folder / name) for kind, name in EXPORTS.items()},
+            "exports": {
+                kind: str(self.folder / name) for kind, name in EXPORTS.items() if self.is_exported
+            },
             "stages": [asdict(s) for s in self.stages],
             "diagnosis": diagnosis,
             "validation": self.bundle.to_json().get("validation", {}),
@@ -117,17 +126,18 @@ def run_campaign(
     refine: bool = True,
     effects: Path | None = None,
     budget: float | None = SECONDS,
+    component: str | None = None,
     progress: Progress = no_progress,
 ) -> RunReport:
     """Run every stage that is not up to date. Raises what the stages raise.
 
     `surface` and `seed` are those of `sysid fit valve-pwm` and the diagnosis; `diagnose` says
     whether to look for what the model lacks, `refine` whether to estimate all parameters together
-    afterwards, `effects` is a Python file with further effects; `progress` is called with a line
-    for each step. The diagnosis ends after `budget` seconds (None: never); where it missed
-    something then, a call with more does it again.
+    afterwards, `effects` is a Python file with further effects, `component` one with a component
+    of the user's own; `progress` is called with a line for each step. The diagnosis ends after
+    `budget` seconds (None: never); where it missed something then, a call with more does it again.
     """
-    campaign = read_campaign(campaign_path)
+    campaign = read_with(campaign_path, component, progress)
     if effects is not None:
         catalogue_with(effects)  # an unusable file is reported before the work, not after it
     try:

@@ -19,7 +19,11 @@ from typing import TYPE_CHECKING, Any
 from sysid import __version__
 from sysid.assembly import fit_campaign
 from sysid.bundle import Bundle, read_bundle, write_bundle
-from sysid.checks.log_check import LogCheck, check_campaign
+from sysid.checks.log_check import LogCheck
+from sysid.components.campaign import fit_own, is_own
+from sysid.components.loading import component_in
+from sysid.components.log_check import checked
+from sysid.components.validation import validate_own
 from sysid.diagnosis.bench.registry import part_tested
 from sysid.diagnosis.looked import SECONDS
 from sysid.errors import InputError, NotIdentifiedError
@@ -154,6 +158,9 @@ def perform(run: PipelineRun, stage: Stage) -> StageReport:
     }
     if stage.reads_effects and run.effects is not None:
         made_from["--effects"] = _digest(run.effects)
+    own = component_in(run.campaign)
+    if own is not None:
+        made_from["--component"] = f"{own.name} {own.sha256}"
     if stage.reads_refine:
         made_from["--refine"] = str(run.refine)
     state = _read_state(run.folder)
@@ -219,13 +226,18 @@ def _stale(
 
 
 def _check(run: PipelineRun) -> None:
-    checks = check_campaign(run.campaign)
+    checks = checked(run.campaign)
     run.notices += [line for check in checks for line in check.said]
     logs = [check.to_json() for check in checks]
     write_atomic(run.path(_CHECKS_FILE), json.dumps({"logs": logs}, indent=2) + "\n")
 
 
 def _fit(run: PipelineRun) -> None:
+    if is_own(run.campaign):
+        own = fit_own(run.campaign, progress=lambda part: run.tell(f"fitting {part}"))
+        write_bundle(own.bundle, run.path(_FITTED_FILE))
+        run.notices += own.notices
+        return
     fitted = fit_campaign(
         run.campaign,
         surface=run.surface,
@@ -272,9 +284,15 @@ def _refine(run: PipelineRun) -> None:
     A part tested alone has no motion of an actuator: its bundle continues as it is, and so does
     one that the diagnosis refined, or tried to refine and could not.
     """
+    from sysid.components.refinement import refine_own
     from sysid.refinement.refine import refine  # loads jax
 
     bundle = run.bundle(_EXTENDED_FILE if run.diagnose else _FITTED_FILE)
+    if is_own(run.campaign):
+        own = refine_own(run.campaign, bundle, progress=run.tell)
+        run.notices += own.notices
+        write_bundle(own.bundle, run.path(_REFINED_FILE))
+        return
     part = part_tested([entry.kind for entry in run.campaign.logs], bundle)
     tried = (run.diagnosis() or {}).get("not_refined")
     if part or tried or bundle.refinement is not None:
@@ -293,6 +311,8 @@ def _refine(run: PipelineRun) -> None:
 def _validated(run: PipelineRun) -> ValidationResult | None:
     """The validation of the final bundle; None without motion logs of an actuator."""
     kinds = [entry.kind for entry in run.campaign.logs]
+    if run.validation is None and is_own(run.campaign):
+        run.validation = validate_own(run.campaign, run.bundle(run.model_file), progress=run.tell)
     if run.validation is None and set(kinds) & set(VALIDATED_KINDS):
         bundle = run.bundle(run.model_file)
         if part_tested(kinds, bundle):
@@ -361,4 +381,7 @@ def stages_of(run: PipelineRun) -> list[Stage]:
         Stage("report", (REPORT_FILE,), shown, _report),
         Stage("export", tuple(EXPORTS.values()), (BUNDLE_FILE,), _export),
     ]
+    if is_own(run.campaign):
+        # The law is the user's Python, and so are its files for a controller.
+        left_out.add("export")
     return [stage for stage in stages if stage.name not in left_out]

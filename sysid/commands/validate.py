@@ -9,21 +9,22 @@ from typing import Any
 import click
 
 from sysid.bundle import Bundle, read_bundle, write_bundle
-from sysid.checks.log_check import check_campaign
 from sysid.commands.options import (
     PathArgument,
     bundle_option,
     campaign_argument,
+    component_option,
     effects_option,
     json_option,
     report_option,
 )
+from sysid.commands.own_component import read_with
 from sysid.commands.printing import notices, print_json, print_written, progress, validation_table
+from sysid.components.log_check import checked
+from sysid.components.validation import validated
 from sysid.display.terminal import console
-from sysid.io.campaign import read_campaign
 from sysid.model.effects.catalogue import catalogue_with
 from sysid.types import Progress, no_progress
-from sysid.validation import validate as validate_bundle
 
 
 @click.command()
@@ -32,11 +33,12 @@ from sysid.validation import validate as validate_bundle
 @report_option
 @click.option("-o", "output", type=PathArgument, help="Write the bundle with its validation.")
 @effects_option
+@component_option
 @json_option
 def validate(campaign: Path, bundle: Path, as_json: bool, **options: Any) -> None:
     """Open-loop simulation of a bundle's model against a campaign's motion logs."""
-    validated = validate_campaign(campaign, bundle, progress=progress(), **options)
-    _show(validated, as_json)
+    found = validate_campaign(campaign, bundle, progress=progress(), **options)
+    _show(found, as_json)
 
 
 @dataclass(frozen=True)
@@ -73,16 +75,18 @@ def validate_campaign(
     report: Path | None = None,
     output: Path | None = None,
     effects: Path | None = None,
+    component: str | None = None,
     progress: Progress = no_progress,
 ) -> Validated:
     """Simulate a campaign's motion logs open loop with a bundle's model.
 
-    `effects` is a Python file with further effects, which is executed. Raises InputError for
-    unusable files, NotIdentifiedError where the bundle lacks what the simulation needs.
+    `effects` is a Python file with further effects, `component` one with a component of the
+    user's own; they are executed. Raises InputError for unusable files, NotIdentifiedError where
+    the bundle lacks what the simulation needs.
     """
-    campaign = read_campaign(campaign_path)
+    campaign = read_with(campaign_path, component, progress)
     bundle = read_bundle(bundle_path)
-    result = validate_bundle(
+    result = validated(
         campaign,
         bundle,
         catalogue=catalogue_with(effects) if effects else None,
@@ -102,7 +106,7 @@ def validate_campaign(
             campaign=campaign,
             bundle=bundle,
             validation=result,
-            checks=check_campaign(campaign),
+            checks=checked(campaign),
             progress=progress,
         )
         written.append(report)

@@ -82,11 +82,11 @@ def _gained(content: Content) -> str:
         before, after, floor = (
             number(channel.residual(errors[name][k])) for k in ("before", "after", "noise_floor")
         )
-        title = f"pressure {channel.title[-1]}" if name.startswith("pressure") else channel.title
+        is_chamber = channel.title.startswith("Pressure ")
+        title = f"pressure {channel.title[-1]}" if is_chamber else channel.title
         change = f"from {before} to {after}" if content["effects"] else before
-        said.append(
-            f"{title[:1].lower()}{title[1:]} {change} {channel.residual_unit} (noise floor {floor})"
-        )
+        sizes = " ".join(filter(None, (change, channel.residual_unit, f"(noise floor {floor})")))
+        said.append(f"{title[:1].lower()}{title[1:]} {sizes}")
     return f"errors on held-out tests: {joined(said)}"
 
 
@@ -168,6 +168,8 @@ def balance_of(channel: str) -> str:
     """The balance whose residual a channel of the log format shows."""
     if channel in ("flow_a_kg_s", "log_time_to_pressure"):
         return "the valve's law"
+    if not channel_of(channel).unit:
+        return f"the prediction of {channel}"
     if channel.startswith("pressure"):
         return f"chamber {channel[len('pressure_')].upper()}'s balance"
     return (

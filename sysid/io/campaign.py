@@ -14,6 +14,7 @@ from pydantic import Field
 from sysid.errors import input_error
 from sysid.io.declaration import ChoiceKey, TextKey, TomlTable, declared_keys
 from sysid.io.logs import Log, read_log
+from sysid.io.own_kind import OwnKind, read_own_log
 from sysid.io.rig import Rig, read_rig, read_toml, reject_misspelt
 from sysid.io.source import Source
 from sysid.io.tables import read_bytes
@@ -96,6 +97,8 @@ class CampaignLog:
 class Campaign:
     """A campaign file as read; its logs are read when they are used.
 
+    `own` is the kind of log that a component of the user's own brings, None without one.
+
     >>> entry = campaign.select(["friction-sliding"], use="fit")[0]
     >>> campaign.read(entry).trials[0].label
     '1'
@@ -105,6 +108,7 @@ class Campaign:
     rig: Rig
     logs: tuple[CampaignLog, ...]
     notices: tuple[str, ...] = ()
+    own: OwnKind | None = None
 
     def select(self, kinds: Sequence[str], use: str | None = "fit") -> tuple[CampaignLog, ...]:
         """The entries of these kinds and this use (None: either), in the file's order."""
@@ -137,11 +141,23 @@ class Campaign:
 
     def read(self, entry: CampaignLog) -> Log:
         """Read one entry's log. Raises InputError."""
+        if self.own is not None and entry.kind == self.own.kind:
+            return read_own_log(entry.path, self.rig, self.own, entry.mapping, entry.shared)
         return read_log(entry.path, self.rig, entry.mapping, entry.shared)
 
 
-def read_campaign(path: Path) -> Campaign:
-    """Read and check a campaign file. Raises InputError naming the key or entry."""
+def kinds_named(path: Path) -> list[str]:
+    """The kinds of a campaign file's logs as they stand there, known or not. Raises InputError."""
+    entries = read_toml(path, "a campaign file").get("log")
+    tables = entries if isinstance(entries, list) else []
+    return [str(t["kind"]) for t in tables if isinstance(t, dict) and "kind" in t]
+
+
+def read_campaign(path: Path, own: OwnKind | None = None) -> Campaign:
+    """Read and check a campaign file. Raises InputError naming the key or entry.
+
+    `own` is a kind of log beside those of the log format.
+    """
     content = read_toml(path, "a campaign file")
     source = str(path)
     notices = reject_misspelt(content, CampaignFile.model_fields, "", source)
@@ -158,11 +174,11 @@ def read_campaign(path: Path) -> Campaign:
         raise input_error(path, "no [[log]] entry", "add one [[log]] with kind and file per test")
     shared = content.get("map", {})
     logs = tuple(
-        _entry(path, number, table, shared, notices)
+        _entry(path, number, table, shared, notices, own)
         for number, table in enumerate(entries, start=1)
     )
     _reject_used_twice(path, logs)
-    return Campaign(path, read_rig(rig_path), logs, tuple(notices))
+    return Campaign(path, read_rig(rig_path), logs, tuple(notices), own)
 
 
 def _digest(path: Path) -> str:
@@ -170,7 +186,14 @@ def _digest(path: Path) -> str:
     return hashlib.sha256(read_bytes(path, "a log")).hexdigest()
 
 
-def _entry(path: Path, number: int, table: Any, shared: Any, notices: list[str]) -> CampaignLog:
+def _entry(
+    path: Path,
+    number: int,
+    table: Any,
+    shared: Any,
+    notices: list[str],
+    own_kind: OwnKind | None,
+) -> CampaignLog:
     where = f"[[log]] entry {number}"
     if not isinstance(table, dict):
         raise input_error(path, f"{where} is not a table", "write [[log]] with kind and file")
@@ -179,22 +202,24 @@ def _entry(path: Path, number: int, table: Any, shared: Any, notices: list[str])
     if not isinstance(file, str):
         raise input_error(path, f"{where}: file is missing", 'add file = "..."')
     where = f"{where} ({file})"
-    chosen = _choices(path, where, table)
+    chosen = _choices(path, where, table, own_kind)
     log_path = path.parent / file
     if not log_path.exists():
         raise input_error(path, f"{where}: no such file", "paths are relative to the campaign file")
     maps = table.get("map", {})
     if not isinstance(maps, dict) or not isinstance(shared, dict):
         raise input_error(path, f"{where}: map is not a table", 'write map = { time_s = "t:s" }')
-    own, common = parse_map_table(maps, str(path)), parse_map_table(shared, str(path))
+    units = {**CANONICAL_UNITS, **(own_kind.columns if own_kind else {})}
+    own, common = (parse_map_table(m, str(path), units) for m in (maps, shared))
     entry = LogEntry.model_construct(file=file, map=maps, **chosen)
     return CampaignLog(entry.kind, file, log_path, entry.use, entry.valve, own, common)
 
 
-def _choices(path: Path, where: str, table: dict[str, Any]) -> dict[str, Any]:
+def _choices(path: Path, where: str, table: dict[str, Any], own: OwnKind | None) -> dict[str, Any]:
     """The entry's values that are choices, in the order of `LogEntry`."""
+    more = {"kind": () if own is None else (own.kind,)}
     return {
-        name: _one_of(path, where, name, table.get(name), key.allowed)
+        name: _one_of(path, where, name, table.get(name), (*key.allowed, *more.get(name, ())))
         for name, key in declared_keys(LogEntry).items()
         if isinstance(key, ChoiceKey)
         and (name in table or LogEntry.model_fields[name].is_required())
@@ -204,7 +229,10 @@ def _choices(path: Path, where: str, table: dict[str, Any]) -> dict[str, Any]:
 def _one_of(path: Path, where: str, key: str, value: Any, allowed: Sequence[str]) -> str:
     if value not in allowed:
         what = f"{where}: {key} is missing" if value is None else f"{where}: {key} = {value!r}"
-        raise input_error(path, what, f"write one of {', '.join(allowed)}")
+        mend = f"write one of {', '.join(allowed)}"
+        if key == "kind" and value is not None:
+            mend += ", or give the file of your own component with --component"
+        raise input_error(path, what, mend)
     return str(value)
 
 
@@ -229,5 +257,6 @@ __all__ = [
     "Kind",
     "LogEntry",
     "Use",
+    "kinds_named",
     "read_campaign",
 ]

@@ -43,7 +43,7 @@ _FAR_BEYOND = 3.0
 
 
 @dataclass
-class _Reading:
+class LogReading:
     """A log while it is being read: columns by canonical name, and where they came from."""
 
     table: LogTable
@@ -74,7 +74,7 @@ def read_log(
     wanted = set(CANONICAL_UNITS) | {m.column for m in maps.values()}
     text = {"test"} | ({maps["test"].column} if "test" in maps else set())
     table = read_table(path, wanted, text)
-    reading = _Reading(table, rig)
+    reading = LogReading(table, rig)
     for target in sorted(set(shared or {}) - set(mapping or {})):
         if not has_column(table.header, maps[target]):
             column = maps.pop(target).column
@@ -82,19 +82,19 @@ def read_log(
                 f"{path}: has no column {column!r}, which the campaign maps to {target}"
             )
     if "time_s" not in maps and "time_s" not in table.header:
-        raise _missing_time(table)
+        raise missing_time(table)
     _take_columns(reading, maps)
-    groups = _groups(reading, maps)
+    groups = groups_of(reading, maps)
     _convert_position(reading)
     _convert_motor(reading)
     _check_values(reading)
-    _check_time(reading, groups)
+    check_time_column(reading, groups)
     _check_tests(reading, groups)
-    trials = tuple(_trial(reading, label, rows) for label, rows in groups)
+    trials = tuple(trial_of(reading, label, rows) for label, rows in groups)
     return Log(path, table.sha256, trials, tuple(map(one_line, reading.notices)), rig)
 
 
-def _take_columns(reading: _Reading, maps: Mapping[str, ColumnMap]) -> None:
+def _take_columns(reading: LogReading, maps: Mapping[str, ColumnMap]) -> None:
     table = reading.table
     known = set(CANONICAL_UNITS)
     sources = {
@@ -127,7 +127,7 @@ def _take_columns(reading: _Reading, maps: Mapping[str, ColumnMap]) -> None:
         raise input_error(reading.where, "holds one row only", "a test needs at least two samples")
 
 
-def _take(reading: _Reading, name: str) -> None:
+def _take(reading: LogReading, name: str) -> None:
     """A column by its own name; one that only few kinds of test need may be unusable."""
     try:
         reading.columns[name] = check_size(reading.where, name, reading.table.numbers(name))
@@ -140,7 +140,8 @@ def _take(reading: _Reading, name: str) -> None:
         reading.origin[name] = name
 
 
-def _missing_time(table: LogTable) -> InputError:
+def missing_time(table: LogTable) -> InputError:
+    """That a table has no time column, and which it may be."""
     close = difflib.get_close_matches("time_s", table.header, 1, 0.4)
     guess = close[0] if close else "COLUMN"
     return input_error(
@@ -150,8 +151,8 @@ def _missing_time(table: LogTable) -> InputError:
     )
 
 
-def _groups(
-    reading: _Reading, maps: Mapping[str, ColumnMap]
+def groups_of(
+    reading: LogReading, maps: Mapping[str, ColumnMap]
 ) -> list[tuple[str, NDArray[np.int64] | slice]]:
     """(label, rows) of each test, in the order in which they first appear."""
     header = reading.table.header
@@ -167,7 +168,7 @@ def _groups(
     return [(label, np.flatnonzero(codes == i)) for i, label in enumerate(labels)]
 
 
-def _convert_position(reading: _Reading) -> None:
+def _convert_position(reading: LogReading) -> None:
     rig, columns = reading.rig, reading.columns
     target = rig.position_channel
     other = "theta_rad" if rig.is_linear else "position_m"
@@ -194,7 +195,7 @@ def _convert_position(reading: _Reading) -> None:
     reading.origin[target] = "encoder_counts"
 
 
-def _convert_motor(reading: _Reading) -> None:
+def _convert_motor(reading: LogReading) -> None:
     rig, columns = reading.rig, reading.columns
     target = rig.effort_channel
     other = "motor_torque_nm" if rig.is_linear else "motor_force_n"
@@ -237,7 +238,7 @@ def _volts_hint(share: float) -> str:
     return f" (it reaches {share:.3g} times that: a column in volts is motor_volts)"
 
 
-def _check_values(reading: _Reading) -> None:
+def _check_values(reading: LogReading) -> None:
     """Units and ranges of every channel, over the whole file."""
     rig, columns, where = reading.rig, reading.columns, reading.where
     for name in PRESSURES:
@@ -292,7 +293,10 @@ def smallest_step(values: FloatArray) -> float | None:
     return float(np.min(steps)) if steps.size else None
 
 
-def _check_time(reading: _Reading, groups: list[tuple[str, NDArray[np.int64] | slice]]) -> None:
+def check_time_column(
+    reading: LogReading, groups: list[tuple[str, NDArray[np.int64] | slice]]
+) -> None:
+    """Time increases within each test, at one rate; InputError otherwise, notices of less."""
     time = reading.columns["time_s"]
     periods, every = [], []
     for label, rows in groups:
@@ -320,13 +324,13 @@ def _check_time(reading: _Reading, groups: list[tuple[str, NDArray[np.int64] | s
     )
 
 
-def _place(reading: _Reading, rows: NDArray[np.int64] | slice, index: int) -> str:
+def _place(reading: LogReading, rows: NDArray[np.int64] | slice, index: int) -> str:
     row = (rows.start or 0) + index if isinstance(rows, slice) else int(rows[index])
     return reading.table.place(row)
 
 
 def _time_error(
-    reading: _Reading, rows: NDArray[np.int64] | slice, index: int, name: str
+    reading: LogReading, rows: NDArray[np.int64] | slice, index: int, name: str
 ) -> InputError:
     before, after = (float(t) for t in reading.columns["time_s"][rows][index : index + 2])
     where = f"{reading.where}, {_place(reading, rows, index + 1)}"
@@ -343,7 +347,7 @@ def _time_error(
 
 
 def _check_mixed(
-    reading: _Reading, rows: NDArray[np.int64] | slice, steps: FloatArray, name: str
+    reading: LogReading, rows: NDArray[np.int64] | slice, steps: FloatArray, name: str
 ) -> None:
     """Two sampling periods in one test (single lost samples are gaps, not this)."""
     median = float(np.median(steps))
@@ -364,7 +368,7 @@ def _check_mixed(
             )
 
 
-def _check_tests(reading: _Reading, groups: list[tuple[str, NDArray[np.int64] | slice]]) -> None:
+def _check_tests(reading: LogReading, groups: list[tuple[str, NDArray[np.int64] | slice]]) -> None:
     """What shows within one test: an angle that wraps, single samples that are none."""
     position = reading.rig.position_channel
     for label, rows in groups:
@@ -382,7 +386,9 @@ def _check_tests(reading: _Reading, groups: list[tuple[str, NDArray[np.int64] | 
                 _drop_spikes(reading, name, rows, where)
 
 
-def _drop_spikes(reading: _Reading, name: str, rows: NDArray[np.int64] | slice, where: str) -> None:
+def _drop_spikes(
+    reading: LogReading, name: str, rows: NDArray[np.int64] | slice, where: str
+) -> None:
     """Put single samples far outside a test's own range on the line between their neighbours."""
     values = reading.columns[name][rows]
     spikes = plausibility.spikes(values)
@@ -403,7 +409,8 @@ def _drop_spikes(reading: _Reading, name: str, rows: NDArray[np.int64] | slice, 
     )
 
 
-def _trial(reading: _Reading, label: str, rows: NDArray[np.int64] | slice) -> Trial:
+def trial_of(reading: LogReading, label: str, rows: NDArray[np.int64] | slice) -> Trial:
+    """One test of a reading."""
     channels = {n: v[rows] for n, v in reading.columns.items() if n != "time_s"}
     source = f"{reading.where}, test {label}" if label else reading.where
     time = reading.columns["time_s"][rows]
@@ -411,4 +418,15 @@ def _trial(reading: _Reading, label: str, rows: NDArray[np.int64] | slice) -> Tr
     return Trial(label, time, channels, source, reading.unusable, between)
 
 
-__all__ = ["Log", "Trial", "read_log", "smallest_step", "with_channels"]
+__all__ = [
+    "Log",
+    "LogReading",
+    "Trial",
+    "check_time_column",
+    "groups_of",
+    "missing_time",
+    "read_log",
+    "smallest_step",
+    "trial_of",
+    "with_channels",
+]

@@ -142,8 +142,13 @@ def parse_map(texts: Iterable[str], source: str = "--map") -> dict[str, ColumnMa
     return _parse_entries(entries, source)
 
 
-def parse_map_table(table: Mapping[str, Any], source: str) -> dict[str, ColumnMap]:
-    """The same from a TOML table {target: "column:unit"}; `source` names file and table."""
+def parse_map_table(
+    table: Mapping[str, Any], source: str, units: Mapping[str, str | None] = CANONICAL_UNITS
+) -> dict[str, ColumnMap]:
+    """The same from a TOML table {target: "column:unit"}; `source` names file and table.
+
+    `units` of the targets, by name.
+    """
     entries: list[tuple[str, str]] = []
     for target, value in table.items():
         if not isinstance(value, str):
@@ -151,13 +156,17 @@ def parse_map_table(table: Mapping[str, Any], source: str) -> dict[str, ColumnMa
                 source, f"{target} = {value!r} is not text", f'write {target} = "column:unit"'
             )
         entries.append((target, value))
-    return _parse_entries(entries, source)
+    return _parse_entries(entries, source, units)
 
 
-def _parse_entries(entries: Iterable[tuple[str, str]], source: str) -> dict[str, ColumnMap]:
+def _parse_entries(
+    entries: Iterable[tuple[str, str]],
+    source: str,
+    units: Mapping[str, str | None] = CANONICAL_UNITS,
+) -> dict[str, ColumnMap]:
     maps: dict[str, ColumnMap] = {}
     for target, rest in entries:
-        entry = _parse_entry(target, rest, source)
+        entry = _parse_entry(target, rest, source, units)
         if target in maps:
             raise input_error(
                 source,
@@ -168,10 +177,10 @@ def _parse_entries(entries: Iterable[tuple[str, str]], source: str) -> dict[str,
     return maps
 
 
-def _parse_entry(target: str, rest: str, source: str) -> ColumnMap:
-    if target not in CANONICAL_UNITS:
-        close = difflib.get_close_matches(target, CANONICAL_UNITS, 1, 0.5)
-        mend = f"did you mean {close[0]}?" if close else f"use one of {', '.join(CANONICAL_UNITS)}"
+def _parse_entry(target: str, rest: str, source: str, units: Mapping[str, str | None]) -> ColumnMap:
+    if target not in units:
+        close = difflib.get_close_matches(target, units, 1, 0.5)
+        mend = f"did you mean {close[0]}?" if close else f"use one of {', '.join(units)}"
         raise input_error(source, f"{target!r} is not a column of the log format", mend)
     column, colon, unit = rest.rpartition(":")
     if not colon:
@@ -182,7 +191,7 @@ def _parse_entry(target: str, rest: str, source: str) -> ColumnMap:
         raise input_error(where, "names no column", f'write it as "{target}=column:unit"')
     if not unit:
         return ColumnMap(target, column, source=source)
-    si = CANONICAL_UNITS[target]
+    si = units[target]
     if si is None:
         raise input_error(
             where, f"{target} is a label and has no unit", f'write "{target}={column}"'
@@ -206,7 +215,7 @@ def parse_unit(text: str, si: str, where: str) -> tuple[bool | None, float, floa
         said = "gauge" if gauge else "absolute"
         raise input_error(
             where,
-            f"{text!r} is declared {said}, but {_KINDS[si][0]} is expected",
+            f"{text!r} is declared {said}, but {_kind_of(si)[0]} is expected",
             f"omit the {'(g)' if gauge else '(a)'}",
         )
     if not unit:
@@ -215,6 +224,17 @@ def parse_unit(text: str, si: str, where: str) -> tuple[bool | None, float, floa
         return gauge, (1.0 if multiple is None else multiple), 0.0
     factor, offset = _pint_factor(unit, si, where)
     return gauge, (factor if multiple is None else multiple * factor), offset
+
+
+def check_unit(unit: str, where: str) -> None:
+    """InputError, that opens with `where`, for a unit that nobody knows; empty: none."""
+    try:
+        if unit not in ("", "1"):
+            _registry().parse_units(_ALIASES.get(unit, unit))
+    except Exception:  # pint and its tokenizer raise a dozen kinds
+        close = _closest(unit)
+        mend = f"did you mean {close}?" if close else "write it as N*m or kg/s; a ratio has none"
+        raise input_error(where, f"{unit!r} is not a known unit", mend) from None
 
 
 def _split_multiple(text: str, where: str) -> tuple[float | None, str]:
@@ -272,10 +292,15 @@ def _pint_factor(unit: str, si: str, where: str) -> tuple[float, float]:
 
 
 def _unknown_unit(unit: str, si: str, where: str) -> InputError:
-    kind, examples = _KINDS[si]
+    kind, examples = _kind_of(si)
     close = _closest(unit)
     mend = f"did you mean {close}?" if close else f"give a unit of {kind}: {examples}"
     return input_error(where, f"{unit!r} is not a known unit", mend)
+
+
+def _kind_of(si: str) -> tuple[str, str]:
+    """The name of a unit's quantity, and units to choose from."""
+    return _KINDS.get(si, (f"a quantity in {si}", si))
 
 
 def _closest(unit: str) -> str | None:
@@ -293,7 +318,7 @@ def _wrong_kind(unit: str, parsed: Any, si: str, where: str) -> InputError:
         (kind for known, (kind, _) in _KINDS.items() if registry.get_root_units(known)[1] == root),
         f"{parsed}",
     )
-    kind, examples = _KINDS[si]
+    kind, examples = _kind_of(si)
     meant = {"C": "degC", "F": "degF"}.get(unit) or next(
         (known for known in _COMMON_UNITS if known.lower() == unit.lower() != known), None
     )

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from sysid.bundle import Bundle
+from sysid.bundle import Bundle, ComponentRecord
 from sysid.bundle.base import Part
 from sysid.diagnosis.wording import sentence
 from sysid.display.channels import Channel
@@ -66,12 +66,39 @@ def verdict(
     return replace(judged, diagnosis=sentence(diagnosis))
 
 
+def own_verdict(part: ComponentRecord, validation: ValidationResult) -> ReportVerdict:
+    """On a component of the user's own: by the output that is followed worst."""
+    held = validation.select("holdout")
+    logs = held or validation.logs
+    fits = {}
+    for name in dict.fromkeys(n for log in logs for n in log.channels):
+        errors = [log.channels[name].errors for log in logs]
+        squares, spread = sum(e.squares for e in errors), sum(e.spread for e in errors)
+        if spread > 0.0:
+            fits[name] = 100.0 * (1.0 - math.sqrt(squares / spread))
+    if not fits:
+        return ReportVerdict("none", "No output of the component varies in the tests.", None)
+    worst = min(fits, key=lambda name: fits[name])
+    level = "good" if fits[worst] >= _WELL else "fair" if fits[worst] >= _ROUGHLY else "poor"
+    how = {"good": "follows", "fair": "roughly follows", "poor": "does not follow"}[level]
+    basis = "the held-out tests" if held else "its training tests (none is held out)"
+    more = ", its worst output" if len(fits) > 1 else ""
+    said = f"The component {part.name} {how} {basis}, open loop: fit {percent(fits[worst])} in "
+    return ReportVerdict(level, f"{said}{worst}{more}.", None)
+
+
 def _validated(bundle: Bundle, validation: ValidationResult | None) -> ReportVerdict:
     notes = (*_doubtful(bundle), *_unidentified(bundle))
+    if bundle.component is not None and validation is not None:
+        return replace(own_verdict(bundle.component, validation), notes=notes)
     if validation is None:
         parts = [
             n
-            for k, n in (("friction", "friction"), ("valves", "the valves"))
+            for k, n in (
+                ("friction", "friction"),
+                ("valves", "the valves"),
+                ("component", "the component"),
+            )
             if k in bundle.given()
         ]
         said = (

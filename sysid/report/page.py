@@ -143,6 +143,12 @@ def _parts(
             return component_section(diagnosis)
         return diagnosis_section(diagnosis, campaign.rig.is_linear)
 
+    def own() -> Section | None:
+        from sysid.report.own_component import own_section
+
+        part = bundle.component
+        return None if part is None else own_section(part, campaign, validation)
+
     def motion() -> Section | None:
         from sysid.report.motion import validation_section
 
@@ -159,6 +165,9 @@ def _parts(
         part = bundle.refinement
         return None if part is None else refinement_section(part, campaign.rig)
 
+    diagnosed_part = ("Diagnosis", (diagnosis or {}).get("skipped", _NOT_DIAGNOSED), diagnosed)
+    if bundle.component is not None:
+        return [("Component", "no component was fitted", own), diagnosed_part]
     not_validated = f"the model was not validated (motion logs: {', '.join(MOTION_KINDS)})"
     return [
         ("Friction", f"no friction was fitted (tests: {', '.join(FRICTION_KINDS)})", friction),
@@ -166,7 +175,7 @@ def _parts(
         ("PWM surfaces", "no surface was fitted (tests: valve-pwm)", surfaces),
         ("Open-loop validation", not_validated, motion),
         ("Residuals", not_validated, residuals),
-        ("Diagnosis", (diagnosis or {}).get("skipped", _NOT_DIAGNOSED), diagnosed),
+        diagnosed_part,
         ("Refinement on motion", _NOT_REFINED, refined),
     ]
 

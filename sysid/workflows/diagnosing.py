@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from sysid.bundle import Bundle
+from sysid.components.campaign import diagnosed, extended
 from sysid.diagnosis import content, wording
 from sysid.diagnosis.actuator.result import BeforeAfter, Diagnosis, FoundEffect, Verdict
 from sysid.diagnosis.bench.diagnose import ComponentDiagnosis
-from sysid.diagnosis.campaign import diagnose_logs, extended_bundle
 from sysid.diagnosis.looked import SECONDS, Looked
 from sysid.display.numbers import number
 from sysid.display.plots import bars, one_axes
@@ -134,7 +134,7 @@ def diagnose(
     ['after', 'before', 'noise_floor']
     """
     with progress_or_shown(progress, "diagnosing") as tell:
-        found, notices = diagnose_logs(
+        found, notices = diagnosed(
             campaign,
             bundle,
             effects=effects,
@@ -143,7 +143,7 @@ def diagnose(
             budget=budget,
             progress=tell,
         )
-    longer = extended_bundle(bundle, found, campaign)
+    longer = extended(bundle, found, campaign)
     said = tuple(dict.fromkeys((*notices, *found.notices)))
     return CampaignDiagnosis(found, longer, said)
 

@@ -9,6 +9,7 @@ from sysid import friction, valve_discrete, valve_pwm
 from sysid.assembly import fit_campaign
 from sysid.bundle import Bundle
 from sysid.checks.consistency.campaign import check_consistency
+from sysid.components.campaign import fit_own, is_own
 from sysid.display.progress import progress_or_shown
 from sysid.identification.friction.result import FrictionResult
 from sysid.identification.valve_discrete.result import ValveDiscreteResult
@@ -40,10 +41,16 @@ def fit(
     True
     """
     with progress_or_shown(progress, "fitting") as tell:
-        found = fit_campaign(campaign, surface=surface, seed=seed, progress=tell)
-    for line in dict.fromkeys((*found.notices, *check_consistency(campaign, "fit"))):
+        if is_own(campaign):
+            own = fit_own(campaign, progress=tell)
+            bundle, notices = own.bundle, own.notices
+        else:
+            found = fit_campaign(campaign, surface=surface, seed=seed, progress=tell)
+            bundle = found.bundle
+            notices = (*found.notices, *check_consistency(campaign, "fit"))
+    for line in dict.fromkeys(notices):
         _LOGGER.warning("%s", line)
-    return found.bundle
+    return bundle
 
 
 def fit_friction(

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from sysid import validation
 from sysid.bundle import Bundle
 from sysid.checks.log_check import LogCheck, check_log
+from sysid.components.validation import validated
 from sysid.display.progress import progress_or_shown
 from sysid.io.campaign import Campaign
 from sysid.io.rig import Rig
@@ -48,9 +48,7 @@ def validate(
     True
     """
     with progress_or_shown(progress, "validating") as tell:
-        return validation.validate(
-            campaign, bundle, catalogue=catalogue_from(effects), progress=tell
-        )
+        return validated(campaign, bundle, catalogue=catalogue_from(effects), progress=tell)
 
 
 __all__ = ["check", "validate"]

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from sysid.bundle import Bundle, files
+from sysid.components.loading import ComponentSource, with_component
 from sysid.io import campaign as campaigns
 from sysid.io import logs
 from sysid.io import rig as rigs
@@ -15,16 +16,19 @@ from sysid.io.samples import Log
 from sysid.io.units import parse_map
 
 
-def read_campaign(path: str | Path) -> Campaign:
+def read_campaign(path: str | Path, *, component: ComponentSource | None = None) -> Campaign:
     """Read and check a campaign file: a rig's tests together, and what each is used for.
 
-    The logs themselves are read when they are used. Raises InputError, one line that names the
-    key or entry.
+    The logs themselves are read when they are used. `component`: one of your own, whose logs
+    these are, as a Python file (it is executed), a class or an object; all that is then done with
+    the campaign is done with it. Raises InputError, one line that names the key or entry.
 
     >>> campaign = si.read_campaign("campaign.toml")
     >>> [entry.file for entry in campaign.select(["friction-static"])]
     ['friction_static.parquet']
     """
+    if component is not None:
+        return with_component(path, component)
     return campaigns.read_campaign(Path(path))
 
 

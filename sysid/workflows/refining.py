@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from sysid.bundle import Bundle
+from sysid.components.campaign import is_own
+from sysid.components.refinement import OwnRefinement, refine_own
 from sysid.display.progress import progress_or_shown
 from sysid.io.campaign import Campaign
 from sysid.model.effects.catalogue import EffectSource, catalogue_from
@@ -24,8 +26,10 @@ def refine(
     profile: Iterable[str] = (),
     effects: EffectSource = None,
     progress: Progress | None = None,
-) -> RefineResult:
+) -> RefineResult | OwnRefinement:
     """Estimate a bundle's parameters together on a campaign's motion logs to fit on.
+
+    A component of your own (`read_campaign(..., component=)`) is refined on its own tests.
 
     `free`: constants of the rig file that are estimated too, `fix`: parameters that stay; without
     `prior` the bench tests count for the start only; `robust`: each segment's errors count by
@@ -39,6 +43,8 @@ def refine(
     >>> si.write_bundle(refined.bundle, "refined.json")                 # doctest: +SKIP
     """
     with progress_or_shown(progress, "refining") as tell:
+        if is_own(campaign):
+            return refine_own(campaign, bundle, progress=tell)
         return refine_bundle(
             campaign,
             bundle,

@@ -7,7 +7,8 @@ from pathlib import Path
 
 from sysid.bundle import Bundle
 from sysid.bundle.assembled_model import effects_from_bundle
-from sysid.checks.log_check import LogCheck, check_campaign
+from sysid.checks.log_check import LogCheck
+from sysid.components.log_check import checked as check_logs
 from sysid.display.progress import progress_or_shown
 from sysid.errors import input_error
 from sysid.export import DEFAULT_PREFIX, FORMATS, export_bundle
@@ -41,7 +42,7 @@ def report(
     diagnosis = None if isinstance(found, Bundle) else found.content()
     with progress_or_shown(progress, "writing the report") as tell:
         if checks is None:
-            checks = check_campaign(campaign)
+            checks = check_logs(campaign)
         write_report(
             Path(path),
             campaign=campaign,

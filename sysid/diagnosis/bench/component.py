@@ -73,6 +73,11 @@ class Component(ABC):
         """
         return [self.residuals(law, tests) for law in laws]
 
+    def jacobian(self, law: Law, tests: Sequence[int]) -> FloatArray | None:
+        """Derivatives of the residuals by the law's own parameters, then by its effects' numbers,
+        (n, p); None, where a part does not give them, has them taken by differences."""
+        return None
+
     @abstractmethod
     def regressors(self, tests: Sequence[int]) -> dict[str, FloatArray]:
         """Regressors that a residual may depend on, by name, the tests end to end."""

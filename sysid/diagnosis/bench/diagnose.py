@@ -104,18 +104,20 @@ def diagnose_component(
     bundle: Bundle,
     catalogue: Mapping[str, type[CatalogueEffect]],
     progress: Callable[[str], None] = lambda line: None,
+    *,
+    build: Callable[[str, Sequence[Trial], Rig], Component] = component_of,
 ) -> ComponentDiagnosis:
     """Find what a part's law lacks on training tests, and measure it on held-out ones.
 
-    Raises InputError for tests that cannot be used, NotIdentifiedError where the bundle or
-    the tests do not hold the law.
+    `build` makes a part of a kind from tests. Raises InputError for tests that cannot be used,
+    NotIdentifiedError where the bundle or the tests do not hold the law.
     """
     if not fitted:
         raise NotIdentifiedError('diagnosis: no log has use = "fit"; give it some')
-    component = component_of(kind, fitted, rig)
+    component = build(kind, fitted, rig)
     given = component.law_of(bundle)
     selection = select(component, catalogue, progress)
-    outside = component_of(kind, held_out, rig) if held_out else None
+    outside = build(kind, held_out, rig) if held_out else None
     ambiguous = [a.repeats.sentence for a in selection.additions if a.repeats.sentence]
     ambiguous += [effect.undecided_sentence for effect in selection.undecided]
     looked = selection.looked.sentences()

@@ -212,17 +212,25 @@ def _minimise(
         full[:, free] = points
         return residuals(list(full))
 
+    by_differences = _jacobian_of(of_free, [everything[i] for i in free])
+
+    def jacobian(values: FloatArray) -> FloatArray:
+        full = start.copy()
+        full[free] = values
+        exact = component.jacobian(law_at(own, effects, full), tests)
+        return by_differences(values) if exact is None else exact[:, free]
+
     fit = minimise(
         lambda values: of_free([values])[0],
         [everything[i] for i in free],
-        jacobian=_jacobian_of(of_free, [everything[i] for i in free]),
+        jacobian=jacobian,
         tolerance=_TOLERANCE,
         max_evaluations=_EVALUATIONS,
         polish=False,
     )
-    values, jacobian = start.copy(), np.zeros((len(here), len(everything)))
-    values[free], jacobian[:, free] = fit.values, fit.jacobian
-    return replace(fit, parameters=tuple(everything), values=values, jacobian=jacobian)
+    values, slopes = start.copy(), np.zeros((len(here), len(everything)))
+    values[free], slopes[:, free] = fit.values, fit.jacobian
+    return replace(fit, parameters=tuple(everything), values=values, jacobian=slopes)
 
 
 def _jacobian_of(

@@ -1,0 +1,1 @@
+"""Two worked components of one's own, and the program that makes logs for them."""

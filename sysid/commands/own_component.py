@@ -1,0 +1,26 @@
+"""`--component FILE`: a campaign read with a component of the user's own, and that it runs said."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from sysid.io.campaign import Campaign, read_campaign
+from sysid.types import Progress
+
+
+def read_with(path: Path, component: str | None, tell: Progress) -> Campaign:
+    """The campaign; with `component`, as text of the option, its logs are of that.
+
+    Raises InputError for a file that cannot be used.
+    """
+    if component is None:
+        return read_campaign(path)
+    from sysid.components.campaign import runs_own_code
+    from sysid.components.loading import with_component
+
+    campaign = with_component(path, component)
+    tell(runs_own_code(campaign))
+    return campaign
+
+
+__all__ = ["read_with"]

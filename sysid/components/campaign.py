@@ -1,0 +1,316 @@
+"""A campaign of a component of the user's own: fitted, and what its law lacks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sysid.bundle import Bundle, EffectEntry
+from sysid.bundle.effects import entry_of
+from sysid.components.definition import DynamicComponent
+from sysid.components.dynamic import DynamicPart
+from sysid.components.loading import LoadedComponent, component_in
+from sysid.components.parts import OwnPart, effects_in, scales_of, stretches_of, term_class
+from sysid.components.static import StaticPart
+from sysid.diagnosis import Diagnosis
+from sysid.diagnosis.bench.component import Law
+from sysid.diagnosis.bench.diagnose import ComponentDiagnosis, diagnose_component
+from sysid.diagnosis.bench.fitting import FittedLaw, fit_law
+from sysid.diagnosis.campaign import diagnose_logs, extended_bundle
+from sysid.diagnosis.looked import SECONDS
+from sysid.errors import InputError, NotIdentifiedError, input_error
+from sysid.estimation.linear import Estimate
+from sysid.io.campaign import Campaign
+from sysid.io.logs import Log, Trial
+from sysid.io.rig import Rig
+from sysid.parallel import time_limit
+from sysid.types import Progress, no_progress
+
+
+@dataclass(frozen=True)
+class OwnTests:
+    """The tests of a campaign's component: training and held-out ones, and the readers' notices.
+
+    `logs` are the campaign's in turn, each with its use.
+    """
+
+    loaded: LoadedComponent
+    fitted: tuple[Trial, ...]
+    held_out: tuple[Trial, ...]
+    notices: tuple[str, ...]
+    logs: tuple[tuple[str, Log], ...] = ()
+
+    @property
+    def all_trials(self) -> tuple[Trial, ...]:
+        """Training and held-out tests."""
+        return (*self.fitted, *self.held_out)
+
+
+def is_own(campaign: Campaign) -> bool:
+    """Whether a campaign is of a component of the user's own."""
+    return component_in(campaign) is not None
+
+
+def loaded_in(campaign: Campaign) -> LoadedComponent:
+    """The component of a campaign. Raises InputError where it was read without one."""
+    loaded = component_in(campaign)
+    if loaded is None:
+        raise input_error(
+            campaign.path, "was read without a component", "give its file with --component"
+        )
+    return loaded
+
+
+def runs_own_code(campaign: Campaign) -> str:
+    """Says that the user's own code runs."""
+    loaded = loaded_in(campaign)
+    return f"runs the user's own code: {loaded.path or 'class'} ({loaded.name})"
+
+
+def tests_of(campaign: Campaign, bundle: Bundle | None = None) -> OwnTests:
+    """Read a campaign's logs. Raises InputError where one lacks a column or cannot be used.
+
+    With `bundle` also where a log has changed since it was fitted, or is held out and was fitted.
+    """
+    loaded = loaded_in(campaign)
+    trials: dict[str, list[Trial]] = {"fit": [], "holdout": []}
+    notices = [*campaign.notices, *campaign.rig.notices]
+    logs = []
+    for entry in campaign.logs:
+        log = campaign.read(entry)
+        if bundle is not None:
+            bundle.check_log_unchanged(log, entry.kind)
+            if entry.use == "holdout":
+                bundle.check_not_fitted(log)
+        require_columns(log, loaded)
+        trials[entry.use] += log.trials
+        notices += log.notices
+        logs.append((entry.use, log))
+    notices += out_of_range(loaded, (*trials["fit"], *trials["holdout"]))
+    fitted, held_out = tuple(trials["fit"]), tuple(trials["holdout"])
+    return OwnTests(loaded, fitted, held_out, tuple(notices), tuple(logs))
+
+
+def require_columns(log: Log, loaded: LoadedComponent) -> None:
+    """InputError that names the first column that a log lacks."""
+    for name, unit in loaded.columns.items():
+        if log.trials and name not in log.trials[0]:
+            raise missing_column(log, name, unit)
+
+
+def missing_column(log: Log, name: str, unit: str) -> InputError:
+    """That a log lacks a column, and how to add it."""
+    return input_error(
+        log.path,
+        f"column {name} ({unit or 'no unit'}) is missing",
+        f'add it, or map it in the campaign file: map = {{ {name} = "COLUMN:UNIT" }}',
+    )
+
+
+def out_of_range(loaded: LoadedComponent, trials: Sequence[Trial]) -> list[str]:
+    """A line for each column that leaves what its declaration says can be measured."""
+    lines = []
+    for name, column in loaded.definition.columns.items():
+        for trial in trials:
+            low, high = float(np.min(trial[name])), float(np.max(trial[name]))
+            if low < column.lower or high > column.upper:
+                bounds = f"{column.lower:g} to {column.upper:g} {column.unit}"
+                lines.append(
+                    f"{trial.source}: {name} runs from {low:.4g} to {high:.4g}, outside the "
+                    f"declared {bounds}: is it in {column.unit}?"
+                )
+                break
+    return lines
+
+
+def part_of(
+    loaded: LoadedComponent,
+    trials: Sequence[Trial],
+    scales: Sequence[float],
+    kept: Sequence[str] = (),
+) -> OwnPart:
+    """The component on tests; `scales` of its outputs are those of the training tests."""
+    make: Callable[..., OwnPart] = StaticPart
+    if isinstance(loaded.definition, DynamicComponent):
+        make = DynamicPart
+    return make(loaded, stretches_of(trials), tuple(scales), tuple(kept))
+
+
+def law_in(tests: OwnTests, bundle: Bundle) -> tuple[OwnPart, Law]:
+    """The component on all tests, and the law of a bundle with the terms in it.
+
+    Raises InputError for terms that are unknown, NotIdentifiedError where the bundle lacks the law.
+    """
+    kept = [effect.id for effect in effects_in(bundle, tests.loaded)]
+    scales = scales_of(tests.loaded, tests.fitted or tests.held_out)
+    part = part_of(tests.loaded, tests.all_trials, scales, kept)
+    return part, part.law_of(bundle)
+
+
+def training_part(tests: OwnTests, kept: Sequence[str] = ()) -> OwnPart:
+    """The component on its training tests. Raises NotIdentifiedError without one."""
+    if not tests.fitted:
+        raise NotIdentifiedError(
+            f'component {tests.loaded.kind}: no log has use = "fit"; give it some'
+        )
+    return part_of(tests.loaded, tests.fitted, scales_of(tests.loaded, tests.fitted), kept)
+
+
+@dataclass(frozen=True)
+class OwnFit:
+    """The bundle of a component's fit, and the notices."""
+
+    bundle: Bundle
+    notices: tuple[str, ...]
+
+
+def fit_own(campaign: Campaign, *, progress: Progress = no_progress) -> OwnFit:
+    """Fit a component of the user's own on its training tests: bounded least squares.
+
+    A dynamic component by the error of its simulation. Raises InputError for logs or code that
+    cannot be used, NotIdentifiedError where no log is to fit on or it identifies nothing.
+    """
+    tests = tests_of(campaign)
+    part = training_part(tests)
+    progress(f"{tests.loaded.kind}: {tests.loaded.name}")
+    fitted = fit_law(part, (), range(len(part.tests)))
+    found = fitted.part()
+    if found.component is None or not any(
+        e.identified for e in found.component.parameters.values()
+    ):
+        raise NotIdentifiedError(
+            f"component {tests.loaded.kind}: its tests identify none of its parameters; "
+            "excite its inputs more"
+        )
+    bundle = Bundle.new(campaign.rig, found, campaign.sources())
+    return OwnFit(bundle, (*tests.notices, *_remarks(fitted, tests.loaded)))
+
+
+def _remarks(fitted: FittedLaw, loaded: LoadedComponent) -> list[str]:
+    """What is stuck at a bound or tied, and a law that explains too little."""
+    diagnosed = fitted.fit.diagnosis
+    lines = [f"{name} ends at its bound" for name in diagnosed.at_bound]
+    if len(diagnosed.tied) > 1:
+        lines.append(f"{' and '.join(diagnosed.tied)} only act together in these tests")
+    judged = fitted.quality()
+    if judged.explains_too_little:
+        lines.append(
+            f"{judged.shortfall}; sysid diagnose names what the law lacks, if the data are right"
+        )
+    return [f"{loaded.kind}: {line}" for line in lines]
+
+
+def diagnose_own(
+    campaign: Campaign,
+    bundle: Bundle,
+    *,
+    budget: float | None = SECONDS,
+    progress: Progress = no_progress,
+) -> tuple[ComponentDiagnosis, tuple[str, ...]]:
+    """What a component's law lacks of its terms, and the readers' notices.
+
+    Terms that the bundle holds are part of the law. Raises InputError for logs, code or effects
+    that cannot be used, NotIdentifiedError where the bundle lacks the law or no log is to fit on.
+    """
+    tests = tests_of(campaign, bundle)
+    loaded = tests.loaded
+    kept = [effect.id for effect in effects_in(bundle, loaded)]
+    scales = training_part(tests).scales
+
+    def build(kind: str, trials: Sequence[Trial], rig: Rig) -> OwnPart:
+        return part_of(loaded, trials, scales, kept)
+
+    with time_limit(budget):
+        found = diagnose_component(
+            loaded.kind, tests.fitted, tests.held_out, campaign.rig, bundle, {}, progress,
+            build=build,
+        )  # fmt: skip
+    return found, (*tests.notices, *_other_law(bundle, loaded))
+
+
+def _other_law(bundle: Bundle, loaded: LoadedComponent) -> list[str]:
+    """A notice where the file has changed since the fit."""
+    record = bundle.component
+    if record is None or not record.sha256 or record.sha256 == loaded.sha256:
+        return []
+    return [f"{loaded.file} is not the file that the bundle was fitted with (SHA-256)"]
+
+
+def diagnosed(
+    campaign: Campaign, bundle: Bundle, *, budget: float | None, progress: Progress, **options: Any
+) -> tuple[Diagnosis | ComponentDiagnosis, tuple[str, ...]]:
+    """`diagnose_own` for a component of the user's own, `diagnose_logs` for any other campaign.
+
+    `options` are those of `diagnose_logs`. Raises what these raise.
+    """
+    if is_own(campaign):
+        if options.get("effects") is not None:
+            raise input_error(
+                campaign.path,
+                "effects act on the equations of an actuator or its parts",
+                "declare what your component may lack as its terms",
+            )
+        return diagnose_own(campaign, bundle, budget=budget, progress=progress)
+    return diagnose_logs(campaign, bundle, budget=budget, progress=progress, **options)
+
+
+def extended(
+    bundle: Bundle, diagnosis: Diagnosis | ComponentDiagnosis, campaign: Campaign
+) -> Bundle:
+    """The bundle with what was found, and all other numbers estimated together with it."""
+    found = extended_bundle(bundle, diagnosis, campaign)
+    if not is_own(campaign) or not isinstance(diagnosis, ComponentDiagnosis):
+        return found
+    return _with_refitted_terms(found, diagnosis) if diagnosis.effects else found
+
+
+def _with_refitted_terms(bundle: Bundle, diagnosis: ComponentDiagnosis) -> Bundle:
+    """The numbers of the terms that a bundle held before, refitted beside what was added."""
+    final = diagnosis.selection.final
+    assert isinstance(final.component, OwnPart)
+    if not final.component.kept:
+        return bundle
+    return with_numbers(bundle, final.component, final.base_estimates())
+
+
+def with_numbers(bundle: Bundle, part: OwnPart, estimates: dict[str, Estimate]) -> Bundle:
+    """A bundle with other numbers of the parameters, and of the terms that it holds."""
+    record = bundle.component
+    assert record is not None
+    own = {name: estimates[name] for name in record.parameters}
+    return bundle.replaced(
+        component=record.replaced(parameters=own),
+        effects=[_renewed(entry, part, estimates) for entry in bundle.effects],
+    )
+
+
+def _renewed(entry: EffectEntry, part: OwnPart, estimates: dict[str, Estimate]) -> EffectEntry:
+    if entry.id not in part.kept:
+        return entry
+    term = part.term(entry.id)
+    found = {q.name: estimates[f"{term.id}/{q.name}"] for q in term.quantities}
+    numbers = {name: estimate.value for name, estimate in found.items()}
+    return entry.replaced(parameters=entry_of(term_class(term)(**numbers), found).parameters)
+
+
+__all__ = [
+    "OwnFit",
+    "OwnTests",
+    "diagnose_own",
+    "diagnosed",
+    "extended",
+    "fit_own",
+    "is_own",
+    "law_in",
+    "loaded_in",
+    "missing_column",
+    "out_of_range",
+    "part_of",
+    "runs_own_code",
+    "tests_of",
+    "training_part",
+    "with_numbers",
+]

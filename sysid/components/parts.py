@@ -1,0 +1,280 @@
+"""What static and dynamic components share as a `Component` of the diagnosis."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from abc import abstractmethod
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sysid.bundle import Bundle, ComponentRecord, Parts
+from sysid.bundle.effects import effect_from_entry
+from sysid.bundle.quality import quality_field
+from sysid.components.definition import OwnComponent, Term
+from sysid.components.loading import LoadedComponent
+from sysid.diagnosis.bench.component import Component, Law, rmse
+from sysid.errors import NotIdentifiedError
+from sysid.estimation.linear import Estimate
+from sysid.estimation.nonlinear import Parameter
+from sysid.estimation.quality import FitQuality
+from sysid.io.logs import Trial
+from sysid.model.effects.entry import CatalogueEffect, Quantity
+from sysid.types import FloatArray
+
+# Fewer tests than this are cut into stretches, so many in all.
+_FEWEST_TESTS = 3
+_STRETCHES = 6
+_FEWEST_ROWS = 8
+_TERM_MODULE = "sysid_user_terms"
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Rows `start` to `stop` of a trial that are left out together: all of it, or a part."""
+
+    label: str
+    trial: Trial
+    start: int
+    stop: int
+
+    @property
+    def rows(self) -> slice:
+        """Its rows of the trial."""
+        return slice(self.start, self.stop)
+
+
+@dataclass(frozen=True)
+class OwnPart(Component):
+    """A component of the user's own on its tests.
+
+    `kept`: ids of the terms that its law already holds; their quantities are parameters, named
+    `TERM/QUANTITY`. `scales` (outputs,): what a residual of each output is divided by, so that
+    several count alike: the spreads of the training tests; 1 for a single one.
+    """
+
+    loaded: LoadedComponent
+    stretches: tuple[Stretch, ...]
+    scales: tuple[float, ...]
+    kept: tuple[str, ...] = ()
+    channel: str = field(default="", init=False)
+    unit: str = field(default="", init=False)
+
+    def __post_init__(self) -> None:
+        outputs = self.definition.outputs
+        one = len(outputs) == 1
+        object.__setattr__(self, "channel", " and ".join(outputs))
+        unit = self.definition.columns[outputs[0]].unit if one else "of the spread"
+        object.__setattr__(self, "unit", unit)
+
+    @property
+    def definition(self) -> OwnComponent:
+        """The user's own class, as an object."""
+        return self.loaded.definition
+
+    @property
+    def tests(self) -> tuple[str, ...]:
+        return tuple(s.label for s in self.stretches)
+
+    @property
+    def trials(self) -> tuple[Trial, ...]:
+        """Its whole trials, in turn."""
+        return tuple({id(s.trial): s.trial for s in self.stretches}.values())
+
+    def parameters(self) -> list[Parameter]:
+        found = list(self.definition.parameters)
+        for term in self.definition.terms:
+            if term.id in self.kept:
+                found += [
+                    Parameter(_key(term, q), _start(q), q.unit, q.lower, q.upper, abs(q.typical))
+                    for q in term.quantities
+                ]
+        return found
+
+    def effects(
+        self, catalogue: Mapping[str, type[CatalogueEffect]]
+    ) -> tuple[type[CatalogueEffect], ...]:
+        """The terms that its law does not hold; those of the catalogue act on our equations."""
+        return tuple(term_class(t) for t in self.definition.terms if t.id not in self.kept)
+
+    @abstractmethod
+    def predicted(self, law: Law, tests: Sequence[int]) -> list[dict[str, FloatArray]]:
+        """Each output on the rows that count of each of `tests`, in its own unit, (n,)."""
+
+    @abstractmethod
+    def shown(self, tests: Sequence[int]) -> list[dict[str, FloatArray]]:
+        """Each output as measured there, (n,)."""
+
+    @abstractmethod
+    def open_loop(
+        self, law: Law, pieces: Sequence[tuple[Trial, int, int]]
+    ) -> list[dict[str, FloatArray]]:
+        """Each output on every row from the first to the last of pieces of trials, (n,)."""
+
+    def residuals(self, law: Law, tests: Sequence[int]) -> list[FloatArray]:
+        return self._left(self.predicted(law, tests), tests)
+
+    def _left(
+        self, predicted: Iterable[Mapping[str, FloatArray]], tests: Sequence[int]
+    ) -> list[FloatArray]:
+        found = []
+        for modelled, measured in zip(predicted, self.shown(tests), strict=True):
+            gaps = [measured[n] - modelled[n] for n in self.definition.outputs]
+            found.append(np.concatenate([g / s for g, s in zip(gaps, self.scales, strict=True)]))
+        return found
+
+    def measured(self, tests: Sequence[int]) -> list[FloatArray]:
+        zero = [{n: np.zeros(len(v)) for n, v in one.items()} for one in self.shown(tests)]
+        return self._left(zero, tests)
+
+    @abstractmethod
+    def regressors_of(self, test: int) -> dict[str, FloatArray]:
+        """What a test's residual may depend on, (n,) by name, on the rows that count."""
+
+    def regressors(self, tests: Sequence[int]) -> dict[str, FloatArray]:
+        times = len(self.definition.outputs)
+        each = [self.regressors_of(t) for t in tests]
+        names = each[0] if each else {}
+        return {n: np.concatenate([np.tile(one[n], times) for one in each]) for n in names}
+
+    def part(self, estimates: Mapping[str, Estimate], quality: FitQuality | None = None) -> Parts:
+        own = {p.name: estimates[p.name] for p in self.definition.parameters}
+        record = ComponentRecord.model_validate(
+            {
+                "kind": self.loaded.kind,
+                "name": self.loaded.name,
+                **({"file": self.loaded.file} if self.loaded.file else {}),
+                **({"sha256": self.loaded.sha256} if self.loaded.sha256 else {}),
+                "parameters": own,
+                **quality_field(quality),
+            }
+        )
+        return Parts(component=record)
+
+    def law_of(self, bundle: Bundle) -> Law:
+        """The law that a bundle holds, with the terms in it. Raises NotIdentifiedError."""
+        values = {}
+        held = bundle.component.parameters if bundle.component is not None else {}
+        for parameter in self.definition.parameters:
+            estimate = held.get(parameter.name)
+            if estimate is None or not estimate.identified:
+                reason = "the bundle does not hold it" if estimate is None else estimate.reason
+                raise NotIdentifiedError(
+                    f"component {self.loaded.kind}: {parameter.name} is not identified ({reason}); "
+                    f"fit {self.loaded.kind} tests into the bundle"
+                )
+            values[parameter.name] = estimate.value
+        for effect in effects_in(bundle, self.loaded):
+            term = self.term(effect.id)
+            values |= {_key(term, q): float(getattr(effect, q.name)) for q in term.quantities}
+        return Law(values)
+
+    def term(self, name: str) -> Term:
+        """The term of an id."""
+        return next(t for t in self.definition.terms if t.id == name)
+
+    def numbers(self, law: Law) -> dict[str, float]:
+        """Every number by name: the parameters, then the quantities of all terms, absent or not."""
+        found = {p.name: law.values[p.name] for p in self.definition.parameters}
+        added = {e.id: e for e in law.effects}
+        for term in self.definition.terms:
+            for q in term.quantities:
+                key = _key(term, q)
+                absent = 0.0 if q.is_strength else q.typical
+                given = getattr(added.get(term.id), q.name, absent)
+                found[key] = law.values.get(key, float(given))
+        return found
+
+    def active(self, law: Law) -> tuple[Term, ...]:
+        """The terms in a law."""
+        ids = {*self.kept, *(e.id for e in law.effects)}
+        return tuple(t for t in self.definition.terms if t.id in ids)
+
+    def further_errors(self, law: Law) -> dict[str, tuple[float, float]]:
+        """Of each of several outputs in its own unit."""
+        outputs = self.definition.outputs
+        if len(outputs) == 1:
+            return {}
+        every = range(len(self.stretches))
+        pairs = list(zip(self.shown(every), self.predicted(law, every), strict=True))
+        return {n: (rmse([m[n] - p[n] for m, p in pairs]), self.noise_of(n, law)) for n in outputs}
+
+    def noise_floor(self, law: Law) -> float:
+        """Of the outputs together, over their scales."""
+        outputs = zip(self.definition.outputs, self.scales, strict=True)
+        noise = [self.noise_of(name, law) / scale for name, scale in outputs]
+        return math.sqrt(float(np.mean(np.square(noise))))
+
+    @abstractmethod
+    def noise_of(self, name: str, law: Law) -> float:
+        """The noise of an output, in its unit."""
+
+
+def _key(term: Term, quantity: Quantity) -> str:
+    return f"{term.id}/{quantity.name}"
+
+
+def _start(quantity: Quantity) -> float:
+    return float(np.clip(quantity.typical, quantity.lower, quantity.upper))
+
+
+@functools.cache
+def term_class(term: Term) -> type[CatalogueEffect]:
+    """A term as an effect that the diagnosis can add."""
+    return dataclasses.make_dataclass(
+        term.id.title().replace("-", ""),
+        [(q.name, float, 0.0 if q.is_strength else q.typical) for q in term.quantities],
+        bases=(CatalogueEffect,),
+        frozen=True,
+        namespace={
+            "__module__": _TERM_MODULE,
+            "id": term.id,
+            "title": term.title,
+            "subsystem": "mechanics",
+            "quantities": term.quantities,
+            "signature": term.title,
+            "tie_breaker": term.tie_breaker,
+            "source": "the user's own component",
+        },
+    )
+
+
+def effects_in(bundle: Bundle, loaded: LoadedComponent) -> list[CatalogueEffect]:
+    """The terms that a bundle lists as effects. Raises InputError for one that is unknown."""
+    own = {t.id: term_class(t) for t in loaded.definition.terms}
+    return [effect_from_entry(entry, bundle.source, own) for entry in bundle.effects]
+
+
+def stretches_of(trials: Sequence[Trial]) -> tuple[Stretch, ...]:
+    """Trials to leave out one by one; fewer than three are cut into stretches."""
+    pieces = 1 if len(trials) >= _FEWEST_TESTS else math.ceil(_STRETCHES / max(len(trials), 1))
+    found = []
+    for trial in trials:
+        count = max(1, min(pieces, len(trial) // _FEWEST_ROWS))
+        edges = np.linspace(0, len(trial), count + 1).astype(int)
+        for k in range(count):
+            label = trial.label if count == 1 else f"{trial.label}, part {k + 1} of {count}"
+            found.append(Stretch(label, trial, int(edges[k]), int(edges[k + 1])))
+    return tuple(found)
+
+
+def scales_of(loaded: LoadedComponent, trials: Sequence[Trial]) -> tuple[float, ...]:
+    """The spread of each output on these trials; 1 for a single output."""
+    outputs = loaded.definition.outputs
+    if len(outputs) == 1:
+        return (1.0,)
+    spreads = (float(np.std(np.concatenate([t[n] for t in trials]))) for n in outputs)
+    return tuple(s or 1.0 for s in spreads)
+
+
+__all__ = [
+    "OwnPart",
+    "Stretch",
+    "effects_in",
+    "scales_of",
+    "stretches_of",
+    "term_class",
+]

@@ -1,0 +1,81 @@
+"""A kind of test that a user defines: its columns, read like those of the log format."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from sysid.errors import input_error, one_line
+from sysid.io.logs import LogReading, check_time_column, groups_of, missing_time, trial_of
+from sysid.io.rig import Rig
+from sysid.io.samples import Log
+from sysid.io.tables import read_table
+from sysid.io.units import LARGEST, ColumnMap, find_column, has_column, to_si
+from sysid.types import FloatArray
+
+
+@dataclass(frozen=True)
+class OwnKind:
+    """A kind of log beside those of the log format, and the unit of each of its columns."""
+
+    kind: str
+    columns: Mapping[str, str]
+
+
+def read_own_log(
+    path: Path,
+    rig: Rig,
+    own: OwnKind,
+    mapping: Mapping[str, ColumnMap] | None = None,
+    shared: Mapping[str, ColumnMap] | None = None,
+) -> Log:
+    """Read a log of a user's own kind: `time_s`, `test` where it is there, and its columns.
+
+    Values are taken in the columns' own units, converted where `mapping`, or `shared` for columns
+    that the file has, says so. A column that is missing is missing in the trials. Raises InputError
+    for a file, a cell or a time column that cannot be used.
+    """
+    units = {"time_s": "s", **own.columns}
+    maps = {t: m for t, m in {**(shared or {}), **(mapping or {})}.items() if t in (*units, "test")}
+    text = {"test", *(m.column for t, m in maps.items() if t == "test")}
+    table = read_table(path, {*units, *(m.column for m in maps.values())}, text)
+    for target in set(shared or {}) - set(mapping or {}):
+        if target in maps and not has_column(table.header, maps[target]):
+            del maps[target]
+    reading = LogReading(table, rig)
+    if "time_s" not in maps and "time_s" not in table.header:
+        raise missing_time(table)
+    for name in units:
+        if name in maps:
+            column = table.header[find_column(table.header, maps[name], str(path))]
+            stamped = table.is_stamped(column)
+            atmosphere = rig.air.atmospheric_pressure_pa if rig.air else None
+            values = to_si(table.numbers(column), maps[name], atmosphere, stamped=stamped)
+        elif name in table.header:
+            column, values = name, table.numbers(name)
+        else:
+            continue
+        reading.columns[name] = _checked_size(path, name, units[name], values)
+        reading.origin[name] = column
+    if len(table.frame) < 2:
+        raise input_error(path, "holds one row only", "a test needs at least two samples")
+    groups = groups_of(reading, maps)
+    check_time_column(reading, groups)
+    trials = tuple(trial_of(reading, label, rows) for label, rows in groups)
+    return Log(path, table.sha256, trials, tuple(map(one_line, reading.notices)), rig)
+
+
+def _checked_size(path: Path, name: str, unit: str, values: FloatArray) -> FloatArray:
+    largest = float(np.max(np.abs(values), initial=0.0))
+    if math.isfinite(largest) and largest <= LARGEST:
+        return values
+    raise input_error(
+        path, f"{name} reaches {largest:.3g} {unit}, beyond anything measured", "fix the values"
+    )
+
+
+__all__ = ["OwnKind", "read_own_log"]

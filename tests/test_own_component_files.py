@@ -1,0 +1,161 @@
+"""Files of components that cannot be used: one line that names the file, and the line in it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from own_components import FOLDER, refused, run
+
+import sysid as si
+from sysid.errors import InputError
+
+GOOD = """\
+import jax.numpy as jnp
+from sysid.components import DynamicComponent, LogColumn, Parameter, Quantity, Term
+
+
+def drag(state, inputs, values):
+    return {"speed": -values["drag"] * state["speed"]}
+
+
+class Cart(DynamicComponent):
+    kind = "cart"
+    columns = {"push_n": LogColumn("N", "input"), "speed_m_per_s": LogColumn("m/s", "output")}
+    parameters = (Parameter("mass_kg", 2.0, "kg", 0.1, 10.0),)
+    states = ("speed",)
+    terms = (Term("drag", "drag", (Quantity("drag", "1/s", 0.1, 0.0, 10.0, ""),), drag),)
+
+    def start(self, first, rates, values):
+        return {"speed": first["speed_m_per_s"]}
+
+    def derivative(self, state, inputs, values):
+        return {"speed": inputs["push_n"] / values["mass_kg"]}
+
+    def measure(self, state, inputs, values):
+        return {"speed_m_per_s": state["speed"]}
+"""
+RIG = '[rig]\nname = "cart"\norientation = "horizontal"\n'
+CAMPAIGN = """\
+rig = "rig.toml"
+
+[[log]]
+kind = "cart"
+file = "run.csv"
+
+[[log]]
+kind = "cart"
+file = "other.csv"
+use = "holdout"
+"""
+
+
+@pytest.fixture
+def campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("SYSID_JOBS", "1")
+    (tmp_path / "rig.toml").write_text(RIG, "utf-8")
+    (tmp_path / "campaign.toml").write_text(CAMPAIGN, "utf-8")
+    for k, name in enumerate(("run.csv", "other.csv")):
+        speed, rows = 0.0, []
+        for i in range(200):
+            push = 1.0 if (i // (20 + 5 * k)) % 2 else -0.8
+            rows.append(f"{0.01 * i:.2f},{push},{speed:.6f}")
+            speed += 0.01 * push / 1.7
+        text = "\n".join(["time_s,push_n,speed_m_per_s", *rows, ""])
+        (tmp_path / name).write_text(text, "utf-8")
+    return tmp_path / "campaign.toml"
+
+
+def test_the_file_is_good(campaign: Path) -> None:
+    (campaign.parent / "cart.py").write_text(GOOD, "utf-8")
+    read = si.read_campaign(campaign, component=campaign.parent / "cart.py")
+    bundle = si.fit(read)
+    assert bundle.component is not None
+    # A single test is cut into stretches, and where the push turns the start is smoothed across it.
+    assert bundle.component.parameters["mass_kg"].value == pytest.approx(1.7, rel=2e-2)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("import jax", "import nothing_of_that_name, jax", "line 1: does not run: ModuleNotFound"),
+        ('kind = "cart"', 'kind = "cart" +', "line 10: does not run: SyntaxError"),
+        ("DynamicComponent):", "object):", "defines no component"),
+        ('    kind = "cart"\n', "", "class Cart lacks kind"),
+        ('kind = "cart"', 'kind = "tank"', "kind 'tank' is one of the log format"),
+        ('kind = "cart"', 'kind = "boat"', "has no log of kind boat, but of cart"),
+        ('"N", "input"', '"N", "driver"', "column push_n: has role 'driver'"),
+        ('LogColumn("N", ', 'LogColumn("Newtons!", ', "'Newtons!' is not a known unit"),
+        ('"m/s", "output"', '"m/s", "input"', "predicts nothing"),
+        ("2.0, \"kg\"", "20.0, \"kg\"", "parameter mass_kg: starts at 20, outside its bounds"),
+        ('(Parameter("mass_kg", 2.0, "kg", 0.1, 10.0),)', "()", "has no parameter"),
+        ('states = ("speed",)', 'states = "speed"', "states is not a tuple of names"),
+        ('return {"speed": first', 'return {"velocity": first', "start: does not give speed"),
+        ('inputs["push_n"]', 'inputs["pull_n"]', "line 20: does not run: KeyError: 'pull_n'"),
+        ("    def measure", "    def measured", "class Cart lacks measure"),
+        ('{"speed_m_per_s": state', '{"velocity": state', "measure: does not give speed_m_per_s"),
+        ('-values["drag"] *', "1.0 +", "term drag: does not vanish where its strengths are 0"),
+        ('return {"speed": -values', 'return {"drag": -values', "does not give rates by state"),
+        ('Quantity("drag"', 'Quantity("mass_kg"', "mass_kg is declared twice"),
+    ],
+)  # fmt: skip
+def test_a_bad_file(campaign: Path, old: str, new: str, said: str) -> None:
+    assert old in GOOD
+    path = campaign.parent / "cart.py"
+    path.write_text(GOOD.replace(old, new, 1), "utf-8")
+    output = campaign.parent / "b.json"
+    line = refused("fit", campaign, "--component", path, "-o", output)
+    assert said in line and "cart.py" in line.replace("campaign.toml", "cart.py")
+    assert not output.exists()
+
+
+def test_the_component_of_the_docs(campaign: Path) -> None:
+    text = (FOLDER.parent.parent / "docs" / "own-components.md").read_text("utf-8")
+    path = campaign.parent / "cart.py"
+    path.write_text(text.split("```python\n")[1].split("```")[0], "utf-8")
+    bundle = si.fit(si.read_campaign(campaign, component=path))
+    assert bundle.component is not None
+    assert bundle.component.parameters["mass_kg"].value == pytest.approx(1.7, rel=0.05)
+
+
+def test_code_that_fails_late(campaign: Path) -> None:
+    """What passes the check and fails in the compiled loop still names its line."""
+    path = campaign.parent / "cart.py"
+    branch = 'if state["speed"] > 0.3:\n            pass\n        return {"speed": inputs["push_n"]'
+    path.write_text(GOOD.replace('return {"speed": inputs["push_n"]', branch), "utf-8")
+    line = refused("fit", campaign, "--component", path)
+    assert "cart.py, line 20: does not run: TracerBoolConversionError" in line
+
+
+def test_campaigns_and_logs_that_do_not_fit_it(campaign: Path) -> None:
+    path = campaign.parent / "cart.py"
+    path.write_text(GOOD, "utf-8")
+    assert "give the file of your own component with --component" in refused("fit", campaign)
+    assert "no such file" in refused("fit", campaign, "--component", "absent.py")
+    assert "defines no component Boat" in refused("fit", campaign, "--component", f"{path}:Boat")
+    campaign.write_text(CAMPAIGN.replace('kind = "cart"', 'kind = "tank"', 1), "utf-8")
+    assert "holds logs of kinds cart and tank" in refused("fit", campaign, "--component", path)
+    campaign.write_text(CAMPAIGN, "utf-8")
+    log = campaign.parent / "run.csv"
+    log.write_text(log.read_text("utf-8").replace("push_n", "force"), "utf-8")
+    line = refused("fit", campaign, "--component", path)
+    assert "run.csv: column push_n (N) is missing" in line and 'push_n = "COLUMN:UNIT"' in line
+    mapped = CAMPAIGN.replace('"run.csv"', '"run.csv"\nmap = { push_n = "force:kg" }')
+    campaign.write_text(mapped, "utf-8")
+    assert "not a force" in refused("fit", campaign, "--component", path)
+
+
+def test_a_bundle_without_it(campaign: Path, rig_text: str) -> None:
+    path = campaign.parent / "cart.py"
+    path.write_text(GOOD, "utf-8")
+    fitted = campaign.parent / "b.json"
+    assert run("fit", campaign, "--component", path, "-o", fitted).code == 0
+    text = fitted.read_text("utf-8").replace('"mass_kg"', '"other_kg"')
+    fitted.write_text(text, "utf-8")
+    found = run("diagnose", campaign, "--bundle", fitted, "--component", path)
+    assert found.code == 3 and "mass_kg is not identified" in found.err
+
+
+def test_a_component_given_as_something_else(campaign: Path) -> None:
+    with pytest.raises(InputError, match="is not a component"):
+        si.read_campaign(campaign, component=dict)  # type: ignore[arg-type]
