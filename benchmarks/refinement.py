@@ -60,7 +60,7 @@ def generated(folder: Path, seed: int) -> tuple[Path, Path, dict[str, Any]]:
         subprocess.run(command, check=True, cwd=REPOSITORY, capture_output=True)
     bundle = folder / f"b{seed}.json"
     if not bundle.exists():
-        si.write_bundle(si.fit(si.read_campaign(campaign / "campaign.toml")).bundle, bundle)
+        si.write_bundle(si.fit(si.read_campaign(campaign / "campaign.toml")), bundle)
     return campaign / "campaign.toml", bundle, json.loads(truth.read_text("utf-8"))
 
 

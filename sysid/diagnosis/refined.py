@@ -20,8 +20,7 @@ from sysid.estimation.linear import Estimate
 from sysid.io.campaign import MOTION_KINDS, Campaign
 from sysid.model.effects.entry import Catalogue, CatalogueEffect
 from sysid.parallel import OutOfTimeError, check_time
-from sysid.refinement.result import Fit
-from sysid.types import FloatArray, Progress, no_progress
+from sysid.types import Progress, no_progress
 from sysid.validation.motion_tests import CHAMBER_PRESSURES
 
 # Whole training tests that are simulated this much worse (mean over the channels) say that the
@@ -44,11 +43,13 @@ def with_refined_numbers(
     if not diagnosis.effects:
         return diagnosis
     from sysid.refinement.refine import refine  # loads jax
+    from sysid.refinement.whole_tests import times
 
     try:
         check_time()
         result = refine(campaign, extended, catalogue=catalogue, progress=progress)
-        worse = _times(result.fits["fit"])
+        fit = result.fits["fit"]
+        worse = times(fit.before, fit.after)
         if not worse <= _WORSE:
             how = f"{worse:.2g} times worse" if math.isfinite(worse) else "no more"
             why = f"the training tests would be simulated {how}"
@@ -80,17 +81,6 @@ def with_refined_numbers(
         refinement=result,
         notices=(*diagnosis.notices, *result.notices),
     )
-
-
-def _times(fit: Fit) -> float:
-    """Errors of whole tests, after over before: geometric mean of the logged channels.
-
-    0 where they could not be simulated before and can be now; infinite where they cannot.
-    """
-    ratio: FloatArray = fit.after / fit.before
-    if not np.isfinite(ratio).any():
-        return 0.0 if np.isfinite(fit.after).any() else math.inf
-    return float(np.exp(np.nanmean(np.log(ratio))))
 
 
 def _as_it_was(diagnosis: Diagnosis, why: str) -> Diagnosis:

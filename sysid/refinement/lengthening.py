@@ -3,25 +3,29 @@
 A longer run tells more of what acts slowly, and is what a user simulates; but what the model
 lacks adds up in it. So the data choose: segments are joined, at last to whole tests (single
 shooting). What the model does not follow in one stays apart, and the longer runs count where the
-estimation converges and no parameter moves by more than its standard error allows (Hausman 1978: a
-right model gives the same numbers at both lengths).
+estimation converges, no parameter moves by more than its standard error allows (Hausman 1978: a
+right model gives the same numbers at both lengths), and whole tests are simulated no worse.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Container, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from sysid.errors import SimulationError
 from sysid.parallel import OutOfTimeError
 from sysid.refinement.estimation import Estimated, followed, whitening_of
 from sysid.refinement.problem import Iterate, Problem
 from sysid.refinement.reduction import reduced
 from sysid.refinement.runs import run_of
 from sysid.refinement.solver import Solution, solve
-from sysid.types import BoolArray, Progress, no_progress
+from sysid.refinement.unknowns import model_at
+from sysid.refinement.whole_tests import rmse, times, whole_residuals
+from sysid.types import BoolArray, FloatArray, Progress, no_progress
 from sysid.validation.motion_tests import MotionTest, Segment
 
 # So many segments are joined; 0: all of a test, which then starts at rest in its first row.
@@ -32,6 +36,8 @@ _EVALUATIONS, _CLOSELY, _UNDAMPED = 15, 0.05, 1e6
 # In standard errors of the shorter runs' estimate, of which the data are the same.
 _MOST_MOVED = 3.0
 _NO_INFORMATION = 1e-12
+# Whole tests may be simulated this many times worse (geometric mean over the channels).
+_WORSE = 1.02
 # Neighbours start at most this share of a run's length after the end of the one before.
 _GAP = 0.5
 
@@ -53,16 +59,28 @@ def lengthened(
     found: Estimated, tests: Sequence[MotionTest], progress: Progress = no_progress
 ) -> Estimated:
     """The estimate from the longest runs of these tests that the data allow."""
+    errors = functools.partial(_errors, tests=tests)
     for joined in _JOINED:
         progress(f"{joined} segments as one" if joined else "whole tests")
         try:
             longer = _longer(found, tests, joined)
         except OutOfTimeError:
             break  # what the shorter runs gave is whole
-        if longer is None:
+        if longer is None or times(errors(found), errors(longer)) > _WORSE:
             break
         found = longer
     return found
+
+
+def _errors(found: Estimated, tests: Sequence[MotionTest]) -> FloatArray:
+    """RMSE (3,) of whole tests at an estimate; NaN where one cannot be simulated."""
+    problem, shared = found.problem, found.solution.point.shared
+    values = [u.at(float(c)) for u, c in zip(problem.unknowns, shared, strict=True)]
+    model = model_at(problem.model, problem.unknowns, np.array(values))
+    try:
+        return rmse(whole_residuals(tests, model, problem.position))
+    except SimulationError:
+        return np.full(3, np.nan)
 
 
 def _longer(found: Estimated, tests: Sequence[MotionTest], joined: int) -> Estimated | None:
@@ -111,7 +129,7 @@ def _accepted(found: Estimated, problem: Problem, solution: Solution) -> Estimat
     )
 
 
-def _at_once(problem: Problem, point: Iterate) -> tuple[BoolArray, list[np.ndarray]]:
+def _at_once(problem: Problem, point: Iterate) -> tuple[BoolArray, list[FloatArray]]:
     """Whether the model follows each run from the point, and the residuals (3, n) there."""
     runs = problem.linearised(point)
     every = np.ones(len(runs), dtype=bool)

@@ -47,10 +47,10 @@ from sysid.refinement.unknowns import (
 )
 from sysid.refinement.updating import updated
 from sysid.refinement.whitening import Whitening
+from sysid.refinement.whole_tests import correlation, rmse, whole_residuals
 from sysid.types import FloatArray, Progress, no_progress
 from sysid.validation.effort_balance import effort_rmse
 from sysid.validation.motion_tests import CHAMBER_PRESSURES, MotionTest, prepare
-from sysid.validation.simulation import simulate_segments
 
 SEGMENT_S = 1.0
 KINDS = (*MOTION_KINDS, "friction-motion")
@@ -119,7 +119,7 @@ def refine(
         notices.append(_left_out_notice(found.left_out))
     if not found.solution.converged:
         notices.append(_stalled_notice(found))
-    parameters, correlation = _parameters(found)
+    parameters, matrix = _parameters(found)
     values = np.array([p.estimate.value for p in parameters])
     progress("simulating whole tests")
     held_out = motion_tests_of(campaign, campaign.select(KINDS, use="holdout"), bundle, notices)
@@ -141,7 +141,7 @@ def refine(
     profiles = _profiles(found, profile, progress)
     result = RefineResult(
         parameters=parameters,
-        correlation=correlation,
+        correlation=matrix,
         fits=fits,
         channels=(position, *CHAMBER_PRESSURES),
         scatter=found.scatter.pair,
@@ -256,15 +256,12 @@ def _fit(
     errors = []
     for model in (before, after):
         try:
-            runs = simulate_segments([(t, t.whole) for t in tests], model, (), position)
+            residuals = whole_residuals(tests, model, position)
         except SimulationError as error:
             notices.append(f"errors of whole tests are not known: {error}")
             errors.append((np.full(3, math.nan), np.full(3, math.nan)))
             continue
-        residuals = [
-            (t.measured - r)[:, : t.counted(t.whole)] for t, r in zip(tests, runs, strict=True)
-        ]
-        errors.append((_rmse(residuals), _correlation(residuals)))
+        errors.append((rmse(residuals), correlation(residuals)))
     return Fit(errors[0][0], errors[1][0], errors[0][1], errors[1][1])
 
 
@@ -277,28 +274,6 @@ def _effort(
         Trial(t.label, t.time, {position: t.measured[0], effort: t.motor}, t.source) for t in tests
     ]
     return {effort: (effort_rmse(trials, rig, before), effort_rmse(trials, rig, after))}
-
-
-def _rmse(residuals: Sequence[FloatArray]) -> FloatArray:
-    """(3,), pooled; NaN where no test logs the channel."""
-    joined = np.concatenate(residuals, axis=1)
-    found = [
-        math.sqrt(float(np.mean(row[np.isfinite(row)] ** 2)))
-        if np.isfinite(row).any()
-        else math.nan
-        for row in joined
-    ]
-    return np.array(found)
-
-
-def _correlation(residuals: Sequence[FloatArray]) -> FloatArray:
-    """(3,): autocorrelation from one sample to the next, pooled."""
-    found = []
-    for channel in range(3):
-        rows = [r[channel] for r in residuals if np.isfinite(r[channel]).all()]
-        power = sum(float(r @ r) for r in rows)
-        found.append(sum(float(r[1:] @ r[:-1]) for r in rows) / power if power else math.nan)
-    return np.array(found)
 
 
 def _stalled_notice(found: Estimated) -> str:

@@ -37,8 +37,7 @@ def updated(
     record alone, as are the estimates of the rig file's constants, which stay as declared. The
     validation is dropped.
     """
-    # What neither the bench tests nor motion told stays unidentified.
-    estimates = {p.name: p.estimate for p in result.parameters if p.is_known}
+    estimates = _known(result)
     fields: dict[str, object] = {}
     if bundle.friction is not None:
         fields["friction"] = _replaced(bundle.friction, "friction.", result)
@@ -61,13 +60,18 @@ def updated(
     return made.replaced(provenance=made.provenance.replaced(options=every))
 
 
+def _known(result: RefineResult) -> dict[str, Estimate]:
+    """The estimates by name; what neither the bench tests nor motion told stays unidentified."""
+    return {p.name: p.estimate for p in result.parameters if p.is_known}
+
+
 def _under(prefix: str, estimates: Mapping[str, Estimate]) -> dict[str, Estimate]:
     return {n.removeprefix(prefix): e for n, e in estimates.items() if n.startswith(prefix)}
 
 
 def _replaced(part: _Fitted, prefix: str, result: RefineResult) -> _Fitted:
     """The part with the estimates whose names begin so, and the correlation of their errors."""
-    estimates = _under(prefix, {p.name: p.estimate for p in result.parameters})
+    estimates = _under(prefix, _known(result))
     found = _correlation(prefix, result)
     if found is not None:
         return part.replaced(**estimates, correlation=found)
@@ -77,7 +81,8 @@ def _replaced(part: _Fitted, prefix: str, result: RefineResult) -> _Fitted:
 def _correlation(prefix: str, result: RefineResult) -> Correlation | None:
     """Of those that something was said of; None where these are not two."""
     said = np.diag(result.correlation) > _NOTHING
-    names = [p.name if s else "" for p, s in zip(result.parameters, said, strict=True)]
+    pairs = zip(result.parameters, said, strict=True)
+    names = [p.name if s and p.is_known else "" for p, s in pairs]
     places = [i for i, name in enumerate(names) if name.startswith(prefix)]
     own = tuple(names[i].removeprefix(prefix) for i in places)
     return Correlation.of(JointCovariance(own, result.correlation[np.ix_(places, places)]), own)

@@ -1,0 +1,58 @@
+"""Whole tests simulated open loop with a model, and their errors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from sysid.model.ports import Model
+from sysid.types import FloatArray
+from sysid.validation.motion_tests import MotionTest
+from sysid.validation.simulation import simulate_segments
+
+
+def whole_residuals(tests: Sequence[MotionTest], model: Model, position: str) -> list[FloatArray]:
+    """Measured less simulated (3, n) of each test's rows that count, NaN where not logged.
+
+    Position in rad or m, pressures in Pa. Raises SimulationError where one does not stay finite.
+    """
+    runs = simulate_segments([(t, t.whole) for t in tests], model, (), position)
+    return [(t.measured - r)[:, : t.counted(t.whole)] for t, r in zip(tests, runs, strict=True)]
+
+
+def rmse(residuals: Sequence[FloatArray]) -> FloatArray:
+    """(3,), pooled; NaN where no test logs the channel."""
+    joined = np.concatenate(residuals, axis=1)
+    found = [
+        math.sqrt(float(np.mean(row[np.isfinite(row)] ** 2)))
+        if np.isfinite(row).any()
+        else math.nan
+        for row in joined
+    ]
+    return np.array(found)
+
+
+def correlation(residuals: Sequence[FloatArray]) -> FloatArray:
+    """(3,): autocorrelation from one sample to the next, pooled."""
+    found = []
+    for channel in range(3):
+        rows = [r[channel] for r in residuals if np.isfinite(r[channel]).all()]
+        power = sum(float(r @ r) for r in rows)
+        found.append(sum(float(r[1:] @ r[:-1]) for r in rows) / power if power else math.nan)
+    return np.array(found)
+
+
+def times(before: FloatArray, after: FloatArray) -> float:
+    """Errors (3,) after over before: geometric mean of the logged channels.
+
+    0 where they could not be simulated before and can be now; infinite where they cannot.
+    """
+    ratio: FloatArray = after / before
+    if not np.isfinite(ratio).any():
+        return 0.0 if np.isfinite(after).any() else math.inf
+    return float(np.exp(np.nanmean(np.log(ratio))))
+
+
+__all__ = ["correlation", "rmse", "times", "whole_residuals"]
