@@ -27,6 +27,8 @@ _WHITE_SHARE = 1e-5
 _SAMPLES_PER_ORDER = 4
 _CORRECTION_STEPS = 2
 _HALVINGS = 12
+# The first damping tried, as a share of the least distance from a unit root.
+_LEAST_DAMPING = 1.0 / 16.0
 # Below this share of the variance, what the fit took out is taken to be white.
 _NEGLIGIBLE = 3e-3
 # Entries of an orthonormal basis that are zero but for rounding.
@@ -98,7 +100,7 @@ def autoregression(residuals: Sequence[FloatArray], most: int) -> Autoregression
     ends = np.cumsum([0, *(len(r) for r in residuals)]).tolist()
     runs = [slice(a, b) for a, b in itertools.pairwise(ends)]
     reflections, variance = _burg(joined, runs, most)
-    model = _solved(_autocovariance_of(reflections, variance), 1.0 - 1.0 / max(len(joined), 2))
+    model = _solved(autocovariance_of(reflections, variance), 1.0 - 1.0 / max(len(joined), 2))
     return model or Autoregression(np.zeros(0), variance, np.array([variance]))
 
 
@@ -115,13 +117,14 @@ def error_model(
     most = min(int(10.0 * math.log10(max(count, 1))), (count - columns) // _SAMPLES_PER_ORDER)
     reflections, variance = _burg(residuals, runs, min(most, longest - 1))
     order = len(reflections)
-    shown = _autocovariance_of(reflections, variance)
+    shown = autocovariance_of(reflections, variance)
     shown[0] *= 1.0 + (_WHITE_SHARE if order else 0.0)
     scale = count / max(count - columns, 1)
     cap = 1.0 - 1.0 / max(count, 2)
-    model = _solved(shown, cap)
+    model = _damped(shown, cap)
     if model is None or order == 0:
         return Autoregression(np.zeros(0), scale * variance, np.array([scale * variance]))
+    shown = model.start
     peak = max(float(_spectrum(model, longest)[0].max()), model.variance)
     if columns * peak < _NEGLIGIBLE * count * model.variance:
         model = Autoregression(model.coefficients, scale * model.innovation, scale * model.start)
@@ -153,7 +156,7 @@ def correlated_covariance(
     matrix = np.zeros((columns, columns))
     changes = np.zeros((len(model.coefficients), columns))
     influence = regressors @ unscaled
-    for run, spectrum, size in _spectra(model, runs_of(count, groups)):
+    for run, spectrum, size in spectra(model, runs_of(count, groups)):
         part, change = _share_of(influence[run], model, spectrum, size)
         matrix += part
         changes += change
@@ -223,7 +226,7 @@ def _burg(residuals: FloatArray, runs: Sequence[slice], most: int) -> tuple[Floa
     return np.array(found[: int(np.argmin(criteria))]), variance
 
 
-def _autocovariance_of(reflections: FloatArray, variance: float) -> FloatArray:
+def autocovariance_of(reflections: FloatArray, variance: float) -> FloatArray:
     """At lags 0 to k, (k + 1,), by the recursion of Levinson and Durbin."""
     gamma, a, innovation = [variance], np.zeros(0), variance
     for reflection in reflections:
@@ -250,6 +253,21 @@ def _solved(gamma: FloatArray, cap: float) -> Autoregression | None:
     if innovation < 0.3 * _WHITE_SHARE * gamma[0]:
         return None
     return Autoregression(a, innovation, gamma)
+
+
+def _damped(gamma: FloatArray, cap: float) -> Autoregression | None:
+    """As `_solved`, where need be with the correlations damped, g[k] c^k: c moves every pole.
+
+    Smooth residuals exceed `cap` at the first lag already. White noise in their place would be
+    the worst choice of all. None for residuals that are all zero.
+    """
+    lags, damping = np.arange(len(gamma)), 0.0
+    while damping < 1.0:
+        model = _solved(gamma * (1.0 - damping) ** lags, cap)
+        if model is not None:
+            return model
+        damping = max(2.0 * damping, _LEAST_DAMPING * (1.0 - cap))
+    return None
 
 
 def _freed(
@@ -290,7 +308,7 @@ def _residual_autocovariance(
     order = len(model.coefficients)
     waves, products = [], []
     inner = np.zeros((basis.shape[1], basis.shape[1]))
-    for run, spectrum, size in _spectra(model, runs):
+    for run, spectrum, size in spectra(model, runs):
         block = basis[run]
         used = np.flatnonzero(np.abs(block).max(axis=0) > _ZERO)
         wave = fft.rfft(np.ascontiguousarray(block[:, used].T), size)
@@ -317,14 +335,14 @@ def _persistent(model: Autoregression, count: int, cap: float) -> Autoregression
         return model
     scale = min(total * (1.0 + 2.0 / count), max(cap, total)) / total
     a = scale * model.coefficients
-    reflections = _reflections(a)
+    reflections = reflections_of(a)
     if not np.all(np.abs(reflections) < 1.0):
         return model
     variance = model.innovation / float(np.prod(1.0 - reflections**2))
-    return Autoregression(a, model.innovation, _autocovariance_of(reflections, variance))
+    return Autoregression(a, model.innovation, autocovariance_of(reflections, variance))
 
 
-def _reflections(coefficients: FloatArray) -> FloatArray:
+def reflections_of(coefficients: FloatArray) -> FloatArray:
     """(k,), by stepping the order down; beyond 1 where there is no stationary model."""
     found: list[float] = []
     a = coefficients
@@ -344,7 +362,7 @@ def _orthonormal(regressors: FloatArray) -> FloatArray:
     return np.asarray(q)
 
 
-def _spectra(
+def spectra(
     model: Autoregression, runs: Sequence[slice]
 ) -> Iterator[tuple[slice, FloatArray, int]]:
     """Of each run: its rows, and the spectrum that multiplies by its Toeplitz matrix."""

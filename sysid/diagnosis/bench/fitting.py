@@ -21,6 +21,7 @@ from sysid.diagnosis.bench.starting_points import (
 from sysid.estimation.autocovariance import error_model
 from sysid.estimation.covariance import Covariance
 from sysid.estimation.linear import Estimate
+from sysid.estimation.nested import nested_p_value
 from sysid.estimation.nonlinear import LeastSquaresFit, Parameter, central_jacobian_of_all, minimise
 from sysid.estimation.quality import FitQuality, repeated_scatter, repeats_test, scatter_test
 from sysid.model.effects.entry import CatalogueEffect, Quantity, with_values
@@ -91,22 +92,19 @@ class FittedLaw:
     def p_value(self, without: FittedLaw) -> float:
         """p-value of what this fit has beyond `without`: F test of nested models.
 
-        Correlated residuals count as the equivalent number of independent ones. Wald's test
-        fails where a strength's shape makes it much like the law's own parameters.
+        Correlated residuals count by their first two moments (`sysid.estimation.nested`). Wald's
+        test fails where a strength's shape makes it much like the law's own parameters.
         """
-        from scipy.special import fdtrc
-
         more = len(self.fit.values) - len(without.fit.values)
-        left = self.independent_samples - len(self.fit.values)
-        if left < 1.0:
-            return 1.0
-        ratio = without.fit.sum_of_squares / max(self.fit.sum_of_squares, 1e-300)
-        return max(float(fdtrc(more, left, max(ratio - 1.0, 0.0) * left / more)), 1e-300)
+        squares = without.fit.sum_of_squares, self.fit.sum_of_squares
+        fit = self.fit
+        found = nested_p_value(squares, fit.jacobian, fit.residuals, more, self._groups)
+        return max(found, 1e-300)
 
     @property
     def independent_samples(self) -> float:
         """Number of independent residuals equivalent to the correlated ones, for a mean."""
-        # The residuals as they are: what the fit took out counts as its parameters (`p_value`).
+        # The residuals as they are: what the fit took out counts as its parameters.
         nothing = np.zeros((len(self.fit.residuals), 0))
         errors = error_model(nothing, self.fit.residuals, self._groups)
         return errors.independent_samples(np.unique_counts(self._groups).counts.tolist())
