@@ -8,6 +8,9 @@ import pytest
 from own_components import FOLDER, refused, run
 
 import sysid as si
+from sysid.components.definition import DynamicComponent
+from sysid.components.loading import component_in
+from sysid.components.simulation import _identity
 from sysid.errors import InputError
 
 GOOD = """\
@@ -97,6 +100,8 @@ def test_the_file_is_good(campaign: Path) -> None:
         ('-values["drag"] *', "1.0 +", "term drag: does not vanish where its strengths are 0"),
         ('return {"speed": -values', 'return {"drag": -values', "does not give rates by state"),
         ('Quantity("drag"', 'Quantity("mass_kg"', "mass_kg is declared twice"),
+        ('Quantity("drag"', 'Quantity("drag/s"', "quantity drag/s: cannot be a name"),
+        ('Quantity("drag"', 'Quantity("title"', "quantity title: cannot be a name"),
     ],
 )  # fmt: skip
 def test_a_bad_file(campaign: Path, old: str, new: str, said: str) -> None:
@@ -116,6 +121,29 @@ def test_the_component_of_the_docs(campaign: Path) -> None:
     bundle = si.fit(si.read_campaign(campaign, component=path))
     assert bundle.component is not None
     assert bundle.component.parameters["mass_kg"].value == pytest.approx(1.7, rel=0.05)
+
+
+def test_a_check_of_a_log_that_shows_nothing(campaign: Path) -> None:
+    path = campaign.parent / "cart.py"
+    path.write_text(GOOD + "\n\nAlias = Cart\n", "utf-8")
+    rows = "\n".join(f"{0.01 * i:.2f},0.0,0.0" for i in range(200))
+    for name in ("run.csv", "other.csv"):
+        (campaign.parent / name).write_text(f"time_s,push_n,speed_m_per_s\n{rows}\n", "utf-8")
+    found = run("check", campaign, "--component", path)
+    assert "no output depends on mass_kg in these tests" in " ".join(found.out.split()), found.err
+
+
+def test_a_number_of_the_class_is_part_of_what_is_compiled(campaign: Path) -> None:
+    """A notebook changes `substeps` of a class: the former simulation does not stand for it."""
+    path = campaign.parent / "cart.py"
+    path.write_text(GOOD, "utf-8")
+    read = si.read_campaign(campaign, component=path)
+    own = component_in(read)
+    assert own is not None and isinstance(own.definition, DynamicComponent)
+    before = _identity(own.definition)
+    assert before == _identity(own.definition)
+    type(own.definition).substeps = 7
+    assert before != _identity(own.definition)
 
 
 def test_code_that_fails_late(campaign: Path) -> None:

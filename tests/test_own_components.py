@@ -201,19 +201,19 @@ def test_starts_that_are_off_are_estimated(servo: Path) -> None:
             assert np.linalg.norm(given - slope) < 1e-4 * np.linalg.norm(slope)
 
 
-def test_the_whole_run_and_what_a_bundle_of_one_is_not_for(cylinder: Path, tmp_path: Path) -> None:
+def test_the_whole_run_and_what_a_bundle_of_one_is_not_for(servo: Path, tmp_path: Path) -> None:
     results = tmp_path / "results"
-    line = ("run", cylinder / "campaign.toml", "--component", CYLINDER, "-o", results)
+    line = ("run", servo / "campaign.toml", "--component", f"{MOTOR}:GearedMotor", "-o", results)
     first = json.loads(done(*line, "--json").out)
     assert [s["name"] for s in first["stages"]] == [
         "check", "fit", "diagnose", "refine", "validate", "report",
     ]  # fmt: skip
-    assert first["diagnosis"]["effects"][0]["id"] == "seal-friction" and first["exports"] == {}
+    assert first["diagnosis"]["effects"][0]["id"] == "unbalance" and first["exports"] == {}
     assert all(s["why"] is None for s in json.loads(done(*line, "--json").out)["stages"])
     bundle = read_bundle(results / "bundle.json")
-    assert bundle.component is not None and bundle.effects[0].id == "seal-friction"
+    assert bundle.component is not None and bundle.effects[0].id == "unbalance"
     said = refused("export", results / "bundle.json", "--format", "c", "-o", tmp_path / "x.h")
-    assert "holds a component of your own (SpringReturnCylinder)" in said
+    assert "holds a component of your own (GearedMotor)" in said
 
 
 def test_a_check_says_what_is_missing_or_implausible(cylinder: Path, tmp_path: Path) -> None:

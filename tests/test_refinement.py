@@ -13,6 +13,7 @@ from sysid.errors import InputError
 from sysid.model.ports import Model
 from sysid.model.simulator import simulate
 from sysid.refinement.estimation import Estimated, FrictionScatter, estimate
+from sysid.refinement.lengthening import _neighbours, _Piece
 from sysid.refinement.problem import Iterate, Problem, RunErrors
 from sysid.refinement.profiles import profile
 from sysid.refinement.runs import Run
@@ -21,10 +22,13 @@ from sysid.refinement.solver import solve
 from sysid.refinement.unknowns import Unknown, chosen, model_at, numbers_of
 from sysid.refinement.whitening import Whitening
 from sysid.types import FloatArray
+from sysid.validation.motion_tests import Segment
+from sysid.validation.start_states import InitialState
 
 NAMES = ("coulomb_effort", "viscous", "choked_fill_a")
 OFF = (0.1, -0.1, 0.05)
 LOGS = 3
+_AT_REST = InitialState(np.zeros(4), np.zeros(4), np.ones(4, dtype=int))
 SCATTER = FrictionScatter(0.02, 0.02, 5.0)
 
 
@@ -238,3 +242,14 @@ def test_errors_are_those_of_leaving_out_a_run(found: Estimated) -> None:
     spread += np.sum((at.prior @ at.covariance()) ** 2, axis=0)
     expected = np.maximum(spread, np.diag(at.covariance()))
     assert np.diag(at.error_covariance())[free] == pytest.approx(expected[free], rel=1e-3)
+
+
+def test_a_segment_that_was_left_out_is_not_joined_in() -> None:
+    pieces = [
+        _Piece(0, Segment(start, start + 100, _AT_REST), (i,))
+        for i, start in enumerate((0, 110, 220, 430, 530))
+    ]
+    groups = _neighbours(pieces, 0, gap=50.0)
+    assert [[p.members[0] for p in group] for group in groups] == [[0, 1, 2], [3, 4]]
+    pairs = _neighbours(pieces, 2, gap=50.0)
+    assert [[p.members[0] for p in group] for group in pairs] == [[0, 1], [2], [3, 4]]

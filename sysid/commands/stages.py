@@ -289,9 +289,14 @@ def _refine(run: PipelineRun) -> None:
 
     bundle = run.bundle(_EXTENDED_FILE if run.diagnose else _FITTED_FILE)
     if is_own(run.campaign):
-        own = refine_own(run.campaign, bundle, progress=run.tell)
-        run.notices += own.notices
-        write_bundle(own.bundle, run.path(_REFINED_FILE))
+        try:
+            own = refine_own(run.campaign, bundle, progress=run.tell)
+        except NotIdentifiedError as error:
+            run.notices.append(f"not refined: {error}")
+        else:
+            run.notices += own.notices
+            bundle = own.bundle
+        write_bundle(bundle, run.path(_REFINED_FILE))
         return
     part = part_tested([entry.kind for entry in run.campaign.logs], bundle)
     tried = (run.diagnosis() or {}).get("not_refined")
@@ -312,7 +317,11 @@ def _validated(run: PipelineRun) -> ValidationResult | None:
     """The validation of the final bundle; None without motion logs of an actuator."""
     kinds = [entry.kind for entry in run.campaign.logs]
     if run.validation is None and is_own(run.campaign):
-        run.validation = validate_own(run.campaign, run.bundle(run.model_file), progress=run.tell)
+        bundle = run.bundle(run.model_file)
+        try:
+            run.validation = validate_own(run.campaign, bundle, progress=run.tell)
+        except NotIdentifiedError as error:
+            run.notices.append(f"not validated: {error}")
     if run.validation is None and set(kinds) & set(VALIDATED_KINDS):
         bundle = run.bundle(run.model_file)
         if part_tested(kinds, bundle):

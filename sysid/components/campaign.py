@@ -277,10 +277,16 @@ def _with_refitted_terms(bundle: Bundle, diagnosis: ComponentDiagnosis) -> Bundl
 
 
 def with_numbers(bundle: Bundle, part: OwnPart, estimates: dict[str, Estimate]) -> Bundle:
-    """A bundle with other numbers of the parameters, and of the terms that it holds."""
+    """A bundle with other numbers of the parameters, and of the terms that it holds.
+
+    What was not identified this time, as it ended at a bound, keeps its number.
+    """
     record = bundle.component
     assert record is not None
-    own = {name: estimates[name] for name in record.parameters}
+    own = {
+        name: estimates[name] if estimates[name].identified else before
+        for name, before in record.parameters.items()
+    }
     return bundle.replaced(
         component=record.replaced(parameters=own),
         effects=[_renewed(entry, part, estimates) for entry in bundle.effects],
@@ -292,6 +298,8 @@ def _renewed(entry: EffectEntry, part: OwnPart, estimates: dict[str, Estimate]) 
         return entry
     term = part.term(entry.id)
     found = {q.name: estimates[f"{term.id}/{q.name}"] for q in term.quantities}
+    if not all(estimate.identified for estimate in found.values()):
+        return entry
     numbers = {name: estimate.value for name, estimate in found.items()}
     return entry.replaced(parameters=entry_of(term_class(term)(**numbers), found).parameters)
 

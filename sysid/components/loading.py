@@ -8,6 +8,7 @@ import inspect
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from keyword import iskeyword
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,7 @@ from sysid.io.own_kind import OwnKind
 from sysid.io.tables import read_bytes
 from sysid.io.units import check_unit
 from sysid.io.user_code import error_in_file, run_file
-from sysid.model.effects.entry import Quantity
+from sysid.model.effects.entry import CatalogueEffect, Quantity
 
 ComponentSource = str | Path | OwnComponent | type[OwnComponent]
 """A component of the user's own: `FILE.py`, `FILE.py:CLASS`, its class, or an object of it."""
@@ -59,11 +60,11 @@ class LoadedComponent(OwnKind):
         if self.path is None:
             fields = (self.kind, self.columns, self.definition, self.file, self.sha256, self.path)
             return type(self), fields
-        return _again, (str(self.path), self.name)
+        return _again, (str(self.path), self.name, self.sha256)
 
     def error(self, error: BaseException) -> InputError:
         """The InputError for what the user's code raised."""
-        return error_in_file(error, self.path or Path(_source_of(self.definition)))
+        return error_in_file(error, self.path or Path(_source_of(type(self.definition))))
 
 
 def with_component(path: str | Path, component: ComponentSource) -> Campaign:
@@ -101,8 +102,12 @@ def component_in(campaign: Campaign) -> LoadedComponent | None:
 
 
 @functools.cache
-def _again(path: str, name: str) -> LoadedComponent:
-    return _of_file(f"{path}:{name}")[0]
+def _again(path: str, name: str, sha256: str) -> LoadedComponent:
+    """In a worker process, which may have met an earlier state of the file."""
+    found = _of_file(f"{path}:{name}")[0]
+    if found.sha256 != sha256:
+        raise input_error(path, "has changed since it was read", "read the campaign again")
+    return found
 
 
 def _offered(component: ComponentSource) -> list[LoadedComponent]:
@@ -134,7 +139,8 @@ def _of_file(text: str) -> list[LoadedComponent]:
         missing = [f"class {k} lacks {', '.join(_lacking(v))}" for k, v in own.items()]
         what = missing[0] if missing else "defines no component"
         raise input_error(path, what, "add it" if missing else _DERIVE)
-    found = [_checked(_made(v, path, f"{path}, class {k}"), path) for k, v in complete.items()]
+    once = {v: k for k, v in complete.items()}  # a class may have several names
+    found = [_checked(_made(v, path, f"{path}, class {k}"), path) for v, k in once.items()]
     kinds = [c.kind for c in found]
     for one in found:
         if kinds.count(one.kind) > 1:
@@ -169,7 +175,7 @@ def _made(cls: type[OwnComponent], path: Path | None, where: str) -> OwnComponen
     try:
         return cls()
     except Exception as error:
-        raise error_in_file(error, path or Path(inspect.getsourcefile(cls) or "")) from None
+        raise error_in_file(error, path or Path(_source_of(cls))) from None
 
 
 def _checked(made: OwnComponent, path: Path | None) -> LoadedComponent:
@@ -259,6 +265,11 @@ def _check_terms(made: OwnComponent, where: str) -> None:
                 place, "has no strength", "make one quantity 0 where the term vanishes"
             )
         _reject_twice([*names, *(q.name for q in quantities)], place)
+        for q in quantities:
+            if not q.name.isidentifier() or iskeyword(q.name) or hasattr(CatalogueEffect, q.name):
+                raise input_error(
+                    f"{place}, quantity {q.name}", "cannot be a name here", "give it another one"
+                )
 
 
 # --- tried once ---------------------------------------------------------------------------
@@ -341,9 +352,9 @@ def _check_neutral(added: Mapping[str, Any], where: str) -> None:
         )
 
 
-def _source_of(made: OwnComponent) -> str:
+def _source_of(cls: type[OwnComponent]) -> str:
     try:
-        return inspect.getsourcefile(type(made)) or ""
+        return inspect.getsourcefile(cls) or ""
     except (TypeError, OSError):
         return ""
 

@@ -129,6 +129,10 @@ def _identified(tests: OwnTests) -> Iterator[Identification]:
     if jacobian is None:
         lower, upper = np.array([p.lower for p in own]), np.array([p.upper for p in own])
         jacobian = central_jacobian_of_all(residuals, start, sizes, lower, upper)
+    if not np.isfinite(jacobian).all():
+        for name in names:
+            yield Identification(name, False, "the law is not finite at the parameters' starts")
+        return
     reach = np.linalg.norm(jacobian, axis=0) * sizes
     shows = reach > _SILENT * max(float(reach.max()), 1e-300)
     tied = _tied(jacobian, shows)
@@ -145,6 +149,8 @@ def _identified(tests: OwnTests) -> Iterator[Identification]:
 def _tied(jacobian: FloatArray, shows: FloatArray) -> set[int]:
     """Columns that depend on one another."""
     place = np.flatnonzero(shows)
+    if not place.size:
+        return set()
     columns = jacobian[:, place] / np.linalg.norm(jacobian[:, place], axis=0)
     _, sizes, directions = np.linalg.svd(columns, full_matrices=False)
     weak = directions[sizes < _TIED * sizes[0]]

@@ -97,10 +97,17 @@ def refine_own(
     covariance = fit.correlated_covariance(_groups(part))
     estimates = {name: fit.estimate(name, covariance) for name in names}
     refined = with_numbers(bundle, part, estimates)
+    stays = [name for name, estimate in estimates.items() if not estimate.identified]
+    notices = [
+        *tests.notices,
+        *(f"{name} is not identified: it keeps its number" for name in stays),
+    ]
     before, after = (_errors(campaign, b, progress) for b in (bundle, refined))
     used = campaign.sources("fit")
     start = {name: law.values[name] for name in names}
-    return OwnRefinement(refined.with_sources(used), estimates, start, before, after, tests.notices)
+    return OwnRefinement(
+        refined.with_sources(used), estimates, start, before, after, tuple(notices)
+    )
 
 
 def _fit(part: DynamicPart, law: Law) -> LeastSquaresFit:

@@ -91,7 +91,7 @@ def slopes(
 
 @dataclass(frozen=True)
 class _Identity:
-    """What tells compiled models apart: the class and the object's own attributes."""
+    """What tells compiled models apart: the class, and what it and the object declare."""
 
     kind: type
     own: str
@@ -105,7 +105,20 @@ class _Identity:
 
 
 def _identity(made: DynamicComponent) -> _Identity:
-    return _Identity(type(made), repr(sorted(vars(made).items())), made)
+    declared: dict[str, Any] = {}
+    for base in reversed(type(made).__mro__):
+        declared |= {k: v for k, v in vars(base).items() if k[0] != "_" and not callable(v)}
+    declared |= vars(made)
+    own = sorted((name, _text(value)) for name, value in declared.items())
+    return _Identity(type(made), repr(own), made)
+
+
+def _text(value: Any) -> str:
+    """A value in full: an array's own text leaves out its middle."""
+    if hasattr(value, "__array__"):
+        array = np.asarray(value)
+        return f"{array.shape} {array.dtype} {array.tobytes().hex()}"
+    return repr(value)
 
 
 @dataclass(frozen=True)
@@ -272,7 +285,7 @@ def _at(trial: Trial, name: str, row: int, column: LogColumn, noise: float) -> t
     here = float(trial[name][row])
     if column.role == "input" and column.between == "held":
         return here, 0.0
-    found = here, 0.0
+    found, is_first = (here, 0.0), True
     for half in _HALF_WINDOWS:
         near = slice(max(0, row - half), row + half + 1)
         t = trial.time[near] - trial.time[row]
@@ -282,9 +295,9 @@ def _at(trial: Trial, name: str, row: int, column: LogColumn, noise: float) -> t
         curve = np.polynomial.polynomial.polyfit(t / scale, trial[name][near], 2)
         gaps = trial[name][near] - np.polynomial.polynomial.polyval(t / scale, curve)
         # The first counts whatever it leaves.
-        if found[1] and float(np.sqrt(np.mean(gaps**2))) > _NOISE_TIMES * noise:
+        if not is_first and float(np.sqrt(np.mean(gaps**2))) > _NOISE_TIMES * noise:
             break
-        found = float(curve[0]), float(curve[1] / scale)
+        found, is_first = (float(curve[0]), float(curve[1] / scale)), False
     return found
 
 

@@ -22,6 +22,7 @@ from sysid.types import BoolArray, FloatArray
 # Half of `estimation`'s: the figures of `benchmarks/advice.py` were measured with it.
 _FINE_STEP = 2.5e-4
 _STEPS = 3
+_NO_INFORMATION = 1e-12
 
 
 class ExpectedErrors(NamedTuple):
@@ -62,7 +63,8 @@ def _enlargement(problem: Problem, point: Iterate, counted: BoolArray) -> FloatA
     at = reduced(problem, point, runs, np.zeros(len(runs)), counted).after_its_step()
     p = len(problem.unknowns)
     said, found = np.diag(at.covariance())[:p], np.diag(at.error_covariance())[:p]
-    return np.asarray(np.sqrt(found / np.maximum(said, np.finfo(float).tiny)))
+    known = said > _NO_INFORMATION**2
+    return np.sqrt(np.maximum(np.where(known, found / np.where(known, said, 1.0), 1.0), 1.0))
 
 
 def _after_steps(problem: Problem) -> tuple[list[FloatArray], Iterate]:

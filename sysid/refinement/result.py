@@ -36,7 +36,8 @@ class RefinedParameter:
 
     @property
     def movement(self) -> float:
-        return (self.estimate.value - self.unknown.value) / self.unknown.std
+        std = self.unknown.std
+        return (self.estimate.value - self.unknown.value) / std if std > 0.0 else math.nan
 
     @property
     def is_known(self) -> bool:
