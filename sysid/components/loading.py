@@ -36,6 +36,8 @@ ComponentSource = str | Path | OwnComponent | type[OwnComponent]
 
 _DERIVE = "derive it from sysid.components.StaticComponent or DynamicComponent"
 _TRIED_AT = np.array([0.25, 0.75])
+# A term becomes an effect of the catalogue, whose attributes its quantities may not hide.
+_TAKEN = set(dir(CatalogueEffect)).union(*map(inspect.get_annotations, CatalogueEffect.__mro__))
 
 
 @dataclass(frozen=True)
@@ -266,7 +268,7 @@ def _check_terms(made: OwnComponent, where: str) -> None:
             )
         _reject_twice([*names, *(q.name for q in quantities)], place)
         for q in quantities:
-            if not q.name.isidentifier() or iskeyword(q.name) or hasattr(CatalogueEffect, q.name):
+            if not q.name.isidentifier() or iskeyword(q.name) or q.name in _TAKEN:
                 raise input_error(
                     f"{place}, quantity {q.name}", "cannot be a name here", "give it another one"
                 )
