@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from rich.text import Text
 
-from sysid.bundle import read_bundle, write_bundle
-from sysid.checks.log_check import check_campaign
+from sysid.bundle import Bundle, read_bundle, write_bundle
 from sysid.commands.options import (
     PathArgument,
     bundle_option,
@@ -22,14 +21,14 @@ from sysid.commands.options import (
 from sysid.commands.own_component import read_with
 from sysid.commands.printing import notices, print_json, print_written, progress
 from sysid.components.log_check import checked
-from sysid.components.validation import validate_own
+from sysid.components.validation import validated
 from sysid.display.numbers import ascii_text
 from sysid.display.terminal import console, new_table
 from sysid.errors import input_error
-from sysid.io.campaign import read_campaign
+from sysid.io.campaign import Campaign, read_campaign
 from sysid.model.effects.catalogue import catalogue_with
+from sysid.model.effects.entry import Catalogue
 from sysid.types import Progress, no_progress
-from sysid.validation import validate
 
 if TYPE_CHECKING:
     from sysid.components.refinement import OwnRefinement
@@ -115,23 +114,7 @@ def refine_campaign(
         catalogue=catalogue,
         progress=progress,
     )
-    written = []
-    if output is not None:
-        write_bundle(result.bundle, output)
-        written.append(output)
-    if report is not None:
-        from sysid.report import write_report
-
-        write_report(
-            report,
-            campaign=campaign,
-            bundle=result.bundle,
-            validation=validate(campaign, result.bundle, catalogue=catalogue, progress=progress),
-            checks=check_campaign(campaign),
-            progress=progress,
-        )
-        written.append(report)
-    return result, tuple(written)
+    return result, _written(campaign, result.bundle, output, report, catalogue, progress)
 
 
 def _refine_own(
@@ -150,9 +133,21 @@ def _refine_own(
         raise input_error(f"--{given[0]}", "is not for a component of your own", "omit it")
     campaign = read_with(campaign_path, component, progress())
     result = refine_own(campaign, read_bundle(bundle_path), progress=progress())
+    return result, _written(campaign, result.bundle, output, report, None, progress())
+
+
+def _written(
+    campaign: Campaign,
+    bundle: Bundle,
+    output: Path | None,
+    report: Path | None,
+    catalogue: Catalogue | None,
+    progress: Progress,
+) -> tuple[Path, ...]:
+    """Write the refined bundle and its report where they are asked for; the files."""
     written = []
     if output is not None:
-        write_bundle(result.bundle, output)
+        write_bundle(bundle, output)
         written.append(output)
     if report is not None:
         from sysid.report import write_report
@@ -160,13 +155,13 @@ def _refine_own(
         write_report(
             report,
             campaign=campaign,
-            bundle=result.bundle,
-            validation=validate_own(campaign, result.bundle),
+            bundle=bundle,
+            validation=validated(campaign, bundle, catalogue=catalogue, progress=progress),
             checks=checked(campaign),
-            progress=progress(),
+            progress=progress,
         )
         written.append(report)
-    return result, tuple(written)
+    return tuple(written)
 
 
 def _show(result: RefineResult | OwnRefinement, written: tuple[Path, ...], as_json: bool) -> None:

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.refinement.problem import Iterate, Problem
-from sysid.refinement.reduction import ReducedEquations
+from sysid.refinement.problem import Iterate, Linearised, Problem
 from sysid.refinement.runs import Run
 from sysid.refinement.scan import scanned
 from sysid.refinement.solver import Solution, solve
@@ -96,7 +95,7 @@ def estimate(
         progress(f"round {number + 1}: {len(problem.runs)} segments at once")
         solution = solve(problem, point, _ROUND_EVALUATIONS, _ROUGHLY)
         evaluations += solution.evaluations
-        follows = followed(problem, solution.at, solution.counted)
+        follows = followed(problem, solution.at.runs, solution.counted)
         open_tests = np.array(
             [not all(follows[i] for i in problem.members(t)) for t in range(problem.tests)]
         )
@@ -119,13 +118,10 @@ def estimate(
     return Estimated(final, solution, left_out, scatter, evaluations + solution.evaluations)
 
 
-def followed(problem: Problem, at: ReducedEquations, counted: BoolArray) -> BoolArray:
+def followed(problem: Problem, runs: Sequence[Linearised], counted: BoolArray) -> BoolArray:
     """Whether the simulation follows each run (runs,): its errors are like those of the others."""
     ratio = np.array(
-        [
-            error_ratio(run, own.errors.residual)
-            for run, own in zip(problem.runs, at.runs, strict=True)
-        ]
+        [error_ratio(run, own.errors.residual) for run, own in zip(problem.runs, runs, strict=True)]
     )
     return np.asarray(ratio <= NOT_FOLLOWED * max(float(np.median(ratio[counted])), 1.0))
 

@@ -11,7 +11,6 @@ worse.
 from __future__ import annotations
 
 import dataclasses
-import functools
 from collections.abc import Container, Sequence
 from dataclasses import dataclass
 
@@ -21,7 +20,6 @@ from sysid.errors import SimulationError
 from sysid.parallel import OutOfTimeError
 from sysid.refinement.estimation import Estimated, followed, whitening_of
 from sysid.refinement.problem import Iterate, Problem
-from sysid.refinement.reduction import reduced
 from sysid.refinement.runs import run_of
 from sysid.refinement.solver import Solution, solve
 from sysid.refinement.unknowns import model_at
@@ -61,16 +59,19 @@ def lengthened(
     found: Estimated, tests: Sequence[MotionTest], progress: Progress = no_progress
 ) -> Estimated:
     """The estimate from the longest runs of these tests that the data allow."""
-    errors = functools.partial(_errors, tests=tests)
+    before = _errors(found, tests)
     for joined in _JOINED:
         progress(f"{joined} segments as one" if joined else "whole tests")
         try:
             longer = _longer(found, tests, joined)
         except OutOfTimeError:
             break  # what the shorter runs gave is whole
-        if longer is None or times(errors(found), errors(longer)) > _WORSE:
+        if longer is None:
             break
-        found = longer
+        after = _errors(longer, tests)
+        if times(before, after) > _WORSE:
+            break
+        found, before = longer, after
     return found
 
 
@@ -99,7 +100,7 @@ def _longer(found: Estimated, tests: Sequence[MotionTest], joined: int) -> Estim
             white = whitening_of(problem.runs, residuals)
             problem = dataclasses.replace(problem, whitening=(white,) * len(pieces))
             solution = solve(problem, point, _EVALUATIONS, _CLOSELY, first_step=_UNDAMPED)
-            follows = solution.counted & followed(problem, solution.at, solution.counted)
+            follows = solution.counted & followed(problem, solution.at.runs, solution.counted)
             broken = _broken(pieces, follows)
             if not broken:
                 return _accepted(found, problem, solution)
@@ -135,8 +136,7 @@ def _at_once(problem: Problem, point: Iterate) -> tuple[BoolArray, list[FloatArr
     """Whether the model follows each run from the point, and the residuals (3, n) there."""
     runs = problem.linearised(point)
     every = np.ones(len(runs), dtype=bool)
-    at = reduced(problem, point, runs, np.zeros(len(runs)), every)
-    return followed(problem, at, every), [run.errors.residual for run in runs]
+    return followed(problem, runs, every), [run.errors.residual for run in runs]
 
 
 def _problem_of(
