@@ -103,7 +103,7 @@ def test_a_worker_that_overruns_is_killed(tmp_path: Path, monkeypatch: pytest.Mo
 
 def steps_of(found: Loop) -> list[tuple[Any, ...]]:
     return [
-        (s.refit.effects, s.model, s.p_value, s.ambiguous, s.suspects) for s in found.search.steps
+        (s.refit.effects, s.model, s.p_value, s.ambiguous, s.tried) for s in found.search.steps
     ]
 
 

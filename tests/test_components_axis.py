@@ -19,11 +19,12 @@ from sysid.commands.app import main
 from sysid.diagnosis.actuator.signatures import candidates
 from sysid.diagnosis.bench.axis import Axis, axis
 from sysid.diagnosis.bench.component import Law, rmse
-from sysid.diagnosis.bench.diagnose import ComponentDiagnosis, diagnose_component
+from sysid.diagnosis.bench.diagnose import diagnose_component
 from sysid.diagnosis.bench.fitting import fit_law
 from sysid.diagnosis.bench.registry import AXIS as KIND
 from sysid.diagnosis.bench.selection import Attempt, Selection, select, simplest
 from sysid.diagnosis.bench.unexplained import LEAST_SHARE, curves
+from sysid.diagnosis.result import Diagnosis
 from sysid.errors import NotIdentifiedError
 from sysid.friction import fit_friction
 from sysid.io.logs import Trial
@@ -104,7 +105,7 @@ def test_the_law_is_found_where_nothing_is_missing() -> None:
 def test_an_effect_is_found_and_predicts(name: str, friction: Friction, value: float) -> None:
     part, outside = built(friction), built(friction, (11, 12))
     selection = select(part, SHORT)
-    assert [a.kind.id for a in selection.additions] == [name]
+    assert [a.id for a in selection.additions] == [name]
     effect = selection.additions[0].effect
     strength = type(effect).strengths()[0].name
     assert selection.final.estimates(effect)[strength].value == pytest.approx(value, rel=0.15)
@@ -221,12 +222,12 @@ def test_one_speed_each_way_tells_no_law_over_speed() -> None:
 
 def test_seal_friction_and_a_wrong_area_are_told_apart() -> None:
     found = select(screw(1e-5), CATALOGUE)
-    assert found.additions[0].kind.id == "seal-friction"
+    assert found.additions[0].id == "seal-friction"
     assert getattr(found.final.law.effects[0], "seal_torque_nm_per_pa") == pytest.approx(  # noqa: B009
         1e-5, rel=0.1
     )
     found = select(screw(0.0, area=5.1e-4), CATALOGUE)
-    assert [a.kind.id for a in found.additions] == ["area-error"]
+    assert [a.id for a in found.additions] == ["area-error"]
     assert getattr(found.final.law.effects[0], "area_change_m2") == pytest.approx(  # noqa: B009
         1e-5, rel=0.1
     )
@@ -264,7 +265,7 @@ def test_a_ripple_has_a_period_within_the_stroke() -> None:
         )
         fitted = fit_law(part, [CATALOGUE[name]], range(len(part.tests)))
         assert getattr(fitted.law.effects[0], wave.name) >= wave.lower
-    assert short(*ripples, "cable-spring", spring=2000.0).additions[0].kind.id == "cable-spring"
+    assert short(*ripples, "cable-spring", spring=2000.0).additions[0].id == "cable-spring"
 
 
 def test_a_stroke_too_short_for_any_period_has_no_ripple() -> None:
@@ -292,7 +293,7 @@ def test_of_two_that_predict_as_well_the_simpler_is_taken(
 ) -> None:
     def tried(id: str, gain: float, numbers: int, squares: float) -> Any:
         fit = SimpleNamespace(values=np.zeros(numbers), sum_of_squares=squares)
-        attempt = Attempt(id, 1e-9, gain, np.zeros(3))
+        attempt = Attempt(id, gain, 1e-9, np.zeros(3))
         return attempt, SimpleNamespace(fit=fit, independent_samples=200.0)
 
     passing = [tried("gear-mesh-ripple", 0.8, 7, 1.0), tried("cable-spring", gain, 5, squares)]
@@ -303,7 +304,7 @@ def test_of_two_that_predict_as_well_the_simpler_is_taken(
 # --- what is left ------------------------------------------------------------------------
 
 
-def verdict_on(laws: Sequence[Friction], more: Callable[[Trial], FloatArray]) -> ComponentDiagnosis:
+def verdict_on(laws: Sequence[Friction], more: Callable[[Trial], FloatArray]) -> Diagnosis:
     """Of the last two tests held out, with no effect to try; each test has its own friction."""
     trials = []
     for seed, law in enumerate(laws, start=1):
@@ -324,18 +325,19 @@ def test_what_repeats_over_two_quantities_together_is_unexplained() -> None:
         return np.asarray(8.0 * np.sin(place) * np.sin(ahead / 0.02))
 
     found = verdict_on([plain] * 6, more)
-    assert found.curves[0].share < LEAST_SHARE
+    assert found.to_json()["curves"][0]["share"] < LEAST_SHARE
     assert found.verdict == "unexplained" and found.because == "structure"
-    assert found.remainder is not None and found.remainder.repeatable > 2.0
-    assert found.unexplained[0].share == found.remainder.share
+    (rest,) = found.remainder
+    assert rest.repeatable > 2.0
+    assert found.unexplained[0].share == rest.share
 
 
 def test_friction_that_scatters_from_test_to_test_is_no_structure() -> None:
     factors = 1.0 + 0.05 * np.random.default_rng(5).normal(size=6)
     found = verdict_on([lambda v, f=f: f * plain(v) for f in factors], lambda trial: 0.0)
     assert found.verdict == "adequate" and found.because is None
-    assert found.remainder is not None
-    assert found.remainder.rmse > 1.5 * found.remainder.noise
+    (rest,) = found.remainder
+    assert rest.rmse > 1.5 * rest.noise
 
 
 # --- the commands --------------------------------------------------------------------------

@@ -77,7 +77,7 @@ def ids(component: FrictionPoints) -> set[str]:
 
 
 def found(selection: Selection) -> list[str]:
-    return [addition.kind.id for addition in selection.additions]
+    return [addition.id for addition in selection.additions]
 
 
 # --- made readings ---------------------------------------------------------------------
@@ -103,7 +103,7 @@ def test_what_is_missing_is_found_and_nothing_else(
         if name in selection.base.law.values and effect is None:
             estimate = selection.base.base_estimates()[name]
             assert abs(estimate.value - true) < 4.0 * estimate.std
-    folds = selection.additions[-1].attempt.folds if effect else selection.folds
+    folds = selection.additions[-1].folds if effect else selection.folds
     assert math.sqrt(float(np.mean(folds))) == pytest.approx(
         component.noise_floor(selection.final.law), rel=0.3
     )

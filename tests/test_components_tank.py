@@ -120,7 +120,7 @@ def test_law_is_found_and_nothing_beside_it(seed: int) -> None:
 def test_heat_through_the_wall_is_found() -> None:
     part = made(1, conductance=CONDUCTANCE)
     selection = select(part, SOME)
-    assert selection.additions[0].kind.id == "wall-heat-transfer"
+    assert selection.additions[0].id == "wall-heat-transfer"
     conductance = getattr(selection.final.law.effects[0], "wall_conductance_w_per_k")  # noqa: B009
     assert abs(conductance / CONDUCTANCE - 1.0) < 0.03
 

@@ -186,7 +186,7 @@ def timed(effects: Sequence[Any], periods: Sequence[float], noise: float = 0.08)
 
 
 def found(selection: Selection) -> list[str]:
-    return [addition.kind.id for addition in selection.additions]
+    return [addition.id for addition in selection.additions]
 
 
 def held_out(component: Component, law: Law) -> float:

@@ -23,7 +23,7 @@ from sysid.bundle import read_bundle
 from sysid.commands.app import main
 from sysid.commands.diagnose import Diagnosed
 from sysid.diagnosis import content as findings
-from sysid.diagnosis.actuator.result import Diagnosis
+from sysid.diagnosis.actuator.evidence import TwinEvidence
 from sysid.diagnosis.actuator.signatures import base_parameters
 from sysid.diagnosis.campaign import extended_bundle
 from sysid.diagnosis.refined import with_refined_numbers
@@ -137,7 +137,7 @@ def test_the_numbers_are_those_of_simulation(ran: Ran, tmp_path: Path) -> None:
     assert found == entry.parameters["stribeck_torque_nm"].value
     assert found == record["stribeck-friction.stribeck_torque_nm"]
     diagnosis = ran.diagnosed.diagnosis
-    assert isinstance(diagnosis, Diagnosis) and diagnosis.refinement is not None
+    assert diagnosis.refinement is not None
     before = next(p.unknown.value for p in diagnosis.refinement.parameters
                   if p.name.endswith("stribeck_torque_nm"))  # fmt: skip
     true = ran.truth["stribeck_torque_nm"]
@@ -160,7 +160,6 @@ def test_a_refinement_that_does_not_hold_is_not_taken(
     ran: Ran, outcome: Callable[..., Any], why: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("sysid.refinement.refine.refine", outcome)
-    assert isinstance(ran.diagnosed.diagnosis, Diagnosis)
     before = replace(ran.diagnosed.diagnosis, refinement=None)
     campaign, extended = read_campaign(ran.campaign), read_bundle(ran.extended)
     found = with_refined_numbers(before, campaign, extended, catalogue())
@@ -208,14 +207,16 @@ def test_the_extended_bundle_is_a_bundle_that_simulates(ran: Ran, tmp_path: Path
 
 def test_intervals_of_refitted_base_parameters_have_the_degrees_of_freedom(ran: Ran) -> None:
     """As found, and as if three rows more than numbers had been fitted on."""
-    assert isinstance(ran.diagnosed.diagnosis, Diagnosis)
     diagnosis = replace(ran.diagnosed.diagnosis, refinement=None)
-    search = diagnosis.loop.search
+    evidence = diagnosis.evidence
+    assert isinstance(evidence, TwinEvidence)
+    search = evidence.loop.search
     (effect,) = diagnosis.effects
     numbers = len(base_parameters(search.model)) + len(type(effect.effect).quantities)
-    assert diagnosis.base_dof == len(search.last.rest) - numbers
+    assert search.base_dof == len(search.last.rest) - numbers
     short = replace(search.last, basis=search.last.basis[: numbers + 3])
-    few = replace(diagnosis, loop=replace(diagnosis.loop, search=replace(search, last=short)))
+    loop = replace(evidence.loop, search=replace(search, last=short))
+    few = replace(diagnosis, evidence=replace(evidence, loop=loop))
     campaign = read_campaign(ran.campaign)
     for found, quantile in ((diagnosis, 1.96), (few, 3.182)):
         extended = extended_bundle(read_bundle(ran.bundle), found, campaign)
@@ -259,7 +260,7 @@ def test_curves_show_where_the_effect_acts(ran: Ran) -> None:
 
 
 def test_looks_say_what_became_of_every_suspect(ran: Ran) -> None:
-    looks = findings.looks(ran.diagnosed.diagnosis)
+    looks = ran.diagnosed.diagnosis.evidence.rounds_shown()
     assert [look["added"] for look in looks] == ["stribeck-friction", None]
     for look in looks:
         added = [s["id"] for s in look["suspects"] if s["fate"] == "added"]

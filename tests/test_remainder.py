@@ -11,7 +11,7 @@ import pytest
 
 from sysid.diagnosis import wording
 from sysid.diagnosis.bench.component import Component, Law
-from sysid.diagnosis.bench.remainder import remainder
+from sysid.diagnosis.bench.unexplained import left_over as remainder
 from sysid.types import FloatArray
 
 SAMPLES = 1500
@@ -74,7 +74,7 @@ def test_noise_alone_repeats_nothing() -> None:
 def test_a_few_readings_say_nothing() -> None:
     few: Any = bench(0.5, 0.2, 5, tests=1)
     assert remainder(few, None, Law({}), NOISE) is None
-    assert wording.left({"remainder": None}) == ""
+    assert wording.left({"remainder": []}) == ()
 
 
 def test_what_repeats_is_structure_only_where_most_tests_have_it() -> None:
@@ -91,6 +91,6 @@ def test_what_repeats_is_structure_only_where_most_tests_have_it() -> None:
 def test_in_words() -> None:
     found = remainder(bench(0.5, 0.2, 1), bench(0.5, 0.2, 2), Law({}), NOISE)
     assert found is not None
-    said = wording.left({"remainder": found.to_json()})
+    (said,) = wording.left({"remainder": [found.to_json()]})
     assert "repeat from test to test over position and time" in said
     assert "0.1 N are noise" in said or "0.100 N are noise" in said

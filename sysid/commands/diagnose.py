@@ -30,10 +30,9 @@ from sysid.components.campaign import is_own
 from sysid.components.log_check import checked
 from sysid.components.validation import validated
 from sysid.diagnosis import wording
-from sysid.diagnosis.actuator.result import Diagnosis
-from sysid.diagnosis.bench.diagnose import ComponentDiagnosis
-from sysid.diagnosis.content import looks
+from sysid.diagnosis.evidence import ACTUATOR
 from sysid.diagnosis.looked import SECONDS
+from sysid.diagnosis.result import Diagnosis
 from sysid.display.terminal import console, new_table
 from sysid.io.campaign import Campaign
 from sysid.model.effects.catalogue import catalogue_with
@@ -73,7 +72,7 @@ def diagnose(campaign: Path, bundle: Path, as_json: bool, **options: Any) -> Non
 class Diagnosed:
     """A diagnosis, the bundle extended by it, notices, and the files that were written."""
 
-    diagnosis: Diagnosis | ComponentDiagnosis
+    diagnosis: Diagnosis
     bundle: Bundle
     notices: tuple[str, ...]
     written: tuple[Path, ...]
@@ -138,7 +137,7 @@ def _write_report(
     from sysid.report import write_report
 
     validation = None
-    is_part = isinstance(found.detail, ComponentDiagnosis) and not is_own(campaign)
+    is_part = found.detail.component != ACTUATOR and not is_own(campaign)
     if not is_part and (is_own(campaign) or campaign.select(VALIDATED_KINDS, None)):
         validation = validated(
             campaign,
@@ -171,16 +170,12 @@ def show_diagnosis(diagnosed: Diagnosed, as_json: bool) -> None:
     out.print(Text(wording.sentence(content), style="bold"), soft_wrap=True)
     tables = [*_effect_tables(content), *_before_after_tables(content)]
     tables += _unexplained_tables(content)
-    found = diagnosed.diagnosis
-    if isinstance(found, ComponentDiagnosis):
-        tables += _tried_on_part(found.looks())
-    else:
-        tables += _tried_tables(looks(found))
+    tables += _tried_tables(diagnosed.diagnosis.evidence.rounds_shown())
     for table in tables:
         out.print("", table)
     out.print()
     written = (f"written: {path}" for path in diagnosed.written)
-    for line in filter(None, (wording.left(content), *wording.advice(content), *written)):
+    for line in (*wording.left(content), *wording.advice(content), *written):
         out.print(Text(line), soft_wrap=True)
 
 
@@ -208,7 +203,7 @@ def _effect_tables(content: dict[str, Any]) -> Iterable[Table]:
 def _before_after_tables(content: dict[str, Any]) -> Iterable[Table]:
     if not content["residual"]:
         return
-    how = "" if "component" in content else ", simulated open loop"
+    how = ", simulated open loop" if content["component"] == ACTUATOR else ""
     title = f"RMSE on held-out logs{how}"
     table = new_table(title, "channel", "original bundle", *wording.steps(content), "noise floor")
     for name, errors in wording.errors_by_step(content).items():
@@ -228,14 +223,15 @@ def _unexplained_tables(content: dict[str, Any]) -> Iterable[Table]:
 
 
 def _tried_tables(looks: Sequence[dict[str, Any]]) -> Iterable[Table]:
-    """What each round tried on the residual in addition to the effect that it added."""
-    columns = ("round", "suspect", "gain", "most on a twin", "p", "outcome")
-    table = new_table("Tried, and not added", *columns)
+    """What each round tried in addition to the effect that it added."""
+    compared = any("twins" in s for look in looks for s in look["suspects"])
+    gain = ("gain", "most on a twin") if compared else ("share of the prediction error, %",)
+    table = new_table("Tried, and not added", "round", "suspect", *gain, "p", "outcome")
     for place, look in enumerate(looks, start=1):
         others = [s for s in look["suspects"] if s["id"] != look["added"]]
         for suspect in others[:_MOST_SUSPECTS]:
-            gains = (f"{suspect['gain']:.3g}", f"{max(suspect['twins']):.3g}")
-            cells = (suspect["id"], *gains, wording.p_text(suspect["p_value"]), suspect["fate"])
+            p_value = wording.p_text(suspect["p_value"])
+            cells = (suspect["id"], *_gains(suspect), p_value, suspect["fate"])
             table.add_row(str(place), *(Text(c) for c in cells))
         if len(others) > _MOST_SUSPECTS:
             table.add_row(str(place), f"{len(others) - _MOST_SUSPECTS} more with less gain")
@@ -243,16 +239,8 @@ def _tried_tables(looks: Sequence[dict[str, Any]]) -> Iterable[Table]:
         yield table
 
 
-def _tried_on_part(looks: Sequence[dict[str, Any]]) -> Iterable[Table]:
-    """What each round tried on a part in addition to the effect that it added."""
-    columns = ("round", "suspect", "share of the prediction error, %", "p")
-    table = new_table("Tried, and not added", *columns)
-    for place, look in enumerate(looks, start=1):
-        others = [a for a in look["attempts"] if a["id"] != look["added"]]
-        for attempt in others[:_MOST_SUSPECTS]:
-            gain = f"{100.0 * attempt['gain']:.3g}"
-            table.add_row(str(place), Text(attempt["id"]), gain, wording.p_text(attempt["p_value"]))
-        if len(others) > _MOST_SUSPECTS:
-            table.add_row(str(place), f"{len(others) - _MOST_SUSPECTS} more with a smaller share")
-    if table.row_count:
-        yield table
+def _gains(suspect: dict[str, Any]) -> tuple[str, ...]:
+    """A suspect's gain and the largest on a twin, or its share of the prediction error."""
+    if "twins" in suspect:
+        return f"{suspect['gain']:.3g}", f"{max(suspect['twins']):.3g}"
+    return (f"{100.0 * suspect['gain']:.3g}",)

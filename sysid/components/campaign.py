@@ -8,21 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from sysid.bundle import Bundle, EffectEntry
-from sysid.bundle.effects import entry_of
+from sysid.bundle import Bundle
 from sysid.components.definition import DynamicComponent
 from sysid.components.dynamic import DynamicPart
 from sysid.components.loading import LoadedComponent, component_in
-from sysid.components.parts import OwnPart, effects_in, scales_of, stretches_of, term_class
+from sysid.components.parts import OwnPart, effects_in, scales_of, stretches_of
 from sysid.components.static import StaticPart
 from sysid.diagnosis import Diagnosis
 from sysid.diagnosis.bench.component import Law
-from sysid.diagnosis.bench.diagnose import ComponentDiagnosis, diagnose_component
+from sysid.diagnosis.bench.diagnose import diagnose_component
 from sysid.diagnosis.bench.fitting import FittedLaw, fit_law
-from sysid.diagnosis.campaign import diagnose_logs, extended_bundle
+from sysid.diagnosis.campaign import diagnose_logs
 from sysid.diagnosis.looked import SECONDS
 from sysid.errors import InputError, NotIdentifiedError, input_error
-from sysid.estimation.linear import Estimate
 from sysid.io.campaign import Campaign
 from sysid.io.logs import Log, Trial
 from sysid.io.rig import Rig
@@ -209,7 +207,7 @@ def diagnose_own(
     *,
     budget: float | None = SECONDS,
     progress: Progress = no_progress,
-) -> tuple[ComponentDiagnosis, tuple[str, ...]]:
+) -> tuple[Diagnosis, tuple[str, ...]]:
     """What a component's law lacks of its terms, and the readers' notices.
 
     Terms that the bundle holds are part of the law. Raises InputError for logs, code or effects
@@ -241,7 +239,7 @@ def _other_law(bundle: Bundle, loaded: LoadedComponent) -> list[str]:
 
 def diagnosed(
     campaign: Campaign, bundle: Bundle, *, budget: float | None, progress: Progress, **options: Any
-) -> tuple[Diagnosis | ComponentDiagnosis, tuple[str, ...]]:
+) -> tuple[Diagnosis, tuple[str, ...]]:
     """`diagnose_own` for a component of the user's own, `diagnose_logs` for any other campaign.
 
     `options` are those of `diagnose_logs`. Raises what these raise.
@@ -257,59 +255,11 @@ def diagnosed(
     return diagnose_logs(campaign, bundle, budget=budget, progress=progress, **options)
 
 
-def extended(
-    bundle: Bundle, diagnosis: Diagnosis | ComponentDiagnosis, campaign: Campaign
-) -> Bundle:
-    """The bundle with what was found, and all other numbers estimated together with it."""
-    found = extended_bundle(bundle, diagnosis, campaign)
-    if not is_own(campaign) or not isinstance(diagnosis, ComponentDiagnosis):
-        return found
-    return _with_refitted_terms(found, diagnosis) if diagnosis.effects else found
-
-
-def _with_refitted_terms(bundle: Bundle, diagnosis: ComponentDiagnosis) -> Bundle:
-    """The numbers of the terms that a bundle held before, refitted beside what was added."""
-    final = diagnosis.selection.final
-    assert isinstance(final.component, OwnPart)
-    if not final.component.kept:
-        return bundle
-    return with_numbers(bundle, final.component, final.base_estimates())
-
-
-def with_numbers(bundle: Bundle, part: OwnPart, estimates: dict[str, Estimate]) -> Bundle:
-    """A bundle with other numbers of the parameters, and of the terms that it holds.
-
-    What was not identified this time, as it ended at a bound, keeps its number.
-    """
-    record = bundle.component
-    assert record is not None
-    own = {
-        name: estimates[name] if estimates[name].identified else before
-        for name, before in record.parameters.items()
-    }
-    return bundle.replaced(
-        component=record.replaced(parameters=own),
-        effects=[_renewed(entry, part, estimates) for entry in bundle.effects],
-    )
-
-
-def _renewed(entry: EffectEntry, part: OwnPart, estimates: dict[str, Estimate]) -> EffectEntry:
-    if entry.id not in part.kept:
-        return entry
-    term = part.term(entry.id)
-    found = {q.name: estimates[f"{term.id}/{q.name}"] for q in term.quantities}
-    if not all(estimate.identified for estimate in found.values()):
-        return entry
-    numbers = {name: estimate.value for name, estimate in found.items()}
-    return entry.replaced(parameters=entry_of(term_class(term)(**numbers), found).parameters)
-
-
 __all__ = [
     "OwnFit",
     "OwnTests",
     "diagnose_own",
     "diagnosed",
-    "extended",
     "fit_own",
     "is_own",
     "law_in",
@@ -320,5 +270,4 @@ __all__ = [
     "runs_own_code",
     "tests_of",
     "training_part",
-    "with_numbers",
 ]

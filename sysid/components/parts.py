@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sysid.bundle import Bundle, ComponentRecord, Parts
-from sysid.bundle.effects import effect_from_entry
+from sysid.bundle import Bundle, ComponentRecord, EffectEntry, Parts
+from sysid.bundle.effects import effect_from_entry, entry_of
 from sysid.bundle.quality import quality_field
 from sysid.components.definition import OwnComponent, Term
 from sysid.components.loading import LoadedComponent
@@ -153,6 +153,39 @@ class OwnPart(Component):
             }
         )
         return Parts(component=record)
+
+    def renewed(
+        self, bundle: Bundle, estimates: Mapping[str, Estimate], quality: FitQuality | None = None
+    ) -> Bundle:
+        """Also with the numbers of the terms that the law held before."""
+        found = super().renewed(bundle, estimates, quality)
+        return self.with_numbers(found, estimates) if self.kept else found
+
+    def with_numbers(self, bundle: Bundle, estimates: Mapping[str, Estimate]) -> Bundle:
+        """A bundle with other numbers of the parameters, and of the terms that it holds.
+
+        What was not identified this time, as it ended at a bound, keeps its number.
+        """
+        record = bundle.component
+        assert record is not None
+        own = {
+            name: estimates[name] if estimates[name].identified else before
+            for name, before in record.parameters.items()
+        }
+        return bundle.replaced(
+            component=record.replaced(parameters=own),
+            effects=[self._renewed_entry(entry, estimates) for entry in bundle.effects],
+        )
+
+    def _renewed_entry(self, entry: EffectEntry, estimates: Mapping[str, Estimate]) -> EffectEntry:
+        if entry.id not in self.kept:
+            return entry
+        term = self.term(entry.id)
+        found = {q.name: estimates[_key(term, q)] for q in term.quantities}
+        if not all(estimate.identified for estimate in found.values()):
+            return entry
+        numbers = {name: estimate.value for name, estimate in found.items()}
+        return entry.replaced(parameters=entry_of(term_class(term)(**numbers), found).parameters)
 
     def law_of(self, bundle: Bundle) -> Law:
         """The law that a bundle holds, with the terms in it. Raises NotIdentifiedError."""

@@ -9,7 +9,7 @@ from typing import Any, cast
 import numpy as np
 
 from sysid.bundle import Bundle
-from sysid.components.campaign import law_in, tests_of, training_part, with_numbers
+from sysid.components.campaign import law_in, tests_of, training_part
 from sysid.components.definition import DynamicComponent
 from sysid.components.dynamic import DynamicPart
 from sysid.components.parts import OwnPart
@@ -96,7 +96,7 @@ def refine_own(
     names = [p.name for p in part.parameters()]
     covariance = fit.correlated_covariance(_groups(part))
     estimates = {name: fit.estimate(name, covariance) for name in names}
-    refined = with_numbers(bundle, part, estimates)
+    refined = part.with_numbers(bundle, estimates)
     stays = [name for name, estimate in estimates.items() if not estimate.identified]
     notices = [
         *tests.notices,

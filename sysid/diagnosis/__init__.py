@@ -1,12 +1,14 @@
-"""What a fitted model lacks: residuals, twins, screening, refit, verdict.
+"""What a fitted model lacks: residuals, screening, refit, verdict.
 
-`actuator/` and `bench/` diagnose, `campaign` chooses between them and extends the bundle,
-`thresholds` holds what both are judged by, `looked` what a search looked at, `wording` the
-verdict in words, `content` what a report shows.
+`search` is the one loop: effects are added and removed round by round, and `evidence` what it rests
+on: `actuator/` judges by simulated twins, `bench/` by tests of a part left out of its fit.
+`campaign` chooses between them and extends the bundle, `refined` ends with simulation error,
+`remainder` tells what repeats from scatter, `thresholds` holds what parts are judged by, `looked`
+what a search looked at; `result` is the one diagnosis, `wording` its verdict in words, `content`
+what a report shows.
 """
 
 from sysid.diagnosis.actuator.diagnose import diagnose
-from sysid.diagnosis.actuator.result import BeforeAfter, Diagnosis, FoundEffect
-from sysid.diagnosis.actuator.unexplained import Unexplained
+from sysid.diagnosis.result import BeforeAfter, Diagnosis, FoundEffect, Unexplained
 
 __all__ = ["BeforeAfter", "Diagnosis", "FoundEffect", "Unexplained", "diagnose"]

@@ -30,6 +30,7 @@ class SearchStage(StrEnum):
     SUSPECTS = "fit of suspects"
     TOGETHER = "fit with the effects added before"
     EFFECTS = "fit of effects"
+    REMOVAL = "removal of superfluous effects"
     REPETITION = "repetition on parts of the tests"
     CORRECTION = "correction of the numbers by twins of the extended model"
     REFINEMENT = "refinement of the numbers by simulation"

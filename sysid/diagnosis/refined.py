@@ -13,8 +13,8 @@ import numpy as np
 
 from sysid.bundle import Bundle, EffectEntry
 from sysid.diagnosis.actuator.holdout import held_out
-from sysid.diagnosis.actuator.result import Diagnosis, FoundEffect
 from sysid.diagnosis.looked import LATE, Book, SearchStage
+from sysid.diagnosis.result import Diagnosis, FoundEffect
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import MOTION_KINDS, Campaign
@@ -77,7 +77,6 @@ def with_refined_numbers(
             for name, error in diagnosis.residual.items()
             if math.isfinite(errors[name])
         },
-        model=model,
         refinement=result,
         notices=(*diagnosis.notices, *result.notices),
     )
@@ -93,12 +92,8 @@ def _out_of_time(diagnosis: Diagnosis) -> Diagnosis:
     book = Book(SearchStage.REFINEMENT)
     book.miss(LATE, decides=False)
     missed = book.closed()
-    looked = dataclasses.replace(
-        diagnosis.looked, missed=(*diagnosis.looked.missed, *missed.missed)
-    )
-    loop = dataclasses.replace(diagnosis.loop, looked=looked)
     notices = (*diagnosis.notices, *missed.sentences())
-    return dataclasses.replace(diagnosis, loop=loop, notices=notices)
+    return dataclasses.replace(diagnosis, missed=missed.missed, notices=notices)
 
 
 def _refined(found: FoundEffect, entry: EffectEntry, effect: CatalogueEffect) -> FoundEffect:

@@ -111,17 +111,18 @@ def _remaining(content: Content) -> Iterator[str]:
         yield said.format(balance_of(entry["channel"]), regressor_name(entry["regressor"]), share)
 
 
-def left(content: Content) -> str:
-    """What the error after consists of; empty where that is not known."""
-    rest = content.get("remainder")
-    if not rest:
-        return ""
+def left(content: Content) -> tuple[str, ...]:
+    """What the errors after consist of, balance by balance; none where that is not known."""
+    return tuple(_left(rest) for rest in content.get("remainder") or ())
+
+
+def _left(rest: Content) -> str:
     unit, over = rest["unit"], joined([regressor_name(n) for n in rest["regressors"]])
     repeats, scatter, noise = (number(rest[k], 3) for k in ("repeatable", "scatter", "noise"))
     return (
-        f"What is left, {number(rest['rmse'], 3)} {unit} (squares add up): {repeats} {unit} repeat "
-        f"from test to test over {over}, {scatter} {unit} differ between tests, {noise} {unit} are "
-        "noise."
+        f"What is left of {balance_of(rest['channel'])}, {number(rest['rmse'], 3)} {unit} (squares "
+        f"add up): {repeats} {unit} repeat from test to test over {over}, {scatter} {unit} differ "
+        f"between tests, {noise} {unit} are noise."
     )
 
 

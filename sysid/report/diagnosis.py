@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
+from sysid.diagnosis.evidence import ACTUATOR
 from sysid.diagnosis.wording import (
     SMALLEST_P,
     advice,
     errors_by_step,
     is_refined,
     joined,
+    left,
     parameter_rows,
     sentence,
     steps,
@@ -33,17 +36,66 @@ from sysid.report.blocks import (
 Content = Mapping[str, Any]
 
 
+@dataclass(frozen=True)
+class _Words:
+    """What a section says of one kind of evidence."""
+
+    share: str
+    std: str
+    errors: str
+    floor: str
+    residuals: str
+    how: str
+
+
+_TWINS = _Words(
+    share="Share of the excess, %",
+    std="by leaving out one test at a time",
+    errors="Open-loop RMSE over whole held-out tests",
+    floor="error in open-loop simulation of the held-out tests, and how much each effect reduces "
+    "it, with the base parameters refitted{refined}. The noise floor (thin line) is the error of a "
+    "correct model: sensor noise, quantisation and the rig's own scatter from test to test.",
+    residuals="Residuals of the balances",
+    how="The residuals of the fitted equations, in torque and pressure rates, were compared with "
+    "those of twins: the same tests simulated with the fitted model and passed through the same "
+    "filters and fits. An effect was added if it explains more than on any twin, and a fair share "
+    "of the remainder. It was fitted on the training tests; the errors below are those of held-out "
+    "tests.{refined}",
+)
+_LEFT_OUT = _Words(
+    share="Share of the prediction error, %",
+    std="allow for correlated residuals",
+    errors="RMSE on the held-out tests",
+    floor="error on the held-out tests, and how much each effect reduces it{refined}. The noise "
+    "floor (thin line) is the change from one sample to the next, which no law in the logged "
+    "quantities explains.",
+    residuals="Residual over its strongest regressors",
+    how="The part was tested alone, so there is no actuator to simulate. Each effect of the "
+    "catalogue that acts on it was fitted together with its law and had to predict tests left out "
+    "of that fit; it was added if its strength differs significantly from 0 and it removes a "
+    "substantial share of the prediction error. The errors below are those of tests that were left "
+    "out of the fit.{refined}",
+)
+
+
+def _words(content: Content) -> _Words:
+    return _TWINS if content.get("component", ACTUATOR) == ACTUATOR else _LEFT_OUT
+
+
 def diagnosis_section(content: Content, is_linear: bool) -> Section:
     """The section of a diagnosis, from `sysid.diagnosis.content.content`.
 
     To be called within `sysid.report.svg.styled()`. Texts are escaped by the template.
     """
+    words = _words(content)
     blocks: list[Block] = []
     if content["effects"]:
-        blocks += [effects_table(content), parameters_table(content)]
+        blocks += [effects_table(content, words.share), parameters_table(content)]
     if content["residual"]:
-        blocks += [errors_table(content), waterfall(content)]
+        blocks += [errors_table(content, words.errors), waterfall(content)]
     blocks += _residuals(content, is_linear)
+    if left(content):
+        blocks.append(Lines(left(content), "What is left"))
     blocks += _tried(content)
     blocks += _remaining(content, is_linear)
     lines = advice(content)
@@ -51,24 +103,17 @@ def diagnosis_section(content: Content, is_linear: bool) -> Section:
         blocks += [Heading("diagnosis-advice", "What to do next"), Lines(lines)]
     if content["notices"]:
         blocks.append(Lines(tuple(content["notices"]), "Notices of the diagnosis"))
-    intro = (
-        sentence(content),
-        "The residuals of the fitted equations, in torque and pressure rates, were compared with "
-        "those of twins: the same tests simulated with the fitted model and passed through the "
-        "same filters and fits. An effect was added if it explains more than on any twin, and a "
-        "fair share of the remainder. It was fitted on the training tests; the errors below are "
-        "those of held-out tests."
-        + (
-            " At the end all parameters were estimated together by simulation error on the "
-            "training tests (refined)."
-            if is_refined(content)
-            else ""
-        ),
+    refined = (
+        " At the end all parameters were estimated together by simulation error on the training "
+        "tests (refined)."
+        if is_refined(content)
+        else ""
     )
+    intro = (sentence(content), words.how.format(refined=refined))
     return Section("diagnosis", "Diagnosis", intro, tuple(blocks))
 
 
-def effects_table(content: Content, share: str = "Share of the excess, %") -> HtmlTable:
+def effects_table(content: Content, share: str) -> HtmlTable:
     """Every effect that was added; `share` heads the column of what each explained."""
     titles = content["figures"]["titles"]
     rows = [
@@ -90,10 +135,10 @@ def short_p(value: float) -> str:
     return f"< {number(SMALLEST_P, 1)}" if value < SMALLEST_P else number(value, 1)
 
 
-def parameters_table(content: Content, caption: str = "") -> HtmlTable:
+def parameters_table(content: Content) -> HtmlTable:
     """The parameters of every effect, with their intervals."""
-    how = "from the refinement" if is_refined(content) else "by leaving out one test at a time"
-    caption = caption or f"Their parameters; standard errors {how}"
+    how = "from the refinement" if is_refined(content) else _words(content).std
+    caption = f"Their parameters; standard errors {how}"
     rows = []
     for effect in content["effects"]:
         meanings = content["figures"]["meanings"].get(effect["id"], {})
@@ -108,9 +153,7 @@ def parameters_table(content: Content, caption: str = "") -> HtmlTable:
     return table(caption, columns, rows, text=(1, 2, 6))
 
 
-def errors_table(
-    content: Content, caption: str = "Open-loop RMSE over whole held-out tests"
-) -> HtmlTable:
+def errors_table(content: Content, caption: str) -> HtmlTable:
     """Held-out errors by channel, effect by effect."""
     rows = []
     for name, errors in errors_by_step(content).items():
@@ -122,7 +165,7 @@ def errors_table(
     return table(caption, columns, rows)
 
 
-def waterfall(content: Content, caption: str = "") -> FigureGroup:
+def waterfall(content: Content) -> FigureGroup:
     """Held-out error of every channel, effect by effect, down to the noise floor."""
     figures = [
         panels.waterfall(
@@ -133,12 +176,9 @@ def waterfall(content: Content, caption: str = "") -> FigureGroup:
         )
         for name, errors in errors_by_step(content).items()
     ]
-    caption = caption or (
-        "From the original bundle to the extended model: error in open-loop simulation of the "
-        "held-out tests, and how much each effect reduces it, with the base parameters refitted"
-        + (", and then their refinement. " if is_refined(content) else ". ")
-        + "The noise floor (thin line) is the error of a correct model: sensor noise, quantisation "
-        "and the rig's own scatter from test to test."
+    refined = ", and then their refinement" if is_refined(content) else ""
+    caption = "From the original bundle to the extended model: " + _words(content).floor.format(
+        refined=refined
     )
     return FigureGroup(caption, tuple(figures))
 
@@ -161,18 +201,20 @@ def _residuals(content: Content, is_linear: bool) -> list[Block]:
     )
     along = "along which the effects change it most" if extended else "on which it depends most"
     caption = (
-        f"Residuals of the balances on the training tests under {which}: means in bins with their "
+        f"Residuals on the training tests under {which}: means in bins with their "
         f"95 % band, over the regressor {along}. Around 0 the axis is stretched and the bins are "
         "finer. Measured less modelled."
     )
     blocks: list[Block] = [
-        Heading("diagnosis-residuals", "Residuals of the balances"),
+        Heading("diagnosis-residuals", _words(content).residuals),
         FigureGroup(caption, tuple(first)),
     ]
     if further:
         group = FigureGroup("The next strongest regressors.", tuple(further))
         blocks.append(Fold("Over further regressors", (group,)))
-    return [*blocks, _excess_table(content, is_linear)]
+    return (
+        [*blocks, _excess_table(content, is_linear)] if "excess" in content["figures"] else blocks
+    )
 
 
 def _excess_table(content: Content, is_linear: bool) -> HtmlTable:
@@ -192,46 +234,47 @@ def _excess_table(content: Content, is_linear: bool) -> HtmlTable:
 
 
 def _tried(content: Content) -> list[Block]:
-    """Gains next to the twins', and the outcome for every suspect."""
+    """Gains of every suspect, next to the twins' where there are some, and its outcome."""
     looks = content["figures"]["looks"]
     shown = [(i, look) for i, look in enumerate(looks, start=1) if look["suspects"]]
     if not shown:
         return []
-    caption = (
-        "Gains of the suspects in each round, on a logarithmic axis. Circles: on twins, where "
-        f"nothing is missing (values up to {number(panels.LEAST_GAIN)} at the left edge); "
-        "diamonds: on the logs; crosses: after refitting with the base parameters."
-    )
-    rows = [
-        (
-            suspect["id"],
-            str(place),
-            number(suspect["gain"]),
-            number(max(suspect["twins"])),
-            short_p(suspect["p_value"]),
-            number(suspect["refitted"]),
-            suspect["fate"],
+    blocks: list[Block] = [Heading("diagnosis-tried", "What was tried")]
+    gain: tuple[str, ...] = ("Prediction error removed, %",)
+    if _words(content) is _TWINS:
+        gain = ("Gain", "Largest on a twin", "Refitted")
+        caption = (
+            "Gains of the suspects in each round, on a logarithmic axis. Circles: on twins, where "
+            f"nothing is missing (values up to {number(panels.LEAST_GAIN)} at the left edge); "
+            "diamonds: on the logs; crosses: after refitting with the base parameters."
         )
+        drawn = tuple(panels.suspects(place, look) for place, look in shown)
+        blocks.append(FigureGroup(caption, drawn))
+    rows = [
+        (s["id"], str(place), *_gains(s), short_p(s["p_value"]), s["fate"])
         for place, look in shown
-        for suspect in look["suspects"]
+        for s in look["suspects"]
     ]
-    columns = ("Suspect", "Round", "Gain", "Largest on a twin", "p", "Refitted", "Outcome")
-    details = table("Every suspect", columns, rows, text=(6,))
-    return [
-        Heading("diagnosis-tried", "What was tried"),
-        FigureGroup(caption, tuple(panels.suspects(place, look) for place, look in shown)),
-        Fold("Every suspect and its outcome", (details,)),
-    ]
+    columns = ("Suspect", "Round", *gain, "p", "Outcome")
+    details = table("Every suspect", columns, rows, text=(len(columns) - 1,))
+    return [*blocks, Fold("Every suspect and its outcome", (details,))]
+
+
+def _gains(suspect: Mapping[str, Any]) -> tuple[str, ...]:
+    """A suspect's gain, on twins and refitted too, or its share of the prediction error."""
+    if "twins" not in suspect:
+        return (number(100.0 * suspect["gain"]),)
+    return tuple(number(v) for v in (suspect["gain"], max(suspect["twins"]), suspect["refitted"]))
 
 
 def _remaining(content: Content, is_linear: bool) -> list[Block]:
     """The curve of each channel that no effect explains."""
-    left = content["figures"]["leftover"]
-    if not left:
+    curves = content["figures"].get("leftover")
+    if not curves:
         return []
     figures = tuple(
         panels.leftover(f"fig-diagnosis-left-{place}", entry, is_linear)
-        for place, entry in enumerate(left)
+        for place, entry in enumerate(curves)
     )
     is_structure = content.get("because", "structure") == "structure"
     what = (
@@ -248,11 +291,4 @@ def _remaining(content: Content, is_linear: bool) -> list[Block]:
     ]
 
 
-__all__ = [
-    "diagnosis_section",
-    "effects_table",
-    "errors_table",
-    "parameters_table",
-    "short_p",
-    "waterfall",
-]
+__all__ = ["diagnosis_section"]

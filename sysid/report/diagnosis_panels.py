@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.diagnosis.wording import regressor_name
-from sysid.display.channels import Channel
+from sysid.display.channels import Channel, channel_of
 from sysid.display.numbers import MINUS, number
 from sysid.report import svg
 from sysid.report.blocks import Figure
@@ -139,8 +139,12 @@ def suspects(place: int, look: Mapping[str, Any]) -> Figure:
 def curve(id: str, content: Mapping[str, Any], is_linear: bool, extended: bool) -> Figure:
     """The mean residual over a regressor: before, and after where the model was `extended`."""
     means = [m for part in ("before", "after") for m in content[part]["means"]]
-    unit, scale = _residual_unit(content["channel"], is_linear, means)
-    title = residual_title(content["channel"], is_linear)
+    if "unit" in content:
+        # Of a part: in the unit of what its law predicts.
+        unit, scale, title = content["unit"], 1.0, channel_of(content["channel"]).title
+    else:
+        unit, scale = _residual_unit(content["channel"], is_linear, means)
+        title = residual_title(content["channel"], is_linear)
     parts = [("before", "model", content["before"])]
     if extended:
         parts.append(("after", "second", content["after"]))

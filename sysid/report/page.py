@@ -137,10 +137,6 @@ def _parts(
 
         if diagnosis is None or "verdict" not in diagnosis:
             return None
-        if "component" in diagnosis:
-            from sysid.report.bench import component_section
-
-            return component_section(diagnosis)
         return diagnosis_section(diagnosis, campaign.rig.is_linear)
 
     def own() -> Section | None:

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from sysid.bundle import Bundle
-from sysid.components.campaign import diagnosed, extended
+from sysid.components.campaign import diagnosed
 from sysid.diagnosis import content, wording
-from sysid.diagnosis.actuator.result import BeforeAfter, Diagnosis, FoundEffect, Verdict
-from sysid.diagnosis.bench.diagnose import ComponentDiagnosis
+from sysid.diagnosis.campaign import extended_bundle
 from sysid.diagnosis.looked import SECONDS, Looked
+from sysid.diagnosis.result import BeforeAfter, Diagnosis, FoundEffect, Verdict
 from sysid.display.numbers import number
 from sysid.display.plots import bars, one_axes
 from sysid.display.progress import progress_or_shown
@@ -32,7 +32,7 @@ class CampaignDiagnosis(Shown):
     `detail` holds the evidence.
     """
 
-    detail: Diagnosis | ComponentDiagnosis
+    detail: Diagnosis
     bundle: Bundle
     notices: tuple[str, ...]
 
@@ -143,7 +143,7 @@ def diagnose(
             budget=budget,
             progress=tell,
         )
-    longer = extended(bundle, found, campaign)
+    longer = extended_bundle(bundle, found, campaign)
     said = tuple(dict.fromkeys((*notices, *found.notices)))
     return CampaignDiagnosis(found, longer, said)
 

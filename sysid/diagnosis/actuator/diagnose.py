@@ -8,12 +8,13 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from sysid.diagnosis.actuator.equation_error import forget
+from sysid.diagnosis.actuator.evidence import TwinEvidence
 from sysid.diagnosis.actuator.holdout import HeldOut, held_out
 from sysid.diagnosis.actuator.loop import Loop, close_loop
-from sysid.diagnosis.actuator.result import BeforeAfter, Diagnosis, FoundEffect, Verdict
-from sysid.diagnosis.actuator.search import Step
-from sysid.diagnosis.actuator.unexplained import faintest, leftover
+from sysid.diagnosis.actuator.unexplained import faintest, leftover, log_channel, remainders
+from sysid.diagnosis.evidence import residual
 from sysid.diagnosis.looked import why_unexplained
+from sysid.diagnosis.result import Diagnosis, Unexplained
 from sysid.errors import NotIdentifiedError, SimulationError
 from sysid.io.logs import Log, Trial
 from sysid.io.rig import Rig
@@ -97,34 +98,30 @@ def _diagnosed(
     with time_limit(None):
         errors = _errors(outside, model, found)
         floor = _noise_floor(outside, found, seed)
-        unexplained = leftover(found, rig)
-        structured = bool(unexplained)
+        curves = leftover(found)
+        structured = bool(curves)
         far_off = not found.search.steps and is_far_off(errors[-1], floor)
         undecided = not found.search.steps and not found.looked.is_decided
-        if (far_off or undecided) and not unexplained:
-            unexplained = faintest(found, rig)
+        if (far_off or undecided) and not curves:
+            curves = faintest(found)
             notices += [_FAR_OFF_NOTICE] * far_off
-    notices += found.looked.sentences()
-    names = (rig.position_channel, *CHAMBER_PRESSURES)
+        rests = remainders(found, rig)
     because = why_unexplained(structured, far_off, undecided)
+    evidence = TwinEvidence(found, rig, curves)
+    names = (rig.position_channel, *CHAMBER_PRESSURES)
+    by_channel = [dict(zip(names, map(float, one), strict=True)) for one in (*errors, floor)]
     return Diagnosis(
-        verdict=_verdict(found, because is not None),
-        effects=tuple(
-            _found_effect(step, found, names, errors[i], errors[i + 1])
-            for i, step in enumerate(found.search.steps)
+        verdict=evidence.verdict(because),
+        effects=evidence.found(by_channel[:-1]),
+        residual=residual(by_channel[:-1], by_channel[-1]),
+        unexplained=tuple(
+            Unexplained(log_channel(c.channel, rig), c.regressor, c.share) for c in curves
         ),
-        residual={
-            name: BeforeAfter(float(before), float(after), float(noise))
-            for name, before, after, noise in zip(names, errors[0], errors[-1], floor, strict=True)
-            if np.isfinite([before, after, noise]).all()
-        },
-        unexplained=unexplained,
-        model=found.search.model,
-        rejected=found.search.suspects,
-        loop=found,
-        notices=tuple(notices),
+        remainder=rests,
+        evidence=evidence,
         because=because,
         seed=seed,
+        notices=(*notices, *found.looked.sentences()),
     )
 
 
@@ -132,12 +129,6 @@ def is_far_off(errors: FloatArray, floor: FloatArray) -> bool:
     """Whether the error of every channel of the held-out tests, (3,), is far above its noise."""
     known = ~np.isnan(errors) & ~np.isnan(floor)
     return bool(known.any() and np.all(errors[known] > _FAR_OFF * floor[known]))
-
-
-def _verdict(found: Loop, structure_left: bool) -> Verdict:
-    if structure_left:
-        return "unexplained"
-    return "effects-found" if found.search.steps else "adequate"
 
 
 def _log_error(tests: HeldOut, model: Model) -> float:
@@ -170,28 +161,6 @@ def _noise_floor(outside: HeldOut, found: Loop, seed: int) -> FloatArray:
         return outside.noise_floor(found.search.model, found.noise, found.scatter_after, seed)
     except SimulationError:
         return np.full(3, math.nan)
-
-
-def _found_effect(
-    step: Step, found: Loop, names: Sequence[str], before: FloatArray, after: FloatArray
-) -> FoundEffect:
-    place = found.search.steps.index(step)
-    assert found.search.joint is not None
-    effect = found.search.joint.effects[place]
-    return FoundEffect(
-        effect=effect,
-        estimates=found.search.estimates(place),
-        p_value=step.p_value,
-        share=step.share,
-        holdout={
-            name: BeforeAfter(float(b), float(a))
-            for name, b, a in zip(names, before, after, strict=True)
-            if np.isfinite([b, a]).all()
-        },
-        ambiguous_with=step.ambiguous,
-        advice=type(effect).tie_breaker if step.ambiguous else "",
-        suspects=step.suspects,
-    )
 
 
 __all__ = ["diagnose", "is_far_off"]

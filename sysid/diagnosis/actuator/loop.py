@@ -12,7 +12,13 @@ from sysid.diagnosis.actuator.screening import Projected, projected
 from sysid.diagnosis.actuator.search import Search, search
 from sysid.diagnosis.actuator.signatures import candidates
 from sysid.diagnosis.actuator.twins import Scatter, SensorNoise, sensor_noise, simulate_twins
-from sysid.diagnosis.actuator.whitening import Frame, build_frame, friction_scatter, noise_of
+from sysid.diagnosis.actuator.whitening import (
+    Frame,
+    ResidualNoise,
+    build_frame,
+    friction_scatter,
+    noise_of,
+)
 from sysid.diagnosis.looked import Book, Looked, SearchStage
 from sysid.errors import SimulationError
 from sysid.io.logs import Trial
@@ -31,7 +37,8 @@ class Loop:
     """Everything that the loop found on the training logs.
 
     `scatter` is friction's from test to test as the twins have it, `scatter_after` as the
-    extended model leaves it; `looked`: what was looked at, and what not.
+    extended model leaves it; `colour` the noise of each balance; `looked`: what was looked at, and
+    what not.
     """
 
     traces: Traces
@@ -40,6 +47,7 @@ class Loop:
     scatter_after: Scatter
     null: Null
     search: Search
+    colour: ResidualNoise
     looked: Looked
 
 
@@ -105,7 +113,7 @@ def close_loop(
     with time_limit(None):
         after = build_frame(traces, found.model, colour, 0.0)
         left = min(friction_scatter(after, projected(after, found.model).rest), spread)
-    return Loop(traces, noise, scatter, Scatter(left, left), null, found, book.closed())
+    return Loop(traces, noise, scatter, Scatter(left, left), null, found, colour, book.closed())
 
 
 def _pilot(

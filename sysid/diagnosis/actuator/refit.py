@@ -64,8 +64,10 @@ class Refit:
     def id(self) -> str:
         return self.effect.id
 
-    def wald(self, tests: IntArray) -> float:
-        """How clearly the last effect's strengths differ from 0: s' C^-1 s over their number.
+    def wald(self, tests: IntArray, place: int = -1) -> float:
+        """How clearly an effect's strengths differ from 0: s' C^-1 s over their number.
+
+        The effect at `place`, by default the last.
 
         C is the jackknife's over the tests (rows,): evidence from one test alone does not count.
         The shape stays as fitted: without an effect it has no meaning, and short tests of a
@@ -73,19 +75,19 @@ class Refit:
         clear. A threshold has no slope from which C could be computed: there the result is the
         squared z of a sign test on the tests that gain or lose clearly.
         """
-        stuck = self.fit.diagnosis.at_bound
-        strong = [q for q in type(self.effect).quantities if q.is_strength]
-        if any(f"{self.id}/{q.name}" in stuck and getattr(self.effect, q.name) for q in strong):
+        stuck, effect = self.fit.diagnosis.at_bound, self.effects[place]
+        strong = [q for q in type(effect).quantities if q.is_strength]
+        if any(f"{effect.id}/{q.name}" in stuck and getattr(effect, q.name) for q in strong):
             return math.inf
         if any(is_threshold(q) for q in strong):
             gains = np.bincount(tests, weights=self.before**2 - self.rest**2)
             won = int(np.count_nonzero(gains > _CLEAR_GAIN))
             lost = int(np.count_nonzero(gains < -_CLEAR_GAIN))
             return (won - lost) * abs(won - lost) / max(won + lost, 1)
-        shapes = {f"{self.id}/{q.name}" for q in type(self.effect).shapes()}
+        shapes = {f"{effect.id}/{q.name}" for q in type(effect).shapes()}
         fit = self.fit.holding(shapes)
         covariance = fit.jackknife_covariance(tests).matrix
-        places = [fit.names.index(f"{self.id}/{q.name}") for q in strong]
+        places = [fit.names.index(f"{effect.id}/{q.name}") for q in strong]
         strengths = fit.values[places]
         inverse = np.linalg.pinv(covariance[np.ix_(places, places)], hermitian=True)
         return float(strengths @ inverse @ strengths) / len(places)

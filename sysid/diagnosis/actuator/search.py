@@ -1,11 +1,11 @@
-"""One effect after another: screen, refit the suspects, add the best, repeat."""
+"""A round on twins: screen every effect, refit the suspects, add the best."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -31,15 +31,16 @@ from sysid.diagnosis.actuator.screening import (
 from sysid.diagnosis.actuator.signatures import Candidate
 from sysid.diagnosis.actuator.whitening import Frame
 from sysid.diagnosis.looked import Book, SearchStage
+from sysid.diagnosis.search import MOST_EFFECTS, Round, Rounds, Step, Tried, run
 from sysid.errors import SimulationError
 from sysid.estimation.linear import Estimate
 from sysid.model.effects.catalogue import class_of
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import Model
-from sysid.parallel import Failure, attempt, attempt_in_threads, time_limit
+from sysid.parallel import attempt_in_threads, time_limit
+from sysid.types import Progress
 
 SIGNIFICANCE = 1e-3
-MOST_EFFECTS = 3
 MOST_SUSPECTS = 5
 # A suspect whose signature explains less than this share of the best one's is not refitted.
 WORTH_REFITTING = 0.15
@@ -70,31 +71,26 @@ _CLEAR_BIC = 10.0
 
 
 @dataclass(frozen=True)
-class Suspect:
-    """An effect that was screened: its gain, also over the twins' largest, and p-value."""
+class Suspect(Tried):
+    """An effect that was screened: `ratio` of its gain over the twins' largest.
 
-    id: str
-    gain: float
+    `refitted`: the gain of its refit, None where it was not refitted.
+    """
+
     ratio: float
-    p_value: float
     refitted: float | None = None
 
 
 @dataclass(frozen=True)
-class Step:
-    """One effect that was added: its numbers, its gain, and what else was tried.
+class RefittedStep(Step):
+    """An effect that was added: its fit beside the effects before it, which `model` holds too.
 
-    `model` holds it, all before it, and the base parameters refitted with them. `share`: how
-    much it explained of the excess over noise in the balances that it reaches. `ambiguous`:
-    ids that explain as much. `suspects` in descending order.
+    With the base parameters refitted; `tried` are suspects.
     """
 
     refit: Refit
     model: Model
-    p_value: float
-    share: float
-    ambiguous: tuple[str, ...]
-    suspects: tuple[Suspect, ...]
+    tried: tuple[Suspect, ...]
 
 
 @dataclass(frozen=True)
@@ -102,17 +98,18 @@ class Search:
     """The steps, the resulting model, and its residual next to the base model's.
 
     `joint` holds all effects fitted together, None where there are none; `base_std` the
-    standard errors of the base parameters with them, in the parameters' units; `suspects`
-    are those of the last round.
+    standard errors of the base parameters with them, in the parameters' units; `rounds` what
+    each round tried, `suspects` the last one.
     """
 
-    steps: tuple[Step, ...]
+    steps: tuple[RefittedStep, ...]
     model: Model
     first: Projected
     last: Projected
     joint: Refit | None
     base_std: Mapping[str, float]
     suspects: tuple[Suspect, ...]
+    rounds: tuple[Round, ...]
 
     @property
     def base_dof(self) -> int:
@@ -132,26 +129,12 @@ class Search:
         }
 
 
-@dataclass
-class _SearchState:
-    """How far a search has come: its steps, the residual after them, the last round's suspects.
-
-    `joint` holds the steps' effects fitted together.
-    """
-
-    first: Projected
-    base: Projected
-    steps: list[Step] = field(default_factory=list)
-    suspects: list[Suspect] = field(default_factory=list)
-    joint: Refit | None = None
-
-
 def search(
     frame: Frame,
     model: Model,
     candidates: Sequence[Candidate],
     null: Null,
-    progress: Callable[[str], None],
+    progress: Progress,
     simulation_error: Callable[[Model], float],
     book: Book,
 ) -> Search:
@@ -163,133 +146,175 @@ def search(
     """
     with time_limit(None):
         first = projected(frame, model)
-    state = _SearchState(first, first)
-    before = null.excess(first)
-    book.enter(SearchStage.SCREENING, 1)
-
-    def next_round() -> bool:
-        return _round(state, before, candidates, null, progress, simulation_error, book)
-
-    while True:
-        added = attempt(next_round)
-        if isinstance(added, Failure):
-            book.miss(added)
-        if added is not True:
-            with time_limit(None):
-                return _finished(state)
-
-
-def _round(
-    state: _SearchState,
-    before: Mapping[str, float],
-    candidates: Sequence[Candidate],
-    null: Null,
-    progress: Callable[[str], None],
-    simulation_error: Callable[[Model], float],
-    book: Book,
-) -> bool:
-    """Add the effect that explains most of what is left; whether there was one, and time left."""
-    base, number = state.base, len(state.steps) + 1
-    taken = {step.refit.id for step in state.steps}
-    state.suspects = []
-    book.enter(SearchStage.SCREENING, number)
-    open_ones = [c for c in candidates if c.id not in taken and _composes(base.model, c)]
-    screened = screen(base, open_ones, book)
-    best, starts = best_by_effect(screened), starting_points(screened)
-    book.enter(SearchStage.COMPARISON, number)
-    state.suspects = suspects = _suspects(best, null, book)
-    passing = [
-        s.id
-        for s in suspects
-        if s.p_value < SIGNIFICANCE
-        and s.ratio > CLEAR_RATIO
-        and s.gain > WORTH_REFITTING * suspects[0].gain
-    ]
-    if not passing or len(state.steps) == MOST_EFFECTS:
-        return False
-    book.enter(SearchStage.SUSPECTS, number)
-    excess = null.excess(base)
-    fitted = _refit(base, [starts[name] for name in passing[:MOST_SUSPECTS]], book)
-    # Of the first round's suspects the best that was fitted is taken, if time runs out then.
-    with time_limit(None) if not state.steps else nullcontext():
-        step = _best(state, before, excess, fitted, null, progress, simulation_error, book)
-    if step is None:
-        return False
-    unfitted = book.unfinished(SearchStage.SUSPECTS, number)
-    near = tuple(sorted({*step.ambiguous, *unfitted} - {step.refit.id}))
-    state.steps.append(replace(step, ambiguous=near))
+    rounds = _TwinRounds(first, candidates, null, progress, simulation_error, book)
+    history = run(rounds, book, progress)
     with time_limit(None):
-        extra = own_columns(base.frame, step.model)
-        state.base = projected(base.frame, step.model, extra=extra)
-    state.suspects = []
-    book.enter(SearchStage.SCREENING, number + 1)
-    return True
+        return rounds.finished(history)
 
 
-def _best(
-    state: _SearchState,
-    before: Mapping[str, float],
-    excess: Mapping[str, float],
-    fitted: Sequence[Refit],
-    null: Null,
-    progress: Callable[[str], None],
-    simulation_error: Callable[[Model], float],
-    book: Book,
-) -> Step | None:
-    """The step with the fitted suspect that explains most, if it is to be added."""
-    first, base, steps = state.first, state.base, state.steps
-    refits = [
-        r
-        for r in fitted
-        if r.gain > 0.0
-        and r.wald(base.frame.tests) > (_CLEAR_WALD if steps else _least_wald(r, excess))
-    ]
-    if not refits:
-        return None
-    winner = max(refits, key=lambda r: r.gain - _penalty(r, base))
-    progress(f"{winner.id}: tried {', '.join(r.id for r in refits)}")
-    share = _share(winner, excess)
-    least = _LEAST_PART if share < _WHOLE_SHARE else _LEAST_WHOLE
-    # Where the effects so far do not act, nothing can be a misfit of their form.
-    gone = sum(max(before[c] - excess[c], 0.0) for c in channels_of(winner.effect))
-    if share < LEAST_SHARE or winner.gain < least * gone:
-        return None
-    book.enter(SearchStage.TOGETHER, len(steps) + 1)
-    joint = _together(first, steps, winner)
-    if joint is None:
-        return None
-    extended = with_base_refitted(first, base.model + winner.effect)
-    if steps and not _simulates(simulation_error, base.model, extended):
-        return None
-    state.joint = joint
-    return Step(
-        refit=winner,
-        model=extended,
-        p_value=null.p_value(winner.id, winner.gain, len(type(winner.effect).strengths())),
-        share=share,
-        ambiguous=_ambiguous(winner, refits, base),
-        suspects=tuple(
-            replace(s, refitted=next((r.gain for r in refits if r.id == s.id), None))
-            for s in state.suspects
-        ),
+class _TwinRounds(Rounds[RefittedStep]):
+    """The rounds of an actuator: `base` is the residual beside the steps, `joint` all of them."""
+
+    tried: tuple[Suspect, ...]
+
+    def __init__(
+        self,
+        first: Projected,
+        candidates: Sequence[Candidate],
+        null: Null,
+        progress: Progress,
+        simulation_error: Callable[[Model], float],
+        book: Book,
+    ) -> None:
+        self.first = self.base = first
+        self.candidates, self.null, self.book = candidates, null, book
+        self.progress, self.simulation_error = progress, simulation_error
+        self.before = null.excess(first)
+        self.steps, self.tried = [], ()
+        self.joint: Refit | None = None
+        self._proposed: Refit | None = None
+
+    def proposal(self, number: int, barred: frozenset[str]) -> RefittedStep | None:
+        """The effect that explains most of what is left."""
+        base, book = self.base, self.book
+        self.tried = ()
+        book.enter(SearchStage.SCREENING, number)
+        open_ones = [c for c in self.candidates if c.id not in barred and _composes(base.model, c)]
+        screened = screen(base, open_ones, book)
+        best, starts = best_by_effect(screened), starting_points(screened)
+        book.enter(SearchStage.COMPARISON, number)
+        self.tried = suspects = tuple(_suspects(best, self.null, book))
+        passing = [s.id for s in suspects if _passes(s, suspects[0])]
+        if not passing or len(self.steps) == MOST_EFFECTS:
+            return None
+        book.enter(SearchStage.SUSPECTS, number)
+        excess = self.null.excess(base)
+        fitted = _refit(base, [starts[name] for name in passing[:MOST_SUSPECTS]], book)
+        # Of the first round's suspects the best that was fitted is taken, if time runs out then.
+        with time_limit(None) if not self.steps else nullcontext():
+            step = self._best(excess, fitted, number)
+        if step is None:
+            return None
+        unfitted = book.unfinished(SearchStage.SUSPECTS, number)
+        near = tuple(sorted({*step.ambiguous, *unfitted} - {step.id}))
+        return replace(step, ambiguous=near)
+
+    def _best(
+        self, excess: Mapping[str, float], fitted: Sequence[Refit], number: int
+    ) -> RefittedStep | None:
+        """The step with the fitted suspect that explains most, if it is to be added."""
+        base, steps = self.base, self.steps
+        refits = [
+            r
+            for r in fitted
+            if r.gain > 0.0
+            and r.wald(base.frame.tests) > (_CLEAR_WALD if steps else _least_wald(r, excess))
+        ]
+        if not refits:
+            return None
+        winner = max(refits, key=lambda r: r.gain - _penalty(r))
+        self.progress(f"{winner.id}: tried {', '.join(r.id for r in refits)}")
+        share = _share(winner, excess)
+        least = _LEAST_PART if share < _WHOLE_SHARE else _LEAST_WHOLE
+        # Where the effects so far do not act, nothing can be a misfit of their form.
+        gone = sum(max(self.before[c] - excess[c], 0.0) for c in channels_of(winner.effect))
+        if share < LEAST_SHARE or winner.gain < least * gone:
+            return None
+        self.book.enter(SearchStage.TOGETHER, number)
+        joint = _together(self.first, steps, winner)
+        if joint is None:
+            return None
+        extended = with_base_refitted(self.first, base.model + winner.effect)
+        if steps and not _simulates(self.simulation_error, base.model, extended):
+            return None
+        self._proposed = joint
+        gains = {r.id: r.gain for r in refits}
+        return RefittedStep(
+            winner.effect,
+            self.null.p_value(winner.id, winner.gain, len(type(winner.effect).strengths())),
+            share,
+            _ambiguous(winner, refits),
+            tuple(replace(s, refitted=gains.get(s.id)) for s in self.tried),
+            winner,
+            extended,
+        )
+
+    def add(self, step: RefittedStep) -> None:
+        self.steps.append(step)
+        self.joint = self._proposed
+        self._look_beside(step.model)
+
+    def superfluous(self) -> RefittedStep | None:
+        """The step that explains least beside the others, if that is next to nothing.
+
+        Where the tests do not agree that its strength differs from 0, and without it the others
+        explain all but a misfit of their form.
+        """
+        assert self.joint is not None
+        tests, joint = self.base.frame.tests, self.joint
+        doubtful = [
+            step
+            for place, step in enumerate(self.steps[:-1])
+            if joint.wald(tests, place) < _CLEAR_WALD
+        ]
+        without = {step.id: self._without(step) for step in doubtful}
+        least = min(doubtful, key=lambda s: joint.gain - without[s.id].gain, default=None)
+        if least is None:
+            return None
+        lost = joint.gain - without[least.id].gain
+        numbers = len(type(least.effect).quantities)
+        penalty = _scale(joint) * numbers * _log_rows(joint)
+        return least if lost < max(_LEAST_PART * without[least.id].gain, penalty) else None
+
+    def _without(self, step: RefittedStep) -> Refit:
+        """All effects but one fitted together."""
+        assert self.joint is not None
+        return refit(self.first, [e for e in self.joint.effects if e.id != step.id])
+
+    def remove(self, step: RefittedStep) -> None:
+        place = self.steps.index(step)
+        self.joint = self._without(step)
+        before, after = self.steps[:place], self.steps[place + 1 :]
+        effects = [s.refit.effect for s in before]
+        given = self.first.model
+        self.steps = before
+        with time_limit(None):
+            for later in after:
+                effects.append(later.refit.effect)
+                model = Model(given.parameters, (*given.effects, *effects))
+                model = with_base_refitted(self.first, model)
+                self.steps.append(replace(later, model=model))
+        self._look_beside(self.steps[-1].model)
+
+    def _look_beside(self, model: Model) -> None:
+        with time_limit(None):
+            extra = own_columns(self.base.frame, model)
+            self.base = projected(self.base.frame, model, extra=extra)
+
+    def finished(self, rounds: tuple[Round, ...]) -> Search:
+        """All effects as fitted together, from the base model on."""
+        first, steps, joint = self.first, self.steps, self.joint
+        if joint is None:
+            return Search((), first.model, first, self.base, None, {}, self.tried, rounds)
+        extended = Model(first.model.parameters, (*first.model.effects, *joint.effects))
+        model = with_base_refitted(first, extended)
+        own = own_columns(first.frame, model)
+        last = projected(first.frame, model, extra=own)
+        base_std = standard_errors(last, own)
+        steps = [*steps[:-1], replace(steps[-1], model=model)]
+        return Search(tuple(steps), model, first, last, joint, base_std, self.tried, rounds)
+
+
+def _passes(suspect: Suspect, best: Suspect) -> bool:
+    """Whether a suspect gains more than the twins, and enough to be refitted."""
+    return (
+        suspect.p_value < SIGNIFICANCE
+        and suspect.ratio > CLEAR_RATIO
+        and suspect.gain > WORTH_REFITTING * best.gain
     )
 
 
-def _finished(state: _SearchState) -> Search:
-    """All effects as fitted together, from the base model on."""
-    first, base, steps, joint = state.first, state.base, state.steps, state.joint
-    if joint is None:
-        return Search((), first.model, first, base, None, {}, tuple(state.suspects))
-    extended = Model(first.model.parameters, (*first.model.effects, *joint.effects))
-    model = with_base_refitted(first, extended)
-    own = own_columns(first.frame, model)
-    last = projected(first.frame, model, extra=own)
-    base_std = standard_errors(last, own)
-    steps = [*steps[:-1], replace(steps[-1], model=model)]
-    return Search(tuple(steps), model, first, last, joint, base_std, tuple(state.suspects))
-
-
-def _together(first: Projected, steps: Sequence[Step], winner: Refit) -> Refit | None:
+def _together(first: Projected, steps: Sequence[RefittedStep], winner: Refit) -> Refit | None:
     """The effects so far and another one fitted together; None where they change their size.
 
     Two effects that grow against each other are not real: together they imitate a curve.
@@ -334,8 +359,8 @@ def _suspects(best: dict[str, Explained], null: Null, book: Book) -> list[Suspec
         Suspect(
             name,
             best[name].gain,
-            null.ratio(name, best[name].gain),
             null.p_value(name, best[name].gain, len(best[name].coefficients)),
+            null.ratio(name, best[name].gain),
         )
         for name in known
     ]
@@ -366,22 +391,29 @@ def _refit(base: Projected, starts: Sequence[Sequence[CatalogueEffect]], book: B
     return list(best.values())
 
 
-def _penalty(found: Refit, base: Projected) -> float:
+def _penalty(found: Refit) -> float:
     """BIC's penalty for an effect's parameters, in whitened squares."""
-    rows = len(base.rest)
-    scale = max(float(found.rest @ found.rest) / rows, 1.0)
     count = sum(len(type(effect).quantities) for effect in found.effects)
-    return scale * count * math.log(rows)
+    return _scale(found) * count * _log_rows(found)
 
 
-def _ambiguous(winner: Refit, refits: Sequence[Refit], base: Projected) -> tuple[str, ...]:
+def _scale(found: Refit) -> float:
+    """Mean of the whitened squares that a fit leaves, at least 1."""
+    return max(float(found.rest @ found.rest) / len(found.rest), 1.0)
+
+
+def _log_rows(found: Refit) -> float:
+    return math.log(len(found.rest))
+
+
+def _ambiguous(winner: Refit, refits: Sequence[Refit]) -> tuple[str, ...]:
     """Members of the winner's class, and rivals that explain as much within the margins."""
-    scale = max(float(winner.rest @ winner.rest) / len(base.rest), 1.0)
+    scale = _scale(winner)
     near = {i for i in class_of(winner.id) if i != winner.id}
     for rival in refits:
         if rival.id == winner.id:
             continue
-        bic = (winner.gain - _penalty(winner, base) - rival.gain + _penalty(rival, base)) / scale
+        bic = (winner.gain - _penalty(winner) - rival.gain + _penalty(rival)) / scale
         if bic < _CLEAR_BIC or rival.gain > _RIVAL_SHARE * winner.gain:
             near.add(rival.id)
     return tuple(sorted(near))

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from sysid.diagnosis.actuator.equation_error import CHANNELS, EFFORT, EquationError, equation_error
 from sysid.diagnosis.actuator.samples import Traces
 from sysid.diagnosis.actuator.whitening import Frame
+from sysid.diagnosis.remainder import Remainder, Samples, remainder
 from sysid.io.rig import Rig
 from sysid.types import FloatArray
 
@@ -23,6 +25,9 @@ BINS = 12
 # Windows averaged before searching for a curve: noise falls, slow structure stays.
 _GROUP = 4
 _LEAST_IN_BIN = 8
+# Training tests are left out in so many folds, to say what repeats.
+_FOLDS = 4
+_RATE = "Pa/s"
 # A channel's excess counts beyond this many of the twins' spreads, and beyond this share of
 # what the effects explained there.
 _SPREADS = 8.0
@@ -46,21 +51,7 @@ class ResidualCurve:
     errors: FloatArray
 
 
-@dataclass(frozen=True)
-class Unexplained:
-    """Remaining structure: channel (log format), regressor, share of the residual's variance."""
-
-    channel: str
-    regressor: str
-    share: float
-    curve: ResidualCurve
-
-    def to_json(self) -> dict[str, Any]:
-        """As `sysid diagnose --json` prints it (spec/cli.md)."""
-        return {"channel": self.channel, "regressor": self.regressor, "share": self.share}
-
-
-def leftover(found: Loop, rig: Rig) -> tuple[Unexplained, ...]:
+def leftover(found: Loop) -> tuple[ResidualCurve, ...]:
     """Channels whose residual still holds structure, each with its strongest regressor.
 
     The real form of an effect is seldom the catalogue's: a remainder that is small against
@@ -73,28 +64,53 @@ def leftover(found: Loop, rig: Rig) -> tuple[Unexplained, ...]:
         spread = null.spread(search.last, channel)
         if excess >= max(_SPREADS * spread, _TOLERATED * (before[channel] - excess)):
             left.append(channel)
-    return _strongest(found, rig, left)
+    return _strongest(found, left)
 
 
-def faintest(found: Loop, rig: Rig) -> tuple[Unexplained, ...]:
+def faintest(found: Loop) -> tuple[ResidualCurve, ...]:
     """The strongest dependence in any channel, where none is large enough to count."""
-    entries = _strongest(found, rig, CHANNELS)
+    entries = _strongest(found, CHANNELS)
     return tuple(sorted(entries, key=lambda e: -e.share)[:1])
 
 
-def _strongest(found: Loop, rig: Rig, channels: Sequence[str]) -> tuple[Unexplained, ...]:
+def _strongest(found: Loop, channels: Sequence[str]) -> tuple[ResidualCurve, ...]:
     """Each channel's dependence on its strongest regressor."""
     if not channels:
         return ()
     last = found.search.last
     error = equation_error(last.frame.traces, last.model)
-    entries = []
-    for channel in channels:
-        best = next(iter(curves(last.frame, error, channel)), None)
-        if best is not None:
-            name = rig.position_channel if channel == EFFORT else f"pressure_{channel[-1]}_pa"
-            entries.append(Unexplained(name, best.regressor, best.share, best))
-    return tuple(entries)
+    strongest = (next(iter(curves(last.frame, error, channel)), None) for channel in channels)
+    return tuple(curve for curve in strongest if curve is not None)
+
+
+def remainders(found: Loop, rig: Rig) -> tuple[Remainder, ...]:
+    """How much of each balance's residual repeats when training tests are left out in turn.
+
+    Of its windows' means, in the balance's unit; noise as a twin shows it.
+    """
+    last = found.search.last
+    frame = last.frame
+    error = equation_error(frame.traces, last.model)
+    rests = []
+    for channel in CHANNELS:
+        view = frame.windows[channel]
+        table = Samples.of(
+            {n: view.average(v) for n, v in regressors(frame.traces, channel).items()},
+            view.average(error[channel]),
+            view.run,
+        )
+        tests = np.unique(view.run)
+        folds = [tests[k::_FOLDS].tolist() for k in range(min(_FOLDS, len(tests)))]
+        noise = math.sqrt(float(found.colour.covariance[channel][0]))
+        unit = _RATE if channel != EFFORT else ("N" if rig.is_linear else "Nm")
+        name = log_channel(channel, rig)
+        rests.append(remainder(table, None, folds if len(folds) > 1 else [], noise, name, unit))
+    return tuple(rest for rest in rests if rest is not None)
+
+
+def log_channel(channel: str, rig: Rig) -> str:
+    """The channel of the log format whose balance a residual is of."""
+    return rig.position_channel if channel == EFFORT else f"pressure_{channel[-1]}_pa"
 
 
 def regressors(traces: Traces, channel: str) -> dict[str, FloatArray]:

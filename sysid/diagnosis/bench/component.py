@@ -86,6 +86,19 @@ class Component(ABC):
     def part(self, estimates: Mapping[str, Estimate], quality: FitQuality | None = None) -> Parts:
         """The law's section of a bundle; `estimates` are those of `parameters`, by name."""
 
+    def renewed(
+        self, bundle: Bundle, estimates: Mapping[str, Estimate], quality: FitQuality | None = None
+    ) -> Bundle:
+        """A bundle with the law's section in place of its own, level by level."""
+        sections = vars(self.part(estimates, quality)).items()
+        return bundle.replaced(
+            **{
+                key: part if getattr(bundle, key) is None else getattr(bundle, key).overlaid(part)
+                for key, part in sections
+                if part is not None
+            }
+        )
+
     def repeats(self) -> IntArray | None:
         """Which residuals repeat one another, (n,) of all tests; None where that is not known."""
         return None

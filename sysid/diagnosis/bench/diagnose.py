@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
-from sysid.bundle import Bundle, Parts
-from sysid.diagnosis.actuator.result import BeforeAfter, FoundEffect, Verdict
+from sysid.bundle import Bundle
 from sysid.diagnosis.bench.component import Component, Law, rmse
+from sysid.diagnosis.bench.evidence import HeldOutEvidence
 from sysid.diagnosis.bench.registry import component_of
-from sysid.diagnosis.bench.remainder import Remainder, remainder
-from sysid.diagnosis.bench.selection import Addition, Attempt, Selection, select
-from sysid.diagnosis.bench.unexplained import LEAST_SHARE, BinnedResidual, curves
-from sysid.diagnosis.looked import Because, Looked, why_unexplained
+from sysid.diagnosis.bench.selection import Selection, select
+from sysid.diagnosis.bench.unexplained import LEAST_SHARE, BinnedResidual, curves, left_over
+from sysid.diagnosis.evidence import residual
+from sysid.diagnosis.looked import why_unexplained
+from sysid.diagnosis.remainder import Remainder
+from sysid.diagnosis.result import Diagnosis, Unexplained
 from sysid.errors import NotIdentifiedError
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
@@ -29,73 +30,6 @@ _LEFT_OUT = (
 _AT_FLOOR = 1.1
 
 
-@dataclass(frozen=True)
-class ComponentDiagnosis:
-    """The verdict on a part and its law, with all its evidence.
-
-    `residual`: pooled RMSE on the held-out tests by channel, what is predicted first, then
-    further channels (`Component.further_errors`). `part`: the bundle's section of the law
-    refitted together with the effects. `curves`: the residual over the regressors that it
-    depends on most. `remainder`: how much of what is left repeats from test to test, None where
-    that cannot be said. `because`: why the verdict is `unexplained`, None where it is not.
-    """
-
-    kind: str
-    verdict: Verdict
-    effects: tuple[FoundEffect, ...]
-    residual: Mapping[str, BeforeAfter]
-    unit: str
-    unexplained: tuple[BinnedResidual, ...]
-    curves: tuple[BinnedResidual, ...]
-    remainder: Remainder | None
-    selection: Selection
-    part: Parts
-    notices: tuple[str, ...]
-    because: Because | None = None
-    seed: int = 0
-
-    @property
-    def looked(self) -> Looked:
-        """What was looked at, and what was missed: for want of time, or as it failed."""
-        return self.selection.looked
-
-    def to_json(self) -> dict[str, Any]:
-        """What `sysid diagnose --json` prints (spec/cli.md)."""
-        return {
-            "verdict": self.verdict,
-            "component": self.kind,
-            "effects": [
-                {**effect.to_json(), "repeats": addition.repeats.to_json()}
-                for effect, addition in zip(self.effects, self.selection.additions, strict=True)
-            ],
-            "residual": {name: errors.to_json() for name, errors in self.residual.items()},
-            "unexplained": [
-                {"channel": c.channel, "regressor": c.regressor, "share": c.share}
-                for c in self.unexplained
-            ],
-            "because": self.because,
-            "rejected": [_attempt(a) for a in self.selection.rejected],
-            "search": self.looked.to_json(),
-            "undecided": [{"id": u.id, **u.to_json()} for u in self.selection.undecided],
-            "curves": [curve.to_json() for curve in self.curves],
-            "remainder": None if self.remainder is None else self.remainder.to_json(),
-            "seed": self.seed,
-            "notices": list(self.notices),
-        }
-
-    def looks(self) -> list[dict[str, Any]]:
-        """What each round tried: `added` (an id, or None in the last) and `attempts`."""
-        steps: list[tuple[str | None, Sequence[Attempt]]] = [
-            *((a.kind.id, a.attempts) for a in self.selection.additions),
-            (None, self.selection.rejected),
-        ]
-        return [{"added": i, "attempts": [_attempt(a) for a in many]} for i, many in steps]
-
-
-def _attempt(attempt: Attempt) -> dict[str, Any]:
-    return {"id": attempt.id, "gain": attempt.gain, "p_value": attempt.p_value}
-
-
 def diagnose_component(
     kind: str,
     fitted: Sequence[Trial],
@@ -106,7 +40,7 @@ def diagnose_component(
     progress: Callable[[str], None] = lambda line: None,
     *,
     build: Callable[[str, Sequence[Trial], Rig], Component] = component_of,
-) -> ComponentDiagnosis:
+) -> Diagnosis:
     """Find what a part's law lacks on training tests, and measure it on held-out ones.
 
     `build` makes a part of a kind from tests. Raises InputError for tests that cannot be used,
@@ -134,7 +68,7 @@ def diagnose_component(
     floors = {component.channel: floor, **{name: noise for name, (_, noise) in simulated.items()}}
     left = curves(component, given, laws[-1])
     error = errors[-1].get(component.channel, selection.final.fit.residual_std)
-    rest = remainder(component, outside, laws[-1], floor)
+    rest = left_over(component, outside, laws[-1], floor)
     structured = [c for c in left[:1] if c.share > LEAST_SHARE and error > _AT_FLOOR * floor]
     if rest is not None:
         structured = _repeating(structured, rest, left, errors[0].get(component.channel, error))
@@ -142,26 +76,16 @@ def diagnose_component(
     because = why_unexplained(bool(structured), False, undecided)
     if undecided:
         structured = structured or left[:1]
-    return ComponentDiagnosis(
-        kind=kind,
-        verdict=_verdict(selection, because is not None),
-        effects=tuple(
-            _found(addition, selection, before, after)
-            for addition, before, after in zip(
-                selection.additions, errors[:-1], errors[1:], strict=True
-            )
-        ),
-        residual={
-            name: BeforeAfter(errors[0][name], errors[-1][name], floors[name]) for name in errors[0]
-        },
-        unit=component.unit,
-        unexplained=tuple(structured),
-        curves=tuple(left),
-        remainder=rest,
-        selection=selection,
-        part=selection.final.part(),
-        notices=notices,
+    evidence = HeldOutEvidence(kind, selection, tuple(left))
+    return Diagnosis(
+        verdict=evidence.verdict(because),
+        effects=evidence.found(errors),
+        residual=residual(errors, floors),
+        unexplained=tuple(Unexplained(c.channel, c.regressor, c.share) for c in structured),
+        remainder=() if rest is None else (rest,),
+        evidence=evidence,
         because=because,
+        notices=notices,
     )
 
 
@@ -182,7 +106,7 @@ def _repeating(
 
 def _cross_validated(selection: Selection) -> list[float]:
     """RMSE of tests left out of the fit, of the law and after each addition."""
-    folds = [selection.folds, *(a.attempt.folds for a in selection.additions)]
+    folds = [selection.folds, *(a.folds for a in selection.additions)]
     return [math.sqrt(float(np.mean(squares))) for squares in folds]
 
 
@@ -192,31 +116,4 @@ def _errors(outside: Component, law: Law) -> dict[str, float]:
     return {outside.channel: predicted, **simulated}
 
 
-def _verdict(selection: Selection, structure_left: bool) -> Verdict:
-    if structure_left:
-        return "unexplained"
-    return "effects-found" if selection.additions else "adequate"
-
-
-def _found(
-    addition: Addition,
-    selection: Selection,
-    before: Mapping[str, float],
-    after: Mapping[str, float],
-) -> FoundEffect:
-    place = selection.additions.index(addition)
-    final = selection.final
-    effect = final.law.effects[place]
-    return FoundEffect(
-        effect=effect,
-        estimates=final.estimates(effect),
-        p_value=addition.attempt.p_value,
-        share=addition.attempt.gain,
-        holdout={name: BeforeAfter(before[name], after[name]) for name in before},
-        ambiguous_with=addition.ambiguous,
-        advice=addition.kind.tie_breaker if addition.is_ambiguous else "",
-        suspects=(),
-    )
-
-
-__all__ = ["ComponentDiagnosis", "diagnose_component"]
+__all__ = ["diagnose_component"]

@@ -1,4 +1,4 @@
-"""Which effects a part lacks: one after another, judged by predicting tests left out.
+"""A round on a part tested alone: effects are judged by predicting tests left out.
 
 Each effect of the catalogue that acts on the part is fitted together with the law and the
 effects added before, and predicts tests that it was not fitted on. The one that predicts best
@@ -13,9 +13,10 @@ an effect that fits but does not predict, if parts of the tests name it.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -23,47 +24,44 @@ from sysid.diagnosis.bench.component import Component
 from sysid.diagnosis.bench.fitting import FittedLaw, cross_validated, fit_law
 from sysid.diagnosis.bench.stability import Repeats, repeats
 from sysid.diagnosis.looked import Book, Looked, SearchStage
+from sysid.diagnosis.search import MOST_EFFECTS, Round, Rounds, Step, Tried, run
 from sysid.diagnosis.thresholds import DIGITS, LEAST_GAIN, RIVAL_SHARE, SIGNIFICANCE
 from sysid.estimation.nonlinear import LeastSquaresFit
 from sysid.model.effects.catalogue import class_of
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.parallel import Failure, attempt, attempt_all, time_limit
-from sysid.types import FloatArray
+from sysid.types import FloatArray, Progress, no_progress
 
 Kind = type[CatalogueEffect]
 
-MOST_EFFECTS = 3
+# Share of the error that an effect must still remove beside those added after it: far less than
+# to be added, as what is in the model is not tried against rivals again.
+_LEAST_KEPT = 0.05
 # Rivals of a winner that are tried on the parts of the tests together with it.
 _MOST_RIVALS = 3
 
 
 @dataclass(frozen=True)
-class Attempt:
-    """An effect that was tried: its fitted p-value, and the share of the error that it removes.
+class Attempt(Tried):
+    """An effect that was fitted: `gain` is the share of the error that it removes.
 
-    `gain`: share of the mean square error of the tests left out, negative if it predicts worse.
-    `folds` (k,) the mean square error of each fold with it.
+    Of the mean square error of the tests left out; `folds` (k,) that of each fold with it.
     """
 
-    id: str
-    p_value: float
-    gain: float
     folds: FloatArray
 
 
 @dataclass(frozen=True)
-class Addition:
-    """An effect that was added: the fit with it and all before it, and what else was tried.
+class Addition(Step):
+    """An effect that was added: the fit with it and all before it.
 
-    `ambiguous`: ids that these tests, or parts of them (`stability`), put in its place.
+    `ambiguous`: ids that these tests, or parts of them (`stability`), put in its place; `folds`
+    (k,) the mean square error of each fold with it.
     """
 
-    kind: Kind
     fitted: FittedLaw
-    attempt: Attempt
-    ambiguous: tuple[str, ...]
+    folds: FloatArray
     repeats: Repeats
-    attempts: tuple[Attempt, ...]
 
     @property
     def is_ambiguous(self) -> bool:
@@ -71,14 +69,14 @@ class Addition:
         return bool(self.ambiguous or self.repeats.sentence)
 
     @property
-    def effect(self) -> CatalogueEffect:
-        """The effect with its numbers."""
-        return self.fitted.law.effects[-1]
+    def parts_named(self) -> dict[str, Any]:
+        """What parts of the tests name."""
+        return self.repeats.to_json()
 
 
 @dataclass(frozen=True)
 class Selection:
-    """The law without effects, the additions in order, and the last round, which added none.
+    """The law without effects, the additions in order, and what each round tried.
 
     `folds` (k,): mean square error of each fold, predicted by the law without effects.
     `undecided`: effects that were not added though parts of the tests name them. `looked`:
@@ -88,7 +86,7 @@ class Selection:
     base: FittedLaw
     folds: FloatArray
     additions: tuple[Addition, ...]
-    rejected: tuple[Attempt, ...]
+    rounds: tuple[Round, ...]
     undecided: tuple[Repeats, ...]
     looked: Looked = field(default_factory=Looked)
 
@@ -97,56 +95,136 @@ class Selection:
         """The law with all that was added."""
         return self.additions[-1].fitted if self.additions else self.base
 
+    @property
+    def rejected(self) -> tuple[Tried, ...]:
+        """What the last round tried, which added none."""
+        return self.rounds[-1].tried
+
 
 def select(
     component: Component,
     catalogue: Mapping[str, Kind],
-    progress: Callable[[str], None] = lambda line: None,
+    progress: Progress = no_progress,
 ) -> Selection:
     """Add effects to a part's law as long as they predict tests that were left out.
 
     Ends within the time limit in force (`sysid.parallel`), but for the law itself. Raises
     NotIdentifiedError where that is not identified.
     """
-    everything, book = range(len(component.tests)), Book()
-    folds = folds_of(component)
-    with time_limit(None):
-        base = fit_law(component, (), everything)
-        first = error = cross_validated(component, (), folds, base.law)
-    kinds = [kind for kind in component.effects(catalogue) if component.quantities_of(kind)]
-    chosen: list[Kind] = []
-    additions: list[Addition] = []
-    while True:
-        book.enter(SearchStage.EFFECTS, len(chosen) + 1)
-        open_ones = [k for k in kinds if k not in chosen]
-        so_far = additions[-1].fitted if additions else base
-        fits = _attempts(component, chosen, open_ones, so_far, folds, error, book)
-        attempts = [attempt for attempt, _ in fits]
+    rounds = _HeldOutRounds(component, catalogue, progress)
+    history = run(rounds, rounds.book, progress)
+    additions, looked = tuple(rounds.steps), rounds.book.closed()
+    return Selection(rounds.base, rounds.first, additions, history, rounds.undecided, looked)
+
+
+class _HeldOutRounds(Rounds[Addition]):
+    """The rounds of a part: `base` is its law without effects, `first` the folds' errors."""
+
+    def __init__(
+        self, component: Component, catalogue: Mapping[str, Kind], progress: Progress
+    ) -> None:
+        self.component, self.progress, self.book = component, progress, Book()
+        self.folds = folds_of(component)
+        with time_limit(None):
+            self.base = fit_law(component, (), range(len(component.tests)))
+            self.first = cross_validated(component, (), self.folds, self.base.law)
+        self.kinds = [
+            kind for kind in component.effects(catalogue) if component.quantities_of(kind)
+        ]
+        self.steps, self.tried = [], ()
+        self.undecided: tuple[Repeats, ...] = ()
+
+    @property
+    def so_far(self) -> FittedLaw:
+        """The law with the effects added."""
+        return self.steps[-1].fitted if self.steps else self.base
+
+    @property
+    def error(self) -> FloatArray:
+        """Mean square error of each fold with them, (k,)."""
+        return self.steps[-1].folds if self.steps else self.first
+
+    def proposal(self, number: int, barred: frozenset[str]) -> Addition | None:
+        """The effect that predicts best, or the simplest that predicts about as well."""
+        self.book.enter(SearchStage.EFFECTS, number)
+        open_ones = [kind for kind in self.kinds if kind.id not in barred]
+        fits = _attempts(self, open_ones)
+        self.tried = attempts = tuple(attempt for attempt, _ in fits)
         fitting = [(a, f) for a, f in fits if a.p_value * len(open_ones) < SIGNIFICANCE]
-        passing = [(a, f) for a, f in fitting if _predicts(a, error)]
-        if not passing or len(chosen) == MOST_EFFECTS:
-            most = [f for _, f in fitting[: 1 + _MOST_RIVALS]]
-            named = () if passing else attempt(lambda: _undecided(component, so_far, most))  # noqa: B023
-            if isinstance(named, Failure):
-                book.miss(named, decides=False)
-                named = ()
-            looked = book.closed()
-            return Selection(base, first, tuple(additions), tuple(attempts), named, looked)
+        passing = [(a, f) for a, f in fitting if _predicts(a, self.error)]
+        if not passing:
+            self.undecided = self._named([f for _, f in fitting[: 1 + _MOST_RIVALS]])
+            return None
+        if len(self.steps) == MOST_EFFECTS:
+            return None
         winner, fitted = simplest(passing)
-        chosen.append(next(k for k in open_ones if k.id == winner.id))
-        progress(f"{winner.id}: removes {100 * winner.gain:.0f} % of the prediction error")
+        self.progress(f"{winner.id}: removes {100 * winner.gain:.0f} % of the prediction error")
         rivals = [f for a, f in fits if a.gain > 0.0 and a is not winner]
-        unfitted = book.unfinished(SearchStage.EFFECTS, len(chosen))
-        book.enter(SearchStage.REPETITION, len(chosen))
+        unfitted = self.book.unfinished(SearchStage.EFFECTS, number)
+        self.book.enter(SearchStage.REPETITION, number)
         contenders = [fitted, *rivals[:_MOST_RIVALS]]
-        again = attempt(partial(repeats, component, so_far, contenders))
+        again = attempt(partial(repeats, self.component, self.so_far, contenders))
         if isinstance(again, Failure):
-            book.miss(again, decides=False)
+            self.book.miss(again, decides=False)
             again = Repeats(winner.id, ())
-        near = _ambiguous(winner, [a for a, _ in passing], {k.id for k in kinds})
-        ambiguous = tuple(sorted({*near, *again.others, *unfitted}))
-        additions.append(Addition(chosen[-1], fitted, winner, ambiguous, again, tuple(attempts)))
-        error = winner.folds
+        near = _ambiguous(winner, [a for a, _ in passing], {k.id for k in self.kinds})
+        return Addition(
+            fitted.law.effects[-1],
+            winner.p_value,
+            winner.gain,
+            tuple(sorted({*near, *again.others, *unfitted})),
+            attempts,
+            fitted,
+            winner.folds,
+            again,
+        )
+
+    def _named(self, fits: Sequence[FittedLaw]) -> tuple[Repeats, ...]:
+        """Which of the effects that fit, but do not predict, parts of the tests still name."""
+        found = attempt(lambda: _undecided(self.component, self.so_far, fits))
+        if isinstance(found, Failure):
+            self.book.miss(found, decides=False)
+            return ()
+        return found
+
+    def add(self, step: Addition) -> None:
+        self.steps.append(step)
+
+    def superfluous(self) -> Addition | None:
+        """The step whose effect the tests left out need least, if they hardly need it.
+
+        Where it is not significant beside the others, or hardly improves the prediction.
+        """
+        least: tuple[float, Addition] | None = None
+        for step in self.steps[:-1]:
+            without = self._without(step)
+            folds = self._folds_of(without)
+            gain = 1.0 - float(self.error.mean() / folds.mean())
+            needed = self.so_far.p_value(without) * len(self.kinds) < SIGNIFICANCE
+            if (not needed or gain <= _LEAST_KEPT) and (least is None or gain < least[0]):
+                least = gain, step
+        return None if least is None else least[1]
+
+    def remove(self, step: Addition) -> None:
+        with time_limit(None):
+            place = self.steps.index(step)
+            kept, later = self.steps[:place], self.steps[place + 1 :]
+            for one in later:
+                kinds = [type(s.effect) for s in (*kept, one)]
+                fitted = self._fitted(kinds)
+                folds = self._folds_of(fitted)
+                kept.append(replace(one, effect=fitted.law.effects[-1], fitted=fitted, folds=folds))
+            self.steps = kept
+
+    def _without(self, step: Addition) -> FittedLaw:
+        return self._fitted([type(s.effect) for s in self.steps if s is not step])
+
+    def _fitted(self, kinds: Sequence[Kind]) -> FittedLaw:
+        return fit_law(self.component, kinds, range(len(self.component.tests)), self.base.law)
+
+    def _folds_of(self, fitted: FittedLaw) -> FloatArray:
+        kinds = [type(effect) for effect in fitted.law.effects]
+        return cross_validated(self.component, kinds, self.folds, fitted.law)
 
 
 def folds_of(component: Component) -> list[list[int]]:
@@ -156,27 +234,22 @@ def folds_of(component: Component) -> list[list[int]]:
     return [list(range(k, count, parts)) for k in range(parts)] if parts > 1 else []
 
 
-def _attempts(
-    component: Component,
-    chosen: Sequence[Kind],
-    kinds: Sequence[Kind],
-    without: FittedLaw,
-    folds: Sequence[Sequence[int]],
-    error: FloatArray,
-    book: Book,
-) -> list[tuple[Attempt, FittedLaw]]:
+def _attempts(rounds: _HeldOutRounds, kinds: Sequence[Kind]) -> list[tuple[Attempt, FittedLaw]]:
     """Every open effect with its fit, the best prediction first; computed in parallel.
 
     What fails, or what time runs out for, is noted.
     """
-    everything = range(len(component.tests))
+    component, book, without = rounds.component, rounds.book, rounds.so_far
+    chosen = [type(effect) for effect in without.law.effects]
     by_id = {kind.id: kind for kind in kinds}
     tried = attempt_all(
-        partial(_attempt, component, [*chosen, kind], without, folds, error) for kind in kinds
+        partial(_attempt, component, [*chosen, kind], without, rounds.folds, rounds.error)
+        for kind in kinds
     )
     results = book.results(list(by_id), tried)
     book.screened += [name for name, _ in results]
     book.fitted += [name for name, done in results if done is not None]
+    everything = range(len(component.tests))
     found = [
         (done[0], FittedLaw.of(component, [*chosen, by_id[name]], everything, done[1]))
         for name, done in results
@@ -200,10 +273,10 @@ def _attempt(
     p_value = fitted.p_value(without)
     if p_value >= SIGNIFICANCE:
         # An insignificant effect needs no prediction.
-        return Attempt(kinds[-1].id, p_value, 0.0, error), fitted.fit
+        return Attempt(kinds[-1].id, 0.0, p_value, error), fitted.fit
     squares = cross_validated(component, kinds, folds, fitted.law)
     gain = 1.0 - float(squares.mean() / error.mean())
-    return Attempt(kinds[-1].id, p_value, gain, squares), fitted.fit
+    return Attempt(kinds[-1].id, gain, p_value, squares), fitted.fit
 
 
 def simplest(passing: Sequence[tuple[Attempt, FittedLaw]]) -> tuple[Attempt, FittedLaw]:

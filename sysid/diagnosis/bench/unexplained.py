@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from sysid.diagnosis.bench.component import Component, Law
 from sysid.diagnosis.bench.selection import folds_of
+from sysid.diagnosis.binning import binned_means
+from sysid.diagnosis.remainder import Remainder, Samples, remainder
 from sysid.types import FloatArray
 
 BINS = 16
@@ -24,8 +26,9 @@ _CURVES = 3
 class BinnedResidual:
     """Mean residual over a regressor, in bins of equal count, before and after: (bins,) each.
 
-    `share`: how much of the remaining variance of a test's residual the curve through the
-    other tests predicts, 0 to 1.
+    `parts`: those means by `before` and `after`, with their errors (`binned_means`). `share`: how
+    much of the remaining variance of a test's residual the curve through the other tests
+    predicts, 0 to 1.
     """
 
     channel: str
@@ -33,8 +36,17 @@ class BinnedResidual:
     regressor: str
     share: float
     centres: FloatArray
-    before: FloatArray
-    after: FloatArray
+    parts: Mapping[str, Mapping[str, Any]]
+
+    @property
+    def before(self) -> FloatArray:
+        """Means of the law's residual without the effects."""
+        return np.array(self.parts["before"]["means"])
+
+    @property
+    def after(self) -> FloatArray:
+        """Means of the law's residual with them."""
+        return np.array(self.parts["after"]["means"])
 
     def to_json(self) -> dict[str, Any]:
         """The numbers by name."""
@@ -47,14 +59,26 @@ class BinnedResidual:
             **{name: values.tolist() for name, values in arrays.items()},
         }
 
+    def shown(self) -> dict[str, Any]:
+        """As a report draws a residual's curve: means and standard errors, before and after."""
+        return {
+            "channel": self.channel,
+            "unit": self.unit,
+            "regressor": self.regressor,
+            "share": self.share,
+            "fine": None,
+            "centres": self.centres.tolist(),
+            **self.parts,
+        }
+
 
 def curves(component: Component, before: Law, after: Law) -> list[BinnedResidual]:
     """Those over which the remaining residual is most predictable, at most three."""
     everything = range(len(component.tests))
-    parts = component.residuals(after, everything)
-    left = np.concatenate(parts)
+    residuals = component.residuals(after, everything)
+    left = np.concatenate(residuals)
     given = np.concatenate(component.residuals(before, everything))
-    test = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
+    test = np.repeat(np.arange(len(residuals)), [len(part) for part in residuals])
     folds = folds_of(component)
     found = []
     for name, regressor in component.regressors(everything).items():
@@ -62,13 +86,10 @@ def curves(component: Component, before: Law, after: Law) -> list[BinnedResidual
         if count < 3:
             continue
         share = max(_predicted(left, place, count, test, folds), 0.0)
-        held = np.bincount(place, minlength=count)
-        centres, first, last = (
-            np.bincount(place, values, count) / held for values in (regressor, given, left)
-        )
-        found.append(
-            BinnedResidual(component.channel, component.unit, name, share, centres, first, last)
-        )
+        centres = np.bincount(place, regressor) / np.bincount(place)
+        pairs = (("before", given), ("after", left))
+        parts = {key: binned_means(place, values, test) for key, values in pairs}
+        found.append(BinnedResidual(component.channel, component.unit, name, share, centres, parts))
     return sorted(found, key=lambda curve: -curve.share)[:_CURVES]
 
 
@@ -101,4 +122,23 @@ def _predicted(
     return 1.0 - taken / total if total > 0.0 else 0.0
 
 
-__all__ = ["BINS", "LEAST_SHARE", "BinnedResidual", "curves"]
+def left_over(
+    component: Component, outside: Component | None, law: Law, noise: float
+) -> Remainder | None:
+    """How much of a law's residual repeats: held-out tests (`outside`), or tests left out in turn.
+
+    `noise` in the channel's unit.
+    """
+    own = _table(component, law)
+    other = None if outside is None else _table(outside, law)
+    return remainder(own, other, folds_of(component), noise, component.channel, component.unit)
+
+
+def _table(component: Component, law: Law) -> Samples:
+    every = range(len(component.tests))
+    parts = component.residuals(law, every)
+    test = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
+    return Samples.of(component.regressors(every), np.concatenate(parts), test)
+
+
+__all__ = ["BINS", "LEAST_SHARE", "BinnedResidual", "curves", "left_over"]

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from typing import Any, Literal
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Literal
 
-from sysid.diagnosis.actuator.loop import Loop
-from sysid.diagnosis.actuator.search import Suspect
-from sysid.diagnosis.actuator.unexplained import Unexplained
-from sysid.diagnosis.looked import Because, Looked
+from sysid.diagnosis.looked import Because, Looked, Missed
+from sysid.diagnosis.remainder import Remainder
+from sysid.diagnosis.search import Tried
 from sysid.diagnosis.wording import p_text
 from sysid.display.tables import Shown, ShownTable, estimate_records, estimate_table
 from sysid.estimation.linear import Estimate
 from sysid.model.effects.entry import CatalogueEffect
-from sysid.model.ports import Model
 from sysid.refinement.result import RefineResult
+
+if TYPE_CHECKING:
+    from sysid.diagnosis.evidence import Evidence
 
 Verdict = Literal["adequate", "effects-found", "unexplained"]
 
@@ -37,8 +38,10 @@ class BeforeAfter:
 class FoundEffect(Shown):
     """An effect that was added: its numbers, its gain, and what is indistinguishable from it.
 
-    `share`: of the residual's excess over noise on the fitted logs; `holdout` by channel,
-    before and after this effect was added; `advice` names the test that would decide.
+    `share`: of the residual's excess over noise on the fitted logs (of a part: of the mean square
+    error of tests left out); `holdout` by channel,
+    before and after this effect was added; `advice` names the test that would decide; `repeats`:
+    what parts of the tests name.
     """
 
     effect: CatalogueEffect
@@ -48,7 +51,8 @@ class FoundEffect(Shown):
     holdout: Mapping[str, BeforeAfter]
     ambiguous_with: tuple[str, ...]
     advice: str
-    suspects: tuple[Suspect, ...]
+    suspects: tuple[Tried, ...]
+    repeats: Mapping[str, Any] | None = None
 
     @property
     def id(self) -> str:
@@ -85,62 +89,83 @@ class FoundEffect(Shown):
             "holdout_rmse": {name: errors.to_json() for name, errors in self.holdout.items()},
             "ambiguous_with": list(self.ambiguous_with),
             "advice": self.advice,
+            **({} if self.repeats is None else {"repeats": dict(self.repeats)}),
         }
+
+
+@dataclass(frozen=True)
+class Unexplained:
+    """Remaining structure: channel (log format), regressor, share of the residual's variance."""
+
+    channel: str
+    regressor: str
+    share: float
+
+    def to_json(self) -> dict[str, Any]:
+        """As `sysid diagnose --json` prints it (spec/cli.md)."""
+        return {"channel": self.channel, "regressor": self.regressor, "share": self.share}
 
 
 @dataclass(frozen=True)
 class Diagnosis:
     """The verdict on a campaign and a bundle, with all its evidence.
 
-    `residual`: pooled RMSE on the held-out logs by channel. `model`: the extended model.
-    `rejected`: suspects of the last round, none of which was added. `loop`: what was found on
-    the training logs, step by step. `refinement`: of the numbers by simulation error, where they
-    are from it; the errors after each effect are those before it. `not_refined`: why its numbers
-    were not taken, empty where they were or none was asked for. `because`: why the verdict is
-    `unexplained`, None where it is not.
+    `residual`: pooled RMSE on the held-out logs by channel. `remainder`: of the residuals after the
+    last effect, how much repeats from test to test, by balance; none where that cannot be said.
+    `because`: why the verdict is `unexplained`, None where it is not. `refinement`: of the numbers
+    by simulation error, where they are from it; the errors after each effect are those before it.
+    `not_refined`: why its numbers were not taken, empty where they were or none was asked for.
+    `missed`: what was not done after the search.
     """
 
     verdict: Verdict
     effects: tuple[FoundEffect, ...]
     residual: Mapping[str, BeforeAfter]
     unexplained: tuple[Unexplained, ...]
-    model: Model
-    rejected: tuple[Suspect, ...]
-    loop: Loop
-    seed: int
+    remainder: tuple[Remainder, ...]
+    evidence: Evidence
+    because: Because | None = None
+    seed: int = 0
     refinement: RefineResult | None = None
     not_refined: str = ""
     notices: tuple[str, ...] = ()
-    because: Because | None = None
+    missed: tuple[Missed, ...] = ()
+
+    @property
+    def component(self) -> str:
+        """What was diagnosed: `evidence.ACTUATOR`, or the kind of test of a part."""
+        return self.evidence.component
 
     @property
     def looked(self) -> Looked:
         """What was looked at, and what was not: for want of time, or as it failed."""
-        return self.loop.looked
+        looked = self.evidence.looked
+        return replace(looked, missed=(*looked.missed, *self.missed))
 
     @property
-    def base_std(self) -> Mapping[str, float]:
-        """Standard errors of the refitted base parameters, in their units."""
-        return self.loop.search.base_std
-
-    @property
-    def base_dof(self) -> int:
-        """Degrees of freedom of these standard errors."""
-        return self.loop.search.base_dof
+    def rejected(self) -> tuple[Tried, ...]:
+        """What the last round tried, none of which was added."""
+        return self.evidence.rejected
 
     def to_json(self) -> dict[str, Any]:
         """What `sysid diagnose --json` prints (spec/cli.md)."""
         return {
             "verdict": self.verdict,
+            "component": self.component,
             "effects": [effect.to_json() for effect in self.effects],
             "residual": {name: errors.to_json() for name, errors in self.residual.items()},
             "unexplained": [entry.to_json() for entry in self.unexplained],
             "because": self.because,
-            "rejected": [{"id": s.id, "gain": s.gain, "p_value": s.p_value} for s in self.rejected],
+            "removed": [name for one in self.evidence.rounds for name in one.removed],
+            "rejected": [tried.to_json() for tried in self.rejected],
             "search": self.looked.to_json(),
-            "friction_scatter": self.loop.scatter.sliding,
+            "remainder": [rest.to_json() for rest in self.remainder],
             "seed": self.seed,
             "refined": self.refinement is not None,
             "not_refined": self.not_refined,
             "notices": list(self.notices),
+            **self.evidence.to_json(),
         }
+
+
+__all__ = ["BeforeAfter", "Diagnosis", "FoundEffect", "Unexplained", "Verdict"]

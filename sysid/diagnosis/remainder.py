@@ -1,4 +1,4 @@
-"""What is left of a part's prediction error: how much of it repeats, and how much is scatter.
+"""What is left of a residual: how much of it repeats from test to test, and how much is scatter.
 
 Repeatable is what one set of tests says of another's residual, over everything that was logged
 together: a gradient boosting of trees (Friedman, Ann. Statist. 29 (2001) 1189-1232), by
@@ -9,15 +9,13 @@ to test, and no law in these quantities takes it away.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.diagnosis.bench.component import Component, Law
-from sysid.diagnosis.bench.selection import folds_of
 from sysid.types import FloatArray, IntArray
 
 LEAST_REPEATABLE = 0.1
@@ -74,77 +72,76 @@ class Remainder:
         return {**vars(self), "regressors": list(self.regressors)}
 
 
+@dataclass(frozen=True)
+class Samples:
+    """Regressors (n, k) by `names`, residuals (n,), and whose test's (n,)."""
+
+    names: tuple[str, ...]
+    inputs: FloatArray
+    left: FloatArray
+    test: IntArray
+
+    @staticmethod
+    def of(columns: Mapping[str, FloatArray], left: FloatArray, test: IntArray) -> Samples:
+        """A table of regressors by name; those that hold the noise of the residual are left out."""
+        used = {n: v for n, v in columns.items() if n not in _NOISY}
+        inputs = np.column_stack([*used.values()]) if used else np.zeros((len(left), 0))
+        return Samples(tuple(used), inputs, left, test)
+
+    def __len__(self) -> int:
+        return len(self.left)
+
+    def divided(self, out: Sequence[int]) -> tuple[Samples, Samples]:
+        """Without some tests, and those."""
+        those = np.isin(self.test, list(out))
+        return self._rows(~those), self._rows(those)
+
+    def _rows(self, rows: NDArray[np.bool_]) -> Samples:
+        return Samples(self.names, self.inputs[rows], self.left[rows], self.test[rows])
+
+
 def remainder(
-    component: Component, outside: Component | None, law: Law, noise: float
+    own: Samples,
+    outside: Samples | None,
+    folds: Sequence[Sequence[int]],
+    noise: float,
+    channel: str,
+    unit: str,
 ) -> Remainder | None:
     """Of held-out tests as the training tests predict them; without any of the training tests in
-    turn. None where too few samples or tests are there to say.
+    turn, fold by fold. None where too few samples or tests are there to say.
 
     `noise` in the channel's unit.
     """
     if not math.isfinite(noise):
         return None
-    names, own = _table(component, law)
-    pairs = [own.divided(fold) for fold in folds_of(component)]
+    pairs = [own.divided(fold) for fold in folds]
     if outside is not None:
-        pairs.append((own, _table(outside, law)[1]))
+        pairs.append((own, outside))
     judged = pairs[-1:] if outside is not None else pairs
     enough = all(len(fit) >= 2 * _LEAST_IN_LEAF and len(new) for fit, new in pairs)
-    if not names or not judged or not enough:
+    if not own.names or not judged or not enough:
         return None
     gains = [_gains(fit, new) for fit, new in pairs]
     squares, missed = np.sum([np.sum(g, axis=0) for g in gains[-len(judged) :]], axis=0)
     rmse = math.sqrt(squares / sum(len(new) for _, new in judged))
     share = max(1.0 - missed / squares, 0.0) if squares > 0.0 else 0.0
     noise = min(noise, rmse * math.sqrt(1.0 - share))
-    scatter = math.sqrt(max(rmse**2 * (1.0 - share) - noise**2, 0.0))
-    repeatable = rmse * math.sqrt(share)
     tests = np.concatenate(gains)
-    agreeing = int(np.count_nonzero(tests[:, 1] < tests[:, 0]))
     return Remainder(
-        component.channel,
-        component.unit,
+        channel,
+        unit,
         rmse,
         noise,
-        repeatable,
-        scatter,
-        names,
-        agreeing,
+        rmse * math.sqrt(share),
+        math.sqrt(max(rmse**2 * (1.0 - share) - noise**2, 0.0)),
+        own.names,
+        int(np.count_nonzero(tests[:, 1] < tests[:, 0])),
         len(tests),
     )
 
 
-@dataclass(frozen=True)
-class _Samples:
-    """Regressors (n, k), residuals (n,), and whose test's (n,)."""
-
-    inputs: FloatArray
-    left: FloatArray
-    test: IntArray
-
-    def __len__(self) -> int:
-        return len(self.left)
-
-    def divided(self, out: Sequence[int]) -> tuple[_Samples, _Samples]:
-        """Without some tests, and those."""
-        those = np.isin(self.test, list(out))
-        return self._rows(~those), self._rows(those)
-
-    def _rows(self, rows: NDArray[np.bool_]) -> _Samples:
-        return _Samples(self.inputs[rows], self.left[rows], self.test[rows])
-
-
-def _table(component: Component, law: Law) -> tuple[tuple[str, ...], _Samples]:
-    """The names (k,) of the regressors, and the table of all tests."""
-    every = range(len(component.tests))
-    parts = component.residuals(law, every)
-    columns = {n: v for n, v in component.regressors(every).items() if n not in _NOISY}
-    test = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
-    inputs = np.column_stack([*columns.values()])
-    return tuple(columns), _Samples(inputs, np.concatenate(parts), test)
-
-
-def _gains(fit: _Samples, new: _Samples) -> FloatArray:
+def _gains(fit: Samples, new: Samples) -> FloatArray:
     """Squares of each new test's residuals, and of what they are off from what `fit` predicts.
 
     (tests, 2).
@@ -164,4 +161,4 @@ def _gains(fit: _Samples, new: _Samples) -> FloatArray:
     return np.column_stack([np.bincount(which, values**2) for values in (new.left, off)])
 
 
-__all__ = ["LEAST_AGREEING", "LEAST_REPEATABLE", "Remainder", "remainder"]
+__all__ = ["LEAST_AGREEING", "LEAST_REPEATABLE", "Remainder", "Samples", "remainder"]

@@ -1,0 +1,115 @@
+"""What twins say of an actuator, as a diagnosis' evidence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from sysid.bundle import Bundle
+from sysid.bundle.assembled_model import friction_keys
+from sysid.bundle.base import Part
+from sysid.bundle.valves import LAW_KEYS
+from sysid.diagnosis.actuator.figures import residual_curves, rounds_shown, shown_curve
+from sysid.diagnosis.actuator.loop import Loop
+from sysid.diagnosis.actuator.search import RefittedStep
+from sysid.diagnosis.actuator.unexplained import ResidualCurve, log_channel
+from sysid.diagnosis.evidence import ACTUATOR, Evidence
+from sysid.diagnosis.looked import Looked
+from sysid.diagnosis.search import Round
+from sysid.estimation.linear import Estimate
+from sysid.io.channels import SIDES
+from sysid.io.rig import Rig
+from sysid.model.effects.entry import CatalogueEffect
+
+_Part = TypeVar("_Part", bound=Part)
+
+
+@dataclass(frozen=True)
+class TwinEvidence(Evidence):
+    """A loop over an actuator's training logs; `left`: curves of what no effect explains."""
+
+    loop: Loop
+    rig: Rig
+    left: tuple[ResidualCurve, ...]
+
+    component = ACTUATOR
+
+    @property
+    def steps(self) -> Sequence[RefittedStep]:
+        return self.loop.search.steps
+
+    @property
+    def rounds(self) -> tuple[Round, ...]:
+        return self.loop.search.rounds
+
+    @property
+    def looked(self) -> Looked:
+        return self.loop.looked
+
+    @property
+    def effects(self) -> Sequence[CatalogueEffect]:
+        joint = self.loop.search.joint
+        return () if joint is None else joint.effects
+
+    def estimates(self, place: int) -> dict[str, Estimate]:
+        return self.loop.search.estimates(place)
+
+    def rounds_shown(self) -> list[dict[str, Any]]:
+        """See `sysid.diagnosis.actuator.figures.rounds_shown`."""
+        return rounds_shown(self.loop.search, self.loop.null, self.looked)
+
+    def figures(self) -> dict[str, Any]:
+        """`excess`, `curves` and `leftover`.
+
+        `excess`: by residual (`effort`, `rate_a`, `rate_b`) the whitened sum of squares beyond the
+        twins', before and after. `curves`: mean residual over a regressor before and after
+        (`centres`, `before`, `after` with their standard errors; Nm or N for `effort`, Pa/s for the
+        rates, over the regressor's SI unit; `fine`: up to where bins are narrow, None for bins of
+        equal count). `leftover`: the curve of each unexplained channel.
+        """
+        search, null = self.loop.search, self.loop.null
+        before, after = null.excess(search.first), null.excess(search.last)
+        return {
+            "excess": {name: {"before": before[name], "after": after[name]} for name in before},
+            "curves": residual_curves(search),
+            "leftover": [
+                {"channel": log_channel(curve.channel, self.rig), **shown_curve(curve)}
+                for curve in self.left
+            ],
+        }
+
+    def with_base(self, bundle: Bundle) -> Bundle:
+        """The refitted base parameters in place of the original ones; PWM surfaces stay."""
+        keys = friction_keys(bundle.is_linear)
+        friction = {"coulomb_effort": keys["coulomb"], "viscous": keys["viscous"]}
+        fields: dict[str, Any] = {}
+        if bundle.friction is not None:
+            fields["friction"] = self._renewed(bundle.friction, friction)
+        if bundle.valves is not None:
+            sides = {}
+            for side in SIDES:
+                law = bundle.valve(side).discrete
+                if law is not None:
+                    names = {f"{name}_{side}": key for name, key in LAW_KEYS.items()}
+                    renewed = self._renewed(law, names)
+                    sides[side] = bundle.valve(side).replaced(discrete=renewed)
+            fields["valves"] = bundle.valves.replaced(**sides)
+        return bundle.replaced(**fields)
+
+    def _renewed(self, part: _Part, names: dict[str, str]) -> _Part:
+        """New values of a part's keys by the model's names; the old intervals no longer apply."""
+        search, fields = self.loop.search, {}
+        for name, key in names.items():
+            old, std = getattr(part, key), search.base_std.get(name)
+            if old is not None and std is not None:
+                value = float(getattr(search.model.parameters, name))
+                fields[key] = Estimate.symmetric(value, std, old.unit, search.base_dof)
+        return part.replaced(**fields)
+
+    def to_json(self) -> dict[str, Any]:
+        """Friction's scatter from test to test, one relative standard deviation."""
+        return {"friction_scatter": self.loop.scatter.sliding}
+
+
+__all__ = ["TwinEvidence"]

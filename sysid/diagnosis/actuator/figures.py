@@ -1,0 +1,162 @@
+"""What a diagnosis on twins shows: its rounds, and its residuals over regressors, in JSON types."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from sysid.diagnosis.actuator.equation_error import CHANNELS, equation_error
+from sysid.diagnosis.actuator.null_distribution import Null
+from sysid.diagnosis.actuator.search import (
+    CLEAR_RATIO,
+    MOST_SUSPECTS,
+    SIGNIFICANCE,
+    WORTH_REFITTING,
+    RefittedStep,
+    Search,
+    Suspect,
+)
+from sysid.diagnosis.actuator.unexplained import ResidualCurve, regressors
+from sysid.diagnosis.binning import binned_means
+from sysid.diagnosis.looked import Looked, SearchStage
+from sysid.diagnosis.search import MOST_EFFECTS
+from sysid.types import FloatArray, IntArray
+
+# Of each channel's regressors, those that the residual depends on most.
+_REGRESSORS = 3
+_BINS = 24
+_LEAST_IN_BIN = 6
+_OWN_DERIVATIVE = {
+    "effort": "acceleration",
+    "rate_a": "pressure_rate",
+    "rate_b": "pressure_rate",
+}
+# Bins widen away from 0 beyond this share of a regressor's range.
+_FINE = 0.04
+
+
+def rounds_shown(search: Search, null: Null, looked: Looked) -> list[dict[str, Any]]:
+    """What each round tried: `added` (an id, None in the last) and `suspects`.
+
+    A suspect: `id`, `gain` and `refitted` (whitened squares that its signature and its refit
+    remove from the residual; None where it was not refitted), `twins` (the gains on the twins
+    that were screened), `p_value`, and `fate`, in words.
+    """
+    shown = []
+    for number, one in enumerate(search.rounds, start=1):
+        own = [m for m in looked.missed if (m.stage, m.round) == (SearchStage.SUSPECTS, number)]
+        late = {m.subject: f"not fitted: {m.reason}" for m in own}
+        suspects: Sequence[Suspect] = one.tried  # type: ignore[assignment]
+        rows = [
+            {
+                "id": s.id,
+                "gain": float(s.gain),
+                "refitted": None if s.refitted is None else float(s.refitted),
+                "twins": [float(g) for g in null.gains(s.id)],
+                "p_value": float(s.p_value),
+                "fate": late.get(s.id) or _fate(s, one.added, suspects, number),  # type: ignore[arg-type]
+            }
+            for s in suspects
+        ]
+        added = None if one.added is None else one.added.id
+        shown.append({"added": added, "removed": list(one.removed), "suspects": rows})
+    return shown
+
+
+def _fate(
+    suspect: Suspect, step: RefittedStep | None, suspects: Sequence[Suspect], number: int
+) -> str:
+    """Why a suspect was added or not: the rules of `sysid.diagnosis.actuator.search`, in words."""
+    if step is not None and suspect.id == step.id:
+        return "added"
+    if step is not None and suspect.refitted is not None:
+        share = 100.0 * suspect.refitted / step.refit.gain
+        equal = ": indistinguishable in these data" if suspect.id in step.ambiguous else ""
+        return f"refitted, explains {share:.3g} % of what {step.id} explains{equal}"
+    if suspect.p_value >= SIGNIFICANCE:
+        return "gains no more than chance would"
+    if suspect.ratio <= CLEAR_RATIO:
+        return "gains too little more than on the twins"
+    if step is None and number > MOST_EFFECTS:
+        return f"not tried: at most {MOST_EFFECTS} effects are added"
+    if suspect.gain <= WORTH_REFITTING * suspects[0].gain:
+        return f"not refitted: explains far less than {suspects[0].id}"
+    clear = [s for s in suspects if s.p_value < SIGNIFICANCE and s.ratio > CLEAR_RATIO]
+    if suspect not in clear[:MOST_SUSPECTS]:
+        return f"not refitted: {MOST_SUSPECTS} others gain more"
+    if step is None:
+        return "explains too small a share of the remainder, or differs from test to test"
+    return "refitted: its strength differs from test to test"
+
+
+def residual_curves(search: Search) -> list[dict[str, Any]]:
+    """Each residual over the regressors along which the effects change it most.
+
+    Without effects, over those that it depends on most, other than the derivative from which
+    it is computed, whose noise it shares.
+    """
+    frame = search.first.frame
+    errors = [equation_error(frame.traces, p.model) for p in (search.first, search.last)]
+    found = []
+    for channel in CHANNELS:
+        view = frame.windows[channel]
+        before, after = (view.average(error[channel]) for error in errors)
+        ranked: list[tuple[float, dict[str, Any]]] = []
+        for name, regressor in regressors(frame.traces, channel).items():
+            x = view.average(regressor)
+            bins = _bins(x)
+            if bins is None or (not search.steps and name == _OWN_DERIVATIVE[channel]):
+                continue
+            place, fine = bins
+            entry: dict[str, Any] = {"channel": channel, "regressor": name, "fine": fine}
+            entry["centres"] = (np.bincount(place, x) / np.bincount(place)).tolist()
+            for key, values in (("before", before), ("after", after)):
+                entry[key] = binned_means(place, values, view.stretch)
+            followed = [entry[key]["power"] for key in ("before", "after")]
+            ranked.append((followed[0] - followed[1] if search.steps else followed[0], entry))
+        ranked.sort(key=lambda item: -item[0])
+        found += [entry for _, entry in ranked[:_REGRESSORS]]
+    return found
+
+
+def _bins(x: FloatArray) -> tuple[IntArray, float | None] | None:
+    """The bin of each window, (windows,), and how far from 0 bins are narrow (None: nowhere).
+
+    A regressor of both signs is binned finely about 0, where direction changes and little
+    time is spent, any other in bins of equal count. None where fewer than 3 bins hold enough.
+    """
+    if len(x) < 3 * _LEAST_IN_BIN:
+        return None
+    fine = None
+    if x.min() < 0.0 < x.max():
+        fine = _FINE * float(np.quantile(np.abs(x), 0.95))
+        x = np.arcsinh(x / fine) if fine > 0.0 else x
+        edges = np.linspace(x.min(), x.max(), _BINS + 1)
+    else:
+        edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, _BINS + 1)))
+    place = np.searchsorted(edges[1:-1], x, side="right")
+    # Sparse bins are merged with the next one up, the last with the one below.
+    joined, held, bins = np.zeros(len(edges), dtype=np.intp), 0, 0
+    for i, count in enumerate(np.bincount(place, minlength=len(edges))):
+        joined[i] = bins
+        held += int(count)
+        if held >= _LEAST_IN_BIN:
+            held, bins = 0, bins + 1
+    return (np.minimum(joined, bins - 1)[place], fine or None) if bins >= 3 else None
+
+
+def shown_curve(curve: ResidualCurve) -> dict[str, Any]:
+    """A curve of what no effect explains."""
+    return {
+        "residual": curve.channel,
+        "regressor": curve.regressor,
+        "centres": curve.centres.tolist(),
+        "share": float(curve.share),
+        "means": curve.means.tolist(),
+        "errors": np.nan_to_num(curve.errors).tolist(),
+    }
+
+
+__all__ = ["residual_curves", "rounds_shown", "shown_curve"]

@@ -1,0 +1,91 @@
+"""What tests left out say of a part tested alone, as a diagnosis' evidence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from sysid.bundle import Bundle
+from sysid.diagnosis.bench.selection import Addition, Selection
+from sysid.diagnosis.bench.unexplained import BinnedResidual
+from sysid.diagnosis.evidence import Evidence
+from sysid.diagnosis.looked import Looked
+from sysid.diagnosis.search import Round, Tried
+from sysid.diagnosis.thresholds import LEAST_GAIN, SIGNIFICANCE
+from sysid.estimation.linear import Estimate
+from sysid.model.effects.entry import CatalogueEffect
+
+
+@dataclass(frozen=True)
+class HeldOutEvidence(Evidence):
+    """A selection of a part's effects; `curves` over the regressors it depends on most."""
+
+    component: str
+    selection: Selection
+    curves: tuple[BinnedResidual, ...]
+
+    @property
+    def steps(self) -> Sequence[Addition]:
+        return self.selection.additions
+
+    @property
+    def rounds(self) -> tuple[Round, ...]:
+        return self.selection.rounds
+
+    @property
+    def looked(self) -> Looked:
+        return self.selection.looked
+
+    @property
+    def effects(self) -> Sequence[CatalogueEffect]:
+        return self.selection.final.law.effects
+
+    def estimates(self, place: int) -> dict[str, Estimate]:
+        return self.selection.final.estimates(self.effects[place])
+
+    def rounds_shown(self) -> list[dict[str, Any]]:
+        """A suspect: `id`, `gain` (share of the error of tests left out), `p_value`, `fate`."""
+        return [
+            {
+                "added": None if one.added is None else one.added.id,
+                "removed": list(one.removed),
+                "suspects": [{**tried.to_json(), "fate": _fate(tried, one)} for tried in one.tried],
+            }
+            for one in self.rounds
+        ]
+
+    def figures(self) -> dict[str, Any]:
+        """`curves`: mean residual over a regressor, before and after, in the channel's unit."""
+        part = self.selection.final.component
+        return {"curves": [c.shown() for c in self.curves], "unit": part.unit}
+
+    def with_base(self, bundle: Bundle) -> Bundle:
+        """The part's law as it was fitted beside the effects."""
+        final = self.selection.final
+        return final.component.renewed(bundle, final.base_estimates(), final.quality())
+
+    def to_json(self) -> dict[str, Any]:
+        """Curves, and the effects that parts of the tests name though all of them do not."""
+        return {
+            "undecided": [{"id": u.id, **u.to_json()} for u in self.selection.undecided],
+            "curves": [curve.to_json() for curve in self.curves],
+        }
+
+
+def _fate(tried: Tried, one: Round) -> str:
+    """Why an effect was added or not, in words."""
+    if one.added is not None and tried.id == one.added.id:
+        return "added"
+    if tried.p_value * len(one.tried) >= SIGNIFICANCE:
+        return "fits no better than chance would"
+    if tried.gain <= LEAST_GAIN:
+        return "does not predict tests left out well enough"
+    if one.added is not None and tried.id in one.added.ambiguous:
+        return f"indistinguishable from {one.added.id} in these tests"
+    if one.added is not None:
+        return f"predicts less well than {one.added.id}, or as well with more numbers"
+    return "predicts too few of the tests better, or too many effects were added"
+
+
+__all__ = ["HeldOutEvidence"]

@@ -1,0 +1,40 @@
+"""Means of a residual in bins of a regressor."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from sysid.types import FloatArray, IntArray
+
+
+def binned_means(place: IntArray, values: FloatArray, group: IntArray) -> dict[str, Any]:
+    """Means of values (n,) in bins, their standard errors, and the share of variance they explain.
+
+    `place` (n,): each value's bin, `group` (n,): the test, or the unbroken stretch of one, that it
+    is from. Values within a group are correlated: the errors take each group within a bin as one
+    observation. Lists `means` and `errors` (bins,); `share`, 0 to 1, is adjusted for the number of
+    bins, `power` the mean square that goes with it.
+    """
+    count = np.bincount(place)
+    means = np.bincount(place, values) / count
+    inside = values - means[place]
+    clusters, index = np.unique(place * (int(group.max()) + 1) + group, return_inverse=True)
+    sums = np.bincount(index, inside)
+    owner = clusters // (int(group.max()) + 1)
+    own = np.bincount(owner)
+    correction = own / np.maximum(own - 1, 1)
+    errors = np.sqrt(np.bincount(owner, sums**2) * correction) / count
+    total = float(values @ values) / len(values)
+    freedom = max(len(values) - len(means), 1)
+    share = 1.0 - float(inside @ inside) / freedom / total if total > 0.0 else 0.0
+    return {
+        "share": max(share, 0.0),
+        "power": max(share, 0.0) * total,
+        "means": means.tolist(),
+        "errors": errors.tolist(),
+    }
+
+
+__all__ = ["binned_means"]

@@ -1,0 +1,118 @@
+"""What a diagnosis rests on: one strategy a kind of component, and the verdict from any of them."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from sysid.bundle import Bundle
+from sysid.diagnosis.looked import Because, Looked
+from sysid.diagnosis.result import BeforeAfter, FoundEffect, Verdict
+from sysid.diagnosis.search import Round, Step
+from sysid.estimation.linear import Estimate
+from sysid.model.effects.entry import CatalogueEffect
+
+ACTUATOR = "actuator"
+
+
+class Evidence(ABC):
+    """How the effects of a component were found: by twins, or by tests left out of its fit."""
+
+    component: str
+    """The component's name: `ACTUATOR`, or the kind of test of a part."""
+
+    @property
+    @abstractmethod
+    def steps(self) -> Sequence[Step]:
+        """The effects in the model, in the order in which they were added."""
+
+    @property
+    @abstractmethod
+    def rounds(self) -> tuple[Round, ...]:
+        """What each round tried, the last of which added nothing."""
+
+    @property
+    @abstractmethod
+    def looked(self) -> Looked:
+        """What was looked at, and what was not: for want of time, or as it failed."""
+
+    @property
+    @abstractmethod
+    def effects(self) -> Sequence[CatalogueEffect]:
+        """The steps' effects, all fitted together."""
+
+    @abstractmethod
+    def estimates(self, place: int) -> dict[str, Estimate]:
+        """An effect's numbers by field."""
+
+    @abstractmethod
+    def rounds_shown(self) -> list[dict[str, Any]]:
+        """Each round for a report: `added`, and `suspects` with their `fate`, in JSON types."""
+
+    @abstractmethod
+    def figures(self) -> dict[str, Any]:
+        """The numbers behind a report's figures, in JSON types; `curves` at least."""
+
+    @abstractmethod
+    def with_base(self, bundle: Bundle) -> Bundle:
+        """A bundle with the base model's parameters as they were fitted beside the effects."""
+
+    def to_json(self) -> dict[str, Any]:
+        """What `sysid diagnose --json` prints of this kind of evidence only."""
+        return {}
+
+    @property
+    def rejected(self) -> tuple[Any, ...]:
+        """What the last round tried."""
+        return self.rounds[-1].tried
+
+    def verdict(self, because: Because | None) -> Verdict:
+        """`because`: why it is `unexplained`, None where it is not."""
+        if because is not None:
+            return "unexplained"
+        return "effects-found" if self.steps else "adequate"
+
+    def found(self, errors: Sequence[Mapping[str, float]]) -> tuple[FoundEffect, ...]:
+        """The effects with what each gained; `errors` by channel: before, then after each step."""
+        return tuple(
+            FoundEffect(
+                effect=self.effects[place],
+                estimates=self.estimates(place),
+                p_value=step.p_value,
+                share=step.share,
+                holdout=_before_after(errors[place], errors[place + 1]),
+                ambiguous_with=step.ambiguous,
+                advice=type(step.effect).tie_breaker if step.is_ambiguous else "",
+                suspects=step.tried,
+                repeats=step.parts_named,
+            )
+            for place, step in enumerate(self.steps)
+        )
+
+
+def _before_after(
+    before: Mapping[str, float], after: Mapping[str, float]
+) -> dict[str, BeforeAfter]:
+    """By channel, where both are known."""
+    return {
+        name: BeforeAfter(before[name], after[name])
+        for name in before
+        if np.isfinite([before[name], after[name]]).all()
+    }
+
+
+def residual(
+    errors: Sequence[Mapping[str, float]], floors: Mapping[str, float]
+) -> dict[str, BeforeAfter]:
+    """RMSE on held-out tests by channel, before, after and of a correct model, where known."""
+    return {
+        name: BeforeAfter(errors[0][name], errors[-1][name], floors[name])
+        for name in errors[0]
+        if np.isfinite([errors[0][name], errors[-1][name], floors[name]]).all()
+    }
+
+
+__all__ = ["ACTUATOR", "Evidence", "residual"]

@@ -1,0 +1,156 @@
+"""The search for what a model lacks: effects are added one after another, and taken out again.
+
+What a round screens, fits and judges is a matter of the evidence (`Rounds`): twins of an actuator
+(`actuator.search`), tests of a part left out of its fit (`bench.selection`). Every effect that is
+not in the model is tried again in each round; one that those added after it make superfluous is
+removed, and not tried again.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+from sysid.diagnosis.looked import Book, SearchStage
+from sysid.model.effects.entry import CatalogueEffect
+from sysid.parallel import Failure, attempt
+from sysid.types import Progress
+
+MOST_EFFECTS = 3
+
+
+@dataclass(frozen=True)
+class Tried:
+    """An effect that a round tried: what it gains, and how likely as much is by chance.
+
+    `gain` in the evidence's own terms: whitened squares that its signature removes (twins), or the
+    share of the mean square error of tests left out, negative where it predicts worse.
+    """
+
+    id: str
+    gain: float
+    p_value: float
+
+    def to_json(self) -> dict[str, Any]:
+        """As `sysid diagnose --json` lists what was rejected."""
+        return {"id": self.id, "gain": self.gain, "p_value": self.p_value}
+
+
+@dataclass(frozen=True)
+class Step:
+    """An effect that was added, and what else its round tried, in descending order.
+
+    `effect` as it was fitted then. `share`: what it explained of the excess over noise in the
+    balances that it reaches, or of the mean square error of tests left out. `ambiguous`: ids that
+    the data put in its place.
+    """
+
+    effect: CatalogueEffect
+    p_value: float
+    share: float
+    ambiguous: tuple[str, ...]
+    tried: tuple[Tried, ...]
+
+    @property
+    def id(self) -> str:
+        return self.effect.id
+
+    @property
+    def is_ambiguous(self) -> bool:
+        """Whether other tests are needed to tell it from its rivals."""
+        return bool(self.ambiguous)
+
+    @property
+    def parts_named(self) -> dict[str, Any] | None:
+        """What parts of the tests name, in JSON types; None where the tests were not cut."""
+        return None
+
+
+StepT = TypeVar("StepT", bound=Step)
+
+
+@dataclass(frozen=True)
+class Round:
+    """What a round tried, the step that it added (None: the last round), and what that removed."""
+
+    tried: tuple[Tried, ...]
+    added: Step | None = None
+    removed: tuple[str, ...] = ()
+
+
+class Rounds(ABC, Generic[StepT]):
+    """What one kind of evidence says of effects, round by round.
+
+    `steps` are those in the model, in the order in which they were added; `tried` what the present
+    round tried.
+    """
+
+    steps: list[StepT]
+    tried: tuple[Tried, ...]
+
+    @abstractmethod
+    def proposal(self, number: int, barred: frozenset[str]) -> StepT | None:
+        """The best effect to be added in a round, of those not in `barred`; None: there is none.
+
+        Raises OutOfTimeError.
+        """
+
+    @abstractmethod
+    def add(self, step: StepT) -> None:
+        """Take a step into the model."""
+
+    @abstractmethod
+    def superfluous(self) -> StepT | None:
+        """A step other than the last that the model does without; None: all are needed.
+
+        Raises OutOfTimeError.
+        """
+
+    @abstractmethod
+    def remove(self, step: StepT) -> None:
+        """Take a step out of the model, and fit the others without it."""
+
+
+def run(rounds: Rounds[StepT], book: Book, progress: Progress) -> tuple[Round, ...]:
+    """Add effects, and remove what they make superfluous, until no round adds one.
+
+    Ends within the time limit in force (`sysid.parallel`); what failed is in the book.
+    """
+    history: list[Round] = []
+    removed: set[str] = set()
+    while True:
+        number = len(history) + 1
+        barred = frozenset({step.id for step in rounds.steps} | removed)
+        book.round = number
+        proposed = attempt(lambda: rounds.proposal(number, barred))  # noqa: B023
+        if isinstance(proposed, Failure):
+            book.miss(proposed)
+            proposed = None
+        if proposed is None:
+            history.append(Round(rounds.tried))
+            return tuple(history)
+        rounds.add(proposed)
+        gone = _removed(rounds, book, number, progress)
+        removed |= set(gone)
+        history.append(Round(proposed.tried, proposed, gone))
+
+
+def _removed(rounds: Rounds[StepT], book: Book, number: int, progress: Progress) -> tuple[str, ...]:
+    """The effects taken out again after a round, one by one."""
+    found: list[str] = []
+    while len(rounds.steps) > 1:
+        book.enter(SearchStage.REMOVAL, number)
+        step = attempt(rounds.superfluous)
+        if isinstance(step, Failure):
+            book.miss(step, decides=False)
+            break
+        if step is None:
+            break
+        progress(f"{step.id}: superfluous beside {rounds.steps[-1].id}, removed")
+        rounds.remove(step)
+        found.append(step.id)
+    return tuple(found)
+
+
+__all__ = ["MOST_EFFECTS", "Round", "Rounds", "Step", "Tried", "run"]
