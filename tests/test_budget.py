@@ -102,9 +102,7 @@ def test_a_worker_that_overruns_is_killed(tmp_path: Path, monkeypatch: pytest.Mo
 
 
 def steps_of(found: Loop) -> list[tuple[Any, ...]]:
-    return [
-        (s.refit.effects, s.model, s.p_value, s.ambiguous, s.tried) for s in found.search.steps
-    ]
+    return [(s.refit.effects, s.model, s.p_value, s.ambiguous, s.tried) for s in found.search.steps]
 
 
 def test_within_the_budget_the_result_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -162,7 +162,7 @@ def test_a_refinement_that_does_not_hold_is_not_taken(
     monkeypatch.setattr("sysid.refinement.refine.refine", outcome)
     before = replace(ran.diagnosed.diagnosis, refinement=None)
     campaign, extended = read_campaign(ran.campaign), read_bundle(ran.extended)
-    found = with_refined_numbers(before, campaign, extended, catalogue())
+    found = with_refined_numbers(before, campaign, extended, catalogue(), lambda bundle: {})
     assert found.effects == before.effects and found.residual == before.residual
     assert why in found.not_refined and why in found.notices[-1]
     assert found.to_json()["refined"] is False

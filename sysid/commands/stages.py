@@ -24,7 +24,7 @@ from sysid.components.campaign import fit_own, is_own
 from sysid.components.loading import component_in
 from sysid.components.log_check import checked
 from sysid.components.validation import validate_own
-from sysid.diagnosis.bench.registry import part_tested
+from sysid.diagnosis.bench.registry import AXIS, part_tested
 from sysid.diagnosis.looked import SECONDS
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.export import export_file
@@ -281,8 +281,8 @@ def _was_cut_short(run: PipelineRun) -> bool:
 def _refine(run: PipelineRun) -> None:
     """A campaign whose motion cannot be simulated continues unrefined; a notice says why.
 
-    A part tested alone has no motion of an actuator: its bundle continues as it is, and so does
-    one that the diagnosis refined, or tried to refine and could not.
+    A part tested alone, save an axis with a motor, has no motion to simulate: its bundle continues
+    as it is, and so does one that the diagnosis refined, or tried to refine and could not.
     """
     from sysid.components.refinement import refine_own
     from sysid.refinement.refine import refine  # loads jax
@@ -299,8 +299,9 @@ def _refine(run: PipelineRun) -> None:
         write_bundle(bundle, run.path(_REFINED_FILE))
         return
     part = part_tested([entry.kind for entry in run.campaign.logs], bundle)
+    moves = part == AXIS and run.campaign.rig.is_motor_alone
     tried = (run.diagnosis() or {}).get("not_refined")
-    if part or tried or bundle.refinement is not None:
+    if (part and not moves) or tried or bundle.refinement is not None:
         write_bundle(bundle, run.path(_REFINED_FILE))
         return
     try:

@@ -7,9 +7,9 @@ from typing import Any
 from sysid.bundle import Bundle, EffectEntry, HeldOutError
 from sysid.bundle.assembled_model import assumed_friction
 from sysid.bundle.effects import entry_of
-from sysid.diagnosis.actuator.diagnose import diagnose
-from sysid.diagnosis.bench.diagnose import diagnose_component
-from sysid.diagnosis.bench.registry import part_tested
+from sysid.diagnosis.actuator.diagnose import diagnose, open_loop_errors
+from sysid.diagnosis.bench.diagnose import diagnose_component, held_out_errors
+from sysid.diagnosis.bench.registry import AXIS, part_tested
 from sysid.diagnosis.looked import SECONDS
 from sysid.diagnosis.refined import with_refined_numbers
 from sysid.diagnosis.result import Diagnosis, FoundEffect
@@ -34,7 +34,8 @@ def diagnose_logs(
     """The diagnosis of a campaign's logs, and the readers' notices.
 
     An effect that the bundle already holds is part of the model under diagnosis. With `refine`
-    the numbers of what an actuator lacks are those of simulation error on its motion logs. Ends
+    the numbers of what an actuator, or an axis with a motor alone, lacks are those of simulation
+    error on its motion logs. Ends
     after `budget` seconds with the best so far (None: never).
     """
     with time_limit(budget):
@@ -70,13 +71,28 @@ def _diagnose_logs(
         found = diagnose_component(
             kind, trials["fit"], trials["holdout"], campaign.rig, bundle, open_ones, progress
         )
+        if refine and kind == AXIS and campaign.rig.is_motor_alone and trials["holdout"]:
+
+            def of_part(other: Bundle) -> dict[str, float]:
+                return held_out_errors(kind, trials["holdout"], campaign.rig, other, catalogue)
+
+            found = with_refined_numbers(
+                found, campaign, extended_bundle(bundle, found, campaign), catalogue, of_part,
+                progress,
+            )  # fmt: skip
         return found, tuple(notices)
     model = bundle.model(campaign.rig, catalogue)
     notices += assumed_friction(bundle)
     diagnosis = diagnose(logs, campaign.rig, model, open_ones, seed=seed, progress=progress)
     if refine:
+
+        def of_actuator(other: Bundle) -> dict[str, float]:
+            return open_loop_errors(logs, campaign.rig, other.model(campaign.rig, catalogue))
+
         extended = extended_bundle(bundle, diagnosis, campaign)
-        diagnosis = with_refined_numbers(diagnosis, campaign, extended, catalogue, progress)
+        diagnosis = with_refined_numbers(
+            diagnosis, campaign, extended, catalogue, of_actuator, progress
+        )
     return diagnosis, tuple(notices)
 
 

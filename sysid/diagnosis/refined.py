@@ -8,20 +8,18 @@ from __future__ import annotations
 
 import dataclasses
 import math
-
-import numpy as np
+from collections.abc import Callable, Mapping
 
 from sysid.bundle import Bundle, EffectEntry
-from sysid.diagnosis.actuator.holdout import held_out
+from sysid.bundle.assembled_model import effects_from_bundle
 from sysid.diagnosis.looked import LATE, Book, SearchStage
 from sysid.diagnosis.result import Diagnosis, FoundEffect
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.estimation.linear import Estimate
-from sysid.io.campaign import MOTION_KINDS, Campaign
+from sysid.io.campaign import Campaign
 from sysid.model.effects.entry import Catalogue, CatalogueEffect
 from sysid.parallel import OutOfTimeError, check_time
 from sysid.types import Progress, no_progress
-from sysid.validation.motion_tests import CHAMBER_PRESSURES
 
 # Whole training tests that are simulated this much worse (mean over the channels) say that the
 # estimation went elsewhere; less is the friction of single tests.
@@ -33,12 +31,14 @@ def with_refined_numbers(
     campaign: Campaign,
     extended: Bundle,
     catalogue: Catalogue,
+    held_out_errors: Callable[[Bundle], Mapping[str, float]],
     progress: Progress = no_progress,
 ) -> Diagnosis:
     """The diagnosis with its numbers, and the errors after, as a refinement has them.
 
-    `extended` is the bundle with the effects found. Where nothing was found, or the refinement
-    does not hold or time runs out, the diagnosis is as it was, with a notice that says why.
+    `extended` is the bundle with the effects found; `held_out_errors` are a bundle's by channel,
+    in its unit. Where nothing was found, or the refinement does not hold or time runs out, the
+    diagnosis is as it was, with a notice that says why.
     """
     if not diagnosis.effects:
         return diagnosis
@@ -54,28 +54,21 @@ def with_refined_numbers(
             how = f"{worse:.2g} times worse" if math.isfinite(worse) else "no more"
             why = f"the training tests would be simulated {how}"
             return _as_it_was(diagnosis, why)
-        model = result.bundle.model(campaign.rig, catalogue)
-        logs = [(e.kind, campaign.read(e)) for e in campaign.select(MOTION_KINDS, use="holdout")]
-        outside = held_out(campaign.rig, logs)
-        after = outside.rmse(model) if outside.tests else np.full(3, math.nan)
+        after = held_out_errors(result.bundle)
     except OutOfTimeError:
         return _out_of_time(diagnosis)
     except (InputError, NotIdentifiedError, RuntimeError) as error:
         return _as_it_was(diagnosis, str(error))
-    names = (campaign.rig.position_channel, *CHAMBER_PRESSURES)
-    errors = dict(zip(names, map(float, after), strict=True))
     count = len(diagnosis.effects)
-    found = zip(
-        diagnosis.effects, result.bundle.effects[-count:], model.effects[-count:], strict=True
-    )
-    effects = [_refined(effect, entry, own) for effect, entry, own in found]  # type: ignore[arg-type]
+    own = effects_from_bundle(result.bundle, catalogue)[-count:]
+    found = zip(diagnosis.effects, result.bundle.effects[-count:], own, strict=True)
     return dataclasses.replace(
         diagnosis,
-        effects=tuple(effects),
+        effects=tuple(_refined(effect, entry, new) for effect, entry, new in found),  # type: ignore[arg-type]
         residual={
-            name: dataclasses.replace(error, after=errors[name])
+            name: dataclasses.replace(error, after=after[name])
             for name, error in diagnosis.residual.items()
-            if math.isfinite(errors[name])
+            if math.isfinite(after.get(name, math.nan))
         },
         refinement=result,
         notices=(*diagnosis.notices, *result.notices),

@@ -125,6 +125,15 @@ def _diagnosed(
     )
 
 
+def open_loop_errors(
+    logs: Sequence[tuple[str, str, Log]], rig: Rig, model: Model
+) -> dict[str, float]:
+    """RMSE of a model by channel, in its unit, on the motion logs held out; NaN without one."""
+    outside = held_out(rig, [(kind, log) for use, kind, log in logs if use == "holdout"])
+    errors = outside.rmse(model) if outside.tests else np.full(3, math.nan)
+    return dict(zip((rig.position_channel, *CHAMBER_PRESSURES), map(float, errors), strict=True))
+
+
 def is_far_off(errors: FloatArray, floor: FloatArray) -> bool:
     """Whether the error of every channel of the held-out tests, (3,), is far above its noise."""
     known = ~np.isnan(errors) & ~np.isnan(floor)
@@ -163,4 +172,4 @@ def _noise_floor(outside: HeldOut, found: Loop, seed: int) -> FloatArray:
         return np.full(3, math.nan)
 
 
-__all__ = ["diagnose", "is_far_off"]
+__all__ = ["diagnose", "is_far_off", "open_loop_errors"]

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from sysid.bundle import Bundle
+from sysid.bundle.assembled_model import effects_from_bundle
 from sysid.diagnosis.bench.component import Component, Law, rmse
 from sysid.diagnosis.bench.evidence import HeldOutEvidence
 from sysid.diagnosis.bench.registry import component_of
@@ -21,7 +22,7 @@ from sysid.diagnosis.result import Diagnosis, Unexplained
 from sysid.errors import NotIdentifiedError
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
-from sysid.model.effects.entry import CatalogueEffect
+from sysid.model.effects.entry import Catalogue, CatalogueEffect
 
 _LEFT_OUT = (
     "no held-out log: errors before and after are those of tests left out of the fit in turn"
@@ -89,6 +90,16 @@ def diagnose_component(
     )
 
 
+def held_out_errors(
+    kind: str, held_out: Sequence[Trial], rig: Rig, bundle: Bundle, catalogue: Catalogue
+) -> dict[str, float]:
+    """RMSE by channel, in its unit, of a bundle's law with its effects on held-out tests."""
+    outside = component_of(kind, held_out, rig)
+    effects = effects_from_bundle(bundle, catalogue)
+    law = Law(outside.law_of(bundle).values, effects)  # type: ignore[arg-type]
+    return _errors(outside, law)
+
+
 def _repeating(
     structured: list[BinnedResidual],
     rest: Remainder,
@@ -116,4 +127,4 @@ def _errors(outside: Component, law: Law) -> dict[str, float]:
     return {outside.channel: predicted, **simulated}
 
 
-__all__ = ["diagnose_component"]
+__all__ = ["diagnose_component", "held_out_errors"]
