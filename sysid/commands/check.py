@@ -19,12 +19,12 @@ from sysid.commands.options import (
 )
 from sysid.commands.own_component import read_with
 from sysid.commands.printing import notices, print_json, progress
-from sysid.components.log_check import checked
 from sysid.display.terminal import console, new_table
 from sysid.errors import input_error
 from sysid.io.logs import read_log
 from sysid.io.rig import find_rig_file, read_rig
 from sysid.io.units import parse_map
+from sysid.workflows.subject import subject_of
 
 
 @click.command()
@@ -70,7 +70,7 @@ def _campaign_checks(
         )
     campaign = read_with(path, component, progress())
     said += [*campaign.notices, *campaign.rig.notices]
-    return checked(campaign)
+    return subject_of(campaign).checks()
 
 
 # --- printing -----------------------------------------------------------------------------

@@ -26,9 +26,6 @@ from sysid.commands.options import (
 )
 from sysid.commands.own_component import read_with
 from sysid.commands.printing import estimate_cells, notices, print_json, progress
-from sysid.components.campaign import is_own
-from sysid.components.log_check import checked
-from sysid.components.validation import validated
 from sysid.diagnosis import wording
 from sysid.diagnosis.evidence import ACTUATOR
 from sysid.diagnosis.looked import SECONDS
@@ -37,9 +34,9 @@ from sysid.display.terminal import console, new_table
 from sysid.io.campaign import Campaign
 from sysid.model.effects.catalogue import catalogue_with
 from sysid.types import Progress, no_progress
-from sysid.validation import VALIDATED_KINDS
 from sysid.workflows.diagnosing import CampaignDiagnosis
 from sysid.workflows.diagnosing import diagnose as workflow
+from sysid.workflows.subject import subject_of
 
 # Suspects of one round that a summary names.
 _MOST_SUSPECTS = 6
@@ -137,20 +134,15 @@ def _write_report(
     from sysid.report import write_report
 
     validation = None
-    is_part = found.detail.component != ACTUATOR and not is_own(campaign)
-    if not is_part and (is_own(campaign) or campaign.select(VALIDATED_KINDS, None)):
-        validation = validated(
-            campaign,
-            found.bundle,
-            catalogue=catalogue_with(effects),
-            progress=progress,
-        )
+    subject = subject_of(campaign)
+    if subject.is_validated(found.bundle):
+        validation = subject.validate(found.bundle, catalogue_with(effects), progress)
     write_report(
         path,
         campaign=campaign,
         bundle=found.bundle,
         validation=validation,
-        checks=checked(campaign),
+        checks=subject.checks(),
         diagnosis=found.content(),
         progress=progress,
     )

@@ -20,8 +20,6 @@ from sysid.commands.options import (
 )
 from sysid.commands.own_component import read_with
 from sysid.commands.printing import notices, print_json, print_written, progress
-from sysid.components.log_check import checked
-from sysid.components.validation import validated
 from sysid.display.numbers import ascii_text
 from sysid.display.terminal import console, new_table
 from sysid.errors import input_error
@@ -29,6 +27,7 @@ from sysid.io.campaign import Campaign, read_campaign
 from sysid.model.effects.catalogue import catalogue_with
 from sysid.model.effects.entry import Catalogue
 from sysid.types import Progress, no_progress
+from sysid.workflows.subject import subject_of
 
 if TYPE_CHECKING:
     from sysid.components.refinement import OwnRefinement
@@ -156,8 +155,8 @@ def _written(
             report,
             campaign=campaign,
             bundle=bundle,
-            validation=validated(campaign, bundle, catalogue=catalogue, progress=progress),
-            checks=checked(campaign),
+            validation=subject_of(campaign).validate(bundle, catalogue, progress),
+            checks=subject_of(campaign).checks(),
             progress=progress,
         )
         written.append(report)

@@ -17,14 +17,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sysid import __version__
-from sysid.assembly import fit_campaign
 from sysid.bundle import Bundle, read_bundle, write_bundle
 from sysid.checks.log_check import LogCheck
-from sysid.components.campaign import fit_own, is_own
 from sysid.components.loading import component_in
-from sysid.components.log_check import checked
-from sysid.components.validation import validate_own
-from sysid.diagnosis.bench.registry import AXIS, part_tested
 from sysid.diagnosis.looked import SECONDS
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.export import export_file
@@ -32,8 +27,8 @@ from sysid.io.campaign import Campaign
 from sysid.io.files import write_atomic
 from sysid.model.effects.catalogue import catalogue_with
 from sysid.types import Progress
-from sysid.validation import VALIDATED_KINDS, validate
 from sysid.workflows.diagnosing import diagnose
+from sysid.workflows.subject import Subject, subject_of
 
 if TYPE_CHECKING:
     from sysid.model.effects.entry import Catalogue
@@ -89,6 +84,11 @@ class PipelineRun:
     budget: float = SECONDS
     notices: list[str] = field(default_factory=list)
     validation: ValidationResult | None = None
+
+    @property
+    def subject(self) -> Subject:
+        """What the campaign is about."""
+        return subject_of(self.campaign)
 
     def path(self, name: str) -> Path:
         return self.folder / name
@@ -226,26 +226,18 @@ def _stale(
 
 
 def _check(run: PipelineRun) -> None:
-    checks = checked(run.campaign)
+    checks = run.subject.checks()
     run.notices += [line for check in checks for line in check.said]
     logs = [check.to_json() for check in checks]
     write_atomic(run.path(_CHECKS_FILE), json.dumps({"logs": logs}, indent=2) + "\n")
 
 
 def _fit(run: PipelineRun) -> None:
-    if is_own(run.campaign):
-        own = fit_own(run.campaign, progress=lambda part: run.tell(f"fitting {part}"))
-        write_bundle(own.bundle, run.path(_FITTED_FILE))
-        run.notices += own.notices
-        return
-    fitted = fit_campaign(
-        run.campaign,
-        surface=run.surface,
-        seed=run.seed,
-        progress=lambda part: run.tell(f"fitting {part}"),
+    bundle, notices = run.subject.fit(
+        run.surface, run.seed, lambda part: run.tell(f"fitting {part}")
     )
-    write_bundle(fitted.bundle, run.path(_FITTED_FILE))
-    run.notices += fitted.notices
+    write_bundle(bundle, run.path(_FITTED_FILE))
+    run.notices += notices
 
 
 def _diagnose(run: PipelineRun) -> None:
@@ -284,55 +276,27 @@ def _refine(run: PipelineRun) -> None:
     A part tested alone, save an axis with a motor, has no motion to simulate: its bundle continues
     as it is, and so does one that the diagnosis refined, or tried to refine and could not.
     """
-    from sysid.components.refinement import refine_own
-    from sysid.refinement.refine import refine  # loads jax
-
     bundle = run.bundle(_EXTENDED_FILE if run.diagnose else _FITTED_FILE)
-    if is_own(run.campaign):
+    tried = (run.diagnosis() or {}).get("not_refined")
+    if not tried and not run.subject.why_not_refined(bundle):
         try:
-            own = refine_own(run.campaign, bundle, progress=run.tell)
-        except NotIdentifiedError as error:
+            result = run.subject.refine(bundle, run.tell, {"catalogue": run.catalogue})
+        except (InputError, NotIdentifiedError) as error:
             run.notices.append(f"not refined: {error}")
         else:
-            run.notices += own.notices
-            bundle = own.bundle
-        write_bundle(bundle, run.path(_REFINED_FILE))
-        return
-    part = part_tested([entry.kind for entry in run.campaign.logs], bundle)
-    moves = part == AXIS and run.campaign.rig.is_motor_alone
-    tried = (run.diagnosis() or {}).get("not_refined")
-    if (part and not moves) or tried or bundle.refinement is not None:
-        write_bundle(bundle, run.path(_REFINED_FILE))
-        return
-    try:
-        result = refine(run.campaign, bundle, catalogue=run.catalogue, progress=run.tell)
-    except (InputError, NotIdentifiedError) as error:
-        run.notices.append(f"not refined: {error}")
-    else:
-        run.notices += result.notices
-        bundle = result.bundle
+            run.notices += result.notices
+            bundle = result.bundle
     write_bundle(bundle, run.path(_REFINED_FILE))
 
 
 def _validated(run: PipelineRun) -> ValidationResult | None:
-    """The validation of the final bundle; None without motion logs of an actuator."""
-    kinds = [entry.kind for entry in run.campaign.logs]
-    if run.validation is None and is_own(run.campaign):
-        bundle = run.bundle(run.model_file)
+    """The validation of the final bundle; None where nothing of it can be simulated."""
+    bundle = run.bundle(run.model_file)
+    if run.validation is None and run.subject.is_validated(bundle):
         try:
-            run.validation = validate_own(run.campaign, bundle, progress=run.tell)
+            run.validation = run.subject.validate(bundle, run.catalogue, run.tell)
         except NotIdentifiedError as error:
             run.notices.append(f"not validated: {error}")
-    if run.validation is None and set(kinds) & set(VALIDATED_KINDS):
-        bundle = run.bundle(run.model_file)
-        if part_tested(kinds, bundle):
-            return None
-        run.validation = validate(
-            run.campaign,
-            bundle,
-            catalogue=run.catalogue,
-            progress=run.tell,
-        )
     return run.validation
 
 
@@ -391,7 +355,7 @@ def stages_of(run: PipelineRun) -> list[Stage]:
         Stage("report", (REPORT_FILE,), shown, _report),
         Stage("export", tuple(EXPORTS.values()), (BUNDLE_FILE,), _export),
     ]
-    if is_own(run.campaign):
+    if not run.subject.is_exported:
         # The law is the user's Python, and so are its files for a controller.
         left_out.add("export")
     return [stage for stage in stages if stage.name not in left_out]

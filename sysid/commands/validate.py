@@ -20,11 +20,10 @@ from sysid.commands.options import (
 )
 from sysid.commands.own_component import read_with
 from sysid.commands.printing import notices, print_json, print_written, progress, validation_table
-from sysid.components.log_check import checked
-from sysid.components.validation import validated
 from sysid.display.terminal import console
 from sysid.model.effects.catalogue import catalogue_with
 from sysid.types import Progress, no_progress
+from sysid.workflows.subject import subject_of
 
 
 @click.command()
@@ -86,12 +85,8 @@ def validate_campaign(
     """
     campaign = read_with(campaign_path, component, progress)
     bundle = read_bundle(bundle_path)
-    result = validated(
-        campaign,
-        bundle,
-        catalogue=catalogue_with(effects) if effects else None,
-        progress=progress,
-    )
+    catalogue = catalogue_with(effects) if effects else None
+    result = subject_of(campaign).validate(bundle, catalogue, progress)
     bundle = bundle.replaced(validation=result.record())
     bundle = bundle.with_sources(campaign.sources("holdout"))
     written = []
@@ -106,7 +101,7 @@ def validate_campaign(
             campaign=campaign,
             bundle=bundle,
             validation=result,
-            checks=checked(campaign),
+            checks=subject_of(campaign).checks(),
             progress=progress,
         )
         written.append(report)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -18,7 +17,6 @@ from sysid.diagnosis import Diagnosis
 from sysid.diagnosis.bench.component import Law
 from sysid.diagnosis.bench.diagnose import diagnose_component
 from sysid.diagnosis.bench.fitting import FittedLaw, fit_law
-from sysid.diagnosis.campaign import diagnose_logs
 from sysid.diagnosis.looked import SECONDS
 from sysid.errors import InputError, NotIdentifiedError, input_error
 from sysid.io.campaign import Campaign
@@ -45,11 +43,6 @@ class OwnTests:
     def all_trials(self) -> tuple[Trial, ...]:
         """Training and held-out tests."""
         return (*self.fitted, *self.held_out)
-
-
-def is_own(campaign: Campaign) -> bool:
-    """Whether a campaign is of a component of the user's own."""
-    return component_in(campaign) is not None
 
 
 def loaded_in(campaign: Campaign) -> LoadedComponent:
@@ -237,31 +230,11 @@ def _other_law(bundle: Bundle, loaded: LoadedComponent) -> list[str]:
     return [f"{loaded.file} is not the file that the bundle was fitted with (SHA-256)"]
 
 
-def diagnosed(
-    campaign: Campaign, bundle: Bundle, *, budget: float | None, progress: Progress, **options: Any
-) -> tuple[Diagnosis, tuple[str, ...]]:
-    """`diagnose_own` for a component of the user's own, `diagnose_logs` for any other campaign.
-
-    `options` are those of `diagnose_logs`. Raises what these raise.
-    """
-    if is_own(campaign):
-        if options.get("effects") is not None:
-            raise input_error(
-                campaign.path,
-                "effects act on the equations of an actuator or its parts",
-                "declare what your component may lack as its terms",
-            )
-        return diagnose_own(campaign, bundle, budget=budget, progress=progress)
-    return diagnose_logs(campaign, bundle, budget=budget, progress=progress, **options)
-
-
 __all__ = [
     "OwnFit",
     "OwnTests",
     "diagnose_own",
-    "diagnosed",
     "fit_own",
-    "is_own",
     "law_in",
     "loaded_in",
     "missing_column",

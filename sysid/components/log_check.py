@@ -9,10 +9,9 @@ import numpy as np
 
 from sysid import signals
 from sysid.checks.friction import Identification
-from sysid.checks.log_check import ChannelCheck, LogCheck, check_campaign
+from sysid.checks.log_check import ChannelCheck, LogCheck
 from sysid.components.campaign import (
     OwnTests,
-    is_own,
     loaded_in,
     missing_column,
     out_of_range,
@@ -31,11 +30,6 @@ _FEWEST_SAMPLES = 16
 _SILENT = 1e-8
 # Smallest singular value of the Jacobian, columns of length one, at which none depends on others.
 _TIED = 1e-4
-
-
-def checked(campaign: Campaign) -> list[LogCheck]:
-    """`check_own` for a component of the user's own, `check_campaign` for any other campaign."""
-    return check_own(campaign) if is_own(campaign) else check_campaign(campaign)
 
 
 def check_own(campaign: Campaign) -> list[LogCheck]:
@@ -157,4 +151,4 @@ def _tied(jacobian: FloatArray, shows: FloatArray) -> set[int]:
     return {int(place[i]) for row in weak for i in np.flatnonzero(np.abs(row) > 0.1)}
 
 
-__all__ = ["check_own", "checked"]
+__all__ = ["check_own"]

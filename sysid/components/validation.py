@@ -8,15 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from sysid.bundle import Bundle
-from sysid.components.campaign import is_own, law_in, tests_of
+from sysid.components.campaign import law_in, tests_of
 from sysid.components.definition import DynamicComponent
 from sysid.components.parts import OwnPart
 from sysid.diagnosis.bench.component import Law
 from sysid.io.campaign import Campaign
 from sysid.io.logs import Log, Trial
-from sysid.model.effects.entry import Catalogue
 from sysid.types import FloatArray, Progress, no_progress
-from sysid.validation import validate
 from sysid.validation.results import (
     HORIZONS_S,
     ChannelResult,
@@ -29,15 +27,6 @@ from sysid.validation.results import (
 )
 
 _NONE = np.zeros(0)
-
-
-def validated(
-    campaign: Campaign, bundle: Bundle, *, catalogue: Catalogue | None, progress: Progress
-) -> ValidationResult:
-    """`validate_own` for a component of the user's own, `validate` for any other campaign."""
-    if is_own(campaign):
-        return validate_own(campaign, bundle, progress=progress)
-    return validate(campaign, bundle, catalogue=catalogue, progress=progress)
 
 
 def validate_own(
@@ -134,4 +123,4 @@ def _horizon(part: OwnPart, law: Law, trial: Trial, horizon: float) -> dict[str,
     }
 
 
-__all__ = ["validate_own", "validated"]
+__all__ = ["validate_own"]

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from sysid.bundle import Bundle
-from sysid.components.campaign import diagnosed
 from sysid.diagnosis import content, wording
 from sysid.diagnosis.campaign import extended_bundle
 from sysid.diagnosis.looked import SECONDS, Looked
@@ -20,6 +19,7 @@ from sysid.display.tables import Shown, ShownTable, estimate_table
 from sysid.io.campaign import Campaign
 from sysid.model.effects.catalogue import EffectSource
 from sysid.types import Progress
+from sysid.workflows.subject import subject_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -134,15 +134,8 @@ def diagnose(
     ['after', 'before', 'noise_floor']
     """
     with progress_or_shown(progress, "diagnosing") as tell:
-        found, notices = diagnosed(
-            campaign,
-            bundle,
-            effects=effects,
-            refine=refine,
-            seed=seed,
-            budget=budget,
-            progress=tell,
-        )
+        options = {"effects": effects, "refine": refine, "seed": seed}
+        found, notices = subject_of(campaign).diagnose(bundle, budget, tell, options)
     longer = extended_bundle(bundle, found, campaign)
     said = tuple(dict.fromkeys((*notices, *found.notices)))
     return CampaignDiagnosis(found, longer, said)

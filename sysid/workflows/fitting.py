@@ -6,10 +6,7 @@ import logging
 from collections.abc import Sequence
 
 from sysid import friction, valve_discrete, valve_pwm
-from sysid.assembly import fit_campaign
 from sysid.bundle import Bundle
-from sysid.checks.consistency.campaign import check_consistency
-from sysid.components.campaign import fit_own, is_own
 from sysid.display.progress import progress_or_shown
 from sysid.identification.friction.result import FrictionResult
 from sysid.identification.valve_discrete.result import ValveDiscreteResult
@@ -18,6 +15,7 @@ from sysid.io.campaign import Campaign
 from sysid.io.rig import Rig
 from sysid.types import Progress
 from sysid.workflows.given_tests import Tests, rig_of, trials_of
+from sysid.workflows.subject import subject_of
 
 _LOGGER = logging.getLogger("sysid")
 
@@ -41,13 +39,7 @@ def fit(
     True
     """
     with progress_or_shown(progress, "fitting") as tell:
-        if is_own(campaign):
-            own = fit_own(campaign, progress=tell)
-            bundle, notices = own.bundle, own.notices
-        else:
-            found = fit_campaign(campaign, surface=surface, seed=seed, progress=tell)
-            bundle = found.bundle
-            notices = (*found.notices, *check_consistency(campaign, "fit"))
+        bundle, notices = subject_of(campaign).fit(surface, seed, tell)
     for line in dict.fromkeys(notices):
         _LOGGER.warning("%s", line)
     return bundle

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from sysid.bundle import Bundle
 from sysid.checks.log_check import LogCheck, check_log
-from sysid.components.validation import validated
 from sysid.display.progress import progress_or_shown
 from sysid.io.campaign import Campaign
 from sysid.io.rig import Rig
@@ -13,6 +12,7 @@ from sysid.model.effects.catalogue import EffectSource, catalogue_from
 from sysid.types import Progress
 from sysid.validation.results import ValidationResult
 from sysid.workflows.given_tests import rig_of
+from sysid.workflows.subject import subject_of
 
 
 def check(log: Log, rig: Rig | None = None) -> LogCheck:
@@ -48,7 +48,7 @@ def validate(
     True
     """
     with progress_or_shown(progress, "validating") as tell:
-        return validated(campaign, bundle, catalogue=catalogue_from(effects), progress=tell)
+        return subject_of(campaign).validate(bundle, catalogue_from(effects), tell)
 
 
 __all__ = ["check", "validate"]

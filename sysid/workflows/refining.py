@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from sysid.bundle import Bundle
-from sysid.components.campaign import is_own
-from sysid.components.refinement import OwnRefinement, refine_own
+from sysid.components.refinement import OwnRefinement
 from sysid.display.progress import progress_or_shown
 from sysid.io.campaign import Campaign
 from sysid.model.effects.catalogue import EffectSource, catalogue_from
-from sysid.refinement.refine import refine as refine_bundle
 from sysid.refinement.result import RefineResult
 from sysid.types import Progress
+from sysid.workflows.subject import subject_of
 
 
 def refine(
@@ -43,19 +42,9 @@ def refine(
     >>> si.write_bundle(refined.bundle, "refined.json")                 # doctest: +SKIP
     """
     with progress_or_shown(progress, "refining") as tell:
-        if is_own(campaign):
-            return refine_own(campaign, bundle, progress=tell)
-        return refine_bundle(
-            campaign,
-            bundle,
-            free=free,
-            fix=fix,
-            prior=prior,
-            robust=robust,
-            profile=profile,
-            catalogue=catalogue_from(effects),
-            progress=tell,
-        )
+        options = {"free": free, "fix": fix, "prior": prior, "robust": robust, "profile": profile}
+        catalogue = catalogue_from(effects)
+        return subject_of(campaign).refine(bundle, tell, {**options, "catalogue": catalogue})
 
 
 __all__ = ["refine"]

@@ -8,7 +8,6 @@ from pathlib import Path
 from sysid.bundle import Bundle
 from sysid.bundle.assembled_model import effects_from_bundle
 from sysid.checks.log_check import LogCheck
-from sysid.components.log_check import checked as check_logs
 from sysid.display.progress import progress_or_shown
 from sysid.errors import input_error
 from sysid.export import DEFAULT_PREFIX, FORMATS, export_bundle
@@ -18,6 +17,7 @@ from sysid.report import write_report
 from sysid.types import Progress
 from sysid.validation.results import ValidationResult
 from sysid.workflows.diagnosing import CampaignDiagnosis
+from sysid.workflows.subject import subject_of
 
 _FORMAT_OF = {".h": "c", ".mat": "mat", ".json": "json"}
 
@@ -42,7 +42,7 @@ def report(
     diagnosis = None if isinstance(found, Bundle) else found.content()
     with progress_or_shown(progress, "writing the report") as tell:
         if checks is None:
-            checks = check_logs(campaign)
+            checks = subject_of(campaign).checks()
         write_report(
             Path(path),
             campaign=campaign,
