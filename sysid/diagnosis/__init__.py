@@ -4,7 +4,8 @@
 on: `actuator/` judges by simulated twins, `bench/` by tests of a part left out of its fit.
 `campaign` chooses between them and extends the bundle, `refined` ends with simulation error,
 `remainder` tells what repeats from scatter, `thresholds` holds what parts are judged by, `looked`
-what a search looked at; `result` is the one diagnosis, `wording` its verdict in words, `content`
+what a search looked at; `result` is the one diagnosis with the effects
+`found`, `wording` its verdict in words, `content`
 what a report shows.
 """
 

@@ -18,8 +18,8 @@ def content(diagnosis: Diagnosis) -> dict[str, Any]:
 def figures(diagnosis: Diagnosis) -> dict[str, Any]:
     """The numbers behind the report's figures, a JSON-able dict.
 
-    `looks`: what each round tried (`Evidence.rounds_shown`). `curves`: mean residual over a
-    regressor before and after the effects. `titles` and `meanings` name effects and their
+    `looks`: what each round tried (`ComponentEvidence.rounds_shown`). `curves`: mean residual over
+    a regressor before and after the effects. `titles` and `meanings` name effects and their
     parameters. Further keys are the evidence's own.
     """
     return {

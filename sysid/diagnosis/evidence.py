@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from sysid.bundle import Bundle
+from sysid.diagnosis.found import BeforeAfter, FoundEffect, Verdict
 from sysid.diagnosis.looked import Because, Looked
-from sysid.diagnosis.result import BeforeAfter, FoundEffect, Verdict
 from sysid.diagnosis.search import Round, Step
 from sysid.estimation.linear import Estimate
 from sysid.model.effects.entry import CatalogueEffect
@@ -18,7 +18,7 @@ from sysid.model.effects.entry import CatalogueEffect
 ACTUATOR = "actuator"
 
 
-class Evidence(ABC):
+class ComponentEvidence(ABC):
     """How the effects of a component were found: by twins, or by tests left out of its fit."""
 
     component: str
@@ -115,4 +115,4 @@ def residual(
     }
 
 
-__all__ = ["ACTUATOR", "Evidence", "residual"]
+__all__ = ["ACTUATOR", "ComponentEvidence", "residual"]

@@ -73,7 +73,7 @@ class Remainder:
 
 
 @dataclass(frozen=True)
-class Samples:
+class ResidualTable:
     """Regressors (n, k) by `names`, residuals (n,), and whose test's (n,)."""
 
     names: tuple[str, ...]
@@ -82,27 +82,27 @@ class Samples:
     test: IntArray
 
     @staticmethod
-    def of(columns: Mapping[str, FloatArray], left: FloatArray, test: IntArray) -> Samples:
+    def of(columns: Mapping[str, FloatArray], left: FloatArray, test: IntArray) -> ResidualTable:
         """A table of regressors by name; those that hold the noise of the residual are left out."""
         used = {n: v for n, v in columns.items() if n not in _NOISY}
         inputs = np.column_stack([*used.values()]) if used else np.zeros((len(left), 0))
-        return Samples(tuple(used), inputs, left, test)
+        return ResidualTable(tuple(used), inputs, left, test)
 
     def __len__(self) -> int:
         return len(self.left)
 
-    def divided(self, out: Sequence[int]) -> tuple[Samples, Samples]:
+    def divided(self, out: Sequence[int]) -> tuple[ResidualTable, ResidualTable]:
         """Without some tests, and those."""
         those = np.isin(self.test, list(out))
         return self._rows(~those), self._rows(those)
 
-    def _rows(self, rows: NDArray[np.bool_]) -> Samples:
-        return Samples(self.names, self.inputs[rows], self.left[rows], self.test[rows])
+    def _rows(self, rows: NDArray[np.bool_]) -> ResidualTable:
+        return ResidualTable(self.names, self.inputs[rows], self.left[rows], self.test[rows])
 
 
 def remainder(
-    own: Samples,
-    outside: Samples | None,
+    own: ResidualTable,
+    outside: ResidualTable | None,
     folds: Sequence[Sequence[int]],
     noise: float,
     channel: str,
@@ -141,7 +141,7 @@ def remainder(
     )
 
 
-def _gains(fit: Samples, new: Samples) -> FloatArray:
+def _gains(fit: ResidualTable, new: ResidualTable) -> FloatArray:
     """Squares of each new test's residuals, and of what they are off from what `fit` predicts.
 
     (tests, 2).
@@ -161,4 +161,4 @@ def _gains(fit: Samples, new: Samples) -> FloatArray:
     return np.column_stack([np.bincount(which, values**2) for values in (new.left, off)])
 
 
-__all__ = ["LEAST_AGREEING", "LEAST_REPEATABLE", "Remainder", "Samples", "remainder"]
+__all__ = ["LEAST_AGREEING", "LEAST_REPEATABLE", "Remainder", "ResidualTable", "remainder"]

@@ -83,8 +83,10 @@ class Rounds(ABC, Generic[StepT]):
     """What one kind of evidence says of effects, round by round.
 
     `steps` are those in the model, in the order in which they were added; `tried` what the present
-    round tried.
+    round tried; `stage` what a round begins with.
     """
+
+    stage: SearchStage
 
     steps: list[StepT]
     tried: tuple[Tried, ...]
@@ -122,7 +124,7 @@ def run(rounds: Rounds[StepT], book: Book, progress: Progress) -> tuple[Round, .
     while True:
         number = len(history) + 1
         barred = frozenset({step.id for step in rounds.steps} | removed)
-        book.round = number
+        book.enter(rounds.stage, number)
         proposed = attempt(lambda: rounds.proposal(number, barred))  # noqa: B023
         if isinstance(proposed, Failure):
             book.miss(proposed)

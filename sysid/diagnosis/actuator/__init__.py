@@ -2,5 +2,6 @@
 
 `diagnose` runs the loop (`loop`): `samples` of the logs, `equation_error` and its `whitening`,
 `signatures` of the effects, `twins` and what they score (`null_distribution`), `screening`,
-`refit` and `search`, `bias_correction`, `holdout` errors, `unexplained` structure, `result`.
+`refit` and `search`, `bias_correction`, `holdout` errors, `unexplained` structure; `evidence` is
+what a diagnosis is made of, `figures` what it shows.
 """

@@ -14,7 +14,7 @@ from sysid.diagnosis.actuator.figures import residual_curves, rounds_shown, show
 from sysid.diagnosis.actuator.loop import Loop
 from sysid.diagnosis.actuator.search import RefittedStep
 from sysid.diagnosis.actuator.unexplained import ResidualCurve, log_channel
-from sysid.diagnosis.evidence import ACTUATOR, Evidence
+from sysid.diagnosis.evidence import ACTUATOR, ComponentEvidence
 from sysid.diagnosis.looked import Looked
 from sysid.diagnosis.search import Round
 from sysid.estimation.linear import Estimate
@@ -26,7 +26,7 @@ _Part = TypeVar("_Part", bound=Part)
 
 
 @dataclass(frozen=True)
-class TwinEvidence(Evidence):
+class TwinEvidence(ComponentEvidence):
     """A loop over an actuator's training logs; `left`: curves of what no effect explains."""
 
     loop: Loop

@@ -155,6 +155,7 @@ def search(
 class _TwinRounds(Rounds[RefittedStep]):
     """The rounds of an actuator: `base` is the residual beside the steps, `joint` all of them."""
 
+    stage = SearchStage.SCREENING
     tried: tuple[Suspect, ...]
 
     def __init__(
@@ -178,7 +179,6 @@ class _TwinRounds(Rounds[RefittedStep]):
         """The effect that explains most of what is left."""
         base, book = self.base, self.book
         self.tried = ()
-        book.enter(SearchStage.SCREENING, number)
         open_ones = [c for c in self.candidates if c.id not in barred and _composes(base.model, c)]
         screened = screen(base, open_ones, book)
         best, starts = best_by_effect(screened), starting_points(screened)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sysid.diagnosis.actuator.equation_error import CHANNELS, EFFORT, EquationError, equation_error
 from sysid.diagnosis.actuator.samples import Traces
 from sysid.diagnosis.actuator.whitening import Frame
-from sysid.diagnosis.remainder import Remainder, Samples, remainder
+from sysid.diagnosis.remainder import Remainder, ResidualTable, remainder
 from sysid.io.rig import Rig
 from sysid.types import FloatArray
 
@@ -94,7 +94,7 @@ def remainders(found: Loop, rig: Rig) -> tuple[Remainder, ...]:
     rests = []
     for channel in CHANNELS:
         view = frame.windows[channel]
-        table = Samples.of(
+        table = ResidualTable.of(
             {n: view.average(v) for n, v in regressors(frame.traces, channel).items()},
             view.average(error[channel]),
             view.run,

@@ -4,5 +4,5 @@ Where a campaign holds no whole actuator, no twin can be simulated: what the par
 law lacks is judged by predicting held-out tests. The components are `axis`, `friction_readings`,
 `tank`, `valve_flow` and `valve_time`, entered in `registry`; `component` is what they have in
 common, and `diagnose` the loop over `fitting`, `starting_points`, `selection`, `stability` and
-`unexplained`.
+`unexplained`; `evidence` is what a diagnosis is made of.
 """

@@ -9,7 +9,7 @@ from typing import Any
 from sysid.bundle import Bundle
 from sysid.diagnosis.bench.selection import Addition, Selection
 from sysid.diagnosis.bench.unexplained import BinnedResidual
-from sysid.diagnosis.evidence import Evidence
+from sysid.diagnosis.evidence import ComponentEvidence
 from sysid.diagnosis.looked import Looked
 from sysid.diagnosis.search import Round, Tried
 from sysid.diagnosis.thresholds import LEAST_GAIN, SIGNIFICANCE
@@ -18,7 +18,7 @@ from sysid.model.effects.entry import CatalogueEffect
 
 
 @dataclass(frozen=True)
-class HeldOutEvidence(Evidence):
+class HeldOutEvidence(ComponentEvidence):
     """A selection of a part's effects; `curves` over the regressors it depends on most."""
 
     component: str

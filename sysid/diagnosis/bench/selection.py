@@ -120,6 +120,8 @@ def select(
 class _HeldOutRounds(Rounds[Addition]):
     """The rounds of a part: `base` is its law without effects, `first` the folds' errors."""
 
+    stage = SearchStage.EFFECTS
+
     def __init__(
         self, component: Component, catalogue: Mapping[str, Kind], progress: Progress
     ) -> None:
@@ -146,7 +148,6 @@ class _HeldOutRounds(Rounds[Addition]):
 
     def proposal(self, number: int, barred: frozenset[str]) -> Addition | None:
         """The effect that predicts best, or the simplest that predicts about as well."""
-        self.book.enter(SearchStage.EFFECTS, number)
         open_ones = [kind for kind in self.kinds if kind.id not in barred]
         fits = _attempts(self, open_ones)
         self.tried = attempts = tuple(attempt for attempt, _ in fits)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sysid.diagnosis.bench.component import Component, Law
 from sysid.diagnosis.bench.selection import folds_of
 from sysid.diagnosis.binning import binned_means
-from sysid.diagnosis.remainder import Remainder, Samples, remainder
+from sysid.diagnosis.remainder import Remainder, ResidualTable, remainder
 from sysid.types import FloatArray
 
 BINS = 16
@@ -134,11 +134,11 @@ def left_over(
     return remainder(own, other, folds_of(component), noise, component.channel, component.unit)
 
 
-def _table(component: Component, law: Law) -> Samples:
+def _table(component: Component, law: Law) -> ResidualTable:
     every = range(len(component.tests))
     parts = component.residuals(law, every)
     test = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
-    return Samples.of(component.regressors(every), np.concatenate(parts), test)
+    return ResidualTable.of(component.regressors(every), np.concatenate(parts), test)
 
 
 __all__ = ["BINS", "LEAST_SHARE", "BinnedResidual", "curves", "left_over"]
