@@ -95,7 +95,7 @@ def diagnosis_section(content: Content, is_linear: bool) -> Section:
         blocks += [errors_table(content, words.errors), waterfall(content)]
     blocks += _residuals(content, is_linear)
     if left(content):
-        blocks.append(Lines(left(content), "What is left"))
+        blocks += [Heading("diagnosis-rest", "What is left"), Lines(left(content))]
     blocks += _tried(content)
     blocks += _remaining(content, is_linear)
     lines = advice(content)
@@ -199,11 +199,13 @@ def _residuals(content: Content, is_linear: bool) -> list[Block]:
     which = (
         "the original bundle (before) and the extended model (after)" if extended else "the bundle"
     )
+    is_stretched = any(entry["fine"] for entry in drawn)
     along = "along which the effects change it most" if extended else "on which it depends most"
     caption = (
         f"Residuals on the training tests under {which}: means in bins with their "
-        f"95 % band, over the regressor {along}. Around 0 the axis is stretched and the bins are "
-        "finer. Measured less modelled."
+        f"95 % band, over the regressor {along}."
+        + (" Around 0 the axis is stretched and the bins are finer." if is_stretched else "")
+        + " Measured less modelled."
     )
     blocks: list[Block] = [
         Heading("diagnosis-residuals", _words(content).residuals),

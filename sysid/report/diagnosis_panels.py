@@ -52,6 +52,7 @@ _UNITS = {
 _REGRESSOR_UNITS = {
     "velocity": (("rad/s", 1.0), ("mm/s", 1e3)),
     "angle": (("rad", 1.0), ("mm", 1e3)),
+    "position": (("rad", 1.0), ("mm", 1e3)),
     "angle times direction": (("rad", 1.0), ("mm", 1e3)),
     "acceleration": (("rad/s²", 1.0), ("m/s²", 1.0)),
     "motor": (("N·m", 1.0), ("N", 1.0)),
@@ -60,6 +61,7 @@ _REGRESSOR_UNITS = {
     "pressure_rate": (("kPa/s", 1e-3), ("kPa/s", 1e-3)),
 }
 _PRESSURE = (("kPa", 1e-3), ("kPa", 1e-3))
+_AS_NAMED = (("", 1.0), ("", 1.0))
 
 
 def residual_title(residual: str, is_linear: bool) -> str:
@@ -201,9 +203,10 @@ def _stretch(ax: Axes, x: FloatArray, width: float) -> None:
 
 def _regressor(content: Mapping[str, Any], is_linear: bool) -> tuple[FloatArray, str, str]:
     """A curve's abscissae in the unit that is shown, that unit, and the regressor's name."""
-    units = _REGRESSOR_UNITS.get(content["regressor"], _PRESSURE)
+    name = content["regressor"]
+    units = _REGRESSOR_UNITS.get(name, _PRESSURE if name.startswith("pressure") else _AS_NAMED)
     unit, scale = units[is_linear]
-    return scale * np.array(content["centres"]), unit, regressor_name(content["regressor"])
+    return scale * np.array(content["centres"]), unit, regressor_name(name)
 
 
 def _band(
@@ -219,7 +222,7 @@ def _band(
 def _finish(ax: Axes, name: str, x_unit: str, unit: str) -> None:
     ax.axhline(0.0, color=COLOUR["muted"], linewidth=0.7)
     ax.margins(x=0.03, y=0.12)
-    ax.set_xlabel(f"{name[:1].upper()}{name[1:]} ({x_unit})")
+    ax.set_xlabel(f"{name[:1].upper()}{name[1:]}{f' ({x_unit})' if x_unit else ''}")
     ax.set_ylabel(f"Residual ({unit})")
 
 
