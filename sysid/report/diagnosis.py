@@ -10,11 +10,12 @@ from sysid.diagnosis.evidence import ACTUATOR
 from sysid.diagnosis.wording import (
     SMALLEST_P,
     advice,
+    balance_of,
     errors_by_step,
     is_refined,
     joined,
-    left,
     parameter_rows,
+    regressor_name,
     sentence,
     steps,
 )
@@ -94,8 +95,7 @@ def diagnosis_section(content: Content, is_linear: bool) -> Section:
     if content["residual"]:
         blocks += [errors_table(content, words.errors), waterfall(content)]
     blocks += _residuals(content, is_linear)
-    if left(content):
-        blocks += [Heading("diagnosis-rest", "What is left"), Lines(left(content))]
+    blocks += _left(content)
     blocks += _tried(content)
     blocks += _remaining(content, is_linear)
     lines = advice(content)
@@ -233,6 +233,26 @@ def _excess_table(content: Content, is_linear: bool) -> HtmlTable:
         for row, e in zip(rows, content["figures"]["excess"].values(), strict=True):
             row.append(shown(e["after"]))
     return table("Whitened sum of squares in excess of the twins'", columns, rows)
+
+
+def _left(content: Content) -> list[Block]:
+    """What the remaining residuals consist of."""
+    rests = content.get("remainder")
+    if not rests:
+        return []
+    rows = []
+    for rest in rests:
+        sizes = (number(rest[k], 3) for k in ("rmse", "repeatable", "scatter", "noise"))
+        balance = balance_of(rest["channel"])
+        rows.append((f"{balance[:1].upper()}{balance[1:]}", *sizes, rest["unit"]))
+    columns = ("Residual of", "RMSE", "Repeats", "Differs between tests", "Noise", "Unit")
+    caption = "What is left after the effects; the squares add up"
+    over = list(dict.fromkeys(regressor_name(n) for rest in rests for n in rest["regressors"]))
+    note = (
+        "What repeats is what other tests predict over everything that was logged "
+        f"({joined(over)}); the rest above the noise differs from test to test."
+    )
+    return [table(caption, columns, rows, text=(5,)), Lines((note,))]
 
 
 def _tried(content: Content) -> list[Block]:
