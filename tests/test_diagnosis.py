@@ -114,6 +114,22 @@ def test_the_true_model_leaves_noise_only(frame: Frame, healthy: Any) -> None:
         assert abs(own.mean()) < 0.1
 
 
+@pytest.fixture(scope="module")
+def moving(healthy: tuple[Tests, Rig, Model]) -> Traces:
+    """Traces of eight tests that move: one block of runs, which is compiled once an effect."""
+    tests, rig, model = healthy
+    wanted = {"friction_sliding": 2, "motion_motor": 1, "motion_pwm": 3, "motion_discrete": 2}
+    some = [test for stem, n in wanted.items() for test in [t for t in tests if t[0] == stem][:n]]
+    assert len(some) == 8
+    return prepare(some, rig, model)
+
+
+@pytest.fixture(scope="module")
+def plain(moving: Traces, healthy: tuple[Tests, Rig, Model]) -> Traces:
+    """Their twin of a model without any effect."""
+    return twin_of(healthy[2], moving, healthy[1])
+
+
 @pytest.mark.parametrize(
     "effect",
     [
@@ -132,12 +148,10 @@ def test_the_true_model_leaves_noise_only(frame: Frame, healthy: Any) -> None:
     ids=lambda e: e.id,
 )
 def test_a_model_with_the_effect_explains_a_twin_that_has_it(
-    effect: Any, traces: Traces, healthy: tuple[Tests, Rig, Model]
+    effect: Any, moving: Traces, plain: Traces, healthy: tuple[Tests, Rig, Model]
 ) -> None:
     _, rig, model = healthy
-    noise = SensorNoise((np.array([1e-5]), np.array([150.0]), np.array([150.0])), np.zeros(3))
-    twin = next(simulate_twins(traces, model + effect, noise, Scatter(), 1, 3, rig))
-    plain = next(simulate_twins(traces, model, noise, Scatter(), 1, 3, rig))
+    twin = twin_of(model + effect, moving, rig)
     colour = noise_of(plain, model)
     own = build_frame(twin, model, colour, 0.0)
     without, beside = own.residual(model), own.residual(model + effect)

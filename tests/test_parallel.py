@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import platform
 import signal
 import subprocess
 import sys
@@ -179,3 +180,57 @@ def is_alive(number: int) -> bool:
         return False
     stat = Path(f"/proc/{number}/stat")
     return not (stat.exists() and stat.read_text().rsplit(")", 1)[1].split()[0] == "Z")
+
+
+# --- memory ----------------------------------------------------------------------------------
+
+HEAPS = """\
+import ctypes, sys, threading
+from sysid.parallel import share_one_heap
+
+share_one_heap()
+# All alive at a time, as each takes a heap that another has left.
+wait = threading.Barrier(4)
+def work():
+    kept = [bytes(50_000) for _ in range(100)]
+    wait.wait()
+threads = [threading.Thread(target=work) for _ in range(4)]
+for thread in threads: thread.start()
+for thread in threads: thread.join()
+library = ctypes.CDLL(None)
+library.fopen.restype = ctypes.c_void_p
+file = ctypes.c_void_p(library.fopen(sys.argv[1].encode(), b"w"))
+library.malloc_info(0, file)
+library.fclose(file)
+"""
+FREED = """\
+from sysid.parallel import give_back
+
+def resident():
+    return int(open("/proc/self/statm").read().split()[1]) * 4096
+
+many = [bytes(50_000) for _ in range(2000)]
+pin = bytes(50_000)
+del many
+before = resident()
+give_back()
+print((before - resident()) / 1e6)
+"""
+glibc = pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="another C library")
+
+
+@glibc
+@pytest.mark.parametrize(("chosen", "heaps"), [({}, 1), ({"MALLOC_ARENA_MAX": "3"}, 3)])
+def test_threads_share_one_heap_unless_the_user_has_chosen(
+    chosen: dict[str, str], heaps: int, tmp_path: Path
+) -> None:
+    path = tmp_path / "heaps.xml"
+    environment = {**os.environ, **chosen}
+    subprocess.run([sys.executable, "-c", HEAPS, str(path)], env=environment, check=True)
+    assert path.read_text().count("<heap nr=") == heaps
+
+
+@glibc
+def test_freed_memory_goes_back_to_the_system() -> None:
+    done = subprocess.run([sys.executable, "-c", FREED], capture_output=True, text=True, check=True)
+    assert float(done.stdout) > 50.0

@@ -22,13 +22,16 @@ from datasets.measured.sets import PROJECT
 from sysid.bundle import Bundle, read_bundle, write_bundle
 from sysid.bundle.effects import entry_of
 from sysid.commands.app import main
+from sysid.commands.refine import _show
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import Campaign, read_campaign
 from sysid.model.effects.catalogue import catalogue
+from sysid.refinement import lengthening
 from sysid.refinement.advice import advise
 from sysid.refinement.refine import motion_tests_of, refine
 from sysid.refinement.result import RefineResult
+from sysid.refinement.unknowns import chosen, unknowns_of, without_own_data
 from sysid.validation.motion_tests import prepare
 from sysid.workflows.fitting import fit
 
@@ -145,7 +148,14 @@ def test_the_bundle_holds_what_was_found_and_its_model_is_that_of_the_result(
         assert set(record.errors()["holdout"]) == {each.campaign.rig.position_channel}
 
 
-def test_the_command(rotary: Made, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command(
+    rotary: Made,
+    both: list[tuple[Made, RefineResult]],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(lengthening, "_JOINED", ())  # tested above, and by its own tests
     folder, output, page = rotary.campaign.path.parent, tmp_path / "r.json", tmp_path / "r.html"
     words = ["refine", str(rotary.campaign.path), "--bundle", str(folder / "bundle.json")]
     more = ["--fix", "inertia_kg_m2", "--fix", "static_nm", "--fix", "viscous_nm_s_per_rad"]
@@ -160,7 +170,7 @@ def test_the_command(rotary: Made, tmp_path: Path, capsys: pytest.CaptureFixture
     assert friction is not None and rotary.bundle.friction is not None
     assert friction.inertia == rotary.bundle.friction.inertia
     assert "Equation of motion along the measured motion" in page.read_text()
-    assert main([*words, *more, "--fix", "offset_nm"]) == 0
+    _show(both[0][1], (), as_json=False)
     out = capsys.readouterr().out
     assert "Equation of motion" in out and "motor_torque_nm" in out
     assert main([*words, "--free", "rig.area_a"]) == 2
@@ -182,16 +192,22 @@ def test_a_declared_inertia_is_freed_by_name(rotary: Made, tmp_path: Path) -> No
     found = by_name(result)
     assert found["rig.inertia"].value == pytest.approx(rotary.rig.inertia(), rel=0.005)
     assert any("rig.inertia: the rig file says" in line for line in result.notices)
-    names = set(by_name(refine(campaign, bundle, fix=["static_nm"])))
-    assert names == {"coulomb_nm", "viscous_nm_s_per_rad", "offset_nm"}
+    every = without_own_data(
+        unknowns_of(bundle, campaign.rig, bundle.model(campaign.rig)), bundle, []
+    )
+    names = [u.name.removeprefix("friction.") for u in chosen(every, [], ["static_nm"], prior=True)]
+    assert names == ["coulomb_nm", "viscous_nm_s_per_rad", "offset_nm"]
 
 
 DRAG = 0.01  # Nm s2/rad2
 
 
-def test_an_effect_in_the_bundle_is_refined_beside_the_others(tmp_path: Path) -> None:
+def test_an_effect_in_the_bundle_is_refined_beside_the_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Drag that grows with the square of the speed; the bundle's numbers are 5 to 20 % off, as a
     diagnosis leaves them."""
+    monkeypatch.setattr(lengthening, "_JOINED", ())  # segments show it
     injected = Injected("quadratic-drag", "quadratic", "", {"drag": DRAG, "use_drag_exponent": 2.0})
     each = made(tmp_path, 25, "rotary", (injected,))
     kind = catalogue()["quadratic-drag"]

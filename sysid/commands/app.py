@@ -101,6 +101,7 @@ def app() -> None:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; the exit status of `spec/cli.md`, errors as one line on standard error."""
     _open_closed()
+    parallel.share_one_heap()
     with _others_silent():
         return _run(arguments)
 

@@ -1,5 +1,5 @@
-"""One door to several processes or threads: how many, and for how long, and that no process
-outlives its parent.
+"""One door to several processes or threads: how many, for how long, and with how much memory, and
+that no process outlives its parent.
 
 `SYSID_JOBS` (the command line's `--jobs`) bounds the processes; 1 means none but one's own, and
 without it there is one to each core.
@@ -12,6 +12,7 @@ from sysid.parallel.limits import (
     check_time,
     time_limit,
 )
+from sysid.parallel.memory import give_back, share_one_heap
 from sysid.parallel.processes import VARIABLE, attempt_all, check_jobs, job_count, run_all
 from sysid.parallel.threads import PerThread, attempt_in_threads, kept_per_thread
 
@@ -25,8 +26,10 @@ __all__ = [
     "attempt_in_threads",
     "check_jobs",
     "check_time",
+    "give_back",
     "job_count",
     "kept_per_thread",
     "run_all",
+    "share_one_heap",
     "time_limit",
 ]

@@ -14,6 +14,7 @@ from typing import TypeVar
 
 from sysid.errors import input_error
 from sysid.parallel.limits import Failure, Limit, attempt, limit_in_force, within
+from sysid.parallel.memory import share_one_heap
 
 Result = TypeVar("Result")
 
@@ -150,6 +151,7 @@ def _numbered(number: int, job: Callable[[], Result]) -> tuple[int, Result]:
 def _serve(parent: int) -> None:
     """A worker leaves Ctrl-C to its parent, and ends when that has ended, however it did."""
     os.environ[VARIABLE] = "1"
+    share_one_heap()
     if not os.environ.get("SYSID_DEBUG"):
         warnings.simplefilter("ignore")  # they would stand beside the parent's one line
     if threading.current_thread() is threading.main_thread():

@@ -9,6 +9,7 @@ from functools import lru_cache
 from typing import Generic, ParamSpec, TypeVar
 
 from sysid.parallel.limits import Failure, Limit, attempt, limit_in_force, within
+from sysid.parallel.memory import share_one_heap
 from sysid.parallel.processes import job_count
 
 Given = ParamSpec("Given")
@@ -27,6 +28,7 @@ def attempt_in_threads(jobs: Iterable[Callable[[], Result]]) -> list[Result | Fa
     workers = min(job_count(), len(waiting))
     if workers <= 1:
         return [attempt(job) for job in waiting]
+    share_one_heap()
     own = Limit(limit_in_force().deadline)
     with within(own):
         contexts = [copy_context() for _ in waiting]

@@ -19,7 +19,7 @@ from sysid.diagnosis.actuator.states import integrate_states, point_of
 from sysid.io.channels import SIDES
 from sysid.model import plant
 from sysid.model.ports import Effect, Model, Point, overrides
-from sysid.parallel import kept_per_thread
+from sysid.parallel import give_back, kept_per_thread
 from sysid.types import FloatArray
 
 EFFORT, RATE_A, RATE_B = "effort", "rate_a", "rate_b"
@@ -177,11 +177,12 @@ def _as_shown(
 
 
 def forget() -> None:
-    """Drop the caches kept for the traces of a diagnosis."""
+    """Drop the caches kept for the traces of a diagnosis, and the memory that it has freed."""
     for kept in (_without_sensors, _with_timing, _states):
         kept.forget()
     selected.cache_clear()
     extra_states.forget()
+    give_back()
 
 
 def _with_part_in_states(model: Model) -> Model:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from sysid.diagnosis.actuator.bias_correction import corrected
+from sysid.diagnosis.actuator.equation_error import forget
 from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.samples import Traces, prepare
 from sysid.diagnosis.actuator.screening import Projected, projected
@@ -98,7 +99,12 @@ def close_loop(
         book.miss(ended, decides=False)
     with time_limit(None):
         null = Null(judged or [projected(frame_of(pilot), model)], forms)
+    # Each holds all samples anew: what is no longer needed makes room.
+    judged.clear()
+    del pilot, bare
     found = search(frame_of(traces), model, forms, null, progress, simulation_error, book)
+    null.release()
+    forget()
     if found.steps:
         book.enter(SearchStage.CORRECTION)
         progress("correcting the numbers with twins of the extended model")

@@ -55,6 +55,10 @@ class Null:
         self._screen(clear, self._twins[1:], book)
         return known
 
+    def release(self) -> None:
+        """Drop the twins: no further effect can be calibrated, all that was found stays."""
+        self._twins = ()
+
     def _screen(self, effects: Iterable[str], twins: Sequence[Projected], book: Book) -> None:
         known = 0 if twins and twins[0] is self._twins[0] else 1
         wanted = [e for e in effects if len(self._gains.get(e, ())) == known]

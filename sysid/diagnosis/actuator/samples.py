@@ -361,8 +361,9 @@ def windows(traces: Traces, usable: BoolArray) -> Windows:
             middles = np.arange(first + half, last - half, step) + run.rows.start
             if len(middles) == 0:
                 continue
-            rows.append(np.repeat(np.arange(count, count + len(middles)), len(kernel)))
-            columns.append((middles[:, None] + reach).ravel())
+            own = np.arange(count, count + len(middles), dtype=np.int32)
+            rows.append(np.repeat(own, len(kernel)))
+            columns.append((middles[:, None] + reach).ravel().astype(np.int32))
             weights.append(np.tile(kernel, len(middles)))
             of_run.append(np.full(len(middles), index))
             of_stretch.append(np.full(len(middles), stretch))
@@ -370,10 +371,11 @@ def windows(traces: Traces, usable: BoolArray) -> Windows:
             count += len(middles)
             stretch += 1
     empty = np.zeros(0, dtype=np.intp)
+    none = np.zeros(0, dtype=np.int32)  # half the memory: a diagnosis keeps many of them
     matrix = csr_array(
         (
             np.concatenate([np.zeros(0), *weights]),
-            (np.concatenate([empty, *rows]), np.concatenate([empty, *columns])),
+            (np.concatenate([none, *rows]), np.concatenate([none, *columns])),
         ),
         shape=(count, len(traces)),
     )

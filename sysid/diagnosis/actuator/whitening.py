@@ -220,13 +220,13 @@ def _whitening(covariance: FloatArray, view: Windows) -> Any:
 
     predictors = _levinson(covariance)
     n = len(view)
-    place = np.arange(n)
+    place = np.arange(n, dtype=np.int32)
     starts = np.concatenate(([0], np.flatnonzero(np.diff(view.stretch)) + 1)) if n else place
     lengths = np.diff(np.concatenate((starts, [n])))
     depth = np.minimum(place - np.repeat(starts, lengths), ORDER) if n else place
     rows, columns, data = [], [], []
     for order, (coefficients, variance) in enumerate(predictors):
-        mine = np.flatnonzero(depth == order)
+        mine = np.flatnonzero(depth == order).astype(np.int32)
         scale = 1.0 / np.sqrt(variance)
         rows.append(mine)
         columns.append(mine)
