@@ -146,8 +146,8 @@ def refit(base: Projected, starts: Sequence[CatalogueEffect]) -> Refit:
 
 
 def is_threshold(quantity: Quantity) -> bool:
-    """Whether the effect is not proportional to it: screening then tries a grid of sizes."""
-    return quantity.is_strength and bool(quantity.grid)
+    """Whether it acts in steps: screening tries a grid of sizes, and it has no slope."""
+    return quantity.is_strength and bool(quantity.grid) and not quantity.is_smooth
 
 
 def _own_parameters(effects: Sequence[CatalogueEffect], travel: float) -> list[Parameter]:
