@@ -58,6 +58,16 @@ SAME_LAW: dict[str, dict[str, str | float]] = {
         "subsonic_exponent": "use_iso_exponent",
     },
     "supply-droop:coupled": {"droop_pa_s_per_kg": "droop_pa_s_per_kg"},
+    "exhaust-back-pressure:separate": {
+        "back_pressure_pa_s_per_kg": "back_pa_s_per_kg",
+        "common_share": 0.0,
+        "linear_share": 1.0,
+    },
+    "exhaust-back-pressure:quadratic": {
+        "back_pressure_pa_s_per_kg": "back_pa_s_per_kg",
+        "common_share": 0.0,
+        "linear_share": 0.0,
+    },
     "temperature-drift:linear": {"temperature_drift_k_per_s": "temperature_k_per_s"},
     "ambient-pressure-error:ambient": {"ambient_pressure_pa": "ambient_pa"},
     "area-error:area": {"area_change_m2": "area_m2"},

@@ -206,6 +206,10 @@ _GAS: dict[str, dict[str, Form]] = {
     "exhaust-back-pressure": {
         "separate": _one("back_pa_s_per_kg", _BACK),
         "common": _one("back_pa_s_per_kg", _BACK, flags={"use_common": 1.0}),
+        "quadratic": _one("back_pa_s_per_kg", _BACK, flags={"use_back_square": 1.0}),
+        "quadratic-common": _one(
+            "back_pa_s_per_kg", _BACK, flags={"use_back_square": 1.0, "use_common": 1.0}
+        ),
     },
     "temperature-drift": {
         "linear": _one("temperature_k_per_s", 10.0 / 60.0, signed=True),
