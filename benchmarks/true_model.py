@@ -69,6 +69,10 @@ SAME_LAW: dict[str, dict[str, str | float]] = {
         "linear_share": 0.0,
     },
     "temperature-drift:linear": {"temperature_drift_k_per_s": "temperature_k_per_s"},
+    "temperature-drift:saturating": {
+        "temperature_drift_k_per_s": "temperature_k_per_s",
+        "settling_time_s": "temperature_time_s",
+    },
     "ambient-pressure-error:ambient": {"ambient_pressure_pa": "ambient_pa"},
     "area-error:area": {"area_change_m2": "area_m2"},
     "valve-delay:both": {"on_delay_s": "on_delay_s", "off_delay_s": "off_delay_s"},

@@ -295,6 +295,22 @@ def test_temperature_drift_scales_the_flow_with_time() -> None:
     np.testing.assert_allclose(run.pressure_a[early], expected, atol=0.1)
 
 
+@pytest.mark.parametrize("tau", [0.5, 4.0, 300.0])
+def test_a_temperature_that_settles_has_a_decaying_slope(tau: float) -> None:
+    for time in (0.0, 0.3, 7.0, 200.0):
+        rise = quad(lambda t: 0.4 * np.exp(-t / tau), 0.0, time, epsabs=1e-12, limit=200)[0]
+        found = chamber.TemperatureDrift(0.4, tau).parameters(HELD, time).temperature
+        np.testing.assert_allclose(found, HELD.temperature + rise, rtol=1e-12)
+
+
+def test_a_temperature_that_never_settles_is_the_older_law_to_the_last_bit() -> None:
+    time = np.linspace(0.0, 600.0, 301)
+    drifted = chamber.TemperatureDrift(0.2).parameters(HELD, time).temperature
+    np.testing.assert_array_equal(drifted, HELD.temperature + 0.2 * time)
+    cold = chamber.TemperatureDrift(-5.0).parameters(HELD, 1e4).temperature
+    assert cold == 0.5 * HELD.temperature
+
+
 @pytest.mark.parametrize("conductance", [0.1, 0.4, 2.0])
 def test_after_a_fill_heat_leads_to_the_isothermal_pressure(conductance: float) -> None:
     # Nothing leaves the chamber: the mass is what the choked flow brought, in 17 ms.
@@ -520,22 +536,6 @@ def test_the_exhaust_backs_up_by_its_own_flow() -> None:
     np.testing.assert_allclose(choked, 1.05e5)
 
 
-def test_a_model_without_a_discrete_law_stays_as_it_is() -> None:
-    unknown = dict.fromkeys(NO_VALVES, np.nan)
-    point = random_point((50,), parameters=REFERENCE.replace(**unknown))
-    given = before(point)
-    for effect in (chamber.TubeLag, valve.SubsonicFlowShape, *supply.EFFECTS):
-        found = after(effect.typical(), point, given)
-        for name, value in given.items():
-            if not name.startswith("chamber_flow"):
-                np.testing.assert_array_equal(found[name], value, err_msg=name)
-            assert np.isfinite(found[name]).all()
-
-
-# --- sensors ---------------------------------------------------------------------------
-
-
-def test_a_lagged_sensor_follows_steps_and_ramps_exactly() -> None:
 def _flow_against(pressure: float, rise: Any) -> float:
     """Flow out of A by the base law against the back pressure that it causes itself: bisected."""
 
@@ -581,6 +581,22 @@ def test_the_laminar_form_is_the_older_law_to_the_last_bit() -> None:
     np.testing.assert_array_equal(found, expected)
 
 
+def test_a_model_without_a_discrete_law_stays_as_it_is() -> None:
+    unknown = dict.fromkeys(NO_VALVES, np.nan)
+    point = random_point((50,), parameters=REFERENCE.replace(**unknown))
+    given = before(point)
+    for effect in (chamber.TubeLag, valve.SubsonicFlowShape, *supply.EFFECTS):
+        found = after(effect.typical(), point, given)
+        for name, value in given.items():
+            if not name.startswith("chamber_flow"):
+                np.testing.assert_array_equal(found[name], value, err_msg=name)
+            assert np.isfinite(found[name]).all()
+
+
+# --- sensors ---------------------------------------------------------------------------
+
+
+def test_a_lagged_sensor_follows_steps_and_ramps_exactly() -> None:
     rng = np.random.default_rng(1)
     lag = 2e-3
     time = np.concatenate(

@@ -216,6 +216,9 @@ _GAS: dict[str, dict[str, Form]] = {
         "saturating": _one(
             "temperature_k_per_s", 10.0 / 60.0, signed=True, shapes={"temperature_time_s": (4, 15)}
         ),
+        "settling": _one(
+            "temperature_settled_k", 8.0, signed=True, shapes={"temperature_time_s": (1.5, 8.0)}
+        ),
     },
     "ambient-pressure-error": {"ambient": _one("ambient_pa", 1e3, signed=True)},
     "area-error": {"area": _one("area_m2", 3e-6, signed=True, sides=("b",))},

@@ -40,8 +40,11 @@ SILENCER_FLOW_KG_S = 3.5e-4  # at which every silencer of one size has the same 
 @compiled
 def air_temperature(time: float, p: Any, k: Any) -> float:
     """Temperature of the supply and the room, K."""
-    if k.temperature_k_per_s == 0.0:
+    if k.temperature_k_per_s == 0.0 and k.temperature_settled_k == 0.0:
         return float(p.temperature)
+    if k.temperature_settled_k != 0.0:
+        settled = 1.0 - np.exp(-time / k.temperature_time_s)
+        return float(p.temperature + k.temperature_settled_k * settled)
     span = time
     if k.temperature_time_s > 0.0:
         span = k.temperature_time_s * (1.0 - np.exp(-time / k.temperature_time_s))
