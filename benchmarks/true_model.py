@@ -85,6 +85,7 @@ SAME_LAW: dict[str, dict[str, str | float]] = {
     "piston-leakage:quadratic": {"piston_leakage_kg_per_s_pa2": "piston_quadratic"},
     "atmosphere-leakage:quadratic": {"atmosphere_leakage_kg_per_s_pa2": "leak_quadratic"},
     "duty-dead-zone:vanish": {"dead_time_s": "dead_s"},
+    "duty-dead-zone:partial": {"dead_time_s": "dead_s", "whole_ratio": "dead_whole_ratio"},
 }
 
 

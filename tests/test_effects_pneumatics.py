@@ -485,6 +485,33 @@ def test_a_dead_zone_swallows_short_pulses_and_pauses(pulses: Any, kept: Any) ->
     np.testing.assert_array_equal(dead.pulses(on, off, "b"), (on, off))
 
 
+@pytest.mark.parametrize(
+    ("pulses", "kept"),
+    [
+        ([(0.0, 1.5), (5.0, 7.0)], [(0.5, 1.5), (5.0, 7.0)]),  # half of the range: 2 of 2 ms
+        ([(0.0, 5.0), (6.25, 9.0)], [(0.0, 5.75), (6.25, 9.0)]),  # it closes only partly
+        ([(0.0, 0.8), (5.0, 6.1)], [(5.9, 6.1)]),
+        ([(-np.inf, 5.0), (6.9, np.inf)], [(-np.inf, 5.1), (6.9, np.inf)]),
+        ([(0.0, 3.0), (3.2, 3.4), (3.6, 4.0)], [(0.0, 4.0)]),
+    ],
+)
+def test_a_valve_that_opens_partly_follows_late(pulses: Any, kept: Any) -> None:
+    """Dead for 1 ms, whole from 2 ms on: what is left grows from none at 1 ms to all at 2 ms."""
+    on, off = np.array(pulses, dtype=float).T * 1e-3
+    found = np.column_stack(valve.DutyDeadZone(1e-3, "a", 2.0).pulses(on, off, "a"))
+    np.testing.assert_allclose(found, np.array(kept) * 1e-3, rtol=1e-12, atol=1e-15)
+
+
+def test_partial_opening_makes_the_open_time_continuous_in_the_duty() -> None:
+    zone = valve.DutyDeadZone(1e-3, "both", 1.7)
+    lengths = np.linspace(0.0, 3e-3, 3001)
+    left = [float(np.sum(o - i)) for i, o in (zone.pulses([0.0], [w], "a") for w in lengths)]
+    slope = np.diff(left) / np.diff(lengths)
+    expected = np.where(lengths < 1e-3, 0.0, np.where(lengths < 1.7e-3, 1.7 / 0.7, 1.0))
+    np.testing.assert_allclose(slope[5:], expected[5:-1], atol=1.5)
+    assert left[-1] == lengths[-1] and np.max(np.diff(left)) < 3e-6
+
+
 # --- supply ----------------------------------------------------------------------------
 
 

@@ -236,6 +236,12 @@ _TIMING_AND_SENSORS: dict[str, dict[str, Form]] = {
         "vanish": Form({"dead_s": (4e-4, 1.4e-3)}, sides=("both",)),
         "on-pulses": Form({"dead_s": (4e-4, 1.4e-3)}, sides=("both",), flags={"use_dead": 1.0}),
         "shortened": Form({"dead_s": (2e-4, 7e-4)}, sides=("both",), flags={"use_dead": 2.0}),
+        "partial": Form(
+            {"dead_s": (4e-4, 1.4e-3)},
+            {"dead_whole_ratio": (1.5, 2.5)},
+            {"use_dead": 3.0},
+            sides=("both",),
+        ),
     },
     "coil-heating": {
         "both-delays": _one("heating_s", 5e-4, shapes={"heating_time_s": (15, 25)}),
