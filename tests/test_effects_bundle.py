@@ -33,6 +33,7 @@ from sysid.io.rig import Rig, rig_from_content
 from sysid.model.effects.catalogue import catalogue
 from sysid.model.effects.chamber import NEVER_SETTLES_S, TemperatureDrift
 from sysid.model.effects.entry import CatalogueEffect, Quantity
+from sysid.model.effects.linkage import Backlash
 from sysid.model.effects.supply import ExhaustBackPressure
 from sysid.model.effects.valve import DutyDeadZone
 from sysid.model.ports import Model
@@ -524,6 +525,7 @@ def test_an_entry_is_as_it_was_after_its_effect_was_read(bundle: Bundle) -> None
         (ExhaustBackPressure(1e7, 0.5, 0.25), {"linear_share": 1.0}),
         (TemperatureDrift(0.1, 5.0), {"settling_time_s": NEVER_SETTLES_S}),
         (DutyDeadZone(1e-3, "a", 2.0), {"whole_ratio": 1.0}),
+        (Backlash(0.004, 2.0, 0.1), {"motor_share": 0.0}),
     ],
     ids=lambda value: getattr(value, "id", ""),
 )
@@ -538,5 +540,6 @@ def test_a_bundle_older_than_a_parameter_has_the_older_form(
     assert not newer.keys() & old.to_json()["parameters"].keys()
     export_bundle(bundle.replaced(effects=[old]), tmp_path / "old.h", "c")
     text = (tmp_path / "old.h").read_text()
-    assert f"EFFECTS_CONTAINED {int(effect.id != 'duty-dead-zone')}" in text
+    has_law = effect.id in ("exhaust-back-pressure", "temperature-drift")
+    assert f"EFFECTS_CONTAINED {int(has_law)}" in text
     assert not any(name in text for name in newer)
