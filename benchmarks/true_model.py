@@ -58,7 +58,21 @@ SAME_LAW: dict[str, dict[str, str | float]] = {
         "subsonic_exponent": "use_iso_exponent",
     },
     "supply-droop:coupled": {"droop_pa_s_per_kg": "droop_pa_s_per_kg"},
+    "exhaust-back-pressure:separate": {
+        "back_pressure_pa_s_per_kg": "back_pa_s_per_kg",
+        "common_share": 0.0,
+        "linear_share": 1.0,
+    },
+    "exhaust-back-pressure:quadratic": {
+        "back_pressure_pa_s_per_kg": "back_pa_s_per_kg",
+        "common_share": 0.0,
+        "linear_share": 0.0,
+    },
     "temperature-drift:linear": {"temperature_drift_k_per_s": "temperature_k_per_s"},
+    "temperature-drift:saturating": {
+        "temperature_drift_k_per_s": "temperature_k_per_s",
+        "settling_time_s": "temperature_time_s",
+    },
     "ambient-pressure-error:ambient": {"ambient_pressure_pa": "ambient_pa"},
     "area-error:area": {"area_change_m2": "area_m2"},
     "valve-delay:both": {"on_delay_s": "on_delay_s", "off_delay_s": "off_delay_s"},
@@ -71,6 +85,7 @@ SAME_LAW: dict[str, dict[str, str | float]] = {
     "piston-leakage:quadratic": {"piston_leakage_kg_per_s_pa2": "piston_quadratic"},
     "atmosphere-leakage:quadratic": {"atmosphere_leakage_kg_per_s_pa2": "leak_quadratic"},
     "duty-dead-zone:vanish": {"dead_time_s": "dead_s"},
+    "duty-dead-zone:partial": {"dead_time_s": "dead_s", "whole_ratio": "dead_whole_ratio"},
 }
 
 

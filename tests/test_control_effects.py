@@ -112,6 +112,32 @@ def test_the_dead_zone_forgets_short_pulses_and_short_pauses() -> None:
     assert later[0, 0] == np.inf
 
 
+def test_a_closed_loop_opens_partly_as_the_whole_log_does() -> None:
+    rng = np.random.default_rng(8)
+    edges = np.cumsum(rng.uniform(3e-4, 4e-3, 60)).reshape(-1, 2)
+    zone = DutyDeadZone(1e-3, "both", 2.2)
+    whole = np.column_stack(zone.pulses(edges[:, 0], edges[:, 1], "a"))
+    until = np.array([edges[-1, 1] + 0.1])
+    shown = zone.recent_pulses(edges[::-1, :1], edges[::-1, 1:], until, "a")
+    recent = np.hstack(shown)[::-1]
+    assert not np.array_equal(whole, edges[: len(whole)])
+    np.testing.assert_allclose(recent[np.isfinite(recent[:, 0])], whole, rtol=1e-12)
+
+
+def test_the_law_of_a_partial_opening_is_that_of_its_pulses_and_inverts() -> None:
+    zone = DutyDeadZone(1e-3, "both", 2.2)
+    own, plain = averaged_law(plant() + zone, "a"), AveragedLaw.of(plant().parameters, "a")
+    period = float(plant().parameters.pwm_period)
+    starts = np.arange(6) * period
+    for duty in (0.1, 0.23, 0.3, 0.4, 0.5, 0.63, 0.7, 0.77, 0.95):
+        on, off = zone.pulses(starts, starts + duty * period, "a")
+        within = np.clip([on, off], 2 * period, 4 * period)
+        open_time = float(np.sum(within[1] - within[0])) / (2 * period)
+        assert own.open_share(duty) == pytest.approx(plain.open_share(open_time), abs=1e-9)
+    shares = np.linspace(0.075, 0.95, 36)  # below it the shortest pulse opens for longer
+    np.testing.assert_allclose(own.open_share(own.duty_of_share(shares)), shares, atol=1e-9)
+
+
 @pytest.mark.parametrize(
     "effect",
     [PressureLag(2e-3, "a"), PressureLag(0.0), TimeSkew(2.3e-3), TimeSkew(0.0, "b")],

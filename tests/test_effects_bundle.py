@@ -31,7 +31,11 @@ from sysid.io.campaign import MOTION_KINDS
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig, rig_from_content
 from sysid.model.effects.catalogue import catalogue
+from sysid.model.effects.chamber import NEVER_SETTLES_S, TemperatureDrift
 from sysid.model.effects.entry import CatalogueEffect, Quantity
+from sysid.model.effects.linkage import Backlash
+from sysid.model.effects.supply import ExhaustBackPressure
+from sysid.model.effects.valve import DutyDeadZone
 from sysid.model.ports import Model
 from sysid.model.sensors import before_sensors, through_sensors
 from sysid.model.simulator import Inputs, ValveCommand, open_intervals, simulate
@@ -442,7 +446,9 @@ def test_an_undeclared_offset_is_mended_by_its_effect(tmp_path: Path) -> None:
 USER_EFFECT = '''
 from dataclasses import dataclass
 from sysid.model.effects.catalogue import catalogue
+from sysid.model.effects.chamber import NEVER_SETTLES_S, TemperatureDrift
 from sysid.model.effects.entry import CatalogueEffect, Quantity
+from sysid.model.effects.supply import ExhaustBackPressure
 
 
 @dataclass(frozen=True)
@@ -511,3 +517,29 @@ def test_an_entry_is_as_it_was_after_its_effect_was_read(bundle: Bundle) -> None
     before = entry.to_json()
     assert effect_from_entry(entry, "b.json", CATALOGUE) == Sensor(2e3, 0.01, 0.0, "a")
     assert bundle.effects[1].to_json() == before
+
+
+@pytest.mark.parametrize(
+    ("effect", "newer"),
+    [
+        (ExhaustBackPressure(1e7, 0.5, 0.25), {"linear_share": 1.0}),
+        (TemperatureDrift(0.1, 5.0), {"settling_time_s": NEVER_SETTLES_S}),
+        (DutyDeadZone(1e-3, "a", 2.0), {"whole_ratio": 1.0}),
+        (Backlash(0.004, 2.0, 0.1), {"motor_share": 0.0}),
+    ],
+    ids=lambda value: getattr(value, "id", ""),
+)
+def test_a_bundle_older_than_a_parameter_has_the_older_form(
+    effect: CatalogueEffect, newer: dict[str, float], bundle: Bundle, tmp_path: Path
+) -> None:
+    """Read as the older law, kept as it is in the file, and exported with it."""
+    entry = entry_of(effect)
+    old = entry.replaced(parameters={k: v for k, v in entry.parameters.items() if k not in newer})
+    read = effect_from_entry(old, "b.json", catalogue())
+    assert read == dataclasses.replace(effect, **newer)  # type: ignore[type-var]
+    assert not newer.keys() & old.to_json()["parameters"].keys()
+    export_bundle(bundle.replaced(effects=[old]), tmp_path / "old.h", "c")
+    text = (tmp_path / "old.h").read_text()
+    has_law = effect.id in ("exhaust-back-pressure", "temperature-drift")
+    assert f"EFFECTS_CONTAINED {int(has_law)}" in text
+    assert not any(name in text for name in newer)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from benchmarks.rigs import REFERENCE, random_runs
 from sysid.model import base
@@ -49,6 +50,8 @@ def random_point(shape: tuple[int, ...], **changes: Any) -> Point:
     extra = {
         "presliding_share": rng.uniform(-1, 1, shape),
         "backlash_place": rng.uniform(-1, 1, shape),
+        "backlash_motor_rad": rng.uniform(-1.6, 1.6, shape),
+        "backlash_motor_rad_per_s": rng.uniform(-5, 5, shape),
         "link_angle_rad": rng.uniform(-1.6, 1.6, shape),
         "link_speed_rad_per_s": rng.uniform(-5, 5, shape),
         "amplifier_effort": rng.uniform(-0.8, 0.8, shape),
@@ -361,6 +364,41 @@ def test_backlash_loses_the_torque_while_the_gap_is_crossed(gap: float) -> None:
     expected = 0.4 * (TIME[inside] - 0.3) / FREE.inertia
     if gap >= 4e-3:
         np.testing.assert_allclose(lost[inside], expected, rtol=1e-6)
+
+
+def _two_inertias(gap: float, share: float, effort: float, reversal: float) -> Any:
+    """Position and speed of shaft and motor (4,) over TIME: the contact written out, fine steps."""
+    motor, rate = share * FREE.inertia, 2.0 * math.pi * 60.0
+
+    def slopes(time: float, state: Any) -> list[float]:
+        shaft, speed, own, own_speed = state
+        into = own - shaft - 0.5 * gap if own > shaft else own - shaft + 0.5 * gap
+        force = motor * (rate**2 * into + 2.0 * 0.5 * rate * (own_speed - speed))
+        touches = abs(own - shaft) > 0.5 * gap and force * into > 0.0
+        force = force if touches else 0.0
+        drive = effort if time < reversal else -effort
+        left = FREE.inertia - motor
+        return [speed, force / left, own_speed, (drive - force) / motor]
+
+    start = [0.0, 0.0, 0.5 * gap, 0.0]
+    return solve_ivp(slopes, (0.0, 0.8), start, t_eval=TIME, max_step=5e-5).y
+
+
+@pytest.mark.parametrize("share", [0.08, 0.15])
+@pytest.mark.parametrize("gap", [2e-3, 4e-3])
+def test_a_motor_behind_the_gap_gives_back_in_the_impact_what_it_gained(
+    gap: float, share: float
+) -> None:
+    effort = np.where(TIME < 0.3, 0.4, -0.4)
+    run = free_run(effort, linkage.Backlash(gap, motor_share=share))
+    rigid = free_run(effort).velocity
+    reversal = 0.5 * (rigid[-1] * FREE.inertia / 0.4 + TIME[-1])
+    expected = _two_inertias(gap, share, 0.4, reversal)
+    lost = rigid - expected[1]
+    assert np.abs(lost).max() > 0.05  # rad/s, while the gap is crossed
+    np.testing.assert_allclose(rigid - run.velocity, lost, atol=0.1 * np.abs(lost).max())
+    # Behind the impacts nothing is lost.
+    np.testing.assert_allclose(run.velocity[TIME > 0.7], rigid[TIME > 0.7], atol=2e-3)
 
 
 @pytest.mark.parametrize("share", [0.2, 0.5])

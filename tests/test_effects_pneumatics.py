@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
+from scipy.optimize import brentq
 
 from benchmarks.rigs import REFERENCE, random_runs
 from sysid.model import base
@@ -112,7 +114,7 @@ def test_the_entry_is_whole(effect: type[CatalogueEffect]) -> None:
         assert q.lower <= (0.0 if q.is_strength else q.typical) <= q.upper
         assert q.lower <= q.typical <= q.upper and q.typical != 0.0
         assert all(q.lower <= g <= q.upper for g in q.grid)
-        assert q.is_strength or len(q.grid) >= 3
+        assert q.is_strength or len(q.grid) >= 2
     assert effect.signature and effect.source and effect.title
     assert bool(effect.rivals) == bool(effect.tie_breaker) or effect.id == "encoder-eccentricity"
     assert effect.id not in effect.rivals
@@ -293,6 +295,22 @@ def test_temperature_drift_scales_the_flow_with_time() -> None:
     np.testing.assert_allclose(run.pressure_a[early], expected, atol=0.1)
 
 
+@pytest.mark.parametrize("tau", [0.5, 4.0, 300.0])
+def test_a_temperature_that_settles_has_a_decaying_slope(tau: float) -> None:
+    for time in (0.0, 0.3, 7.0, 200.0):
+        rise = quad(lambda t: 0.4 * np.exp(-t / tau), 0.0, time, epsabs=1e-12, limit=200)[0]
+        found = chamber.TemperatureDrift(0.4, tau).parameters(HELD, time).temperature
+        np.testing.assert_allclose(found, HELD.temperature + rise, rtol=1e-12)
+
+
+def test_a_temperature_that_never_settles_is_the_older_law_to_the_last_bit() -> None:
+    time = np.linspace(0.0, 600.0, 301)
+    drifted = chamber.TemperatureDrift(0.2).parameters(HELD, time).temperature
+    np.testing.assert_array_equal(drifted, HELD.temperature + 0.2 * time)
+    cold = chamber.TemperatureDrift(-5.0).parameters(HELD, 1e4).temperature
+    assert cold == 0.5 * HELD.temperature
+
+
 @pytest.mark.parametrize("conductance", [0.1, 0.4, 2.0])
 def test_after_a_fill_heat_leads_to_the_isothermal_pressure(conductance: float) -> None:
     # Nothing leaves the chamber: the mass is what the choked flow brought, in 17 ms.
@@ -467,6 +485,33 @@ def test_a_dead_zone_swallows_short_pulses_and_pauses(pulses: Any, kept: Any) ->
     np.testing.assert_array_equal(dead.pulses(on, off, "b"), (on, off))
 
 
+@pytest.mark.parametrize(
+    ("pulses", "kept"),
+    [
+        ([(0.0, 1.5), (5.0, 7.0)], [(0.5, 1.5), (5.0, 7.0)]),  # half of the range: 2 of 2 ms
+        ([(0.0, 5.0), (6.25, 9.0)], [(0.0, 5.75), (6.25, 9.0)]),  # it closes only partly
+        ([(0.0, 0.8), (5.0, 6.1)], [(5.9, 6.1)]),
+        ([(-np.inf, 5.0), (6.9, np.inf)], [(-np.inf, 5.1), (6.9, np.inf)]),
+        ([(0.0, 3.0), (3.2, 3.4), (3.6, 4.0)], [(0.0, 4.0)]),
+    ],
+)
+def test_a_valve_that_opens_partly_follows_late(pulses: Any, kept: Any) -> None:
+    """Dead for 1 ms, whole from 2 ms on: what is left grows from none at 1 ms to all at 2 ms."""
+    on, off = np.array(pulses, dtype=float).T * 1e-3
+    found = np.column_stack(valve.DutyDeadZone(1e-3, "a", 2.0).pulses(on, off, "a"))
+    np.testing.assert_allclose(found, np.array(kept) * 1e-3, rtol=1e-12, atol=1e-15)
+
+
+def test_partial_opening_makes_the_open_time_continuous_in_the_duty() -> None:
+    zone = valve.DutyDeadZone(1e-3, "both", 1.7)
+    lengths = np.linspace(0.0, 3e-3, 3001)
+    left = [float(np.sum(o - i)) for i, o in (zone.pulses([0.0], [w], "a") for w in lengths)]
+    slope = np.diff(left) / np.diff(lengths)
+    expected = np.where(lengths < 1e-3, 0.0, np.where(lengths < 1.7e-3, 1.7 / 0.7, 1.0))
+    np.testing.assert_allclose(slope[5:], expected[5:-1], atol=1.5)
+    assert left[-1] == lengths[-1] and np.max(np.diff(left)) < 3e-6
+
+
 # --- supply ----------------------------------------------------------------------------
 
 
@@ -516,6 +561,51 @@ def test_the_exhaust_backs_up_by_its_own_flow() -> None:
     np.testing.assert_allclose(back, 1e5 + backed.back_pressure_pa_s_per_kg * flow, rtol=1e-12)
     choked = backed.exhaust_pressure(1e5, "a", at_pressure([2.5e5], 0.0))
     np.testing.assert_allclose(choked, 1.05e5)
+
+
+def _flow_against(pressure: float, rise: Any) -> float:
+    """Flow out of A by the base law against the back pressure that it causes itself: bisected."""
+
+    def law(flow: float) -> float:
+        back = 1e5 + rise(flow)
+        choked = pressure >= back / 0.53
+        return HELD.choked_dis_a if choked else HELD.c_dis_a * (pressure - back)
+
+    return float(brentq(lambda flow: law(flow) - flow, 0.0, 1.0, xtol=1e-16))
+
+
+@pytest.mark.parametrize("share", [1.0, 0.4, 0.0])
+@pytest.mark.parametrize("pressure", [1.02e5, 1.2e5, 1.7e5, 2.6e5])
+def test_a_silencer_backs_up_by_the_flow_and_its_square(share: float, pressure: float) -> None:
+    backed = supply.ExhaustBackPressure(3e7, 0.0, share)
+    back = backed.exhaust_pressure(1e5, "a", at_pressure([pressure], 0.0))
+
+    def rise(flow: float) -> float:
+        return 3e7 * flow * (share + (1.0 - share) * flow / 3.5e-4)
+
+    np.testing.assert_allclose(back, 1e5 + rise(_flow_against(pressure, rise)), rtol=1e-11)
+
+
+def test_one_turbulent_silencer_sees_both_flows() -> None:
+    """What it holds back is the square of the sum of the flows against it, after two sweeps."""
+    off = at_pressure([1.3e5], 0.0)
+    both = dataclasses.replace(off, pressure_b=np.array([1.5e5]))
+    back = supply.ExhaustBackPressure(5e6, 1.0, 0.0).exhaust_pressure(1e5, "a", both)
+    flow = HELD.c_dis_a * (1.3e5 - back) + HELD.c_dis_b * (1.5e5 - back)
+    assert back > 1.01e5
+    np.testing.assert_allclose(back, 1e5 + 5e6 * flow**2 / 3.5e-4, rtol=1e-4)
+
+
+def test_the_laminar_form_is_the_older_law_to_the_last_bit() -> None:
+    point = random_point((300,), seed=5)
+    pressure, beside = point.pressure_a, 2e-4
+    valve_a, resistance = HELD.valve("a"), 1.7e7
+    against = 1e5 + resistance * beside
+    unchoked = valve_a.c_dis * (pressure - against) / (1.0 + resistance * valve_a.c_dis)
+    choked = base.is_exhaust_choked(pressure, against + resistance * valve_a.choked_dis)
+    expected = np.maximum(np.where(choked, valve_a.choked_dis, unchoked), 0.0)
+    found = supply.ExhaustBackPressure(resistance)._flow("a", 1e5, beside, point)
+    np.testing.assert_array_equal(found, expected)
 
 
 def test_a_model_without_a_discrete_law_stays_as_it_is() -> None:

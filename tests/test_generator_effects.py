@@ -6,6 +6,7 @@ import dataclasses
 import itertools
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,14 +16,20 @@ from benchmarks.true_model import SAME_LAW, true_effects
 from datasets.generator.__main__ import main
 from datasets.generator.campaign import LAB, drawn_effects, make_campaign, size_of
 from datasets.generator.effects import FORMS, OUT_OF_CATALOGUE, Injected, parsed, typical
+from datasets.generator.effects.gas import N_EFFECT_STATES, air_temperature, backs
 from datasets.generator.effects.integrator import (
     SENSED_A,
     SENSED_B,
     SENSED_POSITION,
     SENSED_SUPPLY,
 )
-from datasets.generator.effects.timing import shortened_pulses, without_short_pulses
-from datasets.generator.plant import FloatArray
+from datasets.generator.effects.knobs import knobs_of, plant_record
+from datasets.generator.effects.timing import (
+    partly_opening_pulses,
+    shortened_pulses,
+    without_short_pulses,
+)
+from datasets.generator.plant import N_MODES, PRESSURE_A, PRESSURE_B, FloatArray
 from datasets.generator.rigs import GeneratedRig, reference_rig
 from datasets.generator.runs import Commands, Start, at_atmosphere, simulated
 from datasets.generator.valve_tests import held_start
@@ -207,6 +214,44 @@ def test_droop_is_the_fixed_point_of_the_flow_that_passes() -> None:
     assert rows[70:75, SENSED_SUPPLY] == pytest.approx(PS - drop * flow, rel=1e-4)
 
 
+def knobs(*effects: Injected) -> Any:
+    """What the compiled laws read of these effects, on the reference rig."""
+    return knobs_of(effects, reference_rig())[0]
+
+
+@pytest.mark.parametrize("form", ["quadratic", "quadratic-common"])
+def test_a_turbulent_silencer_holds_back_the_square_of_its_flow(form: str) -> None:
+    plant = reference_rig().plant()
+    k = knobs(drawn("exhaust-back-pressure", form, 2.0))
+    p, mode = plant_record(plant)[0], np.zeros(N_MODES, dtype=np.int64)
+    x = np.zeros(N_EFFECT_STATES)
+    x[PRESSURE_A], x[PRESSURE_B] = 1.5e5, 1.3e5
+    found = backs(x, mode, p, k)
+    flows = [
+        c.c_dis * (pressure - back)
+        for c, pressure, back in zip((plant.a, plant.b), (1.5e5, 1.3e5), found, strict=True)
+    ]
+    if form == "quadratic-common":
+        assert found[0] == found[1]
+        flows = [sum(flows)] * 2
+    rises = [2.0 * 5e3 * (flow / 3.5e-4) ** 2 for flow in flows]
+    assert np.asarray(found) - P0 == pytest.approx(rises, rel=1e-4)
+    assert min(rises) > 10.0
+
+
+def test_a_temperature_settles_where_it_is_said_to() -> None:
+    plant = plant_record(reference_rig().plant())[0]
+    values = {"temperature_settled_k": -8.0, "temperature_time_s": 4.0}
+    k = knobs(Injected("temperature-drift", "settling", "", values))
+    steps = np.linspace(0.0, 4.0, 4001)
+    warming = [air_temperature(t, plant, k) for t in (0.0, 4.0, 400.0)]
+    # dT/dt = (T_end - T) / tau, integrated.
+    fallen = 0.0
+    for step in np.diff(steps):
+        fallen += step * (-8.0 - fallen) / 4.0
+    assert warming == pytest.approx([293.15, 293.15 + fallen, 285.15], abs=2e-3)
+
+
 def test_torque_offset_and_saturation_move_the_breakaway() -> None:
     def first_motion(effect: Injected) -> float | None:
         rig = dataclasses.replace(reference_rig(), effects=(effect,))
@@ -292,6 +337,18 @@ def test_short_pulses_vanish_or_shrink() -> None:
     assert list(kept) == [0.005, 0.007, 0.0072] and list(to) == [1, 0, 1]
     kept, to = shortened_pulses(times, states, 5e-4)
     assert kept == pytest.approx([0.0055, 0.007, 0.0077]) and list(to) == [1, 0, 1]
+
+
+def test_hardly_longer_pulses_and_pauses_open_and_close_partly() -> None:
+    """Dead for 1 ms, whole from 2 ms on: of 1.5 ms half counts as if it were 1 ms."""
+    times = np.array([0.0, 0.0015, 0.010, 0.0108, 0.020, 0.023, 0.02425, 0.030])
+    states = np.array([1, 0, 1, 0, 1, 0, 1, 0])
+    kept, to = partly_opening_pulses(times, states, 1e-3, 2.0)
+    # 1.5 ms on: 1 ms; 0.8 ms on: none; 1.25 ms off: 0.5 ms.
+    assert kept == pytest.approx([0.0005, 0.0015, 0.020, 0.02375, 0.02425, 0.030])
+    assert list(to) == [1, 0, 1, 0, 1, 0]
+    np.testing.assert_allclose(partly_opening_pulses(times, states, 1e-3, 1.0 + 1e-9)[0],
+                               without_short_pulses(times, states, 1e-3, False)[0])  # fmt: skip
 
 
 # --- Campaigns ------------------------------------------------------------------------------

@@ -81,8 +81,9 @@ def _with_error(effect: CatalogueEffect, quantity: Quantity, known: Estimate | N
 def effect_from_entry(entry: EffectEntry, where: str, catalogue: Catalogue) -> Any:
     """The effect that an entry of a bundle's `effects` describes; `where` names the bundle.
 
-    Raises InputError for an id that the catalogue lacks, a parameter that is missing,
-    unknown, not identified, in another unit or out of its bounds, and a bad side.
+    A parameter that is newer than the bundle has the value of the effect's older form
+    (`Quantity.absent`). Raises InputError for an id that the catalogue lacks, a parameter that
+    is missing, unknown, not identified, in another unit or out of its bounds, and a bad side.
     """
     place = f"{where}, effect {entry.id}"
     effect = catalogue.get(entry.id)
@@ -92,7 +93,8 @@ def effect_from_entry(entry: EffectEntry, where: str, catalogue: Catalogue) -> A
             "is not in the catalogue",
             "see `sysid effects`, and give further effects with --effects FILE",
         )
-    given = entry.parameters
+    older = {q.label: q.absent for q in effect.quantities if q.absent is not None}
+    given = {**older, **entry.parameters}
     quantities = {q.label: q for q in effect.quantities}
     known = {*quantities, *([SIDE] if effect.has_side() else [])}
     for key in (*known.difference(given), *set(given).difference(known)):
@@ -106,7 +108,9 @@ def effect_from_entry(entry: EffectEntry, where: str, catalogue: Catalogue) -> A
     return effect(**fields)
 
 
-def _value(estimate: Estimate | Side, quantity: Quantity, where: str) -> float:
+def _value(estimate: Estimate | Side | float, quantity: Quantity, where: str) -> float:
+    if isinstance(estimate, float):
+        return estimate
     if not isinstance(estimate, Estimate):
         raise input_error(where, 'is not an object with a "value"', _MEND)
     if not estimate.identified:

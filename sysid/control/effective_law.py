@@ -9,7 +9,7 @@ from typing import Any
 from sysid.model import plant
 from sysid.model.base import Array, array_namespace
 from sysid.model.effects.entry import of_side
-from sysid.model.effects.valve import DutyDeadZone
+from sysid.model.effects.valve import DutyDeadZone, partly_lost
 from sysid.model.ports import Model, Point, overrides
 from sysid.model.valve_timing import TIME_TOLERANCE
 from sysid.surfaces.averaged import AveragedLaw
@@ -34,7 +34,9 @@ def leakage(side: str, point: Point, model: Model) -> Array:
 
 @dataclass(frozen=True)
 class EffectiveLaw(AveragedLaw):
-    """The law with the flows of `model` and its delays; `dead_time` s as in `duty-dead-zone`.
+    """The law with the flows of `model` and its delays.
+
+    `dead_time` s and `whole_ratio` as in `duty-dead-zone`.
 
     The other valve counts as off, and its chamber as at the same pressure.
     """
@@ -42,6 +44,7 @@ class EffectiveLaw(AveragedLaw):
     model: Model
     side: str
     dead_time: Array
+    whole_ratio: Array
 
     def _point(self, pressure: Array, is_open: float) -> Point:
         none = 0.0 * pressure
@@ -63,10 +66,11 @@ class EffectiveLaw(AveragedLaw):
         return plant.discrete_flow(self.side, choked, point, self.model)
 
     def open_share(self, duty: Array) -> Array:
-        """See `AveragedLaw`; pulses and pauses below the dead time vanish."""
+        """See `AveragedLaw`; pulses and pauses below the dead time vanish, longer ones partly."""
         xp = array_namespace(duty, self.dead_time)
         least = (self.dead_time - TIME_TOLERANCE) / self.period
-        obeyed = xp.where(duty < least, 0.0, xp.where(1.0 - duty < least, 1.0, duty))
+        partly = duty - self._lost(duty) + self._lost(1.0 - duty)
+        obeyed = xp.where(duty < least, 0.0, xp.where(1.0 - duty < least, 1.0, partly))
         return super().open_share(obeyed)
 
     def duty_of_share(self, share: Array) -> Array:
@@ -74,9 +78,20 @@ class EffectiveLaw(AveragedLaw):
         duty = super().duty_of_share(share)
         xp = array_namespace(duty, self.dead_time)
         least = self.dead_time / self.period
-        short = xp.where(duty < 0.5 * least, 0.0, least)
-        long = xp.where(1.0 - duty < 0.5 * least, 1.0, 1.0 - least)
-        return xp.where(duty < least, short, xp.where(1.0 - duty < least, long, duty))
+        whole = self.whole_ratio * least
+        low, high = self._command(duty, least), 1.0 - self._command(1.0 - duty, least)
+        return xp.where(duty < whole, low, xp.where(1.0 - duty < whole, high, duty))
+
+    def _lost(self, share: Array) -> Array:
+        """What a pulse or pause of this share of the period loses by opening partly."""
+        return partly_lost(share, self.dead_time / self.period, self.whole_ratio)
+
+    def _command(self, share: Array, least: Array) -> Array:
+        """The shortest command that has a pulse (or pause) of this share, or the nearer end."""
+        xp = array_namespace(share, self.whole_ratio)
+        nearer = xp.where(share < 0.5 * least, 0.0, least)
+        partly = least + share * (1.0 - 1.0 / self.whole_ratio)
+        return xp.where(self.whole_ratio > 1.0, xp.where(share > 0.0, partly, 0.0), nearer)
 
 
 def averaged_law(model: Model, side: str) -> AveragedLaw:
@@ -87,12 +102,14 @@ def averaged_law(model: Model, side: str) -> AveragedLaw:
     timed = [e for e in model.effects if overrides(e, "delays", "pulses")]
     if not flows and not timed:
         return plain
-    dead = [e.dead_time_s for e in timed if isinstance(e, DutyDeadZone) and of_side(side, e.side)]
+    zones = [e for e in timed if isinstance(e, DutyDeadZone) and of_side(side, e.side)]
+    dead = zones[-1] if zones else DutyDeadZone()
     values = {f.name: getattr(plain, f.name) for f in dataclasses.fields(plain)}
     values["on_delay"] = edge_delay(side, True, model, 0.0)
     values["off_delay"] = edge_delay(side, False, model, 0.0)
     own = Model(model.parameters, flows)
-    return EffectiveLaw(**values, model=own, side=side, dead_time=dead[-1] if dead else 0.0)
+    values |= {"dead_time": dead.dead_time_s, "whole_ratio": dead.whole_ratio}
+    return EffectiveLaw(**values, model=own, side=side)
 
 
 __all__ = ["EffectiveLaw", "averaged_law", "edge_delay", "leakage"]

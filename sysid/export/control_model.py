@@ -20,7 +20,7 @@ from sysid.errors import SysidError
 from sysid.export.c_constants import read_constants
 from sysid.export.c_text import Names
 from sysid.export.control_laws import ControlLaw, control_laws
-from sysid.export.effect_laws import constant_name
+from sysid.export.effect_laws import on_names
 from sysid.export.flat import Flat, NumberTable
 from sysid.export.symbolic import symbol
 from sysid.model.base import PARAMETER_NAMES, Parameters
@@ -62,7 +62,7 @@ def control_model(
         return str(reason)
     parameters = _on_names(design.parameters, flat, constants, n)
     known = [
-        (effect, _named(effect, place, n) if has_names else effect)
+        (effect, on_names(effect, place, flat, n) if has_names else effect)
         for place, (effect, has_names) in enumerate(effects)
         if effect is not None
     ]
@@ -98,11 +98,6 @@ def _laws(
         if not effects:
             raise
         return None
-
-
-def _named(effect: CatalogueEffect, place: int, n: Names) -> CatalogueEffect:
-    names = {q.name: symbol(constant_name(place, q.label, n)) for q in effect.quantities}
-    return dataclasses.replace(effect, **names)  # type: ignore[type-var]
 
 
 def _on_names(parameters: Parameters, flat: Flat, constants: NumberTable, n: Names) -> Parameters:

@@ -101,6 +101,21 @@ def constant_name(place: int, label: str, n: Names) -> str:
     return f"{n.lower}effect_{place + 1}_{label}"
 
 
+def on_names(effect: CatalogueEffect, place: int, flat: Flat, n: Names) -> CatalogueEffect:
+    """The effect with its own parameters' names as numbers.
+
+    A parameter that is newer than the bundle has no name there: its number is known.
+    """
+    given = flat.effects[place].values
+    names = {
+        q.name: symbol(constant_name(place, q.label, n))
+        for q in effect.quantities
+        if q.label in given
+    }
+    named: CatalogueEffect = dataclasses.replace(effect, **names)  # type: ignore[type-var]
+    return named
+
+
 class _Maker:
     """The constants and parameters so far, and the stages that they give."""
 
@@ -122,8 +137,7 @@ class _Maker:
             raise _NotContainedError(f"acts on the {', '.join(beyond)} of a whole test")
         if not overrides(effect, *ACTED_ON):
             raise _NotContainedError("acts on nothing that the header holds")
-        names = {q.name: symbol(constant_name(place, q.label, self._n)) for q in effect.quantities}
-        named: CatalogueEffect = dataclasses.replace(effect, **names)  # type: ignore[type-var]
+        named = on_names(effect, place, self._flat, self._n)
         for port in ports():
             if overrides(named, port.port):
                 self._stage(port, place, named)

@@ -206,11 +206,18 @@ _GAS: dict[str, dict[str, Form]] = {
     "exhaust-back-pressure": {
         "separate": _one("back_pa_s_per_kg", _BACK),
         "common": _one("back_pa_s_per_kg", _BACK, flags={"use_common": 1.0}),
+        "quadratic": _one("back_pa_s_per_kg", _BACK, flags={"use_back_square": 1.0}),
+        "quadratic-common": _one(
+            "back_pa_s_per_kg", _BACK, flags={"use_back_square": 1.0, "use_common": 1.0}
+        ),
     },
     "temperature-drift": {
         "linear": _one("temperature_k_per_s", 10.0 / 60.0, signed=True),
         "saturating": _one(
             "temperature_k_per_s", 10.0 / 60.0, signed=True, shapes={"temperature_time_s": (4, 15)}
+        ),
+        "settling": _one(
+            "temperature_settled_k", 8.0, signed=True, shapes={"temperature_time_s": (1.5, 8.0)}
         ),
     },
     "ambient-pressure-error": {"ambient": _one("ambient_pa", 1e3, signed=True)},
@@ -229,6 +236,12 @@ _TIMING_AND_SENSORS: dict[str, dict[str, Form]] = {
         "vanish": Form({"dead_s": (4e-4, 1.4e-3)}, sides=("both",)),
         "on-pulses": Form({"dead_s": (4e-4, 1.4e-3)}, sides=("both",), flags={"use_dead": 1.0}),
         "shortened": Form({"dead_s": (2e-4, 7e-4)}, sides=("both",), flags={"use_dead": 2.0}),
+        "partial": Form(
+            {"dead_s": (4e-4, 1.4e-3)},
+            {"dead_whole_ratio": (1.5, 2.5)},
+            {"use_dead": 3.0},
+            sides=("both",),
+        ),
     },
     "coil-heating": {
         "both-delays": _one("heating_s", 5e-4, shapes={"heating_time_s": (15, 25)}),

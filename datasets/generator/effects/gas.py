@@ -34,13 +34,17 @@ N_EFFECT_STATES = GAS + 13
 
 BISECTIONS = 24
 TREND_S = 0.004
+SILENCER_FLOW_KG_S = 3.5e-4  # at which every silencer of one size has the same back pressure
 
 
 @compiled
 def air_temperature(time: float, p: Any, k: Any) -> float:
     """Temperature of the supply and the room, K."""
-    if k.temperature_k_per_s == 0.0:
+    if k.temperature_k_per_s == 0.0 and k.temperature_settled_k == 0.0:
         return float(p.temperature)
+    if k.temperature_settled_k != 0.0:
+        settled = 1.0 - np.exp(-time / k.temperature_time_s)
+        return float(p.temperature + k.temperature_settled_k * settled)
     span = time
     if k.temperature_time_s > 0.0:
         span = k.temperature_time_s * (1.0 - np.exp(-time / k.temperature_time_s))
@@ -113,18 +117,26 @@ def _total_exhaust(x: FloatArray, back: float, a: bool, b: bool, p: Any, k: Any)
 
 
 @compiled
-def _backed(x: FloatArray, rise: float, a: bool, b: bool, p: Any, k: Any) -> float:
-    """Pressure before a silencer of `rise` Pa s/kg that the chambers' own flow passes, Pa."""
+def _silencer_rise(flow: float, k: Any) -> float:
+    """What a silencer holds back at a flow, Pa: in proportion, or by the square."""
+    if k.use_back_square > 0.0:
+        return float(k.back_pa_s_per_kg * flow * abs(flow) / SILENCER_FLOW_KG_S)
+    return float(k.back_pa_s_per_kg * flow)
+
+
+@compiled
+def _backed(x: FloatArray, a: bool, b: bool, p: Any, k: Any) -> float:
+    """Pressure before a silencer that the chambers' own flow passes, Pa."""
     low, high = 0.0, _total_exhaust(x, p.atmosphere, a, b, p, k)
     if high <= 0.0:
         return float(p.atmosphere)
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
-        if _total_exhaust(x, p.atmosphere + rise * middle, a, b, p, k) > middle:
+        if _total_exhaust(x, p.atmosphere + _silencer_rise(middle, k), a, b, p, k) > middle:
             low = middle
         else:
             high = middle
-    return float(p.atmosphere + rise * high)
+    return float(p.atmosphere + _silencer_rise(high, k))
 
 
 @compiled
@@ -159,15 +171,14 @@ def supplies(
 @compiled
 def backs(x: FloatArray, mode: IntArray, p: Any, k: Any) -> tuple[float, float]:
     """Pressure at the exhausts of A and B, Pa."""
-    rise = k.back_pa_s_per_kg
-    if rise == 0.0:
+    if k.back_pa_s_per_kg == 0.0:
         return p.atmosphere, p.atmosphere
     off_a, off_b = mode[OPEN_A] == 0, mode[OPEN_B] == 0
     if k.use_common > 0.0:
-        both = _backed(x, rise, off_a, off_b, p, k)
+        both = _backed(x, off_a, off_b, p, k)
         return both, both
-    at_a = _backed(x, rise, True, False, p, k) if off_a else p.atmosphere
-    at_b = _backed(x, rise, False, True, p, k) if off_b else p.atmosphere
+    at_a = _backed(x, True, False, p, k) if off_a else p.atmosphere
+    at_b = _backed(x, False, True, p, k) if off_b else p.atmosphere
     return at_a, at_b
 
 

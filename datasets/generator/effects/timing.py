@@ -41,6 +41,22 @@ def shortened_pulses(times: FloatArray, states: Any, dead: float) -> Edges:
     return kept[:count], to[:count]
 
 
+def partly_opening_pulses(times: FloatArray, states: Any, dead: float, ratio: float) -> Edges:
+    """Command edges without what is shorter than `dead` s, and hardly longer ones cut short.
+
+    What lasts for `ratio` (above 1) times as long is obeyed whole; in between the valve opens (or
+    closes) part of the way, which counts as a share of the time that rises from none to all.
+    """
+    times, states = without_short_pulses(times, states, dead, False)
+    moved = np.array(times)
+    for i in range(times.size - 1):
+        lasts = times[i + 1] - times[i]
+        if dead <= lasts < dead * ratio:
+            share = (lasts - dead) / (dead * ratio - dead)
+            moved[i] = times[i + 1] - share * dead * ratio
+    return moved, states
+
+
 @compiled
 def drifting_movements(
     times: FloatArray,
@@ -78,6 +94,9 @@ def changed_movements(
         law = k[f"use_dead_{side}"]
         if law == 2.0:
             times, states = shortened_pulses(times, states, dead)
+        elif law == 3.0:
+            ratio = float(k[f"dead_whole_ratio_{side}"])
+            times, states = partly_opening_pulses(times, states, dead, ratio)
         else:
             times, states = without_short_pulses(times, states, dead, bool(law == 1.0))
     drift = float(k["heating_s"])

@@ -108,8 +108,7 @@ def refit(base: Projected, starts: Sequence[CatalogueEffect]) -> Refit:
         *(_relative(n) for n in names),
     ]
     count = len(parameters) - len(names)
-    quantities = [q for e in starts for q in type(e).quantities]
-    shares = [THRESHOLD_STEP if is_threshold(q) else _STEP for q in quantities]
+    shares = [share for e in starts for share in _steps(type(e).quantities)]
     shares += [_STEP] * len(names)
 
     def model_of(values: FloatArray) -> Model:
@@ -147,9 +146,15 @@ def refit(base: Projected, starts: Sequence[CatalogueEffect]) -> Refit:
     return Refit(with_values(starts, fit.values[:count]), base.rest, fit.residuals, fit)
 
 
+def _steps(quantities: Sequence[Quantity]) -> list[float]:
+    """Relative steps of an effect's numbers; beside a threshold a shape has no slope either."""
+    in_steps = any(is_threshold(q) for q in quantities)
+    return [THRESHOLD_STEP if in_steps else _STEP] * len(quantities)
+
+
 def is_threshold(quantity: Quantity) -> bool:
-    """Whether the effect is not proportional to it: screening then tries a grid of sizes."""
-    return quantity.is_strength and bool(quantity.grid)
+    """Whether it acts in steps: screening tries a grid of sizes, and it has no slope."""
+    return quantity.is_strength and bool(quantity.grid) and not quantity.is_smooth
 
 
 def _own_parameters(effects: Sequence[CatalogueEffect], travel: float) -> list[Parameter]:
@@ -160,7 +165,7 @@ def _own_parameters(effects: Sequence[CatalogueEffect], travel: float) -> list[P
             q.unit,
             q.lower,
             q.upper,
-            abs(q.typical),
+            abs(q.typical) or q.upper,
         )
         for e in effects
         for q in type(e).within(travel) or type(e).quantities

@@ -16,6 +16,8 @@ from sysid.model.ports import Point
 
 # The shortest time constant that the simulator's explicit steps of 1 ms follow, s.
 _SHORTEST_LAG_S = 1e-3
+# Longer than any test: a temperature that settles so slowly drifts on, s.
+NEVER_SETTLES_S = 1e4
 
 
 def chamber_volume(side: str, point: Point) -> Array:
@@ -283,26 +285,51 @@ class AtmosphereLeakage(CatalogueEffect):
 
 @dataclass(frozen=True)
 class TemperatureDrift(CatalogueEffect):
-    """The air's temperature drifts over a test: T + d t, which scales the effect of a flow."""
+    """The air's temperature drifts over a test: T + d t, which scales the effect of a flow.
+
+    Or it settles with a time constant tau: T + d tau (1 - exp(-t / tau)); d is its first slope.
+    At tau of 1e4 s it does not settle at all. It falls to half of the declared one at most.
+    """
 
     temperature_drift_k_per_s: Array = 0.0
+    settling_time_s: Array = NEVER_SETTLES_S
 
     id = "temperature-drift"
     title = "Drift of the air's temperature"
     subsystem = "chamber"
     quantities = (
         Quantity(
-            "temperature_drift_k_per_s", "K/s", 10.0 / 60.0, -0.5, 0.5, "rise since a test's start"
+            "temperature_drift_k_per_s",
+            "K/s",
+            10.0 / 60.0,
+            -5.0,
+            5.0,
+            "rise at a test's start",
+        ),
+        Quantity(
+            "settling_time_s",
+            "s",
+            NEVER_SETTLES_S,
+            0.5,
+            NEVER_SETTLES_S,
+            "time constant with which it settles; 1e4: it drifts on",
+            is_strength=False,
+            grid=(1.5, 4.0, 10.0, NEVER_SETTLES_S),
+            absent=NEVER_SETTLES_S,
         ),
     )
-    signature = "a scale of the flow that drifts slowly over a test"
+    signature = "a scale of the flow that drifts slowly over a test, or settles"
     rivals = ("coil-heating",)
     tie_breaker = "hold one valve for a long time, without edges"
-    source = "thesis 3.3.6"
+    source = "thesis 3.3.6; textbook: first-order warming of a body"
 
     def parameters(self, parameters: Parameters, time: Array) -> Parameters:
-        drifted = parameters.temperature + self.temperature_drift_k_per_s * time
-        return parameters.replace(temperature=drifted)
+        xp = array_namespace(time, self.settling_time_s, self.temperature_drift_k_per_s)
+        tau = self.settling_time_s
+        span = xp.where(tau < NEVER_SETTLES_S, -tau * xp.expm1(-time / tau), time)
+        declared = parameters.temperature
+        drifted = declared + self.temperature_drift_k_per_s * span
+        return parameters.replace(temperature=xp.maximum(drifted, 0.5 * declared))
 
 
 EFFECTS: tuple[type[CatalogueEffect], ...] = (

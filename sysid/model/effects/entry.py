@@ -21,10 +21,12 @@ class Quantity:
     A strength (`is_strength`) makes the effect vanish at 0; a shape parameter says what
     form it takes. `typical` is the usual size on a rig like the reference rig. `grid` holds
     the values that screening tries: of a shape parameter all plausible ones, of a strength
-    only where the effect is not proportional to it (a threshold, a limit, a dead gap).
+    only where the effect is not proportional to it (a threshold, a limit, a dead gap; `is_smooth`
+    where it has a slope all the same).
     `key` is its name in files and reports, where that differs from the field's name. `is_wave`:
     a wave number over position (rad per unit), of which data show something only where a whole
-    period lies within what they visit.
+    period lies within what they visit. `absent`: what files mean that were written before the
+    quantity was there, the effect's form at that time; None: files must give it.
     """
 
     name: str
@@ -37,6 +39,8 @@ class Quantity:
     grid: tuple[float, ...] = ()
     key: str = ""
     is_wave: bool = False
+    absent: float | None = None
+    is_smooth: bool = False
 
     def within(self, travel: float) -> Quantity | None:
         """It on a log that visits so much of the position: at least one period; None: none fits.

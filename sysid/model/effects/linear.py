@@ -62,6 +62,7 @@ def _linear(quantity: Quantity) -> Quantity:
         lower=_scaled(quantity.lower, scale),
         upper=_scaled(quantity.upper, scale),
         grid=tuple(_scaled(value, scale) for value in quantity.grid),
+        absent=None if quantity.absent is None else _scaled(quantity.absent, scale),
     )
 
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from sysid.model.base import Array, Parameters, array_namespace
+from sysid.model.base import Array, Parameters, array_namespace, limit_effort
 from sysid.model.effects.entry import CatalogueEffect, Quantity
 from sysid.model.ports import Point
 
@@ -14,6 +14,13 @@ from sysid.model.ports import Point
 _SHORTEST_S = 1e-3
 # Smallest divisor: rad, rad/s, kg m2.
 _LEAST = 1e-12
+# Backlash: the least inertia behind it (share), the gap from which on it is all the motor's, rad;
+# a flank's stiffness, as the rate at which the motor oscillates on it, rad/s, and damping ratio: as
+# stiff as steps of 1 ms follow, and as a measured position, differentiated, lets it be.
+_LEAST_SHARE = 0.01
+_LEAST_GAP = 1e-5
+_CONTACT_RATE = 2.0 * math.pi * 60.0
+_CONTACT_DAMPING = 0.5
 # Of the declared inertia: what a change of it leaves at least.
 _LEAST_INERTIA = 0.02
 
@@ -27,26 +34,51 @@ class Backlash(CatalogueEffect):
     gap / (crossing_speed * torque in Nm). At that flank the motor gives all of its torque,
     further away none. No rate is faster than the simulator can follow; where the motor's is,
     the loss is weighted so that the lost impulse stays right to first order, and 0 at no gap.
+
+    With a motor_share of the inertia behind the gap (from 1 % on) the motor crosses it by its
+    own inertia instead, and what it gained there it gives back in the impact: no impulse is
+    lost. Its angle and speed are states; a flank pushes as a damped spring at which the motor
+    would oscillate at 60 Hz, and does not pull. A gap below 1e-5 rad acts in proportion.
     """
 
     gap_rad: Array = 0.0
     crossing_speed_rad_per_s: Array = 2.0
-    states = ("backlash_place",)
+    motor_share: Array = 0.0
+    states = ("backlash_place", "backlash_motor_rad", "backlash_motor_rad_per_s")
 
     id = "backlash"
     title = "Backlash in the motor's gear"
     subsystem = "mechanics"
     quantities = (
-        Quantity("gap_rad", "rad", 0.004, 0.0, 0.1, "dead gap at the output shaft"),
+        Quantity(
+            "gap_rad",
+            "rad",
+            0.004,
+            0.0,
+            0.1,
+            "dead gap at the output shaft",
+            grid=(1.5e-3, 4e-3),
+        ),
         Quantity(
             "crossing_speed_rad_per_s",
             "rad/s",
             2.0,
             0.1,
             50.0,
-            "speed in the gap under 1 Nm of motor torque",
+            "speed in the gap under 1 Nm of motor torque, without inertia behind it",
             is_strength=False,
             grid=(0.5, 2.0, 8.0),
+        ),
+        Quantity(
+            "motor_share",
+            "-",
+            0.0,
+            0.0,
+            0.5,
+            "share of the inertia behind the gap; below 0.01: none",
+            is_strength=False,
+            grid=(0.0, 0.1),
+            absent=0.0,
         ),
     )
     signature = "pulses where the motor's torque reverses"
@@ -61,6 +93,33 @@ class Backlash(CatalogueEffect):
         xp = array_namespace(point.motor, self.gap_rad)
         return math.log(10.0) * self.crossing_speed_rad_per_s * xp.abs(point.motor)
 
+    def _uncoupled(self) -> Array:
+        """How much of the motor's inertia is on its own, 0 to 1: all of it behind a real gap."""
+        xp = array_namespace(self.gap_rad, self.motor_share)
+        has_inertia = xp.where(self.motor_share >= _LEAST_SHARE, 1.0, 0.0)
+        return has_inertia * xp.minimum(self.gap_rad / _LEAST_GAP, 1.0)
+
+    def _motor_inertia(self, point: Point) -> Array:
+        xp = array_namespace(self.motor_share, point.parameters.inertia)
+        whole = point.parameters.inertia / (1.0 - self._uncoupled() * self.motor_share)
+        return xp.maximum(self.motor_share, _LEAST_SHARE) * whole
+
+    def _contact_effort(self, point: Point) -> Array:
+        """What the flank that touches gives the shaft, Nm or N."""
+        xp = array_namespace(point.position, self.gap_rad, point.extra["backlash_motor_rad"])
+        ahead = point.extra["backlash_motor_rad"] - point.position
+        faster = point.extra["backlash_motor_rad_per_s"] - point.velocity
+        inertia, half = self._motor_inertia(point), 0.5 * self.gap_rad
+        damping = 2.0 * _CONTACT_DAMPING * _CONTACT_RATE * inertia
+        into = ahead - xp.clip(ahead, -half, half)
+        pushed = inertia * _CONTACT_RATE * _CONTACT_RATE * into + damping * faster
+        up = xp.where(into > 0.0, xp.maximum(pushed, 0.0), 0.0)
+        return xp.where(into < 0.0, xp.minimum(pushed, 0.0), up)
+
+    def parameters(self, parameters: Parameters, time: Array) -> Parameters:
+        left = 1.0 - self._uncoupled() * self.motor_share
+        return parameters.replace(inertia=parameters.inertia * left)
+
     def motor_effort(self, effort: Array, point: Point) -> Array:
         xp = array_namespace(effort, self.gap_rad)
         towards = xp.sign(effort)
@@ -68,17 +127,32 @@ class Backlash(CatalogueEffect):
         lost = xp.clip(10.0 * 0.5 * (1.0 - place * towards), 0.0, 1.0)
         fastest = self.gap_rad / _SHORTEST_S
         weight = xp.minimum(fastest / xp.maximum(self._push(point), _LEAST), 1.0)
-        return effort - effort * (weight * lost)
+        without = effort - effort * (weight * lost)
+        if "backlash_motor_rad" not in point.extra:
+            return without
+        behind = effort + self._uncoupled() * (self._contact_effort(point) - effort)
+        return xp.where(self.motor_share >= _LEAST_SHARE, behind, without)
 
     def initial_states(self, point: Point) -> dict[str, Array]:
         xp = array_namespace(point.motor)
-        return {"backlash_place": xp.sign(point.motor) + 0.0 * point.position}
+        side = xp.sign(point.motor) + 0.0 * point.position
+        return {
+            "backlash_place": side,
+            "backlash_motor_rad": point.position + 0.5 * self.gap_rad * side,
+            "backlash_motor_rad_per_s": point.velocity + 0.0,
+        }
 
     def state_rates(self, point: Point, flows: Mapping[str, Array]) -> dict[str, Array]:
         xp = array_namespace(point.motor, self.gap_rad)
         rate = xp.minimum(self._push(point) / xp.maximum(self.gap_rad, _LEAST), 1.0 / _SHORTEST_S)
         towards = xp.sign(point.motor)
-        return {"backlash_place": rate * (towards - point.extra["backlash_place"])}
+        effort = limit_effort(point.motor, point.parameters.max_effort)
+        pushed = (effort - self._contact_effort(point)) / self._motor_inertia(point)
+        return {
+            "backlash_place": rate * (towards - point.extra["backlash_place"]),
+            "backlash_motor_rad": point.extra["backlash_motor_rad_per_s"],
+            "backlash_motor_rad_per_s": pushed,
+        }
 
 
 @dataclass(frozen=True)

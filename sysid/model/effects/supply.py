@@ -19,6 +19,8 @@ from sysid.model.ports import Point
 
 # Iterations that adapt the flows of both chambers to each other.
 _SWEEPS = 2
+# A resistance that grows with the flow is given at this one, kg/s: that of spec/effects.md.
+REFERENCE_FLOW_KG_PER_S = 3.5e-4
 
 
 def drooped_filling_flow(
@@ -43,16 +45,24 @@ def drooped_filling_flow(
 
 
 def backed_exhaust_flow(
-    pressure: Array, atmosphere: Array, valve: base.ValveParameters, resistance: Array
+    pressure: Array,
+    atmosphere: Array,
+    valve: base.ValveParameters,
+    resistance: Array,
+    curvature: Array = 0.0,
 ) -> Array:
-    """Flow f >= 0 out of a chamber by the base law (3.6.10) against P0 + resistance f, kg/s.
+    """Flow f >= 0 out of a chamber by the base law (3.6.10) against P0 + r f + q f^2, kg/s.
 
-    Unchoked: f = c (P - P0 - resistance f). Pressures in Pa, `resistance` in Pa s/kg. No flow
-    below the atmosphere, nor where the law is not known (NaN).
+    Unchoked: f = c (P - P0 - r f - q f^2). Pressures in Pa, `resistance` r in Pa s/kg,
+    `curvature` q in Pa s2/kg2. No flow below the atmosphere, nor where the law is not known
+    (NaN).
     """
-    xp = array_namespace(pressure, atmosphere, valve.choked_dis, resistance)
-    unchoked = valve.c_dis * (pressure - atmosphere) / (1.0 + resistance * valve.c_dis)
-    back = atmosphere + resistance * valve.choked_dis
+    xp = array_namespace(pressure, atmosphere, valve.choked_dis, resistance, curvature)
+    free = valve.c_dis * (pressure - atmosphere)
+    slowed = 1.0 + resistance * valve.c_dis
+    bent = 4.0 * (curvature * valve.c_dis) * xp.maximum(free, 0.0)
+    unchoked = 2.0 * free / (slowed + xp.sqrt(slowed * slowed + bent))
+    back = atmosphere + (resistance + curvature * valve.choked_dis) * valve.choked_dis
     flow = xp.where(base.is_exhaust_choked(pressure, back), valve.choked_dis, unchoked)
     return xp.where((flow > 0.0) & (back == back), flow, 0.0)
 
@@ -128,17 +138,19 @@ class SupplyDroop(CatalogueEffect):
 
 @dataclass(frozen=True)
 class ExhaustBackPressure(CatalogueEffect):
-    """The valves exhaust through a resistance, such as a silencer: P0 + d flow.
+    """The valves exhaust through a resistance, such as a silencer: P0 + d flow, or its square.
 
-    The flow is the valve's own and, at a common share of 1, that of the other valve through
-    the same silencer. Each chamber's flow is solved with its own rise and with the other's
-    flow, in turn, twice. A rise by the own flow alone is much like a smaller coefficient of
-    the base law. Surfaces of mean flow have no exhaust pressure, and so no back pressure; the
-    averaged law has one.
+    Laminar and turbulent losses add: at a linear share s the rise is
+    d flow (s + (1 - s) flow / 3.5e-4 kg/s), linear at 1 and a square at 0. The flow is the valve's
+    own and, at a common share of 1, that of the other valve through the same silencer. Each
+    chamber's flow is solved with its own rise and with the other's flow, in turn, twice. A rise
+    by the own flow alone is much like a smaller coefficient of the base law. Surfaces of mean
+    flow have no exhaust pressure, and so no back pressure; the averaged law has one.
     """
 
     back_pressure_pa_s_per_kg: Array = 0.0
     common_share: Array = 1.0
+    linear_share: Array = 1.0
 
     id = "exhaust-back-pressure"
     title = "Back pressure of the exhaust"
@@ -150,7 +162,10 @@ class ExhaustBackPressure(CatalogueEffect):
             5e3 / 3.5e-4,
             0.0,
             2e8,
-            "rise of the exhaust pressure per flow through the valves",
+            "rise of the exhaust pressure per flow through the valves, at 3.5e-4 kg/s",
+            # It moves the choked boundary, where the base law jumps.
+            grid=(4e6, 1.4e7, 4e7),
+            is_smooth=True,
         ),
         Quantity(
             "common_share",
@@ -160,25 +175,53 @@ class ExhaustBackPressure(CatalogueEffect):
             1.0,
             "share of the other valve's flow: 0 separate silencers, 1 a common one",
             is_strength=False,
+            # Not in between: a choked boundary that is nowhere right traps a fit.
+            grid=(0.0, 1.0),
+        ),
+        Quantity(
+            "linear_share",
+            "-",
+            1.0,
+            0.0,
+            1.0,
+            "share of the rise in proportion to the flow (laminar); the rest grows with its square",
+            is_strength=False,
             grid=(0.0, 0.5, 1.0),
+            absent=1.0,
         ),
     )
     signature = "exhaust flow, above all below 1.9 times the atmosphere; couples A and B"
     rivals = ("valve-delay",)
     tie_breaker = "remove the silencers"
-    source = "textbook: linear resistance of a silencer; base law of thesis 3.6.10"
+    source = (
+        "textbook: linear and turbulent resistance of a porous silencer (Forchheimer); "
+        "base law of thesis 3.6.10"
+    )
 
     def exhaust_pressure(self, pressure: Array, side: str, point: Point) -> Array:
         other = SIDES[1 - SIDES.index(side)]
         share = self.common_share * (1.0 - point.is_open(other))
         flow = _adapted(lambda s, beside: self._flow(s, pressure, beside, point), side, share)
-        return pressure + self.back_pressure_pa_s_per_kg * flow
+        return pressure + self._rise(flow)
+
+    def _rise(self, flow: Array) -> Array:
+        """Back pressure of a whole flow, Pa."""
+        resistance, curvature = self._coefficients()
+        return resistance * flow + curvature * flow * flow
+
+    def _coefficients(self) -> tuple[Array, Array]:
+        """Of the flow, Pa s/kg, and of its square, Pa s2/kg2."""
+        whole = self.back_pressure_pa_s_per_kg
+        turbulent = whole * (1.0 - self.linear_share) / REFERENCE_FLOW_KG_PER_S
+        return whole * self.linear_share, turbulent
 
     def _flow(self, side: str, atmosphere: Array, beside: Array, point: Point) -> Array:
-        resistance = self.back_pressure_pa_s_per_kg
-        against = atmosphere + resistance * beside
+        resistance, curvature = self._coefficients()
+        against = atmosphere + self._rise(beside)
+        # Beside the other's flow the square has a slope of its own.
+        slope = resistance + 2.0 * curvature * beside
         valve = point.parameters.valve(side)
-        return backed_exhaust_flow(point.pressure(side), against, valve, resistance)
+        return backed_exhaust_flow(point.pressure(side), against, valve, slope, curvature)
 
 
 EFFECTS: tuple[type[CatalogueEffect], ...] = (SupplyDroop, ExhaustBackPressure)

@@ -15,6 +15,9 @@ from sysid.model.effects.entry import CatalogueEffect, Quantity, of_side
 from sysid.model.ports import Point
 from sysid.model.valve_timing import TIME_TOLERANCE
 
+# Keeps a quotient finite where a valve opens at once or not at all.
+_LEAST_RANGE = 1e-9
+
 
 def iso6358_share(ratio: Array, critical_ratio: Array, exponent: Array) -> Array:
     """Flow over choked flow by ISO 6358-1:2013, 0 to 1; `ratio` is downstream over upstream.
@@ -160,15 +163,31 @@ class ValveDelay(CatalogueEffect):
         return delays + (self.on_delay_s if opening else self.off_delay_s)
 
 
+def partly_lost(length: Array, dead_time: Array, whole_ratio: Array) -> Array:
+    """By how much later a valve moves that obeys a command of some length only partly, s.
+
+    A command as long as the dead time is lost, one `whole_ratio` times as long is not; in
+    between what is left grows in proportion. `length` and `dead_time` in s.
+    """
+    xp = array_namespace(length, dead_time, whole_ratio)
+    short_of = (whole_ratio * dead_time - length) / xp.maximum(whole_ratio - 1.0, _LEAST_RANGE)
+    lost = xp.minimum(xp.maximum(short_of, 0.0), dead_time)
+    return xp.where(whole_ratio > 1.0, lost, 0.0)
+
+
 @dataclass(frozen=True)
 class DutyDeadZone(CatalogueEffect):
     """Pulses shorter than d vanish, and so do the pauses between pulses.
 
-    A valve follows a command only if the command lasts for d.
+    A valve follows a command only if the command lasts for d. A valve that opens (or closes)
+    only partly under one that lasts little longer obeys all of it from `whole_ratio` times d on:
+    in between it passes what it would if it were open for (length - d) / (1 - 1 / ratio). At
+    a ratio of 1 there is nothing in between.
     """
 
     dead_time_s: Array = 0.0
     side: str = "both"
+    whole_ratio: Array = 1.0
 
     id = "duty-dead-zone"
     title = "Dead zone of the duty"
@@ -182,6 +201,17 @@ class DutyDeadZone(CatalogueEffect):
             2.5e-3,
             "pulses and pauses below this length vanish",
             grid=(4e-4, 7e-4, 1e-3, 1.4e-3),
+        ),
+        Quantity(
+            "whole_ratio",
+            "-",
+            1.0,
+            1.0,
+            4.0,
+            "shortest pulse that opens the valve fully over the dead time; 1: no partial opening",
+            is_strength=False,
+            grid=(1.0, 1.6, 2.5),
+            absent=1.0,
         ),
     )
     signature = "flow at duties below 0.1 and above 0.8"
@@ -198,8 +228,9 @@ class DutyDeadZone(CatalogueEffect):
         obeyed = np.maximum.accumulate(np.where(lasts, segment, 0))
         state = obeyed % 2
         moves = state[1:] != state[:-1]
-        rises = state[1:] == 1
-        return edges[moves & rises], edges[moves & ~rises]
+        kept, rises = edges[moves], state[1:][moves] == 1
+        kept[:-1] += self._lost(np.diff(kept))
+        return kept[rises], kept[~rises]
 
     def recent_pulses(self, on: Array, off: Array, until: Array, side: str) -> tuple[Array, Array]:
         """See `Effect`; a pause up to `until` counts as one that a pulse ends."""
@@ -222,7 +253,27 @@ class DutyDeadZone(CatalogueEffect):
             holding = holding & ~ends
         # Still on: whether it closes is decided by the next pulse.
         rows[0] = xp.where(holding, start, rows[0][0]), xp.where(holding, xp.inf, rows[0][1])
+        rows = self._partly_opened(rows, until)
         return xp.stack([row[0] for row in rows]), xp.stack([row[1] for row in rows])
+
+    def _partly_opened(
+        self, rows: list[tuple[Array, Array]], until: Array
+    ) -> list[tuple[Array, Array]]:
+        """Intervals, newest first, each edge as late as the valve follows it."""
+        xp = array_namespace(until, self.dead_time_s)
+        found = []
+        for start, end in rows:
+            real = start > -xp.inf
+            begun, ended = xp.where(real, start, 0.0), xp.where(real, end, 0.0)
+            opens = start + xp.where(real, self._lost(ended - begun), 0.0)
+            # One that has not ended yet ends at infinity, whatever is added.
+            closes = end + xp.where(real, self._lost(until - ended), 0.0)
+            found.append((opens, closes))
+            until = xp.where(real, start, until)
+        return found
+
+    def _lost(self, length: Array) -> Array:
+        return partly_lost(length, self.dead_time_s, self.whole_ratio)
 
 
 @dataclass(frozen=True)
