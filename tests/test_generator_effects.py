@@ -40,11 +40,13 @@ SHOWS = {
     "asymmetric-coulomb-friction": ("motor", POSITION),
     "position-dependent-friction": ("motor", POSITION),
     "seal-friction": ("pwm", POSITION),
+    "stroke-dependent-seals": ("pwm", POSITION),
     "presliding": ("motor", POSITION),
     "quadratic-drag": ("motor", POSITION),
     "backlash": ("motor", POSITION),
     "gear-mesh-ripple": ("motor", POSITION),
     "pitch-eccentricity": ("motor", POSITION),
+    "stroke-dependent-area": ("pwm", POSITION),
     "link-flexibility": ("motor", POSITION),
     "cable-spring": ("motor", POSITION),
     "mounting-tilt": ("motor", POSITION),
@@ -146,7 +148,7 @@ def as_plain(rows: FloatArray) -> FloatArray:
 
 
 def test_every_effect_has_a_place_where_it_shows() -> None:
-    assert set(SHOWS) == set(FORMS) and len(FORMS) - len(OUT_OF_CATALOGUE) == 39
+    assert set(SHOWS) == set(FORMS) and len(FORMS) - len(OUT_OF_CATALOGUE) == 41
     assert len(OUT_OF_CATALOGUE) >= 8 and set(OUT_OF_CATALOGUE) < set(FORMS)
 
 

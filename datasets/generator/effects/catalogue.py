@@ -92,6 +92,10 @@ _FRICTION: dict[str, dict[str, Form]] = {
         "breakaway": _one("seal_sum_nm_per_pa", 2e-7, flags={"use_seal_static": 1.0}),
         "difference": _one("seal_difference_nm_per_pa", 4e-7),
     },
+    "stroke-dependent-seals": {
+        "linear": _one("seal_slope_nm_per_pa_rad", 2e-7, signed=True),
+        "one-half": _one("seal_half_nm_per_pa_rad", 4e-7),
+    },
     "presliding": {
         name: _one(
             "bristle_compliance_rad_per_nm", _COMPLIANCE, shapes=_BRISTLE, flags={"use_bristle": n}
@@ -124,6 +128,10 @@ _DRIVE: dict[str, dict[str, Form]] = {
             shapes={"eccentric_phase_rad": _PHASE},
             flags={"use_kinematic": 1.0},
         ),
+    },
+    "stroke-dependent-area": {
+        "taper": _one("taper_per_rad", 0.05, signed=True),
+        "barrel": _one("barrel_per_rad2", 0.1, signed=True),
     },
     "link-flexibility": {
         "arm": _one("arm_period_s", 1.0 / 25.0, shapes=_ARM),

@@ -11,7 +11,13 @@ from typing import Any
 import numpy as np
 
 from datasets.generator.effects.compiling import compiled
-from datasets.generator.effects.mechanics import N_MECHANICAL, pitch_angle, pitch_factor
+from datasets.generator.effects.mechanics import (
+    N_MECHANICAL,
+    area_factor,
+    pitch_angle,
+    pitch_factor,
+    swept_beyond,
+)
 from datasets.generator.plant import (
     CRITICAL_RATIO,
     OPEN_A,
@@ -242,6 +248,10 @@ def _chamber_rates(
     """Rates of one chamber's pressure, gas, tube and sensor."""
     stroke = pitch_angle(x[POSITION], k) * p.radius
     factor = pitch_factor(x[POSITION] * k.angle_scale, k) if k.use_kinematic > 0.0 else 1.0
+    if k.taper_per_rad != 0.0 or k.barrel_per_rad2 != 0.0:
+        angle = x[POSITION] * k.angle_scale
+        stroke += swept_beyond(angle, k) / k.angle_scale * p.radius
+        factor *= area_factor(angle, k)
     volume = (c.offset + c.direction * stroke) * c.area
     volume_rate = c.direction * x[VELOCITY] * factor * p.radius * c.area
     if k.tube_lag_s_a > 0.0:

@@ -69,6 +69,7 @@ from sysid.model.effects.sensor import (
     PressureOffset,
     TimeSkew,
 )
+from sysid.model.effects.stroke import StrokeDependentArea, StrokeDependentSeals
 from sysid.model.effects.supply import (
     ExhaustBackPressure,
     SupplyDroop,
@@ -116,6 +117,8 @@ __all__ = [
     "SealFriction",
     "SeriesRestriction",
     "StribeckFriction",
+    "StrokeDependentArea",
+    "StrokeDependentSeals",
     "SubsonicFlowShape",
     "SupplyDroop",
     "TemperatureDrift",
