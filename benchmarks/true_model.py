@@ -72,6 +72,10 @@ SAME_LAW: dict[str, dict[str, str | float]] = {
     "time-skew:delay": {"time_skew_s": "skew_s"},
     "piston-leakage:quadratic": {"piston_leakage_kg_per_s_pa2": "piston_quadratic"},
     "atmosphere-leakage:quadratic": {"atmosphere_leakage_kg_per_s_pa2": "leak_quadratic"},
+    "threshold-leakage:linear": {
+        "threshold_leakage_kg_per_s_pa": "relief_kg_per_s_pa",
+        "threshold_pa": "relief_pa",
+    },
     "duty-dead-zone:vanish": {"dead_time_s": "dead_s"},
 }
 

@@ -358,6 +358,17 @@ def test_a_closed_chamber_leaks_by_its_closed_form() -> None:
     np.testing.assert_array_equal(run.pressure_b, 1e5)
 
 
+def test_a_closed_chamber_leaks_to_its_threshold() -> None:
+    """Plugged, its excess over the threshold decays exponentially; below it nothing leaks."""
+    closed = HELD.replace(**NO_VALVES)
+    leak, threshold = 4e-9, 1.6e5
+    effect = chamber.ThresholdLeakage(leak, threshold)
+    run = one(switched(pressure_a=2.6e5, pressure_b=1.4e5), whole(closed, effect))
+    expected = threshold + 1e5 * np.exp(-PER_FLOW * leak * TIME)
+    np.testing.assert_allclose(run.pressure_a, expected, rtol=1e-6)
+    np.testing.assert_array_equal(run.pressure_b, 1.4e5)
+
+
 def test_what_passes_the_piston_is_lost_on_one_side_and_gained_on_the_other() -> None:
     closed = HELD.replace(**NO_VALVES)
     start = switched(pressure_a=3e5, pressure_b=1e5)
@@ -501,6 +512,39 @@ def test_a_chamber_behind_a_droop_still_reaches_the_supply() -> None:
     assert run.pressure_a[399] == pytest.approx(3e5, abs=30.0)
 
 
+def test_a_pulsating_supply_fills_by_its_wave() -> None:
+    """Choked filling is proportional to the supply: the rise is the integral of the wave."""
+    sine, cosine, hertz = 2e4, -1e4, 30.0
+    effect = supply.SupplyPulsation(sine, cosine, hertz)
+    run = one(pulse(0.4), whole(HELD, effect))
+    early, rate = (TIME > 0.002) & (TIME <= 0.016), 2.0 * np.pi * hertz
+    begin = HELD.on_delay_a
+
+    def integral(t: Any) -> Any:
+        return 3e5 * t + (cosine * np.sin(rate * t) - sine * np.cos(rate * t)) / rate
+
+    share = (integral(TIME[early]) - integral(begin)) / 3e5
+    expected = 1e5 + PER_FLOW * HELD.choked_fill_a * share
+    np.testing.assert_allclose(run.pressure_a[early], expected, atol=0.5)
+
+
+def test_a_full_chamber_follows_a_pulsating_supply() -> None:
+    """Near the supply, where the pressure's equation is stiff, as scipy's implicit method has it."""
+    from scipy.integrate import solve_ivp
+
+    inputs = pulse(1.0)
+    run = one(inputs, whole(HELD, supply.SupplyPulsation(8e3, 8e3, 2.0)))
+
+    def rate(t: float, pressure: Any) -> Any:
+        wave = 8e3 * (np.sin(4.0 * np.pi * t) + np.cos(4.0 * np.pi * t))
+        return PER_FLOW * HELD.c_fill_a * base.signed_sqrt(3e5 + wave - pressure)
+
+    span, begin = TIME[TIME >= 0.25], run.pressure_a[TIME >= 0.25][0]
+    found = solve_ivp(rate, (span[0], span[-1]), [begin], "Radau", span, rtol=1e-8, atol=1e-3)
+    np.testing.assert_allclose(run.pressure_a[TIME >= 0.25], found.y[0], atol=30.0)
+    assert np.ptp(found.y[0]) > 2e4
+
+
 def test_one_silencer_couples_the_chambers() -> None:
     backed = supply.ExhaustBackPressure.typical()
     off = at_pressure(np.array([1.5e5, 2.5e5]), 0.0)
@@ -522,7 +566,12 @@ def test_a_model_without_a_discrete_law_stays_as_it_is() -> None:
     unknown = dict.fromkeys(NO_VALVES, np.nan)
     point = random_point((50,), parameters=REFERENCE.replace(**unknown))
     given = before(point)
-    for effect in (chamber.TubeLag, valve.SubsonicFlowShape, *supply.EFFECTS):
+    for effect in (
+        chamber.TubeLag,
+        valve.SubsonicFlowShape,
+        supply.SupplyDroop,
+        supply.ExhaustBackPressure,
+    ):
         found = after(effect.typical(), point, given)
         for name, value in given.items():
             if not name.startswith("chamber_flow"):

@@ -65,6 +65,8 @@ _BRISTLE = {"bristle_damping_nm_s_per_rad": (0.8, 1.6)}
 _ISO = {"iso_critical_ratio": (0.22, 0.4)}
 _DROOP = 10e3 / 7.8e-4  # Pa s/kg
 _BACK = 5e3 / 3.5e-4
+_RELIEF = {"relief_pa": (1.4e5, 1.9e5)}
+_PULSATION = {"pulsation_hz": (1.0, 3.0), "pulsation_phase_rad": _PHASE}
 _COMPLIANCE = 1.0 / 400.0  # rad/Nm
 
 _FRICTION: dict[str, dict[str, Form]] = {
@@ -190,6 +192,10 @@ _GAS: dict[str, dict[str, Form]] = {
         "quadratic": Form({"leak_quadratic": _LEAK}, sides=SIDES),
         "laminar": Form({"leak_laminar": _LAMINAR_LEAK}, sides=SIDES),
     },
+    "threshold-leakage": {
+        "linear": _one("relief_kg_per_s_pa", 1.2e-9, shapes=_RELIEF, sides=SIDES),
+        "narrow-gap": _one("relief_quadratic", 3e-15, shapes=_RELIEF, sides=SIDES),
+    },
     "subsonic-flow-shape": {
         "iso6358": _one("iso_fill", 1.0, shapes=_ISO, flags={"use_iso_exponent": 0.5}),
         "exponent": _one("iso_fill", 1.0, shapes=_ISO | {"use_iso_exponent": (0.55, 0.65)}),
@@ -210,6 +216,10 @@ _GAS: dict[str, dict[str, Form]] = {
             shapes={"reservoir_s": (0.01, 0.03)},
             flags={"use_droop": 3.0},
         ),
+    },
+    "supply-pulsation": {
+        "sine": Form({"pulsation_pa": (8e3, 16e3)}, _PULSATION),
+        "sawtooth": Form({"pulsation_pa": (8e3, 16e3)}, _PULSATION, {"use_sawtooth": 1.0}),
     },
     "exhaust-back-pressure": {
         "separate": _one("back_pa_s_per_kg", _BACK),
@@ -266,12 +276,6 @@ _TIMING_AND_SENSORS: dict[str, dict[str, Form]] = {
 }
 
 _OUTSIDE: dict[str, dict[str, Form]] = {
-    "supply-pulsation": {
-        "sine": Form(
-            {"pulsation_pa": (8e3, 16e3)},
-            {"pulsation_hz": (1.0, 3.0), "pulsation_phase_rad": _PHASE},
-        )
-    },
     "end-hardening-spring": {
         "cubic": _one("hardening_nm_per_rad3", 0.6, shapes={"hardening_start_rad": (0.3, 0.5)})
     },
@@ -289,11 +293,6 @@ _OUTSIDE: dict[str, dict[str, Form]] = {
     },
     "mains-hum": {"sine": _one("hum_nm", 0.08, shapes={"hum_phase_rad": _PHASE})},
     "flow-hysteresis": {"direction": _one("flow_hysteresis", 0.1)},
-    "threshold-leakage": {
-        "linear": _one(
-            "relief_kg_per_s_pa", 1.2e-9, shapes={"relief_pa": (1.4e5, 1.9e5)}, sides=SIDES
-        )
-    },
     "eddy-brake": {"peak": _one("eddy_nm_s_per_rad", 0.1, shapes={"eddy_speed_rad_s": (0.5, 1.2)})},
     "payload-pendulum": {
         "hanging": _one(

@@ -139,6 +139,9 @@ def line_supply(time: float, p: Any, k: Any) -> float:
     if k.pulsation_pa == 0.0:
         return float(p.supply)
     phase = 2.0 * np.pi * k.pulsation_hz * time + k.pulsation_phase_rad
+    if k.use_sawtooth > 0.0:  # delivered in strokes, drawn evenly: a jump up, a slow fall
+        turns = phase / (2.0 * np.pi)
+        return float(p.supply + k.pulsation_pa * (1.0 - 2.0 * (turns - np.floor(turns))))
     return float(p.supply + k.pulsation_pa * np.sin(phase))
 
 
@@ -210,6 +213,10 @@ def leak_flows(x: FloatArray, p: Any, k: Any) -> tuple[float, float]:
     from_a += k.relief_kg_per_s_pa_a * max(a - k.relief_pa_a, 0.0)
     from_b = k.leak_quadratic_b * (b * b - out * out) + k.leak_laminar_b * (b - out)
     from_b += k.relief_kg_per_s_pa_b * max(b - k.relief_pa_b, 0.0)
+    if k.relief_quadratic_a != 0.0:
+        from_a += k.relief_quadratic_a * max(a * a - k.relief_pa_a * k.relief_pa_a, 0.0)
+    if k.relief_quadratic_b != 0.0:
+        from_b += k.relief_quadratic_b * max(b * b - k.relief_pa_b * k.relief_pa_b, 0.0)
     return -across - from_a, across - from_b
 
 

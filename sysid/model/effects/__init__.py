@@ -30,6 +30,7 @@ from sysid.model.effects.chamber import (
     PistonLeakage,
     PolytropicExponent,
     TemperatureDrift,
+    ThresholdLeakage,
     TubeLag,
     WallHeatTransfer,
 )
@@ -73,6 +74,7 @@ from sysid.model.effects.stroke import StrokeDependentArea, StrokeDependentSeals
 from sysid.model.effects.supply import (
     ExhaustBackPressure,
     SupplyDroop,
+    SupplyPulsation,
 )
 from sysid.model.effects.valve import (
     ChokedExhaustScaling,
@@ -121,7 +123,9 @@ __all__ = [
     "StrokeDependentSeals",
     "SubsonicFlowShape",
     "SupplyDroop",
+    "SupplyPulsation",
     "TemperatureDrift",
+    "ThresholdLeakage",
     "TimeSkew",
     "TorqueConstantError",
     "TorqueOffset",
