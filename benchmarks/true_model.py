@@ -33,6 +33,11 @@ SAME_LAW: dict[str, dict[str, str | float]] = {
     "stroke-dependent-area:taper": {"area_slope_per_rad": "taper_per_rad"},
     "quadratic-drag:quadratic": {"drag_nm_s2_per_rad2": "drag"},
     "cable-spring:linear": {"stiffness_nm_per_rad": "cable_nm_per_rad"},
+    "end-cushion:linear": {
+        "cushion_nm_per_rad": "cushion_nm_per_rad",
+        "cushion_start_rad": "cushion_start_rad",
+        "cushion_exponent": 1.0,
+    },
     "inertia-mismatch:balanced": {"inertia_change_kg_m2": "added_inertia_kg_m2"},
     "torque-constant-error:gain": {"torque_gain_error": "torque_gain"},
     "amplifier-lag:first-order": {"amplifier_lag_s": "motor_lag_s"},

@@ -92,7 +92,7 @@ def forms(effect: type[CatalogueEffect]) -> list[CatalogueEffect]:
 
 def test_the_catalogue_is_whole() -> None:
     effects = catalogue()
-    assert len(effects) == 49 and set(IDS) < effects.keys()
+    assert len(effects) == 50 and set(IDS) < effects.keys()
     for members in AMBIGUOUS_CLASSES:
         assert members < effects.keys()
         assert all(class_of(member) == members for member in members)
@@ -112,7 +112,7 @@ def test_the_catalogue_is_whole() -> None:
 @pytest.mark.parametrize("effect", EFFECTS, ids=IDS)
 def test_the_entry_is_whole(effect: type[CatalogueEffect]) -> None:
     fields = {f.name: f.default for f in dataclasses.fields(effect)}  # type: ignore[arg-type]
-    assert {q.name for q in effect.quantities} == fields.keys()
+    assert {q.name for q in effect.quantities} | ({"side"} & fields.keys()) == fields.keys()
     assert effect.strengths()
     for q in effect.quantities:
         assert fields[q.name] == (0.0 if q.is_strength else q.typical)
@@ -281,6 +281,35 @@ def test_displacement_is_the_integral_of_the_eccentric_radius() -> None:
     np.testing.assert_allclose(np.gradient(y, angle)[1:-1], radius[1:-1], rtol=1e-6)
     assert y[1600] == 0.0  # the middle stays where it was
     assert radius[1600] == pytest.approx(1.05 * REFERENCE.pitch_radius)
+
+
+def test_a_cushion_pushes_back_at_its_own_end_only() -> None:
+    """Its law in words: nothing up to the start, then a power of the depth, towards the middle."""
+    for place, side, expected in (
+        (0.9, "both", -0.6 * 0.5 * (0.4 / 0.5) ** 1.5),
+        (-0.9, "both", 0.6 * 0.5 * (0.4 / 0.5) ** 1.5),
+        (0.9, "b", -0.6 * 0.5 * (0.4 / 0.5) ** 1.5),
+        (0.9, "a", 0.0),
+        (-0.9, "b", 0.0),
+        (0.5, "both", 0.0),
+        (-0.2, "both", 0.0),
+    ):
+        effect = stroke.EndCushion(0.6, 0.5, 1.5, side)
+        added = effect.external_effort(0.5, moving(position=place)) - 0.5
+        assert added == pytest.approx(expected, abs=1e-12)
+
+
+def test_a_mass_on_a_cushion_swings_as_on_a_spring() -> None:
+    """Thrown into a linear cushion, it comes out half a period later and as fast."""
+    stiffness, start = 20.0, 0.2
+    free = Inputs(TIME, 0.0 * TIME, position=0.2, velocity=1.0)
+    run = one(free, whole(FREE, stroke.EndCushion(stiffness, start, 1.0)))
+    rate = math.sqrt(stiffness / FREE.inertia)
+    inside = rate * TIME < math.pi
+    swing = start + np.sin(rate * TIME[inside]) / rate
+    np.testing.assert_allclose(run.position[inside], swing, atol=2e-6)
+    out = np.flatnonzero(~inside)[1]
+    assert run.velocity[out] == pytest.approx(-1.0, abs=1e-4)
 
 
 def test_an_area_along_the_stroke_gives_the_work_that_its_volume_takes() -> None:

@@ -66,6 +66,7 @@ _ISO = {"iso_critical_ratio": (0.22, 0.4)}
 _DROOP = 10e3 / 7.8e-4  # Pa s/kg
 _BACK = 5e3 / 3.5e-4
 _RELIEF = {"relief_pa": (1.4e5, 1.9e5)}
+_CUSHION = {"cushion_start_rad": (0.2, 0.4)}
 _PULSATION = {"pulsation_hz": (1.0, 3.0), "pulsation_phase_rad": _PHASE}
 _COMPLIANCE = 1.0 / 400.0  # rad/Nm
 
@@ -144,6 +145,13 @@ _DRIVE: dict[str, dict[str, Form]] = {
     "cable-spring": {
         "linear": _one("cable_nm_per_rad", 0.05),
         "preloaded": _one("cable_nm_per_rad", 0.05, shapes={"cable_rest_rad": (-0.5, 0.5)}),
+    },
+    "end-cushion": {
+        "linear": _one("cushion_nm_per_rad", 0.3, shapes=_CUSHION),
+        "cubic": _one("hardening_nm_per_rad3", 0.6, shapes={"hardening_start_rad": (0.3, 0.5)}),
+        "damped": _one(
+            "cushion_nm_per_rad", 0.3, shapes=_CUSHION | {"cushion_damping_s_per_rad": (0.2, 0.6)}
+        ),
     },
     "mounting-tilt": {"sine": _one("tilt_rad", math.pi / 180, shapes={"tilt_phase_rad": _PHASE})},
     "inertia-mismatch": {
@@ -276,9 +284,6 @@ _TIMING_AND_SENSORS: dict[str, dict[str, Form]] = {
 }
 
 _OUTSIDE: dict[str, dict[str, Form]] = {
-    "end-hardening-spring": {
-        "cubic": _one("hardening_nm_per_rad3", 0.6, shapes={"hardening_start_rad": (0.3, 0.5)})
-    },
     "friction-warm-up": {"decay": _one("warm_up", 0.35, shapes={"warm_up_time_s": (1.5, 4.0)})},
     "magnetic-latch": {
         "bump": _one(

@@ -133,6 +133,17 @@ def conservative_torque(angle: float, time: float, p: Any, k: Any) -> float:
 
 
 @compiled
+def cushion_torque(angle: float, speed: float, k: Any) -> float:
+    """Torque of the cushions at both ends, Nm: it pushes, harder on the way in if damped."""
+    depth = abs(angle) - k.cushion_start_rad
+    if depth <= 0.0:
+        return 0.0
+    way = 1.0 if angle > 0.0 else -1.0
+    push = 1.0 + k.cushion_damping_s_per_rad * way * speed  # Hunt, Crossley 1975
+    return float(-way * k.cushion_nm_per_rad * depth * max(push, 0.0))
+
+
+@compiled
 def load_effort(x: FloatArray, p: Any, k: Any) -> float:
     """Gravity, or the flexible link that carries it, and the pendulum; Nm (N) at the output."""
     if k.arm_inertia > 0.0:
@@ -156,6 +167,8 @@ def applied_effort(x: FloatArray, time: float, command: float, p: Any, k: Any) -
         force *= area_factor(angle, k)
     effort = shaft_effort(x, command, p, k) + force * p.radius * pitch_factor(angle, k)
     effort += conservative_torque(angle, time, p, k) * k.angle_scale
+    if k.cushion_nm_per_rad != 0.0:
+        effort += cushion_torque(angle, x[VELOCITY] * k.angle_scale, k) * k.angle_scale
     return float(effort + load_effort(x, p, k))
 
 

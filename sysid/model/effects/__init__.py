@@ -70,7 +70,11 @@ from sysid.model.effects.sensor import (
     PressureOffset,
     TimeSkew,
 )
-from sysid.model.effects.stroke import StrokeDependentArea, StrokeDependentSeals
+from sysid.model.effects.stroke import (
+    EndCushion,
+    StrokeDependentArea,
+    StrokeDependentSeals,
+)
 from sysid.model.effects.supply import (
     ExhaustBackPressure,
     SupplyDroop,
@@ -99,6 +103,7 @@ __all__ = [
     "DeadVolumeError",
     "DutyDeadZone",
     "EncoderEccentricity",
+    "EndCushion",
     "ExhaustBackPressure",
     "GearMeshRipple",
     "InertiaMismatch",

@@ -1,11 +1,11 @@
-"""Effects that vary along the stroke: the piston's area and the pressure of its seals."""
+"""Effects that vary along the stroke: the piston's area, the pressure of its seals, cushions."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sysid.model.base import Array
-from sysid.model.effects.entry import CatalogueEffect, Quantity
+from sysid.model.base import Array, array_namespace
+from sysid.model.effects.entry import CatalogueEffect, Quantity, of_side
 from sysid.model.ports import Point
 
 
@@ -76,4 +76,64 @@ class StrokeDependentSeals(CatalogueEffect):
         return effort + slope * gauge * point.direction
 
 
-EFFECTS: tuple[type[CatalogueEffect], ...] = (StrokeDependentArea, StrokeDependentSeals)
+@dataclass(frozen=True)
+class EndCushion(CatalogueEffect):
+    """A cushion pushes back near an end of the stroke: - d s (depth / s)^n, depth = |theta| - s.
+
+    It begins at s from the middle; d is its stiffness where it is as deep as s. A cushion of side
+    "a" is at the end where chamber A is smallest, at negative theta.
+    """
+
+    cushion_nm_per_rad: Array = 0.0
+    cushion_start_rad: Array = 0.5
+    cushion_exponent: Array = 2.0
+    side: str = "both"
+
+    id = "end-cushion"
+    title = "Cushion at an end of the stroke"
+    subsystem = "mechanics"
+    quantities = (
+        Quantity(
+            "cushion_nm_per_rad", "Nm/rad", 0.3, 0.0, 20.0, "torque per depth at a depth of s"
+        ),
+        Quantity(
+            "cushion_start_rad",
+            "rad",
+            0.5,
+            0.05,
+            3.0,
+            "angle from the middle at which it begins, s",
+            is_strength=False,
+            grid=(0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0, 1.25, 1.5),
+        ),
+        Quantity(
+            "cushion_exponent",
+            "-",
+            2.0,
+            1.0,
+            4.0,
+            "1 a spring, 1.5 a contact of round bodies, above it stiffens further",
+            is_strength=False,
+            grid=(1.0, 2.0, 3.0),
+        ),
+    )
+    signature = "torque against angle near an end, towards the middle, at rest too"
+    rivals = ("cable-spring", "mounting-tilt")
+    tie_breaker = "breakaway in both directions at several angles, some close to the end"
+    source = "Hunt, Crossley, ASME Journal of Applied Mechanics 42(2), 1975 (without damping)"
+
+    def external_effort(self, effort: Array, point: Point) -> Array:
+        xp = array_namespace(point.position, self.cushion_nm_per_rad)
+        start = self.cushion_start_rad
+        # Never zero: a power of zero has no derivative.
+        depth = xp.maximum(xp.abs(point.position) - start, 0.0) / start + 1e-12
+        upper, lower = (1.0 * of_side(side, self.side) for side in "ba")
+        way = xp.where(point.position > 0, upper, -lower)
+        return effort - way * (self.cushion_nm_per_rad * start * depth**self.cushion_exponent)
+
+
+EFFECTS: tuple[type[CatalogueEffect], ...] = (
+    StrokeDependentArea,
+    StrokeDependentSeals,
+    EndCushion,
+)

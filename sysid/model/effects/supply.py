@@ -1,9 +1,9 @@
 """Effects of the air supply and of the exhaust line.
 
-Droop and back pressure close a loop: the flow lowers the pressure difference that drives it. The loop of a
-chamber with its own flow is solved in closed form, by the base law. A flow is choked where
-it would be at the pressure that choked flow leaves: so it is one or the other, never both or
-neither. Flows are kg/s.
+Droop and back pressure close a loop: the flow lowers the pressure difference that drives it.
+The loop of a chamber with its own flow is solved in closed form, by the base law. A flow is
+choked where it would be at the pressure that choked flow leaves: so it is one or the other,
+never both or neither. Flows are kg/s.
 """
 
 from __future__ import annotations
