@@ -77,6 +77,10 @@ SAME_LAW: dict[str, dict[str, str | float]] = {
     "time-skew:delay": {"time_skew_s": "skew_s"},
     "piston-leakage:quadratic": {"piston_leakage_kg_per_s_pa2": "piston_quadratic"},
     "atmosphere-leakage:quadratic": {"atmosphere_leakage_kg_per_s_pa2": "leak_quadratic"},
+    "sticking-valve:hyperbolic": {
+        "stuck_delay_s": "stick_s",
+        "sticking_time_s": "stick_time_s",
+    },
     "threshold-leakage:linear": {
         "threshold_leakage_kg_per_s_pa": "relief_kg_per_s_pa",
         "threshold_pa": "relief_pa",

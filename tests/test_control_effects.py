@@ -82,6 +82,9 @@ USUAL: dict[str, dict[str, Any]] = {
     "time-skew": {"time_skew_s": 2.3e-3, "side": "b"},
     "supply-droop": {"common_share": 0.0},
     "exhaust-back-pressure": {"common_share": 0.0},
+    # A loop keeps the last pulses only; of those that a dead zone forgets none may be left.
+    "duty-dead-zone": {"side": "a"},
+    "sticking-valve": {"side": "b"},
 }
 
 

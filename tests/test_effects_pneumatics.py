@@ -478,6 +478,47 @@ def test_a_dead_zone_swallows_short_pulses_and_pauses(pulses: Any, kept: Any) ->
     np.testing.assert_array_equal(dead.pulses(on, off, "b"), (on, off))
 
 
+def test_a_rested_valve_opens_late_and_by_less_the_shorter_it_rested() -> None:
+    effect = valve.StickingValve(2e-3, 0.1, "a")
+    on = np.array([0.0, 0.3, 0.51, 0.5206])
+    off = np.array([0.2, 0.5, 0.5205, 0.5209])
+    later, same = effect.pulses(on, off, "a")
+    rests = np.array([np.inf, 0.1, 0.01, 1e-4])
+    expected = [2e-3, 2e-3 * 0.5, 2e-3 / 11.0, 2e-3 / 1001.0]  # t / (t + 0.1 s)
+    np.testing.assert_allclose(later - on, expected, atol=1e-15)
+    np.testing.assert_array_equal(same, off)
+    assert (np.diff(rests) < 0.0).all()
+    np.testing.assert_array_equal(effect.pulses(on, off, "b"), (on, off))
+    # On before the test, or never: nothing of it can be late.
+    before = np.array([-np.inf, 0.4])
+    np.testing.assert_allclose(
+        effect.pulses(before, np.array([0.3, 0.6]), "a")[0], [-np.inf, 0.4 + 1e-3]
+    )
+
+
+def test_a_pulse_too_short_for_a_stuck_valve_does_not_open_it() -> None:
+    model = Model(HELD) + valve.StickingValve(5e-3, 0.1, "a")
+    short = ValveCommand(np.heaviside(TIME - 0.1, 1.0) - np.heaviside(TIME - 0.104, 1.0))
+    late = ValveCommand(np.heaviside(TIME - 0.1, 1.0) - np.heaviside(TIME - 0.108, 1.0))
+    assert len(open_intervals(switched(valve_a=short), "a", model).opens) == 0
+    found = open_intervals(switched(valve_a=late), "a", model)
+    np.testing.assert_allclose(found.opens, 0.105 + HELD.on_delay_a, atol=1e-12)
+
+
+def test_a_closed_loop_knows_a_valves_rest_as_a_whole_log_does() -> None:
+    effect = valve.StickingValve(2e-3, 0.05)
+    on, off = np.array([0.0, 0.1, 0.14, 0.3]), np.array([0.05, 0.12, 0.2, 0.31])
+    whole_log = effect.pulses(on, off, "a")
+    newest_first = effect.recent_pulses(on[::-1, None], off[::-1, None], np.array([0.4]), "a")
+    for log, loop in zip(whole_log, newest_first, strict=True):
+        np.testing.assert_allclose(loop[::-1, 0], log, atol=1e-15)
+    # A pulse that another effect has swallowed is none to rest from.
+    swallowed = on[::-1, None].copy(), off[::-1, None].copy()
+    swallowed[0][2], swallowed[1][2] = -np.inf, -np.inf
+    kept = effect.recent_pulses(*swallowed, np.array([0.4]), "a")[0][1, 0]
+    assert kept == pytest.approx(0.14 + 2e-3 * 0.09 / (0.09 + 0.05), abs=1e-15)
+
+
 # --- supply ----------------------------------------------------------------------------
 
 
@@ -529,7 +570,7 @@ def test_a_pulsating_supply_fills_by_its_wave() -> None:
 
 
 def test_a_full_chamber_follows_a_pulsating_supply() -> None:
-    """Near the supply, where the pressure's equation is stiff, as scipy's implicit method has it."""
+    """Near the supply, where its equation is stiff, as scipy's implicit method has it."""
     from scipy.integrate import solve_ivp
 
     inputs = pulse(1.0)

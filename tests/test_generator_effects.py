@@ -21,7 +21,12 @@ from datasets.generator.effects.integrator import (
     SENSED_POSITION,
     SENSED_SUPPLY,
 )
-from datasets.generator.effects.timing import shortened_pulses, without_short_pulses
+from datasets.generator.effects.timing import (
+    drifting_movements,
+    shortened_pulses,
+    stuck_commands,
+    without_short_pulses,
+)
 from datasets.generator.plant import FloatArray
 from datasets.generator.rigs import GeneratedRig, reference_rig
 from datasets.generator.runs import Commands, Start, at_atmosphere, simulated
@@ -68,6 +73,7 @@ SHOWS = {
     "exhaust-back-pressure": ("held", PRESSURES),
     "valve-delay": ("pwm", PRESSURES),
     "duty-dead-zone": ("duty", PRESSURES),
+    "sticking-valve": ("pwm", PRESSURES),
     "coil-heating": ("pwm", PRESSURES),
     "pressure-offset": ("held", PRESSURES),
     "pressure-gain": ("held", PRESSURES),
@@ -98,7 +104,7 @@ MOTOR_ONLY = (
     "torque-ripple", "torque-saturation", "torque-constant-error", "amplifier-lag",
     "torque-crosstalk",
 )  # fmt: skip
-TIMING = ("valve-delay", "duty-dead-zone", "coil-heating")
+TIMING = ("valve-delay", "duty-dead-zone", "sticking-valve", "coil-heating")
 
 
 def run(name: str, effects: tuple[Injected, ...], rig: GeneratedRig | None = None) -> FloatArray:
@@ -148,7 +154,7 @@ def as_plain(rows: FloatArray) -> FloatArray:
 
 
 def test_every_effect_has_a_place_where_it_shows() -> None:
-    assert set(SHOWS) == set(FORMS) and len(FORMS) - len(OUT_OF_CATALOGUE) == 44
+    assert set(SHOWS) == set(FORMS) and len(FORMS) - len(OUT_OF_CATALOGUE) == 45
     assert len(OUT_OF_CATALOGUE) >= 8 and set(OUT_OF_CATALOGUE) < set(FORMS)
 
 
@@ -294,6 +300,16 @@ def test_short_pulses_vanish_or_shrink() -> None:
     assert list(kept) == [0.005, 0.007, 0.0072] and list(to) == [1, 0, 1]
     kept, to = shortened_pulses(times, states, 5e-4)
     assert kept == pytest.approx([0.0055, 0.007, 0.0077]) and list(to) == [1, 0, 1]
+
+
+def test_a_stuck_spool_moves_late_or_not_at_all() -> None:
+    times, states = np.array([0.0, 0.2, 0.3, 0.5, 0.6, 0.6005]), np.array([1, 0, 1, 0, 1, 0])
+    when, _ = stuck_commands(times, states, 2e-3, 0.1, 0.0)
+    assert when == pytest.approx([2e-3, 0.2, 0.301, 0.5, 0.601, 0.6005])
+    moved, to = drifting_movements(when, states, 2e-3, 2e-3, 0.0, 0.0, 1.0, 0)
+    assert moved == pytest.approx([4e-3, 0.202, 0.303, 0.502]) and list(to) == [1, 0, 1, 0]
+    when, _ = stuck_commands(times, states, 2e-3, 0.1, 1.0)
+    assert when[2] - times[2] == pytest.approx(2e-3 * (1.0 - np.exp(-1.0)))
 
 
 # --- Campaigns ------------------------------------------------------------------------------

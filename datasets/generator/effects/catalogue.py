@@ -67,6 +67,7 @@ _DROOP = 10e3 / 7.8e-4  # Pa s/kg
 _BACK = 5e3 / 3.5e-4
 _RELIEF = {"relief_pa": (1.4e5, 1.9e5)}
 _CUSHION = {"cushion_start_rad": (0.2, 0.4)}
+_STICK = {"stick_time_s": (0.05, 0.3)}
 _PULSATION = {"pulsation_hz": (1.0, 3.0), "pulsation_phase_rad": _PHASE}
 _COMPLIANCE = 1.0 / 400.0  # rad/Nm
 
@@ -255,6 +256,12 @@ _TIMING_AND_SENSORS: dict[str, dict[str, Form]] = {
         "vanish": Form({"dead_s": (4e-4, 1.4e-3)}, sides=("both",)),
         "on-pulses": Form({"dead_s": (4e-4, 1.4e-3)}, sides=("both",), flags={"use_dead": 1.0}),
         "shortened": Form({"dead_s": (2e-4, 7e-4)}, sides=("both",), flags={"use_dead": 2.0}),
+    },
+    "sticking-valve": {
+        "hyperbolic": Form({"stick_s": (1.5e-3, 3e-3)}, _STICK, sides=SIDES_OR_BOTH),
+        "exponential": Form(
+            {"stick_s": (1.5e-3, 3e-3)}, _STICK, {"use_stick": 1.0}, sides=SIDES_OR_BOTH
+        ),
     },
     "coil-heating": {
         "both-delays": _one("heating_s", 5e-4, shapes={"heating_time_s": (15, 25)}),

@@ -84,6 +84,7 @@ from sysid.model.effects.valve import (
     ChokedExhaustScaling,
     CoilHeating,
     DutyDeadZone,
+    StickingValve,
     SubsonicFlowShape,
     ValveDelay,
 )
@@ -123,6 +124,7 @@ __all__ = [
     "Quantity",
     "SealFriction",
     "SeriesRestriction",
+    "StickingValve",
     "StribeckFriction",
     "StrokeDependentArea",
     "StrokeDependentSeals",
