@@ -29,8 +29,15 @@ SAME_LAW: dict[str, dict[str, str | float]] = {
     },
     "asymmetric-coulomb-friction:constant": {"asymmetry_nm": "asymmetry_nm"},
     "seal-friction:sum": {"seal_torque_nm_per_pa": "seal_sum_nm_per_pa", "difference_share": 0.0},
+    "stroke-dependent-seals:linear": {"seal_slope_nm_per_pa_rad": "seal_slope_nm_per_pa_rad"},
+    "stroke-dependent-area:taper": {"area_slope_per_rad": "taper_per_rad"},
     "quadratic-drag:quadratic": {"drag_nm_s2_per_rad2": "drag"},
     "cable-spring:linear": {"stiffness_nm_per_rad": "cable_nm_per_rad"},
+    "end-cushion:linear": {
+        "cushion_nm_per_rad": "cushion_nm_per_rad",
+        "cushion_start_rad": "cushion_start_rad",
+        "cushion_exponent": 1.0,
+    },
     "inertia-mismatch:balanced": {"inertia_change_kg_m2": "added_inertia_kg_m2"},
     "torque-constant-error:gain": {"torque_gain_error": "torque_gain"},
     "amplifier-lag:first-order": {"amplifier_lag_s": "motor_lag_s"},
@@ -84,6 +91,14 @@ SAME_LAW: dict[str, dict[str, str | float]] = {
     "time-skew:delay": {"time_skew_s": "skew_s"},
     "piston-leakage:quadratic": {"piston_leakage_kg_per_s_pa2": "piston_quadratic"},
     "atmosphere-leakage:quadratic": {"atmosphere_leakage_kg_per_s_pa2": "leak_quadratic"},
+    "sticking-valve:hyperbolic": {
+        "stuck_delay_s": "stick_s",
+        "sticking_time_s": "stick_time_s",
+    },
+    "threshold-leakage:linear": {
+        "threshold_leakage_kg_per_s_pa": "relief_kg_per_s_pa",
+        "threshold_pa": "relief_pa",
+    },
     "duty-dead-zone:vanish": {"dead_time_s": "dead_s"},
     "duty-dead-zone:partial": {"dead_time_s": "dead_s", "whole_ratio": "dead_whole_ratio"},
 }

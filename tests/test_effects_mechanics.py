@@ -14,13 +14,13 @@ from scipy.integrate import solve_ivp
 
 from benchmarks.rigs import REFERENCE, random_runs
 from sysid.model import base
-from sysid.model.effects import catalogue, class_of, friction, linkage, motor
+from sysid.model.effects import catalogue, class_of, friction, linkage, motor, stroke
 from sysid.model.effects.catalogue import AMBIGUOUS_CLASSES
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import Model, Point, join, split
 from sysid.model.simulator import Inputs, Trajectory, ValveCommand, simulate
 
-EFFECTS = [effect for module in (friction, linkage, motor) for effect in module.EFFECTS]
+EFFECTS = [effect for module in (friction, linkage, stroke, motor) for effect in module.EFFECTS]
 IDS = [effect.id for effect in EFFECTS]
 STATES = ("position", "velocity", "pressure_a", "pressure_b")
 # No friction, no cylinder, no end stop within reach: the motor's torque and the inertia only.
@@ -95,7 +95,7 @@ def forms(effect: type[CatalogueEffect]) -> list[CatalogueEffect]:
 
 def test_the_catalogue_is_whole() -> None:
     effects = catalogue()
-    assert len(effects) == 45 and set(IDS) < effects.keys()
+    assert len(effects) == 51 and set(IDS) < effects.keys()
     for members in AMBIGUOUS_CLASSES:
         assert members < effects.keys()
         assert all(class_of(member) == members for member in members)
@@ -115,7 +115,7 @@ def test_the_catalogue_is_whole() -> None:
 @pytest.mark.parametrize("effect", EFFECTS, ids=IDS)
 def test_the_entry_is_whole(effect: type[CatalogueEffect]) -> None:
     fields = {f.name: f.default for f in dataclasses.fields(effect)}  # type: ignore[arg-type]
-    assert {q.name for q in effect.quantities} == fields.keys()
+    assert {q.name for q in effect.quantities} | ({"side"} & fields.keys()) == fields.keys()
     assert effect.strengths()
     for q in effect.quantities:
         assert fields[q.name] == (0.0 if q.is_strength else q.typical)
@@ -231,6 +231,12 @@ BACK: dict[str, Any] = {"velocity": -0.07, "direction": -1.0}
             0.05 * math.sqrt(0.07),
             -0.05 * math.sqrt(0.07),
         ),
+        (
+            stroke.StrokeDependentSeals(2e-7),
+            "friction_effort",
+            2e-7 * 1.0 * 1.5e5,
+            -2e-7 * 1.0 * 1.5e5,
+        ),
         (linkage.CableSpring(0.05), "external_effort", -0.05, -0.05),
         (
             linkage.MountingTilt(0.012, 0.02),
@@ -278,6 +284,52 @@ def test_displacement_is_the_integral_of_the_eccentric_radius() -> None:
     np.testing.assert_allclose(np.gradient(y, angle)[1:-1], radius[1:-1], rtol=1e-6)
     assert y[1600] == 0.0  # the middle stays where it was
     assert radius[1600] == pytest.approx(1.05 * REFERENCE.pitch_radius)
+
+
+def test_a_cushion_pushes_back_at_its_own_end_only() -> None:
+    """Its law in words: nothing up to the start, then a power of the depth, towards the middle."""
+    for place, side, expected in (
+        (0.9, "both", -0.6 * 0.5 * (0.4 / 0.5) ** 1.5),
+        (-0.9, "both", 0.6 * 0.5 * (0.4 / 0.5) ** 1.5),
+        (0.9, "b", -0.6 * 0.5 * (0.4 / 0.5) ** 1.5),
+        (0.9, "a", 0.0),
+        (-0.9, "b", 0.0),
+        (0.5, "both", 0.0),
+        (-0.2, "both", 0.0),
+    ):
+        effect = stroke.EndCushion(0.6, 0.5, 1.5, side)
+        added = effect.external_effort(0.5, moving(position=place)) - 0.5
+        assert added == pytest.approx(expected, abs=1e-12)
+
+
+def test_a_mass_on_a_cushion_swings_as_on_a_spring() -> None:
+    """Thrown into a linear cushion, it comes out half a period later and as fast."""
+    stiffness, start = 20.0, 0.2
+    free = Inputs(TIME, 0.0 * TIME, position=0.2, velocity=1.0)
+    run = one(free, whole(FREE, stroke.EndCushion(stiffness, start, 1.0)))
+    rate = math.sqrt(stiffness / FREE.inertia)
+    inside = rate * TIME < math.pi
+    swing = start + np.sin(rate * TIME[inside]) / rate
+    np.testing.assert_allclose(run.position[inside], swing, atol=2e-6)
+    out = np.flatnonzero(~inside)[1]
+    assert run.velocity[out] == pytest.approx(-1.0, abs=1e-4)
+
+
+def test_an_area_along_the_stroke_gives_the_work_that_its_volume_takes() -> None:
+    """In a closed chamber at slow motion the torque's work is what the volume's change takes."""
+    slope, angle = 0.08, np.linspace(-1.5, 1.5, 3001)
+    effect = stroke.StrokeDependentArea(slope)
+    point = moving(position=angle)
+    p = REFERENCE
+    radius = effect.pitch_radius(np.full_like(angle, p.pitch_radius), point)
+    areas = p.area_a * (1.0 + slope * angle)  # the entry's law
+    torque = base.cylinder_effort(2e5, 1e5, p.area_a, p.area_b, 1e5, radius)
+    np.testing.assert_allclose(torque, 1e5 * areas * p.pitch_radius, rtol=1e-12)
+    y = effect.displacement(p.pitch_radius * angle, point)
+    volume = base.chamber_volume_a(y, p.area_a, p.offset_a, 1.0)
+    work = 1e5 * (volume[-1] - volume[0])
+    assert np.trapezoid(torque, angle) == pytest.approx(work, rel=1e-9)
+    assert volume[1500] == pytest.approx(p.area_a * p.offset_a, rel=1e-12)
 
 
 def test_inertia_and_area_are_added_to_the_declared_ones() -> None:

@@ -376,6 +376,17 @@ def test_a_closed_chamber_leaks_by_its_closed_form() -> None:
     np.testing.assert_array_equal(run.pressure_b, 1e5)
 
 
+def test_a_closed_chamber_leaks_to_its_threshold() -> None:
+    """Plugged, its excess over the threshold decays exponentially; below it nothing leaks."""
+    closed = HELD.replace(**NO_VALVES)
+    leak, threshold = 4e-9, 1.6e5
+    effect = chamber.ThresholdLeakage(leak, threshold)
+    run = one(switched(pressure_a=2.6e5, pressure_b=1.4e5), whole(closed, effect))
+    expected = threshold + 1e5 * np.exp(-PER_FLOW * leak * TIME)
+    np.testing.assert_allclose(run.pressure_a, expected, rtol=1e-6)
+    np.testing.assert_array_equal(run.pressure_b, 1.4e5)
+
+
 def test_what_passes_the_piston_is_lost_on_one_side_and_gained_on_the_other() -> None:
     closed = HELD.replace(**NO_VALVES)
     start = switched(pressure_a=3e5, pressure_b=1e5)
@@ -512,6 +523,47 @@ def test_partial_opening_makes_the_open_time_continuous_in_the_duty() -> None:
     assert left[-1] == lengths[-1] and np.max(np.diff(left)) < 3e-6
 
 
+def test_a_rested_valve_opens_late_and_by_less_the_shorter_it_rested() -> None:
+    effect = valve.StickingValve(2e-3, 0.1, "a")
+    on = np.array([0.0, 0.3, 0.51, 0.5206])
+    off = np.array([0.2, 0.5, 0.5205, 0.5209])
+    later, same = effect.pulses(on, off, "a")
+    rests = np.array([np.inf, 0.1, 0.01, 1e-4])
+    expected = [2e-3, 2e-3 * 0.5, 2e-3 / 11.0, 2e-3 / 1001.0]  # t / (t + 0.1 s)
+    np.testing.assert_allclose(later - on, expected, atol=1e-15)
+    np.testing.assert_array_equal(same, off)
+    assert (np.diff(rests) < 0.0).all()
+    np.testing.assert_array_equal(effect.pulses(on, off, "b"), (on, off))
+    # On before the test, or never: nothing of it can be late.
+    before = np.array([-np.inf, 0.4])
+    np.testing.assert_allclose(
+        effect.pulses(before, np.array([0.3, 0.6]), "a")[0], [-np.inf, 0.4 + 1e-3]
+    )
+
+
+def test_a_pulse_too_short_for_a_stuck_valve_does_not_open_it() -> None:
+    model = Model(HELD) + valve.StickingValve(5e-3, 0.1, "a")
+    short = ValveCommand(np.heaviside(TIME - 0.1, 1.0) - np.heaviside(TIME - 0.104, 1.0))
+    late = ValveCommand(np.heaviside(TIME - 0.1, 1.0) - np.heaviside(TIME - 0.108, 1.0))
+    assert len(open_intervals(switched(valve_a=short), "a", model).opens) == 0
+    found = open_intervals(switched(valve_a=late), "a", model)
+    np.testing.assert_allclose(found.opens, 0.105 + HELD.on_delay_a, atol=1e-12)
+
+
+def test_a_closed_loop_knows_a_valves_rest_as_a_whole_log_does() -> None:
+    effect = valve.StickingValve(2e-3, 0.05)
+    on, off = np.array([0.0, 0.1, 0.14, 0.3]), np.array([0.05, 0.12, 0.2, 0.31])
+    whole_log = effect.pulses(on, off, "a")
+    newest_first = effect.recent_pulses(on[::-1, None], off[::-1, None], np.array([0.4]), "a")
+    for log, loop in zip(whole_log, newest_first, strict=True):
+        np.testing.assert_allclose(loop[::-1, 0], log, atol=1e-15)
+    # A pulse that another effect has swallowed is none to rest from.
+    swallowed = on[::-1, None].copy(), off[::-1, None].copy()
+    swallowed[0][2], swallowed[1][2] = -np.inf, -np.inf
+    kept = effect.recent_pulses(*swallowed, np.array([0.4]), "a")[0][1, 0]
+    assert kept == pytest.approx(0.14 + 2e-3 * 0.09 / (0.09 + 0.05), abs=1e-15)
+
+
 # --- supply ----------------------------------------------------------------------------
 
 
@@ -544,6 +596,39 @@ def test_droop_couples_the_chambers_and_their_flows_agree() -> None:
 def test_a_chamber_behind_a_droop_still_reaches_the_supply() -> None:
     run = one(switched(), whole(HELD, supply.SupplyDroop.typical()))
     assert run.pressure_a[399] == pytest.approx(3e5, abs=30.0)
+
+
+def test_a_pulsating_supply_fills_by_its_wave() -> None:
+    """Choked filling is proportional to the supply: the rise is the integral of the wave."""
+    sine, cosine, hertz = 2e4, -1e4, 30.0
+    effect = supply.SupplyPulsation(sine, cosine, hertz)
+    run = one(pulse(0.4), whole(HELD, effect))
+    early, rate = (TIME > 0.002) & (TIME <= 0.016), 2.0 * np.pi * hertz
+    begin = HELD.on_delay_a
+
+    def integral(t: Any) -> Any:
+        return 3e5 * t + (cosine * np.sin(rate * t) - sine * np.cos(rate * t)) / rate
+
+    share = (integral(TIME[early]) - integral(begin)) / 3e5
+    expected = 1e5 + PER_FLOW * HELD.choked_fill_a * share
+    np.testing.assert_allclose(run.pressure_a[early], expected, atol=0.5)
+
+
+def test_a_full_chamber_follows_a_pulsating_supply() -> None:
+    """Near the supply, where its equation is stiff, as scipy's implicit method has it."""
+    from scipy.integrate import solve_ivp
+
+    inputs = pulse(1.0)
+    run = one(inputs, whole(HELD, supply.SupplyPulsation(8e3, 8e3, 2.0)))
+
+    def rate(t: float, pressure: Any) -> Any:
+        wave = 8e3 * (np.sin(4.0 * np.pi * t) + np.cos(4.0 * np.pi * t))
+        return PER_FLOW * HELD.c_fill_a * base.signed_sqrt(3e5 + wave - pressure)
+
+    span, begin = TIME[TIME >= 0.25], run.pressure_a[TIME >= 0.25][0]
+    found = solve_ivp(rate, (span[0], span[-1]), [begin], "Radau", span, rtol=1e-8, atol=1e-3)
+    np.testing.assert_allclose(run.pressure_a[TIME >= 0.25], found.y[0], atol=30.0)
+    assert np.ptp(found.y[0]) > 2e4
 
 
 def test_one_silencer_couples_the_chambers() -> None:
@@ -612,7 +697,12 @@ def test_a_model_without_a_discrete_law_stays_as_it_is() -> None:
     unknown = dict.fromkeys(NO_VALVES, np.nan)
     point = random_point((50,), parameters=REFERENCE.replace(**unknown))
     given = before(point)
-    for effect in (chamber.TubeLag, valve.SubsonicFlowShape, *supply.EFFECTS):
+    for effect in (
+        chamber.TubeLag,
+        valve.SubsonicFlowShape,
+        supply.SupplyDroop,
+        supply.ExhaustBackPressure,
+    ):
         found = after(effect.typical(), point, given)
         for name, value in given.items():
             if not name.startswith("chamber_flow"):

@@ -41,6 +41,7 @@ WITH_STATE = {
     "wall-heat-transfer",
     "tube-lag",
     "duty-dead-zone",
+    "sticking-valve",
     "pressure-lag",
     "time-skew",
 }

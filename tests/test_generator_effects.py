@@ -25,8 +25,10 @@ from datasets.generator.effects.integrator import (
 )
 from datasets.generator.effects.knobs import knobs_of, plant_record
 from datasets.generator.effects.timing import (
+    drifting_movements,
     partly_opening_pulses,
     shortened_pulses,
+    stuck_commands,
     without_short_pulses,
 )
 from datasets.generator.plant import N_MODES, PRESSURE_A, PRESSURE_B, FloatArray
@@ -47,11 +49,13 @@ SHOWS = {
     "asymmetric-coulomb-friction": ("motor", POSITION),
     "position-dependent-friction": ("motor", POSITION),
     "seal-friction": ("pwm", POSITION),
+    "stroke-dependent-seals": ("pwm", POSITION),
     "presliding": ("motor", POSITION),
     "quadratic-drag": ("motor", POSITION),
     "backlash": ("motor", POSITION),
     "gear-mesh-ripple": ("motor", POSITION),
     "pitch-eccentricity": ("motor", POSITION),
+    "stroke-dependent-area": ("pwm", POSITION),
     "link-flexibility": ("motor", POSITION),
     "cable-spring": ("motor", POSITION),
     "mounting-tilt": ("motor", POSITION),
@@ -73,6 +77,7 @@ SHOWS = {
     "exhaust-back-pressure": ("held", PRESSURES),
     "valve-delay": ("pwm", PRESSURES),
     "duty-dead-zone": ("duty", PRESSURES),
+    "sticking-valve": ("pwm", PRESSURES),
     "coil-heating": ("pwm", PRESSURES),
     "pressure-offset": ("held", PRESSURES),
     "pressure-gain": ("held", PRESSURES),
@@ -83,7 +88,7 @@ SHOWS = {
     "ambient-pressure-error": ("pwm", PRESSURES),
     "area-error": ("pwm", POSITION),
     "supply-pulsation": ("held", SUPPLY),
-    "end-hardening-spring": ("motor", POSITION),
+    "end-cushion": ("motor", POSITION),
     "friction-warm-up": ("motor", POSITION),
     "magnetic-latch": ("motor", POSITION),
     "torque-crosstalk": ("motor", PRESSURES),
@@ -103,7 +108,7 @@ MOTOR_ONLY = (
     "torque-ripple", "torque-saturation", "torque-constant-error", "amplifier-lag",
     "torque-crosstalk",
 )  # fmt: skip
-TIMING = ("valve-delay", "duty-dead-zone", "coil-heating")
+TIMING = ("valve-delay", "duty-dead-zone", "sticking-valve", "coil-heating")
 
 
 def run(name: str, effects: tuple[Injected, ...], rig: GeneratedRig | None = None) -> FloatArray:
@@ -153,7 +158,7 @@ def as_plain(rows: FloatArray) -> FloatArray:
 
 
 def test_every_effect_has_a_place_where_it_shows() -> None:
-    assert set(SHOWS) == set(FORMS) and len(FORMS) - len(OUT_OF_CATALOGUE) == 39
+    assert set(SHOWS) == set(FORMS) and len(FORMS) - len(OUT_OF_CATALOGUE) == 45
     assert len(OUT_OF_CATALOGUE) >= 8 and set(OUT_OF_CATALOGUE) < set(FORMS)
 
 
@@ -349,6 +354,16 @@ def test_hardly_longer_pulses_and_pauses_open_and_close_partly() -> None:
     assert list(to) == [1, 0, 1, 0, 1, 0]
     np.testing.assert_allclose(partly_opening_pulses(times, states, 1e-3, 1.0 + 1e-9)[0],
                                without_short_pulses(times, states, 1e-3, False)[0])  # fmt: skip
+
+
+def test_a_stuck_spool_moves_late_or_not_at_all() -> None:
+    times, states = np.array([0.0, 0.2, 0.3, 0.5, 0.6, 0.6005]), np.array([1, 0, 1, 0, 1, 0])
+    when, _ = stuck_commands(times, states, 2e-3, 0.1, 0.0)
+    assert when == pytest.approx([2e-3, 0.2, 0.301, 0.5, 0.601, 0.6005])
+    moved, to = drifting_movements(when, states, 2e-3, 2e-3, 0.0, 0.0, 1.0, 0)
+    assert moved == pytest.approx([4e-3, 0.202, 0.303, 0.502]) and list(to) == [1, 0, 1, 0]
+    when, _ = stuck_commands(times, states, 2e-3, 0.1, 1.0)
+    assert when[2] - times[2] == pytest.approx(2e-3 * (1.0 - np.exp(-1.0)))
 
 
 # --- Campaigns ------------------------------------------------------------------------------

@@ -65,6 +65,10 @@ _BRISTLE = {"bristle_damping_nm_s_per_rad": (0.8, 1.6)}
 _ISO = {"iso_critical_ratio": (0.22, 0.4)}
 _DROOP = 10e3 / 7.8e-4  # Pa s/kg
 _BACK = 5e3 / 3.5e-4
+_RELIEF = {"relief_pa": (1.4e5, 1.9e5)}
+_CUSHION = {"cushion_start_rad": (0.2, 0.4)}
+_STICK = {"stick_time_s": (0.05, 0.3)}
+_PULSATION = {"pulsation_hz": (1.0, 3.0), "pulsation_phase_rad": _PHASE}
 _COMPLIANCE = 1.0 / 400.0  # rad/Nm
 
 _FRICTION: dict[str, dict[str, Form]] = {
@@ -91,6 +95,10 @@ _FRICTION: dict[str, dict[str, Form]] = {
         "sum": _one("seal_sum_nm_per_pa", 2e-7),
         "breakaway": _one("seal_sum_nm_per_pa", 2e-7, flags={"use_seal_static": 1.0}),
         "difference": _one("seal_difference_nm_per_pa", 4e-7),
+    },
+    "stroke-dependent-seals": {
+        "linear": _one("seal_slope_nm_per_pa_rad", 2e-7, signed=True),
+        "one-half": _one("seal_half_nm_per_pa_rad", 4e-7),
     },
     "presliding": {
         name: _one(
@@ -125,6 +133,10 @@ _DRIVE: dict[str, dict[str, Form]] = {
             flags={"use_kinematic": 1.0},
         ),
     },
+    "stroke-dependent-area": {
+        "taper": _one("taper_per_rad", 0.05, signed=True),
+        "barrel": _one("barrel_per_rad2", 0.1, signed=True),
+    },
     "link-flexibility": {
         "arm": _one("arm_period_s", 1.0 / 25.0, shapes=_ARM),
         "encoder-on-arm": _one(
@@ -134,6 +146,13 @@ _DRIVE: dict[str, dict[str, Form]] = {
     "cable-spring": {
         "linear": _one("cable_nm_per_rad", 0.05),
         "preloaded": _one("cable_nm_per_rad", 0.05, shapes={"cable_rest_rad": (-0.5, 0.5)}),
+    },
+    "end-cushion": {
+        "linear": _one("cushion_nm_per_rad", 0.3, shapes=_CUSHION),
+        "cubic": _one("hardening_nm_per_rad3", 0.6, shapes={"hardening_start_rad": (0.3, 0.5)}),
+        "damped": _one(
+            "cushion_nm_per_rad", 0.3, shapes=_CUSHION | {"cushion_damping_s_per_rad": (0.2, 0.6)}
+        ),
     },
     "mounting-tilt": {"sine": _one("tilt_rad", math.pi / 180, shapes={"tilt_phase_rad": _PHASE})},
     "inertia-mismatch": {
@@ -182,6 +201,10 @@ _GAS: dict[str, dict[str, Form]] = {
         "quadratic": Form({"leak_quadratic": _LEAK}, sides=SIDES),
         "laminar": Form({"leak_laminar": _LAMINAR_LEAK}, sides=SIDES),
     },
+    "threshold-leakage": {
+        "linear": _one("relief_kg_per_s_pa", 1.2e-9, shapes=_RELIEF, sides=SIDES),
+        "narrow-gap": _one("relief_quadratic", 3e-15, shapes=_RELIEF, sides=SIDES),
+    },
     "subsonic-flow-shape": {
         "iso6358": _one("iso_fill", 1.0, shapes=_ISO, flags={"use_iso_exponent": 0.5}),
         "exponent": _one("iso_fill", 1.0, shapes=_ISO | {"use_iso_exponent": (0.55, 0.65)}),
@@ -202,6 +225,10 @@ _GAS: dict[str, dict[str, Form]] = {
             shapes={"reservoir_s": (0.01, 0.03)},
             flags={"use_droop": 3.0},
         ),
+    },
+    "supply-pulsation": {
+        "sine": Form({"pulsation_pa": (8e3, 16e3)}, _PULSATION),
+        "sawtooth": Form({"pulsation_pa": (8e3, 16e3)}, _PULSATION, {"use_sawtooth": 1.0}),
     },
     "exhaust-back-pressure": {
         "separate": _one("back_pa_s_per_kg", _BACK),
@@ -243,6 +270,12 @@ _TIMING_AND_SENSORS: dict[str, dict[str, Form]] = {
             sides=("both",),
         ),
     },
+    "sticking-valve": {
+        "hyperbolic": Form({"stick_s": (1.5e-3, 3e-3)}, _STICK, sides=SIDES_OR_BOTH),
+        "exponential": Form(
+            {"stick_s": (1.5e-3, 3e-3)}, _STICK, {"use_stick": 1.0}, sides=SIDES_OR_BOTH
+        ),
+    },
     "coil-heating": {
         "both-delays": _one("heating_s", 5e-4, shapes={"heating_time_s": (15, 25)}),
         "on-delay": _one(
@@ -271,15 +304,6 @@ _TIMING_AND_SENSORS: dict[str, dict[str, Form]] = {
 }
 
 _OUTSIDE: dict[str, dict[str, Form]] = {
-    "supply-pulsation": {
-        "sine": Form(
-            {"pulsation_pa": (8e3, 16e3)},
-            {"pulsation_hz": (1.0, 3.0), "pulsation_phase_rad": _PHASE},
-        )
-    },
-    "end-hardening-spring": {
-        "cubic": _one("hardening_nm_per_rad3", 0.6, shapes={"hardening_start_rad": (0.3, 0.5)})
-    },
     "friction-warm-up": {"decay": _one("warm_up", 0.35, shapes={"warm_up_time_s": (1.5, 4.0)})},
     "magnetic-latch": {
         "bump": _one(
@@ -294,11 +318,6 @@ _OUTSIDE: dict[str, dict[str, Form]] = {
     },
     "mains-hum": {"sine": _one("hum_nm", 0.08, shapes={"hum_phase_rad": _PHASE})},
     "flow-hysteresis": {"direction": _one("flow_hysteresis", 0.1)},
-    "threshold-leakage": {
-        "linear": _one(
-            "relief_kg_per_s_pa", 1.2e-9, shapes={"relief_pa": (1.4e5, 1.9e5)}, sides=SIDES
-        )
-    },
     "eddy-brake": {"peak": _one("eddy_nm_s_per_rad", 0.1, shapes={"eddy_speed_rad_s": (0.5, 1.2)})},
     "payload-pendulum": {
         "hanging": _one(

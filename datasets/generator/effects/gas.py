@@ -11,7 +11,13 @@ from typing import Any
 import numpy as np
 
 from datasets.generator.effects.compiling import compiled
-from datasets.generator.effects.mechanics import N_MECHANICAL, pitch_angle, pitch_factor
+from datasets.generator.effects.mechanics import (
+    N_MECHANICAL,
+    area_factor,
+    pitch_angle,
+    pitch_factor,
+    swept_beyond,
+)
 from datasets.generator.plant import (
     CRITICAL_RATIO,
     OPEN_A,
@@ -145,6 +151,9 @@ def line_supply(time: float, p: Any, k: Any) -> float:
     if k.pulsation_pa == 0.0:
         return float(p.supply)
     phase = 2.0 * np.pi * k.pulsation_hz * time + k.pulsation_phase_rad
+    if k.use_sawtooth > 0.0:  # delivered in strokes, drawn evenly: a jump up, a slow fall
+        turns = phase / (2.0 * np.pi)
+        return float(p.supply + k.pulsation_pa * (1.0 - 2.0 * (turns - np.floor(turns))))
     return float(p.supply + k.pulsation_pa * np.sin(phase))
 
 
@@ -215,6 +224,10 @@ def leak_flows(x: FloatArray, p: Any, k: Any) -> tuple[float, float]:
     from_a += k.relief_kg_per_s_pa_a * max(a - k.relief_pa_a, 0.0)
     from_b = k.leak_quadratic_b * (b * b - out * out) + k.leak_laminar_b * (b - out)
     from_b += k.relief_kg_per_s_pa_b * max(b - k.relief_pa_b, 0.0)
+    if k.relief_quadratic_a != 0.0:
+        from_a += k.relief_quadratic_a * max(a * a - k.relief_pa_a * k.relief_pa_a, 0.0)
+    if k.relief_quadratic_b != 0.0:
+        from_b += k.relief_quadratic_b * max(b * b - k.relief_pa_b * k.relief_pa_b, 0.0)
     return -across - from_a, across - from_b
 
 
@@ -253,6 +266,10 @@ def _chamber_rates(
     """Rates of one chamber's pressure, gas, tube and sensor."""
     stroke = pitch_angle(x[POSITION], k) * p.radius
     factor = pitch_factor(x[POSITION] * k.angle_scale, k) if k.use_kinematic > 0.0 else 1.0
+    if k.taper_per_rad != 0.0 or k.barrel_per_rad2 != 0.0:
+        angle = x[POSITION] * k.angle_scale
+        stroke += swept_beyond(angle, k) / k.angle_scale * p.radius
+        factor *= area_factor(angle, k)
     volume = (c.offset + c.direction * stroke) * c.area
     volume_rate = c.direction * x[VELOCITY] * factor * p.radius * c.area
     if k.tube_lag_s_a > 0.0:

@@ -101,6 +101,18 @@ def pitch_angle(position: float, k: Any) -> float:
 
 
 @compiled
+def area_factor(angle: float, k: Any) -> float:
+    """Both piston areas over the declared ones: a tapered or a barrelled bore."""
+    return float(1.0 + angle * (k.taper_per_rad + angle * k.barrel_per_rad2))
+
+
+@compiled
+def swept_beyond(angle: float, k: Any) -> float:
+    """Angle by which a bore of the declared area would have to be longer: the factor's integral."""
+    return float(angle * angle * (k.taper_per_rad / 2.0 + angle * k.barrel_per_rad2 / 3.0))
+
+
+@compiled
 def conservative_torque(angle: float, time: float, p: Any, k: Any) -> float:
     """Torques by angle and time alone, Nm: offset, mesh, cable, tilt, latch, springs, hum."""
     torque = k.torque_offset_nm - k.cable_nm_per_rad * (angle - k.cable_rest_rad)
@@ -118,6 +130,17 @@ def conservative_torque(angle: float, time: float, p: Any, k: Any) -> float:
     if k.hum_nm != 0.0:
         torque += k.hum_nm * np.sin(2.0 * np.pi * MAINS_HZ * time + k.hum_phase_rad)
     return float(torque)
+
+
+@compiled
+def cushion_torque(angle: float, speed: float, k: Any) -> float:
+    """Torque of the cushions at both ends, Nm: it pushes, harder on the way in if damped."""
+    depth = abs(angle) - k.cushion_start_rad
+    if depth <= 0.0:
+        return 0.0
+    way = 1.0 if angle > 0.0 else -1.0
+    push = 1.0 + k.cushion_damping_s_per_rad * way * speed  # Hunt, Crossley 1975
+    return float(-way * k.cushion_nm_per_rad * depth * max(push, 0.0))
 
 
 @compiled
@@ -140,8 +163,12 @@ def applied_effort(x: FloatArray, time: float, command: float, p: Any, k: Any) -
     angle = x[POSITION] * k.angle_scale
     force = x[PRESSURE_A] * p.a.area - x[PRESSURE_B] * p.b.area
     force -= p.atmosphere * (p.a.area - p.b.area)
+    if k.taper_per_rad != 0.0 or k.barrel_per_rad2 != 0.0:
+        force *= area_factor(angle, k)
     effort = shaft_effort(x, command, p, k) + force * p.radius * pitch_factor(angle, k)
     effort += conservative_torque(angle, time, p, k) * k.angle_scale
+    if k.cushion_nm_per_rad != 0.0:
+        effort += cushion_torque(angle, x[VELOCITY] * k.angle_scale, k) * k.angle_scale
     return float(effort + load_effort(x, p, k))
 
 
@@ -177,7 +204,13 @@ def _seal_torque(x: FloatArray, p: Any, k: Any) -> float:
     """The seals' own friction by pressure, Nm."""
     gauge = max(x[PRESSURE_A] + x[PRESSURE_B] - 2.0 * p.atmosphere, 0.0)
     difference = abs(x[PRESSURE_A] - x[PRESSURE_B])
-    return float(k.seal_sum_nm_per_pa * gauge + k.seal_difference_nm_per_pa * difference)
+    torque = k.seal_sum_nm_per_pa * gauge + k.seal_difference_nm_per_pa * difference
+    angle = x[POSITION] * k.angle_scale
+    if k.seal_slope_nm_per_pa_rad != 0.0:
+        torque += k.seal_slope_nm_per_pa_rad * angle * gauge
+    if k.seal_half_nm_per_pa_rad != 0.0 and angle > 0.0:
+        torque += k.seal_half_nm_per_pa_rad * angle * gauge
+    return float(torque)
 
 
 @compiled

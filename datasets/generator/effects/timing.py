@@ -1,4 +1,4 @@
-"""Valve movements with undeclared delays, coil heating and lost pulses."""
+"""Valve movements with undeclared delays, coil heating, lost pulses, and a spool that sticks."""
 
 from __future__ import annotations
 
@@ -58,6 +58,25 @@ def partly_opening_pulses(times: FloatArray, states: Any, dead: float, ratio: fl
 
 
 @compiled
+def stuck_commands(times: FloatArray, states: Any, most: float, rest: float, law: float) -> Edges:
+    """Command edges whose openings come later by up to `most` s, the longer the valve rested.
+
+    By `rest` s / (`rest` + time since it was let go), or if `law` is 1 its exponential; before the
+    first edge it rested for ever. An opening may come after the closing that follows.
+    """
+    when = times.copy()
+    let_go = -np.inf
+    for i in range(times.size):
+        if states[i] == 0:
+            let_go = times[i]
+            continue
+        rested = times[i] - let_go
+        held = np.exp(-rested / rest) if law == 1.0 else 1.0 / (1.0 + rested / rest)
+        when[i] += most * (1.0 - held)
+    return when, states
+
+
+@compiled
 def drifting_movements(
     times: FloatArray,
     states: Any,
@@ -99,6 +118,10 @@ def changed_movements(
             times, states = partly_opening_pulses(times, states, dead, ratio)
         else:
             times, states = without_short_pulses(times, states, dead, bool(law == 1.0))
+    most = float(k[f"stick_s_{side}"])
+    if most > 0.0:
+        rest, law = float(k[f"stick_time_s_{side}"]), float(k[f"use_stick_{side}"])
+        times, states = stuck_commands(times, states, most, rest, law)
     drift = float(k["heating_s"])
     return drifting_movements(
         times,

@@ -30,6 +30,7 @@ from sysid.model.effects.chamber import (
     PistonLeakage,
     PolytropicExponent,
     TemperatureDrift,
+    ThresholdLeakage,
     TubeLag,
     WallHeatTransfer,
 )
@@ -69,14 +70,21 @@ from sysid.model.effects.sensor import (
     PressureOffset,
     TimeSkew,
 )
+from sysid.model.effects.stroke import (
+    EndCushion,
+    StrokeDependentArea,
+    StrokeDependentSeals,
+)
 from sysid.model.effects.supply import (
     ExhaustBackPressure,
     SupplyDroop,
+    SupplyPulsation,
 )
 from sysid.model.effects.valve import (
     ChokedExhaustScaling,
     CoilHeating,
     DutyDeadZone,
+    StickingValve,
     SubsonicFlowShape,
     ValveDelay,
 )
@@ -96,6 +104,7 @@ __all__ = [
     "DeadVolumeError",
     "DutyDeadZone",
     "EncoderEccentricity",
+    "EndCushion",
     "ExhaustBackPressure",
     "GearMeshRipple",
     "InertiaMismatch",
@@ -115,10 +124,15 @@ __all__ = [
     "Quantity",
     "SealFriction",
     "SeriesRestriction",
+    "StickingValve",
     "StribeckFriction",
+    "StrokeDependentArea",
+    "StrokeDependentSeals",
     "SubsonicFlowShape",
     "SupplyDroop",
+    "SupplyPulsation",
     "TemperatureDrift",
+    "ThresholdLeakage",
     "TimeSkew",
     "TorqueConstantError",
     "TorqueOffset",

@@ -10,7 +10,17 @@ from typing import Any
 
 from sysid.errors import input_error
 from sysid.io.user_code import run_file
-from sysid.model.effects import bench, chamber, friction, linkage, motor, sensor, supply, valve
+from sysid.model.effects import (
+    bench,
+    chamber,
+    friction,
+    linkage,
+    motor,
+    sensor,
+    stroke,
+    supply,
+    valve,
+)
 from sysid.model.effects.entry import Catalogue, CatalogueEffect, Quantity
 
 AMBIGUOUS_CLASSES: tuple[frozenset[str], ...] = (
@@ -38,7 +48,7 @@ AMBIGUOUS_CLASSES: tuple[frozenset[str], ...] = (
 )
 """Effects that ordinary data cannot distinguish (spec/effects.md)."""
 
-_MODULES = (friction, linkage, motor, chamber, valve, bench, supply, sensor)
+_MODULES = (friction, linkage, stroke, motor, chamber, valve, bench, supply, sensor)
 _ATTRIBUTES = ("id", "title", "subsystem", "quantities", "signature", "source")
 
 

@@ -284,6 +284,54 @@ class AtmosphereLeakage(CatalogueEffect):
 
 
 @dataclass(frozen=True)
+class ThresholdLeakage(CatalogueEffect):
+    """A chamber leaks to the outside above a threshold pressure only: d max(P - Pt, 0).
+
+    As a relief valve opens, or a lip seal lifts.
+    """
+
+    threshold_leakage_kg_per_s_pa: Array = 0.0
+    threshold_pa: Array = 1.6e5
+    side: str = "both"
+
+    id = "threshold-leakage"
+    title = "Leakage above a threshold pressure"
+    subsystem = "chamber"
+    quantities = (
+        Quantity(
+            "threshold_leakage_kg_per_s_pa",
+            "kg/(s Pa)",
+            1.2e-9,
+            0.0,
+            2e-7,
+            "flow out per pressure above the threshold",
+        ),
+        Quantity(
+            "threshold_pa",
+            "Pa",
+            1.6e5,
+            1e5,
+            1e6,
+            "absolute pressure from which on the chamber leaks",
+            is_strength=False,
+            grid=(1.3e5, 1.45e5, 1.6e5, 1.75e5, 1.9e5, 2.1e5, 2.4e5, 3e5, 4e5, 5.5e5),
+        ),
+    )
+    signature = "flow of one chamber at high pressure, with the valve on or off"
+    rivals = ("atmosphere-leakage", "choked-exhaust-scaling", "subsonic-flow-shape")
+    tie_breaker = "plug the port of the chamber: its pressure falls to the threshold and stays"
+    source = "Beater, Pneumatic Drives, 2007 (relief valve: flow by the excess over its setting)"
+
+    def chamber_flow(self, flow: Array, side: str, point: Point) -> Array:
+        if not of_side(side, self.side):
+            return flow
+        pressure = point.pressure(side)
+        xp = array_namespace(pressure, self.threshold_pa)
+        excess = xp.maximum(pressure - self.threshold_pa, 0.0)
+        return flow - self.threshold_leakage_kg_per_s_pa * excess
+
+
+@dataclass(frozen=True)
 class TemperatureDrift(CatalogueEffect):
     """The air's temperature drifts over a test: T + d t, which scales the effect of a flow.
 
@@ -339,5 +387,6 @@ EFFECTS: tuple[type[CatalogueEffect], ...] = (
     TubeLag,
     PistonLeakage,
     AtmosphereLeakage,
+    ThresholdLeakage,
     TemperatureDrift,
 )

@@ -1,13 +1,14 @@
 """Effects of the air supply and of the exhaust line.
 
-Both close a loop: the flow lowers the pressure difference that drives it. The loop of a
-chamber with its own flow is solved in closed form, by the base law. A flow is choked where
-it would be at the pressure that choked flow leaves: so it is one or the other, never both or
-neither. Flows are kg/s.
+Droop and back pressure close a loop: the flow lowers the pressure difference that drives it.
+The loop of a chamber with its own flow is solved in closed form, by the base law. A flow is
+choked where it would be at the pressure that choked flow leaves: so it is one or the other,
+never both or neither. Flows are kg/s.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -224,4 +225,47 @@ class ExhaustBackPressure(CatalogueEffect):
         return backed_exhaust_flow(point.pressure(side), against, valve, slope, curvature)
 
 
-EFFECTS: tuple[type[CatalogueEffect], ...] = (SupplyDroop, ExhaustBackPressure)
+@dataclass(frozen=True)
+class SupplyPulsation(CatalogueEffect):
+    """The supply pulsates, as a compressor or a hunting regulator makes it: Ps + a wave in time.
+
+    s sin(2 pi f t) + c cos(2 pi f t) with t from the start of a test: of tests that do not begin
+    in phase with the source only those of one phase are described. Surfaces of mean flow have no
+    supply pressure, and so no pulsation; the averaged law has one.
+    """
+
+    pulsation_sine_pa: Array = 0.0
+    pulsation_cosine_pa: Array = 0.0
+    pulsation_hz: Array = 2.0
+
+    id = "supply-pulsation"
+    title = "Supply pressure that pulsates"
+    subsystem = "supply"
+    quantities = (
+        Quantity("pulsation_sine_pa", "Pa", 8e3, -3e4, 3e4, "amplitude of the sine"),
+        Quantity("pulsation_cosine_pa", "Pa", 8e3, -3e4, 3e4, "amplitude of the cosine"),
+        Quantity(
+            "pulsation_hz",
+            "Hz",
+            2.0,
+            0.1,
+            30.0,
+            "frequency",
+            is_strength=False,
+            # As close as a test of some seconds tells frequencies apart.
+            grid=tuple(0.125 * n for n in range(2, 41)),
+        ),
+    )
+    signature = "filling flow of both chambers, periodic in time whatever they do"
+    rivals = ("supply-droop",)
+    tie_breaker = "log the supply pressure"
+    source = "Beater, Pneumatic Drives, 2007 (compressed air supply: pulsating delivery)"
+
+    def supply_pressure(self, pressure: Array, side: str, point: Point) -> Array:
+        xp = array_namespace(point.time, self.pulsation_hz)
+        phase = (2.0 * math.pi) * self.pulsation_hz * point.time
+        wave = self.pulsation_sine_pa * xp.sin(phase) + self.pulsation_cosine_pa * xp.cos(phase)
+        return pressure + wave
+
+
+EFFECTS: tuple[type[CatalogueEffect], ...] = (SupplyDroop, ExhaustBackPressure, SupplyPulsation)

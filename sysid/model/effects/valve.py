@@ -318,10 +318,76 @@ class CoilHeating(CatalogueEffect):
         return delays + (self.on_delay_drift_s if opening else self.off_delay_drift_s) * warmed
 
 
+@dataclass(frozen=True)
+class StickingValve(CatalogueEffect):
+    """A valve that has rested opens late: its delay grows with the rest, d t / (t + tau).
+
+    t is the time since its last command to close; before the first one of a test it has rested for
+    long. A pulse that ends before the valve comes loose does not open it. Pulses follow a rest of
+    milliseconds under PWM, of seconds in a test of single pulses.
+    """
+
+    stuck_delay_s: Array = 0.0
+    sticking_time_s: Array = 0.1
+    side: str = "both"
+
+    id = "sticking-valve"
+    title = "Valve that sticks after a rest"
+    subsystem = "valve"
+    quantities = (
+        Quantity("stuck_delay_s", "s", 2e-3, 0.0, 2e-2, "added to the opening delay, long rested"),
+        Quantity(
+            "sticking_time_s",
+            "s",
+            0.1,
+            1e-3,
+            60.0,
+            "rest after which half of it is added",
+            is_strength=False,
+            grid=(0.01, 0.03, 0.1, 0.3, 1.0),
+        ),
+    )
+    signature = "mass of air missing from pulses after a pause, less under PWM"
+    rivals = ("valve-delay", "duty-dead-zone", "coil-heating")
+    tie_breaker = "equal pulses after pauses of several lengths"
+    source = (
+        "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994: static friction that "
+        "rises with the time at rest, here that of the valve's seals"
+    )
+
+    def _later(self, on: Array, last_off: Array) -> Array:
+        """Starts of pulses, s, as late as the rest since `last_off` makes them."""
+        xp = array_namespace(on, self.stuck_delay_s)
+        real = on > -xp.inf
+        rest = xp.where(real, on, 0.0) - xp.where(real, last_off, 0.0)
+        rested = 1.0 - self.sticking_time_s / (xp.maximum(rest, 0.0) + self.sticking_time_s)
+        return on + xp.where(real, self.stuck_delay_s * rested, 0.0)
+
+    def pulses(self, on: Array, off: Array, side: str) -> tuple[Array, Array]:
+        if not of_side(side, self.side) or len(on) == 0:
+            return on, off
+        # One that starts after its end, once delayed, cancels there.
+        return self._later(on, np.concatenate(([-np.inf], off[:-1]))), off
+
+    def recent_pulses(self, on: Array, off: Array, until: Array, side: str) -> tuple[Array, Array]:
+        """See `Effect`; a valve without a pulse among these has rested for long.
+
+        Beside a dead zone, which forgets pulses, that may be too long.
+        """
+        if not of_side(side, self.side):
+            return on, off
+        xp = array_namespace(on, self.stuck_delay_s)
+        last = [xp.full_like(off[0], -xp.inf)]
+        for ended in off[:0:-1]:
+            last.insert(0, xp.maximum(last[0], ended))
+        return self._later(on, xp.stack(last)), off
+
+
 EFFECTS: tuple[type[CatalogueEffect], ...] = (
     SubsonicFlowShape,
     ChokedExhaustScaling,
     ValveDelay,
     DutyDeadZone,
     CoilHeating,
+    StickingValve,
 )
