@@ -16,6 +16,7 @@ from sysid.refinement.estimation import Estimated, FrictionScatter, estimate
 from sysid.refinement.lengthening import _neighbours, _Piece
 from sysid.refinement.problem import Iterate, Problem, RunErrors
 from sysid.refinement.profiles import profile
+from sysid.refinement.reduction import ReducedEquations
 from sysid.refinement.runs import Run
 from sysid.refinement.scan import scanned
 from sysid.refinement.solver import solve
@@ -225,23 +226,57 @@ def test_a_channel_without_noise_is_not_known_exactly(
     assert np.isfinite(one.factor).all()
 
 
-def test_errors_are_those_of_leaving_out_a_run(found: Estimated) -> None:
-    """The jackknife's steps are what the equations without a run's rows give."""
-    at = found.solution.at
-    everything = np.vstack([*at.own, np.column_stack([at.prior, np.zeros(len(at.prior))])])
-    free = ~np.all(everything[:, :-1] == 0.0, axis=0)
-    steps = []
-    for i in range(len(at.own)):
-        rest = [rows for j, rows in enumerate(at.own) if j != i]
-        slopes = np.vstack([*rest, np.column_stack([at.prior, np.zeros(len(at.prior))])])
-        score = -at.own[i][:, :-1].T @ at.own[i][:, -1]  # what the others' gradient is at the end
-        information = slopes[:, :-1].T @ slopes[:, :-1]
-        steps.append(np.linalg.lstsq(information, -score, rcond=None)[0])
-    count = len(steps)
-    spread = np.sum(np.square(steps), axis=0) * (count - 1) / count
-    spread += np.sum((at.prior @ at.covariance()) ** 2, axis=0)
-    expected = np.maximum(spread, np.diag(at.covariance()))
-    assert np.diag(at.error_covariance())[free] == pytest.approx(expected[free], rel=1e-3)
+def with_errors_of(size: float, at: ReducedEquations, rng: np.random.Generator) -> ReducedEquations:
+    """The equations at the least squares of runs whose errors are drawn of this size."""
+    drawn = [size * rng.standard_normal(len(rows)) for rows in at.own]
+    step = at.covariance() @ sum(rows[:, :-1].T @ e for rows, e in zip(at.own, drawn, strict=True))
+    own = [
+        np.column_stack([rows[:, :-1], e - rows[:, :-1] @ step])
+        for rows, e in zip(at.own, drawn, strict=True)
+    ]
+    return dataclasses.replace(at, own=tuple(own))
+
+
+def test_errors_are_enlarged_by_what_the_runs_show_beyond_chance(found: Estimated) -> None:
+    rng, at, flow = np.random.default_rng(1), found.solution.at, 2
+    by_chance = [with_errors_of(1.0, at, rng).enlargement()[flow] for _ in range(40)]
+    assert np.median(by_chance) == 1.0
+    assert np.mean(np.array(by_chance) > 1.0) <= 0.1
+    larger = [with_errors_of(6.0, at, rng).enlargement()[flow] for _ in range(40)]
+    assert np.sqrt(np.mean(np.square(larger))) == pytest.approx(6.0, rel=0.25)
+
+
+def test_rows_of_an_encoder_at_rest_count_as_one(simulated: tuple[list[Run], Model]) -> None:
+    run = simulated[0][0]
+    count = len(run.inputs.time)
+    position = np.arange(count, dtype=float)
+    position[100:300] = 100.0  # a rest of 0.2 s
+    position[400:410] = 400.0  # slow, but it moves
+    own = dataclasses.replace(run, measured=np.array([position, position, position]))
+    rows = np.random.default_rng(2).standard_normal((count, 3))
+    found = own.independent(0, rows)
+    assert len(found) == count - 199
+    assert found[100] == pytest.approx(rows[100:300].mean(axis=0))
+    assert found[101:] == pytest.approx(rows[300:])
+    assert own.independent(1, rows) is rows
+
+
+def test_where_no_test_is_followed_their_breakaway_is_scanned(
+    simulated: tuple[list[Run], Model],
+) -> None:
+    """None is worse than the others, and the noise says so all the same."""
+    runs, model = simulated
+    off = np.array([0.0, 50.0, 50.0])[:, None]
+    ramp = np.linspace(-1.0, 1.0, len(runs[0].inputs.time))
+    wrong = [
+        dataclasses.replace(r, measured=r.measured + off * r.noise[:, None] * ramp)
+        for r in runs
+        if r.test == 0
+    ]
+    problem = dataclasses.replace(problem_of(wrong, model), tests=1)
+    said: list[str] = []
+    estimate(problem, SCATTER, progress=said.append)
+    assert "round 1: breakaway of 1 tests" in said
 
 
 def test_a_segment_that_was_left_out_is_not_joined_in() -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import math
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
@@ -76,6 +77,13 @@ class Rig:
     def position_channel(self) -> str:
         """`position_m` on a linear rig, else `theta_rad`."""
         return "position_m" if self.is_linear else "theta_rad"
+
+    @property
+    def encoder_step(self) -> float | None:
+        """An encoder's count, rad or m; None where its number of counts is not declared."""
+        sensors = self.sensors
+        counts = sensors.encoder_counts_per_m if self.is_linear else sensors.encoder_counts_per_rev
+        return None if counts is None else (1.0 if self.is_linear else 2.0 * math.pi) / counts
 
     @property
     def effort_channel(self) -> str:

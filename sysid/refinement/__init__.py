@@ -6,6 +6,6 @@ stretches that are simulated), `problem` (their errors with slopes, whitened), `
 `result` and `updating` (what comes out).
 
 `advice` says which test to run next: `candidates`, `bench_candidates` (tests that could be run),
-`options` (them and the campaign as one problem), `expected_errors`, `information` (of a test),
-`probes` and `effect_sizes` (effects at strength zero), `advice_result`.
+`options` (them and the campaign as one problem), `expected_errors` (the logs refined),
+`information` (of a test), `probes` and `effect_sizes` (effects at strength zero), `advice_result`.
 """

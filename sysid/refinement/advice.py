@@ -14,6 +14,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from sysid.bundle import Bundle
 from sysid.errors import input_error
@@ -24,6 +25,7 @@ from sysid.model.effects.linear import for_rig
 from sysid.refinement.advice_result import AdviceResult, CandidateTest, Tie
 from sysid.refinement.candidates import CandidateMotion, candidate_motions
 from sysid.refinement.effect_sizes import effect_sizes
+from sysid.refinement.expected_errors import with_expected_errors
 from sysid.refinement.information import covariance
 from sysid.refinement.options import (
     AdviceSetting,
@@ -33,7 +35,6 @@ from sysid.refinement.options import (
     noise_of,
     problem_of,
     runs_of_tests,
-    with_expected_errors,
 )
 from sysid.refinement.probes import Probes, probes_of
 from sysid.refinement.refine import KINDS, bench_scatter, check_on_off_law, motion_tests_of
@@ -76,20 +77,23 @@ def advise(
     progress("reading motion logs")
     logged = motion_tests_of(campaign, campaign.select(KINDS, use="fit"), bundle, notices)
     unknowns = tuple(chosen(unknowns_of(bundle, rig, model)))
-    setting = AdviceSetting(rig, model, unknowns, noise_of(logged, rig), bench_scatter(bundle).pair)
-    progress("errors of the motion logs")
-    setting = with_expected_errors(setting, logged)
-    if bundle.refinement is not None:
+    scatter = bench_scatter(bundle)
+    setting = AdviceSetting(rig, model, unknowns, noise_of(logged, rig), scatter.pair)
+    progress("refining the motion logs")
+    with threadpool_limits(1, user_api="blas"):
+        setting = with_expected_errors(setting, logged, scatter, progress)
+    is_refined = bundle.refinement is not None
+    if is_refined:
         notices.append(_REFINED.format(bundle.source))
-        logged = []
     progress("drawing tests that the rig can do")
-    tests = runs_of_tests(logged, candidate_motions(rig, model), setting)
+    motions = candidate_motions(rig, model)
+    tests = runs_of_tests(setting, motions, count_logs=not is_refined)
     known = for_rig(own_catalogue() if catalogue is None else catalogue, rig.is_linear)
     rivals = _rivals(bundle, known)
     probes = probes_of(model, [known[r] for own in rivals.values() for r in own])
     problem = problem_of(tests, probes, setting)
     progress(f"simulating {len(tests.runs)} segments with their slopes")
-    now, options = information(problem, tests)
+    now, options = information(problem, tests, setting)
     options += bench_options(problem, setting)
     p = len(unknowns)
     options.sort(key=lambda o: -_reduction(now, o, p))
@@ -147,7 +151,7 @@ def _candidate(
 ) -> CandidateTest:
     std = _std(now + option.information, unknowns)
     gain = _reduction(now, option, len(unknowns))
-    motion = None if option.motion is None else motions[option.motion].first(option.duration)
+    motion = None if option.motion is None else motions[option.motion]
     return CandidateTest(option.kind, option.text, option.duration, std, gain, motion)
 
 

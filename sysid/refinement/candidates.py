@@ -57,10 +57,21 @@ class CandidateMotion:
             self.kind, self.text, self.time[:n], self.motor[:n], valves, self.channels[:, :n]
         )
 
+    @property
+    def duration(self) -> float:
+        """Of all its rows, s."""
+        return round(len(self.time) * float(self.time[1] - self.time[0]), 6)
+
     def trial(self, rig: Rig, noise: FloatArray, seed: int) -> Trial:
-        """The test as it would be logged, with noise of these standard deviations (3,)."""
+        """The test as it would be logged, with noise of these standard deviations (3,).
+
+        The position in counts where an encoder's are declared: a shaft at rest shows one.
+        """
         rng = np.random.default_rng(seed)
         shown = self.channels + noise[:, None] * rng.standard_normal(self.channels.shape)
+        step = rig.encoder_step
+        if step is not None:
+            shown[0] = step * np.round(self.channels[0] / step)
         names = (rig.position_channel, "pressure_a_pa", "pressure_b_pa")
         found = {rig.effort_channel: self.motor, **dict(zip(names, shown, strict=True))}
         if self.valves is not None:

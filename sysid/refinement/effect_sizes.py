@@ -45,7 +45,7 @@ def effect_sizes(
         return (), {e.id: "no motion test" for e in probes.effects}
     progress(f"{probes.columns} strengths of effects that the model lacks, at zero")
     problem = problem_of(some, probes, setting)
-    now, motions = information(problem, some)
+    now, motions = information(problem, some, setting)
     more = [_same(o, motions, numbers) for o in best]
     skipped = dict.fromkeys(without_slope(problem, probes), _NO_SLOPE)
     sizes, places = [], probes.places()

@@ -17,10 +17,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.errors import SimulationError
+from sysid.model.ports import Model
 from sysid.parallel import OutOfTimeError
 from sysid.refinement.estimation import Estimated, followed, whitening_of
 from sysid.refinement.problem import Iterate, Problem
-from sysid.refinement.runs import run_of
+from sysid.refinement.runs import Run, run_of
 from sysid.refinement.solver import Solution, solve
 from sysid.refinement.unknowns import model_at
 from sysid.refinement.whole_tests import rmse, times, whole_residuals
@@ -75,6 +76,16 @@ def lengthened(
     return found
 
 
+def joined_runs(
+    runs: Sequence[Run], tests: Sequence[MotionTest], joined: int, model: Model, position: str
+) -> list[Run]:
+    """Runs of tests, so many of them as one; 0: all of a test."""
+    if joined == 1:
+        return list(runs)
+    pieces = _pieces(runs, tests, joined, ())
+    return [_run_of(piece, runs, tests, model, position) for piece in pieces]
+
+
 def _errors(found: Estimated, tests: Sequence[MotionTest]) -> FloatArray:
     """RMSE (3,) of whole tests at an estimate; NaN where one cannot be simulated."""
     problem, shared = found.problem, found.solution.point.shared
@@ -90,20 +101,17 @@ def _longer(found: Estimated, tests: Sequence[MotionTest], joined: int) -> Estim
     """The estimate from joined segments; None where the data are against it."""
     apart: set[tuple[int, int, int]] = set()
     for _ in range(_TRIES):
-        pieces = _pieces(found.problem, tests, joined, apart)
+        pieces = _pieces(found.problem.runs, tests, joined, apart)
         if len(pieces) == len(found.problem.runs):
             return None
         problem, point = _problem_of(found, tests, pieces)
-        follows, residuals = _at_once(problem, point)
-        broken = _broken(pieces, follows)
+        broken = _broken(pieces, _follows_at_once(problem, point))
         if not broken:
-            white = whitening_of(problem.runs, residuals)
-            problem = dataclasses.replace(problem, whitening=(white,) * len(pieces))
-            solution = solve(problem, point, _EVALUATIONS, _CLOSELY, first_step=_UNDAMPED)
+            problem, solution = _solved(problem, point)
             follows = solution.counted & followed(problem, solution.at.runs, solution.counted)
             broken = _broken(pieces, follows)
             if not broken:
-                return _accepted(found, problem, solution)
+                return _accepted(found, problem, solution, joined)
         apart |= broken
     return None
 
@@ -114,7 +122,9 @@ def _broken(pieces: Sequence[_Piece], follows: BoolArray) -> set[tuple[int, int,
     return {piece.key for piece, f in pairs if not f and len(piece.members) > 1}
 
 
-def _accepted(found: Estimated, problem: Problem, solution: Solution) -> Estimated | None:
+def _accepted(
+    found: Estimated, problem: Problem, solution: Solution, joined: int
+) -> Estimated | None:
     """The longer runs' estimate if it converged and does not contradict the shorter runs'."""
     p = len(problem.unknowns)
     std = np.sqrt(np.diag(found.error_covariance())[:p])
@@ -129,14 +139,25 @@ def _accepted(found: Estimated, problem: Problem, solution: Solution) -> Estimat
         solution=solution,
         evaluations=evaluations,
         shorter=found.shorter or found,
+        joined=joined,
     )
 
 
-def _at_once(problem: Problem, point: Iterate) -> tuple[BoolArray, list[FloatArray]]:
-    """Whether the model follows each run from the point, and the residuals (3, n) there."""
+def _follows_at_once(problem: Problem, point: Iterate) -> BoolArray:
+    """Whether the model follows each run from the point."""
     runs = problem.linearised(point)
-    every = np.ones(len(runs), dtype=bool)
-    return followed(problem, runs, every), [run.errors.residual for run in runs]
+    return followed(problem, runs, np.ones(len(runs), dtype=bool))
+
+
+def _solved(problem: Problem, point: Iterate) -> tuple[Problem, Solution]:
+    """With the shorter runs' whitening, then with that of what is left."""
+    first = solve(problem, point, _EVALUATIONS, _CLOSELY, first_step=_UNDAMPED)
+    left = [run.errors.residual for run in first.at.runs]
+    white = whitening_of(problem.runs, left)
+    problem = dataclasses.replace(problem, whitening=(white,) * len(left))
+    second = solve(problem, first.point, _EVALUATIONS, _CLOSELY, first_step=_UNDAMPED)
+    evaluations = first.evaluations + second.evaluations
+    return problem, dataclasses.replace(second, evaluations=evaluations)
 
 
 def _problem_of(
@@ -144,21 +165,25 @@ def _problem_of(
 ) -> tuple[Problem, Iterate]:
     """The problem of these runs and its point: each starts as its first member did."""
     old, point = found.problem, found.solution.point
-    runs, starts = [], np.array([point.starts[piece.members[0]] for piece in pieces])
-    for i, piece in enumerate(pieces):
-        if len(piece.members) == 1:
-            runs.append(old.runs[piece.members[0]])
-            continue
-        own = run_of(piece.test, tests[piece.test], piece.segment, old.model, old.position)
-        runs.append(own)
-        if own.inputs.elapsed < old.runs[piece.members[0]].inputs.elapsed:
+    starts = np.array([point.starts[piece.members[0]] for piece in pieces])
+    runs = [_run_of(piece, old.runs, tests, old.model, old.position) for piece in pieces]
+    for i, (piece, run) in enumerate(zip(pieces, runs, strict=True)):
+        if run.inputs.elapsed < old.runs[piece.members[0]].inputs.elapsed:
             starts[i] = 0.0  # the test's first row: a start of its own
     longer = dataclasses.replace(old, runs=tuple(runs), whitening=(old.whitening[0],) * len(runs))
     return longer, Iterate(point.shared, point.friction, starts)
 
 
+def _run_of(
+    piece: _Piece, runs: Sequence[Run], tests: Sequence[MotionTest], model: Model, position: str
+) -> Run:
+    if len(piece.members) == 1:
+        return runs[piece.members[0]]
+    return run_of(piece.test, tests[piece.test], piece.segment, model, position)
+
+
 def _pieces(
-    problem: Problem,
+    runs: Sequence[Run],
     tests: Sequence[MotionTest],
     joined: int,
     apart: Container[tuple[int, int, int]],
@@ -167,17 +192,18 @@ def _pieces(
     found = []
     for number, test in enumerate(tests):
         rows = min((s.stop - s.start for s in test.segments), default=0)
-        for group in _neighbours(_present(problem, number, test), joined, _GAP * rows):
+        for group in _neighbours(_present(runs, number, test), joined, _GAP * rows):
             piece = _as_one(group, test, whole=not joined)
             found += group if piece.key in apart else [piece]
     return found
 
 
-def _present(problem: Problem, number: int, test: MotionTest) -> list[_Piece]:
+def _present(runs: Sequence[Run], number: int, test: MotionTest) -> list[_Piece]:
     """A test's runs in the order of time."""
     found = []
-    for i in problem.members(number):
-        run = problem.runs[i]
+    for i, run in enumerate(runs):
+        if run.test != number:
+            continue
         start = int(np.argmin(np.abs(test.time - test.time[0] - run.inputs.elapsed)))
         same = [s for s in (*test.segments, test.whole) if s.start == start]
         segment = dataclasses.replace(same[0], stop=start + len(run.inputs.time))
@@ -208,4 +234,4 @@ def _as_one(group: Sequence[_Piece], test: MotionTest, *, whole: bool) -> _Piece
     return _Piece(group[0].test, segment, tuple(m for piece in group for m in piece.members))
 
 
-__all__ = ["lengthened"]
+__all__ = ["joined_runs", "lengthened"]

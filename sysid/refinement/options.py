@@ -14,9 +14,11 @@ from sysid.io.rig import Rig
 from sysid.model.ports import Model
 from sysid.refinement.bench_candidates import bench_candidates
 from sysid.refinement.candidates import DURATION_S, CandidateMotion
-from sysid.refinement.expected_errors import expected_errors
+from sysid.refinement.estimation import Estimated
 from sysid.refinement.information import ProbedProblem, information_of, prior_information
-from sysid.refinement.probes import Probes, probes_of
+from sysid.refinement.lengthening import joined_runs
+from sysid.refinement.probes import Probes
+from sysid.refinement.problem import Iterate, Problem
 from sysid.refinement.refine import SEGMENT_S
 from sysid.refinement.runs import Run, runs_of
 from sysid.refinement.unknowns import Unknown
@@ -31,8 +33,8 @@ _SHORT_S = 5.0
 class AdviceSetting:
     """What all of the advice shares: the bundle's model, its unknowns, `noise` (3,) of a sample.
 
-    `scatter` of sliding and static friction from test to test, relative. `whitening` by channel.
-    `enlargement` of each unknown's standard error over its information (`ProbedProblem`).
+    `scatter` of sliding and static friction from test to test, relative. `refined`: the estimate
+    from the campaign's motion logs, None without any.
     """
 
     rig: Rig
@@ -40,12 +42,19 @@ class AdviceSetting:
     unknowns: tuple[Unknown, ...]
     noise: FloatArray
     scatter: tuple[float, float]
-    whitening: tuple[Whitening, ...] = ()
-    enlargement: tuple[float, ...] = ()
+    refined: Estimated | None = None
 
     def errors_of(self, run: Run) -> tuple[Whitening, ...]:
         """What a run's errors are like, by channel: white noise, where nothing else is known."""
-        return self.whitening or tuple(Whitening.white(float(n)) for n in run.noise)
+        if self.refined is None:
+            return tuple(Whitening.white(float(n)) for n in run.noise)
+        return self.refined.problem.whitening[0]
+
+    @property
+    def enlargement(self) -> tuple[float, ...]:
+        """Of each unknown's standard error over its information (`ProbedProblem`)."""
+        found = None if self.refined is None else self.refined.enlargement()
+        return () if found is None else tuple(found[: len(self.unknowns)].tolist())
 
 
 @dataclass(frozen=True)
@@ -88,32 +97,47 @@ def noise_of(tests: Sequence[MotionTest], rig: Rig) -> FloatArray:
     shown = np.array([t.noise.total for t in tests])
     if len(shown) and np.isfinite(shown).any(axis=0).all():
         return np.asarray(np.nanmedian(shown, axis=0))
-    sensors = rig.sensors
-    counts = sensors.encoder_counts_per_m if rig.is_linear else sensors.encoder_counts_per_rev
-    if counts is None or sensors.pressure_noise_pa is None:
+    sensors, step = rig.sensors, rig.encoder_step
+    if step is None or sensors.pressure_noise_pa is None:
         raise input_error(
             rig.source,
             "declares no noise of the sensors, and no motion log to fit on shows it",
             "add the encoder's counts and pressure_noise_pa under [sensors]",
         )
-    step = (1.0 if rig.is_linear else 2.0 * math.pi) / counts
     return np.array([step / math.sqrt(12.0), *[sensors.pressure_noise_pa] * 2])
 
 
 def runs_of_tests(
-    logged: Sequence[MotionTest], motions: Sequence[CandidateMotion], setting: AdviceSetting
+    setting: AdviceSetting, motions: Sequence[CandidateMotion], *, count_logs: bool
 ) -> RunsOfTests:
-    """Runs of all tests; those that could be run are cut as if they had been logged."""
-    rig, noise = setting.rig, setting.noise
+    """Runs of the refined logs and of tests that could be run, each of those after a short and
+    its whole time; as long as the logs' refinement has them.
+    """
+    rig, noise, found = setting.rig, setting.noise, setting.refined
+    first = found.problem.tests if found is not None and count_logs else 0
+    runs = list(found.problem.runs) if found is not None and first else []
+    every = [m.first(length) for m in motions for length in (_SHORT_S, DURATION_S)]
     made = [
-        prepare(m.trial(rig, noise, seed), m.kind, rig, SEGMENT_S) for seed, m in enumerate(motions)
+        prepare(m.trial(rig, noise, seed), m.kind, rig, SEGMENT_S) for seed, m in enumerate(every)
     ]
-    runs = [
-        run if test < len(logged) else dataclasses.replace(run, noise=noise)
-        for test, prepared in enumerate((*logged, *made))
-        for run in runs_of(test, prepared, setting.model, rig.position_channel)
-    ]
-    return RunsOfTests(tuple(runs), len(logged), tuple(motions))
+    model, position = setting.model, rig.position_channel
+    own = [r for i, test in enumerate(made) for r in runs_of(i, test, model, position)]
+    own = joined_runs(own, made, 1 if found is None else found.joined, model, position)
+    runs += [dataclasses.replace(run, test=first + run.test, noise=noise) for run in own]
+    return RunsOfTests(tuple(runs), first, tuple(every))
+
+
+def plain_problem(runs: Sequence[Run], tests: int, setting: AdviceSetting) -> Problem:
+    """Runs of tests as a refinement begins with them: the sensors' noise."""
+    return Problem(
+        runs=tuple(runs),
+        unknowns=setting.unknowns,
+        model=setting.model,
+        position=setting.rig.position_channel,
+        whitening=tuple(setting.errors_of(run) for run in runs),
+        scatter=setting.scatter,
+        tests=tests,
+    )
 
 
 def problem_of(tests: RunsOfTests, probes: Probes, setting: AdviceSetting) -> ProbedProblem:
@@ -132,38 +156,42 @@ def problem_of(tests: RunsOfTests, probes: Probes, setting: AdviceSetting) -> Pr
     )
 
 
-def information(problem: ProbedProblem, tests: RunsOfTests) -> tuple[FloatArray, list[Option]]:
+def point_of(problem: ProbedProblem, tests: RunsOfTests, setting: AdviceSetting) -> Iterate:
+    """Where the logs' refinement ended; a test that could be run has the model's friction."""
+    first, found = problem.first_point(), setting.refined
+    if found is None:
+        return first
+    point = found.solution.point
+    shared, friction, starts = np.array(first.shared), np.array(first.friction), first.starts
+    shared[: len(point.shared)] = point.shared
+    if problem.static_number is not None:
+        friction[:, 1] = shared[problem.static_number] / problem.scatter[1]
+    if tests.logged:
+        friction[: tests.logged] = point.friction
+        starts = np.concatenate([point.starts, starts[len(point.starts) :]])
+    return Iterate(shared, friction, starts)
+
+
+def information(
+    problem: ProbedProblem, tests: RunsOfTests, setting: AdviceSetting
+) -> tuple[FloatArray, list[Option]]:
     """Of the campaign with the bench tests (k, k), and each motion test that could be run."""
     now = prior_information(problem, len(problem.unknowns) + len(problem.sensors))
     if not tests.runs:
         return now, []
-    found = problem.linearised(problem.first_point())
+    found = problem.linearised(point_of(problem, tests, setting))
+
+    def said(test: int) -> FloatArray:
+        return information_of(problem, [found[i] for i in problem.members(test)])
+
     for test in range(tests.logged):
-        members = problem.members(test)
-        if members:
-            now = now + information_of(problem, [found[i] for i in members])
-    options = []
-    for number, motion in enumerate(tests.motions):
-        members = problem.members(tests.logged + number)
-        for length in (_SHORT_S, DURATION_S):
-            ends = [problem.runs[i].inputs.elapsed + SEGMENT_S for i in members]
-            own = [found[i] for i, end in zip(members, ends, strict=True) if end <= length]
-            if own:
-                said = information_of(problem, own)
-                options.append(Option(motion.kind, motion.text, length, said, number))
+        now = now + said(test)
+    options = [
+        Option(m.kind, m.text, m.duration, said(tests.logged + number), number)
+        for number, m in enumerate(tests.motions)
+        if problem.members(tests.logged + number)
+    ]
     return now, options
-
-
-def with_expected_errors(setting: AdviceSetting, logged: Sequence[MotionTest]) -> AdviceSetting:
-    """The setting with errors as the logged tests show them; white noise without such tests."""
-    tests = runs_of_tests(logged, [], setting)
-    if not tests.runs:
-        return setting
-    problem = problem_of(tests, probes_of(setting.model, []), setting)
-    found = expected_errors(dataclasses.replace(problem, robust=True))
-    return dataclasses.replace(
-        setting, whitening=found.whitening, enlargement=tuple(found.enlargement)
-    )
 
 
 def bench_options(problem: ProbedProblem, setting: AdviceSetting) -> list[Option]:
@@ -179,7 +207,8 @@ __all__ = [
     "bench_options",
     "information",
     "noise_of",
+    "plain_problem",
+    "point_of",
     "problem_of",
     "runs_of_tests",
-    "with_expected_errors",
 ]

@@ -13,7 +13,7 @@ import numpy as np
 from sysid.model.ports import Model, overrides
 from sysid.model.preparation import Inputs
 from sysid.model.sensors import VELOCITY_CHANNELS, through_sensors
-from sysid.model.simulator import MAX_STEP
+from sysid.model.simulator import MAX_STEP, Trajectory, simulate
 from sysid.model.tangents import Direction, Tangents, simulate_tangents
 from sysid.parallel import check_time
 from sysid.refinement.factors import triangular
@@ -89,7 +89,8 @@ class Problem:
 
     `whitening` by run and channel; `scatter` the standard deviation of each test's sliding and
     static friction about the model's, relative. `robust`: each channel of a run has errors of a
-    size of its own, at least the whitening's. `max_step` of the simulation, s.
+    size of its own, at least the whitening's. `max_step` of the simulation, s; with `fine_step` it
+    has the slopes alone, and the states are those of smaller steps.
     """
 
     runs: tuple[Run, ...]
@@ -101,6 +102,7 @@ class Problem:
     tests: int
     robust: bool = True
     max_step: float = MAX_STEP
+    fine_step: float | None = None
 
     def first_point(self) -> Iterate:
         """The bundle's values, the model's friction, the estimated starts."""
@@ -147,7 +149,12 @@ class Problem:
         check_time()
         directions = self._directions()
         models = self.models(point)
-        found = simulate_tangents(self.inputs(point), models, directions, max_step=self.max_step)
+        inputs = self.inputs(point)
+        found = simulate_tangents(inputs, models, directions, max_step=self.max_step)
+        if self.fine_step is not None:
+            # Slopes cost many times a simulation and need not be as exact.
+            runs = simulate(inputs, models, max_step=self.fine_step)
+            found = [_with_states(own, run) for own, run in zip(found, runs, strict=True)]
         return [
             self._equations(i, self._errors(run, own, model, point, directions), point)
             for i, (run, own, model) in enumerate(zip(self.runs, found, models, strict=True))
@@ -237,7 +244,7 @@ class Problem:
             if np.isnan(errors.residual[channel]).any():
                 continue
             columns = np.vstack([errors.slopes[:, channel], errors.residual[None, channel]])
-            white = whitening(columns.T)
+            white = whitening(self.runs[number].independent(channel, columns.T))
             if self.robust:
                 ratio = float(np.mean(white[:, -1] ** 2))
                 weight = 1.0 / (1.0 + ratio)
@@ -292,6 +299,10 @@ class Problem:
     @functools.cached_property
     def _prior_factor(self) -> FloatArray:
         return prior_factor(self.unknowns)
+
+
+def _with_states(found: Tangents, run: Trajectory) -> Tangents:
+    return found._replace(states=np.array([getattr(run, name) for name in STATES]))
 
 
 def _sensor_moved(model: Model, direction: Direction, step: float) -> tuple[float, Model]:

@@ -27,6 +27,9 @@ _INFORMED = 5.0
 _NOTHING = 1e-12
 # A run that alone says something leaves nothing of it without it.
 _LEAST_LEFT = 1e-6
+_LEAST_SHARE = 1e-12
+# Runs that scatter by more than chance lets 99 of 100 do so for a reason: many unknowns are asked.
+_SURE = 0.99
 
 
 @dataclass(frozen=True)
@@ -69,14 +72,36 @@ class ReducedEquations:
         return np.asarray(inverse @ inverse.T)
 
     def error_covariance(self) -> FloatArray:
-        """The same, no smaller than leaving out one run after the other says.
-
-        A run whose errors are larger, or more alike, than the whitening says counts as it is: the
-        jackknife over runs, linearised (Bell, McCaffrey 2002), as one run may hold most of what is
-        known of a parameter. The correlations are those of the information.
-        """
+        """The same, larger where the runs scatter more than the whitening lets them."""
         inverse = self.covariance()
-        return self._enlarged(inverse, [_step_without(rows, inverse) for rows in self.own])
+        larger = self.enlargement()
+        return np.asarray(inverse * np.outer(larger, larger))
+
+    def enlargement(self) -> FloatArray:
+        """By how much errors (m,) exceed those of the information; 1 where chance may do it.
+
+        Each run's gradient, corrected for its leverage, has the variance that its information
+        says where the whitening is right (Bell, McCaffrey 2002). What the model lacks makes
+        runs differ by more, and their sum of squares larger than chance lets a chi-squared of
+        as many degrees of freedom be as there are runs that speak of the unknown (Satterthwaite
+        1946).
+        """
+        from scipy.stats import chi2
+
+        inverse = self.covariance()
+        known = np.maximum(np.diag(inverse), np.finfo(float).tiny)
+        shares = np.array([np.sum((rows[:, :-1] @ inverse) ** 2, axis=0) for rows in self.own])
+        if not len(shares):
+            return np.ones(len(known))
+        shares = np.maximum(shares / known, _LEAST_SHARE)
+        steps = np.array([_step_alone(rows, inverse) for rows in self.own])
+        total = shares.sum(axis=0)
+        runs = total**2 / np.sum(shares**2, axis=0)
+        ratio = np.sum(steps**2, axis=0) / known / total
+        chance = chi2.ppf(_SURE, runs) / runs
+        # The prior's share of what is known scatters as it says.
+        found = 1.0 + np.minimum(total, 1.0) * np.where(ratio > chance, ratio - 1.0, 0.0)
+        return np.asarray(np.sqrt(np.maximum(found, 1.0)))
 
     def _enlarged(self, inverse: FloatArray, steps: Sequence[FloatArray]) -> FloatArray:
         """A covariance (m, m), no smaller than what steps (m,) of the runs add up to."""
@@ -122,12 +147,12 @@ class ReducedEquations:
         return found
 
 
-def _step_without(rows: FloatArray, inverse: FloatArray) -> FloatArray:
-    """Step (m,) of the reduced unknowns where a run's rows (k, m + 1) are left out."""
+def _step_alone(rows: FloatArray, inverse: FloatArray) -> FloatArray:
+    """Step (m,) of the reduced unknowns by a run's rows (k, m + 1), as if it had no leverage."""
     slopes, residual = rows[:, :-1], rows[:, -1]
     influence = slopes @ inverse
     left, vectors = np.linalg.eigh(np.eye(len(rows)) - influence @ slopes.T)
-    scaled = (vectors.T @ residual) / np.maximum(left, _LEAST_LEFT)
+    scaled = (vectors.T @ residual) / np.sqrt(np.maximum(left, _LEAST_LEFT))
     return np.asarray((vectors @ scaled) @ influence)
 
 

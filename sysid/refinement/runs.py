@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Any
@@ -12,7 +13,7 @@ import numpy as np
 from sysid.model.ports import Model
 from sysid.model.preparation import Inputs
 from sysid.model.sensors import true_start
-from sysid.types import FloatArray
+from sysid.types import FloatArray, IntArray
 from sysid.validation.motion_tests import MotionTest, Segment
 from sysid.validation.simulation import inputs_of
 
@@ -26,6 +27,8 @@ _LEAST_START_STD = (1e-9, 1e-9, 1e-3, 1e-3)
 _NOT_LOGGED = 1e3
 # A channel that shows no noise at all is not known exactly.
 _LEAST_NOISE = np.array([1e-7, 1.0, 1.0])
+# An encoder's count that stays this long, s, is that of a shaft at rest.
+_REST_S = 0.02
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,29 @@ class Run:
     def start(self) -> FloatArray:
         """The estimated start state, (4,): rad or m, rad/s or m/s, Pa, Pa."""
         return np.array([getattr(self.inputs, name) for name in STATES], dtype=float)
+
+    def independent(self, channel: int, columns: FloatArray) -> FloatArray:
+        """Columns (n, k) of a channel's rows as (m, k), of errors that are not the same.
+
+        At rest an encoder repeats one count with the same rounding error: all of a rest's rows
+        say what one does, and count as one, their mean.
+        """
+        if channel or np.isnan(self.measured[0]).any():
+            return columns
+        found: FloatArray = np.add.reduceat(columns, self._rows, axis=0)
+        return found / np.diff(self._rows, append=len(columns))[:, None]
+
+    @functools.cached_property
+    def _rows(self) -> IntArray:
+        """The first row of each rest, and every other row."""
+        count = len(self.inputs.time)
+        changes = np.flatnonzero(np.diff(self.measured[0])) + 1
+        first = np.concatenate([[0], changes])
+        length = np.diff(first, append=count)
+        row_s = float(np.ptp(self.inputs.time)) / max(count - 1, 1)
+        own = np.repeat(length * row_s < _REST_S, length)
+        own[first] = True
+        return np.flatnonzero(own)
 
     def from_start(self, state: FloatArray) -> Inputs:
         """Its inputs from another start state (4,)."""

@@ -87,7 +87,7 @@ def _part(
     errors = RunErrors(states - run.measured, local).kept(run)
     columns = [*errors.slopes, errors.residual]
     channels = tuple(
-        whitening(np.column_stack([c[channel] for c in columns]))
+        whitening(run.independent(channel, np.column_stack([c[channel] for c in columns])))
         for channel, whitening in enumerate(problem.whitening[number])
         if not np.isnan(run.measured[channel]).any()
     )
