@@ -227,7 +227,8 @@ def test_an_effect_in_the_bundle_is_refined_beside_the_others(
     result, plain = refine(each.campaign, bundle), refine(each.campaign, each.bundle)
     found = by_name(result)
     drag = found[f"{kind.id}.{strength.label}"]
-    assert abs(drag.value - DRAG) < 0.6 * abs(1.2 * DRAG - DRAG)
+    # Four tests' scatter of friction moves drag and viscous friction along one another.
+    assert abs(drag.value - DRAG) < 0.8 * abs(1.2 * DRAG - DRAG)
     for name, truth in each.truth.items():
         if name != "offset_nm":
             assert found[name].value == pytest.approx(truth, rel=0.1), name
