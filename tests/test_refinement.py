@@ -188,6 +188,14 @@ def test_names_choose_and_an_unknown_one_is_refused(
         chosen(every, fix=["mass"])
 
 
+def test_a_run_shorter_than_the_whitening_has_its_first_rows_variance() -> None:
+    """A run at rest is one reading."""
+    white = Whitening(np.array([0.5, 0.2]), 1.0)
+    long = white(np.ones((5, 1)))
+    np.testing.assert_array_equal(white(np.ones((1, 1))), long[:1])
+    assert white(np.ones((0, 1))).shape == (0, 1)
+
+
 def test_whitening_leaves_innovations() -> None:
     rng = np.random.default_rng(1)
     noise = rng.standard_normal(20000)

@@ -43,7 +43,8 @@ class Whitening:
             white[lag:] -= a * columns[:-lag]
         if order:
             # As many rows as the order: with what of the past there is.
-            white[:order] *= self._start_shares()[:, None]
+            shares = self._start_shares()[: len(white)]
+            white[:order] *= shares[:, None]
         return white / self.std
 
     def _start_shares(self) -> FloatArray:
