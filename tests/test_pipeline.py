@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -234,6 +235,25 @@ def test_a_changed_log_makes_the_run_stale(
     stages = json.loads(captured.out)["stages"]
     assert all("motion_motor_2.csv" in (stage["why"] or "") for stage in stages)
     assert "sysid: check: stale, changed: motion_motor_2.csv; starts again\n" in captured.err
+
+
+def test_a_file_of_another_layout_is_made_anew(tmp_path: Path) -> None:
+    from sysid.commands.stages import Stage, perform
+
+    made: list[int] = []
+
+    def write(run: Any) -> None:
+        made.append(1)
+        run.path("one.json").write_text("{}")
+
+    run: Any = SimpleNamespace(
+        inputs={}, surface="ann", seed=0, effects=None, refine=True, folder=tmp_path, notices=[],
+        campaign=SimpleNamespace(own=None), path=lambda name: tmp_path / name, tell=lambda _: None,
+    )  # fmt: skip
+    old, new = (Stage("one", ("one.json",), (), write, layout=n) for n in (1, 2))
+    assert perform(run, old).why and perform(run, old).why is None
+    assert "layout" in (perform(run, new).why or "")
+    assert perform(run, new).why is None and len(made) == 2
 
 
 def test_an_unusable_folder_is_one_line(

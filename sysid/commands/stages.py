@@ -136,7 +136,8 @@ class Stage:
 
     `reads_effects`: whether a file of further effects is one of its inputs; `reads_refine`:
     whether it does the refinement where one is asked for; `was_cut_short`: whether its output says
-    that time ran out for some of it.
+    that time ran out for some of it; `layout` is raised when the files that it writes change
+    theirs, so that those of an earlier program are made anew.
     """
 
     name: str
@@ -146,6 +147,7 @@ class Stage:
     reads_effects: bool = True
     reads_refine: bool = False
     was_cut_short: Callable[[PipelineRun], bool] = lambda run: False
+    layout: int = 1
 
 
 def perform(run: PipelineRun, stage: Stage) -> StageReport:
@@ -161,6 +163,8 @@ def perform(run: PipelineRun, stage: Stage) -> StageReport:
     own = component_in(run.campaign)
     if own is not None:
         made_from["--component"] = f"{own.name} {own.sha256}"
+    if stage.layout > 1:
+        made_from["layout"] = str(stage.layout)
     if stage.reads_refine:
         made_from["--refine"] = str(run.refine)
     state = _read_state(run.folder)
@@ -349,6 +353,7 @@ def stages_of(run: PipelineRun) -> list[Stage]:
             _diagnose,
             reads_refine=True,
             was_cut_short=_was_cut_short,
+            layout=2,
         ),
         Stage("refine", (_REFINED_FILE,), (refined_from,), _refine),
         Stage("validate", (BUNDLE_FILE,), (run.model_file,), _validate),
