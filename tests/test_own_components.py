@@ -184,6 +184,29 @@ def test_it_is_checked_validated_and_reported(cylinder: Path) -> None:
     assert "open loop: fit" in text and "stiffness_n_per_m" in text
 
 
+def test_a_law_that_changed_since_the_fit_is_said(tmp_path: Path) -> None:
+    path, law = write_springs(tmp_path, 0.0), tmp_path / "spring.py"
+    text = """
+from sysid.components import LogColumn, Parameter, StaticComponent
+
+class Law(StaticComponent):
+    kind = "spring"
+    columns = {"position_m": LogColumn("m", "input"), "force_n": LogColumn("N", "output")}
+    parameters = (Parameter("stiffness_n_per_m", 100.0, "N/m", 0.0),)
+
+    def predict(self, columns, values):
+        return values["stiffness_n_per_m"] * columns["position_m"]
+"""
+    law.write_text(text, "utf-8")
+    campaign = si.read_campaign(path, component=law)
+    bundle = si.fit(campaign)
+    assert not any("SHA-256" in line for line in si.validate(campaign, bundle).notices)
+    law.write_text(text.replace('["position_m"]\n', '["position_m"] + 1.5\n'), "utf-8")
+    edited = si.read_campaign(path, component=law)
+    for found in (si.validate(edited, bundle), si.refine(edited, bundle)):
+        assert any("spring.py is not the file" in line for line in found.notices)
+
+
 @pytest.mark.usefixtures("servo_found")
 def test_it_is_refined_with_the_starts_free(servo: Path) -> None:
     campaign = si.read_campaign(servo / "campaign.toml", component=MOTOR)

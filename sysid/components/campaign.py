@@ -64,7 +64,8 @@ def runs_own_code(campaign: Campaign) -> str:
 def tests_of(campaign: Campaign, bundle: Bundle | None = None) -> OwnTests:
     """Read a campaign's logs. Raises InputError where one lacks a column or cannot be used.
 
-    With `bundle` also where a log has changed since it was fitted, or is held out and was fitted.
+    With `bundle` also where a log has changed since it was fitted, or is held out and was fitted;
+    that the component's file has changed is a notice.
     """
     loaded = loaded_in(campaign)
     trials: dict[str, list[Trial]] = {"fit": [], "holdout": []}
@@ -81,6 +82,7 @@ def tests_of(campaign: Campaign, bundle: Bundle | None = None) -> OwnTests:
         notices += log.notices
         logs.append((entry.use, log))
     notices += out_of_range(loaded, (*trials["fit"], *trials["holdout"]))
+    notices += [] if bundle is None else _other_law(bundle, loaded)
     fitted, held_out = tuple(trials["fit"]), tuple(trials["holdout"])
     return OwnTests(loaded, fitted, held_out, tuple(notices), tuple(logs))
 
@@ -219,7 +221,7 @@ def diagnose_own(
             loaded.kind, tests.fitted, tests.held_out, campaign.rig, bundle, {}, progress,
             build=build,
         )  # fmt: skip
-    return found, (*tests.notices, *_other_law(bundle, loaded))
+    return found, tests.notices
 
 
 def _other_law(bundle: Bundle, loaded: LoadedComponent) -> list[str]:
