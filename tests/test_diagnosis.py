@@ -14,9 +14,11 @@ from datasets.generator.campaign import LAB, GeneratedCampaign, drawn_effects, m
 from sysid.diagnosis.actuator.diagnose import is_far_off
 from sysid.diagnosis.actuator.equation_error import CHANNELS, EFFORT, channels_of, equation_error
 from sysid.diagnosis.actuator.loop import Loop, close_loop
-from sysid.diagnosis.actuator.refit import refit
+from sysid.diagnosis.actuator.null_distribution import Null
+from sysid.diagnosis.actuator.refit import refit, with_base_refitted
 from sysid.diagnosis.actuator.samples import Traces, prepare
 from sysid.diagnosis.actuator.screening import explained, projected
+from sysid.diagnosis.actuator.search import RefittedStep, _TwinRounds
 from sysid.diagnosis.actuator.signatures import Candidate, Signatures, candidates
 from sysid.diagnosis.actuator.twins import Scatter, SensorNoise, sensor_noise, simulate_twins
 from sysid.diagnosis.actuator.unexplained import curves, faintest, leftover
@@ -28,18 +30,22 @@ from sysid.diagnosis.actuator.whitening import (
     friction_scatter,
     noise_of,
 )
+from sysid.diagnosis.looked import Book
 from sysid.io.channels import VALVE_COMMANDS
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig, rig_from_content
 from sysid.model.base import ValveParameters, parameters_from_rig
 from sysid.model.effects import catalogue, class_of
 from sysid.model.effects.chamber import AtmosphereLeakage, PistonLeakage, TubeLag, WallHeatTransfer
-from sysid.model.effects.friction import SealFriction
+from sysid.model.effects.entry import CatalogueEffect
+from sysid.model.effects.friction import QuadraticDrag, SealFriction
 from sysid.model.effects.motor import AmplifierLag, TorqueConstantError
 from sysid.model.effects.sensor import PressureLag, PressureOffset
 from sysid.model.effects.supply import ExhaustBackPressure, SupplyDroop
 from sysid.model.effects.valve import DutyDeadZone, SubsonicFlowShape, ValveDelay
 from sysid.model.ports import Model
+from sysid.parallel import time_limit
+from sysid.types import no_progress
 
 SEED = 900
 STEMS = (
@@ -311,6 +317,36 @@ def test_a_threshold_is_clear_where_many_tests_gain(
     assert found.fit["duty-dead-zone/dead_time_s"] == pytest.approx(8e-4, rel=0.1)
     assert np.all(gains > -20.0)
     assert found.wald(base.frame.tests) == np.count_nonzero(gains > 20.0) > 16
+
+
+def test_an_effect_that_a_later_one_makes_superfluous_is_removed(
+    traces: Traces, healthy: tuple[Tests, Rig, Model]
+) -> None:
+    """Drag was added where seals rub; beside them the tests do not agree on any."""
+    _, rig, model = healthy
+    frame = build_frame(traces, model, noise_of(traces, model), 0.0)
+    twin = twin_of(model + SealFriction(3e-7), traces, rig)
+    first = projected(build_frame(twin, model, noise_of(traces, model), 0.0), model)
+    null = Null([projected(frame, model)], [])
+    rounds = _TwinRounds(first, (), null, no_progress, lambda trial: 0.0, Book())
+
+    def add(*starts: CatalogueEffect) -> None:
+        joint = rounds._proposed = refit(first, starts)
+        extended = with_base_refitted(first, Model(model.parameters, joint.effects))
+        rounds.add(RefittedStep(joint.effect, 1e-9, 1.0, (), (), joint, extended))
+
+    add(QuadraticDrag(1e-3))
+    drag = rounds.steps[0]
+    add(drag.effect, SealFriction(2e-7))
+    assert rounds.superfluous() is drag
+    with time_limit(1e-9):
+        rounds.remove(drag)
+    (seals,) = rounds.steps
+    assert seals.id == "seal-friction" and rounds.joint is not None
+    assert [e.id for e in seals.model.effects] == [e.id for e in rounds.joint.effects] == [seals.id]
+    (left,) = rounds.joint.effects
+    assert getattr(left, "seal_torque_nm_per_pa") == pytest.approx(3e-7, rel=0.05)  # noqa: B009
+    assert rounds.superfluous() is None
 
 
 def test_an_effect_of_one_side_leaves_the_other_rate_alone() -> None:

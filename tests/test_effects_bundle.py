@@ -446,9 +446,7 @@ def test_an_undeclared_offset_is_mended_by_its_effect(tmp_path: Path) -> None:
 USER_EFFECT = '''
 from dataclasses import dataclass
 from sysid.model.effects.catalogue import catalogue
-from sysid.model.effects.chamber import NEVER_SETTLES_S, TemperatureDrift
 from sysid.model.effects.entry import CatalogueEffect, Quantity
-from sysid.model.effects.supply import ExhaustBackPressure
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from test_components_repeats import KINDS, Curved, line
 
 from sysid.diagnosis.bench.selection import select
 from sysid.diagnosis.looked import Book, SearchStage
-from sysid.diagnosis.search import MOST_EFFECTS, Rounds, Step, Tried, run
+from sysid.diagnosis.search import MOST_EFFECTS, Rounds, Step, Tried, mark_removed, run
 from sysid.model.base import Array
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import Point
@@ -75,6 +76,36 @@ def test_a_removal_that_runs_out_of_time_leaves_the_effects() -> None:
     (missed,) = book.closed().missed
     assert (missed.stage, missed.round) == (SearchStage.REMOVAL, 2)
     assert missed.out_of_time and not missed.decides
+
+
+def test_a_round_that_no_time_is_left_for_tried_nothing() -> None:
+    class Late(Scripted):
+        def add(self, step: Step) -> None:
+            super().add(step)
+            self.without["late"] = ""
+
+        def proposal(self, number: int, barred: frozenset[str]) -> Step | None:
+            if "late" in self.without:
+                raise OutOfTimeError
+            return super().proposal(number, barred)
+
+    book = Book()
+    history = run(Late(["one"]), book, no_progress)
+    assert [r.tried for r in history][1:] == [()]
+    (missed,) = book.closed().missed
+    assert missed.out_of_time and missed.decides and missed.round == 2
+
+
+def test_of_a_removed_effect_it_is_said() -> None:
+    shown: list[dict[str, Any]] = [
+        {"added": "one", "removed": [], "suspects": [{"id": "one", "fate": "added"}]},
+        {"added": "two", "removed": ["one"], "suspects": [{"id": "two", "fate": "added"}]},
+    ]
+    mark_removed(shown)
+    assert [s["fate"] for one in shown for s in one["suspects"]] == [
+        "added, and removed in round 2 as superfluous",
+        "added",
+    ]
 
 
 @dataclass(frozen=True)

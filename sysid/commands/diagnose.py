@@ -220,7 +220,7 @@ def _tried_tables(looks: Sequence[dict[str, Any]]) -> Iterable[Table]:
     gain = ("gain", "most on a twin") if compared else ("share of the prediction error, %",)
     table = new_table("Tried, and not added", "round", "suspect", *gain, "p", "outcome")
     for place, look in enumerate(looks, start=1):
-        others = [s for s in look["suspects"] if s["id"] != look["added"]]
+        others = [s for s in look["suspects"] if s["fate"] != "added"]
         for suspect in others[:_MOST_SUSPECTS]:
             p_value = wording.p_text(suspect["p_value"])
             cells = (suspect["id"], *_gains(suspect), p_value, suspect["fate"])

@@ -84,6 +84,7 @@ class PipelineRun:
     budget: float = SECONDS
     notices: list[str] = field(default_factory=list)
     validation: ValidationResult | None = None
+    not_validated: str = ""
 
     @property
     def subject(self) -> Subject:
@@ -296,11 +297,12 @@ def _refine(run: PipelineRun) -> None:
 def _validated(run: PipelineRun) -> ValidationResult | None:
     """The validation of the final bundle; None where nothing of it can be simulated."""
     bundle = run.bundle(run.model_file)
-    if run.validation is None and run.subject.is_validated(bundle):
+    done = run.validation is not None or run.not_validated
+    if not done and run.subject.is_validated(bundle):
         try:
             run.validation = run.subject.validate(bundle, run.catalogue, run.tell)
         except NotIdentifiedError as error:
-            run.notices.append(f"not validated: {error}")
+            run.not_validated = str(error)
     return run.validation
 
 
@@ -308,9 +310,8 @@ def _validate(run: PipelineRun) -> None:
     bundle = run.bundle(run.model_file)
     result = _validated(run)
     if result is None:
-        run.notices.append(
-            f"{run.campaign.path}: no motion log of an actuator: the bundle is not validated"
-        )
+        why = run.not_validated or f"{run.campaign.path}: no motion log of an actuator"
+        run.notices.append(f"not validated: {why}")
     else:
         run.notices += result.notices
         bundle = bundle.replaced(validation=result.record()).with_sources(run.campaign.sources())

@@ -60,6 +60,7 @@ class OwnPart(Component):
     stretches: tuple[Stretch, ...]
     scales: tuple[float, ...]
     kept: tuple[str, ...] = ()
+    has_own_columns = True
     channel: str = field(default="", init=False)
     unit: str = field(default="", init=False)
 

@@ -33,10 +33,10 @@ def diagnose_logs(
 ) -> tuple[Diagnosis, tuple[str, ...]]:
     """The diagnosis of a campaign's logs, and the readers' notices.
 
-    An effect that the bundle already holds is part of the model under diagnosis. With `refine`
-    the numbers of what an actuator, or an axis with a motor alone, lacks are those of simulation
-    error on its motion logs. Ends
-    after `budget` seconds with the best so far (None: never).
+    An effect that the bundle already holds is part of the model under diagnosis. With `refine` the
+    numbers of what an actuator lacks are those of simulation error on its motion logs, and so are
+    those of an axis with a motor alone and a log held out. Ends after `budget` seconds with the
+    best so far (None: never).
     """
     with time_limit(budget):
         return _diagnose_logs(campaign, bundle, effects, refine, seed, progress)

@@ -9,6 +9,7 @@ removed, and not tried again.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
@@ -41,9 +42,9 @@ class Tried:
 class Step:
     """An effect that was added, and what else its round tried, in descending order.
 
-    `effect` as it was fitted then. `share`: what it explained of the excess over noise in the
-    balances that it reaches, or of the mean square error of tests left out. `ambiguous`: ids that
-    the data put in its place.
+    All as it was found then, also where an effect before it was removed since. `share`: what it
+    explained of the excess over noise in the balances that it reaches, or of the mean square error
+    of tests left out. `ambiguous`: ids that the data put in its place.
     """
 
     effect: CatalogueEffect
@@ -125,6 +126,7 @@ def run(rounds: Rounds[StepT], book: Book, progress: Progress) -> tuple[Round, .
         number = len(history) + 1
         barred = frozenset({step.id for step in rounds.steps} | removed)
         book.enter(rounds.stage, number)
+        rounds.tried = ()
         proposed = attempt(lambda: rounds.proposal(number, barred))  # noqa: B023
         if isinstance(proposed, Failure):
             book.miss(proposed)
@@ -136,6 +138,14 @@ def run(rounds: Rounds[StepT], book: Book, progress: Progress) -> tuple[Round, .
         gone = _removed(rounds, book, number, progress)
         removed |= set(gone)
         history.append(Round(proposed.tried, proposed, gone))
+
+
+def mark_removed(shown: Sequence[dict[str, Any]]) -> None:
+    """Say of effects that were removed in which round; `shown` as reports show the rounds."""
+    for number, one in enumerate(shown, start=1):
+        for suspect in (s for other in shown[:number] for s in other["suspects"]):
+            if suspect["id"] in one["removed"] and suspect["fate"] == "added":
+                suspect["fate"] = f"added, and removed in round {number} as superfluous"
 
 
 def _removed(rounds: Rounds[StepT], book: Book, number: int, progress: Progress) -> tuple[str, ...]:
@@ -155,4 +165,4 @@ def _removed(rounds: Rounds[StepT], book: Book, number: int, progress: Progress)
     return tuple(found)
 
 
-__all__ = ["MOST_EFFECTS", "Round", "Rounds", "Step", "Tried", "run"]
+__all__ = ["MOST_EFFECTS", "Round", "Rounds", "Step", "Tried", "mark_removed", "run"]

@@ -7,7 +7,6 @@ of its own; what remains speaks of the shared unknowns and of the tests' frictio
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -112,12 +111,6 @@ class ReducedEquations:
         known = np.maximum(np.diag(inverse), np.finfo(float).tiny)
         larger = np.sqrt(np.maximum(found / known, 1.0))
         return np.asarray(inverse * np.outer(larger, larger))
-
-    def after_its_step(self) -> ReducedEquations:
-        """With the residuals that the undamped step of the reduced unknowns leaves, if linear."""
-        step = -np.linalg.lstsq(self.jacobian, self.r, rcond=None)[0]
-        own = [np.column_stack([a[:, :-1], a[:, -1] + a[:, :-1] @ step]) for a in self.own]
-        return dataclasses.replace(self, own=tuple(own))
 
     def moved(self, problem: Problem, step: FloatArray, counted: BoolArray) -> Iterate:
         """The point after a step (m,) of the reduced unknowns; starts of runs not counted move

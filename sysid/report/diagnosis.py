@@ -46,6 +46,7 @@ class _Words:
     errors: str
     floor: str
     residuals: str
+    along: str
     how: str
 
 
@@ -57,6 +58,7 @@ _TWINS = _Words(
     "it, with the base parameters refitted{refined}. The noise floor (thin line) is the error of a "
     "correct model: sensor noise, quantisation and the rig's own scatter from test to test.",
     residuals="Residuals of the balances",
+    along="along which the effects change it most",
     how="The residuals of the fitted equations, in torque and pressure rates, were compared with "
     "those of twins: the same tests simulated with the fitted model and passed through the same "
     "filters and fits. An effect was added if it explains more than on any twin, and a fair share "
@@ -71,11 +73,11 @@ _LEFT_OUT = _Words(
     "floor (thin line) is the change from one sample to the next, which no law in the logged "
     "quantities explains.",
     residuals="Residual over its strongest regressors",
-    how="The part was tested alone, so there is no actuator to simulate. Each effect of the "
-    "catalogue that acts on it was fitted together with its law and had to predict tests left out "
-    "of that fit; it was added if its strength differs significantly from 0 and it removes a "
-    "substantial share of the prediction error. The errors below are those of tests that were left "
-    "out of the fit.{refined}",
+    along="on which what is left depends most",
+    how="The part was tested alone, so there is no actuator to simulate. Each effect that acts on "
+    "it was fitted together with its law and had to predict tests left out of that fit; it was "
+    "added if its strength differs significantly from 0 and it removes a substantial share of the "
+    "prediction error. The errors below are those of tests that no number was fitted on.{refined}",
 )
 
 
@@ -200,7 +202,7 @@ def _residuals(content: Content, is_linear: bool) -> list[Block]:
         "the original bundle (before) and the extended model (after)" if extended else "the bundle"
     )
     is_stretched = any(entry["fine"] for entry in drawn)
-    along = "along which the effects change it most" if extended else "on which it depends most"
+    along = _words(content).along if extended else "on which it depends most"
     caption = (
         f"Residuals on the training tests under {which}: means in bins with their "
         f"95 % band, over the regressor {along}."

@@ -58,6 +58,7 @@ _REGRESSOR_UNITS = {
     "motor": (("N·m", 1.0), ("N", 1.0)),
     "time": (("s", 1.0), ("s", 1.0)),
     "valve_opening": (("share", 1.0), ("share", 1.0)),
+    "pressure_sum times direction": (("kPa", 1e-3), ("kPa", 1e-3)),
     "pressure_rate": (("kPa/s", 1e-3), ("kPa/s", 1e-3)),
 }
 _PRESSURE = (("kPa", 1e-3), ("kPa", 1e-3))
@@ -204,7 +205,11 @@ def _stretch(ax: Axes, x: FloatArray, width: float) -> None:
 def _regressor(content: Mapping[str, Any], is_linear: bool) -> tuple[FloatArray, str, str]:
     """A curve's abscissae in the unit that is shown, that unit, and the regressor's name."""
     name = content["regressor"]
-    units = _REGRESSOR_UNITS.get(name, _PRESSURE if name.startswith("pressure") else _AS_NAMED)
+    # A part's further regressors are named with their units, or by a user's own columns.
+    others = _AS_NAMED if "unit" in content else _PRESSURE
+    units = _REGRESSOR_UNITS.get(name, others)
+    if content.get("own"):
+        units = _AS_NAMED
     unit, scale = units[is_linear]
     return scale * np.array(content["centres"]), unit, regressor_name(name)
 

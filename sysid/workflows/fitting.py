@@ -39,8 +39,9 @@ def fit(
     True
     """
     with progress_or_shown(progress, "fitting") as tell:
-        bundle, notices = subject_of(campaign).fit(surface, seed, tell)
-    for line in dict.fromkeys(notices):
+        subject = subject_of(campaign)
+        bundle, notices = subject.fit(surface, seed, tell)
+    for line in dict.fromkeys((*notices, *subject.contradictions())):
         _LOGGER.warning("%s", line)
     return bundle
 

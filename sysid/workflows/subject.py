@@ -44,6 +44,10 @@ class Subject(ABC):
     def fit(self, surface: str, seed: int, progress: Progress) -> tuple[Bundle, tuple[str, ...]]:
         """A bundle of all that the training logs identify, and notices."""
 
+    def contradictions(self) -> tuple[str, ...]:
+        """What the training logs say of one another that cannot be true."""
+        return ()
+
     @abstractmethod
     def diagnose(
         self, bundle: Bundle, budget: float | None, progress: Progress, options: Mapping[str, Any]
@@ -83,10 +87,14 @@ class RigSubject(Subject):
 
     def fit(self, surface: str, seed: int, progress: Progress) -> tuple[Bundle, tuple[str, ...]]:
         from sysid.assembly import fit_campaign
-        from sysid.checks.consistency.campaign import check_consistency
 
         found = fit_campaign(self.campaign, surface=surface, seed=seed, progress=progress)
-        return found.bundle, (*found.notices, *check_consistency(self.campaign, "fit"))
+        return found.bundle, found.notices
+
+    def contradictions(self) -> tuple[str, ...]:
+        from sysid.checks.consistency.campaign import check_consistency
+
+        return tuple(check_consistency(self.campaign, "fit"))
 
     def diagnose(
         self, bundle: Bundle, budget: float | None, progress: Progress, options: Mapping[str, Any]

@@ -21,7 +21,7 @@ from sysid.diagnosis.actuator.search import (
 from sysid.diagnosis.actuator.unexplained import ResidualCurve, regressors
 from sysid.diagnosis.binning import binned_means
 from sysid.diagnosis.looked import Looked, SearchStage
-from sysid.diagnosis.search import MOST_EFFECTS
+from sysid.diagnosis.search import MOST_EFFECTS, mark_removed
 from sysid.types import FloatArray, IntArray
 
 # Of each channel's regressors, those that the residual depends on most.
@@ -44,7 +44,7 @@ def rounds_shown(search: Search, null: Null, looked: Looked) -> list[dict[str, A
     remove from the residual; None where it was not refitted), `twins` (the gains on the twins
     that were screened), `p_value`, and `fate`, in words.
     """
-    shown = []
+    shown: list[dict[str, Any]] = []
     for number, one in enumerate(search.rounds, start=1):
         own = [m for m in looked.missed if (m.stage, m.round) == (SearchStage.SUSPECTS, number)]
         late = {m.subject: f"not fitted: {m.reason}" for m in own}
@@ -62,6 +62,7 @@ def rounds_shown(search: Search, null: Null, looked: Looked) -> list[dict[str, A
         ]
         added = None if one.added is None else one.added.id
         shown.append({"added": added, "removed": list(one.removed), "suspects": rows})
+    mark_removed(shown)
     return shown
 
 

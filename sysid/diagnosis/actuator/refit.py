@@ -67,7 +67,7 @@ class Refit:
     def wald(self, tests: IntArray, place: int = -1) -> float:
         """How clearly an effect's strengths differ from 0: s' C^-1 s over their number.
 
-        The effect at `place`, by default the last.
+        The effect at `place`, by default the last; one with a threshold only there.
 
         C is the jackknife's over the tests (rows,): evidence from one test alone does not count.
         The shape stays as fitted: without an effect it has no meaning, and short tests of a
@@ -79,7 +79,7 @@ class Refit:
         strong = [q for q in type(effect).quantities if q.is_strength]
         if any(f"{effect.id}/{q.name}" in stuck and getattr(effect, q.name) for q in strong):
             return math.inf
-        if any(is_threshold(q) for q in strong):
+        if has_threshold(effect):
             gains = np.bincount(tests, weights=self.before**2 - self.rest**2)
             won = int(np.count_nonzero(gains > _CLEAR_GAIN))
             lost = int(np.count_nonzero(gains < -_CLEAR_GAIN))
@@ -150,6 +150,11 @@ def _steps(quantities: Sequence[Quantity]) -> list[float]:
     """Relative steps of an effect's numbers; beside a threshold a shape has no slope either."""
     in_steps = any(is_threshold(q) for q in quantities)
     return [THRESHOLD_STEP if in_steps else _STEP] * len(quantities)
+
+
+def has_threshold(effect: CatalogueEffect) -> bool:
+    """Whether one of an effect's strengths is a threshold."""
+    return any(is_threshold(q) for q in type(effect).quantities)
 
 
 def is_threshold(quantity: Quantity) -> bool:

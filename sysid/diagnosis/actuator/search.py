@@ -15,6 +15,7 @@ from sysid.diagnosis.actuator.equation_error import channels_of
 from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.refit import (
     Refit,
+    has_threshold,
     own_columns,
     refit,
     standard_errors,
@@ -174,6 +175,8 @@ class _TwinRounds(Rounds[RefittedStep]):
         self.steps, self.tried = [], ()
         self.joint: Refit | None = None
         self._proposed: Refit | None = None
+        # Without each step that might be superfluous, the others fitted together.
+        self._others: dict[str, Refit] = {}
 
     def proposal(self, number: int, barred: frozenset[str]) -> RefittedStep | None:
         """The effect that explains most of what is left."""
@@ -255,9 +258,9 @@ class _TwinRounds(Rounds[RefittedStep]):
         doubtful = [
             step
             for place, step in enumerate(self.steps[:-1])
-            if joint.wald(tests, place) < _CLEAR_WALD
+            if has_threshold(step.effect) or joint.wald(tests, place) < _CLEAR_WALD
         ]
-        without = {step.id: self._without(step) for step in doubtful}
+        without = self._others = {step.id: self._without(step) for step in doubtful}
         least = min(doubtful, key=lambda s: joint.gain - without[s.id].gain, default=None)
         if least is None:
             return None
@@ -273,7 +276,7 @@ class _TwinRounds(Rounds[RefittedStep]):
 
     def remove(self, step: RefittedStep) -> None:
         place = self.steps.index(step)
-        self.joint = self._without(step)
+        self.joint = self._others[step.id]
         before, after = self.steps[:place], self.steps[place + 1 :]
         effects = [s.refit.effect for s in before]
         given = self.first.model

@@ -40,6 +40,8 @@ class Component(ABC):
     channel: str
     """The predicted channel, in the log format's terms."""
     unit: str
+    has_own_columns = False
+    """Whether the regressors are columns that a user named, in units of the user's."""
     has_constant = True
     """Whether the law has a constant of its own: the signal's spread is about its mean then."""
 

@@ -11,7 +11,7 @@ from sysid.diagnosis.bench.selection import Addition, Selection
 from sysid.diagnosis.bench.unexplained import BinnedResidual
 from sysid.diagnosis.evidence import ComponentEvidence
 from sysid.diagnosis.looked import Looked
-from sysid.diagnosis.search import Round, Tried
+from sysid.diagnosis.search import Round, Tried, mark_removed
 from sysid.diagnosis.thresholds import LEAST_GAIN, SIGNIFICANCE
 from sysid.estimation.linear import Estimate
 from sysid.model.effects.entry import CatalogueEffect
@@ -46,7 +46,7 @@ class HeldOutEvidence(ComponentEvidence):
 
     def rounds_shown(self) -> list[dict[str, Any]]:
         """A suspect: `id`, `gain` (share of the error of tests left out), `p_value`, `fate`."""
-        return [
+        shown = [
             {
                 "added": None if one.added is None else one.added.id,
                 "removed": list(one.removed),
@@ -54,11 +54,14 @@ class HeldOutEvidence(ComponentEvidence):
             }
             for one in self.rounds
         ]
+        mark_removed(shown)
+        return shown
 
     def figures(self) -> dict[str, Any]:
         """`curves`: mean residual over a regressor, before and after, in the channel's unit."""
         part = self.selection.final.component
-        return {"curves": [c.shown() for c in self.curves], "unit": part.unit}
+        own = {"own": part.has_own_columns}
+        return {"curves": [c.shown() | own for c in self.curves], "unit": part.unit}
 
     def with_base(self, bundle: Bundle) -> Bundle:
         """The part's law as it was fitted beside the effects."""

@@ -62,8 +62,13 @@ def _linear(quantity: Quantity) -> Quantity:
         lower=_scaled(quantity.lower, scale),
         upper=_scaled(quantity.upper, scale),
         grid=tuple(_scaled(value, scale) for value in quantity.grid),
+        meaning=_WORDS.sub(lambda found: _LINEAR_WORDS[found[0]], quantity.meaning),
         absent=None if quantity.absent is None else _scaled(quantity.absent, scale),
     )
+
+
+_LINEAR_WORDS = {"torque": "force", "angle": "position"}
+_WORDS = re.compile(r"\b(torque|angle)\b")
 
 
 def _scaled(value: float, scale: float) -> float:

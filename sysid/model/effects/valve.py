@@ -323,7 +323,8 @@ class StickingValve(CatalogueEffect):
     """A valve that has rested opens late: its delay grows with the rest, d t / (t + tau).
 
     t is the time since its last command to close; before the first one of a test it has rested for
-    long. A pulse that ends before the valve comes loose does not open it. Pulses follow a rest of
+    long. A stretch that is simulated by itself (a segment of the refinement) counts as a test, so
+    that its first pulse is late. A pulse that ends before the valve comes loose does not open it. Pulses follow a rest of
     milliseconds under PWM, of seconds in a test of single pulses.
     """
 
