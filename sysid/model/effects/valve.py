@@ -324,8 +324,8 @@ class StickingValve(CatalogueEffect):
 
     t is the time since its last command to close; before the first one of a test it has rested for
     long. A stretch that is simulated by itself (a segment of the refinement) counts as a test, so
-    that its first pulse is late. A pulse that ends before the valve comes loose does not open it. Pulses follow a rest of
-    milliseconds under PWM, of seconds in a test of single pulses.
+    that its first pulse is late. A pulse that ends before the valve comes loose does not open it.
+    Pulses follow a rest of milliseconds under PWM, of seconds in a test of single pulses.
     """
 
     stuck_delay_s: Array = 0.0
