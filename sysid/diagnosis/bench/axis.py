@@ -43,6 +43,8 @@ _STRETCHES = 6
 _LEAST_CHANGE = 1e-9
 # A linear axis has no pinion, and its weight is the same everywhere: an offset.
 _ROTARY_ONLY = ("pitch-eccentricity", "mounting-tilt")
+# Motion turns at the ends of what it visits: what the filter leaves of a reversal looks like one.
+_LIKE_REVERSALS = ("end-cushion",)
 _PORTS = ("parameters", "motor_effort", "friction_effort", "external_effort", "pitch_radius")
 
 
@@ -96,7 +98,7 @@ class Axis(Component):
     def _feels(self, kind: type[CatalogueEffect]) -> bool:
         if not overrides(kind, *_PORTS):
             return False
-        if self.rig.is_linear and kind.id in _ROTARY_ONLY:
+        if kind.id in _LIKE_REVERSALS or (self.rig.is_linear and kind.id in _ROTARY_ONLY):
             return False
         if kind is InertiaMismatch and self.rig.total_inertia() is None:
             return False  # nothing is declared, and the inertia is fitted
