@@ -23,7 +23,7 @@ from sysid.commands.printing import notices, print_json, print_written, progress
 from sysid.display.numbers import ascii_text
 from sysid.display.terminal import console, new_table
 from sysid.errors import input_error
-from sysid.io.campaign import Campaign, read_campaign
+from sysid.io.campaign import Campaign
 from sysid.model.effects.catalogue import catalogue_with
 from sysid.model.effects.entry import Catalogue
 from sysid.types import Progress, no_progress
@@ -66,14 +66,17 @@ def refine(
     **options: Any,
 ) -> None:
     """All parameters of the assembled model together, by simulation error."""
-    if component is not None:
-        files = {name: options.pop(name) for name in ("output", "report")}
-        given = [name for name, value in {**options, "no-prior": no_prior}.items() if value]
-        own, paths = _refine_own(campaign, bundle, component, given, **files)
-        _show(own, paths, as_json)
-        return
+    beside_files = {k: v for k, v in options.items() if k not in ("output", "report")}
+    given = [name for name, value in {**beside_files, "no-prior": no_prior}.items() if value]
+    if component is not None and given:
+        raise input_error(f"--{given[0]}", "is not for a component of your own", "omit it")
     result, written = refine_campaign(
-        campaign, bundle, prior=not no_prior, progress=progress(), **options
+        campaign,
+        bundle,
+        component=component,
+        prior=not no_prior,
+        progress=progress(),
+        **options,
     )
     _show(result, written, as_json)
 
@@ -84,55 +87,24 @@ def refine_campaign(
     *,
     output: Path | None = None,
     report: Path | None = None,
-    free: tuple[str, ...] = (),
-    fix: tuple[str, ...] = (),
-    prior: bool = True,
-    robust: bool = False,
-    profile: tuple[str, ...] = (),
+    component: str | None = None,
     effects: Path | None = None,
     progress: Progress = no_progress,
-) -> tuple[RefineResult, tuple[Path, ...]]:
+    **options: Any,
+) -> tuple[RefineResult | OwnRefinement, tuple[Path, ...]]:
     """Refine a bundle on a campaign's motion logs; the result, and the files that were written.
 
-    `effects` is a Python file with further effects, which is executed. Raises InputError for
+    `effects` is a Python file with further effects, `component` one with a component of the
+    user's own; they are executed. `options` are those of `sysid.refinement`. Raises InputError for
     unusable files or unknown names, NotIdentifiedError where the bundle lacks what the simulation
     needs.
     """
-    from sysid.refinement.refine import refine as refine_bundle  # loads jax
-
-    campaign = read_campaign(campaign_path)
+    campaign = read_with(campaign_path, component, progress)
     catalogue = catalogue_with(effects) if effects else None
-    result = refine_bundle(
-        campaign,
-        read_bundle(bundle_path),
-        free=free,
-        fix=fix,
-        prior=prior,
-        robust=robust,
-        profile=profile,
-        catalogue=catalogue,
-        progress=progress,
+    result = subject_of(campaign).refine(
+        read_bundle(bundle_path), progress, {**options, "catalogue": catalogue}
     )
     return result, _written(campaign, result.bundle, output, report, catalogue, progress)
-
-
-def _refine_own(
-    campaign_path: Path,
-    bundle_path: Path,
-    component: str,
-    given: list[str],
-    *,
-    output: Path | None,
-    report: Path | None,
-) -> tuple[OwnRefinement, tuple[Path, ...]]:
-    """Refine a component of the user's own; `given` names options that it does not take."""
-    from sysid.components.refinement import refine_own
-
-    if given:
-        raise input_error(f"--{given[0]}", "is not for a component of your own", "omit it")
-    campaign = read_with(campaign_path, component, progress())
-    result = refine_own(campaign, read_bundle(bundle_path), progress=progress())
-    return result, _written(campaign, result.bundle, output, report, None, progress())
 
 
 def _written(
@@ -151,12 +123,13 @@ def _written(
     if report is not None:
         from sysid.report import write_report
 
+        subject = subject_of(campaign)
         write_report(
             report,
             campaign=campaign,
             bundle=bundle,
-            validation=subject_of(campaign).validate(bundle, catalogue, progress),
-            checks=subject_of(campaign).checks(),
+            validation=subject.validate(bundle, catalogue, progress),
+            checks=subject.checks(),
             progress=progress,
         )
         written.append(report)

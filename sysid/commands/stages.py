@@ -296,9 +296,10 @@ def _refine(run: PipelineRun) -> None:
 
 def _validated(run: PipelineRun) -> ValidationResult | None:
     """The validation of the final bundle; None where nothing of it can be simulated."""
+    if run.validation is not None or run.not_validated:
+        return run.validation
     bundle = run.bundle(run.model_file)
-    done = run.validation is not None or run.not_validated
-    if not done and run.subject.is_validated(bundle):
+    if run.subject.is_validated(bundle):
         try:
             run.validation = run.subject.validate(bundle, run.catalogue, run.tell)
         except NotIdentifiedError as error:

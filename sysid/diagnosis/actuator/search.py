@@ -100,7 +100,7 @@ class Search:
 
     `joint` holds all effects fitted together, None where there are none; `base_std` the
     standard errors of the base parameters with them, in the parameters' units; `rounds` what
-    each round tried, `suspects` the last one.
+    each round tried.
     """
 
     steps: tuple[RefittedStep, ...]
@@ -109,7 +109,6 @@ class Search:
     last: Projected
     joint: Refit | None
     base_std: Mapping[str, float]
-    suspects: tuple[Suspect, ...]
     rounds: tuple[Round, ...]
 
     @property
@@ -181,7 +180,6 @@ class _TwinRounds(Rounds[RefittedStep]):
     def proposal(self, number: int, barred: frozenset[str]) -> RefittedStep | None:
         """The effect that explains most of what is left."""
         base, book = self.base, self.book
-        self.tried = ()
         open_ones = [c for c in self.candidates if c.id not in barred and _composes(base.model, c)]
         screened = screen(base, open_ones, book)
         best, starts = best_by_effect(screened), starting_points(screened)
@@ -278,12 +276,12 @@ class _TwinRounds(Rounds[RefittedStep]):
         place = self.steps.index(step)
         self.joint = self._others[step.id]
         before, after = self.steps[:place], self.steps[place + 1 :]
-        effects = [s.refit.effect for s in before]
+        effects = [s.effect for s in before]
         given = self.first.model
         self.steps = before
         with time_limit(None):
             for later in after:
-                effects.append(later.refit.effect)
+                effects.append(later.effect)
                 model = Model(given.parameters, (*given.effects, *effects))
                 model = with_base_refitted(self.first, model)
                 self.steps.append(replace(later, model=model))
@@ -298,14 +296,14 @@ class _TwinRounds(Rounds[RefittedStep]):
         """All effects as fitted together, from the base model on."""
         first, steps, joint = self.first, self.steps, self.joint
         if joint is None:
-            return Search((), first.model, first, self.base, None, {}, self.tried, rounds)
+            return Search((), first.model, first, self.base, None, {}, rounds)
         extended = Model(first.model.parameters, (*first.model.effects, *joint.effects))
         model = with_base_refitted(first, extended)
         own = own_columns(first.frame, model)
         last = projected(first.frame, model, extra=own)
         base_std = standard_errors(last, own)
         steps = [*steps[:-1], replace(steps[-1], model=model)]
-        return Search(tuple(steps), model, first, last, joint, base_std, self.tried, rounds)
+        return Search(tuple(steps), model, first, last, joint, base_std, rounds)
 
 
 def _passes(suspect: Suspect, best: Suspect) -> bool:
@@ -324,7 +322,7 @@ def _together(first: Projected, steps: Sequence[RefittedStep], winner: Refit) ->
     """
     if not steps:
         return winner
-    before = [step.refit.effect for step in steps]
+    before = [step.effect for step in steps]
     joint = refit(first, [*before, winner.effect])
     for old, new in zip(before, joint.effects, strict=False):
         names = [q.name for q in type(old).quantities if q.is_strength]

@@ -59,9 +59,8 @@ class HeldOutEvidence(ComponentEvidence):
 
     def figures(self) -> dict[str, Any]:
         """`curves`: mean residual over a regressor, before and after, in the channel's unit."""
-        part = self.selection.final.component
-        own = {"own": part.has_own_columns}
-        return {"curves": [c.shown() | own for c in self.curves], "unit": part.unit}
+        own = {"own": self.selection.final.component.has_own_columns}
+        return {"curves": [c.shown() | own for c in self.curves]}
 
     def with_base(self, bundle: Bundle) -> Bundle:
         """The part's law as it was fitted beside the effects."""

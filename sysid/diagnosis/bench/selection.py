@@ -95,11 +95,6 @@ class Selection:
         """The law with all that was added."""
         return self.additions[-1].fitted if self.additions else self.base
 
-    @property
-    def rejected(self) -> tuple[Tried, ...]:
-        """What the last round tried, which added none."""
-        return self.rounds[-1].tried
-
 
 def select(
     component: Component,
@@ -135,6 +130,8 @@ class _HeldOutRounds(Rounds[Addition]):
         ]
         self.steps, self.tried = [], ()
         self.undecided: tuple[Repeats, ...] = ()
+        # Without each step that might be superfluous, the others fitted together.
+        self._others: dict[str, tuple[FittedLaw, FloatArray]] = {}
 
     @property
     def so_far(self) -> FittedLaw:
@@ -198,8 +195,8 @@ class _HeldOutRounds(Rounds[Addition]):
         """
         least: tuple[float, Addition] | None = None
         for step in self.steps[:-1]:
-            without = self._without(step)
-            folds = self._folds_of(without)
+            kinds = [type(s.effect) for s in self.steps if s is not step]
+            without, folds = self._others[step.id] = self._fitted(kinds)
             gain = 1.0 - float(self.error.mean() / folds.mean())
             needed = self.so_far.p_value(without) * len(self.kinds) < SIGNIFICANCE
             if (not needed or gain <= _LEAST_KEPT) and (least is None or gain < least[0]):
@@ -212,20 +209,15 @@ class _HeldOutRounds(Rounds[Addition]):
             kept, later = self.steps[:place], self.steps[place + 1 :]
             for one in later:
                 kinds = [type(s.effect) for s in (*kept, one)]
-                fitted = self._fitted(kinds)
-                folds = self._folds_of(fitted)
+                is_last = one is later[-1]
+                fitted, folds = self._others[step.id] if is_last else self._fitted(kinds)
                 kept.append(replace(one, effect=fitted.law.effects[-1], fitted=fitted, folds=folds))
             self.steps = kept
 
-    def _without(self, step: Addition) -> FittedLaw:
-        return self._fitted([type(s.effect) for s in self.steps if s is not step])
-
-    def _fitted(self, kinds: Sequence[Kind]) -> FittedLaw:
-        return fit_law(self.component, kinds, range(len(self.component.tests)), self.base.law)
-
-    def _folds_of(self, fitted: FittedLaw) -> FloatArray:
-        kinds = [type(effect) for effect in fitted.law.effects]
-        return cross_validated(self.component, kinds, self.folds, fitted.law)
+    def _fitted(self, kinds: Sequence[Kind]) -> tuple[FittedLaw, FloatArray]:
+        """The law with effects of these kinds on all tests, and the error of each fold, (k,)."""
+        found = fit_law(self.component, kinds, range(len(self.component.tests)), self.base.law)
+        return found, cross_validated(self.component, kinds, self.folds, found.law)
 
 
 def folds_of(component: Component) -> list[list[int]]:
