@@ -89,6 +89,10 @@ SAME_LAW: dict[str, dict[str, str | float]] = {
     "pressure-gain:absolute": {"pressure_gain_error": "pressure_gain"},
     "pressure-lag:first-order": {"pressure_lag_s": "pressure_lag_s"},
     "time-skew:delay": {"time_skew_s": "skew_s"},
+    "lost-counts:beyond": {
+        "lost_share": "lost_share",
+        "counted_speed_rad_per_s": "counted_rad_s",
+    },
     "piston-leakage:quadratic": {"piston_leakage_kg_per_s_pa2": "piston_quadratic"},
     "atmosphere-leakage:quadratic": {"atmosphere_leakage_kg_per_s_pa2": "leak_quadratic"},
     "sticking-valve:hyperbolic": {

@@ -31,6 +31,7 @@ from sysid.model.effects.motor import TorqueConstantError, TorqueOffset, TorqueR
 from sysid.model.effects.sensor import (
     AmbientPressureError,
     EncoderEccentricity,
+    LostCounts,
     PressureGain,
     PressureLag,
     PressureOffset,
@@ -166,6 +167,18 @@ def test_a_sample_at_a_time_is_the_whole_log(effect: Effect) -> None:
         shown, memory = effect.sense(now, memory, time[i : i + 1], PERIOD_S)
         for name, value in shown.items():
             assert value[0] == pytest.approx(whole[name][i], abs=1e-6)
+
+
+def test_counts_are_lost_a_sample_at_a_time_as_in_a_whole_log() -> None:
+    effect, time = LostCounts(0.1, 1.0), PERIOD_S * np.arange(60)
+    position = 0.2 * np.sin(12.0 * time)
+    whole = effect.measure({"theta_rad": position}, time)["theta_rad"]
+    memory = effect.start_sensing({"theta_rad": position[:1]}, PERIOD_S)
+    assert np.abs(whole - position).max() > 1e-3
+    for i in range(60):
+        now = {"theta_rad": position[i : i + 1]}
+        shown, memory = effect.sense(now, memory, time[i : i + 1], PERIOD_S)
+        assert shown["theta_rad"][0] == pytest.approx(whole[i], abs=1e-12)
 
 
 def test_a_pressure_that_would_be_early_is_on_time_and_the_run_says_so() -> None:

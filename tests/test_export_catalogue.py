@@ -44,6 +44,7 @@ WITH_STATE = {
     "sticking-valve",
     "pressure-lag",
     "time-skew",
+    "lost-counts",
 }
 STATELESS = sorted(set(catalogue()) - WITH_STATE)
 CHANGED_CONSTANTS = {

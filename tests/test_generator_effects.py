@@ -84,6 +84,7 @@ SHOWS = {
     "pressure-lag": ("pwm", PRESSURES),
     "time-skew": ("pwm", PRESSURES),
     "encoder-eccentricity": ("motor", POSITION),
+    "lost-counts": ("motor", POSITION),
     "temperature-drift": ("held", PRESSURES),
     "ambient-pressure-error": ("pwm", PRESSURES),
     "area-error": ("pwm", POSITION),
@@ -102,7 +103,7 @@ SHOWS = {
 }
 SENSORS = (
     "pressure-offset", "pressure-gain", "pressure-lag", "time-skew", "encoder-eccentricity",
-    "torque-crosstalk",
+    "lost-counts", "torque-crosstalk",
 )  # fmt: skip
 MOTOR_ONLY = (
     "torque-ripple", "torque-saturation", "torque-constant-error", "amplifier-lag",
@@ -158,7 +159,7 @@ def as_plain(rows: FloatArray) -> FloatArray:
 
 
 def test_every_effect_has_a_place_where_it_shows() -> None:
-    assert set(SHOWS) == set(FORMS) and len(FORMS) - len(OUT_OF_CATALOGUE) == 45
+    assert set(SHOWS) == set(FORMS) and len(FORMS) - len(OUT_OF_CATALOGUE) == 46
     assert len(OUT_OF_CATALOGUE) >= 8 and set(OUT_OF_CATALOGUE) < set(FORMS)
 
 
@@ -283,6 +284,20 @@ def test_late_and_lagging_sensors_follow_their_laws(neutral: dict[str, FloatArra
     middle = 0.5 * (true[1:] + true[:-1]) - true[0]
     exact = true[0] + lfilter([1.0 - row], [1.0, -row], middle)
     assert np.max(np.abs(slow[1:, SENSED_A] - exact)) < 0.02 * np.ptp(true)
+
+
+@pytest.mark.parametrize("form", ["beyond", "all"])
+def test_lost_counts_are_those_of_fast_motion(form: str, neutral: dict[str, FloatArray]) -> None:
+    true = neutral["motor"][:, SENSED_POSITION]
+    values = {"lost_share": 0.1, "counted_rad_s": 1.0}
+    values |= {"use_lost_of_all": 1.0} if form == "all" else {}
+    shown = run("motor", (Injected("lost-counts", form, "", values),))[:, SENSED_POSITION]
+    speed = np.diff(true) / ROW_S
+    fast = np.abs(speed) > 1.0
+    assert 0.1 < np.mean(fast) < 0.9
+    slower = np.sign(speed) if form == "beyond" else 0.0
+    lost = np.where(fast, 0.1 * (speed - slower), 0.0)
+    np.testing.assert_allclose(np.diff(shown) / ROW_S, speed - lost, atol=1e-9)
 
 
 def test_heat_cools_a_chamber_that_was_filled_fast() -> None:

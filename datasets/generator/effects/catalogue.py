@@ -69,6 +69,7 @@ _RELIEF = {"relief_pa": (1.4e5, 1.9e5)}
 _CUSHION = {"cushion_start_rad": (0.2, 0.4)}
 _STICK = {"stick_time_s": (0.05, 0.3)}
 _PULSATION = {"pulsation_hz": (1.0, 3.0), "pulsation_phase_rad": _PHASE}
+_FAST = {"counted_rad_s": (0.8, 1.6)}
 _COMPLIANCE = 1.0 / 400.0  # rad/Nm
 
 _FRICTION: dict[str, dict[str, Form]] = {
@@ -300,6 +301,10 @@ _TIMING_AND_SENSORS: dict[str, dict[str, Form]] = {
     "time-skew": {"delay": _one("skew_s", 0.002, sides=SIDES_OR_BOTH)},
     "encoder-eccentricity": {
         "sine": _one("encoder_rad", 1e-3, shapes={"encoder_phase_rad": _PHASE})
+    },
+    "lost-counts": {
+        "beyond": _one("lost_share", 0.1, shapes=_FAST),
+        "all": _one("lost_share", 0.03, shapes=_FAST, flags={"use_lost_of_all": 1.0}),
     },
 }
 

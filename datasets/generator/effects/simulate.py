@@ -62,11 +62,13 @@ def simulated(
     )  # fmt: skip
     if count == 0:
         raise RuntimeError("the integration with effects diverged: are their sizes plausible?")
-    return sensed(np.asarray(rows[:count]), motor[:count], plant, k)
+    return sensed(np.asarray(rows[:count]), motor[:count], plant, k, rig.row_period)
 
 
-def sensed(rows: FloatArray, motor: FloatArray, plant: Plant, k: Any) -> FloatArray:
-    """Rows (m, 8) with the sensors' gains, offsets, cross-talk and encoder eccentricity."""
+def sensed(
+    rows: FloatArray, motor: FloatArray, plant: Plant, k: Any, row_period: float
+) -> FloatArray:
+    """Rows (m, 8) with the sensors' gains, offsets, cross-talk, eccentricity and lost counts."""
     scale = float(k["angle_scale"])
     torque = np.clip(motor, -plant.max_effort, plant.max_effort) / scale
     for column, side in ((SENSED_A, "a"), (SENSED_B, "b")):
@@ -77,4 +79,10 @@ def sensed(rows: FloatArray, motor: FloatArray, plant: Plant, k: Any) -> FloatAr
     if k["encoder_rad"] != 0.0:
         angle = rows[:, SENSED_POSITION] * scale + k["encoder_phase_rad"]
         rows[:, SENSED_POSITION] += k["encoder_rad"] / scale * np.sin(angle)
+    if k["lost_share"] != 0.0:
+        moved = np.diff(rows[:, SENSED_POSITION], prepend=rows[0, SENSED_POSITION])
+        seen = np.clip(moved, *(np.array([-1.0, 1.0]) * k["counted_rad_s"] / scale * row_period))
+        # Of what comes too fast, or of all while it does.
+        missed = np.where(moved == seen, 0.0, moved) if k["use_lost_of_all"] else moved - seen
+        rows[:, SENSED_POSITION] -= k["lost_share"] * np.cumsum(missed)
     return rows

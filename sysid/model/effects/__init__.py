@@ -65,6 +65,7 @@ from sysid.model.effects.motor import (
 from sysid.model.effects.sensor import (
     AmbientPressureError,
     EncoderEccentricity,
+    LostCounts,
     PressureGain,
     PressureLag,
     PressureOffset,
@@ -109,6 +110,7 @@ __all__ = [
     "GearMeshRipple",
     "InertiaMismatch",
     "LinkFlexibility",
+    "LostCounts",
     "MountingTilt",
     "PartialOpening",
     "PistonLeakage",

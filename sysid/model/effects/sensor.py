@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -63,6 +64,11 @@ def _pressures(channels: Mapping[str, Array], chosen: str) -> list[Array]:
     """The pressures of the chosen side that are there, in the order of `_changed_pressures`."""
     names = [f"pressure_{side}_pa" for side in SIDES if of_side(side, chosen)]
     return [channels[name] for name in names if name in channels]
+
+
+def _positions(channels: Mapping[str, Array]) -> list[str]:
+    """The position's name, where it is there."""
+    return [name for name in POSITION_CHANNELS if name in channels]
 
 
 @dataclass(frozen=True)
@@ -217,13 +223,69 @@ class EncoderEccentricity(CatalogueEffect):
 
     def measure(self, channels: Mapping[str, Array], time: Array) -> dict[str, Array]:
         found = dict(channels)
-        for name in POSITION_CHANNELS:
-            if name in found:
-                true = found[name]
-                xp = array_namespace(true, self.encoder_sine_rad)
-                sine = self.encoder_sine_rad * xp.sin(true)
-                found[name] = true + sine + self.encoder_cosine_rad * xp.cos(true)
+        for name in _positions(channels):
+            true = found[name]
+            xp = array_namespace(true, self.encoder_sine_rad)
+            sine = self.encoder_sine_rad * xp.sin(true)
+            found[name] = true + sine + self.encoder_cosine_rad * xp.cos(true)
         return found
+
+
+@dataclass(frozen=True)
+class LostCounts(CatalogueEffect):
+    """The encoder loses counts in fast motion: a share d of what is beyond a speed."""
+
+    lost_share: Array = 0.0
+    counted_speed_rad_per_s: Array = 1.0
+
+    id = "lost-counts"
+    title = "Encoder that loses counts"
+    subsystem = "sensor"
+    quantities = (
+        Quantity("lost_share", "-", 0.1, 0.0, 1.0, "of the counts beyond the speed"),
+        Quantity(
+            "counted_speed_rad_per_s",
+            "rad/s",
+            1.0,
+            0.05,
+            100.0,
+            "speed up to which every count is seen",
+            is_strength=False,
+            grid=(0.5, 1.0, 2.0, 4.0),
+        ),
+    )
+    signature = "angle that falls behind in fast motion and does not come back"
+    rivals = ("pitch-eccentricity",)
+    tie_breaker = "move fast to a stop and slowly back to the other: the stops must read the same"
+    source = "textbook: frequency limit of an incremental encoder's counter"
+
+    def measure(self, channels: Mapping[str, Array], time: Array) -> dict[str, Array]:
+        found = dict(channels)
+        for name in _positions(channels):
+            true = np.asarray(found[name], dtype=float)
+            lost = self._lost(np, np.diff(true), np.diff(np.asarray(time, dtype=float)))
+            found[name] = true - np.concatenate([[0.0], np.cumsum(lost)])[: len(true)]
+        return found
+
+    def start_sensing(self, channels: Mapping[str, Array], step: float) -> tuple[Array, ...]:
+        """See `Effect`: the last true position and what was lost so far."""
+        return tuple(row for n in _positions(channels) for row in (channels[n], 0.0 * channels[n]))
+
+    def sense(
+        self, channels: Mapping[str, Array], memory: tuple[Array, ...], time: Array, step: float
+    ) -> tuple[dict[str, Array], tuple[Array, ...]]:
+        """See `Effect`."""
+        found, kept = dict(channels), []
+        for name, last, lost in zip(_positions(channels), memory[::2], memory[1::2], strict=True):
+            true = channels[name]
+            lost = lost + self._lost(array_namespace(true, self.lost_share), true - last, step)
+            found[name] = true - lost
+            kept += [true, lost]
+        return found, tuple(kept)
+
+    def _lost(self, xp: Any, moved: Array, step: Array) -> Array:
+        beyond = xp.maximum(xp.abs(moved) - self.counted_speed_rad_per_s * step, 0.0)
+        return self.lost_share * beyond * xp.sign(moved)
 
 
 @dataclass(frozen=True)
@@ -253,5 +315,6 @@ EFFECTS: tuple[type[CatalogueEffect], ...] = (
     PressureLag,
     TimeSkew,
     EncoderEccentricity,
+    LostCounts,
     AmbientPressureError,
 )
