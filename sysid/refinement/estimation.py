@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.refinement.problem import Iterate, Linearised, Problem
+from sysid.refinement.problem import Iterate, Problem
 from sysid.refinement.runs import Run
 from sysid.refinement.scan import scanned
 from sysid.refinement.solver import Solution, solve
@@ -105,9 +105,10 @@ def estimate(
         progress(f"round {number + 1}: {len(problem.runs)} segments at once")
         solution = solve(problem, point, _ROUND_EVALUATIONS, _ROUGHLY)
         evaluations += solution.evaluations
-        follows = followed(problem, solution.at.runs, solution.counted)
+        left = solution.at.residuals
+        follows = followed(problem, left, solution.counted)
         # Where every test breaks away at the wrong moment, none is worse than the others.
-        near = follows & _as_noise(problem, solution.at.runs) if number == 0 else follows
+        near = follows & _as_noise(problem, left) if number == 0 else follows
         open_tests = np.array(
             [not all(near[i] for i in problem.members(t)) for t in range(problem.tests)]
         )
@@ -126,24 +127,26 @@ def estimate(
             break
     final, start, left_out, scatter = _final(problem, solution, follows, scatter, robust)
     progress("the errors as they are")
-    solution = solve(final, start, _FINAL_EVALUATIONS, _CLOSELY, first_step=_UNDAMPED)
+    solution = solve(final, start, _FINAL_EVALUATIONS, _CLOSELY, first_step=_UNDAMPED, chords=True)
     return Estimated(final, solution, left_out, scatter, evaluations + solution.evaluations)
 
 
-def followed(problem: Problem, runs: Sequence[Linearised], counted: BoolArray) -> BoolArray:
-    """Whether the simulation follows each run (runs,): its errors are like those of the others."""
-    ratio = _ratios(problem, runs)
+def followed(problem: Problem, residuals: Sequence[FloatArray], counted: BoolArray) -> BoolArray:
+    """Whether the simulation follows each run (runs,): its errors are like those of the others.
+
+    `residuals` (3, n) each.
+    """
+    ratio = _ratios(problem, residuals)
     return np.asarray(ratio <= NOT_FOLLOWED * max(float(np.median(ratio[counted])), 1.0))
 
 
-def _as_noise(problem: Problem, runs: Sequence[Linearised]) -> BoolArray:
+def _as_noise(problem: Problem, residuals: Sequence[FloatArray]) -> BoolArray:
     """Whether each run's errors (runs,) are like the sensors'."""
-    return np.asarray(_ratios(problem, runs) <= NOT_FOLLOWED)
+    return np.asarray(_ratios(problem, residuals) <= NOT_FOLLOWED)
 
 
-def _ratios(problem: Problem, runs: Sequence[Linearised]) -> FloatArray:
-    pairs = zip(problem.runs, runs, strict=True)
-    return np.array([error_ratio(run, own.errors.residual) for run, own in pairs])
+def _ratios(problem: Problem, residuals: Sequence[FloatArray]) -> FloatArray:
+    return np.array([error_ratio(*pair) for pair in zip(problem.runs, residuals, strict=True)])
 
 
 def error_ratio(run: Run, residual: FloatArray) -> float:
@@ -157,7 +160,7 @@ def _final(
     """The problem of the runs that are followed, with errors as they are; where to start it."""
     numbers = np.flatnonzero(follows)
     runs = tuple(problem.runs[i] for i in numbers)
-    own = [rough.at.runs[i].errors.residual for i in numbers]
+    own = [rough.at.residuals[i] for i in numbers]
     found = _scatter_of(problem, rough, scatter)
     final = dataclasses.replace(
         problem,

@@ -62,13 +62,13 @@ class ProbedProblem(Problem):
         own = super()._errors(run, found, model, point, directions)
         if not self.sensors:
             return own
-        here = self._measured(run, found.states, model)
+        here = self._shown(run, found.states, model)
         slopes = []
         for probe in self.sensors:
             step = {probe.quantity: _SENSOR_STEP * probe.typical}
             changed: CatalogueEffect = dataclasses.replace(probe.effect, **step)  # type: ignore[type-var]
             moved = Model(model.parameters, (*model.effects, changed))
-            slopes.append((self._measured(run, found.states, moved) - here) / _SENSOR_STEP)
+            slopes.append((self._shown(run, found.states, moved) - here) / _SENSOR_STEP)
         return RunErrors(own.residual, np.concatenate([own.slopes, slopes])).kept(run)
 
 

@@ -11,6 +11,7 @@ worse.
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Container, Sequence
 from dataclasses import dataclass
 
@@ -108,7 +109,8 @@ def _longer(found: Estimated, tests: Sequence[MotionTest], joined: int) -> Estim
         broken = _broken(pieces, _follows_at_once(problem, point))
         if not broken:
             problem, solution = _solved(problem, point)
-            follows = solution.counted & followed(problem, solution.at.runs, solution.counted)
+            left = solution.at.residuals
+            follows = solution.counted & followed(problem, left, solution.counted)
             broken = _broken(pieces, follows)
             if not broken:
                 return _accepted(found, problem, solution, joined)
@@ -145,17 +147,18 @@ def _accepted(
 
 def _follows_at_once(problem: Problem, point: Iterate) -> BoolArray:
     """Whether the model follows each run from the point."""
-    runs = problem.linearised(point)
-    return followed(problem, runs, np.ones(len(runs), dtype=bool))
+    return followed(problem, problem.residuals(point), np.ones(len(problem.runs), dtype=bool))
 
 
 def _solved(problem: Problem, point: Iterate) -> tuple[Problem, Solution]:
     """With the shorter runs' whitening, then with that of what is left."""
-    first = solve(problem, point, _EVALUATIONS, _CLOSELY, first_step=_UNDAMPED)
-    left = [run.errors.residual for run in first.at.runs]
-    white = whitening_of(problem.runs, left)
-    problem = dataclasses.replace(problem, whitening=(white,) * len(left))
-    second = solve(problem, first.point, _EVALUATIONS, _CLOSELY, first_step=_UNDAMPED)
+    near = functools.partial(
+        solve, most=_EVALUATIONS, near=_CLOSELY, first_step=_UNDAMPED, chords=True
+    )
+    first = near(problem, point)
+    white = whitening_of(problem.runs, first.at.residuals)
+    problem = dataclasses.replace(problem, whitening=(white,) * len(problem.runs))
+    second = near(problem, first.point, known=first.at.runs)
     evaluations = first.evaluations + second.evaluations
     return problem, dataclasses.replace(second, evaluations=evaluations)
 

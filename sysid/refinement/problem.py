@@ -144,20 +144,50 @@ class Problem:
         by_test = [self.model_for(point, test) for test in range(self.tests)]
         return [by_test[run.test] for run in self.runs]
 
-    def linearised(self, point: Iterate) -> list[Linearised]:
-        """Every run's equations at a point. Raises OutOfTimeError."""
+    def linearised(
+        self, point: Iterate, slopes_of: Sequence[Linearised] | None = None
+    ) -> list[Linearised]:
+        """Every run's equations at a point. Raises OutOfTimeError.
+
+        With `slopes_of`, the equations at a point near it, the slopes are those: derivatives cost
+        many times what the simulation does.
+        """
         check_time()
-        directions = self._directions()
         models = self.models(point)
         inputs = self.inputs(point)
+        if slopes_of is not None:
+            residuals = self._residuals(inputs, models)
+            errors = [
+                RunErrors(residual, known.errors.slopes).kept(run)
+                for run, residual, known in zip(self.runs, residuals, slopes_of, strict=True)
+            ]
+            return self.equations(errors, point)
+        directions = self._directions()
         found = simulate_tangents(inputs, models, directions, max_step=self.max_step)
         if self.fine_step is not None:
             # Slopes cost many times a simulation and need not be as exact.
             runs = simulate(inputs, models, max_step=self.fine_step)
             found = [_with_states(own, run) for own, run in zip(found, runs, strict=True)]
+        errors = [
+            self._errors(run, own, model, point, directions)
+            for run, own, model in zip(self.runs, found, models, strict=True)
+        ]
+        return self.equations(errors, point)
+
+    def equations(self, errors: Sequence[RunErrors], point: Iterate) -> list[Linearised]:
+        """Every run's equations with the whitening of this problem, from its errors at a point."""
+        return [self._equations(i, own, point) for i, own in enumerate(errors)]
+
+    def residuals(self, point: Iterate) -> list[FloatArray]:
+        """Every run's (3, n), simulated less measured: rad or m, Pa. Raises OutOfTimeError."""
+        check_time()
+        return self._residuals(self.inputs(point), self.models(point))
+
+    def _residuals(self, inputs: Sequence[Inputs], models: Sequence[Model]) -> list[FloatArray]:
+        found = simulate(inputs, models, max_step=self.fine_step or self.max_step)
         return [
-            self._equations(i, self._errors(run, own, model, point, directions), point)
-            for i, (run, own, model) in enumerate(zip(self.runs, found, models, strict=True))
+            self._shown(run, _states_of(own), model) - run.measured
+            for run, own, model in zip(self.runs, found, models, strict=True)
         ]
 
     def inputs(self, point: Iterate) -> list[Inputs]:
@@ -209,9 +239,9 @@ class Problem:
 
         Through a model of the sensors the slopes are one-sided differences along the states'.
         """
-        if not any(overrides(e, "measure") for e in model.effects):
-            return found.states[[0, 2, 3]], found.slopes[:, [0, 2, 3]]
-        here = self._measured(run, found.states, model)
+        here = self._shown(run, found.states, model)
+        if not _has_sensors(model):
+            return here, found.slopes[:, [0, 2, 3]]
         slopes = []
         for j, slope in enumerate(found.slopes):
             direction = directions[j - len(STATES)] if j >= len(STATES) else (0, "")
@@ -222,10 +252,13 @@ class Problem:
             if math.isinf(step):
                 slopes.append(np.zeros_like(here))
                 continue
-            slopes.append((self._measured(run, found.states + step * slope, moved) - here) / step)
+            slopes.append((self._shown(run, found.states + step * slope, moved) - here) / step)
         return here, np.array(slopes)
 
-    def _measured(self, run: Run, states: FloatArray, model: Model) -> FloatArray:
+    def _shown(self, run: Run, states: FloatArray, model: Model) -> FloatArray:
+        """Position and pressures (3, n) as the sensors show states (4, n)."""
+        if not _has_sensors(model):
+            return np.asarray(states[[0, 2, 3]])
         names = (self.position, VELOCITY_CHANNELS[self.position], *CHAMBER_PRESSURES)
         time = run.inputs.time - run.inputs.time[0] + run.inputs.elapsed
         channels = through_sensors(dict(zip(names, states, strict=True)), time, model)
@@ -301,8 +334,16 @@ class Problem:
         return prior_factor(self.unknowns)
 
 
+def _has_sensors(model: Model) -> bool:
+    return any(overrides(e, "measure") for e in model.effects)
+
+
+def _states_of(run: Trajectory) -> FloatArray:
+    return np.array([getattr(run, name) for name in STATES])
+
+
 def _with_states(found: Tangents, run: Trajectory) -> Tangents:
-    return found._replace(states=np.array([getattr(run, name) for name in STATES]))
+    return found._replace(states=_states_of(run))
 
 
 def _sensor_moved(model: Model, direction: Direction, step: float) -> tuple[float, Model]:

@@ -52,6 +52,11 @@ class ReducedEquations:
     own: tuple[FloatArray, ...]
     prior: FloatArray
 
+    @property
+    def residuals(self) -> list[FloatArray]:
+        """Of every run (3, n): rad or m, Pa."""
+        return [run.errors.residual for run in self.runs]
+
     def shared_step(self) -> FloatArray:
         """The undamped step of each shared unknown (p,), in standard errors by the runs' own
         gradients (White 1982).

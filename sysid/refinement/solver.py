@@ -22,6 +22,7 @@ from sysid.refinement.reduction import ReducedEquations, reduced
 from sysid.types import BoolArray, FloatArray
 
 _MOST_REFUSED = 6
+_MOST_CHORDS = 3
 # Of all runs, at most this share may be set aside.
 _MOST_ASIDE = 0.25
 # A run that was set aside this often stays so.
@@ -142,26 +143,38 @@ def solve(
     *,
     least: int = 1,
     first_step: float = 1.0,
+    chords: bool = False,
+    known: Sequence[Linearised] | None = None,
 ) -> Solution:
     """Minimise a problem's cost from a point, with `least` to `most` evaluations.
 
     It ends where the linearised equations would move every shared unknown by less than `near`
     standard errors, and has converged where by less than a quarter. `first_step`: optimistix' first
-    step size, one over the damping.
+    step size, one over the damping. `known`: the runs' errors at the point, where they are known.
+
+    With `chords`, for a start near the solution, up to three steps are taken with the same slopes
+    (the chord method: Ortega, Rheinboldt 1970, 7.1), which only a simulation is needed for; where
+    it ends is decided with the slopes there.
     """
     count = len(problem.runs)
     counted, damping = np.ones(count, dtype=bool), np.zeros(count)
-    base = reduced(problem, point, problem.linearised(point), damping, counted)
-    step_size, refused, evaluations = first_step, 0, 1
+    first = problem.equations([k.errors for k in known], point) if known else None
+    base = reduced(problem, point, first or problem.linearised(point), damping, counted)
+    step_size, refused, evaluations, chord = first_step, 0, int(not known), 0
     changes, costs = np.zeros(count, dtype=int), [base.cost]
     while evaluations < most and refused < _MOST_REFUSED:
         check_time()
-        if evaluations >= least and (_is_near(base, near) or _stagnates(costs)):
+        ended = (known or evaluations >= least) and (_is_near(base, near) or _stagnates(costs))
+        if ended and not chord:
             break
+        if chord and (ended or refused or chord == _MOST_CHORDS):
+            base, chord = _with_own_slopes(problem, base, damping, counted), 0
+            evaluations += 1
+            continue
         given = _propose(base, step_size)
         to = base.moved(problem, given.step, counted)
-        runs = problem.linearised(to)
-        evaluations += 1
+        runs = problem.linearised(to, base.runs if chords else None)
+        evaluations += not chords
         damping = _next_damping(damping, problem, base, to, runs)
         aside = _to_set_aside(problem, base, to, runs, counted)
         fewer = counted & ~aside
@@ -173,9 +186,19 @@ def solve(
             back = _followed(problem, trial, fewer) & (changes < _MOST_CHANGES)
             costs = [] if (aside | back).any() else [*costs, trial.cost]
             changes += aside
-            base, counted = trial, fewer | back
+            base, counted, chord = trial, fewer | back, chord + chords
         base = reduced(problem, base.point, base.runs, damping, counted)
+    if chord:
+        base = _with_own_slopes(problem, base, damping, counted)
+        evaluations += 1
     return Solution(base, evaluations, _is_near(base, max(near, _NEAR_ENOUGH)), counted)
+
+
+def _with_own_slopes(
+    problem: Problem, base: ReducedEquations, damping: FloatArray, counted: BoolArray
+) -> ReducedEquations:
+    """The equations at the same point with the slopes there."""
+    return reduced(problem, base.point, problem.linearised(base.point), damping, counted)
 
 
 def _is_near(base: ReducedEquations, near: float) -> bool:
