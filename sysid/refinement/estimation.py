@@ -103,7 +103,7 @@ def estimate(
     seen, done = np.full(problem.tests, np.nan), np.zeros(problem.tests, dtype=bool)
     for number in range(_ROUNDS):
         progress(f"round {number + 1}: {len(problem.runs)} segments at once")
-        solution = solve(problem, point, _ROUND_EVALUATIONS, _ROUGHLY)
+        solution = solve(problem, point, _ROUND_EVALUATIONS, _ROUGHLY, chords=number > 0)
         evaluations += solution.evaluations
         left = solution.at.residuals
         follows = followed(problem, left, solution.counted)
