@@ -10,7 +10,7 @@ from golden_folder import GOLDEN, Folder
 COMMANDS = (
     *("", "fit", "fit friction", "fit valve-discrete", "fit valve-pwm", "fit campaign", "check"),
     *("convert", "validate", "diagnose", "refine", "simulate", "control", "run", "demo"),
-    *("export", "effects", "init"),
+    *("export", "effects", "init", "compare", "fleet"),
 )
 
 
