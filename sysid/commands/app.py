@@ -44,7 +44,7 @@ COMMANDS = {
     "export": "Files for a controller: a C header, a MATLAB file or flat JSON.",
     "fit": "Identify parameters: one part from its logs, or a whole CAMPAIGN.toml.",
     "fleet": "Every CAMPAIGN through `run`, and one page over all of them: what changed, and when.",
-    "init": "Write a commented rig file to fill in.",
+    "init": "Write a commented rig or campaign file to fill in.",
     "refine": "All parameters of the assembled model together, by simulation error.",
     "run": "The whole pipeline, from checks to exports. Resumes where it stopped.",
     "simulate": "Open-loop simulation of the commands in INPUTS, a log.",
