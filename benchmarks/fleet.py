@@ -7,8 +7,8 @@ on top, that of each date (1 %), and the sensors' noise.
 
     python -m benchmarks.fleet make -o DIR [--seeds 31001]    # 60 campaigns
     sysid fleet DIR/rigs/*/*/campaign.toml -o DIR/fleet --no-refine --budget 600
-    python -m benchmarks.fleet judge DIR                      # what was found where, to JSON
-    python -m benchmarks.fleet compare DIR [--count 6]        # serial, joblib, Dask: bits and time
+    python -m benchmarks.fleet judge DIR              # what was found on which rig, and since when
+    python -m benchmarks.fleet compare DIR [--count 6]  # joblib, Dask, a killed worker: bits, time
 
 Rigs of seeds 30001 to 30006 were used during development, 31001 to 31006 for the figure.
 """
@@ -18,12 +18,25 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import datetime
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
+from benchmarks.history import record
 from datasets.generator.campaign import Size, drawn_effects, make_campaign, stream
 from datasets.generator.effects import Injected
 from datasets.generator.files import Dialect, write_campaign
 from datasets.generator.rigs import GeneratedRig, random_rig
+from sysid.fleet.origin import result_folder
+from sysid.fleet.rows import ROW_FILE, FleetRow
+from sysid.fleet.trends import Fleet, fleet_of
 
 DATES = tuple(datetime.date(2021, 1, 15) + datetime.timedelta(days=61 * i) for i in range(10))
 KINDS = (
@@ -68,17 +81,144 @@ def make(folder: Path, first_seed: int, rigs: int, dates: int) -> None:
             write_campaign(where, campaign, "python -m benchmarks.fleet", Dialect(parquet=True))
 
 
+# --- what was found ------------------------------------------------------------------------
+
+
+def fleet_in(folder: Path) -> Fleet:
+    """The fleet of those campaigns that are done."""
+    rows = [
+        FleetRow.from_json(json.loads(path.read_text("utf-8")))
+        for path in sorted((folder / "fleet").glob(f"*/{ROW_FILE}"))
+    ]
+    return fleet_of(rows)
+
+
+def judge(folder: Path, first_seed: int) -> None:
+    """Print what changed on each rig next to what was changed, and the count of each outcome.
+
+    Found: the number's family, from the date of the change or the next one. Beside it: another
+    family of that rig from the same date, which the change explains. All else is false.
+    """
+    fleet = fleet_in(folder)
+    print(fleet.headline())
+    found = beside = false = expected = 0
+    for place in range(6):
+        rig = f"rig-{first_seed + place}"
+        dates = sorted({str(r.origin.date) for r in fleet.rows if r.origin and r.origin.rig == rig})
+        if not dates:
+            continue
+        truth = {"friction": WORN_FROM.get(place), "leakage": LEAKS_FROM.get(place)}
+        wanted = {
+            f: since for f, since in truth.items() if since is not None and since < len(dates)
+        }
+        near = {DATES[n + late].isoformat() for n in wanted.values() for late in (0, 1)}
+        changed = {(t.family, t.since) for t in fleet.changes if t.rig == rig}
+        hits = [f for f in wanted if any(g == f and since in near for g, since in changed)]
+        others = [(f, since) for f, since in changed if f not in wanted]
+        expected, found = expected + len(wanted), found + len(hits)
+        beside += sum(since in near for _, since in others)
+        false += sum(since not in near for _, since in others)
+        early = [one for one in changed if one[0] in wanted and one[1] not in near]
+        false += len(early)
+        said = {f: DATES[n].isoformat() for f, n in wanted.items()} or "nothing"
+        print(f"{rig}, {len(dates)} dates: true {said}; found {sorted(changed) or 'nothing'}")
+        for trend in (t for t in fleet.changes if t.rig == rig):
+            print(f"    {trend.sentence()}")
+    tested = [t for t in fleet.trends if t.change]
+    print(
+        f"{found} of {expected} found in time, {beside} beside, {false} false; {len(tested)} trends"
+    )
+
+
+# --- serial, joblib, Dask ------------------------------------------------------------------
+
+
+def compare(folder: Path, count: int) -> None:
+    """The same campaigns by two processes of joblib, two Dask workers, and with one killed.
+
+    Compared with what `folder/fleet` holds, which one process made; to the last bit, but for the
+    time of day at which a bundle was made.
+    """
+    from distributed import LocalCluster
+
+    done = sorted((folder / "fleet").glob(f"*/{ROW_FILE}"))[:count]
+    campaigns = [json.loads(path.read_text("utf-8"))["campaign"] for path in done]
+    stages = [json.loads((path.parent / "run.json").read_text("utf-8")) for path in done]
+    serial = sum(stage["seconds"] for run in stages for stage in run.values())
+    print(f"{len(campaigns)} campaigns, serial: {serial:.0f} s, load {os.getloadavg()[0]:.1f}")
+    own = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": ":0"}
+    joblib_s = timed(run_fleet(campaigns, folder / "joblib", ["--jobs", "2"]))
+    report(folder, "joblib", campaigns, joblib_s)
+    with LocalCluster(**own) as cluster:
+        words = ["--scheduler", cluster.scheduler_address]
+        dask_s = timed(run_fleet(campaigns, folder / "dask", words))
+        report(folder, "dask", campaigns, dask_s)
+        under_way = run_fleet(campaigns[:2], folder / "killed", words)
+        time.sleep(0.5 * dask_s / max(len(campaigns) / 2, 1))
+        os.kill(cluster.workers[0].pid, signal.SIGKILL)
+        print("a worker was killed")
+        report(folder, "killed", campaigns[:2], timed(under_way))
+    record(f"fleet of {len(campaigns)}, joblib, 2 processes", joblib_s, "s")
+    record(f"fleet of {len(campaigns)}, Dask, 2 workers", dask_s, "s")
+
+
+def run_fleet(campaigns: Sequence[str], out: Path, words: Sequence[str]) -> subprocess.Popen[bytes]:
+    """`sysid fleet` anew, in a process of its own."""
+    shutil.rmtree(out, ignore_errors=True)
+    options = ["--no-refine", "--budget", "600", "-o", str(out), *words]
+    return subprocess.Popen(
+        [sys.executable, "-m", "sysid", "fleet", *campaigns, *options],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+
+
+def timed(process: subprocess.Popen[bytes]) -> float:
+    """Seconds until a process that was just started has ended; it has to end well."""
+    start = time.perf_counter()
+    if process.wait():
+        raise SystemExit(f"sysid fleet ended with {process.returncode}")
+    return time.perf_counter() - start
+
+
+def report(folder: Path, name: str, campaigns: Sequence[str], seconds: float) -> None:
+    """Print the time, and how many results are the serial ones to the last bit."""
+    names = [result_folder(Path(path)) for path in campaigns]
+    same = sum(results(folder / "fleet" / n) == results(folder / name / n) for n in names)
+    load = os.getloadavg()[0]
+    print(f"{name}: {seconds:.0f} s, load {load:.1f}; the same: {same} of {len(names)}", flush=True)
+
+
+def results(folder: Path) -> dict[str, Any]:
+    """Bundle, diagnosis and row of a campaign, without the moment at which they were made."""
+    names = ("fitted.json", "bundle.json", "diagnosis.json", ROW_FILE)
+    found = {name: json.loads((folder / name).read_text("utf-8")) for name in names}
+    for name in names[:2]:
+        del found[name]["created"]
+    return found
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     commands = parser.add_subparsers(dest="command", required=True)
     making = commands.add_parser("make")
-    making.add_argument("-o", "--output", type=Path, required=True)
-    making.add_argument("--seeds", type=int, default=31001, help="the first rig's")
+    making.add_argument("-o", "--output", dest="folder", type=Path, required=True)
     making.add_argument("--rigs", type=int, default=6)
     making.add_argument("--dates", type=int, default=10)
+    judging = commands.add_parser("judge")
+    comparing = commands.add_parser("compare")
+    comparing.add_argument("--count", type=int, default=6)
+    for one in (judging, comparing):
+        one.add_argument("folder", type=Path)
+    for one in (making, judging):
+        one.add_argument("--seeds", type=int, default=31001, help="the first rig's")
     given = parser.parse_args()
     if given.command == "make":
-        make(given.output, given.seeds, given.rigs, given.dates)
+        make(given.folder, given.seeds, given.rigs, given.dates)
+    elif given.command == "judge":
+        judge(given.folder, given.seeds)
+    else:
+        compare(given.folder, given.count)
 
 
 if __name__ == "__main__":

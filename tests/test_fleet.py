@@ -23,7 +23,7 @@ from sysid.errors import InputError
 from sysid.fleet.changes import change_in
 from sysid.fleet.leakage import leakage_flow
 from sysid.fleet.origin import Origin, date_in, origin_of, result_folder
-from sysid.fleet.rows import LEAKAGE, FleetRow, Reading
+from sysid.fleet.rows import LEAKAGE, FleetReading, FleetRow
 from sysid.fleet.trends import Fleet, fleet_of
 from sysid.io.campaign import read_campaign
 from sysid.model.effects import AtmosphereLeakage
@@ -140,8 +140,8 @@ def test_leakage_is_one_number_whatever_its_law() -> None:
 
 def row(rig: str, place: int, friction: float, leak: float | None = None) -> FleetRow:
     date = datetime.date(2021, 1, 15) + datetime.timedelta(days=60 * int(place))
-    readings = [Reading("friction", "friction.coulomb_nm", friction, 0.002, "Nm")]
-    readings += [] if leak is None else [Reading("leakage", LEAKAGE, leak, 2e-7, "kg/s")]
+    readings = [FleetReading("friction", "friction.coulomb_nm", friction, 0.002, "Nm")]
+    readings += [] if leak is None else [FleetReading("leakage", LEAKAGE, leak, 2e-7, "kg/s")]
     return FleetRow(
         campaign=f"/data/{rig}/{date}/campaign.toml",
         folder=f"{rig}-{date} #1",

@@ -26,7 +26,7 @@ _FRICTION = ("static", "coulomb", "viscous")
 
 
 @dataclass(frozen=True)
-class Reading:
+class FleetReading:
     """One number of a campaign with its standard error; `name` as in the bundle."""
 
     family: Family
@@ -54,7 +54,7 @@ class FleetRow:
     verdict: str | None = None
     sentence: str = ""
     effects: Mapping[str, float] = field(default_factory=dict)
-    readings: tuple[Reading, ...] = ()
+    readings: tuple[FleetReading, ...] = ()
     notices: int = 0
     failure: str = ""
 
@@ -85,7 +85,7 @@ class FleetRow:
             **{
                 **content,
                 "origin": origin and Origin.from_json(origin),
-                "readings": tuple(Reading(**reading) for reading in content["readings"]),
+                "readings": tuple(FleetReading(**reading) for reading in content["readings"]),
             }
         )
 
@@ -99,13 +99,13 @@ class FleetRow:
         write_atomic(folder / ROW_FILE, json.dumps(self.to_json(), indent=2) + "\n")
 
 
-def readings_of(fitted: Bundle, final: Bundle) -> tuple[Reading, ...]:
+def readings_of(fitted: Bundle, final: Bundle) -> tuple[FleetReading, ...]:
     """What is followed over time: friction and delays as the bench tests gave them, and leakage.
 
     The bench tests' own fit (`fitted`) is estimated in the same way on every date; in the `final`
     bundle the same numbers mean something else once an effect stands beside them.
     """
-    found: list[Reading] = []
+    found: list[FleetReading] = []
     for place, part in parts_of(fitted).items():
         for key, estimate in part.estimates.items():
             if place == "friction" and key.startswith(_FRICTION):
@@ -114,14 +114,14 @@ def readings_of(fitted: Bundle, final: Bundle) -> tuple[Reading, ...]:
                 found += _reading("delay", f"{place}.{key}", estimate)
     leak = leakage_flow(final)
     if leak is not None:
-        found.append(Reading("leakage", LEAKAGE, *leak, "kg/s"))
+        found.append(FleetReading("leakage", LEAKAGE, *leak, "kg/s"))
     return tuple(found)
 
 
-def _reading(family: Family, name: str, estimate: Estimate) -> list[Reading]:
+def _reading(family: Family, name: str, estimate: Estimate) -> list[FleetReading]:
     if not has_error(estimate):
         return []
-    return [Reading(family, name, estimate.value, estimate.std, estimate.unit)]
+    return [FleetReading(family, name, estimate.value, estimate.std, estimate.unit)]
 
 
 def effects_of(bundle: Bundle) -> dict[str, float]:
@@ -139,8 +139,8 @@ __all__ = [
     "LEAKAGE",
     "ROW_FILE",
     "Family",
+    "FleetReading",
     "FleetRow",
-    "Reading",
     "effects_of",
     "readings_of",
 ]

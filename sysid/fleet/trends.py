@@ -21,7 +21,7 @@ from sysid.display.tables import Shown, ShownTable
 from sysid.errors import one_line
 from sysid.fleet.changes import LEAST_DATES, Change, change_in
 from sysid.fleet.comparison import SIGNIFICANCE
-from sysid.fleet.rows import FAMILIES, Family, FleetRow, Reading
+from sysid.fleet.rows import FAMILIES, Family, FleetReading, FleetRow
 from sysid.types import FloatArray
 
 if TYPE_CHECKING:
@@ -248,7 +248,7 @@ def _trends(rows: Sequence[FleetRow]) -> Iterable[Trend]:
 
 def _reading(
     row: FleetRow, key: tuple[Family, str, str], own: Sequence[FleetRow]
-) -> Iterable[Reading]:
+) -> Iterable[FleetReading]:
     """The reading of a row; a leak that a diagnosis did not find is one of 0.
 
     Its standard error is the median of those where it was found: what it could have been found to.
@@ -260,7 +260,7 @@ def _reading(
     if family != "leakage" or row.verdict is None:
         return ()
     known = [r.std for other in own for r in other.readings if (r.family, r.name) == (family, name)]
-    return (Reading(family, name, 0.0, float(np.median(known)), unit_of),)
+    return (FleetReading(family, name, 0.0, float(np.median(known)), unit_of),)
 
 
 def _adjusted(trends: list[Trend]) -> tuple[Trend, ...]:

@@ -18,8 +18,8 @@ def compare(*bundles: Bundle) -> Comparison:
     disappeared, grew or shrank. Raises InputError for fewer than two bundles, for rotary and
     linear rigs together, and for bundles that have no part in common.
 
-    >>> before, after = si.read_bundle("fitted.json"), bundle
-    >>> si.compare(before, after).moved
+    >>> si.write_bundle(bundle, "fitted.json")
+    >>> si.compare(bundle, si.read_bundle("fitted.json")).moved
     ()
     """
     return compare_bundles(bundles, shown_names([bundle.source for bundle in bundles]))
