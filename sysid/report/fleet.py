@@ -209,7 +209,7 @@ def _figure(trend: Trend, id: str) -> Figure:
     )
     if trend.change and trend.is_change:
         ax.plot(np.array(dates), factor * trend.change.at(trend.days), color=colour, linewidth=0.8)
-        since = np.datetime64(trend.since)
+        since: Any = np.datetime64(trend.since)
         ax.axvline(since, color=COLOUR["muted"], linewidth=0.6, linestyle=":")
     ax.set_ylabel(shown or "-")
     _date_axis(ax)
