@@ -62,8 +62,10 @@ def fleet(
     notices(done.notices)
     if as_json:
         print_json(done.to_json() | {"page": str(folder / PAGE_FILE)})
-        return
-    _show(done, folder)
+    else:
+        _show(done, folder)
+    if len(done.failed) == len(done.rows):
+        raise input_error(folder, "no campaign came to a result", "see the notices above")
 
 
 def run_fleet(
