@@ -13,6 +13,7 @@ from golden_folder import golden_bundle
 
 import sysid as si
 from sysid.bundle import Bundle
+from sysid.bundle.refinement import Refinement
 from sysid.commands.app import main
 from sysid.errors import InputError
 from sysid.fleet.comparison import Comparison
@@ -104,6 +105,26 @@ def test_effects_appear_disappear_and_grow(bundle: Bundle) -> None:
     two = bundle.replaced(effects=[type(bundle.effects[0]).model_validate(entry)])
     assert [e.state for e in si.compare(one, two).effects] == ["grew"]
     assert [e.state for e in si.compare(two, one).effects] == ["shrank"]
+
+
+def test_a_refinement_says_how_an_effects_errors_go_together(bundle: Bundle) -> None:
+    effect = bundle.effects[0]
+    names = [f"{effect.id}.{key}" for key in effect.numbers()]
+    value = {"value": 1.0, "std": 0.1, "unit": ""}
+    content = {
+        "parameters": [
+            {"name": name, "origin": "effect", "before": 1.0, "before_std": None, "after": value}
+            | {"movement": None, "informed_by_motion": True}
+            for name in ["friction.coulomb_nm", *names]
+        ],
+        "correlation": (0.5 + 0.5 * np.eye(len(names) + 1)).tolist(),
+        **dict.fromkeys(("converged", "evaluations", "segments", "segments_left_out"), 1),
+        "friction_scatter": None,
+    }
+    refined = bundle.replaced(refinement=Refinement.model_validate(content))
+    part = next(p for p in parts_of(refined).values() if p.place.startswith("effect"))
+    assert part.correlated == tuple(effect.numbers())
+    assert part.correlation is not None and part.correlation[0, -1] in (0.5, 1.0)
 
 
 def test_shown_as_the_other_results_are(bundle: Bundle) -> None:

@@ -52,8 +52,20 @@ def parts_of(bundle: Bundle) -> dict[str, NumbersOfPart]:
         found[place] = NumbersOfPart(place, bundle.component.estimates())
     for effect in bundle.effects:
         place = f"effect {effect_name(effect)}"
-        found[place] = NumbersOfPart(place, effect.numbers())
+        found[place] = _effect(place, effect, bundle)
     return found
+
+
+def _effect(place: str, effect: EffectEntry, bundle: Bundle) -> NumbersOfPart:
+    """An effect's numbers; a refinement knows how their errors go together."""
+    refined = bundle.refinement
+    known = [] if refined is None else [value.name for value in refined.values()]
+    names = {f"{effect.id}.{key}": key for key in effect.numbers()}
+    if refined is None or not refined.correlations() or any(known.count(n) != 1 for n in names):
+        return NumbersOfPart(place, effect.numbers())
+    places = [known.index(name) for name in names]
+    matrix = np.array(refined.correlations())[np.ix_(places, places)]
+    return NumbersOfPart(place, effect.numbers(), tuple(names.values()), matrix)
 
 
 def effect_name(effect: EffectEntry) -> str:
