@@ -7,6 +7,7 @@ on top, that of each date (1 %), and the sensors' noise.
 
     python -m benchmarks.fleet make -o DIR [--seeds 31001]    # 60 campaigns
     sysid fleet DIR/rigs/*/*/campaign.toml -o DIR/fleet --no-refine --budget 600
+    python -m benchmarks.fleet fits DIR               # the bench tests' fits alone, where not run
     python -m benchmarks.fleet judge DIR              # what was found on which rig, and since when
     python -m benchmarks.fleet compare DIR [--count 6]  # joblib, Dask, a killed worker: bits, time
 
@@ -29,13 +30,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import sysid as si
 from benchmarks.history import record
 from datasets.generator.campaign import Size, drawn_effects, make_campaign, stream
 from datasets.generator.effects import Injected
 from datasets.generator.files import Dialect, write_campaign
 from datasets.generator.rigs import GeneratedRig, random_rig
-from sysid.fleet.origin import result_folder
-from sysid.fleet.rows import ROW_FILE, FleetRow
+from sysid.fleet.origin import origin_of, result_folder
+from sysid.fleet.rows import ROW_FILE, FleetRow, effects_of, readings_of
 from sysid.fleet.trends import Fleet, fleet_of
 
 DATES = tuple(datetime.date(2021, 1, 15) + datetime.timedelta(days=61 * i) for i in range(10))
@@ -84,23 +86,60 @@ def make(folder: Path, first_seed: int, rigs: int, dates: int) -> None:
 # --- what was found ------------------------------------------------------------------------
 
 
+def campaigns_in(folder: Path) -> list[Path]:
+    """The campaign files that `make` wrote."""
+    return sorted((folder / "rigs").glob("*/*/campaign.toml"))
+
+
+def fit_all(folder: Path) -> None:
+    """Fit the campaigns that have not gone through `sysid fleet`: what its stage `fit` does."""
+    (folder / "fits").mkdir(exist_ok=True)
+    for path in campaigns_in(folder):
+        name = result_folder(path)
+        if not any(p.is_file() for p in fitted_files(folder, name)):
+            si.write_bundle(si.fit(si.read_campaign(path)), folder / "fits" / f"{name}.json")
+            print(name, flush=True)
+
+
+def fitted_files(folder: Path, name: str) -> tuple[Path, Path]:
+    """Where a campaign's fit may be: by `sysid fleet`, by `fit_all`."""
+    return folder / "fleet" / name / "fitted.json", folder / "fits" / f"{name}.json"
+
+
 def fleet_in(folder: Path) -> Fleet:
-    """The fleet of those campaigns that are done."""
-    rows = [
-        FleetRow.from_json(json.loads(path.read_text("utf-8")))
-        for path in sorted((folder / "fleet").glob(f"*/{ROW_FILE}"))
-    ]
+    """The fleet of those campaigns that are fitted; diagnosed are those that went through `run`."""
+    rows = []
+    for path in campaigns_in(folder):
+        name = result_folder(path)
+        done = next((p for p in fitted_files(folder, name) if p.is_file()), None)
+        if done is None:
+            continue
+        fitted, row = si.read_bundle(done), done.with_name(ROW_FILE)
+        final = si.read_bundle(done.with_name("bundle.json")) if row.is_file() else fitted
+        said = json.loads(row.read_text("utf-8"))["verdict"] if row.is_file() else None
+        rows.append(
+            FleetRow(
+                campaign=str(path),
+                folder=name,
+                origin=origin_of(si.read_campaign(path)),
+                verdict=said,
+                effects=effects_of(final),
+                readings=readings_of(fitted, final),
+            )
+        )
     return fleet_of(rows)
 
 
 def judge(folder: Path, first_seed: int) -> None:
     """Print what changed on each rig next to what was changed, and the count of each outcome.
 
-    Found: the number's family, from the date of the change or the next one. Beside it: another
-    family of that rig from the same date, which the change explains. All else is false.
+    Found: the number's family, from the date of the change or the next one; a leak also by its
+    sign in the valve tests. Beside it: another family of that rig from the same date, which the
+    change explains. All else is false.
     """
     fleet = fleet_in(folder)
-    print(fleet.headline())
+    diagnosed = sum(row.verdict is not None for row in fleet.rows)
+    print(f"{diagnosed} of them diagnosed; {fleet.headline()}")
     found = beside = false = expected = 0
     for place in range(6):
         rig = f"rig-{first_seed + place}"
@@ -113,6 +152,7 @@ def judge(folder: Path, first_seed: int) -> None:
         }
         near = {DATES[n + late].isoformat() for n in wanted.values() for late in (0, 1)}
         changed = {(t.family, t.since) for t in fleet.changes if t.rig == rig}
+        changed |= {("leakage", sign.since) for sign in fleet.leaks if sign.rig == rig}
         hits = [f for f in wanted if any(g == f and since in near for g, since in changed)]
         others = [(f, since) for f, since in changed if f not in wanted]
         expected, found = expected + len(wanted), found + len(hits)
@@ -205,16 +245,19 @@ def main() -> None:
     making.add_argument("-o", "--output", dest="folder", type=Path, required=True)
     making.add_argument("--rigs", type=int, default=6)
     making.add_argument("--dates", type=int, default=10)
+    fitting = commands.add_parser("fits")
     judging = commands.add_parser("judge")
     comparing = commands.add_parser("compare")
     comparing.add_argument("--count", type=int, default=6)
-    for one in (judging, comparing):
+    for one in (fitting, judging, comparing):
         one.add_argument("folder", type=Path)
     for one in (making, judging):
         one.add_argument("--seeds", type=int, default=31001, help="the first rig's")
     given = parser.parse_args()
     if given.command == "make":
         make(given.folder, given.seeds, given.rigs, given.dates)
+    elif given.command == "fits":
+        fit_all(given.folder)
     elif given.command == "judge":
         judge(given.folder, given.seeds)
     else:

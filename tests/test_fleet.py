@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import datetime
 import json
 import os
@@ -186,6 +187,27 @@ def test_each_change_is_found_at_its_date_and_no_other(made: Fleet) -> None:
     leak = next(t for t in made.trends if t.family == "leakage")
     assert list(leak.values[:6]) == [0.0] * 6
     assert "appears with" in leak.sentence() and "rises by" in made.changes[0].sentence()
+
+
+@pytest.mark.parametrize(("fill", "dis", "leaks"), [(-1, 1, ["b"]), (1, 1, []), (-1, 0, [])])
+def test_a_valve_that_fills_less_and_empties_more_leaks(
+    fill: int, dis: int, leaks: list[str]
+) -> None:
+    rng = np.random.default_rng(20184)
+    rows = []
+    for i in range(10):
+        shift = 0.004 * (i >= 5)
+        flows = {"c_fill": 1.5e-6 * (1.0 + fill * shift), "c_dis": 3.7e-9 * (1.0 + dis * shift)}
+        flow = tuple(
+            FleetReading("flow", f"valves.b.discrete.{k}", v * rng.normal(1.0, 4e-4), 4e-4 * v, "-")
+            for k, v in flows.items()
+        )
+        rows.append(dataclasses.replace(row("rig", i, 0.25), readings=flow))
+    fleet = fleet_of(rows)
+    assert [sign.side for sign in fleet.leaks] == leaks
+    assert all(sign.since == "2021-11-11" for sign in fleet.leaks)
+    assert ("leak of chamber B" in fleet.headline()) == bool(leaks)
+    assert ("plug its port" in fleet_page(fleet)) == bool(leaks)
 
 
 def test_a_fleet_is_shown_and_written(made: Fleet) -> None:

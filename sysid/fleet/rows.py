@@ -19,8 +19,8 @@ from sysid.io.files import write_atomic
 
 ROW_FILE = "row.json"
 
-Family = Literal["friction", "leakage", "delay"]
-FAMILIES: tuple[Family, ...] = ("friction", "leakage", "delay")
+Family = Literal["friction", "leakage", "delay", "flow"]
+FAMILIES: tuple[Family, ...] = ("friction", "leakage", "delay", "flow")
 LEAKAGE = "leakage at supply pressure"
 _FRICTION = ("static", "coulomb", "viscous")
 
@@ -100,7 +100,7 @@ class FleetRow:
 
 
 def readings_of(fitted: Bundle, final: Bundle) -> tuple[FleetReading, ...]:
-    """What is followed over time: friction and delays as the bench tests gave them, and leakage.
+    """What is followed over time: friction and valves as the bench tests gave them, and leakage.
 
     The bench tests' own fit (`fitted`) is estimated in the same way on every date; in the `final`
     bundle the same numbers mean something else once an effect stands beside them.
@@ -112,6 +112,8 @@ def readings_of(fitted: Bundle, final: Bundle) -> tuple[FleetReading, ...]:
                 found += _reading("friction", f"friction.{key}", estimate)
             elif key.endswith("_delay_s"):
                 found += _reading("delay", f"{place}.{key}", estimate)
+            elif place.endswith(".discrete"):
+                found += _reading("flow", f"{place}.{key}", estimate)
     leak = leakage_flow(final)
     if leak is not None:
         found.append(FleetReading("leakage", LEAKAGE, *leak, "kg/s"))

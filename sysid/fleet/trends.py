@@ -22,6 +22,7 @@ from sysid.errors import one_line
 from sysid.fleet.changes import LEAST_DATES, Change, change_in
 from sysid.fleet.comparison import SIGNIFICANCE
 from sysid.fleet.rows import FAMILIES, Family, FleetReading, FleetRow
+from sysid.fleet.signs import LeakSign, leak_signs
 from sysid.types import FloatArray
 
 if TYPE_CHECKING:
@@ -105,6 +106,11 @@ class Fleet(Shown):
         return tuple(sorted((t for t in self.trends if t.is_change), key=lambda t: t.p_adjusted))
 
     @property
+    def leaks(self) -> tuple[LeakSign, ...]:
+        """The chambers whose valve tests changed as a leak would change them."""
+        return leak_signs(self.trends)
+
+    @property
     def rigs(self) -> tuple[str, ...]:
         """The rigs in the order of the rows."""
         return tuple(dict.fromkeys(row.origin.rig for row in self.rows if row.origin))
@@ -137,9 +143,14 @@ class Fleet(Shown):
             for trend in (t for t in self.changes if t.rig == rig):
                 events[trend.since].append(trend.family)
             if events:
-                found[rig] = "; ".join(
-                    f"{', '.join(dict.fromkeys(families))} from {date} on"
-                    for date, families in sorted(events.items())
+                leaks = [sign.side.upper() for sign in self.leaks if sign.rig == rig]
+                sign = f" (as with a leak of chamber {' and '.join(leaks)})" if leaks else ""
+                found[rig] = (
+                    "; ".join(
+                        f"{', '.join(dict.fromkeys(families))} from {date} on"
+                        for date, families in sorted(events.items())
+                    )
+                    + sign
                 )
         return found
 
@@ -214,6 +225,7 @@ class Fleet(Shown):
                 {"rig": t.rig, "family": t.family, "name": t.name, "since": t.since}
                 for t in self.changes
             ],
+            "leak_signs": [vars(sign) for sign in self.leaks],
             "notices": list(self.notices),
         }
 

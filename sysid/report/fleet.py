@@ -39,6 +39,14 @@ _TITLES = {
     "friction.viscous": "Viscous friction",
     LEAKAGE: "Leakage",
 }
+_VALVE_TITLES = {
+    "on_delay_s": "opening delay",
+    "off_delay_s": "closing delay",
+    "c_fill": "filling, unchoked",
+    "c_dis": "emptying, unchoked",
+    "choked_flow_fill_kg_s": "filling, choked",
+    "choked_flow_dis_kg_s": "emptying, choked",
+}
 _KEY = ("friction.static", "friction.coulomb", "friction.viscous", LEAKAGE)
 # A trend is drawn in the unit that keeps its numbers readable.
 _SHOWN = {"s": (1e3, "ms"), "kg/s": (1e6, "mg/s")}
@@ -130,8 +138,8 @@ def _title(name: str) -> str:
         if name.startswith(start):
             return title
     parts = name.split(".")
-    if parts[0] == "valves" and parts[-1].endswith("_delay_s"):
-        return f"Valve {parts[1].upper()}: {'opening' if 'on_' in parts[-1] else 'closing'} delay"
+    if parts[0] == "valves" and parts[-1] in _VALVE_TITLES:
+        return f"Valve {parts[1].upper()}: {_VALVE_TITLES[parts[-1]]}"
     return name
 
 
@@ -181,7 +189,8 @@ def _rig(fleet: Fleet, rig: str, place: int) -> Section:
     if not trends:
         nothing = (Lines(("No number of this rig can be followed.",)),)
         return Section(f"rig-{place}", rig, (), nothing)
-    said = tuple(f"{t.sentence(_title(t.name))}." for t in trends if t.is_change)
+    signs = [f"{sign.sentence()}." for sign in fleet.leaks if sign.rig == rig]
+    said = (*signs, *(f"{t.sentence(_title(t.name))}." for t in trends if t.is_change))
     figures = tuple(_figure(t, f"fig-{place}-{i}") for i, t in enumerate(trends))
     caption = (
         "Estimates with 95 % intervals over the dates of the campaigns; line: the course of what "
