@@ -24,6 +24,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 REPOSITORY = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(REPOSITORY))
+
+from benchmarks.history import record  # noqa: E402
+
 # In the wheel: what the commands need of the data.
 NEEDED = ("sysid/_bundled/campaign.toml", "sysid/_bundled/rig.toml", "sysid/py.typed")
 UNWANTED = ("tests/", "benchmarks/", "datasets/", "reports/", "docs/", "tools/")
@@ -97,6 +101,8 @@ def main() -> None:
         installing, demo = demonstrated(wheel, Path(folder))
     for path in (source, wheel):
         print(f"{path.name}: {path.stat().st_size / 1e6:.2f} MB")
+    record("wheel, size", wheel.stat().st_size / 1e6, "MB")
+    record("wheel, sysid demo from it", demo, "s")
     print(f"built in {building:.0f} s, installed in {installing:.0f} s, demo in {demo:.0f} s")
 
 
