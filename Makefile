@@ -5,7 +5,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test types suite browser reports controllers measured clean
+.PHONY: demo test types suite browser reports controllers measured dist clean
 
 demo: $(STAMP)
 	$(BIN)/sysid demo -o out/demo
@@ -40,10 +40,15 @@ controllers: $(STAMP)
 measured: $(STAMP)
 	$(BIN)/python -m datasets.measured --readme README.md
 
+# The release check: wheel and sdist, and `sysid demo` from the wheel in an empty environment.
+dist: $(STAMP)
+	$(BIN)/pip install -q -c constraints.txt -e ".[release]"
+	$(BIN)/python tools/release_check.py
+
 $(STAMP): pyproject.toml constraints.txt
 	test -d $(VENV) || $(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install -q -c constraints.txt -e ".[test]"
 	touch $@
 
 clean:
-	rm -rf $(VENV) out .mypy_cache .ruff_cache .pytest_cache
+	rm -rf $(VENV) out dist .mypy_cache .ruff_cache .pytest_cache

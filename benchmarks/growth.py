@@ -21,7 +21,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-BUNDLED = Path(__file__).resolve().parent.parent / "datasets" / "bundled"
+REPOSITORY = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(REPOSITORY))
+
+from benchmarks.history import record  # noqa: E402
+
+BUNDLED = REPOSITORY / "datasets" / "bundled"
 _NOISE = {"pressure_a_pa": 50.0, "pressure_b_pa": 50.0}
 
 
@@ -76,6 +81,8 @@ def main() -> None:
             found[count] = measured(place / f"data-{count}" / "campaign.toml", results)
             seconds, memory = found[count]
             print(f"{count} times: {rows} rows, {seconds:.1f} s, {memory:.2f} GB", flush=True)
+            record(f"growth, {count} times the bundled campaign", seconds, "s")
+            record(f"growth, {count} times the bundled campaign, memory", memory, "GB")
     ratios = [b / a for a, b in zip(found[1], found[times], strict=True)]
     print(f"time {ratios[0]:.1f} times, memory {ratios[1]:.2f} times")
 

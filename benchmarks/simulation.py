@@ -31,6 +31,7 @@ import numpy as np
 REPOSITORY = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(REPOSITORY))
 
+from benchmarks.history import record  # noqa: E402
 from benchmarks.reference_plant import integrate  # noqa: E402
 from benchmarks.rigs import random_runs  # noqa: E402
 from sysid.model.ports import Model  # noqa: E402
@@ -122,6 +123,7 @@ def report(name: str, simulated: float, wall: list[float], cpu: list[float]) -> 
         f"= {simulated / median:.0f} x; CPU {busy:.4f} s = {simulated / busy:.0f} x a core "
         f"({cores} cores)"
     )
+    record(f"simulation, {name}, CPU", busy, "s")
 
 
 def prepared(inputs: list[Inputs], models: list[Model]) -> None:

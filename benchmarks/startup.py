@@ -18,6 +18,9 @@ from pathlib import Path
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(REPOSITORY))
+
+from benchmarks.history import record  # noqa: E402
+
 RUNS = 15
 LOG_BYTES = 2_000_000
 
@@ -36,6 +39,8 @@ def compare(name: str, ours: Sequence[str], theirs: Sequence[str], limit: float)
     ratio = statistics.median(a / b for a, b in pairs)
     mine, other = (statistics.median(p[i] for p in pairs) for i in (0, 1))
     print(f"{name}: {mine:.2f} s against {other:.2f} s, ratio {ratio:.2f} (at most {limit:g})")
+    record(f"startup, {name}", mine, "s")
+    record(f"startup, {name}, ratio", ratio, "-")
 
 
 def two_megabyte_log(folder: Path) -> Path:

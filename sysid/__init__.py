@@ -6,8 +6,8 @@ Read measurements (`read_campaign`, `read_rig`, `read_log`), see what they can b
 (`check`), fit them (`fit`, or one part: `fit_friction`, `fit_valve_discrete`,
 `fit_valve_pwm`), use the model (`simulate`, `control`, `effects`), find what it lacks
 (`diagnose`), fit it as a whole (`refine`), see how well it predicts (`validate`) and which test
-to run next (`advise`), and write it out (`write_bundle`, `report`, `export`). `components` holds
-what a component of your own derives from.
+to run next (`advise`), compare several (`compare`), and write it out (`write_bundle`, `report`,
+`export`). `components` holds what a component of your own derives from.
 Values are SI, pressures absolute. Results print as tables, are displayed in a notebook, convert
 to a DataFrame (`to_frame`) and plot themselves on given or new axes (`plot`).
 
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from sysid.model import effects
     from sysid.model.ports import Model
     from sysid.workflows.advising import advise
+    from sysid.workflows.comparing import compare
     from sysid.workflows.controlling import control
     from sysid.workflows.diagnosing import diagnose
     from sysid.workflows.fitting import fit, fit_friction, fit_valve_discrete, fit_valve_pwm
@@ -63,6 +64,7 @@ __all__ = [
     "SysidError",
     "advise",
     "check",
+    "compare",
     "components",
     "control",
     "diagnose",
@@ -95,6 +97,7 @@ _HOMES = {
     "SysidError": "sysid.errors",
     "advise": "sysid.workflows.advising",
     "check": "sysid.workflows.judging",
+    "compare": "sysid.workflows.comparing",
     "control": "sysid.workflows.controlling",
     "diagnose": "sysid.workflows.diagnosing",
     "export": "sysid.workflows.writing",

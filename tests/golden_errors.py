@@ -313,6 +313,14 @@ _ARGUMENTS: dict[str, Spoil] = {
     "export effects that are none": _only(
         *("export", "bundle.json", *_MAT, "--effects", "motion.csv"), bundle="tank"
     ),
+    "compare one": _only("compare", "bundle.json", bundle="tank"),
+    "compare absent": _only("compare", "bundle.json", "gone.json", bundle="tank"),
+    "compare a log": _only("compare", "bundle.json", "motion.csv", bundle="tank"),
+    "fleet nothing": _only("fleet", "-o", "out"),
+    "fleet absent": _only("fleet", "gone.toml", "-o", "out"),
+    "fleet twice": _only("fleet", "motion.toml", "motion.toml", "-o", "out"),
+    "fleet into a file": _only("fleet", "motion.toml", "-o", "rig.toml"),
+    "fleet no scheduler": _only(*("fleet", "motion.toml", "-o", "out", "--scheduler", "nonsense")),
     "effects unknown": _only("effects", "no-such-effect"),
     "effects misspelt": _only("effects", "backlsh"),
     "effects picture of none": _only("effects", "-o", "x.svg"),

@@ -10,7 +10,7 @@ from golden_folder import GOLDEN, Folder
 COMMANDS = (
     *("", "fit", "fit friction", "fit valve-discrete", "fit valve-pwm", "fit campaign", "check"),
     *("convert", "validate", "diagnose", "refine", "simulate", "control", "run", "demo"),
-    *("export", "effects", "init"),
+    *("export", "effects", "init", "compare", "fleet"),
 )
 
 
@@ -92,5 +92,6 @@ RUNS: dict[str, Run] = {
     "effects, one, json": Run("effects seal-friction --json"),
     "init": Run("init new.toml", exact=True, written=("new.toml",)),
     "init, linear": Run("init new.toml --linear", exact=True, written=("new.toml",)),
+    "init, campaign": Run("init campaign.toml", exact=True, written=("campaign.toml",)),
     "init, force": Run("init rig.toml --force", exact=True, written=("rig.toml",)),
 }

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+import re
 import tomllib
 from pathlib import Path
 
 import jsonschema
 import pytest
 
+from sysid.commands.app import main
 from sysid.errors import InputError
 from sysid.io.campaign import (
     BENCH_KINDS,
@@ -121,3 +123,39 @@ def test_a_campaign_file_fits_the_schema_and_every_key_is_described(shared_sampl
     jsonschema.validate(tomllib.loads(path.read_text("utf-8")), schema)
     with pytest.raises(jsonschema.ValidationError, match="holdout"):
         jsonschema.validate(tomllib.loads(TEXT.replace("holdout", "held")), schema)
+
+
+# --- the template --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("whole", [False, True])
+def test_the_template_is_read_back(whole: bool, tmp_path: Path, rig_text: str) -> None:
+    """As written, and with what is commented out."""
+    path = tmp_path / "campaign.toml"
+    assert main(["init", str(path)]) == 0
+    if whole:
+        text = re.sub(r"^# (?=\[\[|\w+ = )", "", path.read_text(), flags=re.MULTILINE)
+        path.write_text(text)
+    (tmp_path / "rig.toml").write_text(rig_text)
+    for entry in tomllib.loads(path.read_text())["log"]:
+        (tmp_path / entry["file"]).write_text(entry["file"])
+    campaign = read_campaign(path)
+    assert not campaign.notices
+    assert {e.kind for e in campaign.logs} == (
+        set(KINDS) if whole else {*KINDS[:2], *KINDS[3:5], *MOTION_KINDS}
+    )
+    assert {e.valve for e in campaign.logs} == {"a", "b", None}
+    assert {e.kind for e in campaign.logs if e.use == "holdout"} == set(MOTION_KINDS)
+    assert all(bool(e.shared) == whole for e in campaign.logs)
+
+
+def test_which_template_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "arm.toml"
+    assert main(["init", str(path), "--kind", "campaign"]) == 0
+    assert "[[log]]" in path.read_text() and "name your logs" in capsys.readouterr().out
+    assert main(["init", str(path), "--kind", "campaign"]) == 2
+    assert "exists already" in capsys.readouterr().err
+    assert main(["init", str(path), "--kind", "campaign", "--force", "--linear"]) == 2
+    assert "--linear is for a rig file" in capsys.readouterr().err
+    assert main(["init", str(tmp_path / "campaign.toml"), "--kind", "rig"]) == 0
+    assert "[cylinder]" in (tmp_path / "campaign.toml").read_text()

@@ -29,7 +29,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("refinement",),
     ("control",),
     ("diagnosis",),
-    ("assembly", "checks", "export"),
+    ("assembly", "checks", "export", "fleet"),
     ("components",),
     ("report",),
     ("workflows",),

@@ -35,6 +35,7 @@ _NO_OUTPUT = (errno.ENOSPC, errno.EIO, errno.EDQUOT)
 COMMANDS = {
     "advise": "Which test to run next: expected standard errors, ties, sizes of effects.",
     "check": "Data quality of each LOG, and what it can and cannot identify.",
+    "compare": "Parameters of several bundles next to each other, and what moved.",
     "control": "Closed-loop simulation with a controller that reads BUNDLE.",
     "convert": "Bring a lab's own file (.mat, text, Excel, TDMS, Parquet) into the log format.",
     "demo": "The whole pipeline on the bundled campaign.",
@@ -42,7 +43,8 @@ COMMANDS = {
     "effects": "The catalogue of effects; with ID one entry in full, and its influence on a rig.",
     "export": "Files for a controller: a C header, a MATLAB file or flat JSON.",
     "fit": "Identify parameters: one part from its logs, or a whole CAMPAIGN.toml.",
-    "init": "Write a commented rig file to fill in.",
+    "fleet": "Every CAMPAIGN through `run`, and one page over all of them: what changed, and when.",
+    "init": "Write a commented rig or campaign file to fill in.",
     "refine": "All parameters of the assembled model together, by simulation error.",
     "run": "The whole pipeline, from checks to exports. Resumes where it stopped.",
     "simulate": "Open-loop simulation of the commands in INPUTS, a log.",

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 STATE_FILE = "run.json"
 REPORT_FILE = "report.html"
 BUNDLE_FILE = "bundle.json"
-_FITTED_FILE = "fitted.json"
+FITTED_FILE = "fitted.json"
 _EXTENDED_FILE = "extended.json"
 _REFINED_FILE = "refined.json"
 _DIAGNOSIS_FILE = "diagnosis.json"
@@ -104,7 +104,7 @@ class PipelineRun:
         """The bundle that is validated: the last that was made."""
         if self.refine:
             return _REFINED_FILE
-        return _EXTENDED_FILE if self.diagnose else _FITTED_FILE
+        return _EXTENDED_FILE if self.diagnose else FITTED_FILE
 
     @property
     def catalogue(self) -> Catalogue | None:
@@ -241,13 +241,13 @@ def _fit(run: PipelineRun) -> None:
     bundle, notices = run.subject.fit(
         run.surface, run.seed, lambda part: run.tell(f"fitting {part}")
     )
-    write_bundle(bundle, run.path(_FITTED_FILE))
+    write_bundle(bundle, run.path(FITTED_FILE))
     run.notices += notices
 
 
 def _diagnose(run: PipelineRun) -> None:
     """A campaign that cannot be diagnosed continues as fitted, with a notice that says why."""
-    bundle = run.bundle(_FITTED_FILE)
+    bundle = run.bundle(FITTED_FILE)
     try:
         diagnosis = diagnose(
             run.campaign,
@@ -281,7 +281,7 @@ def _refine(run: PipelineRun) -> None:
     A part tested alone, save an axis with a motor, has no motion to simulate: its bundle continues
     as it is, and so does one that the diagnosis refined, or tried to refine and could not.
     """
-    bundle = run.bundle(_EXTENDED_FILE if run.diagnose else _FITTED_FILE)
+    bundle = run.bundle(_EXTENDED_FILE if run.diagnose else FITTED_FILE)
     tried = (run.diagnosis() or {}).get("not_refined")
     if not tried and not run.subject.why_not_refined(bundle):
         try:
@@ -343,15 +343,15 @@ def stages_of(run: PipelineRun) -> list[Stage]:
     """The stages of a run, in turn."""
     diagnosed = (_DIAGNOSIS_FILE, _EXTENDED_FILE)
     shown = (BUNDLE_FILE, _CHECKS_FILE, *([_DIAGNOSIS_FILE] if run.diagnose else []))
-    refined_from = _EXTENDED_FILE if run.diagnose else _FITTED_FILE
+    refined_from = _EXTENDED_FILE if run.diagnose else FITTED_FILE
     left_out = {name for name in ("diagnose", "refine") if not getattr(run, name)}
     stages = [
         Stage("check", (_CHECKS_FILE,), (), _check, reads_effects=False),
-        Stage("fit", (_FITTED_FILE,), (), _fit, reads_effects=False),
+        Stage("fit", (FITTED_FILE,), (), _fit, reads_effects=False),
         Stage(
             "diagnose",
             diagnosed,
-            (_FITTED_FILE,),
+            (FITTED_FILE,),
             _diagnose,
             reads_refine=True,
             was_cut_short=_was_cut_short,

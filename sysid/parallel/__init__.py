@@ -2,9 +2,10 @@
 that no process outlives its parent.
 
 `SYSID_JOBS` (the command line's `--jobs`) bounds the processes; 1 means none but one's own, and
-without it there is one to each core.
+without it there is one to each core. Within `on_cluster` the jobs go to a Dask cluster.
 """
 
+from sysid.parallel.cluster import LOCAL, Cluster, on_cluster
 from sysid.parallel.limits import (
     Failure,
     OutOfTimeError,
@@ -17,7 +18,9 @@ from sysid.parallel.processes import VARIABLE, attempt_all, check_jobs, job_coun
 from sysid.parallel.threads import PerThread, attempt_in_threads, kept_per_thread
 
 __all__ = [
+    "LOCAL",
     "VARIABLE",
+    "Cluster",
     "Failure",
     "OutOfTimeError",
     "PerThread",
@@ -29,6 +32,7 @@ __all__ = [
     "give_back",
     "job_count",
     "kept_per_thread",
+    "on_cluster",
     "run_all",
     "share_one_heap",
     "time_limit",

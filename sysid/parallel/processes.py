@@ -13,6 +13,7 @@ from functools import partial
 from typing import TypeVar
 
 from sysid.errors import input_error
+from sysid.parallel.cluster import cluster_in_force, collect_on
 from sysid.parallel.limits import Failure, Limit, attempt, limit_in_force, within
 from sysid.parallel.memory import share_one_heap
 
@@ -28,6 +29,9 @@ _LATE = Failure("out of time: its process was ended", out_of_time=True)
 
 def job_count() -> int:
     """How many processes may work at a time, 1 or more. Raises InputError for a bad variable."""
+    cluster = cluster_in_force()
+    if cluster is not None:
+        return cluster.workers()
     text = check_jobs(VARIABLE)
     if text:
         return int(text)
@@ -51,7 +55,7 @@ def run_all(jobs: Iterable[Callable[[], Result]]) -> list[Result]:
     """
     waiting = dict(enumerate(jobs))
     workers = min(job_count(), len(waiting))
-    if workers <= 1:
+    if workers <= 1 and cluster_in_force() is None:
         return [job() for job in waiting.values()]
     found: dict[int, Result] = {}
     _collect(found, waiting, workers)
@@ -65,9 +69,14 @@ def attempt_all(jobs: Iterable[Callable[[], Result]]) -> list[Result | Failure]:
     dies, what was not done is tried again, each job with a process to itself.
     """
     deadline = limit_in_force().deadline
-    waiting = {i: partial(_attempt_by, job, deadline) for i, job in enumerate(jobs)}
+    on_cluster = cluster_in_force() is not None  # sets the limit itself: clocks differ there
+    waiting = {
+        i: partial(attempt, job) if on_cluster else partial(_attempt_by, job, deadline)
+        for i, job in enumerate(jobs)
+    }
     workers = min(job_count(), len(waiting))
-    if workers <= 1 or time.monotonic() > deadline:  # none is begun then, and no process started
+    none_other = workers <= 1 and not on_cluster
+    if none_other or time.monotonic() > deadline:  # none is begun then, and no process started
         return [job() for job in waiting.values()]
     found: dict[int, Result | Failure] = {}
     why = _collected(found, waiting, workers, deadline)
@@ -112,7 +121,12 @@ def _collect(
 
     Raises TimeoutError, the workers killed, where jobs have not ended by the deadline, and
     what a job raises. joblib kills its workers itself, those of other pools are left alone.
+    On a cluster the scheduler does all that.
     """
+    cluster = cluster_in_force()
+    if cluster is not None:
+        collect_on(cluster, found, waiting, deadline)
+        return
     import multiprocessing
 
     from joblib import Parallel, delayed, parallel_config

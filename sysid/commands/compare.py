@@ -1,0 +1,47 @@
+"""`sysid compare`: bundles next to each other, and what moved."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+from rich.text import Text
+
+from sysid.bundle import read_bundle
+from sysid.commands.options import PathArgument, json_option
+from sysid.commands.printing import notices, print_json
+from sysid.display.numbers import ascii_text
+from sysid.display.terminal import console, new_table
+from sysid.fleet.comparison import Comparison
+from sysid.workflows.comparing import compare as compare_bundles
+
+
+@click.command()
+@click.argument("bundles", nargs=-1, required=True, type=PathArgument, metavar="BUNDLE...")
+@json_option
+def compare(bundles: tuple[Path, ...], as_json: bool) -> None:
+    """Parameters of several bundles next to each other, and what moved.
+
+    Each BUNDLE is compared with the first. A parameter moved where the standard errors of both do
+    not explain the difference, the false discovery rate being 5 % over the whole comparison.
+    """
+    if len(bundles) < 2:
+        raise click.UsageError("Give two bundles or more.")
+    found = compare_bundles(*(read_bundle(path) for path in bundles))
+    notices(found.notices)
+    if as_json:
+        print_json(found.to_json())
+        return
+    _show(found)
+
+
+def _show(found: Comparison) -> None:
+    out = console()
+    for shown in found.tables():
+        if not shown.rows:
+            continue
+        table = new_table(shown.title, *shown.columns)
+        for row in shown.rows:
+            table.add_row(*(Text(ascii_text(cell)) for cell in row))
+        out.print(table)
+    out.print(Text(ascii_text(found.headline())), soft_wrap=True)

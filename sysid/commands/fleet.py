@@ -1,0 +1,168 @@
+"""`sysid fleet`: many campaigns through `run`, and one page over all of them."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.text import Text
+
+from sysid import parallel
+from sysid.bundle import read_bundle
+from sysid.commands.options import PathArgument, options
+from sysid.commands.printing import notices, print_json, progress
+from sysid.commands.run import RunReport, run_campaign, run_options
+from sysid.commands.stages import BUNDLE_FILE, FITTED_FILE
+from sysid.diagnosis import wording
+from sysid.display.numbers import ascii_text
+from sysid.display.terminal import console, new_table
+from sysid.errors import SysidError, input_error
+from sysid.fleet.origin import check_each_once, origin_of, result_folder
+from sysid.fleet.rows import FleetRow, effects_of, readings_of
+from sysid.fleet.trends import Fleet, fleet_of
+from sysid.io.campaign import read_campaign
+from sysid.io.files import write_atomic
+from sysid.types import Progress, no_progress
+
+PAGE_FILE = "fleet.html"
+CONTENT_FILE = "fleet.json"
+
+fleet_options = options(
+    click.argument("campaigns", nargs=-1, required=True, type=PathArgument, metavar="CAMPAIGN..."),
+    click.option("-o", "folder", required=True, type=PathArgument, help="Folder for all results."),
+    click.option(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="Dask scheduler whose workers do the work, tcp://host:8786; local: one is started.",
+    ),
+)
+
+
+@click.command()
+@fleet_options
+@run_options
+def fleet(
+    campaigns: tuple[Path, ...],
+    folder: Path,
+    scheduler: str | None,
+    as_json: bool,
+    **options: Any,
+) -> None:
+    """Every CAMPAIGN through `run`, and one page over all of them: what changed, and when.
+
+    A campaign whose results are up to date is not run again. Rigs are told apart by the name in
+    the rig file, dates by an ISO date in the name of the campaign file or of its folder.
+    """
+    done = run_fleet(campaigns, folder, scheduler=scheduler, tell=progress(), **options)
+    notices(done.notices)
+    if as_json:
+        print_json(done.to_json() | {"page": str(folder / PAGE_FILE)})
+    else:
+        _show(done, folder)
+    if len(done.failed) == len(done.rows):
+        raise input_error(folder, "no campaign came to a result", "see the notices above")
+
+
+def run_fleet(
+    campaigns: tuple[Path, ...],
+    folder: Path,
+    *,
+    scheduler: str | None = None,
+    tell: Progress = no_progress,
+    **options: Any,
+) -> Fleet:
+    """Run every campaign that is not up to date, and write the page. `options` are those of `run`.
+
+    A campaign that cannot be run is a row that says why; the others go on. Raises InputError for
+    a campaign given twice, a folder that cannot be written, and a scheduler that does not answer.
+    """
+    check_each_once(list(campaigns))
+    _make(folder)
+    jobs = [
+        partial(run_one, path.resolve(), folder.resolve(), options, not scheduler)
+        for path in campaigns
+    ]
+    with _workers(scheduler, tell):
+        found = parallel.attempt_all(jobs)
+    rows = [
+        FleetRow.failed(path, result_folder(path), None, row.reason)
+        if isinstance(row, parallel.Failure)
+        else row
+        for path, row in zip(campaigns, found, strict=True)
+    ]
+    done = fleet_of(rows)
+    write_atomic(folder / CONTENT_FILE, json.dumps(done.to_json(), indent=2) + "\n")
+    from sysid.report.fleet import write_fleet_page
+
+    tell("writing the page")
+    write_fleet_page(folder / PAGE_FILE, done)
+    return done
+
+
+@contextlib.contextmanager
+def _workers(scheduler: str | None, tell: Progress) -> Iterator[None]:
+    if scheduler is None:
+        yield
+        return
+    with parallel.on_cluster(scheduler, parallel.job_count()) as cluster:
+        tell(f"Dask: {cluster.address}, {cluster.workers()} workers, {cluster.dashboard}")
+        yield
+
+
+def run_one(campaign: Path, folder: Path, options: dict[str, Any], shows: bool) -> FleetRow:
+    """A campaign through `run`, into its folder of the fleet's; its row, written last."""
+    name = result_folder(campaign)
+    tell = progress(f"{name}: ") if shows else no_progress
+    origin = None
+    try:
+        origin = origin_of(read_campaign(campaign))
+        done = run_campaign(campaign, folder / name, progress=tell, **options)
+    except SysidError as error:
+        return FleetRow.failed(campaign, name, origin, str(error))
+    row = FleetRow(
+        campaign=str(campaign),
+        folder=name,
+        origin=origin,
+        effects=effects_of(done.bundle),
+        readings=readings_of(read_bundle(done.folder / FITTED_FILE), done.bundle),
+        notices=len(done.notices),
+        **_verdict(done),
+    )
+    row.write(done.folder)
+    return row
+
+
+def _verdict(done: RunReport) -> dict[str, Any]:
+    if done.diagnosis is None:
+        return {}
+    return {"verdict": done.diagnosis["verdict"], "sentence": wording.sentence(done.diagnosis)}
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise input_error(
+            folder, f"cannot be created as a folder: {error.strerror}", "choose another with -o"
+        ) from None
+
+
+def _show(done: Fleet, folder: Path) -> None:
+    out = console()
+    for shown in done.tables():
+        if not shown.rows:
+            continue
+        table = new_table(shown.title, *shown.columns)
+        for row in shown.rows:
+            table.add_row(*(Text(ascii_text(cell)) for cell in row))
+        out.print(table)
+    out.print(Text(ascii_text(done.headline())), soft_wrap=True)
+    out.print(Text(f"page: {folder / PAGE_FILE}"), soft_wrap=True)
+
+
+__all__ = ["BUNDLE_FILE", "fleet", "run_fleet", "run_one"]

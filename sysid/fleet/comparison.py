@@ -1,0 +1,345 @@
+"""Bundles next to each other: what moved more than the errors of both explain.
+
+A number that two bundles hold moved by z = (second - first) / sqrt(s1^2 + s2^2): bundles of
+different tests have independent errors. The numbers that one fit gave are also compared as a
+whole, by the Wald statistic of their differences with the sum of both covariances: numbers whose
+errors go together (Coulomb and viscous friction) may each move little and yet all of them much.
+All p-values of a comparison, of numbers and of parts, are adjusted together for the false
+discovery rate by Benjamini and Yekutieli (Ann. Statist. 29, 2001, 1165-1188), which holds whatever
+their dependence. `scipy.stats.false_discovery_control` computes them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from scipy.stats import chi2, false_discovery_control, norm
+
+from sysid.bundle import Bundle
+from sysid.display.numbers import estimate_cells as cells_of
+from sysid.display.numbers import number, percent
+from sysid.display.plots import one_axes
+from sysid.display.tables import Shown, ShownTable
+from sysid.errors import input_error
+from sysid.estimation.linear import Estimate, finite_or_none
+from sysid.fleet.parameters import NumbersOfPart, has_error, parts_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+SIGNIFICANCE = 0.05
+_SMALLEST_P = 1e-300
+
+State = Literal["same", "grew", "shrank", "appeared", "disappeared"]
+
+
+@dataclass(frozen=True)
+class Movement:
+    """One number of a bundle against that of the first: in standard errors of the difference `z`.
+
+    `name` is None for a part as a whole. `p_value` of no movement, `p_adjusted` among all of the
+    comparison. `change`: the difference in the number's unit, NaN for a part.
+    """
+
+    bundle: str
+    part: str
+    name: str | None
+    change: float
+    z: float
+    p_value: float
+    p_adjusted: float = math.nan
+
+    @property
+    def is_significant(self) -> bool:
+        """Whether it moved, the false discovery rate being 5 %."""
+        return self.p_adjusted < SIGNIFICANCE
+
+    def to_json(self) -> dict[str, Any]:
+        """As `sysid compare --json` lists it."""
+        return {
+            "bundle": self.bundle,
+            "part": self.part,
+            "parameter": self.name,
+            "change": finite_or_none(self.change),
+            "z": finite_or_none(self.z),
+            "p_value": self.p_value,
+            "p_adjusted": self.p_adjusted,
+            "significant": self.is_significant,
+        }
+
+
+@dataclass(frozen=True)
+class EffectChange:
+    """An effect of a bundle against the first: appeared, disappeared, grew, shrank, or the same.
+
+    It grew or shrank where one of its numbers did, significantly.
+    """
+
+    bundle: str
+    effect: str
+    state: State
+
+    def to_json(self) -> dict[str, Any]:
+        """As `sysid compare --json` lists it."""
+        return {"bundle": self.bundle, "effect": self.effect, "state": self.state}
+
+
+@dataclass(frozen=True, repr=False)
+class Comparison(Shown):
+    """The result of `compare`: `estimates` by part, parameter and bundle; what moved; effects."""
+
+    names: tuple[str, ...]
+    parts: tuple[dict[str, NumbersOfPart], ...]
+    movements: tuple[Movement, ...]
+    effects: tuple[EffectChange, ...]
+    notices: tuple[str, ...]
+
+    @property
+    def moved(self) -> tuple[Movement, ...]:
+        """The movements that are significant."""
+        return tuple(m for m in self.movements if m.is_significant)
+
+    def headline(self) -> str:
+        """What moved against the first, in one line."""
+        moved = list(dict.fromkeys(_label(m) for m in self.moved))
+        said = [f"moved: {', '.join(moved)}" if moved else "no parameter moved significantly"]
+        for state in ("appeared", "disappeared", "grew", "shrank"):
+            effects = dict.fromkeys(e.effect for e in self.effects if e.state == state)
+            said += [f"{state}: {', '.join(effects)}"] if effects else []
+        return f"{len(self.names)} bundles, against {self.names[0]}: {'; '.join(said)}"
+
+    def records(self) -> list[dict[str, Any]]:
+        """One record per number and bundle: value, std, limits, unit, and its movement."""
+        by_place = {(m.bundle, m.part, m.name): m for m in self.movements}
+        records = []
+        for part, key in self._keys():
+            for name, parts in zip(self.names, self.parts, strict=True):
+                found = _estimate(parts, part, key)
+                if found is None:
+                    continue
+                moved = by_place.get((name, part, key))
+                records.append(
+                    {
+                        "part": part,
+                        "parameter": key,
+                        "bundle": name,
+                        "value": found.value,
+                        "std": found.std,
+                        "low": found.interval[0],
+                        "high": found.interval[1],
+                        "unit": found.unit,
+                        "z": math.nan if moved is None else moved.z,
+                        "p_adjusted": math.nan if moved is None else moved.p_adjusted,
+                        "significant": moved is not None and moved.is_significant,
+                    }
+                )
+        return records
+
+    def tables(self) -> Iterable[ShownTable]:
+        """The numbers next to each other, what moved, and the effects."""
+        yield ShownTable(
+            "Parameters with 95 % intervals; * moved significantly against the first",
+            ("part", "parameter", *self.names, "unit"),
+            tuple(self._row(part, key) for part, key in self._keys()),
+        )
+        yield ShownTable(
+            "What moved, most significant first",
+            ("bundle", "part", "parameter", "change", "in std. errors", "p, adjusted"),
+            tuple(self._moved_row(m) for m in sorted(self.moved, key=lambda m: m.p_value)),
+        )
+        yield ShownTable(
+            "Effects against the first",
+            ("bundle", "effect", "change"),
+            tuple((e.bundle, e.effect, e.state) for e in self.effects if e.state != "same"),
+        )
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Every number that both have, in standard errors of the difference from the first."""
+        ax = one_axes(ax)
+        keys = list(dict.fromkeys((m.part, m.name) for m in self.movements if m.name))
+        for name in self.names[1:]:
+            found = {(m.part, m.name): m.z for m in self.movements if m.bundle == name}
+            heights = [found.get(key, math.nan) for key in keys]
+            ax.plot(heights, range(len(keys)), "o", label=name)
+        ax.axvspan(-1.96, 1.96, color="0.9")
+        ax.set_yticks(range(len(keys)), [f"{part} {name}" for part, name in keys], fontsize="small")
+        ax.set_xlabel("change, in standard errors of the difference")
+        ax.legend(fontsize="small")
+        return ax
+
+    def to_json(self) -> dict[str, Any]:
+        """The object that `sysid compare --json` prints."""
+        return {
+            "bundles": list(self.names),
+            "parameters": [
+                {k: finite_or_none(v) if isinstance(v, float) else v for k, v in record.items()}
+                for record in self.records()
+            ],
+            "moved": [m.to_json() for m in self.movements],
+            "effects": [e.to_json() for e in self.effects],
+            "notices": list(self.notices),
+        }
+
+    def _keys(self) -> list[tuple[str, str]]:
+        places = (
+            (p.place, key) for parts in self.parts for p in parts.values() for key in p.estimates
+        )
+        return list(dict.fromkeys(places))
+
+    def _row(self, part: str, key: str) -> tuple[str, ...]:
+        moved = {m.bundle for m in self.moved if (m.part, m.name) == (part, key)}
+        cells, unit = [], ""
+        for name, parts in zip(self.names, self.parts, strict=True):
+            found = _estimate(parts, part, key)
+            if found is None:
+                cells.append("")
+                continue
+            value, _, interval, shown_unit = cells_of(found)
+            unit = shown_unit or unit
+            star = " *" if name in moved else ""
+            between = interval if interval.startswith("(") else f"({interval})"
+            cells.append(f"{value} {between}{star}" if found.identified else value)
+        return (part, key, *cells, unit)
+
+    def _moved_row(self, m: Movement) -> tuple[str, ...]:
+        change = number(m.change)
+        first = _estimate(self.parts[0], m.part, m.name or "")
+        if first is not None and first.value != 0.0:
+            change += f" ({percent(100.0 * m.change / abs(first.value))})"
+        p = "<1e-20" if m.p_adjusted < 1e-20 else number(m.p_adjusted, 2)
+        return (m.bundle, m.part, m.name or "all of it", change, number(m.z), p)
+
+
+def compare_bundles(bundles: Sequence[Bundle], names: Sequence[str]) -> Comparison:
+    """Each bundle against the first. Raises InputError for fewer than two, or of other rigs.
+
+    `names` tell the bundles apart in what is shown. Bundles of one motion (rotary or linear) are
+    comparable; another rig file is said in a notice.
+    """
+    if len(bundles) < 2:
+        raise input_error("compare", f"{len(bundles)} bundle", "give two or more")
+    _check_comparable(bundles, names)
+    parts = [parts_of(bundle) for bundle in bundles]
+    if not any(set(parts[0]) & set(other) for other in parts[1:]):
+        raise input_error(
+            names[1], f"holds no part that {names[0]} holds", "compare bundles of the same tests"
+        )
+    movements = [
+        m
+        for name, other in zip(names[1:], parts[1:], strict=True)
+        for m in _moves(parts[0], other, name)
+    ]
+    adjusted = _adjusted(movements)
+    effects = [
+        change
+        for name, other in zip(names[1:], parts[1:], strict=True)
+        for change in _effects(parts[0], other, name, adjusted)
+    ]
+    return Comparison(
+        tuple(names), tuple(parts), adjusted, tuple(effects), _notices(bundles, names)
+    )
+
+
+def _check_comparable(bundles: Sequence[Bundle], names: Sequence[str]) -> None:
+    for name, bundle in zip(names[1:], bundles[1:], strict=True):
+        if bundle.is_linear != bundles[0].is_linear:
+            kinds = ["linear" if b.is_linear else "rotary" for b in (bundle, bundles[0])]
+            raise input_error(
+                name,
+                f"is of a {kinds[0]} rig, {names[0]} of a {kinds[1]} one: their units differ",
+                "compare bundles of the same kind of rig",
+            )
+
+
+def _notices(bundles: Sequence[Bundle], names: Sequence[str]) -> tuple[str, ...]:
+    said = []
+    first = bundles[0].rig_content
+    for name, bundle in zip(names[1:], bundles[1:], strict=True):
+        other = bundle.rig_content
+        differ = sorted(k for k in {*first, *other} if first.get(k) != other.get(k))
+        if differ:
+            sections = ", ".join(f"[{k}]" for k in differ)
+            said.append(f"{name}: another rig file than that of {names[0]}: {sections} differs")
+        logs = {e.sha256 for e in bundle.provenance.logs if e.use == "fit"}
+        shared = logs & {e.sha256 for e in bundles[0].provenance.logs if e.use == "fit"}
+        if shared:
+            said.append(
+                f"{name}: {len(shared)} of its {len(logs)} training logs are those of {names[0]}: "
+                "the errors of both are not independent, and movements look smaller than they are"
+            )
+    return tuple(said)
+
+
+def _estimate(parts: dict[str, NumbersOfPart], part: str, key: str) -> Estimate | None:
+    return parts[part].estimates.get(key) if part in parts else None
+
+
+def _moves(
+    first: dict[str, NumbersOfPart], other: dict[str, NumbersOfPart], bundle: str
+) -> Iterable[Movement]:
+    for place in first:
+        if place not in other:
+            continue
+        one, two = first[place], other[place]
+        keys = tuple(
+            key
+            for key, estimate in one.estimates.items()
+            if key in two.estimates
+            and has_error(estimate)
+            and has_error(two.estimates[key])
+            and estimate.unit == two.estimates[key].unit
+        )
+        if not keys:
+            continue
+        change = np.array([two.estimates[k].value - one.estimates[k].value for k in keys])
+        covariance = one.covariance(keys) + two.covariance(keys)
+        z = change / np.sqrt(np.diag(covariance))
+        for key, moved, size in zip(keys, change, z, strict=True):
+            p = max(2.0 * float(norm.sf(abs(size))), _SMALLEST_P)
+            yield Movement(bundle, place, key, float(moved), float(size), p)
+        if len(keys) > 1:
+            scale = np.sqrt(np.diag(covariance))
+            wald = float(z @ np.linalg.pinv(covariance / np.outer(scale, scale)) @ z)
+            p = max(float(chi2.sf(wald, len(keys))), _SMALLEST_P)
+            yield Movement(bundle, place, None, math.nan, math.sqrt(wald / len(keys)), p)
+
+
+def _adjusted(movements: Sequence[Movement]) -> tuple[Movement, ...]:
+    if not movements:
+        return ()
+    adjusted = false_discovery_control([m.p_value for m in movements], method="by")
+    return tuple(replace(m, p_adjusted=float(p)) for m, p in zip(movements, adjusted, strict=True))
+
+
+def _effects(
+    first: dict[str, NumbersOfPart],
+    other: dict[str, NumbersOfPart],
+    bundle: str,
+    movements: Iterable[Movement],
+) -> Iterable[EffectChange]:
+    moved = {m.part: m for m in movements if m.bundle == bundle and m.name and m.is_significant}
+    for place in dict.fromkeys((*first, *other)):
+        if not place.startswith("effect "):
+            continue
+        state: State = "same"
+        if place not in first:
+            state = "appeared"
+        elif place not in other:
+            state = "disappeared"
+        elif place in moved:
+            before = first[place].estimates[moved[place].name or ""].value
+            grew = abs(before + moved[place].change) > abs(before)
+            state = "grew" if grew else "shrank"
+        yield EffectChange(bundle, place.removeprefix("effect "), state)
+
+
+def _label(movement: Movement) -> str:
+    part = movement.part.removeprefix("effect ")
+    return f"{part} {movement.name}" if movement.name else f"{part} as a whole"
+
+
+__all__ = ["SIGNIFICANCE", "Comparison", "EffectChange", "Movement", "compare_bundles"]

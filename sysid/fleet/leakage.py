@@ -1,0 +1,57 @@
+"""How much a rig leaks, one number whatever the law of the leak."""
+
+from __future__ import annotations
+
+import math
+
+from sysid.bundle import Bundle
+from sysid.bundle.effects import EffectEntry
+from sysid.fleet.parameters import has_error
+from sysid.io.channels import SIDES
+from sysid.model.ports import Model, Point
+
+_WORD = "leakage"
+
+
+def leakage_effects(bundle: Bundle) -> list[EffectEntry]:
+    """The effects of a bundle that let air out of a chamber past its valve."""
+    return [effect for effect in bundle.effects if _WORD in effect.id]
+
+
+def leakage_flow(bundle: Bundle) -> tuple[float, float] | None:
+    """Air that a chamber at supply pressure loses past its valve, kg/s, and its standard error.
+
+    Of both chambers the larger, the other one at atmospheric pressure. Which law a diagnosis names
+    may differ from date to date, where the data cannot tell them apart; their flows compare. The
+    error is that of the strengths, relative to the flow. None where the bundle has no leakage.
+    """
+    effects = leakage_effects(bundle)
+    if not effects:
+        return None
+    model = bundle.model()
+    flows = {side: _lost(model, side) for side in SIDES}
+    flow = max(flows.values())
+    strengths = [next(iter(e.numbers().values())) for e in effects]
+    relative = [e.std / abs(e.value) for e in strengths if has_error(e) and e.value]
+    return (flow, flow * math.hypot(*relative)) if relative and flow > 0.0 else None
+
+
+def _lost(model: Model, side: str) -> float:
+    p = model.parameters
+    pressures = {f"pressure_{s}": p.supply if s == side else p.atmosphere for s in SIDES}
+    point = Point(
+        time=0.0,
+        position=0.0,
+        velocity=0.0,
+        motor=0.0,
+        open_a=0.0,
+        open_b=0.0,
+        direction=0.0,
+        parameters=p,
+        **pressures,
+    )
+    leaks = Model(p, tuple(e for e in model.effects if _WORD in getattr(e, "id", "")))
+    return -float(leaks.through("chamber_flow", 0.0, side, point))
+
+
+__all__ = ["leakage_effects", "leakage_flow"]

@@ -1,0 +1,94 @@
+"""The numbers of a bundle by their places, and how their errors go together."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.bundle import Bundle
+from sysid.bundle.correlation import CorrelatedPart
+from sysid.bundle.effects import SIDE, EffectEntry
+from sysid.estimation.linear import Estimate
+from sysid.io.channels import SIDES
+from sysid.types import FloatArray
+
+
+@dataclass(frozen=True)
+class NumbersOfPart:
+    """The numbers that one fit gave, by key; `correlation` (k, k) of the errors of `correlated`."""
+
+    place: str
+    estimates: dict[str, Estimate]
+    correlated: tuple[str, ...] = ()
+    correlation: FloatArray | None = None
+
+    def covariance(self, keys: tuple[str, ...]) -> FloatArray:
+        """Covariance (k, k) of the errors of these; independent where nothing is known."""
+        found = np.eye(len(keys))
+        if self.correlation is not None:
+            for i, one in enumerate(keys):
+                for j, other in enumerate(keys):
+                    if i != j and {one, other} <= set(self.correlated):
+                        places = self.correlated.index(one), self.correlated.index(other)
+                        found[i, j] = self.correlation[places]
+        std = np.array([self.estimates[key].std for key in keys])
+        return np.asarray(found * np.outer(std, std))
+
+
+def parts_of(bundle: Bundle) -> dict[str, NumbersOfPart]:
+    """The parts of a bundle that hold fitted numbers, by place; effects by `effect_name`."""
+    found = {} if bundle.friction is None else {"friction": _part("friction", bundle.friction)}
+    for side in SIDES:
+        valve = bundle.valve(side)
+        laws = (("discrete", valve.discrete), ("steady", valve.steady), ("timing", valve.timing))
+        for name, law in laws:
+            if law is not None:
+                place = f"valves.{side}.{name}"
+                found[place] = _part(place, law)
+    if bundle.component is not None:
+        place = f"component {bundle.component.name}"
+        found[place] = NumbersOfPart(place, bundle.component.estimates())
+    for effect in bundle.effects:
+        place = f"effect {effect_name(effect)}"
+        found[place] = _effect(place, effect, bundle)
+    return found
+
+
+def _effect(place: str, effect: EffectEntry, bundle: Bundle) -> NumbersOfPart:
+    """An effect's numbers; a refinement knows how their errors go together."""
+    refined = bundle.refinement
+    known = [] if refined is None else [value.name for value in refined.values()]
+    names = {f"{effect.id}.{key}": key for key in effect.numbers()}
+    if refined is None or not refined.correlations() or any(known.count(n) != 1 for n in names):
+        return NumbersOfPart(place, effect.numbers())
+    places = [known.index(name) for name in names]
+    matrix = np.array(refined.correlations())[np.ix_(places, places)]
+    return NumbersOfPart(place, effect.numbers(), tuple(names.values()), matrix)
+
+
+def effect_name(effect: EffectEntry) -> str:
+    """An effect's id, with the side where it has one: `atmosphere-leakage (a)`."""
+    side = effect.parameters.get(SIDE)
+    return f"{effect.id} ({side})" if isinstance(side, str) else effect.id
+
+
+def _part(place: str, part: object) -> NumbersOfPart:
+    estimates = {
+        key: value
+        for key, value in part.estimates().items()  # type: ignore[attr-defined]
+        if not key.startswith(("jump_", "critical_ratio_"))  # checks, not parameters
+    }
+    known = part.correlation if isinstance(part, CorrelatedPart) else None
+    if known is None:
+        return NumbersOfPart(place, estimates)
+    return NumbersOfPart(place, estimates, tuple(known.names), known.array())
+
+
+def has_error(estimate: Estimate) -> bool:
+    """Whether it is a number with a standard error above 0."""
+    return estimate.identified and math.isfinite(estimate.std) and estimate.std > 0.0
+
+
+__all__ = ["NumbersOfPart", "effect_name", "has_error", "parts_of"]

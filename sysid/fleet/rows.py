@@ -1,0 +1,148 @@
+"""One campaign of a fleet: its rig, date and verdict, and the numbers whose trends are followed."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from sysid.bundle import Bundle
+from sysid.errors import one_line
+from sysid.estimation.linear import Estimate
+from sysid.fleet.leakage import leakage_flow
+from sysid.fleet.origin import Origin
+from sysid.fleet.parameters import has_error, parts_of
+from sysid.io.files import write_atomic
+
+ROW_FILE = "row.json"
+
+Family = Literal["friction", "leakage", "delay", "flow"]
+FAMILIES: tuple[Family, ...] = ("friction", "leakage", "delay", "flow")
+LEAKAGE = "leakage at supply pressure"
+_FRICTION = ("static", "coulomb", "viscous")
+
+
+@dataclass(frozen=True)
+class FleetReading:
+    """One number of a campaign with its standard error; `name` as in the bundle."""
+
+    family: Family
+    name: str
+    value: float
+    std: float
+    unit: str
+
+    def to_json(self) -> dict[str, Any]:
+        """In JSON types."""
+        return dict(vars(self))
+
+
+@dataclass(frozen=True)
+class FleetRow:
+    """A campaign that went through `run`, or (`failure`) why it came to no result.
+
+    `folder` is that of its results within the fleet's; `verdict` None without a diagnosis;
+    `effects` by id, each with its p-value; `readings` the numbers whose trends are followed.
+    """
+
+    campaign: str
+    folder: str
+    origin: Origin | None
+    verdict: str | None = None
+    sentence: str = ""
+    effects: Mapping[str, float] = field(default_factory=dict)
+    readings: tuple[FleetReading, ...] = ()
+    notices: int = 0
+    failure: str = ""
+
+    @property
+    def label(self) -> str:
+        """Rig and date."""
+        return f"{self.origin.rig} {self.origin.date}" if self.origin else self.campaign
+
+    def to_json(self) -> dict[str, Any]:
+        """The content of its file."""
+        return {
+            "campaign": self.campaign,
+            "folder": self.folder,
+            "origin": self.origin and self.origin.to_json(),
+            "verdict": self.verdict,
+            "sentence": self.sentence,
+            "effects": dict(self.effects),
+            "readings": [reading.to_json() for reading in self.readings],
+            "notices": self.notices,
+            "failure": self.failure,
+        }
+
+    @classmethod
+    def from_json(cls, content: Mapping[str, Any]) -> FleetRow:
+        """What `to_json` gave."""
+        origin = content["origin"]
+        return cls(
+            **{
+                **content,
+                "origin": origin and Origin.from_json(origin),
+                "readings": tuple(FleetReading(**reading) for reading in content["readings"]),
+            }
+        )
+
+    @classmethod
+    def failed(cls, campaign: Path, folder: str, origin: Origin | None, why: str) -> FleetRow:
+        """Of a campaign that came to no result."""
+        return cls(str(campaign), folder, origin, failure=one_line(why))
+
+    def write(self, folder: Path) -> None:
+        """Write it into the campaign's folder, whole or not at all."""
+        write_atomic(folder / ROW_FILE, json.dumps(self.to_json(), indent=2) + "\n")
+
+
+def readings_of(fitted: Bundle, final: Bundle) -> tuple[FleetReading, ...]:
+    """What is followed over time: friction and valves as the bench tests gave them, and leakage.
+
+    The bench tests' own fit (`fitted`) is estimated in the same way on every date; in the `final`
+    bundle the same numbers mean something else once an effect stands beside them.
+    """
+    found: list[FleetReading] = []
+    for place, part in parts_of(fitted).items():
+        for key, estimate in part.estimates.items():
+            if place == "friction" and key.startswith(_FRICTION):
+                found += _reading("friction", f"friction.{key}", estimate)
+            elif key.endswith("_delay_s"):
+                found += _reading("delay", f"{place}.{key}", estimate)
+            elif place.endswith(".discrete"):
+                found += _reading("flow", f"{place}.{key}", estimate)
+    leak = leakage_flow(final)
+    if leak is not None:
+        found.append(FleetReading("leakage", LEAKAGE, *leak, "kg/s"))
+    return tuple(found)
+
+
+def _reading(family: Family, name: str, estimate: Estimate) -> list[FleetReading]:
+    if not has_error(estimate):
+        return []
+    return [FleetReading(family, name, estimate.value, estimate.std, estimate.unit)]
+
+
+def effects_of(bundle: Bundle) -> dict[str, float]:
+    """The p-value of each effect of a bundle, by id; NaN is left out."""
+    known = {effect.id: effect.p_value for effect in bundle.effects}
+    return {
+        id: 1.0 if p is None else float(p)
+        for id, p in known.items()
+        if p is None or math.isfinite(float(p))
+    }
+
+
+__all__ = [
+    "FAMILIES",
+    "LEAKAGE",
+    "ROW_FILE",
+    "Family",
+    "FleetReading",
+    "FleetRow",
+    "effects_of",
+    "readings_of",
+]

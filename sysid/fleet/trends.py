@@ -1,0 +1,299 @@
+"""A fleet: its campaigns in order, the course of each number on each rig, and what changed.
+
+The p-values of all courses of all rigs are adjusted together for the false discovery rate by
+Benjamini and Yekutieli (2001), whatever their dependence; a change counts below 5 %.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.stats import false_discovery_control
+
+from sysid.display.numbers import number, percent, unit
+from sysid.display.plots import legend, one_axes
+from sysid.display.tables import Shown, ShownTable
+from sysid.errors import one_line
+from sysid.fleet.changes import LEAST_DATES, Change, change_in
+from sysid.fleet.comparison import SIGNIFICANCE
+from sysid.fleet.rows import FAMILIES, Family, FleetReading, FleetRow
+from sysid.fleet.signs import LeakSign, leak_signs
+from sysid.types import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+@dataclass(frozen=True)
+class Trend:
+    """One number of one rig over its dates: values and standard errors (n,), in `unit`.
+
+    `change` is the most likely one, None with too few dates; `p_adjusted` among the whole fleet.
+    """
+
+    rig: str
+    family: Family
+    name: str
+    unit: str
+    dates: tuple[str, ...]
+    days: FloatArray
+    values: FloatArray
+    std: FloatArray
+    change: Change | None
+    p_adjusted: float = math.nan
+
+    @property
+    def is_change(self) -> bool:
+        """Whether the number changed, the fleet's false discovery rate being 5 %."""
+        return self.p_adjusted < SIGNIFICANCE
+
+    @property
+    def since(self) -> str:
+        """The first date on which the change shows; empty without one."""
+        return self.dates[self.change.first] if self.change and self.is_change else ""
+
+    @property
+    def has_level(self) -> bool:
+        """Whether the level before the change is not 0 within its error."""
+        return self.change is not None and abs(self.change.before) > float(np.median(self.std))
+
+    def sentence(self, title: str = "") -> str:
+        """The change in words, of a number called `title`."""
+        title = title or self.name
+        if self.change is None or not self.is_change:
+            return f"{title} does not change"
+        c, size = self.change, f"{number(abs(self.change.size))} {unit(self.unit)}"
+        course = "at once" if c.shape == "step" else "growing with time"
+        what = f"appears with {size}"
+        if self.has_level:
+            verb = "falls" if c.size < 0.0 else "rises"
+            what = f"{verb} by {size} ({percent(100.0 * abs(c.size / c.before))})"
+        p = number(self.p_adjusted, 2)
+        return f"{title} {what} from {self.since} on, {course} (p = {p})"
+
+    def to_json(self) -> dict[str, Any]:
+        """In JSON types."""
+        return {
+            "rig": self.rig,
+            "family": self.family,
+            "name": self.name,
+            "unit": self.unit,
+            "dates": list(self.dates),
+            "values": [float(v) for v in self.values],
+            "std": [float(s) for s in self.std],
+            "change": self.change and self.change.to_json(),
+            "p_adjusted": None if math.isnan(self.p_adjusted) else self.p_adjusted,
+            "since": self.since or None,
+        }
+
+
+@dataclass(frozen=True, repr=False)
+class Fleet(Shown):
+    """The result of `sysid fleet`: a row a campaign, by rig and date, and the trends."""
+
+    rows: tuple[FleetRow, ...]
+    trends: tuple[Trend, ...]
+    notices: tuple[str, ...]
+
+    @property
+    def changes(self) -> tuple[Trend, ...]:
+        """The trends that changed, the most certain first."""
+        return tuple(sorted((t for t in self.trends if t.is_change), key=lambda t: t.p_adjusted))
+
+    @property
+    def leaks(self) -> tuple[LeakSign, ...]:
+        """The chambers whose valve tests changed as a leak would change them."""
+        return leak_signs(self.trends)
+
+    @property
+    def rigs(self) -> tuple[str, ...]:
+        """The rigs in the order of the rows."""
+        return tuple(dict.fromkeys(row.origin.rig for row in self.rows if row.origin))
+
+    @property
+    def failed(self) -> tuple[FleetRow, ...]:
+        """The campaigns without a result."""
+        return tuple(row for row in self.rows if row.failure)
+
+    def headline(self) -> str:
+        """How many campaigns of how many rigs, and which rigs changed in what since when."""
+        count = f"{len(self.rows)} campaign{'s' if len(self.rows) != 1 else ''}"
+        rigs = f"{len(self.rigs)} rig{'s' if len(self.rigs) != 1 else ''}"
+        failed = f", {len(self.failed)} without a result" if self.failed else ""
+        said = "; ".join(f"{rig}: {what}" for rig, what in self.changed_rigs().items())
+        if not said:
+            testable = any(t.change for t in self.trends)
+            none = "no change" if testable else f"no rig with {LEAST_DATES} dates: no trend tested"
+            said = none
+        return f"{count} of {rigs}{failed}; {said}"
+
+    def changed_rigs(self) -> dict[str, str]:
+        """What changed on each rig: `leakage, delay from 2024-03-17 on; friction from ...`.
+
+        Numbers that change on the same date are one event, the most certain one first.
+        """
+        found = {}
+        for rig in self.rigs:
+            events: dict[str, list[str]] = defaultdict(list)
+            for trend in (t for t in self.changes if t.rig == rig):
+                events[trend.since].append(trend.family)
+            if events:
+                leaks = [sign.side.upper() for sign in self.leaks if sign.rig == rig]
+                sign = f" (as with a leak of chamber {' and '.join(leaks)})" if leaks else ""
+                found[rig] = (
+                    "; ".join(
+                        f"{', '.join(dict.fromkeys(families))} from {date} on"
+                        for date, families in sorted(events.items())
+                    )
+                    + sign
+                )
+        return found
+
+    def records(self) -> list[dict[str, Any]]:
+        """One record per campaign and number: rig, date, value, std, unit."""
+        return [
+            {
+                "rig": t.rig,
+                "date": date,
+                "family": t.family,
+                "name": t.name,
+                "value": float(value),
+                "std": float(std),
+                "unit": t.unit,
+            }
+            for t in self.trends
+            for date, value, std in zip(t.dates, t.values, t.std, strict=True)
+        ]
+
+    def tables(self) -> Iterable[ShownTable]:
+        """The campaigns, and what changed."""
+        yield ShownTable(
+            "Campaigns",
+            ("rig", "date", "verdict", "effects"),
+            tuple(
+                (
+                    row.origin.rig if row.origin else row.campaign,
+                    row.origin.date.isoformat() if row.origin else "",
+                    row.failure or row.verdict or "not diagnosed",
+                    ", ".join(row.effects),
+                )
+                for row in self.rows
+            ),
+        )
+        yield ShownTable(
+            "What changed",
+            ("rig", "number", "since", "course", "size", "unit", "p, adjusted"),
+            tuple(
+                (
+                    t.rig,
+                    t.name,
+                    t.since,
+                    t.change.shape,
+                    number(t.change.size),
+                    unit(t.unit),
+                    number(t.p_adjusted, 2),
+                )
+                for t in self.changes
+                if t.change
+            ),
+        )
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Every trend over time, over its own first value (leakage: over its largest)."""
+        ax = one_axes(ax)
+        for t in self.trends:
+            scale = float(t.values[0] or np.max(np.abs(t.values)) or 1.0)
+            style = {"linewidth": 2.0} if t.is_change else {"linewidth": 0.6, "color": "0.7"}
+            label = f"{t.rig} {t.name}" if t.is_change else None
+            ax.plot(t.days, t.values / scale, "-o", markersize=3, label=label, **style)
+        ax.set_xlabel("days since the fleet's first campaign")
+        ax.set_ylabel("over the first value")
+        legend(ax)
+        return ax
+
+    def to_json(self) -> dict[str, Any]:
+        """The object that `sysid fleet --json` prints."""
+        return {
+            "campaigns": [row.to_json() for row in self.rows],
+            "trends": [trend.to_json() for trend in self.trends],
+            "changes": [
+                {"rig": t.rig, "family": t.family, "name": t.name, "since": t.since}
+                for t in self.changes
+            ],
+            "leak_signs": [vars(sign) for sign in self.leaks],
+            "notices": list(self.notices),
+        }
+
+
+def fleet_of(rows: Sequence[FleetRow]) -> Fleet:
+    """A fleet of these rows, ordered by rig and date, each trend tested for a change."""
+    known = [row for row in rows if row.origin is not None]
+    known.sort(key=lambda row: (row.origin.rig, row.origin.date, row.campaign))  # type: ignore[union-attr]
+    ordered = (*known, *(row for row in rows if row.origin is None))
+    trends = _adjusted(list(_trends(known)))
+    return Fleet(ordered, trends, tuple(_notices(ordered)))
+
+
+def _trends(rows: Sequence[FleetRow]) -> Iterable[Trend]:
+    by_rig: dict[str, list[FleetRow]] = defaultdict(list)
+    for row in rows:
+        if row.origin and not row.failure:
+            by_rig[row.origin.rig].append(row)
+    start = min((r.origin.date for own in by_rig.values() for r in own if r.origin), default=None)
+    for rig, own in by_rig.items():
+        numbers = {(r.family, r.name, r.unit) for row in own for r in row.readings}
+        for key in sorted(numbers, key=lambda k: (FAMILIES.index(k[0]), k[1])):
+            points = [(row, reading) for row in own for reading in _reading(row, key, own)]
+            dates = tuple(row.origin.date for row, _ in points if row.origin)
+            days = np.array([(date - start).days for date in dates if start], dtype=float)
+            values = np.array([reading.value for _, reading in points])
+            std = np.array([reading.std for _, reading in points])
+            shown = tuple(date.isoformat() for date in dates)
+            change = change_in(days, values, std)
+            yield Trend(rig, key[0], key[1], key[2], shown, days, values, std, change)
+
+
+def _reading(
+    row: FleetRow, key: tuple[Family, str, str], own: Sequence[FleetRow]
+) -> Iterable[FleetReading]:
+    """The reading of a row; a leak that a diagnosis did not find is one of 0.
+
+    Its standard error is the median of those where it was found: what it could have been found to.
+    """
+    family, name, unit_of = key
+    found = [r for r in row.readings if (r.family, r.name, r.unit) == key]
+    if found:
+        return found[:1]
+    if family != "leakage" or row.verdict is None:
+        return ()
+    known = [r.std for other in own for r in other.readings if (r.family, r.name) == (family, name)]
+    return (FleetReading(family, name, 0.0, float(np.median(known)), unit_of),)
+
+
+def _adjusted(trends: list[Trend]) -> tuple[Trend, ...]:
+    tested = [t.change.p_value for t in trends if t.change]
+    if not tested:
+        return tuple(trends)
+    adjusted = iter(false_discovery_control(tested, method="by"))
+    return tuple(replace(t, p_adjusted=float(next(adjusted))) if t.change else t for t in trends)
+
+
+def _notices(rows: Sequence[FleetRow]) -> Iterable[str]:
+    for row in rows:
+        if row.failure:
+            yield f"no result: {one_line(row.failure)}"
+    guessed = [r for r in rows if r.origin and r.origin.date_from.startswith("day of")]
+    if guessed:
+        yield (
+            f"no date in the name of file, folder or campaign in {len(guessed)} of {len(rows)}: "
+            "the day on which the newest log was changed stands for it; name the folder by its "
+            "date, 2024-03-17"
+        )
+
+
+__all__ = ["Fleet", "Trend", "fleet_of"]

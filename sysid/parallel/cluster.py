@@ -1,0 +1,165 @@
+"""Jobs on a Dask cluster: one that exists, or a local one for the time of a block.
+
+Dask's own client sends the jobs, not joblib's Dask backend: that backend keeps large arguments on
+one worker alone (`client.scatter`), and they would be lost with it. A job goes with what it needs,
+and the scheduler gives it to another worker where one dies.
+"""
+
+from __future__ import annotations
+
+import importlib
+import logging
+import math
+import os
+import threading
+import time
+import uuid
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, TypeVar
+
+from sysid.errors import input_error, one_line
+from sysid.parallel.limits import Limit, limit_in_force, within
+
+Result = TypeVar("Result")
+
+LOCAL = "local"
+_CONNECT_S = 10.0
+_JOBS_VARIABLE = "SYSID_JOBS"
+# A process has one of each: matplotlib's settings, jax's compiled programs.
+_ONE_AT_A_TIME = threading.Lock()
+
+
+@dataclass(frozen=True)
+class Cluster:
+    """A Dask client in use: the scheduler's `address`, its `dashboard` (empty without one)."""
+
+    client: Any
+    address: str
+    dashboard: str
+
+    def workers(self) -> int:
+        """The number of its threads that work."""
+        return max(int(sum(self.client.ncores().values())), 1)
+
+
+_CLUSTER: ContextVar[Cluster | None] = ContextVar("cluster", default=None)
+
+
+def cluster_in_force() -> Cluster | None:
+    """That of the present context; None where jobs run in processes of this machine."""
+    return _CLUSTER.get()
+
+
+@contextmanager
+def on_cluster(scheduler: str, workers: int) -> Iterator[Cluster]:
+    """`run_all` and `attempt_all` send their jobs to a Dask cluster within the block.
+
+    `scheduler` is the address of a running one, `tcp://host:8786`, or "local": a scheduler and
+    `workers` processes of one thread each on this machine, stopped at the end. Raises InputError
+    where dask is not installed or no scheduler answers.
+    """
+    distributed = _distributed()
+    with _client(distributed, scheduler, workers) as client:
+        made = Cluster(client, client.scheduler.address, client.dashboard_link or "")
+        token = _CLUSTER.set(made)
+        try:
+            yield made
+        finally:
+            _CLUSTER.reset(token)
+
+
+def _distributed() -> Any:
+    try:
+        return importlib.import_module("distributed")
+    except ImportError:
+        raise input_error(
+            "--scheduler", "needs dask, which is not installed", "pip install 'sysid[cluster]'"
+        ) from None
+
+
+@contextmanager
+def _client(distributed: Any, scheduler: str, workers: int) -> Iterator[Any]:
+    if scheduler == LOCAL:
+        options = {"n_workers": workers, "threads_per_worker": 1, "processes": True}
+        silent = {"dashboard_address": ":0", "silence_logs": logging.CRITICAL}
+        with (
+            distributed.LocalCluster(**options, **silent) as cluster,
+            distributed.Client(cluster, set_as_default=False) as client,
+        ):
+            yield client
+        return
+    try:
+        distributed.comm.get_address_host_port(scheduler)  # a bad one leaves no client behind
+        client = distributed.Client(scheduler, timeout=_CONNECT_S, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:
+        said = one_line(str(error))[:120]
+        raise input_error(
+            f"--scheduler {scheduler}",
+            f"no Dask scheduler answers ({said})",
+            f'start one with `dask scheduler`, or give "{LOCAL}"',
+        ) from None
+    with client:
+        yield client
+
+
+def collect_on(
+    cluster: Cluster,
+    found: dict[int, Result],
+    waiting: Mapping[int, Callable[[], Result]],
+    deadline: float = math.inf,
+) -> None:
+    """Put each job's result into `found`, by its number, as it comes.
+
+    Raises what a job raises, and TimeoutError, what is left being cancelled, after the deadline.
+    """
+    distributed = _distributed()
+    wall = deadline - time.monotonic() + time.time()
+    numbers = {
+        cluster.client.submit(
+            partial(_alone, job, wall), key=f"sysid-{uuid.uuid4().hex}", pure=False
+        ): number
+        for number, job in waiting.items()
+    }
+    timeout = None if math.isinf(deadline) else max(deadline - time.monotonic(), 0.0)
+    try:
+        loop = cluster.client.loop
+        for future in distributed.as_completed(list(numbers), loop=loop, timeout=timeout):
+            found[numbers[future]] = future.result()
+    except distributed.TimeoutError as error:
+        raise TimeoutError from error
+    finally:
+        cluster.client.cancel([f for f in numbers if not f.done()])
+
+
+def _alone(job: Callable[[], Result], wall: float) -> Result:
+    """A job on a worker: no processes of its own, one thread of BLAS, one job at a time.
+
+    `wall` is the limit on the clock of the day, the only one that machines share.
+    """
+    from threadpoolctl import threadpool_limits
+
+    limit = limit_in_force()
+    left = wall - time.time()
+    own = Limit(min(limit.deadline, time.monotonic() + left))
+    with _ONE_AT_A_TIME, threadpool_limits(1), _one_process(), within(own):
+        return job()
+
+
+@contextmanager
+def _one_process() -> Iterator[None]:
+    before = os.environ.get(_JOBS_VARIABLE)
+    os.environ[_JOBS_VARIABLE] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[_JOBS_VARIABLE]
+        else:
+            os.environ[_JOBS_VARIABLE] = before
+
+
+__all__ = ["LOCAL", "Cluster", "cluster_in_force", "collect_on", "on_cluster"]

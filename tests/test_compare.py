@@ -1,0 +1,161 @@
+"""Bundles next to each other: what moved, and only that."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from golden_folder import golden_bundle
+
+import sysid as si
+from sysid.bundle import Bundle
+from sysid.bundle.refinement import Refinement
+from sysid.commands.app import main
+from sysid.errors import InputError
+from sysid.fleet.comparison import Comparison
+from sysid.fleet.parameters import has_error, parts_of
+
+
+@pytest.fixture(scope="module")
+def bundle() -> Bundle:
+    return si.read_bundle(golden_bundle("diagnosed"))
+
+
+def moved_by(bundle: Bundle, place: str, name: str, errors: float) -> Bundle:
+    """The bundle with one number of friction moved by so many of its standard errors."""
+    part = getattr(bundle, place)
+    old = getattr(part, name)
+    content = part.to_json()
+    content[name] = {**content[name], "value": old.value + errors * old.std}
+    content[name].pop("interval", None)
+    return bundle.replaced(**{place: type(part).model_validate(content)})
+
+
+def redrawn(bundle: Bundle, rng: np.random.Generator) -> Bundle:
+    """Friction as another day's tests would give it: its numbers drawn with their covariance."""
+    part = parts_of(bundle)["friction"]
+    keys = tuple(key for key, estimate in part.estimates.items() if has_error(estimate))
+    drawn = rng.multivariate_normal(
+        [part.estimates[k].value for k in keys], part.covariance(keys), method="svd"
+    )
+    content: dict[str, Any] = bundle.to_json()["friction"]
+    for key, value in zip(keys, drawn, strict=True):
+        content[key] = {**content[key], "value": float(value)}
+    return bundle.replaced(friction=type(bundle.friction).model_validate(content))
+
+
+def test_a_bundle_does_not_move_against_itself(bundle: Bundle) -> None:
+    found = si.compare(bundle, bundle)
+    assert found.moved == () and found.movements
+    assert {e.state for e in found.effects} == {"same"}
+    assert "no parameter moved" in found.headline()
+
+
+def test_what_moved_is_found_and_nothing_else(bundle: Bundle) -> None:
+    found = si.compare(bundle, moved_by(bundle, "friction", "coulomb_nm", 12.0))
+    assert {m.part for m in found.moved} == {"friction"}
+    assert [m.name for m in found.moved if m.name] == ["coulomb_nm"]
+    movement = next(m for m in found.moved if m.name)
+    assert movement.z == pytest.approx(12.0 / np.sqrt(2.0))
+    frame = found.to_frame()
+    moved = frame[frame["significant"]]
+    assert set(moved["parameter"]) == {"coulomb_nm"} and len(moved) == 1
+
+
+def test_chance_is_not_called_a_movement(bundle: Bundle) -> None:
+    """Bundles that differ by their errors alone: at most 5 % of comparisons say something."""
+    rng = np.random.default_rng(20181)
+    made = [redrawn(bundle, rng) for _ in range(200)]
+    pairs = zip(made[::2], made[1::2], strict=True)
+    said = sum(bool(si.compare(one, other).moved) for one, other in pairs)
+    assert said <= 10  # of 100; 5 % would be 5
+
+
+def test_numbers_whose_errors_go_together_are_compared_together(bundle: Bundle) -> None:
+    """Each moves by 1.5 errors, against their correlation: together that is no chance."""
+    friction = bundle.friction
+    assert friction is not None
+    content = friction.to_json()
+    names = ["coulomb_nm", "viscous_nm_s_per_rad"]
+    content["correlation"] = {"names": names, "matrix": [[1.0, -0.98], [-0.98, 1.0]]}
+    one = bundle.replaced(friction=type(friction).model_validate(content))
+    two = moved_by(moved_by(one, "friction", names[0], 2.2), "friction", names[1], 2.2)
+    content = two.friction.to_json() | {"correlation": content["correlation"]}  # type: ignore[union-attr]
+    two = two.replaced(friction=type(friction).model_validate(content))
+    moved = [(m.part, m.name) for m in si.compare(one, two).moved]
+    assert moved == [("friction", None)]
+
+
+def test_effects_appear_disappear_and_grow(bundle: Bundle) -> None:
+    assert bundle.effects
+    bare = bundle.replaced(effects=[])
+    assert {e.state for e in si.compare(bare, bundle).effects} == {"appeared"}
+    assert {e.state for e in si.compare(bundle, bare).effects} == {"disappeared"}
+    entry = bundle.effects[0].to_json()
+    name, value = next((k, v) for k, v in entry["parameters"].items() if isinstance(v, dict))
+    value = {**value, "std": 1e-3 * abs(value["value"])}
+    value.pop("interval", None)
+    entry["parameters"] = entry["parameters"] | {name: value}
+    one = bundle.replaced(effects=[type(bundle.effects[0]).model_validate(entry)])
+    entry["parameters"] = entry["parameters"] | {name: {**value, "value": 1.5 * value["value"]}}
+    two = bundle.replaced(effects=[type(bundle.effects[0]).model_validate(entry)])
+    assert [e.state for e in si.compare(one, two).effects] == ["grew"]
+    assert [e.state for e in si.compare(two, one).effects] == ["shrank"]
+
+
+def test_a_refinement_says_how_an_effects_errors_go_together(bundle: Bundle) -> None:
+    effect = bundle.effects[0]
+    names = [f"{effect.id}.{key}" for key in effect.numbers()]
+    value = {"value": 1.0, "std": 0.1, "unit": ""}
+    content = {
+        "parameters": [
+            {"name": name, "origin": "effect", "before": 1.0, "before_std": None, "after": value}
+            | {"movement": None, "informed_by_motion": True}
+            for name in ["friction.coulomb_nm", *names]
+        ],
+        "correlation": (0.5 + 0.5 * np.eye(len(names) + 1)).tolist(),
+        **dict.fromkeys(("converged", "evaluations", "segments", "segments_left_out"), 1),
+        "friction_scatter": None,
+    }
+    refined = bundle.replaced(refinement=Refinement.model_validate(content))
+    part = next(p for p in parts_of(refined).values() if p.place.startswith("effect"))
+    assert part.correlated == tuple(effect.numbers())
+    assert part.correlation is not None and part.correlation[0, -1] in (0.5, 1.0)
+
+
+def test_shown_as_the_other_results_are(bundle: Bundle) -> None:
+    found = si.compare(bundle, moved_by(bundle, "friction", "coulomb_nm", 12.0), bundle)
+    assert isinstance(found, Comparison)
+    assert "\n" not in repr(found) and "coulomb_nm" in str(found)
+    assert "<table>" in found._repr_html_()
+    assert len(found.plot().get_lines()) == 2
+    json.dumps(found.to_json(), allow_nan=False)
+
+
+def test_of_other_rigs_and_of_one_alone(bundle: Bundle) -> None:
+    linear = si.read_bundle(golden_bundle("linear_axis"))
+    with pytest.raises(InputError, match=r"is of a linear rig, .* of a rotary one"):
+        si.compare(bundle, linear)
+    with pytest.raises(InputError, match="give two or more"):
+        si.compare(bundle)
+    with pytest.raises(InputError, match="holds no part that"):
+        si.compare(bundle.replaced(effects=[], valves=None), bundle.replaced(friction=None))
+    content = {**bundle.rig_content, "pwm": {"period_s": 0.01}}
+    other = si.compare(bundle, bundle.replaced(rig_content=content))
+    assert "[pwm] differs" in other.notices[0]
+
+
+def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name in ("one", "two"):
+        shutil.copy(golden_bundle("diagnosed"), tmp_path / f"{name}.json")
+    files = [str(tmp_path / "one.json"), str(tmp_path / "two.json")]
+    assert main(["compare", *files]) == 0
+    assert "no parameter moved" in capsys.readouterr().out
+    assert main(["compare", *files, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["bundles"] == ["one.json", "two.json"]
+    assert main(["compare", files[0]]) == 2
+    assert "Give two bundles or more" in capsys.readouterr().err

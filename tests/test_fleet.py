@@ -1,0 +1,335 @@
+"""Fleets: which rig and date, what changed and from when on, runs that resume, one page."""
+
+from __future__ import annotations
+
+import dataclasses
+import datetime
+import json
+import os
+import shutil
+import signal
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from golden_folder import GOLDEN, golden_bundle
+
+from sysid.bundle import read_bundle
+from sysid.bundle.effects import entry_of
+from sysid.commands.app import main
+from sysid.commands.fleet import run_fleet
+from sysid.errors import InputError
+from sysid.fleet.changes import change_in
+from sysid.fleet.leakage import leakage_flow
+from sysid.fleet.origin import Origin, date_in, origin_of, result_folder
+from sysid.fleet.rows import LEAKAGE, FleetReading, FleetRow
+from sysid.fleet.trends import Fleet, fleet_of
+from sysid.io.campaign import read_campaign
+from sysid.model.effects import AtmosphereLeakage
+from sysid.parallel import Failure, attempt_all, on_cluster
+from sysid.report.fleet import fleet_page
+
+DAYS = np.array([0.0, 30.0, 65.0, 90.0, 120.0, 200.0, 230.0, 260.0, 300.0, 340.0])
+QUICK = {"diagnose": False, "refine": False}
+CHROMIUM = Path("/usr/bin/chromium")
+CHROMIUM_ARGUMENTS = ["--no-sandbox", "--disable-gpu"]
+# The text of elements that reach beyond the window and do not lie in something that scrolls.
+OUTSIDE = """() => [...document.querySelectorAll("main *, header *")]
+    .filter(e => !e.closest(".scroll") && !e.closest("svg") && e.getClientRects().length)
+    .filter(e => e.getBoundingClientRect().right > window.innerWidth + 1)
+    .map(e => e.outerHTML.slice(0, 80))"""
+
+
+# --- rig and date --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "date"),
+    [
+        ("rig 2024-03-17 second", datetime.date(2024, 3, 17)),
+        ("20240317_after-service", datetime.date(2024, 3, 17)),
+        ("2024-01-01 to 2024-03-17", datetime.date(2024, 3, 17)),
+        ("serial 12345678", None),
+        ("2024-13-17", None),
+        ("120240317", None),
+    ],
+)
+def test_a_date_in_a_name(text: str, date: datetime.date | None) -> None:
+    assert date_in(text) == date
+
+
+def points(folder: Path, shift_nm: float = 0.0, rig: str = "hybrid-actuator") -> Path:
+    """The golden campaign of single friction readings, its torques shifted."""
+    folder.mkdir(parents=True)
+    for source in (GOLDEN / "inputs" / "points").iterdir():
+        text = source.read_text().replace("hybrid-actuator", rig)
+        if source.suffix == ".csv":
+            head, *rows = text.strip().rsplit("\n", 6)
+            rows = [f"{r.rsplit(',', 1)[0]},{float(r.rsplit(',', 1)[1]) + shift_nm}" for r in rows]
+            text = "\n".join([head, *rows]) + "\n"
+        (folder / source.name).write_text(text)
+    return folder / "campaign.toml"
+
+
+def test_where_rig_and_date_come_from(tmp_path: Path) -> None:
+    path = points(tmp_path / "2024-03-17" / "arm")
+    found = origin_of(read_campaign(path))
+    assert (found.rig, found.date.isoformat()) == ("hybrid-actuator", "2024-03-17")
+    assert found.date_from == "name of the folder 2024-03-17"
+    assert Origin.from_json(found.to_json()) == found
+    plain = points(tmp_path / "a" / "b" / "c" / "d" / "e")
+    for log in plain.parent.glob("*.csv"):
+        os.utime(log, (1.7e9, 1.7e9))
+    found = origin_of(read_campaign(plain))
+    assert found.date.isoformat() == "2023-11-14" and "last change" in found.date_from
+    plain.write_text('name = "after 2022-05-01"\n' + plain.read_text())
+    assert origin_of(read_campaign(plain)).date.isoformat() == "2022-05-01"
+
+
+def test_results_have_folders_of_their_own() -> None:
+    paths = [Path(p) for p in ("/a/x/campaign.toml", "/b/x/campaign.toml", "/a/x/other.toml")]
+    names = [result_folder(path) for path in paths]
+    assert len(set(names)) == 3 and names[0].startswith("a-x-") and "other" in names[2]
+
+
+# --- changes -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scatter", [1.0, 5.0])
+def test_chance_is_not_called_a_change(scatter: float) -> None:
+    """Also where the rig scatters more than the standard errors say."""
+    rng = np.random.default_rng(20182)
+    std = rng.uniform(0.5, 2.0, len(DAYS))
+    found = [change_in(DAYS, rng.normal(0.0, scatter * std), std) for _ in range(1000)]
+    assert sum(c is not None and c.p_value < 0.05 for c in found) <= 65
+
+
+@pytest.mark.parametrize("first", [1, 4, 8])
+@pytest.mark.parametrize("shape", ["step", "growth"])
+def test_a_change_is_found_where_it_is(first: int, shape: str) -> None:
+    rng = np.random.default_rng(first)
+    std = np.full(len(DAYS), 0.02)
+    grown = np.maximum(DAYS - DAYS[first - 1], 0.0) / 30.0
+    course = grown if shape == "growth" else (np.arange(len(DAYS)) >= first) * 1.0
+    change = change_in(DAYS, 1.0 + course + rng.normal(0.0, std), std)
+    assert change is not None and (change.first, change.shape) == (first, shape)
+    assert change.p_value < 1e-4
+    assert abs(change.size - course[-1]) < 5.0 * change.std
+    assert np.allclose(change.at(DAYS), 1.0 + course, atol=0.1)
+
+
+def test_too_few_dates_and_two_campaigns_of_one_day() -> None:
+    ones = np.ones(4)
+    assert change_in(np.array([0.0, 0.0, 1.0, 2.0]), ones, ones) is None
+    days = np.array([0.0, 0.0, 1.0, 1.0, 2.0, 3.0])
+    change = change_in(days, np.array([0.0, 0.0, 0.0, 9.0, 9.0, 9.0]), np.full(6, 0.1))
+    assert change is not None and change.first in (2, 4)  # not between two of one day
+
+
+# --- leakage and rows ----------------------------------------------------------------------
+
+
+def test_leakage_is_one_number_whatever_its_law() -> None:
+    bundle = read_bundle(golden_bundle("diagnosed")).replaced(effects=[])
+    assert leakage_flow(bundle) is None
+    entry = entry_of(AtmosphereLeakage(5e-17, "a"))
+    name = next(iter(entry.numbers()))
+    parameters: dict[str, Any] = {**entry.to_json()["parameters"]}
+    parameters[name] = {"value": 5e-17, "std": 1e-18, "unit": "kg/(s Pa^2)"}
+    leaking = bundle.replaced(effects=[type(entry)(id=entry.id, parameters=parameters)])
+    found = leakage_flow(leaking)
+    air = bundle.rig.air
+    assert found is not None and air is not None
+    squares = air.supply_pressure_pa**2 - air.atmospheric_pressure_pa**2
+    assert found == pytest.approx((5e-17 * squares, 1e-18 * squares))
+
+
+def row(rig: str, place: int, friction: float, leak: float | None = None) -> FleetRow:
+    date = datetime.date(2021, 1, 15) + datetime.timedelta(days=60 * int(place))
+    readings = [FleetReading("friction", "friction.coulomb_nm", friction, 0.002, "Nm")]
+    readings += [] if leak is None else [FleetReading("leakage", LEAKAGE, leak, 2e-7, "kg/s")]
+    return FleetRow(
+        campaign=f"/data/{rig}/{date}/campaign.toml",
+        folder=f"{rig}-{date} #1",
+        origin=Origin(rig, date, "rig file", "name of the folder"),
+        verdict="adequate" if leak is None else "effects-found",
+        effects={} if leak is None else {"atmosphere-leakage": 1e-30},
+        readings=tuple(readings),
+    )
+
+
+@pytest.fixture(scope="module")
+def made() -> Fleet:
+    """Three rigs over ten dates: one wears from the fifth on, one leaks from the seventh on."""
+    rng = np.random.default_rng(20183)
+    rows = [
+        row(
+            rig,
+            i,
+            0.25 * (1.0 + 0.1 * max(i - 3, 0) * (rig == "worn") + 0.01 * rng.normal()),
+            4e-6 * (1.0 + 0.05 * rng.normal()) if rig == "leaky" and i >= 6 else None,
+        )
+        for rig in ("sound", "worn", "leaky")
+        for i in rng.permutation(10)
+    ]
+    broken = FleetRow.failed(Path("bad.toml"), "bad", None, "bad.toml: rig is missing; add <rig>")
+    return fleet_of([broken, *rows])
+
+
+def test_each_change_is_found_at_its_date_and_no_other(made: Fleet) -> None:
+    found = {(t.rig, t.family): t.since for t in made.changes}
+    assert found == {("worn", "friction"): "2021-09-12", ("leaky", "leakage"): "2022-01-10"}
+    assert made.changed_rigs()["worn"] == "friction from 2021-09-12 on"
+    dates = [r.origin.date for r in made.rows if r.origin and r.origin.rig == "sound"]
+    assert dates == sorted(dates) and len(dates) == 10
+    leak = next(t for t in made.trends if t.family == "leakage")
+    assert list(leak.values[:6]) == [0.0] * 6
+    assert "appears with" in leak.sentence() and "rises by" in made.changes[0].sentence()
+
+
+@pytest.mark.parametrize(("fill", "dis", "leaks"), [(-1, 1, ["b"]), (1, 1, []), (-1, 0, [])])
+def test_a_valve_that_fills_less_and_empties_more_leaks(
+    fill: int, dis: int, leaks: list[str]
+) -> None:
+    rng = np.random.default_rng(20184)
+    rows = []
+    for i in range(10):
+        shift = 0.004 * (i >= 5)
+        flows = {"c_fill": 1.5e-6 * (1.0 + fill * shift), "c_dis": 3.7e-9 * (1.0 + dis * shift)}
+        flow = tuple(
+            FleetReading("flow", f"valves.b.discrete.{k}", v * rng.normal(1.0, 4e-4), 4e-4 * v, "-")
+            for k, v in flows.items()
+        )
+        rows.append(dataclasses.replace(row("rig", i, 0.25), readings=flow))
+    fleet = fleet_of(rows)
+    assert [sign.side for sign in fleet.leaks] == leaks
+    assert all(sign.since == "2021-11-11" for sign in fleet.leaks)
+    assert ("leak of chamber B" in fleet.headline()) == bool(leaks)
+    assert ("plug its port" in fleet_page(fleet)) == bool(leaks)
+
+
+def test_a_fleet_is_shown_and_written(made: Fleet) -> None:
+    assert "31 campaigns of 3 rigs, 1 without a result" in made.headline()
+    assert len(made.to_frame()) == 40
+    assert made.plot().get_lines()
+    content = json.loads(json.dumps(made.to_json(), allow_nan=False))
+    rows = [FleetRow.from_json(r) for r in content["campaigns"]]
+    assert fleet_of(rows).to_json() == made.to_json()
+
+
+def test_the_page_links_to_the_reports(made: Fleet) -> None:
+    page = fleet_page(made)
+    assert page.count(">report</a>") == 30
+    assert 'href="worn-2021-01-15%20%231/report.html"' in page
+    assert "add &lt;rig&gt;" in page
+    assert page.count("<svg") == 4 and "fig-0-0" in page
+    assert 'class="verdict poor"' in page
+
+
+def test_a_fleet_without_a_trend() -> None:
+    small = fleet_of([row("one", 0, 0.25)])
+    assert "no rig with 4 dates" in small.headline()
+    assert "No rig has enough dates" in fleet_page(small)
+
+
+# --- the command ---------------------------------------------------------------------------
+
+
+def content(path: Path) -> Any:
+    """A bundle without the time at which it was made."""
+    return {k: v for k, v in json.loads(path.read_text()).items() if k != "created"}
+
+
+def test_a_fleet_resumes_and_goes_on_past_a_bad_campaign(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    campaigns = [points(tmp_path / f"2024-0{i}-01", 0.01 * i) for i in (1, 2)]
+    bad = tmp_path / "bad.toml"
+    bad.write_text("[[log]]\n")
+    words = ["fleet", *map(str, [*campaigns, bad]), "-o", str(tmp_path / "out")]
+    options = ["--no-diagnose", "--no-refine", "--json", "--jobs", "1"]
+    assert main([*words, *options]) == 0
+    said = capsys.readouterr()
+    found = json.loads(said.out)
+    assert [c["failure"] == "" for c in found["campaigns"]] == [True, True, False]
+    assert "no result" in said.err and "rig is missing" in said.err
+    folder = tmp_path / "out" / found["campaigns"][0]["folder"]
+    assert (folder / "report.html").is_file() and (folder / "row.json").is_file()
+    before = (folder / "bundle.json").stat().st_mtime_ns
+    shutil.rmtree(tmp_path / "out" / found["campaigns"][1]["folder"])
+    assert main([*words, *options]) == 0
+    assert json.loads(capsys.readouterr().out)["trends"] == found["trends"]
+    assert (folder / "bundle.json").stat().st_mtime_ns == before
+    assert main([*words[:2], *words[1:]]) == 2
+    assert "is given twice" in capsys.readouterr().err
+
+
+# --- Dask ----------------------------------------------------------------------------------
+
+
+def dies_once(mark: str) -> int:
+    path = Path(mark)
+    if not path.exists():
+        path.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return 7
+
+
+def fails() -> int:
+    raise ValueError("no such thing")
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
+def test_dask_gives_the_same_results_and_survives_a_killed_worker(tmp_path: Path) -> None:
+    pytest.importorskip("distributed")
+    campaigns = (points(tmp_path / "2024-01-01", 0.01),)
+    with on_cluster("local", 1) as cluster:
+        jobs = [fails, partial(dies_once, str(tmp_path / "mark")), os.getpid]
+        failed, survived, process = attempt_all(jobs)
+        assert isinstance(failed, Failure) and "no such thing" in failed.reason
+        assert survived == 7 and process != os.getpid()
+        there = run_fleet(campaigns, tmp_path / "dask", scheduler=cluster.address, **QUICK)
+    here = run_fleet(campaigns, tmp_path / "here", **QUICK)
+    assert there.to_json() == here.to_json()
+    for name in [r.folder for r in here.rows]:
+        ours, theirs = (tmp_path / where / name / "bundle.json" for where in ("here", "dask"))
+        assert content(ours) == content(theirs)
+
+
+def test_a_scheduler_that_does_not_answer() -> None:
+    pytest.importorskip("distributed")
+    for address in ("nonsense", "tcp://127.0.0.1:1:2"):
+        with pytest.raises(InputError, match="no Dask scheduler answers"), on_cluster(address, 1):
+            raise AssertionError
+
+
+def test_dask_that_is_not_installed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "distributed", None)
+    with pytest.raises(InputError, match="needs dask, which is not installed"), on_cluster("x", 1):
+        raise AssertionError
+
+
+# --- in a browser --------------------------------------------------------------------------
+
+
+def test_the_page_fits_a_desk_and_a_phone(made: Fleet, tmp_path: Path) -> None:
+    """Nothing is wider than the window but what scrolls in a frame of its own."""
+    api = pytest.importorskip("playwright.sync_api", reason="playwright is absent")
+    if not CHROMIUM.exists():
+        pytest.skip(f"{CHROMIUM} is absent")
+    (tmp_path / "fleet.html").write_text(fleet_page(made))
+    with api.sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(
+            executable_path=str(CHROMIUM), args=CHROMIUM_ARGUMENTS
+        )
+        for width, scheme in ((1400, "light"), (390, "dark")):
+            window = {"width": width, "height": 900}
+            page = chromium.new_page(viewport=window, color_scheme=scheme)
+            said: list[str] = []
+            page.on("console", lambda message, said=said: said.append(message.text))
+            page.goto((tmp_path / "fleet.html").as_uri())
+            assert page.evaluate("document.documentElement.scrollWidth") <= width
+            assert page.evaluate(OUTSIDE) == [] and said == []
+        chromium.close()
