@@ -9,6 +9,7 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE / "_ext"), str(HERE.parent)]
 
+import generated  # noqa: E402
 import running  # noqa: E402
 
 import sysid  # noqa: E402
@@ -22,7 +23,8 @@ HAS_EMPS = (HERE.parent.parent / "shared" / "data" / "emps").is_dir()
 project = "sysid"
 release = version = sysid.__version__
 language = "en"
-exclude_patterns = ["_ext", "_static", "reference/generated/log-columns.md"]
+# Parts of pages, which include them.
+exclude_patterns = ["_ext", "_static", *(f"reference/generated/{n}" for n in generated.INCLUDED)]
 
 extensions = [
     "myst_nb",

@@ -91,7 +91,7 @@ def campaign_file() -> str:
             _HEAD + "\n".join([*_rows(CampaignFile), table.format(shared)]) + "\n",
             "## `[[log]]`, one per log\n",
             _HEAD + "\n".join([*_rows(LogEntry), table.format(own)]) + "\n",
-            "The kinds are described under [log format](../log-format.md).\n",
+            "The kinds are described under [log format](log-format.md).\n",
         ]
     )
 
@@ -104,7 +104,7 @@ def bundle() -> str:
     schema = json.loads(text)
     parts = [
         "# Bundle\n\nThe fitted model as one JSON file; `sysid/bundle/bundle.schema.json` is its "
-        "JSON schema, from which this page is made. [Reading the bundle](../../how-to/"
+        "JSON schema, from which this page is made. [Reading the bundle](../how-to/"
         "read-the-bundle.md) shows how a controller takes it in.\n",
         "## The file\n",
         schema["description"].replace("`spec/bundle.md`", "this page") + "\n",

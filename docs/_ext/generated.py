@@ -35,19 +35,22 @@ def command_line() -> str:
     return "\n".join(parts)
 
 
+INCLUDED: dict[str, Callable[[], str]] = {
+    "command-line.md": command_line,
+    "log-columns.md": format_pages.log_columns,
+    "rig-file.md": format_pages.rig_file,
+    "campaign-file.md": format_pages.campaign_file,
+    "bundle.md": format_pages.bundle,
+    "messages.md": message_pages.messages,
+}
+"""Files that pages of the reference include, and what writes them."""
+
+
 def generate(app: Any) -> None:
     """Write all pages."""
     folder = Path(app.srcdir) / "reference" / "generated"
     cache = Path(app.outdir).parent / "docs-pictures"
-    pages: dict[str, Callable[[], str]] = {
-        "command-line.md": command_line,
-        "log-columns.md": format_pages.log_columns,
-        "rig-file.md": format_pages.rig_file,
-        "campaign-file.md": format_pages.campaign_file,
-        "bundle.md": format_pages.bundle,
-        "messages.md": message_pages.messages,
-    }
-    for name, page in pages.items():
+    for name, page in INCLUDED.items():
         write(folder / name, page())
     for name, content in effect_pages.pages(cache).items():
         write(folder / name, content)
