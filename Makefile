@@ -5,22 +5,29 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test types suite browser reports controllers measured dist clean
+.PHONY: demo test types suite docs docs-serve browser reports controllers measured dist clean
 
 demo: $(STAMP)
 	$(BIN)/sysid demo -o out/demo
 
-# Types are checked beside the first tests: mypy works on one core alone.
+# Types are checked, and then the documentation is built, beside the tests: each works on one core.
 test: $(STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(MAKE) --no-print-directory -j 2 types suite
+	$(MAKE) --no-print-directory -j 2 types suite docs
 
 types: $(STAMP)
 	$(BIN)/mypy
 
 suite: $(STAMP) browser
 	MAKEFLAGS= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist worksteal
+
+# The pages run what they show; a warning, or a command that fails, fails the build.
+docs: $(STAMP)
+	$(BIN)/sphinx-build -W --keep-going -q -d out/docs-trees docs out/docs
+
+docs-serve: docs
+	$(BIN)/python -m http.server --directory out/docs 8000
 
 # The report is tested in Debian's Chromium; where it cannot be installed those tests are skipped.
 browser:

@@ -14,14 +14,13 @@ from sysid.display.text_plot import text_plot
 from sysid.model.effects import catalogue, load_user_effects, motor
 from sysid.model.effects.demonstration import CHANNELS, demonstrate
 
-README = Path(__file__).resolve().parent.parent / "README.md"
+PAGE = Path(__file__).resolve().parent.parent / "docs" / "how-to" / "own-effect.md"
 
 
 @pytest.fixture
 def example(tmp_path: Path) -> Path:
-    """The effect that the README shows, as a file."""
-    section = README.read_text().partition("## An effect of your own")[2]
-    code = re.search(r"```python\n(.*?)```", section, re.DOTALL)
+    """The effect that the documentation shows, as a file."""
+    code = re.search(r"```\{file\} my_effects.py\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
     assert code is not None
     path = tmp_path / "my_effects.py"
     path.write_text(code[1])
@@ -141,7 +140,7 @@ def test_what_cannot_be_shown(
 def test_the_example_of_the_readme_runs(example: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["effects", "hose-drag", "--effects", str(example), "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
-    assert printed["id"] == "hose-drag" and printed["law"] == ""
+    assert printed["id"] == "hose-drag" and printed["law"].endswith("+ d |theta| sign w.")
     assert printed["changes"]["theta_rad"]["largest"] > 1e-3
     assert main(["effects", "--effects", str(example), "--json"]) == 0
     entries = json.loads(capsys.readouterr().out)["effects"]

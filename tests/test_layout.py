@@ -1,6 +1,6 @@
 """The layout of the package: one room a subject, arrows only downwards, no circle.
 
-`FLOORS` is the order of the table in README.md, from the ground up. A module imports only
+`FLOORS` is the order of the table in CONTRIBUTING.md, from the ground up. A module imports only
 from its own room and from floors below it.
 """
 
@@ -71,6 +71,13 @@ INSIDE = [module for module in MODULES if module not in FACE]
 
 def test_every_room_has_a_floor() -> None:
     assert {room_of(module) for module in INSIDE} == set(FLOOR_OF)
+
+
+def test_the_table_of_rooms_names_them_all() -> None:
+    text = (PACKAGE.parent / "CONTRIBUTING.md").read_text("utf-8")
+    table = [line.split("|")[1] for line in text.splitlines() if line.startswith("| `")]
+    named = set(re.findall(r"`(?:sysid/)?(\w+)(?:/|\.py)`", " ".join(table)))
+    assert set(FLOOR_OF) <= named
 
 
 @pytest.mark.parametrize("module", INSIDE)

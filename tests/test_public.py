@@ -242,8 +242,8 @@ def test_a_bundle_simulates_as_its_model(namespace: dict[str, Any]) -> None:
 def test_own_effects_are_classes_or_a_file(
     namespace: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    block = re.findall(r"```python\n(.*?)```", (REPOSITORY / "README.md").read_text(), re.S)
-    (source,) = [b for b in block if "class HoseDrag" in b]
+    page = (REPOSITORY / "docs" / "how-to" / "own-effect.md").read_text("utf-8")
+    (source,) = re.findall(r"```\{file\} my_effects.py\n(.*?)```", page, re.S)
     Path("own.py").write_text(source)
     monkeypatch.syspath_prepend(".")
     own = importlib.import_module("own")

@@ -20,6 +20,7 @@ from typing import Any
 import click
 
 from sysid import __version__, parallel
+from sysid.commands.help_pages import page_for
 from sysid.errors import SysidError, one_line, visible
 
 # Small matrices are slower on several BLAS threads; read when numpy is first imported.
@@ -130,7 +131,7 @@ def _run(arguments: Sequence[str] | None) -> int:
         words = _without_jobs(sys.argv[1:] if arguments is None else arguments)
         app(args=words, prog_name="sysid", standalone_mode=False)
     except SysidError as error:
-        return _report("error", str(error), error.exit_code)
+        return _report("error", _with_page(error), error.exit_code)
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.format_message(), err=True)
         return _UNUSABLE
@@ -157,6 +158,12 @@ def _run(arguments: Sequence[str] | None) -> int:
     except Exception as error:
         return _fault(error)
     return 0
+
+
+def _with_page(error: SysidError) -> str:
+    """The error's line with the page of the documentation that helps, where there is one."""
+    page = page_for(error)
+    return f"{error} (docs: {page})" if page else str(error)
 
 
 def _fault(error: Exception) -> int:

@@ -14,7 +14,7 @@ stribeck_torque_nm Nm 0.12
 stribeck_velocity_rad_per_s rad/s 0.07
 
 A user-defined effect is a frozen dataclass that derives from `CatalogueEffect`, with one
-`Quantity` per number; README.md has an example.
+`Quantity` per number; docs/how-to/own-effect.md has an example.
 """
 
 from sysid.model.effects.bench import (

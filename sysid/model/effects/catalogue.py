@@ -68,9 +68,9 @@ def class_of(effect: str) -> frozenset[str]:
 def load_user_effects(path: Path) -> dict[str, type[CatalogueEffect]]:
     """The effects that a user's Python file defines, by id. Runs the file.
 
-    Each is a frozen dataclass derived from `CatalogueEffect`; README.md shows one. Its ports
-    (`sysid.model.ports.Effect`) get arrays of numpy and of jax, so they are written without
-    branches on values; `sysid.model.base.array_namespace` gives the module to call.
+    Each is a frozen dataclass derived from `CatalogueEffect`; docs/how-to/own-effect.md shows one.
+    Its ports (`sysid.model.ports.Effect`) get arrays of numpy and of jax, so they are written
+    without branches on values; `sysid.model.base.array_namespace` gives the module to call.
 
     Raises InputError where the file does not run, defines none, or defines one that is not
     complete or takes the id of another.

@@ -71,7 +71,7 @@ def demonstrate(effect: type[CatalogueEffect]) -> Demonstration:
     """
     from sysid.model.simulator import simulate
 
-    inputs = _inputs()
+    inputs = demonstration_inputs()
     parameters = reference_parameters()
     models = [Model(parameters) + effect.neutral(), Model(parameters) + effect.typical()]
     base, changed = (
@@ -81,7 +81,8 @@ def demonstrate(effect: type[CatalogueEffect]) -> Demonstration:
     return Demonstration(inputs.time, base, changed)
 
 
-def _inputs() -> Any:
+def demonstration_inputs() -> Any:
+    """The short test: the motor alone for 2 s, then for 2 s together with valves under PWM."""
     from sysid.model.simulator import Inputs, ValveCommand
 
     time = np.linspace(0.0, 4.0, 4001)
@@ -129,4 +130,4 @@ def _bare() -> dict[str, FloatArray]:
     from sysid.model.simulator import simulate
 
     model = Model(reference_parameters())
-    return measured_channels(simulate([_inputs()], [model])[0], "theta_rad", model)
+    return measured_channels(simulate([demonstration_inputs()], [model])[0], "theta_rad", model)
