@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
+from sysid.fleet.trend import Trend
 from sysid.io.channels import SIDES
-
-if TYPE_CHECKING:
-    from sysid.fleet.trends import Trend
 
 
 @dataclass(frozen=True)
