@@ -101,6 +101,21 @@ def test_scipy_ends_where_optimistix_does(simulated: tuple[list[Run], Model]) ->
     assert ours.at.cost <= 2.0 * scipys.cost * (1.0 + 1e-6)
 
 
+def test_steps_with_the_same_slopes_end_where_those_with_their_own_do(found: Estimated) -> None:
+    std = np.sqrt(np.diag(found.solution.at.covariance()))[: len(NAMES)]
+    at = found.solution.point
+    start = dataclasses.replace(at, shared=at.shared + 2.0 * std)
+    own = solve(found.problem, start, 30, 0.05, first_step=1e6)
+    chords = solve(found.problem, start, 30, 0.05, first_step=1e6, chords=True)
+    assert own.converged and chords.converged
+    assert chords.evaluations < own.evaluations
+    assert (np.abs(chords.point.shared - own.point.shared) < 0.25 * std).all()
+    found_std = [np.sqrt(np.diag(s.at.covariance()))[: len(NAMES)] for s in (own, chords)]
+    np.testing.assert_allclose(*found_std, rtol=0.02)
+    again = solve(found.problem, own.point, 30, 0.05, known=own.at.runs)
+    assert again.evaluations == 0 and again.point is own.point
+
+
 def test_a_scan_finds_static_friction_that_has_no_slope() -> None:
     """A motor that rises by steps of a sample: breakaway is at one of them."""
     runs, model = rig_runs(12, 1, 2.5)
