@@ -27,7 +27,7 @@ from sysid.display import numbers
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import FRICTION_KINDS, Campaign, read_campaign
 from sysid.io.source import Source
-from sysid.report import render_report, svg, write_report
+from sysid.report import concerns, render_report, svg, write_report
 from sysid.report.interactive import packed
 from sysid.report.opening import verdict
 from sysid.report.page import _json
@@ -447,10 +447,28 @@ def test_verdict_falls_with_the_fit(made: Made) -> None:
         }
         return dataclasses.replace(result, channels=channels)
 
+    words = {"good": "follows this rig well", "fair": "roughly", "poor": "does not follow"}
+    bare = made.bundle.without("friction", "valves")
     for share, level in ((0.05, "good"), (0.2, "fair"), (0.5, "poor")):
         logs = tuple(worse(log, share) for log in made.validation.logs)
-        judged = verdict(made.bundle, dataclasses.replace(made.validation, logs=logs))
-        assert judged.level == level
+        validation = dataclasses.replace(made.validation, logs=logs)
+        judged = verdict(bare, validation)
+        assert judged.level == level and words[level] in judged.sentence
+        assert not judged.held_back
+        open_ended = verdict(bare, validation, {**DIAGNOSIS, "because": "structure"})
+        assert open_ended.level == concerns.worst((level, "fair"))
+        assert bool(open_ended.held_back) is (level == "good")
+
+
+def test_verdict_s_colour_is_that_of_the_worst_below_it(made: Made) -> None:
+    """A surface with which the position is not followed is not green."""
+    judged = verdict(made.bundle, made.validation)
+    levels = {c.level for c in judged.concerns}
+    assert any(c.level == "poor" and "under PWM" in c.name for c in judged.concerns)
+    assert judged.level == concerns.worst(levels) == "poor"
+    named = next(c.name for c in judged.concerns if c.level == "poor")
+    assert named in judged.held_back and "(poor)" in judged.held_back
+    assert 'class="verdict poor"' in made.html and judged.held_back in plain(made.html)
 
 
 def test_unidentified_parameters_are_named(made: Made) -> None:
@@ -474,7 +492,7 @@ def section_of(html: str, id: str) -> str:
 def test_diagnosis_is_told_on_top_and_in_its_section(made: Made) -> None:
     top = plain(section_of(made.html, "verdict"))
     assert "Unexplained: structure remains in chamber A's balance" in top
-    assert "position from 20.0 to 5.10 mrad (noise floor 3.00)" in top
+    assert "position from 20.0 to 5.10 mrad (a correct model: 3.00)" in top
     text = plain(section_of(made.html, "diagnosis"))
     assert "0.1117 to 0.1207 N·m" in text  # an interval with its unit
     assert "< 1 × 10⁻²⁰" in text and "3 × 10⁻⁵" in text
@@ -492,7 +510,7 @@ def test_waterfall_says_what_falls_and_what_rises(made: Made) -> None:
     )
     for step in (
         "original bundle: 20.0", "stribeck-friction: −16.0", "pressure-gain: +1.10",
-        "extended model: 5.10", "noise floor: 3.00",
+        "extended model: 5.10", "correct model: 3.00",
     ):  # fmt: skip
         assert step in figure
     assert "after stribeck-friction 4.00; after pressure-gain 5.10" in figure

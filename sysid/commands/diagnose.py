@@ -40,6 +40,7 @@ from sysid.workflows.subject import subject_of
 
 # Suspects of one round that a summary names.
 _MOST_SUSPECTS = 6
+_CORRECT = wording.CORRECT_MODEL.lower()
 
 
 @click.command()
@@ -197,7 +198,8 @@ def _before_after_tables(content: dict[str, Any]) -> Iterable[Table]:
         return
     how = ", simulated open loop" if content["component"] == ACTUATOR else ""
     title = f"RMSE on held-out logs{how}"
-    table = new_table(title, "channel", "original bundle", *wording.steps(content), "noise floor")
+    columns = ("channel", "original bundle", *wording.steps(content), _CORRECT)
+    table = new_table(title, *columns)
     for name, errors in wording.errors_by_step(content).items():
         floor = content["residual"][name]["noise_floor"]
         cells = ("-" if math.isnan(e) else f"{e:.4g}" for e in errors)

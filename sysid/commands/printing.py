@@ -90,7 +90,7 @@ def validation_table(validation: Validation | None) -> Table:
         "channel",
         "RMSE",
         "fit, %",
-        "noise floor",
+        "sensor noise",
     )
     for log in [] if validation is None else validation.validated():
         for name, channel in log.channels.items():

@@ -16,6 +16,8 @@ from sysid.estimation.linear import Estimate
 
 Content = Mapping[str, Any]
 
+CORRECT_MODEL = "Correct model"
+"""Heads the errors that a correct model would have: noise, and the tests' own scatter."""
 SMALLEST_P = 1e-20
 """P-values extrapolate from a few twins: below this their size means nothing."""
 _REGRESSORS = {
@@ -85,7 +87,8 @@ def _gained(content: Content) -> str:
         is_chamber = channel.title.startswith("Pressure ")
         title = f"pressure {channel.title[-1]}" if is_chamber else channel.title
         change = f"from {before} to {after}" if content["effects"] else before
-        sizes = " ".join(filter(None, (change, channel.residual_unit, f"(noise floor {floor})")))
+        correct = f"(a correct model: {floor})"
+        sizes = " ".join(filter(None, (change, channel.residual_unit, correct)))
         said.append(f"{title[:1].lower()}{title[1:]} {sizes}")
     return f"errors on held-out tests: {joined(said)}"
 
@@ -216,6 +219,7 @@ def is_refined(content: Content) -> bool:
 
 
 __all__ = [
+    "CORRECT_MODEL",
     "SMALLEST_P",
     "advice",
     "balance_of",

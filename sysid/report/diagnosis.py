@@ -8,6 +8,7 @@ from typing import Any
 
 from sysid.diagnosis.evidence import ACTUATOR
 from sysid.diagnosis.wording import (
+    CORRECT_MODEL,
     SMALLEST_P,
     advice,
     balance_of,
@@ -55,8 +56,8 @@ _TWINS = _Words(
     std="by leaving out one test at a time",
     errors="Open-loop RMSE over whole held-out tests",
     floor="error in open-loop simulation of the held-out tests, and how much each effect reduces "
-    "it, with the base parameters refitted{refined}. The noise floor (thin line) is the error of a "
-    "correct model: sensor noise, quantisation and the rig's own scatter from test to test.",
+    "it, with the base parameters refitted{refined}. The thin line is the error that a correct "
+    "model would have: sensor noise, quantisation and the rig's own scatter from test to test.",
     residuals="Residuals of the balances",
     along="along which the effects change it most",
     how="The residuals of the fitted equations, in torque and pressure rates, were compared with "
@@ -69,9 +70,9 @@ _LEFT_OUT = _Words(
     share="Share of the prediction error, %",
     std="allow for correlated residuals",
     errors="RMSE on the held-out tests",
-    floor="error on the held-out tests, and how much each effect reduces it{refined}. The noise "
-    "floor (thin line) is the change from one sample to the next, which no law in the logged "
-    "quantities explains.",
+    floor="error on the held-out tests, and how much each effect reduces it{refined}. The thin "
+    "line is the error that a correct law would have: the change from one sample to the next, "
+    "which no law in the logged quantities explains.",
     residuals="Residual over its strongest regressors",
     along="on which what is left depends most",
     how="The part was tested alone, so there is no actuator to simulate. Each effect that acts on "
@@ -163,12 +164,12 @@ def errors_table(content: Content, caption: str) -> HtmlTable:
         floor = content["residual"][name]["noise_floor"]
         cells = [number(channel.residual(e)) for e in (*errors, floor)]
         rows.append((f"{channel.title} ({channel.residual_unit})", *cells))
-    columns = ("Channel", "Original bundle", *steps(content), "Noise floor")
+    columns = ("Channel", "Original bundle", *steps(content), CORRECT_MODEL)
     return table(caption, columns, rows)
 
 
 def waterfall(content: Content) -> FigureGroup:
-    """Held-out error of every channel, effect by effect, down to the noise floor."""
+    """Held-out error of every channel, effect by effect, down to that of a correct model."""
     figures = [
         panels.waterfall(
             channel_of(name),

@@ -75,7 +75,7 @@ def residual_title(residual: str, is_linear: bool) -> str:
 def waterfall(
     channel: Channel, errors: Sequence[float], steps: Sequence[str], floor: float
 ) -> Figure:
-    """Held-out RMSE of the original bundle, its reduction by each step, and the noise floor.
+    """Held-out RMSE of the original bundle, its reduction by each step, and a correct model's.
 
     `errors` (1 + steps,) and `floor` in the channel's SI unit.
     """
@@ -90,12 +90,12 @@ def waterfall(
         rows.append((_drawable(name), min(before, after), max(before, after), role, change))
     if steps:
         rows.append(("extended model", 0.0, shown[-1], "second", number(shown[-1])))
-    rows.append(("noise floor", 0.0, low, "muted", number(low)))
+    rows.append(("correct model", 0.0, low, "muted", number(low)))
     figure, ax = _rows_panel(channel.title, len(rows))
     for place, (name, start, end, role, text) in enumerate(rows):
         ax.barh(-place - 0.14, end - start, 0.36, start, color=COLOUR[role], linewidth=0)
         _name_row(ax, place, f"{name}: {text}")
-        # The noise floor, not across the names.
+        # A correct model's error, not across the names.
         ax.plot([low, low], [-place - 0.37, -place + 0.09], color=COLOUR["ink"], linewidth=0.8)
     ax.set_xlim(0.0, 1.04 * float(np.nanmax([*shown, low, 1e-12])))
     ax.set_xlabel(f"RMSE on held-out tests ({unit})")
@@ -103,7 +103,7 @@ def waterfall(
     told = "; ".join(f"after {n.removeprefix('+ ')} {number(e)}" for n, e in pairs)
     description = (
         f"The original bundle has {number(shown[0])} {unit}{'; ' + told if told else ''}; the "
-        f"noise floor is {number(low)} {unit}."
+        f"error of a correct model is {number(low)} {unit}."
     )
     title = f"Error of {channel.title} on held-out tests, effect by effect"
     return svg.to_figure(figure, f"fig-diagnosis-error-{channel.key}", title, description)

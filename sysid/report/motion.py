@@ -88,7 +88,7 @@ def _table(validation: ValidationResult, channel: Channel) -> HtmlTable:
     names = [f"RMSE, {number(h.horizon_s, 1)}\N{NO-BREAK SPACE}s" for h in _horizons(validation)]
     columns = (
         "Log", "Use", "Valve model", *names, "RMSE, whole", "Largest", "Fit, whole",
-        "Noise", "RMSE\N{NO-BREAK SPACE}/\N{NO-BREAK SPACE}noise",
+        "Sensor noise", "RMSE\N{NO-BREAK SPACE}/\N{NO-BREAK SPACE}noise",
     )  # fmt: skip
     return table(f"{channel.title}: errors in {unit}", columns, rows, text=(1, 2))
 

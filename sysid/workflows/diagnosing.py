@@ -48,7 +48,7 @@ class CampaignDiagnosis(Shown):
 
     @property
     def residual(self) -> Mapping[str, BeforeAfter]:
-        """RMSE on the held-out logs by channel, in its unit: before, after, noise floor."""
+        """RMSE on the held-out logs by channel, in its unit: before, after, of a correct model."""
         return self.detail.residual
 
     @property
@@ -73,14 +73,15 @@ class CampaignDiagnosis(Shown):
         for name, errors in self._errors().items():
             floor = self.residual[name].noise_floor
             rows.append((name, *(number(e) for e in (*errors, floor))))
-        yield ShownTable("RMSE on held-out logs", ("channel", *steps, "noise floor"), tuple(rows))
+        columns = ("channel", *steps, wording.CORRECT_MODEL.lower())
+        yield ShownTable("RMSE on held-out logs", columns, tuple(rows))
 
     def footnotes(self) -> Iterable[str]:
         """What to do next, and the notices."""
         return (*wording.advice(self.detail.to_json()), *super().footnotes())
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """RMSE on held-out logs over each channel's noise floor, before and after each effect."""
+        """RMSE on held-out logs over that of a correct model, before and after each effect."""
         ax = one_axes(ax)
         errors = self._errors()
         floors = {name: self.residual[name].noise_floor or math.nan for name in errors}
@@ -92,7 +93,7 @@ class CampaignDiagnosis(Shown):
         bars(ax, list(errors), heights)
         ax.axhline(1.0, color="0.5", linewidth=0.8)
         ax.set_yscale("log")
-        ax.set_ylabel("RMSE / noise floor")
+        ax.set_ylabel("RMSE / RMSE of a correct model")
         return ax
 
     def _steps(self) -> list[str]:
