@@ -33,12 +33,24 @@ _REGRESSORS = {
     "pressure_difference": "pressure difference",
     "pressure_rate": "pressure rate",
     "valve_opening": "valve opening",
+    "duty_a": "duty",
+    "flow_a_kg_s": "flow",
+    "pressure_a_pa": "pressure",
 }
 
 
-def sentence(content: Content) -> str:
-    """The verdict in one sentence, and a second one where the search did not end."""
-    return f"{_verdict(content)}{_incomplete(content)}"
+def sentence(content: Content, titles: Mapping[str, str] | None = None) -> str:
+    """The verdict in one sentence, and a second one where the search did not end.
+
+    Effects by their ids, or by the `titles` that are given.
+    """
+    return f"{_verdict(content, titles or {})}{_incomplete(content)}"
+
+
+def effect_name(id: str, titles: Mapping[str, str]) -> str:
+    """An effect within a sentence: by its title, else by its id."""
+    title = titles.get(id, id)
+    return title if title[1:2].isupper() else title[:1].lower() + title[1:]
 
 
 def _incomplete(content: Content) -> str:
@@ -54,8 +66,8 @@ def _is_undecided(content: Content) -> bool:
     return any(entry.get("decides", True) for entry in missed)
 
 
-def _verdict(content: Content) -> str:
-    ids = [effect["id"] for effect in content["effects"]]
+def _verdict(content: Content, titles: Mapping[str, str]) -> str:
+    ids = [effect_name(effect["id"], titles) for effect in content["effects"]]
     gained = f"; {_gained(content)}" if content["residual"] else ""
     if content["verdict"] == "adequate":
         return f"Adequate: no test found structure above the noise{gained}."
@@ -129,14 +141,17 @@ def _left(rest: Content) -> str:
     )
 
 
-def advice(content: Content) -> tuple[str, ...]:
+def advice(content: Content, titles: Mapping[str, str] | None = None) -> tuple[str, ...]:
     """What to do next: the tests that would distinguish rivals, and how to treat a remainder."""
     lines = []
+    known = titles or {}
     for effect in content["effects"]:
         if effect["ambiguous_with"]:
-            rivals = joined(effect["ambiguous_with"], "or")
+            rivals = joined([effect_name(id, known) for id in effect["ambiguous_with"]], "or")
+            own = effect_name(effect["id"], known)
+            own = own if own == effect["id"] else own[:1].upper() + own[1:]
             test = f" To distinguish them: {effect['advice']}." if effect["advice"] else ""
-            lines.append(f"{effect['id']} is indistinguishable from {rivals} in these data.{test}")
+            lines.append(f"{own} is indistinguishable from {rivals} in these data.{test}")
     if _is_undecided(content):
         lines.append(
             "Effects that were not looked at may explain what remains: allow more time (--budget "
@@ -223,6 +238,7 @@ __all__ = [
     "SMALLEST_P",
     "advice",
     "balance_of",
+    "effect_name",
     "errors_by_step",
     "is_refined",
     "joined",

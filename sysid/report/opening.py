@@ -66,7 +66,7 @@ def verdict(
     """Judged on the held-out logs; if there are none, on the training logs, and it says so."""
     judged = _validated(bundle, validation)
     if diagnosis is not None and "verdict" in diagnosis:
-        judged = replace(judged, diagnosis=sentence(diagnosis))
+        judged = replace(judged, diagnosis=sentence(diagnosis, _titles(diagnosis)))
         if diagnosis.get("component", ACTUATOR) != ACTUATOR and validation is None:
             judged = replace(judged, sentence=_ALONE)
     found = (
@@ -77,6 +77,11 @@ def verdict(
     level = concerns.worst((judged.level, *(c.level for c in found)))
     held_back = concerns.sentence(level, found, judged.level)
     return replace(judged, level=level, concerns=found, held_back=held_back)
+
+
+def _titles(diagnosis: Mapping[str, Any]) -> Mapping[str, str]:
+    titles: Mapping[str, str] = diagnosis.get("figures", {}).get("titles", {})
+    return titles
 
 
 _ALONE = (

@@ -139,6 +139,11 @@ def _parts(
             return None
         return diagnosis_section(diagnosis, campaign.rig.is_linear)
 
+    def part_alone() -> Section | None:
+        from sysid.report.part import part_section
+
+        return part_section(diagnosis or {}, campaign.rig.is_linear)
+
     def own() -> Section | None:
         from sysid.report.own_component import own_section
 
@@ -162,6 +167,9 @@ def _parts(
         return None if part is None else refinement_section(part, campaign.rig)
 
     diagnosed_part = ("Diagnosis", (diagnosis or {}).get("skipped", _NOT_DIAGNOSED), diagnosed)
+    alone: list[_Part] = []
+    if (diagnosis or {}).get("figures", {}).get("tests"):
+        alone = [("Measured and modelled", "no test is drawn", part_alone)]
     if bundle.component is not None:
         return [("Component", "no component was fitted", own), diagnosed_part]
     not_validated = f"the model was not validated (motion logs: {', '.join(MOTION_KINDS)})"
@@ -171,6 +179,7 @@ def _parts(
         ("PWM surfaces", "no surface was fitted (tests: valve-pwm)", surfaces),
         ("Open-loop validation", not_validated, motion),
         ("Residuals", not_validated, residuals),
+        *alone,
         diagnosed_part,
         ("Refinement on motion", _NOT_REFINED, refined),
     ]

@@ -77,7 +77,7 @@ def diagnose_component(
     because = why_unexplained(bool(structured), False, undecided)
     if undecided:
         structured = structured or left[:1]
-    evidence = HeldOutEvidence(kind, selection, tuple(left))
+    evidence = HeldOutEvidence(kind, selection, tuple(left), given, outside)
     return Diagnosis(
         verdict=evidence.verdict(because),
         effects=evidence.found(errors),
