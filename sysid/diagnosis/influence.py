@@ -12,6 +12,7 @@ from sysid.types import FloatArray
 _BINS = 24
 _LEAST_IN_BIN = 4
 _DIGITS = 5
+_AS_WELL = 0.01
 
 
 def strongest(
@@ -34,7 +35,9 @@ def strongest(
         found.append((left, name, place))
     if not found:
         return None
-    _, name, place = min(found, key=lambda item: item[0])
+    # Of several that determine it as well, the first.
+    least = min(left for left, *_ in found) + _AS_WELL * float(contribution @ contribution)
+    _, name, place = next(item for item in found if item[0] <= least)
     return {"regressor": name, **_binned(contribution, regressors[name], place)}
 
 

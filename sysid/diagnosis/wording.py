@@ -20,6 +20,7 @@ CORRECT_MODEL = "Correct model"
 """Heads the errors that a correct model would have: noise, and the tests' own scatter."""
 SMALLEST_P = 1e-20
 """P-values extrapolate from a few twins: below this their size means nothing."""
+_PROPER_NAMES = ("Coulomb", "Stribeck", "LuGre", "PWM")
 _REGRESSORS = {
     "velocity": "velocity",
     "angle": "position",
@@ -50,7 +51,7 @@ def sentence(content: Content, titles: Mapping[str, str] | None = None) -> str:
 def effect_name(id: str, titles: Mapping[str, str]) -> str:
     """An effect within a sentence: by its title, else by its id."""
     title = titles.get(id, id)
-    return title if title[1:2].isupper() else title[:1].lower() + title[1:]
+    return title if title.startswith(_PROPER_NAMES) else title[:1].lower() + title[1:]
 
 
 def _incomplete(content: Content) -> str:

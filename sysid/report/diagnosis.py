@@ -9,7 +9,6 @@ from typing import Any
 from sysid.diagnosis.evidence import ACTUATOR
 from sysid.diagnosis.wording import (
     CORRECT_MODEL,
-    advice,
     balance_of,
     errors_by_step,
     is_refined,
@@ -100,9 +99,6 @@ def diagnosis_section(content: Content, is_linear: bool) -> Section:
     blocks += _left(content)
     blocks += _tried(content)
     blocks += _remaining(content, is_linear)
-    lines = advice(content, content["figures"]["titles"])
-    if lines:
-        blocks += [Heading("diagnosis-advice", "What to do next"), Lines(lines)]
     if content["notices"]:
         blocks.append(Lines(tuple(content["notices"]), "Notices of the diagnosis"))
     refined = (

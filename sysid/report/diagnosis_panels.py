@@ -36,7 +36,7 @@ LEAST_GAIN = 0.1
 """Smaller gains are drawn at this value."""
 _NAME = re.compile(r"[^A-Za-z0-9 ._+,:()/-]")
 _LONGEST_NAME = 40
-_LONGEST_TITLE = 34
+_LONGEST_TITLE = 41
 
 _TITLES = {
     "effort": "Torque balance",
@@ -190,7 +190,10 @@ def _unit_of(
     """Unit and scale of a residual, and what it is of: a balance, or a part's signal."""
     if "unit" in content:
         # Of a part: in the unit of what its law predicts.
-        return content["unit"], 1.0, channel_of(content["channel"]).title
+        channel = channel_of(content["channel"])
+        if content.get("own") or channel.residual_unit in ("", "-"):
+            return content["unit"], 1.0, channel.title
+        return channel.residual_unit, channel.residual_scale, channel.title
     unit, scale = _residual_unit(content["channel"], is_linear, means)
     return unit, scale, residual_title(content["channel"], is_linear)
 

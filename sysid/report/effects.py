@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from sysid.diagnosis.wording import SMALLEST_P, is_refined, joined, parameter_rows
+from sysid.diagnosis.wording import SMALLEST_P, effect_name, is_refined, joined, parameter_rows
 from sysid.display.numbers import MISSING, estimate_cells, number
 from sysid.estimation.linear import Estimate
 from sysid.report import diagnosis_panels as panels
@@ -74,12 +74,19 @@ def effects_table(content: Content, share: str) -> HtmlTable:
             named(content, effect["id"]),
             short_p(effect["p_value"]),
             number(100.0 * effect["share"]),
-            joined([title_of(content, id) for id in effect["ambiguous_with"]], "or") or MISSING,
+            _joined(content, effect["ambiguous_with"]) or MISSING,
         )
         for effect in content["effects"]
     ]
     columns = ("Effect", "p", share, "Indistinguishable from")
     return table("Effects added, in this order", columns, rows, text=(3,))
+
+
+def _joined(content: Content, ids: Sequence[str]) -> str:
+    """Effects in a cell, by their titles."""
+    titles = content["figures"]["titles"]
+    text = joined([effect_name(id, titles) for id in ids], "or")
+    return text if text in ids else text[:1].upper() + text[1:]
 
 
 def explained(content: Content) -> Terms:

@@ -284,15 +284,21 @@ def _doubtful(bundle: Bundle) -> Iterator[str]:
 
 def _unidentified(bundle: Bundle) -> Iterator[str]:
     """One line a parameter of the bundle that the data do not identify."""
+    for name, reason in unidentified(bundle):
+        yield f"Not identified: {name} ({reason})"
+
+
+def unidentified(bundle: Bundle) -> Iterator[tuple[str, str]]:
+    """The parameters of the bundle that the data do not identify, and why."""
     for name in bundle.given():
         part = getattr(bundle, name, None)
         if isinstance(part, Part) and name in ("friction", "valves"):
             yield from _unidentified_in(part, name)
 
 
-def _unidentified_in(part: Part, path: str) -> Iterator[str]:
+def _unidentified_in(part: Part, path: str) -> Iterator[tuple[str, str]]:
     if getattr(part, "identified", None) is False:
-        yield f"Not identified: {path} ({getattr(part, 'reason', '')})"
+        yield path, str(getattr(part, "reason", ""))
         return
     for key in part.given():
         value = getattr(part, key, None)
@@ -302,4 +308,4 @@ def _unidentified_in(part: Part, path: str) -> Iterator[str]:
             if isinstance(one, Part):
                 yield from _unidentified_in(one, place)
             elif isinstance(one, Estimate) and not one.identified:
-                yield f"Not identified: {place} ({one.reason})"
+                yield place, str(one.reason)

@@ -115,6 +115,7 @@ def diagnose(
     refine: bool = True,
     seed: int = 0,
     budget: float | None = SECONDS,
+    quick: bool = False,
     progress: Progress | None = None,
 ) -> CampaignDiagnosis:
     """What a bundle's model lacks, from a campaign's training logs; errors on held-out ones.
@@ -122,10 +123,11 @@ def diagnose(
     `effects`: effects in addition to the catalogue's, a Python file or the classes; `refine`:
     whether all parameters are estimated together by simulation error at the end, where an actuator
     lacked something; `seed` of the simulated twins. Takes from seconds (a part tested alone) to
-    minutes: it ends after `budget` seconds (None: never) with the best so far, and `looked` says
-    what was missed; one that ends by itself finds the same whatever the budget. Raises InputError
-    for logs that cannot be used or have changed since the fit, NotIdentifiedError where the
-    bundle or the campaign is insufficient.
+    minutes; `quick`: a first look in about a fifth of it. It ends after `budget` seconds (None:
+    never) with the best so far, and `looked` says what was missed or left out; one that ends by
+    itself finds the same whatever the budget. Raises InputError for logs that cannot be used or
+    have changed since the fit, NotIdentifiedError where the bundle or the campaign is
+    insufficient.
 
     >>> part = si.read_campaign("bench/campaign.toml")
     >>> found = si.diagnose(part, si.fit(part))
@@ -135,7 +137,7 @@ def diagnose(
     ['after', 'before', 'noise_floor']
     """
     with progress_or_shown(progress, "diagnosing") as tell:
-        options = {"effects": effects, "refine": refine, "seed": seed}
+        options = {"effects": effects, "refine": refine, "seed": seed, "quick": quick}
         found, notices = subject_of(campaign).diagnose(bundle, budget, tell, options)
     longer = extended_bundle(bundle, found, campaign)
     said = tuple(dict.fromkeys((*notices, *found.notices)))
