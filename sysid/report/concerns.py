@@ -63,7 +63,7 @@ def sentence(level: str, concerns: Sequence[Concern], own: str) -> str:
         return ""
     names = list(dict.fromkeys(c.name for c in concerns if c.level == level))
     more = len(names) - _MOST_NAMED
-    listed = ", ".join(names[:_MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
+    listed = "; ".join(names[:_MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
     return f"The colour is that of the worst part of the model ({level}): {listed}."
 
 
