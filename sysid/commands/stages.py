@@ -193,7 +193,7 @@ def perform(run: PipelineRun, stage: Stage) -> StageReport:
         "outputs": {name: _digest(run.path(name)) for name in stage.outputs},
         "seconds": round(seconds, 3),
     }
-    quick = run.quick and stage.has_quick
+    quick = stage.has_quick and run.quick
     if quick:
         state[stage.name][_QUICK] = True
         run.notices.append(_first_look(stage))

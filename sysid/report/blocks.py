@@ -14,13 +14,13 @@ from typing import Any, Literal
 _LONGEST_CELL = 36
 
 
-class Cell(str):
+class NotedCell(str):
     """A cell with a line in small beneath its text: an id, a key. Equal to its text alone."""
 
     __slots__ = ("small",)
     small: str
 
-    def __new__(cls, text: str, small: str = "") -> Cell:
+    def __new__(cls, text: str, small: str = "") -> NotedCell:
         """The text, and what is written in small beneath it."""
         cell = super().__new__(cls, text)
         cell.small = small

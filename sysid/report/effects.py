@@ -10,7 +10,16 @@ from sysid.diagnosis.wording import SMALLEST_P, effect_name, is_refined, joined,
 from sysid.display.numbers import MISSING, estimate_cells, number
 from sysid.estimation.linear import Estimate
 from sysid.report import diagnosis_panels as panels
-from sysid.report.blocks import Block, Cell, Figure, FigureGroup, HtmlTable, Lines, Terms, table
+from sysid.report.blocks import (
+    Block,
+    Figure,
+    FigureGroup,
+    HtmlTable,
+    Lines,
+    NotedCell,
+    Terms,
+    table,
+)
 
 Content = Mapping[str, Any]
 
@@ -61,10 +70,10 @@ def title_of(content: Content, id: str) -> str:
     return str(content["figures"]["titles"].get(id) or id)
 
 
-def named(content: Content, id: str) -> Cell:
+def named(content: Content, id: str) -> NotedCell:
     """An effect by its title, the id in small beneath."""
     title = title_of(content, id)
-    return Cell(title, "" if title == id else id)
+    return NotedCell(title, "" if title == id else id)
 
 
 def effects_table(content: Content, share: str) -> HtmlTable:
@@ -120,7 +129,7 @@ def parameters_table(content: Content, std: str) -> HtmlTable:
                 else estimate_cells(estimate)
             )
             meaning = meanings.get(name, "")
-            shown = Cell(meaning[:1].upper() + meaning[1:], name) if meaning else name
+            shown = NotedCell(meaning[:1].upper() + meaning[1:], name) if meaning else name
             rows.append((named(content, effect["id"]), shown, *cells))
     columns = ("Effect", "Parameter", "Value", "Standard error", "95 % interval", "Unit")
     return table(caption, columns, rows, text=(1, 5))
