@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from sysid.diagnosis.looked import stage_text
+from sysid.diagnosis.looked import QUICK, stage_text
 from sysid.display.channels import channel_of
 from sysid.display.numbers import number
 from sysid.estimation.linear import Estimate
@@ -153,7 +153,13 @@ def advice(content: Content, titles: Mapping[str, str] | None = None) -> tuple[s
             own = own if own == effect["id"] else own[:1].upper() + own[1:]
             test = f" To distinguish them: {effect['advice']}." if effect["advice"] else ""
             lines.append(f"{own} is indistinguishable from {rivals} in these data.{test}")
-    if _is_undecided(content):
+    missed = content.get("search", {}).get("missed", [])
+    if any(entry["reason"] == QUICK.reason for entry in missed):
+        lines.append(
+            "This was a first look: a diagnosis without --quick looks at every form of every effect, "
+            "for more than one, and refines the numbers."
+        )
+    elif _is_undecided(content):
         lines.append(
             "Effects that were not looked at may explain what remains: allow more time (--budget "
             "SECONDS); the notices name what failed."
