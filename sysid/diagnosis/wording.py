@@ -154,10 +154,10 @@ def advice(content: Content, titles: Mapping[str, str] | None = None) -> tuple[s
             test = f" To distinguish them: {effect['advice']}." if effect["advice"] else ""
             lines.append(f"{own} is indistinguishable from {rivals} in these data.{test}")
     missed = content.get("search", {}).get("missed", [])
-    if any(entry["reason"] == QUICK.reason for entry in missed):
+    if any(entry.get("reason") == QUICK.reason for entry in missed):
         lines.append(
-            "This was a first look: a diagnosis without --quick looks at every form of every effect, "
-            "for more than one, and refines the numbers."
+            "This was a first look: a diagnosis without --quick tries every form of every effect, "
+            "looks for more than one, and refines the numbers."
         )
     elif _is_undecided(content):
         lines.append(

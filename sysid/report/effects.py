@@ -39,6 +39,8 @@ def effect_blocks(content: Content, share: str, std: str, is_linear: bool) -> li
             "What each effect adds to the model along the training tests, at its estimated size, "
             "over the quantity that it depends on most. Line: mean; shaded: the middle 90 %."
         )
+        if any("unit" not in entry for entry in shown):
+            caption += " Torques and forces count in the direction of positive motion."
         blocks.append(FigureGroup(caption, figures))
     return [*blocks, parameters_table(content, std), *_refitted(content)]
 
@@ -61,8 +63,12 @@ def _refitted(content: Content) -> list[Block]:
         rows.append((entry["name"], estimate_cells(before)[0], *cells[:2], change, cells[3]))
     if not rows:
         return []
-    columns = ("Parameter", "From", "To", "Standard error", "Change, %", "Unit")
-    return [table("Parameters of the base model, estimated again", columns, rows, text=(5,))]
+    columns = ["Parameter", "From", "To", "Standard error", "Change, %", "Unit"]
+    # The names of an actuator's parameters have none in the model; they are in SI units.
+    if not any(row[-1] for row in rows):
+        columns, rows = columns[:-1], [row[:-1] for row in rows]
+    caption = "Parameters of the base model, estimated again (SI units)"
+    return [table(caption, columns, rows, text=(5,))]
 
 
 def title_of(content: Content, id: str) -> str:
