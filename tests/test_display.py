@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import io
 import sys
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
 
 import pytest
+from rich.console import Console
 
-from sysid.display.progress import in_notebook, progress_or_shown
+from sysid.display.progress import _Stages, in_notebook, progress_or_shown, stage_bar
 from sysid.display.tables import Shown, ShownTable, estimate_table, record_table
 from sysid.estimation.linear import Estimate
 
@@ -146,3 +148,26 @@ def test_a_notebook_shows_a_line_that_changes(monkeypatch: pytest.MonkeyPatch) -
     with progress_or_shown(None, "working") as tell:
         tell("half")
     assert lines == ["working", "half", ""]
+
+
+def test_stages_leave_the_time_that_is_expected_of_them() -> None:
+    now = 0.0
+    stages = _Stages({"fit": 10.0, "diagnose": 30.0}, lambda: now)
+    stages.enter("fit")
+    now = 4.0
+    assert stages.total == 40.0 and stages.completed == 4.0
+    now = 60.0
+    assert stages.completed == pytest.approx(9.8)  # late: still not done
+    stages.enter("diagnose")
+    now = 75.0
+    assert stages.completed == 25.0
+
+
+def test_a_bar_over_stages_says_what_is_done_and_the_time_left() -> None:
+    out = io.StringIO()
+    console = Console(file=out, force_terminal=True, width=80)
+    with stage_bar({"fit": 20.0, "diagnose": 200.0}, console) as (tell, entered):
+        entered("fit")
+        tell("fitting friction")
+        time.sleep(0.7)
+    assert "about 4 min left" in out.getvalue() and "fitting friction" in out.getvalue()

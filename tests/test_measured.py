@@ -271,7 +271,7 @@ def test_the_overview_has_a_row_a_campaign() -> None:
         "Held-out RMSE of": "motor_force_n",
         "Before": "4.00",
         "After": "1.00",
-        "Noise floor": "0.500",
+        "Correct model": "0.500",
         "Down by": "75 %",
         "Remains": "motor_force_n over velocity (12 %)",
     }

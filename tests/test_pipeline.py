@@ -17,9 +17,19 @@ import pytest
 
 from sysid.bundle import Bundle, EffectEntry, read_bundle, write_bundle
 from sysid.commands.app import main
+from sysid.commands.printing import grouped_notices
 from sysid.commands.run import RunReport, run_campaign, show_run
-from sysid.commands.stages import EXPORTS
+from sysid.commands.stages import (
+    EXPORTS,
+    PipelineRun,
+    digests,
+    has_whole_diagnosis,
+    perform,
+    stages_of,
+)
+from sysid.errors import NotIdentifiedError
 from sysid.io.bundled import bundled_campaign
+from sysid.io.campaign import read_campaign
 
 # Without the refinement of the whole model, which takes longer than the others together:
 # `test_refine_command.py` has its stage.
@@ -57,6 +67,82 @@ def test_the_summary_says_what_was_done(
 ) -> None:
     show_run(first, as_json=False)
     assert rows(capsys.readouterr().out) == dict.fromkeys(STAGES, "done")
+
+
+def test_the_summary_ends_with_the_verdict_in_three_lines(
+    first: RunReport, capsys: pytest.CaptureFixture[str]
+) -> None:
+    show_run(first, as_json=False)
+    last = capsys.readouterr().out.splitlines()[-3:]
+    assert [line.partition(": ")[0] for line in last] == ["Model", "Diagnosis", "Next"]
+    assert "position fits to" in last[0] and "held-out" in last[0]
+    assert first.diagnosis is not None
+    assert all(effect["id"] in last[1] for effect in first.diagnosis["effects"])
+
+
+def test_what_nobody_asked_for_is_counted_and_shown_with_v(
+    first: RunReport, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert first.unasked and set(first.unasked) < set(first.notices)
+    show_run(first, as_json=False)
+    short = capsys.readouterr().err
+    assert f"{len(first.unasked)} notices on what the exports leave out" in short
+    assert not any(line in short for line in first.unasked)
+    show_run(first, as_json=False, verbose=True)
+    whole = capsys.readouterr()
+    assert all(line in whole.err for line in first.notices)
+    assert "Open-loop validation" in whole.out
+    assert first.to_json()["notices"] == list(first.notices)
+
+
+def test_notices_of_one_kind_are_one_with_their_count(capsys: pytest.CaptureFixture[str]) -> None:
+    grouped_notices(
+        [
+            "valve A: no test above duty 0.74",
+            "valve B: no test above duty 0.98",
+            "runs/b.csv, tests 45, 46: left out",
+            "other.csv, tests 3, 4: left out",
+            "another thing",
+        ]
+    )
+    assert capsys.readouterr().err.splitlines() == [
+        "sysid: notice: valve A: no test above duty 0.74 (and 1 more like it: -v shows them)",
+        "sysid: notice: runs/b.csv, tests 45, 46: left out (and 1 more like it: -v shows them)",
+        "sysid: notice: another thing",
+    ]
+
+
+def test_a_quick_diagnosis_says_what_it_left_out_and_is_made_anew(
+    first: RunReport, campaign: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(first.folder, tmp_path, dirs_exist_ok=True)
+    read = read_campaign(campaign)
+    inputs = digests(read)
+    assert has_whole_diagnosis(tmp_path, inputs)
+    state = json.loads((tmp_path / "run.json").read_text())
+    del state["diagnose"]
+    (tmp_path / "run.json").write_text(json.dumps(state))
+    said: list[str] = []
+    given = {"campaign": read, "folder": tmp_path, "surface": "both", "seed": 0, "inputs": inputs}
+    quick = PipelineRun(**given, tell=said.append, refine=False, quick=True)
+    stage = next(s for s in stages_of(quick) if s.name == "diagnose")
+    report = perform(quick, stage)
+    assert not report.complete and report.outcome == "done, incomplete"
+    assert any("without --quick" in line for line in quick.notices)
+    content = json.loads((tmp_path / "diagnosis.json").read_text())
+    missed = {entry["stage"]: entry["reason"] for entry in content["search"]["missed"]}
+    assert not content["search"]["complete"]
+    assert set(missed.values()) == {"left out by --quick"}
+    assert "simulation of twins" in missed and "refinement of the numbers by simulation" in missed
+    assert not has_whole_diagnosis(tmp_path, inputs)
+    assert perform(quick, stage).why is None
+
+    def stop(*_: Any, **__: Any) -> None:
+        raise NotIdentifiedError("stopped by the test")
+
+    monkeypatch.setattr("sysid.commands.stages.diagnose", stop)
+    whole = PipelineRun(**given, tell=said.append, refine=False)
+    assert perform(whole, stage).why == "a first look with --quick"
 
 
 def test_a_first_run_does_every_stage(first: RunReport) -> None:

@@ -16,6 +16,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from page_boxes import box_faults
+from part_reports import PART_NAMES, write_part_report
 
 from sysid.bundle import Bundle, FittedValves, Parts, Surface, Valve, bundle_text
 from sysid.bundle.files import bundle_from_json
@@ -27,7 +29,7 @@ from sysid.display import numbers
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import FRICTION_KINDS, Campaign, read_campaign
 from sysid.io.source import Source
-from sysid.report import render_report, svg, write_report
+from sysid.report import concerns, render_report, svg, write_report
 from sysid.report.interactive import packed
 from sysid.report.opening import verdict
 from sysid.report.page import _json
@@ -311,7 +313,7 @@ def test_every_section_is_there_and_nothing_left_out(made: Made) -> None:
     sections = [a["id"] for a in page.of("section")]
     assert sections == [
         "verdict", "data", "fits", "friction", "valves", "surfaces", "validation", "residuals",
-        "diagnosis", "refinement", "provenance",
+        "diagnosis", "refinement", "next", "provenance",
     ]  # fmt: skip
     assert "Left out" not in made.html
 
@@ -447,10 +449,28 @@ def test_verdict_falls_with_the_fit(made: Made) -> None:
         }
         return dataclasses.replace(result, channels=channels)
 
+    words = {"good": "follows this rig well", "fair": "roughly", "poor": "does not follow"}
+    bare = made.bundle.without("friction", "valves")
     for share, level in ((0.05, "good"), (0.2, "fair"), (0.5, "poor")):
         logs = tuple(worse(log, share) for log in made.validation.logs)
-        judged = verdict(made.bundle, dataclasses.replace(made.validation, logs=logs))
-        assert judged.level == level
+        validation = dataclasses.replace(made.validation, logs=logs)
+        judged = verdict(bare, validation)
+        assert judged.level == level and words[level] in judged.sentence
+        assert not judged.held_back
+        open_ended = verdict(bare, validation, {**DIAGNOSIS, "because": "structure"})
+        assert open_ended.level == concerns.worst((level, "fair"))
+        assert bool(open_ended.held_back) is (level == "good")
+
+
+def test_verdict_s_colour_is_that_of_the_worst_below_it(made: Made) -> None:
+    """A surface with which the position is not followed is not green."""
+    judged = verdict(made.bundle, made.validation)
+    levels = {c.level for c in judged.concerns}
+    assert any(c.level == "poor" and "under PWM" in c.name for c in judged.concerns)
+    assert judged.level == concerns.worst(levels) == "poor"
+    named = next(c.name for c in judged.concerns if c.level == "poor")
+    assert named in judged.held_back and "(poor)" in judged.held_back
+    assert 'class="verdict poor"' in made.html and judged.held_back in plain(made.html)
 
 
 def test_unidentified_parameters_are_named(made: Made) -> None:
@@ -474,16 +494,20 @@ def section_of(html: str, id: str) -> str:
 def test_diagnosis_is_told_on_top_and_in_its_section(made: Made) -> None:
     top = plain(section_of(made.html, "verdict"))
     assert "Unexplained: structure remains in chamber A's balance" in top
-    assert "position from 20.0 to 5.10 mrad (noise floor 3.00)" in top
+    assert "position from 20.0 to 5.10 mrad (a correct model: 3.00)" in top
     text = plain(section_of(made.html, "diagnosis"))
     assert "0.1117 to 0.1207 N·m" in text  # an interval with its unit
     assert "< 1 × 10⁻²⁰" in text and "3 × 10⁻⁵" in text
     assert "not identified" in text and "no span" in text
-    assert "pressure-gain is indistinguishable from pressure-offset" in text
-    assert "To distinguish them: two known pressures" in text
     assert "gains no more than chance would" in text
-    assert "--effects FILE" in text
     assert "a notice of the diagnosis" in text
+
+
+def test_what_to_do_next_has_a_section(made: Made) -> None:
+    text = plain(section_of(made.html, "next"))
+    assert "pressure-gain pressure-offset two known pressures" in text
+    assert "--effects FILE" in text
+    assert "sysid advise campaign.toml" in text
 
 
 def test_waterfall_says_what_falls_and_what_rises(made: Made) -> None:
@@ -491,11 +515,11 @@ def test_waterfall_says_what_falls_and_what_rises(made: Made) -> None:
         f for f in re.findall(r"<svg.*?</svg>", made.html, re.DOTALL) if "error-theta_rad" in f
     )
     for step in (
-        "original bundle: 20.0", "stribeck-friction: −16.0", "pressure-gain: +1.10",
-        "extended model: 5.10", "noise floor: 3.00",
+        "original bundle: 20.0", "Stribeck friction: −16.0", "pressure-gain: +1.10",
+        "extended model: 5.10", "correct model: 3.00",
     ):  # fmt: skip
         assert step in figure
-    assert "after stribeck-friction 4.00; after pressure-gain 5.10" in figure
+    assert "after Stribeck friction 4.00; after pressure-gain 5.10" in figure
 
 
 def test_an_effect_that_cannot_be_simulated_without_the_next_leaves_a_gap() -> None:
@@ -507,7 +531,7 @@ def test_an_effect_that_cannot_be_simulated_without_the_next_leaves_a_gap() -> N
         section = diagnosis_section(content, is_linear=False)
     groups = [b for b in section.blocks if b.kind == "figures"]
     errors = next(f for g in groups for f in g.figures if "error-theta_rad" in f.svg)
-    assert "after stribeck-friction —; after pressure-gain 5.10" in errors.description
+    assert "after Stribeck friction —; after pressure-gain 5.10" in errors.description
 
 
 def test_a_channel_that_never_varies_has_no_fit_percentage() -> None:
@@ -728,6 +752,62 @@ def test_page_is_quiet_and_complete(made: Made, browser: Any, tmp_path: Path) ->
         assert len([u for u in watched.requests if u.startswith("file:")]) == 1
         watched.close()
     assert shades["light"] != shades["dark"]
+
+
+LOOKS = {
+    "desktop, light": {"viewport": {"width": 1400, "height": 900}, "color_scheme": "light"},
+    "desktop, dark": {"viewport": {"width": 1400, "height": 900}, "color_scheme": "dark"},
+    "phone, light": {"viewport": {"width": 390, "height": 800}, "color_scheme": "light"},
+    "phone, dark": {"viewport": {"width": 390, "height": 800}, "color_scheme": "dark"},
+    # A4 less its margins, at 96 px an inch.
+    "A4": {"viewport": {"width": 688, "height": 1000}, "color_scheme": "light"},
+}
+
+
+@pytest.fixture(scope="module")
+def part_reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Reports of parts tested alone: an axis, a linear axis under pressure, and a tank."""
+    folder = tmp_path_factory.mktemp("parts")
+    return {name: write_part_report(name, folder) for name in PART_NAMES}
+
+
+@pytest.mark.parametrize("look", LOOKS)
+def test_nothing_is_clipped_and_no_texts_overlap(
+    made: Made, part_reports: dict[str, Path], browser: Any, look: str
+) -> None:
+    for name, path in {"actuator": made.path, **part_reports}.items():
+        watched = Watched(browser, path, **LOOKS[look])
+        if look == "A4":
+            watched.page.emulate_media(media="print")
+        assert box_faults(watched.page) == [], name
+        watched.close()
+
+
+def test_boxes_show_what_is_wrong(browser: Any, tmp_path: Path) -> None:
+    """The measure finds a clipped table, an overlap and a text that a picture cuts."""
+    page = tmp_path / "page.html"
+    page.write_text(
+        "<body><div class='scroll' style='overflow-x:auto;width:50px'><table><tr><td>"
+        "unbreakableandlong</td></tr></table></div><p>one</p><p style='margin-top:-1.9em'>two</p>"
+        "<svg aria-labelledby='cut' viewBox='0 0 50 20' width='50' height='20'>"
+        "<text x='30' y='12'>longer than this</text></svg></body>"
+    )
+    watched = Watched(browser, page)
+    found = " ".join(box_faults(watched.page))
+    for fault in ("table cut by its frame", "texts overlap in the page", "text cut by its picture"):
+        assert fault in found
+    watched.close()
+
+
+def test_a_section_starts_an_a4_page(part_reports: dict[str, Path], browser: Any) -> None:
+    path = part_reports["axis"]
+    watched = Watched(browser, path)
+    pdf = watched.page.pdf(prefer_css_page_size=True)
+    sections = len(outline(path.read_text("utf-8")).of("section"))
+    boxes = re.findall(rb"/MediaBox \[0 0 ([0-9.]+) ([0-9.]+)\]", pdf)
+    assert len(boxes) >= sections
+    assert {(round(float(w)), round(float(h))) for w, h in boxes} == {(595, 842)}
+    watched.close()
 
 
 def test_zoom_and_hover(drawn: Watched) -> None:

@@ -25,7 +25,7 @@ _CAMPAIGN, _MARGINS = 0.4, 0.8  # inches
 _BARS = (
     ("before", "before", "measured"),
     ("after", "after", "model"),
-    ("noise_floor", "noise floor", "band"),
+    ("noise_floor", "correct model", "band"),
 )
 # Room above the bars for the legend.
 _HEADROOM = 1.32
@@ -57,7 +57,7 @@ def bars(id: str, errors: Mapping[int, Errors]) -> Figure:
     svg.legend(ax, loc="upper left", ncols=3, columnspacing=0.9, handlelength=1.0)
     told = "; ".join(
         f"campaign {place}: {number(e.before)} before, {number(e.after)} after, "
-        f"noise floor {number(e.noise_floor)}"
+        f"correct model {number(e.noise_floor)}"
         for place, e in errors.items()
     )
     title = f"Held-out RMSE of {title_of(channel)}"

@@ -25,7 +25,7 @@ COLUMNS = (
     "Held-out RMSE of",
     "Before",
     "After",
-    "Noise floor",
+    "Correct model",
     "Down by",
     "Remains",
 )
@@ -300,7 +300,7 @@ def _rows(measured: Content) -> Iterator[tuple[str, ...]]:
 
 
 def error_cells(errors: Errors) -> tuple[str, str, str, str, str]:
-    """Channel, before, after, noise floor and the percentage down."""
+    """Channel, before, after, of a correct model and the percentage down."""
     before, after, floor = errors.before, errors.after, errors.noise_floor
     down = percent(errors.percent_down, 2)
     return errors.channel, number(before), number(after), number(floor), down

@@ -169,7 +169,7 @@ def _diagnosis_blocks(main: Content, diagnosis: Content) -> list[Block]:
     errors = errors_of(main)
     if errors:
         caption = "RMSE on the held-out recordings, in each channel's SI unit"
-        heads = ("Channel", "Before", "After", "Noise floor", "Down by")
+        heads = ("Channel", "Before", "After", "Correct model", "Down by")
         blocks.append(table(caption, heads, [error_cells(e) for e in errors]))
     if diagnosis["unexplained"]:
         rows = [
@@ -258,7 +258,7 @@ def _repeat_blocks(measured: Content, main: Content) -> list[Block]:
         "RMSE of",
         "Before",
         "After",
-        "Noise floor",
+        "Correct model",
         "Down by",
     )
     caption = "Does the verdict repeat? The campaign and its repeats"

@@ -8,15 +8,13 @@ from typing import Any
 import click
 
 from sysid.commands.options import PathArgument
-from sysid.commands.printing import progress
-from sysid.commands.run import run_campaign, run_options, show_run
+from sysid.commands.run import run_and_show, run_options
 from sysid.io.bundled import bundled_campaign
 
 
 @click.command()
 @click.option("-o", "folder", required=True, type=PathArgument, help="Folder for all results.")
 @run_options
-def demo(folder: Path, as_json: bool, **options: Any) -> None:
+def demo(folder: Path, **options: Any) -> None:
     """The whole pipeline on the bundled campaign."""
-    done = run_campaign(bundled_campaign(), folder, progress=progress(), **options)
-    show_run(done, as_json)
+    run_and_show(bundled_campaign(), folder, **options)

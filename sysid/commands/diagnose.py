@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from sysid.bundle import Bundle, read_bundle, write_bundle
-from sysid.commands.budget import budget_option
+from sysid.commands.budget import budget_option, quick_option
 from sysid.commands.options import (
     SEED,
     PathArgument,
@@ -40,6 +40,7 @@ from sysid.workflows.subject import subject_of
 
 # Suspects of one round that a summary names.
 _MOST_SUSPECTS = 6
+_CORRECT = wording.CORRECT_MODEL.lower()
 
 
 @click.command()
@@ -58,6 +59,7 @@ _MOST_SUSPECTS = 6
     "--seed", type=SEED, default=0, show_default=True, help="Seed of the simulated twins."
 )
 @budget_option
+@quick_option
 @json_option
 def diagnose(campaign: Path, bundle: Path, as_json: bool, **options: Any) -> None:
     """What the model lacks: the residual's cause, and the errors with and without it."""
@@ -92,15 +94,16 @@ def diagnose_campaign(
     refine: bool = True,
     seed: int = 0,
     budget: float | None = SECONDS,
+    quick: bool = False,
     progress: Progress = no_progress,
 ) -> Diagnosed:
     """Diagnose a campaign with its fitted bundle; write the extended bundle and the report.
 
     `effects` is a Python file with effects in addition to the catalogue, `component` one of the
-    user's own, whose logs are the campaign's; `refine` whether the
-    numbers of what was found are those of simulation error; after `budget` seconds it ends with
-    the best so far. Raises InputError for unusable files, NotIdentifiedError where the bundle or
-    the campaign is insufficient.
+    user's own, whose logs are the campaign's; `refine` whether the numbers of what was found are
+    those of simulation error; after `budget` seconds it ends with the best so far, a `quick` one
+    after a first look. Raises InputError for unusable files, NotIdentifiedError where the bundle
+    or the campaign is insufficient.
     """
     campaign = read_with(campaign_path, component, progress)
     bundle = read_bundle(bundle_path)
@@ -111,6 +114,7 @@ def diagnose_campaign(
         refine=refine,
         seed=seed,
         budget=budget,
+        quick=quick,
         progress=progress,
     )
     written = []
@@ -197,7 +201,8 @@ def _before_after_tables(content: dict[str, Any]) -> Iterable[Table]:
         return
     how = ", simulated open loop" if content["component"] == ACTUATOR else ""
     title = f"RMSE on held-out logs{how}"
-    table = new_table(title, "channel", "original bundle", *wording.steps(content), "noise floor")
+    columns = ("channel", "original bundle", *wording.steps(content), _CORRECT)
+    table = new_table(title, *columns)
     for name, errors in wording.errors_by_step(content).items():
         floor = content["residual"][name]["noise_floor"]
         cells = ("-" if math.isnan(e) else f"{e:.4g}" for e in errors)

@@ -46,3 +46,6 @@ component_option = click.option(
 effects_option = click.option(
     "--effects", type=PathArgument, help="Python file with further effects; it is executed."
 )
+verbose_option = click.option(
+    "-v", "--verbose", is_flag=True, help="Print every step, notice and log's errors."
+)

@@ -7,7 +7,10 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping
+import re
+import sys
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +21,12 @@ from rich.text import Text
 from sysid.bundle import Validation
 from sysid.bundle.quality import QualityRecord
 from sysid.display.numbers import ascii_text
+from sysid.display.progress import stage_bar
 from sysid.display.quality import QUALITY_COLUMNS, quality_cells, quality_name
 from sysid.display.terminal import console, new_table
 from sysid.errors import one_line
 from sysid.estimation.linear import Estimate
-from sysid.types import Progress
+from sysid.types import Progress, no_progress
 
 
 def notices(lines: Iterable[str]) -> None:
@@ -30,6 +34,52 @@ def notices(lines: Iterable[str]) -> None:
     error = Console(stderr=True, soft_wrap=True, highlight=False)
     for line in dict.fromkeys(lines):
         error.print(Text(f"sysid: notice: {one_line(line)}"))
+
+
+def grouped_notices(lines: Iterable[str]) -> None:
+    """Notices that differ only in numbers, tests, files and sides as one, with their count."""
+    groups: dict[str, list[str]] = {}
+    for line in dict.fromkeys(lines):
+        groups.setdefault(_shape(line), []).append(line)
+    notices(
+        own[0] + (f" (and {len(own) - 1} more like it: -v shows them)" if len(own) > 1 else "")
+        for own in groups.values()
+    )
+
+
+_VARIES = re.compile(
+    r"[^\s,;:]*[/\\][^\s,;:]*|[^\s,;:]+\.(?:csv|parquet|toml|json)\b|\b[ABab]\b"
+    r"|\d+(?:\.\d+)?(?:e[+-]?\d+)?"
+)
+_SEVERAL = re.compile(r"#(?:, #)+")
+
+
+def _shape(line: str) -> str:
+    """A notice without what differs between notices of one kind."""
+    return _SEVERAL.sub("#", _VARIES.sub("#", line))
+
+
+def unasked_notices(count: int) -> None:
+    """How many notices on what an export lacks are not printed."""
+    if count:
+        line = f"{count} notice{'s' * (count > 1)} on what the exports leave out: -v shows them"
+        notices([line])
+
+
+@contextmanager
+def stage_progress(
+    expected: Mapping[str, float], verbose: bool = False
+) -> Iterator[tuple[Progress, Progress]]:
+    """What is told of each step, and of each stage as it is entered, on standard error.
+
+    On a terminal a bar with the time that is left, by the seconds `expected` of each stage; a line
+    for each step elsewhere, and with `verbose`.
+    """
+    if verbose or not sys.stderr.isatty():
+        yield progress(), no_progress
+        return
+    with stage_bar(expected) as both:
+        yield both
 
 
 def progress(doing: str = "") -> Progress:
@@ -90,7 +140,7 @@ def validation_table(validation: Validation | None) -> Table:
         "channel",
         "RMSE",
         "fit, %",
-        "noise floor",
+        "sensor noise",
     )
     for log in [] if validation is None else validation.validated():
         for name, channel in log.channels.items():

@@ -11,7 +11,7 @@ import click
 from rich.text import Text
 
 from sysid.bundle import Bundle, read_bundle
-from sysid.commands.budget import budget_option
+from sysid.commands.budget import budget_option, quick_option
 from sysid.commands.options import (
     SEED,
     PathArgument,
@@ -20,9 +20,17 @@ from sysid.commands.options import (
     effects_option,
     json_option,
     options,
+    verbose_option,
 )
 from sysid.commands.own_component import read_with
-from sysid.commands.printing import notices, print_json, progress, validation_table
+from sysid.commands.printing import (
+    grouped_notices,
+    notices,
+    print_json,
+    stage_progress,
+    unasked_notices,
+    validation_table,
+)
 from sysid.commands.stages import (
     BUNDLE_FILE,
     EXPORTS,
@@ -30,10 +38,12 @@ from sysid.commands.stages import (
     PipelineRun,
     StageReport,
     digests,
+    expected_seconds,
+    has_whole_diagnosis,
     perform,
     stages_of,
 )
-from sysid.diagnosis import wording
+from sysid.commands.verdict import verdict_lines
 from sysid.diagnosis.looked import SECONDS
 from sysid.display.terminal import console, new_table
 from sysid.errors import input_error
@@ -61,8 +71,10 @@ run_options = options(
         help="Whether to estimate all parameters together on the motion logs.",
     ),
     budget_option,
+    quick_option,
     effects_option,
     json_option,
+    verbose_option,
 )
 
 
@@ -71,16 +83,17 @@ run_options = options(
 @click.option("-o", "folder", required=True, type=PathArgument, help="Folder for all results.")
 @component_option
 @run_options
-def run(campaign: Path, folder: Path, as_json: bool, **options: Any) -> None:
+def run(campaign: Path, folder: Path, **options: Any) -> None:
     """The whole pipeline, from checks to exports. Resumes where it stopped."""
-    show_run(run_campaign(campaign, folder, progress=progress(), **options), as_json)
+    run_and_show(campaign, folder, **options)
 
 
 @dataclass(frozen=True)
 class RunReport:
     """The result of `sysid run`: the stages, the bundle, and the files that it wrote.
 
-    `diagnosis` is the content of its file, None without a diagnosis.
+    `diagnosis` is the content of its file, None without a diagnosis; `unasked` are those of the
+    notices, on what an export lacks, that a terminal shows only when asked to.
     """
 
     folder: Path
@@ -88,6 +101,7 @@ class RunReport:
     bundle: Bundle
     notices: tuple[str, ...]
     diagnosis: dict[str, Any] | None = None
+    unasked: tuple[str, ...] = ()
 
     @property
     def report(self) -> Path:
@@ -126,16 +140,20 @@ def run_campaign(
     refine: bool = True,
     effects: Path | None = None,
     budget: float | None = SECONDS,
+    quick: bool = False,
     component: str | None = None,
     progress: Progress = no_progress,
+    entered: Progress = no_progress,
 ) -> RunReport:
     """Run every stage that is not up to date. Raises what the stages raise.
 
     `surface` and `seed` are those of `sysid fit valve-pwm` and the diagnosis; `diagnose` says
     whether to look for what the model lacks, `refine` whether to estimate all parameters together
     afterwards, `effects` is a Python file with further effects, `component` one with a component
-    of the user's own; `progress` is called with a line for each step. The diagnosis ends after
-    `budget` seconds (None: never); where it missed something then, a call with more does it again.
+    of the user's own; `progress` is called with a line for each step, `entered` with each stage's
+    name. The diagnosis ends after `budget` seconds (None: never); where it missed something then, a
+    call with more does it again. `quick`: a first diagnosis that leaves much out, and no
+    refinement; a call without it does both.
     """
     campaign = read_with(campaign_path, component, progress)
     if effects is not None:
@@ -148,39 +166,65 @@ def run_campaign(
         ) from None
     remove_leftovers(folder)
     remove_leftovers(folder / "export")
+    inputs = digests(campaign)
+    # What is there already is more than a first look.
+    quick = quick and not has_whole_diagnosis(folder, inputs)
     run = PipelineRun(
         campaign,
         folder,
         surface,
         seed,
         progress,
-        digests(campaign),
+        inputs,
         diagnose=diagnose,
-        refine=refine,
+        refine=refine and not quick,
+        quick=quick,
         effects=effects,
         budget=math.inf if budget is None else budget,
     )
     run.notices += [*campaign.notices, *campaign.rig.notices]
-    stages = tuple(perform(run, stage) for stage in stages_of(run))
+    done = []
+    for stage in stages_of(run):
+        entered(stage.name)
+        done.append(perform(run, stage))
+    stages = tuple(done)
     bundle = read_bundle(folder / BUNDLE_FILE)
     found = run.diagnosis()
     diagnosis = found if found and "verdict" in found else None
-    return RunReport(folder, stages, bundle, tuple(dict.fromkeys(run.notices)), diagnosis)
+    notices = tuple(dict.fromkeys(run.notices))
+    return RunReport(folder, stages, bundle, notices, diagnosis, tuple(dict.fromkeys(run.unasked)))
 
 
-def show_run(done: RunReport, as_json: bool) -> None:
-    """The validation, the diagnosis, the outcome of each stage, and where the report is."""
-    notices(done.notices)
+def run_and_show(
+    campaign: Path, folder: Path, *, as_json: bool, verbose: bool, **options: Any
+) -> None:
+    """`run_campaign` with its progress on standard error, and its outcome."""
+    with stage_progress(expected_seconds(folder, options["budget"]), verbose) as (tell, entered):
+        done = run_campaign(campaign, folder, progress=tell, entered=entered, **options)
+    show_run(done, as_json, verbose)
+
+
+def show_run(done: RunReport, as_json: bool, verbose: bool = False) -> None:
+    """The outcome of each stage, where the files are, and the verdict in three lines.
+
+    `verbose`: every notice, and the errors of each log too.
+    """
+    if verbose or as_json:
+        notices(done.notices)
+    else:
+        grouped_notices(n for n in done.notices if n not in done.unasked)
+        unasked_notices(len(done.unasked))
     if as_json:
         print_json(done.to_json())
         return
     out = console()
-    out.print(validation_table(done.bundle.validation))
-    if done.diagnosis is not None:
-        out.print(Text(f"Diagnosis: {wording.sentence(done.diagnosis)}"), soft_wrap=True)
+    if verbose:
+        out.print(validation_table(done.bundle.validation))
     table = new_table("Stages", "stage", "", "s")
     for stage in done.stages:
         table.add_row(stage.name, stage.outcome, f"{stage.seconds:.1f}")
     out.print(table)
     out.print(Text(f"bundle: {done.folder / BUNDLE_FILE}"), soft_wrap=True)
     out.print(Text(f"report: {done.report}"), soft_wrap=True)
+    for line in verdict_lines(done.bundle, done.diagnosis):
+        out.print(Text(line), soft_wrap=True)

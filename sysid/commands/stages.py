@@ -45,6 +45,8 @@ _CHECKS_FILE = "checks.json"
 _NOT_DONE_YET = "not done yet"
 # In a stage's record: the budget that was too small for all of it, s.
 _CUT_SHORT = "cut_short_after_s"
+# In a stage's record: that only a first look was asked for.
+_QUICK = "quick"
 EXPORTS = {"c": "export/model.h", "mat": "export/model.mat", "json": "export/model.json"}
 
 
@@ -70,7 +72,7 @@ class StageReport:
 
 @dataclass
 class PipelineRun:
-    """A run under way."""
+    """A run under way; `unasked`: those of its `notices` that a terminal shows only with -v."""
 
     campaign: Campaign
     folder: Path
@@ -82,7 +84,9 @@ class PipelineRun:
     refine: bool = True
     effects: Path | None = None
     budget: float = SECONDS
+    quick: bool = False
     notices: list[str] = field(default_factory=list)
+    unasked: list[str] = field(default_factory=list)
     validation: ValidationResult | None = None
     not_validated: str = ""
 
@@ -136,7 +140,8 @@ class Stage:
     """A stage: its output, its inputs in addition to the logs, and its work.
 
     `reads_effects`: whether a file of further effects is one of its inputs; `reads_refine`:
-    whether it does the refinement where one is asked for; `was_cut_short`: whether its output says
+    whether it does the refinement where one is asked for; `has_quick`: whether it has a quick form,
+    which a call without --quick does again, as a whole; `was_cut_short`: whether its output says
     that time ran out for some of it; `layout` is raised when the files that it writes change
     theirs, so that those of an earlier program are made anew.
     """
@@ -147,6 +152,7 @@ class Stage:
     perform: Callable[[PipelineRun], None]
     reads_effects: bool = True
     reads_refine: bool = False
+    has_quick: bool = False
     was_cut_short: Callable[[PipelineRun], bool] = lambda run: False
     layout: int = 1
 
@@ -166,14 +172,17 @@ def perform(run: PipelineRun, stage: Stage) -> StageReport:
         made_from["--component"] = f"{own.name} {own.sha256}"
     if stage.layout > 1:
         made_from["layout"] = str(stage.layout)
+    state = _read_state(run.folder)
+    before = state.get(stage.name, {})
     if stage.reads_refine:
         made_from["--refine"] = str(run.refine)
-    state = _read_state(run.folder)
     why = _stale(run, stage, made_from, state.get(stage.name))
     if why is None:
         run.tell(f"{stage.name}: up to date")
-        complete = _CUT_SHORT not in state[stage.name]
-        run.notices += [] if complete else [_incomplete(stage, state[stage.name][_CUT_SHORT])]
+        complete = _CUT_SHORT not in before and not before.get(_QUICK)
+        if _CUT_SHORT in before:
+            run.notices.append(_incomplete(stage, before[_CUT_SHORT]))
+        run.notices += [_first_look(stage)] if before.get(_QUICK) else []
         return StageReport(stage.name, None, 0.0, complete)
     run.tell(f"{stage.name}: {'starts' if why == _NOT_DONE_YET else f'{why}; starts again'}")
     start = time.perf_counter()
@@ -184,12 +193,16 @@ def perform(run: PipelineRun, stage: Stage) -> StageReport:
         "outputs": {name: _digest(run.path(name)) for name in stage.outputs},
         "seconds": round(seconds, 3),
     }
+    quick = stage.has_quick and run.quick
+    if quick:
+        state[stage.name][_QUICK] = True
+        run.notices.append(_first_look(stage))
     cut_short = stage.was_cut_short(run)
     if cut_short:
         state[stage.name][_CUT_SHORT] = run.budget
         run.notices.append(_incomplete(stage, run.budget))
     write_atomic(run.path(STATE_FILE), json.dumps(state, indent=2) + "\n")
-    return StageReport(stage.name, why, seconds, not cut_short)
+    return StageReport(stage.name, why, seconds, not (cut_short or quick))
 
 
 def _incomplete(stage: Stage, budget: float) -> str:
@@ -197,6 +210,36 @@ def _incomplete(stage: Stage, budget: float) -> str:
         f"{stage.name}: incomplete, as its {budget:g} s ran out: a larger --budget does it again "
         f"(so does any, without {stage.outputs[0]})"
     )
+
+
+def _first_look(stage: Stage) -> str:
+    return f"{stage.name}: a first look, incomplete: a run without --quick does it as a whole"
+
+
+def has_whole_diagnosis(folder: Path, inputs: Mapping[str, str]) -> bool:
+    """Whether a folder holds more than a first look at these inputs (`digests`)."""
+    before = _read_state(folder).get("diagnose", {})
+    made_from = before.get("made_from", {})
+    same = all(made_from.get(name) == digest for name, digest in inputs.items())
+    return bool(made_from) and same and not before.get(_QUICK)
+
+
+# Seconds of each stage on two processor cores, where no earlier run of the folder says more.
+_USUAL = {
+    "check": 4.0, "fit": 25.0, "diagnose": 60.0, "refine": 1.0, "validate": 8.0, "report": 12.0,
+    "export": 3.0,
+}  # fmt: skip
+
+
+def expected_seconds(folder: Path, budget: float | None) -> dict[str, float]:
+    """About how long each stage takes: as in an earlier run of the folder, else as is usual."""
+    known = {
+        name: float(record["seconds"])
+        for name, record in _read_state(folder).items()
+        if isinstance(record, dict) and isinstance(record.get("seconds"), int | float)
+    }
+    usual = _USUAL | {"diagnose": min(_USUAL["diagnose"], budget or math.inf)}
+    return usual | {name: seconds for name, seconds in known.items() if name in usual}
 
 
 def _read_state(folder: Path) -> dict[str, Any]:
@@ -214,6 +257,8 @@ def _stale(
     """Why a stage has to be done; None where its files are present and nothing has changed."""
     if before is None:
         return _NOT_DONE_YET
+    if before.get(_QUICK) and not run.quick:
+        return "a first look with --quick"
     old = before.get("made_from", {})
     changed = [k for k in {**old, **made_from} if old.get(k) != made_from.get(k)]
     if changed:
@@ -253,9 +298,10 @@ def _diagnose(run: PipelineRun) -> None:
             run.campaign,
             bundle,
             effects=run.effects,
-            refine=run.refine,
+            refine=run.refine or run.quick,
             seed=run.seed,
             budget=None if math.isinf(run.budget) else run.budget,
+            quick=run.quick,
             progress=run.tell,
         )
     except NotIdentifiedError as error:
@@ -336,7 +382,9 @@ def _report(run: PipelineRun) -> None:
 
 def _export(run: PipelineRun) -> None:
     for kind, name in EXPORTS.items():
-        run.notices += export_file(run.path(BUNDLE_FILE), run.path(name), kind, effects=run.effects)
+        said = export_file(run.path(BUNDLE_FILE), run.path(name), kind, effects=run.effects)
+        run.notices += said
+        run.unasked += said
 
 
 def stages_of(run: PipelineRun) -> list[Stage]:
@@ -354,8 +402,9 @@ def stages_of(run: PipelineRun) -> list[Stage]:
             (FITTED_FILE,),
             _diagnose,
             reads_refine=True,
+            has_quick=True,
             was_cut_short=_was_cut_short,
-            layout=2,
+            layout=3,
         ),
         Stage("refine", (_REFINED_FILE,), (refined_from,), _refine),
         Stage("validate", (BUNDLE_FILE,), (run.model_file,), _validate),

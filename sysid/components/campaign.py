@@ -201,6 +201,7 @@ def diagnose_own(
     bundle: Bundle,
     *,
     budget: float | None = SECONDS,
+    quick: bool = False,
     progress: Progress = no_progress,
 ) -> tuple[Diagnosis, tuple[str, ...]]:
     """What a component's law lacks of its terms, and the readers' notices.
@@ -219,7 +220,7 @@ def diagnose_own(
     with time_limit(budget):
         found = diagnose_component(
             loaded.kind, tests.fitted, tests.held_out, campaign.rig, bundle, {}, progress,
-            build=build,
+            quick=quick, build=build,
         )  # fmt: skip
     return found, tests.notices
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from sysid.bundle import Bundle, EffectEntry, HeldOutError
@@ -10,7 +11,7 @@ from sysid.bundle.effects import entry_of
 from sysid.diagnosis.actuator.diagnose import diagnose, open_loop_errors
 from sysid.diagnosis.bench.diagnose import diagnose_component, held_out_errors
 from sysid.diagnosis.bench.registry import AXIS, part_tested
-from sysid.diagnosis.looked import SECONDS
+from sysid.diagnosis.looked import SECONDS, Book, SearchStage
 from sysid.diagnosis.refined import with_refined_numbers
 from sysid.diagnosis.result import Diagnosis, FoundEffect
 from sysid.io.campaign import Campaign, CampaignLog
@@ -29,6 +30,7 @@ def diagnose_logs(
     refine: bool = True,
     seed: int = 0,
     budget: float | None = SECONDS,
+    quick: bool = False,
     progress: Progress = no_progress,
 ) -> tuple[Diagnosis, tuple[str, ...]]:
     """The diagnosis of a campaign's logs, and the readers' notices.
@@ -36,10 +38,10 @@ def diagnose_logs(
     An effect that the bundle already holds is part of the model under diagnosis. With `refine` the
     numbers of what an actuator lacks are those of simulation error on its motion logs, and so are
     those of an axis with a motor alone and a log held out. Ends after `budget` seconds with the
-    best so far (None: never).
+    best so far (None: never). `quick`: a first look without refinement.
     """
     with time_limit(budget):
-        return _diagnose_logs(campaign, bundle, effects, refine, seed, progress)
+        return _diagnose_logs(campaign, bundle, effects, refine, seed, quick, progress)
 
 
 def _diagnose_logs(
@@ -48,6 +50,7 @@ def _diagnose_logs(
     effects: EffectSource,
     refine: bool,
     seed: int,
+    quick: bool,
     progress: Progress,
 ) -> tuple[Diagnosis, tuple[str, ...]]:
     catalogue = catalogue_from(effects)
@@ -69,8 +72,11 @@ def _diagnose_logs(
             for wanted in ("fit", "holdout")
         }
         found = diagnose_component(
-            kind, trials["fit"], trials["holdout"], campaign.rig, bundle, open_ones, progress
-        )
+            kind, trials["fit"], trials["holdout"], campaign.rig, bundle, open_ones, progress,
+            quick=quick,
+        )  # fmt: skip
+        if quick:
+            return _unrefined(found, refine), tuple(notices)
         if refine and kind == AXIS and campaign.rig.is_motor_alone and trials["holdout"]:
 
             def of_part(other: Bundle) -> dict[str, float]:
@@ -83,7 +89,11 @@ def _diagnose_logs(
         return found, tuple(notices)
     model = bundle.model(campaign.rig, catalogue)
     notices += assumed_friction(bundle)
-    diagnosis = diagnose(logs, campaign.rig, model, open_ones, seed=seed, progress=progress)
+    diagnosis = diagnose(
+        logs, campaign.rig, model, open_ones, seed=seed, quick=quick, progress=progress
+    )
+    if quick:
+        return _unrefined(diagnosis, refine), tuple(notices)
     if refine:
 
         def of_actuator(other: Bundle) -> dict[str, float]:
@@ -94,6 +104,17 @@ def _diagnose_logs(
             diagnosis, campaign, extended, catalogue, of_actuator, progress
         )
     return diagnosis, tuple(notices)
+
+
+def _unrefined(found: Diagnosis, refine: bool) -> Diagnosis:
+    """A quick diagnosis, which says that its numbers were not refined where that was asked for."""
+    if not (found.effects and refine):
+        return found
+    book = Book(SearchStage.REFINEMENT)
+    book.left_out(SearchStage.REFINEMENT)
+    missed = book.closed()
+    notices = (*found.notices, *missed.sentences())
+    return replace(found, missed=missed.missed, notices=notices)
 
 
 def _read(campaign: Campaign, entry: CampaignLog, bundle: Bundle) -> Log:

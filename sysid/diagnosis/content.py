@@ -8,6 +8,8 @@ from __future__ import annotations
 from typing import Any
 
 from sysid.diagnosis.result import Diagnosis
+from sysid.model.effects.catalogue import catalogue, catalogue_entry
+from sysid.model.effects.entry import CatalogueEffect
 
 
 def content(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -19,18 +21,32 @@ def figures(diagnosis: Diagnosis) -> dict[str, Any]:
     """The numbers behind the report's figures, a JSON-able dict.
 
     `looks`: what each round tried (`ComponentEvidence.rounds_shown`). `curves`: mean residual over
-    a regressor before and after the effects. `titles` and `meanings` name effects and their
-    parameters. Further keys are the evidence's own.
+    a regressor before and after the effects. `titles` and `meanings` name effects, those that were
+    tried among them, and the parameters of those found; `laws` says in a sentence what each found
+    one and each rival does, `telling` which test tells it from others. Further keys are the
+    evidence's own.
     """
+    looks = diagnosis.evidence.rounds_shown()
+    tried = {suspect["id"] for look in looks for suspect in look["suspects"]}
+    rivals = {id for found in diagnosis.effects for id in found.ambiguous_with}
+    known = _known(diagnosis)
+    named = {found.id for found in diagnosis.effects} | rivals
     return {
-        "looks": diagnosis.evidence.rounds_shown(),
+        "looks": looks,
         **diagnosis.evidence.figures(),
-        "titles": {found.id: type(found.effect).title for found in diagnosis.effects},
+        "titles": {id: known[id].title for id in sorted(named | tried) if id in known},
+        "laws": {id: catalogue_entry(known[id])["law"] for id in sorted(named) if id in known},
+        "telling": {id: known[id].tie_breaker for id in sorted(named) if id in known},
         "meanings": {
             found.id: {q.label: q.meaning for q in type(found.effect).quantities}
             for found in diagnosis.effects
         },
     }
+
+
+def _known(diagnosis: Diagnosis) -> dict[str, type[CatalogueEffect]]:
+    """The catalogue's effects by id, and those that were found, a user's own among them."""
+    return {**catalogue(), **{found.id: type(found.effect) for found in diagnosis.effects}}
 
 
 __all__ = ["content", "figures"]

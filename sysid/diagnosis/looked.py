@@ -26,6 +26,7 @@ class SearchStage(StrEnum):
     TWIN = "simulation of a twin"
     TWINS = "simulation of twins"
     SCREENING = "screening"
+    FORMS = "screening of further forms"
     COMPARISON = "comparison with twins"
     SUSPECTS = "fit of suspects"
     TOGETHER = "fit with the effects added before"
@@ -118,17 +119,23 @@ def stage_text(stage: str, number: int | None) -> str:
 
 @dataclass
 class Book:
-    """A `Looked` in the making."""
+    """A `Looked` in the making; `quick`: only a first look is asked for (`QUICK`)."""
 
     stage: SearchStage = SearchStage.TWIN
     round: int = 0
     screened: list[str] = field(default_factory=list)
     fitted: list[str] = field(default_factory=list)
     missed: list[Missed] = field(default_factory=list)
+    quick: bool = False
 
     def enter(self, stage: SearchStage, number: int = 0) -> None:
         """A stage begins, of a round or (0) outside them."""
         self.stage, self.round = stage, number
+
+    def left_out(self, stage: SearchStage, number: int = 0, *, decides: bool = False) -> None:
+        """Note that a quick search leaves a stage out."""
+        self.enter(stage, number)
+        self.miss(QUICK, decides=decides)
 
     def unfinished(self, stage: SearchStage, number: int) -> set[str]:
         """The effects that a stage of a round did not come to."""
@@ -162,9 +169,11 @@ class Book:
 
 
 LATE = Failure("out of time", out_of_time=True)
+QUICK = Failure("left out by --quick")
 
 __all__ = [
     "LATE",
+    "QUICK",
     "SECONDS",
     "Because",
     "Book",

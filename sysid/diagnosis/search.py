@@ -118,7 +118,8 @@ class Rounds(ABC, Generic[StepT]):
 def run(rounds: Rounds[StepT], book: Book, progress: Progress) -> tuple[Round, ...]:
     """Add effects, and remove what they make superfluous, until no round adds one.
 
-    Ends within the time limit in force (`sysid.parallel`); what failed is in the book.
+    Ends within the time limit in force (`sysid.parallel`); what failed is in the book. A quick
+    search ends with the first effect.
     """
     history: list[Round] = []
     removed: set[str] = set()
@@ -138,6 +139,10 @@ def run(rounds: Rounds[StepT], book: Book, progress: Progress) -> tuple[Round, .
         gone = _removed(rounds, book, number, progress)
         removed |= set(gone)
         history.append(Round(proposed.tried, proposed, gone))
+        if book.quick:
+            book.left_out(rounds.stage, number + 1)
+            history.append(Round(()))
+            return tuple(history)
 
 
 def mark_removed(shown: Sequence[dict[str, Any]]) -> None:

@@ -9,15 +9,18 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from sysid.diagnosis.looked import stage_text
+from sysid.diagnosis.looked import QUICK, stage_text
 from sysid.display.channels import channel_of
 from sysid.display.numbers import number
 from sysid.estimation.linear import Estimate
 
 Content = Mapping[str, Any]
 
+CORRECT_MODEL = "Correct model"
+"""Heads the errors that a correct model would have: noise, and the tests' own scatter."""
 SMALLEST_P = 1e-20
 """P-values extrapolate from a few twins: below this their size means nothing."""
+_PROPER_NAMES = ("Coulomb", "Stribeck", "LuGre", "PWM")
 _REGRESSORS = {
     "velocity": "velocity",
     "angle": "position",
@@ -31,12 +34,24 @@ _REGRESSORS = {
     "pressure_difference": "pressure difference",
     "pressure_rate": "pressure rate",
     "valve_opening": "valve opening",
+    "duty_a": "duty",
+    "flow_a_kg_s": "flow",
+    "pressure_a_pa": "pressure",
 }
 
 
-def sentence(content: Content) -> str:
-    """The verdict in one sentence, and a second one where the search did not end."""
-    return f"{_verdict(content)}{_incomplete(content)}"
+def sentence(content: Content, titles: Mapping[str, str] | None = None) -> str:
+    """The verdict in one sentence, and a second one where the search did not end.
+
+    Effects by their ids, or by the `titles` that are given.
+    """
+    return f"{_verdict(content, titles or {})}{_incomplete(content)}"
+
+
+def effect_name(id: str, titles: Mapping[str, str]) -> str:
+    """An effect within a sentence: by its title, else by its id."""
+    title = titles.get(id, id)
+    return title if title.startswith(_PROPER_NAMES) else title[:1].lower() + title[1:]
 
 
 def _incomplete(content: Content) -> str:
@@ -52,8 +67,8 @@ def _is_undecided(content: Content) -> bool:
     return any(entry.get("decides", True) for entry in missed)
 
 
-def _verdict(content: Content) -> str:
-    ids = [effect["id"] for effect in content["effects"]]
+def _verdict(content: Content, titles: Mapping[str, str]) -> str:
+    ids = [effect_name(effect["id"], titles) for effect in content["effects"]]
     gained = f"; {_gained(content)}" if content["residual"] else ""
     if content["verdict"] == "adequate":
         return f"Adequate: no test found structure above the noise{gained}."
@@ -85,7 +100,8 @@ def _gained(content: Content) -> str:
         is_chamber = channel.title.startswith("Pressure ")
         title = f"pressure {channel.title[-1]}" if is_chamber else channel.title
         change = f"from {before} to {after}" if content["effects"] else before
-        sizes = " ".join(filter(None, (change, channel.residual_unit, f"(noise floor {floor})")))
+        correct = f"(a correct model: {floor})"
+        sizes = " ".join(filter(None, (change, channel.residual_unit, correct)))
         said.append(f"{title[:1].lower()}{title[1:]} {sizes}")
     return f"errors on held-out tests: {joined(said)}"
 
@@ -126,15 +142,24 @@ def _left(rest: Content) -> str:
     )
 
 
-def advice(content: Content) -> tuple[str, ...]:
+def advice(content: Content, titles: Mapping[str, str] | None = None) -> tuple[str, ...]:
     """What to do next: the tests that would distinguish rivals, and how to treat a remainder."""
     lines = []
+    known = titles or {}
     for effect in content["effects"]:
         if effect["ambiguous_with"]:
-            rivals = joined(effect["ambiguous_with"], "or")
+            rivals = joined([effect_name(id, known) for id in effect["ambiguous_with"]], "or")
+            own = effect_name(effect["id"], known)
+            own = own if own == effect["id"] else own[:1].upper() + own[1:]
             test = f" To distinguish them: {effect['advice']}." if effect["advice"] else ""
-            lines.append(f"{effect['id']} is indistinguishable from {rivals} in these data.{test}")
-    if _is_undecided(content):
+            lines.append(f"{own} is indistinguishable from {rivals} in these data.{test}")
+    missed = content.get("search", {}).get("missed", [])
+    if any(entry.get("reason") == QUICK.reason for entry in missed):
+        lines.append(
+            "This was a first look: a diagnosis without --quick tries every form of every effect, "
+            "looks for more than one, and refines the numbers."
+        )
+    elif _is_undecided(content):
         lines.append(
             "Effects that were not looked at may explain what remains: allow more time (--budget "
             "SECONDS); the notices name what failed."
@@ -216,9 +241,11 @@ def is_refined(content: Content) -> bool:
 
 
 __all__ = [
+    "CORRECT_MODEL",
     "SMALLEST_P",
     "advice",
     "balance_of",
+    "effect_name",
     "errors_by_step",
     "is_refined",
     "joined",

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib import import_module
+from typing import TYPE_CHECKING
 
 from sysid.types import Progress, no_progress
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 
 @contextmanager
@@ -63,4 +69,79 @@ def _terminal_bar(doing: str) -> Iterator[Progress]:
         yield lambda line: bar.update(task, description=line)
 
 
-__all__ = ["in_notebook", "progress_or_shown"]
+class _Stages:
+    """How far a sequence of stages has come, in the seconds that each is expected to take."""
+
+    def __init__(self, expected: Mapping[str, float], clock: Callable[[], float]) -> None:
+        self._expected, self._clock = dict(expected), clock
+        self._before, self._own, self._since = 0.0, 0.0, clock()
+
+    @property
+    def total(self) -> float:
+        """Of all stages, s."""
+        return sum(self._expected.values())
+
+    def enter(self, name: str) -> None:
+        """A stage begins: those before it are done, whatever time they took."""
+        names = list(self._expected)
+        place = names.index(name) if name in names else 0
+        self._before = sum(self._expected[n] for n in names[:place])
+        self._own, self._since = self._expected.get(name, 0.0), self._clock()
+
+    @property
+    def completed(self) -> float:
+        """Seconds of the expected ones that are over; a late stage stays short of its end."""
+        spent = self._clock() - self._since
+        return self._before + min(spent, 0.98 * self._own)
+
+
+@contextmanager
+def stage_bar(
+    expected: Mapping[str, float], console: Console | None = None
+) -> Iterator[tuple[Progress, Progress]]:
+    """A bar on standard error over stages, with the time left: (a step's line, a stage's name).
+
+    `expected`: each stage's seconds, in turn. The bar is gone at the end.
+    """
+    from rich.console import Console
+    from rich.progress import BarColumn, TextColumn
+    from rich.progress import Progress as Bar
+
+    stages = _Stages(expected, time.monotonic)
+    columns = (
+        BarColumn(20),
+        TextColumn("{task.fields[left]}", markup=False),
+        TextColumn("{task.description}", markup=False),
+    )
+    where = console or Console(stderr=True)
+    over = threading.Event()
+    with Bar(*columns, console=where, transient=True) as bar:
+        task = bar.add_task("starting", total=max(stages.total, 1e-9), left="")
+
+        def show() -> None:
+            left = stages.total - stages.completed
+            bar.update(task, completed=stages.completed, left=f"about {_time_text(left)} left")
+
+        def follow() -> None:
+            while not over.wait(0.5):
+                show()
+
+        def entered(name: str) -> None:
+            stages.enter(name)
+            bar.update(task, description=name)
+            show()
+
+        watcher = threading.Thread(target=follow, daemon=True)
+        watcher.start()
+        try:
+            yield (lambda line: bar.update(task, description=line)), entered
+        finally:
+            over.set()
+            watcher.join()
+
+
+def _time_text(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 90.0 else f"{seconds / 60.0:.0f} min"
+
+
+__all__ = ["in_notebook", "progress_or_shown", "stage_bar"]

@@ -14,6 +14,19 @@ from typing import Any, Literal
 _LONGEST_CELL = 36
 
 
+class NotedCell(str):
+    """A cell with a line in small beneath its text: an id, a key. Equal to its text alone."""
+
+    __slots__ = ("small",)
+    small: str
+
+    def __new__(cls, text: str, small: str = "") -> NotedCell:
+        """The text, and what is written in small beneath it."""
+        cell = super().__new__(cls, text)
+        cell.small = small
+        return cell
+
+
 @dataclass(frozen=True)
 class HtmlTable:
     """A table: the first cell of each row is its header.
@@ -111,6 +124,14 @@ class Heading:
 
 
 @dataclass(frozen=True)
+class Terms:
+    """What something is, in a sentence: (its title, its id, the sentence) each."""
+
+    pairs: tuple[tuple[str, str, str], ...]
+    kind: Literal["terms"] = "terms"
+
+
+@dataclass(frozen=True)
 class Fold:
     """Blocks collapsed behind a summary."""
 
@@ -119,7 +140,7 @@ class Fold:
     kind: Literal["fold"] = "fold"
 
 
-Block = HtmlTable | ComparedTable | FigureGroup | Plot | Lines | Heading | Fold
+Block = HtmlTable | ComparedTable | FigureGroup | Plot | Lines | Heading | Terms | Fold
 
 
 @dataclass(frozen=True)

@@ -8,19 +8,17 @@ from typing import Any
 
 from sysid.diagnosis.evidence import ACTUATOR
 from sysid.diagnosis.wording import (
-    SMALLEST_P,
-    advice,
+    CORRECT_MODEL,
     balance_of,
     errors_by_step,
     is_refined,
     joined,
-    parameter_rows,
     regressor_name,
     sentence,
     steps,
 )
 from sysid.display.channels import channel_of
-from sysid.display.numbers import MISSING, estimate_cells, number
+from sysid.display.numbers import number
 from sysid.report import diagnosis_panels as panels
 from sysid.report.blocks import (
     Block,
@@ -33,6 +31,7 @@ from sysid.report.blocks import (
     Section,
     table,
 )
+from sysid.report.effects import effect_blocks, named, short_p, title_of
 
 Content = Mapping[str, Any]
 
@@ -55,8 +54,8 @@ _TWINS = _Words(
     std="by leaving out one test at a time",
     errors="Open-loop RMSE over whole held-out tests",
     floor="error in open-loop simulation of the held-out tests, and how much each effect reduces "
-    "it, with the base parameters refitted{refined}. The noise floor (thin line) is the error of a "
-    "correct model: sensor noise, quantisation and the rig's own scatter from test to test.",
+    "it, with the base parameters refitted{refined}. The thin line is the error that a correct "
+    "model would have: sensor noise, quantisation and the rig's own scatter from test to test.",
     residuals="Residuals of the balances",
     along="along which the effects change it most",
     how="The residuals of the fitted equations, in torque and pressure rates, were compared with "
@@ -69,9 +68,9 @@ _LEFT_OUT = _Words(
     share="Share of the prediction error, %",
     std="allow for correlated residuals",
     errors="RMSE on the held-out tests",
-    floor="error on the held-out tests, and how much each effect reduces it{refined}. The noise "
-    "floor (thin line) is the change from one sample to the next, which no law in the logged "
-    "quantities explains.",
+    floor="error on the held-out tests, and how much each effect reduces it{refined}. The thin "
+    "line is the error that a correct law would have: the change from one sample to the next, "
+    "which no law in the logged quantities explains.",
     residuals="Residual over its strongest regressors",
     along="on which what is left depends most",
     how="The part was tested alone, so there is no actuator to simulate. Each effect that acts on "
@@ -93,16 +92,13 @@ def diagnosis_section(content: Content, is_linear: bool) -> Section:
     words = _words(content)
     blocks: list[Block] = []
     if content["effects"]:
-        blocks += [effects_table(content, words.share), parameters_table(content)]
+        blocks += effect_blocks(content, words.share, words.std, is_linear)
     if content["residual"]:
         blocks += [errors_table(content, words.errors), waterfall(content)]
     blocks += _residuals(content, is_linear)
     blocks += _left(content)
     blocks += _tried(content)
     blocks += _remaining(content, is_linear)
-    lines = advice(content)
-    if lines:
-        blocks += [Heading("diagnosis-advice", "What to do next"), Lines(lines)]
     if content["notices"]:
         blocks.append(Lines(tuple(content["notices"]), "Notices of the diagnosis"))
     refined = (
@@ -111,48 +107,8 @@ def diagnosis_section(content: Content, is_linear: bool) -> Section:
         if is_refined(content)
         else ""
     )
-    intro = (sentence(content), words.how.format(refined=refined))
+    intro = (sentence(content, content["figures"]["titles"]), words.how.format(refined=refined))
     return Section("diagnosis", "Diagnosis", intro, tuple(blocks))
-
-
-def effects_table(content: Content, share: str) -> HtmlTable:
-    """Every effect that was added; `share` heads the column of what each explained."""
-    titles = content["figures"]["titles"]
-    rows = [
-        (
-            effect["id"],
-            titles.get(effect["id"], ""),
-            short_p(effect["p_value"]),
-            number(100.0 * effect["share"]),
-            joined(effect["ambiguous_with"], "or") or MISSING,
-        )
-        for effect in content["effects"]
-    ]
-    columns = ("Effect", "Title", "p", share, "Indistinguishable from")
-    return table("Effects added, in this order", columns, rows, text=(1, 4))
-
-
-def short_p(value: float) -> str:
-    """A p-value for a table; very small ones by their bound."""
-    return f"< {number(SMALLEST_P, 1)}" if value < SMALLEST_P else number(value, 1)
-
-
-def parameters_table(content: Content) -> HtmlTable:
-    """The parameters of every effect, with their intervals."""
-    how = "from the refinement" if is_refined(content) else _words(content).std
-    caption = f"Their parameters; standard errors {how}"
-    rows = []
-    for effect in content["effects"]:
-        meanings = content["figures"]["meanings"].get(effect["id"], {})
-        for name, estimate in parameter_rows(effect):
-            cells = (
-                (estimate, MISSING, MISSING, "")
-                if isinstance(estimate, str)
-                else estimate_cells(estimate)
-            )
-            rows.append((effect["id"], name, meanings.get(name, ""), *cells))
-    columns = ("Effect", "Parameter", "Meaning", "Value", "Standard error", "95 % interval", "Unit")
-    return table(caption, columns, rows, text=(1, 2, 6))
 
 
 def errors_table(content: Content, caption: str) -> HtmlTable:
@@ -163,17 +119,23 @@ def errors_table(content: Content, caption: str) -> HtmlTable:
         floor = content["residual"][name]["noise_floor"]
         cells = [number(channel.residual(e)) for e in (*errors, floor)]
         rows.append((f"{channel.title} ({channel.residual_unit})", *cells))
-    columns = ("Channel", "Original bundle", *steps(content), "Noise floor")
+    columns = ("Channel", "Original bundle", *_steps(content), CORRECT_MODEL)
     return table(caption, columns, rows)
 
 
+def _steps(content: Content) -> list[str]:
+    """What was done to the original bundle, the effects by their titles."""
+    added = [f"+ {title_of(content, effect['id'])}" for effect in content["effects"]]
+    return [*added, *steps(content)[len(added) :]]
+
+
 def waterfall(content: Content) -> FigureGroup:
-    """Held-out error of every channel, effect by effect, down to the noise floor."""
+    """Held-out error of every channel, effect by effect, down to that of a correct model."""
     figures = [
         panels.waterfall(
             channel_of(name),
             errors,
-            steps(content),
+            _steps(content),
             float(content["residual"][name]["noise_floor"]),
         )
         for name, errors in errors_by_step(content).items()
@@ -272,10 +234,12 @@ def _tried(content: Content) -> list[Block]:
             f"nothing is missing (values up to {number(panels.LEAST_GAIN)} at the left edge); "
             "diamonds: on the logs; crosses: after refitting with the base parameters."
         )
-        drawn = tuple(panels.suspects(place, look) for place, look in shown)
+        drawn = tuple(
+            panels.suspects(place, look, content["figures"]["titles"]) for place, look in shown
+        )
         blocks.append(FigureGroup(caption, drawn))
     rows = [
-        (s["id"], str(place), *_gains(s), short_p(s["p_value"]), s["fate"])
+        (named(content, s["id"]), str(place), *_gains(s), short_p(s["p_value"]), s["fate"])
         for place, look in shown
         for s in look["suspects"]
     ]

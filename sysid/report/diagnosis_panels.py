@@ -34,8 +34,9 @@ _FRAME = 0.83  # inches above and below the rows
 _LEFT = 0.16  # inches: rows carry their names inside
 LEAST_GAIN = 0.1
 """Smaller gains are drawn at this value."""
-_NAME = re.compile(r"[^A-Za-z0-9 ._+-]")
+_NAME = re.compile(r"[^A-Za-z0-9 ._+,:()/-]")
 _LONGEST_NAME = 40
+_LONGEST_TITLE = 41
 
 _TITLES = {
     "effort": "Torque balance",
@@ -59,6 +60,8 @@ _REGRESSOR_UNITS = {
     "time": (("s", 1.0), ("s", 1.0)),
     "valve_opening": (("share", 1.0), ("share", 1.0)),
     "pressure_sum times direction": (("kPa", 1e-3), ("kPa", 1e-3)),
+    "pressure_a_pa": (("kPa", 1e-3), ("kPa", 1e-3)),
+    "flow_a_kg_s": (("g/s", 1e3), ("g/s", 1e3)),
     "pressure_rate": (("kPa/s", 1e-3), ("kPa/s", 1e-3)),
 }
 _PRESSURE = (("kPa", 1e-3), ("kPa", 1e-3))
@@ -75,7 +78,7 @@ def residual_title(residual: str, is_linear: bool) -> str:
 def waterfall(
     channel: Channel, errors: Sequence[float], steps: Sequence[str], floor: float
 ) -> Figure:
-    """Held-out RMSE of the original bundle, its reduction by each step, and the noise floor.
+    """Held-out RMSE of the original bundle, its reduction by each step, and a correct model's.
 
     `errors` (1 + steps,) and `floor` in the channel's SI unit.
     """
@@ -90,12 +93,12 @@ def waterfall(
         rows.append((_drawable(name), min(before, after), max(before, after), role, change))
     if steps:
         rows.append(("extended model", 0.0, shown[-1], "second", number(shown[-1])))
-    rows.append(("noise floor", 0.0, low, "muted", number(low)))
+    rows.append(("correct model", 0.0, low, "muted", number(low)))
     figure, ax = _rows_panel(channel.title, len(rows))
     for place, (name, start, end, role, text) in enumerate(rows):
         ax.barh(-place - 0.14, end - start, 0.36, start, color=COLOUR[role], linewidth=0)
         _name_row(ax, place, f"{name}: {text}")
-        # The noise floor, not across the names.
+        # A correct model's error, not across the names.
         ax.plot([low, low], [-place - 0.37, -place + 0.09], color=COLOUR["ink"], linewidth=0.8)
     ax.set_xlim(0.0, 1.04 * float(np.nanmax([*shown, low, 1e-12])))
     ax.set_xlabel(f"RMSE on held-out tests ({unit})")
@@ -103,13 +106,13 @@ def waterfall(
     told = "; ".join(f"after {n.removeprefix('+ ')} {number(e)}" for n, e in pairs)
     description = (
         f"The original bundle has {number(shown[0])} {unit}{'; ' + told if told else ''}; the "
-        f"noise floor is {number(low)} {unit}."
+        f"error of a correct model is {number(low)} {unit}."
     )
     title = f"Error of {channel.title} on held-out tests, effect by effect"
     return svg.to_figure(figure, f"fig-diagnosis-error-{channel.key}", title, description)
 
 
-def suspects(place: int, look: Mapping[str, Any]) -> Figure:
+def suspects(place: int, look: Mapping[str, Any], titles: Mapping[str, str]) -> Figure:
     """Gains of one round's suspects on a logarithmic axis, next to the gains on the twins."""
     rows = look["suspects"][:MOST_SUSPECTS]
     figure, ax = _rows_panel(f"Round {place}", len(rows))
@@ -122,7 +125,7 @@ def suspects(place: int, look: Mapping[str, Any]) -> Figure:
             value = max(suspect["refitted"], LEAST_GAIN)
             ax.plot(value, y, "x", color=COLOUR["model"], ms=5.5, markeredgewidth=1.5)
         mark = " (added)" if suspect["id"] == look["added"] else ""
-        _name_row(ax, i, _drawable(suspect["id"]) + mark)
+        _name_row(ax, i, _drawable(titles.get(suspect["id"], suspect["id"])) + mark)
     highest = max(max(s["gain"], s["refitted"] or 0.0, *s["twins"]) for s in rows)
     ax.set_xscale("log")
     ax.set_xlim(0.6 * LEAST_GAIN, 3.0 * max(highest, 10.0))
@@ -142,12 +145,7 @@ def suspects(place: int, look: Mapping[str, Any]) -> Figure:
 def curve(id: str, content: Mapping[str, Any], is_linear: bool, extended: bool) -> Figure:
     """The mean residual over a regressor: before, and after where the model was `extended`."""
     means = [m for part in ("before", "after") for m in content[part]["means"]]
-    if "unit" in content:
-        # Of a part: in the unit of what its law predicts.
-        unit, scale, title = content["unit"], 1.0, channel_of(content["channel"]).title
-    else:
-        unit, scale = _residual_unit(content["channel"], is_linear, means)
-        title = residual_title(content["channel"], is_linear)
+    unit, scale, title = _unit_of(content, is_linear, means)
     parts = [("before", "model", content["before"])]
     if extended:
         parts.append(("after", "second", content["after"]))
@@ -167,6 +165,37 @@ def curve(id: str, content: Mapping[str, Any], is_linear: bool, extended: bool) 
     )
     description = f"Mean residual in bins of {name}: {told}."
     return svg.to_figure(figure, id, f"{title}: residual over {name}", description)
+
+
+def influence(id: str, title: str, content: Mapping[str, Any], is_linear: bool) -> Figure:
+    """What an effect adds to a balance, or to a part's prediction, over a regressor."""
+    unit, scale, of = _unit_of(content, is_linear, content["means"])
+    x, x_unit, name = _regressor(content, is_linear)
+    figure, ax = svg.panel(_drawable(title, _LONGEST_TITLE))
+    mean, low, high = (scale * np.array(content[k]) for k in ("means", "low", "high"))
+    ax.fill_between(x, low, high, color=COLOUR["third"], alpha=0.2, linewidth=0)
+    ax.plot(x, mean, "o-", color=COLOUR["third"], ms=3.0, linewidth=1.3)
+    _finish(ax, name, x_unit, unit)
+    ax.set_ylabel(f"Added ({unit})" if unit else "Added")
+    description = (
+        f"It adds {number(float(mean.min()))} to {number(float(mean.max()))} {unit} to the "
+        f"{of[:1].lower()}{of[1:]}, on average in bins of {name}."
+    )
+    return svg.to_figure(figure, id, f"{title}: what it adds over {name}", description)
+
+
+def _unit_of(
+    content: Mapping[str, Any], is_linear: bool, means: Sequence[float]
+) -> tuple[str, float, str]:
+    """Unit and scale of a residual, and what it is of: a balance, or a part's signal."""
+    if "unit" in content:
+        # Of a part: in the unit of what its law predicts.
+        channel = channel_of(content["channel"])
+        if content.get("own") or channel.residual_unit in ("", "-"):
+            return content["unit"], 1.0, channel.title
+        return channel.residual_unit, channel.residual_scale, channel.title
+    unit, scale = _residual_unit(content["channel"], is_linear, means)
+    return unit, scale, residual_title(content["channel"], is_linear)
 
 
 def leftover(id: str, content: Mapping[str, Any], is_linear: bool) -> Figure:
@@ -204,14 +233,22 @@ def _stretch(ax: Axes, x: FloatArray, width: float) -> None:
 
 def _regressor(content: Mapping[str, Any], is_linear: bool) -> tuple[FloatArray, str, str]:
     """A curve's abscissae in the unit that is shown, that unit, and the regressor's name."""
-    name = content["regressor"]
-    # A part's further regressors are named with their units, or by a user's own columns.
-    others = _AS_NAMED if "unit" in content else _PRESSURE
-    units = _REGRESSOR_UNITS.get(name, others)
-    if content.get("own"):
-        units = _AS_NAMED
+    is_part, is_own = "unit" in content, bool(content.get("own"))
+    name, unit, scale = regressor_axis(content["regressor"], is_linear, is_part, is_own=is_own)
+    return scale * np.array(content["centres"]), unit, name
+
+
+def regressor_axis(
+    regressor: str, is_linear: bool, is_part: bool = True, *, is_own: bool = False
+) -> tuple[str, str, float]:
+    """A regressor's name in words, and the unit and the scale in which it is shown.
+
+    A part's further regressors are named with their units, or by a user's own columns (`is_own`).
+    """
+    others = _AS_NAMED if is_part else _PRESSURE
+    units = _AS_NAMED if is_own else _REGRESSOR_UNITS.get(regressor, others)
     unit, scale = units[is_linear]
-    return scale * np.array(content["centres"]), unit, regressor_name(name)
+    return regressor_name(regressor), unit, scale
 
 
 def _band(
@@ -245,15 +282,21 @@ def _name_row(ax: Axes, place: int, text: str) -> None:
     ax.text(0.005, -place + 0.3, text, transform=ax.get_yaxis_transform(), va="center", zorder=4)
 
 
-def _drawable(name: str) -> str:
-    return _NAME.sub("?", name)[:_LONGEST_NAME]
+def _drawable(name: str, longest: int = _LONGEST_NAME) -> str:
+    """A name without unusual characters, shortened at the end of a word."""
+    shown = _NAME.sub("?", name)
+    if len(shown) <= longest:
+        return shown
+    return shown[: longest - 1].rpartition(" ")[0].rstrip(" ,") + " \N{HORIZONTAL ELLIPSIS}"
 
 
 __all__ = [
     "LEAST_GAIN",
     "MOST_SUSPECTS",
     "curve",
+    "influence",
     "leftover",
+    "regressor_axis",
     "residual_title",
     "suspects",
     "waterfall",

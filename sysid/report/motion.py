@@ -38,7 +38,6 @@ _GROWTH_POINTS = 40
 # As on the interactive page, and as the surfaces' own figures draw the two of the thesis.
 _STYLED = ("discrete", "bipolynomial", "ann", "averaged")
 MODEL_LINES = dict(zip(_STYLED, MODEL_STYLES, strict=True))
-_THESIS = {"motion-motor": "3.19", "friction-motion": "3.19", "motion-pwm": "3.20"}
 
 
 def validation_section(validation: ValidationResult) -> Section:
@@ -88,7 +87,7 @@ def _table(validation: ValidationResult, channel: Channel) -> HtmlTable:
     names = [f"RMSE, {number(h.horizon_s, 1)}\N{NO-BREAK SPACE}s" for h in _horizons(validation)]
     columns = (
         "Log", "Use", "Valve model", *names, "RMSE, whole", "Largest", "Fit, whole",
-        "Noise", "RMSE\N{NO-BREAK SPACE}/\N{NO-BREAK SPACE}noise",
+        "Sensor noise", "RMSE\N{NO-BREAK SPACE}/\N{NO-BREAK SPACE}noise",
     )  # fmt: skip
     return table(f"{channel.title}: errors in {unit}", columns, rows, text=(1, 2))
 
@@ -197,9 +196,8 @@ def _growth_lines(ax: Axes, validation: ValidationResult, channel: Channel) -> l
 def _plot(index: int, test: ShownTest) -> Plot:
     channels = test.channels()
     static = tuple(_overlay(f"fig-motion-{index}", test, channel) for channel in channels)
-    figure = _THESIS.get(test.kind)
-    caption = f"{test.title}: measured and simulated, residual with the 95 % band of the noise"
-    caption += f" (thesis, Figure {figure})." if figure else "."
+    caption = f"{test.title}: measured and simulated, residual with the 95 % band of the "
+    caption += "sensor noise."
     fits = "; ".join(_fits(test, channel) for channel in channels)
     return Plot(
         id=f"plot-{index}",

@@ -9,26 +9,28 @@ from typing import TYPE_CHECKING, Any
 
 from sysid.bundle import Bundle, ComponentRecord
 from sysid.bundle.base import Part
+from sysid.diagnosis.evidence import ACTUATOR
 from sysid.diagnosis.wording import sentence
 from sysid.display.channels import Channel
 from sysid.display.numbers import number, percent
 from sysid.display.quality import quality_name
 from sysid.estimation.linear import Estimate
+from sysid.report import concerns
 from sysid.report.blocks import HtmlTable, table
+from sysid.report.concerns import Concern, level_of_fit
 from sysid.report.shown_tests import MODEL_NAMES, shown_channels
 
 if TYPE_CHECKING:
     from sysid.validation import ChannelResult, LogResult, ValidationResult
 
-# Fit percentage over whole open-loop tests of the channel with the worst fit.
-_WELL, _ROUGHLY = 90.0, 70.0
-
 
 @dataclass(frozen=True)
 class ReportVerdict:
-    """`level` ("good", "fair", "poor" or "none") goes with `sentence`; `notes` are reservations.
+    """`level` ("good", "fair", "poor" or "none") is that of the worst of what stands below.
 
-    `diagnosis` is its verdict in one sentence, empty where there is none.
+    `sentence` says how well the model follows the rig, `notes` are reservations. `diagnosis` is
+    its verdict in one sentence, `held_back` what makes the level worse than the sentence; empty
+    where there is none. `concerns` is all that the level was chosen from.
     """
 
     level: str
@@ -36,6 +38,8 @@ class ReportVerdict:
     table: HtmlTable | None
     notes: tuple[str, ...] = ()
     diagnosis: str = ""
+    held_back: str = ""
+    concerns: tuple[Concern, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -61,9 +65,29 @@ def verdict(
 ) -> ReportVerdict:
     """Judged on the held-out logs; if there are none, on the training logs, and it says so."""
     judged = _validated(bundle, validation)
-    if diagnosis is None or "verdict" not in diagnosis:
-        return judged
-    return replace(judged, diagnosis=sentence(diagnosis))
+    if diagnosis is not None and "verdict" in diagnosis:
+        judged = replace(judged, diagnosis=sentence(diagnosis, _titles(diagnosis)))
+        if diagnosis.get("component", ACTUATOR) != ACTUATOR and validation is None:
+            judged = replace(judged, sentence=_ALONE)
+    found = (
+        *judged.concerns,
+        *concerns.of_bundle(bundle, list(_unidentified(bundle))),
+        *concerns.of_diagnosis(diagnosis),
+    )
+    level = concerns.worst((judged.level, *(c.level for c in found)))
+    held_back = concerns.sentence(level, found, judged.level)
+    return replace(judged, level=level, concerns=found, held_back=held_back)
+
+
+def _titles(diagnosis: Mapping[str, Any]) -> Mapping[str, str]:
+    titles: Mapping[str, str] = diagnosis.get("figures", {}).get("titles", {})
+    return titles
+
+
+_ALONE = (
+    "The part was tested alone: its law was fitted to its own tests and judged by tests that "
+    "were left out; there is no actuator whose motion it could be compared with."
+)
 
 
 def own_verdict(part: ComponentRecord, validation: ValidationResult) -> ReportVerdict:
@@ -79,7 +103,7 @@ def own_verdict(part: ComponentRecord, validation: ValidationResult) -> ReportVe
     if not fits:
         return ReportVerdict("none", "No output of the component varies in the tests.", None)
     worst = min(fits, key=lambda name: fits[name])
-    level = "good" if fits[worst] >= _WELL else "fair" if fits[worst] >= _ROUGHLY else "poor"
+    level = level_of_fit(fits[worst])
     how = {"good": "follows", "fair": "roughly follows", "poor": "does not follow"}[level]
     basis = "the held-out tests" if held else "its training tests (none is held out)"
     more = ", its worst output" if len(fits) > 1 else ""
@@ -119,8 +143,10 @@ def _validated(bundle: Bundle, validation: ValidationResult | None) -> ReportVer
     )
     said = f"{_opening(level)} on {basis}, simulated open loop, {_figures(pooled)}."
     models = sorted({MODEL_NAMES[log.model] for log in logs})
-    others = _other_models(held or validation.logs, logs)
-    return ReportVerdict(level, said, _table(pooled, models), (*others, *notes))
+    others = list(_other_models(held or validation.logs, logs))
+    found = tuple(concern for _, concern in others if concern is not None)
+    notes = (*(note for note, _ in others), *notes)
+    return ReportVerdict(level, said, _table(pooled, models), notes, concerns=found)
 
 
 def _primary(logs: Sequence[LogResult]) -> list[LogResult]:
@@ -161,8 +187,7 @@ def _level(pooled: Sequence[_Pooled]) -> str:
     fits = [p.fit for p in pooled if p.fit is not None]
     if not fits:
         return "none"
-    worst = min(fits)
-    return "good" if worst >= _WELL else "fair" if worst >= _ROUGHLY else "poor"
+    return level_of_fit(min(fits))
 
 
 def _opening(level: str) -> str:
@@ -204,12 +229,14 @@ def _table(pooled: Sequence[_Pooled], models: Sequence[str]) -> HtmlTable:
     ]
     columns = (
         "Channel", "RMSE over 1 s", "RMSE, whole tests", "Largest error", "Fit, whole tests",
-        "Noise floor",
+        "Sensor noise",
     )  # fmt: skip
     return table(f"Open loop, valves by the {' and the '.join(models)}", columns, rows)
 
 
-def _other_models(logs: Sequence[LogResult], primary: Sequence[LogResult]) -> Iterator[str]:
+def _other_models(
+    logs: Sequence[LogResult], primary: Sequence[LogResult]
+) -> Iterator[tuple[str, Concern | None]]:
     """The position's fit under the other valve models, on the logs that they simulate.
 
     Then which of the mean flows to use: the one with which the position is followed best.
@@ -227,13 +254,16 @@ def _other_models(logs: Sequence[LogResult], primary: Sequence[LogResult]) -> It
             continue
         there, here = _pool(own, channel), _pool(base, channel)
         errors[name] = there.rmse
-        yield (
+        said = (
             f"With the valves' mean flow from the {name}, position fits to {percent(there.fit)} "
             f"on the tests under PWM ({percent(here.fit)} with the {MODEL_NAMES[base[0].model]})."
         )
+        level = "none" if there.fit is None else level_of_fit(there.fit)
+        yield said, Concern(level, f"the position under PWM with the {name}")
     if len(errors) > 1:
         best = min(errors, key=errors.__getitem__)
-        yield f"For the valves' mean flow under PWM, use the {best}: position is followed best."
+        said = f"For the valves' mean flow under PWM, use the {best}: position is followed best."
+        yield said, None
 
 
 def _positions() -> list[Channel]:
@@ -254,15 +284,21 @@ def _doubtful(bundle: Bundle) -> Iterator[str]:
 
 def _unidentified(bundle: Bundle) -> Iterator[str]:
     """One line a parameter of the bundle that the data do not identify."""
+    for name, reason in unidentified(bundle):
+        yield f"Not identified: {name} ({reason})"
+
+
+def unidentified(bundle: Bundle) -> Iterator[tuple[str, str]]:
+    """The parameters of the bundle that the data do not identify, and why."""
     for name in bundle.given():
         part = getattr(bundle, name, None)
         if isinstance(part, Part) and name in ("friction", "valves"):
             yield from _unidentified_in(part, name)
 
 
-def _unidentified_in(part: Part, path: str) -> Iterator[str]:
+def _unidentified_in(part: Part, path: str) -> Iterator[tuple[str, str]]:
     if getattr(part, "identified", None) is False:
-        yield f"Not identified: {path} ({getattr(part, 'reason', '')})"
+        yield path, str(getattr(part, "reason", ""))
         return
     for key in part.given():
         value = getattr(part, key, None)
@@ -272,4 +308,4 @@ def _unidentified_in(part: Part, path: str) -> Iterator[str]:
             if isinstance(one, Part):
                 yield from _unidentified_in(one, place)
             elif isinstance(one, Estimate) and not one.identified:
-                yield f"Not identified: {place} ({one.reason})"
+                yield place, str(one.reason)

@@ -68,7 +68,7 @@ def _errors(validation: ValidationResult) -> Block:
         for log in validation.logs
         for name, channel in log.channels.items()
     ]
-    columns = ("Log", "Use", "Output", "RMSE", "Fit, %", "Noise floor")
+    columns = ("Log", "Use", "Output", "RMSE", "Fit, %", "Sensor noise")
     return table("Errors of whole tests, in each output's unit", columns, rows, text=(1, 2))
 
 

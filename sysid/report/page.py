@@ -139,6 +139,16 @@ def _parts(
             return None
         return diagnosis_section(diagnosis, campaign.rig.is_linear)
 
+    def part_alone() -> Section | None:
+        from sysid.report.part import part_section
+
+        return part_section(diagnosis or {}, campaign.rig.is_linear)
+
+    def next_steps() -> Section | None:
+        from sysid.report.next_steps import next_section
+
+        return next_section(bundle, diagnosis, campaign.path.name)
+
     def own() -> Section | None:
         from sysid.report.own_component import own_section
 
@@ -162,8 +172,12 @@ def _parts(
         return None if part is None else refinement_section(part, campaign.rig)
 
     diagnosed_part = ("Diagnosis", (diagnosis or {}).get("skipped", _NOT_DIAGNOSED), diagnosed)
+    following = ("What to do next", "nothing was left open", next_steps)
+    alone: list[_Part] = []
+    if (diagnosis or {}).get("figures", {}).get("tests"):
+        alone = [("Measured and modelled", "no test is drawn", part_alone)]
     if bundle.component is not None:
-        return [("Component", "no component was fitted", own), diagnosed_part]
+        return [("Component", "no component was fitted", own), diagnosed_part, following]
     not_validated = f"the model was not validated (motion logs: {', '.join(MOTION_KINDS)})"
     return [
         ("Friction", f"no friction was fitted (tests: {', '.join(FRICTION_KINDS)})", friction),
@@ -171,8 +185,10 @@ def _parts(
         ("PWM surfaces", "no surface was fitted (tests: valve-pwm)", surfaces),
         ("Open-loop validation", not_validated, motion),
         ("Residuals", not_validated, residuals),
+        *alone,
         diagnosed_part,
         ("Refinement on motion", _NOT_REFINED, refined),
+        following,
     ]
 
 

@@ -48,8 +48,8 @@ def residuals_section(validation: ValidationResult) -> Section:
     intro = (
         f"Measured less simulated, over the whole of {len(held)} {used}, under the {model} valve "
         "model. Line: median; shaded: the middle 90 %; dots: a sample of the data; dashed: the "
-        "95 % band of the noise. A median that varies systematically is an effect that the model "
-        "lacks.",
+        "95 % band of the sensor noise. A median that varies systematically is an effect that the "
+        "model lacks.",
     )
     return Section("residuals", "Residuals", intro, tuple(blocks))
 
@@ -123,7 +123,7 @@ def _panel(
     unit = channel.residual_unit
     description = (
         f"The median residual lies between {number(float(middle.min()))} and "
-        f"{number(float(middle.max()))} {unit}; the noise's 95 % band is "
+        f"{number(float(middle.max()))} {unit}; the sensor noise's 95 % band is "
         f"{number(NOISE_BAND * noise)} {unit} either way."
     )
     id = f"fig-residual-{channel.key}-{regressor.key}"

@@ -87,7 +87,7 @@ def surfaces_section(
     intro = (
         "Mean mass flow of a pulsed valve over duty and chamber pressure, from constant-duty "
         "tests with the piston held. Errors are in duty, the quantity that a controller needs: in "
-        "points (hundredths), and relative to the duty as in the thesis, where small duties weigh "
+        "points (hundredths), and relative to the duty, where small duties weigh "
         "most. The averaged law is the on/off law over a period, here fitted to these tests alone; "
         "a simulation takes that of the on/off tests where there are any.",
     )
@@ -167,7 +167,7 @@ def _levels(side: str, logs: Sequence[tuple[str | None, Log]], rig: Rig) -> dict
 
 
 def _comparison(parts: Sequence[_Measured]) -> HtmlTable:
-    """Tables 3.7.2 to 3.7.4 of the thesis for these data."""
+    """Errors of every surface in duty: tables 3.7.2 to 3.7.4 of the thesis for these data."""
     rows = []
     for part in parts:
         choice = part.choice
@@ -190,7 +190,10 @@ def _comparison(parts: Sequence[_Measured]) -> HtmlTable:
         "Surface", "Parameters", "RMSE, fitted", "RMSE, held-out tests", "95th percentile",
         "Largest", "Largest relative (%)", "Noise alone", "",
     )  # fmt: skip
-    caption = "Surfaces compared (thesis, Tables 3.7.2 to 3.7.4); errors in duty points"
+    caption = (
+        "Surfaces compared: errors of the duty that each gives for a wanted flow, in duty points; "
+        "noise alone is what the scatter of the measured flow makes of it"
+    )
     return table(caption, (*columns[:-1], "Choice"), rows, text=(8,))
 
 
@@ -209,8 +212,8 @@ def _part_blocks(part: _Measured) -> list[Block]:
     if figures:
         caption = (
             f"{part.title}: measured and fitted mean flow, flow over pressure at a few duties "
-            "(dots: measured), and the fitted duty less the true one (thesis, Figures 3.14 to "
-            "3.18). Grey: not visited, or outside the domain."
+            "(dots: measured), and the duty that the surface gives for a flow less the true "
+            "one. Grey: not visited, or outside the domain."
         )
         blocks.append(FigureGroup(caption, tuple(figures)))
     folded: list[Block] = []
@@ -235,7 +238,8 @@ def _coefficients(part: _Measured) -> HtmlTable:
     for term, estimate in part.surfaces["bipolynomial"].terms().items():
         value, std, interval, unit = estimate_cells(estimate)
         rows.append((_powers(term), value, std, interval, _powers(unit)))
-    caption = f"{part.title}: bipolynomial (3.7.1), flow in kg/s, P in Pa"
+    caption = f"{part.title}: bipolynomial, the flow (kg/s) as a sum of these products of "
+    caption += "powers of the duty and the pressure P (Pa), each with its coefficient"
     columns = ("Term", "Coefficient", "Std. error", "95 % interval", "Unit")
     return table(caption, columns, rows, text=(4,))
 
@@ -268,7 +272,12 @@ def _resolution(study: ResolutionRecord) -> HtmlTable:
         for step, flow, n in zip(study.steps, study.max_flow, study.tests, strict=True)
     ]  # fmt: skip
     columns = ("Step of duty", "Largest mean flow (kg/s)", "Tests", "Remark")
-    return table("Resolution of duty (thesis, Table 3.7.1)", columns, rows, text=(3,))
+    return table(
+        "Resolution of duty: the coarsest step of the tests that gives the same surface",
+        columns,
+        rows,
+        text=(3,),
+    )
 
 
 # --- figures ---------------------------------------------------------------------------

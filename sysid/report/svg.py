@@ -39,7 +39,7 @@ MODEL_STYLES: tuple[tuple[str, Any], ...] = (
 PANEL = (3.5, 2.6)  # inches: three in a row on a desktop, one on a phone
 TALL_PANEL = (3.5, 3.35)
 SMALL_PANEL = (2.62, 2.3)  # four in a row
-_MARGIN = {"left": 0.64, "right": 0.12, "top": 0.31, "bottom": 0.48}  # inches
+_MARGIN = {"left": 0.64, "right": 0.21, "top": 0.31, "bottom": 0.48}  # inches
 _FONT_PT = 8.6
 _STYLE: Any = {
     "svg.fonttype": "none",

@@ -36,7 +36,6 @@ _NAMES = {
 }
 _FLOWS = ("choked_flow_fill_kg_s", "c_fill", "choked_flow_dis_kg_s", "c_dis")
 _DELAYS = ("on_delay_s", "off_delay_s")
-_THESIS = {"a": "3.7", "b": "3.8"}
 _CLOSE_UP_S = (-0.02, 0.6)
 _BUCKETS = 320
 
@@ -150,11 +149,10 @@ def _figures(side: str, curves: Sequence[_Curve]) -> FigureGroup:
             figures.append(_panel(side, worst, name, float(edges[0]), name))
     shown = f"test {worst.label}" if worst.label else "the test"
     caption = (
-        f"Valve {side.upper()}, measured and fitted pressure, residual below (thesis, Figure "
-        f"{_THESIS[side]}). Of {len(curves)} tests the one with the worst fit is shown: {shown}."
+        f"Valve {side.upper()}, measured and fitted pressure, residual below. "
+        f"Of {len(curves)} tests the one with the worst fit is shown: {shown}."
         if len(curves) > 1
-        else f"Valve {side.upper()}, measured and fitted pressure, residual below (thesis, "
-        f"Figure {_THESIS[side]})."
+        else f"Valve {side.upper()}, measured and fitted pressure, residual below."
     )
     return FigureGroup(caption, tuple(figures))
 

@@ -48,7 +48,7 @@ class CampaignDiagnosis(Shown):
 
     @property
     def residual(self) -> Mapping[str, BeforeAfter]:
-        """RMSE on the held-out logs by channel, in its unit: before, after, noise floor."""
+        """RMSE on the held-out logs by channel, in its unit: before, after, of a correct model."""
         return self.detail.residual
 
     @property
@@ -73,14 +73,15 @@ class CampaignDiagnosis(Shown):
         for name, errors in self._errors().items():
             floor = self.residual[name].noise_floor
             rows.append((name, *(number(e) for e in (*errors, floor))))
-        yield ShownTable("RMSE on held-out logs", ("channel", *steps, "noise floor"), tuple(rows))
+        columns = ("channel", *steps, wording.CORRECT_MODEL.lower())
+        yield ShownTable("RMSE on held-out logs", columns, tuple(rows))
 
     def footnotes(self) -> Iterable[str]:
         """What to do next, and the notices."""
         return (*wording.advice(self.detail.to_json()), *super().footnotes())
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """RMSE on held-out logs over each channel's noise floor, before and after each effect."""
+        """RMSE on held-out logs over that of a correct model, before and after each effect."""
         ax = one_axes(ax)
         errors = self._errors()
         floors = {name: self.residual[name].noise_floor or math.nan for name in errors}
@@ -92,7 +93,7 @@ class CampaignDiagnosis(Shown):
         bars(ax, list(errors), heights)
         ax.axhline(1.0, color="0.5", linewidth=0.8)
         ax.set_yscale("log")
-        ax.set_ylabel("RMSE / noise floor")
+        ax.set_ylabel("RMSE / RMSE of a correct model")
         return ax
 
     def _steps(self) -> list[str]:
@@ -114,6 +115,7 @@ def diagnose(
     refine: bool = True,
     seed: int = 0,
     budget: float | None = SECONDS,
+    quick: bool = False,
     progress: Progress | None = None,
 ) -> CampaignDiagnosis:
     """What a bundle's model lacks, from a campaign's training logs; errors on held-out ones.
@@ -121,10 +123,11 @@ def diagnose(
     `effects`: effects in addition to the catalogue's, a Python file or the classes; `refine`:
     whether all parameters are estimated together by simulation error at the end, where an actuator
     lacked something; `seed` of the simulated twins. Takes from seconds (a part tested alone) to
-    minutes: it ends after `budget` seconds (None: never) with the best so far, and `looked` says
-    what was missed; one that ends by itself finds the same whatever the budget. Raises InputError
-    for logs that cannot be used or have changed since the fit, NotIdentifiedError where the
-    bundle or the campaign is insufficient.
+    minutes; `quick`: a first look in about a fifth of it. It ends after `budget` seconds (None:
+    never) with the best so far, and `looked` says what was missed or left out; one that ends by
+    itself finds the same whatever the budget. Raises InputError for logs that cannot be used or
+    have changed since the fit, NotIdentifiedError where the bundle or the campaign is
+    insufficient.
 
     >>> part = si.read_campaign("bench/campaign.toml")
     >>> found = si.diagnose(part, si.fit(part))
@@ -134,7 +137,7 @@ def diagnose(
     ['after', 'before', 'noise_floor']
     """
     with progress_or_shown(progress, "diagnosing") as tell:
-        options = {"effects": effects, "refine": refine, "seed": seed}
+        options = {"effects": effects, "refine": refine, "seed": seed, "quick": quick}
         found, notices = subject_of(campaign).diagnose(bundle, budget, tell, options)
     longer = extended_bundle(bundle, found, campaign)
     said = tuple(dict.fromkeys((*notices, *found.notices)))

@@ -160,7 +160,9 @@ class OwnSubject(Subject):
 
         if options.get("effects") is not None:
             raise input_error(self.campaign.path, _EFFECTS, _TERMS)
-        return diagnose_own(self.campaign, bundle, budget=budget, progress=progress)
+        return diagnose_own(
+            self.campaign, bundle, budget=budget, quick=options["quick"], progress=progress
+        )
 
     def refine(
         self, bundle: Bundle, progress: Progress, options: Mapping[str, Any]

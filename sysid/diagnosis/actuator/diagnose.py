@@ -42,6 +42,7 @@ def diagnose(
     catalogue: Mapping[str, type[CatalogueEffect]],
     *,
     seed: int = 0,
+    quick: bool = False,
     progress: Callable[[str], None] = lambda line: None,
 ) -> Diagnosis:
     """Find what a fitted model lacks, and measure what adding it gains.
@@ -65,7 +66,7 @@ def diagnose(
     if not tests:
         raise NotIdentifiedError('diagnosis: no log has use = "fit"; give it some')
     try:
-        return _diagnosed(tests, logs, rig, model, catalogue, seed, progress)
+        return _diagnosed(tests, logs, rig, model, catalogue, seed, quick, progress)
     finally:
         forget()
 
@@ -77,6 +78,7 @@ def _diagnosed(
     model: Model,
     catalogue: Mapping[str, type[CatalogueEffect]],
     seed: int,
+    quick: bool,
     progress: Callable[[str], None],
 ) -> Diagnosis:
     """The diagnosis from the training tests, (file, kind, trial) each, and all logs."""
@@ -92,6 +94,7 @@ def _diagnosed(
         catalogue.values(),
         simulation_error=lambda trial: _log_error(inside, trial),
         seed=seed,
+        quick=quick,
         progress=progress,
     )
     progress("simulating the held-out logs, before and after")

@@ -10,7 +10,7 @@ from sysid.bundle import Bundle
 from sysid.bundle.assembled_model import friction_keys
 from sysid.bundle.base import Part
 from sysid.bundle.valves import LAW_KEYS
-from sysid.diagnosis.actuator.figures import residual_curves, rounds_shown, shown_curve
+from sysid.diagnosis.actuator.figures import influences, residual_curves, rounds_shown, shown_curve
 from sysid.diagnosis.actuator.loop import Loop
 from sysid.diagnosis.actuator.search import RefittedStep
 from sysid.diagnosis.actuator.unexplained import ResidualCurve, log_channel
@@ -60,24 +60,44 @@ class TwinEvidence(ComponentEvidence):
         return rounds_shown(self.loop.search, self.loop.null, self.looked)
 
     def figures(self) -> dict[str, Any]:
-        """`excess`, `curves` and `leftover`.
+        """`excess`, `curves`, `shows` and `leftover`.
 
         `excess`: by residual (`effort`, `rate_a`, `rate_b`) the whitened sum of squares beyond the
         twins', before and after. `curves`: mean residual over a regressor before and after
         (`centres`, `before`, `after` with their standard errors; Nm or N for `effort`, Pa/s for the
         rates, over the regressor's SI unit; `fine`: up to where bins are narrow, None for bins of
-        equal count). `leftover`: the curve of each unexplained channel.
+        equal count). `shows`: what each effect adds to a balance. `leftover`: the curve of each
+        unexplained channel. `refitted`: the base parameters from what to what, in SI units.
         """
         search, null = self.loop.search, self.loop.null
         before, after = null.excess(search.first), null.excess(search.last)
         return {
             "excess": {name: {"before": before[name], "after": after[name]} for name in before},
             "curves": residual_curves(search),
+            "shows": influences(search),
+            "refitted": self._refitted(),
             "leftover": [
                 {"channel": log_channel(curve.channel, self.rig), **shown_curve(curve)}
                 for curve in self.left
             ],
         }
+
+    def _refitted(self) -> list[dict[str, Any]]:
+        """Base parameters estimated again beside the effects: `name`, before and after."""
+        search = self.loop.search
+        if not search.steps:
+            return []
+        before, after = (m.parameters for m in (search.first.model, search.model))
+        return [
+            {
+                "name": name,
+                "before": float(getattr(before, name)),
+                "after": float(getattr(after, name)),
+                "std": float(std),
+                "unit": "",
+            }
+            for name, std in search.base_std.items()
+        ]
 
     def with_base(self, bundle: Bundle) -> Bundle:
         """The refitted base parameters in place of the original ones; PWM surfaces stay."""

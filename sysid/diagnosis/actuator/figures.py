@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from sysid.diagnosis.actuator.search import (
 )
 from sysid.diagnosis.actuator.unexplained import ResidualCurve, regressors
 from sysid.diagnosis.binning import binned_means
+from sysid.diagnosis.influence import strongest
 from sysid.diagnosis.looked import Looked, SearchStage
 from sysid.diagnosis.search import MOST_EFFECTS, mark_removed
 from sysid.types import FloatArray, IntArray
@@ -148,6 +150,37 @@ def _bins(x: FloatArray) -> tuple[IntArray, float | None] | None:
     return (np.minimum(joined, bins - 1)[place], fine or None) if bins >= 3 else None
 
 
+def influences(search: Search) -> list[dict[str, Any]]:
+    """What each effect adds to the balance that it changes most (`influence.strongest`).
+
+    Along the training logs, at its estimated size, beside the others; `channel` is the balance.
+    """
+    model, frame = search.last.model, search.first.frame
+    added = model.effects[len(search.first.model.effects) :]
+    whole = equation_error(frame.traces, model)
+    found = []
+    for effect in added:
+        others = tuple(e for e in model.effects if e is not effect)
+        error = equation_error(frame.traces, replace(model, effects=others))
+        ranked: list[tuple[float, str, FloatArray]] = []
+        for channel in CHANNELS:
+            view = frame.windows[channel]
+            if not len(view):
+                continue
+            change = view.average(error[channel]) - view.average(whole[channel])
+            size = float(np.std(view.average(whole[channel]))) or 1.0
+            ranked.append((float(np.std(change)) / size, channel, change))
+        if not ranked:
+            continue
+        _, channel, change = max(ranked, key=lambda item: item[0])
+        view = frame.windows[channel]
+        columns = regressors(frame.traces, channel)
+        curve = strongest(change, {name: view.average(x) for name, x in columns.items()})
+        if curve is not None:
+            found.append({"id": type(effect).id, "channel": channel, **curve})  # type: ignore[attr-defined]
+    return found
+
+
 def shown_curve(curve: ResidualCurve) -> dict[str, Any]:
     """A curve of what no effect explains."""
     return {
@@ -160,4 +193,4 @@ def shown_curve(curve: ResidualCurve) -> dict[str, Any]:
     }
 
 
-__all__ = ["residual_curves", "rounds_shown", "shown_curve"]
+__all__ = ["influences", "residual_curves", "rounds_shown", "shown_curve"]

@@ -11,7 +11,7 @@ from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.samples import Traces, prepare
 from sysid.diagnosis.actuator.screening import Projected, projected
 from sysid.diagnosis.actuator.search import Search, search
-from sysid.diagnosis.actuator.signatures import candidates
+from sysid.diagnosis.actuator.signatures import candidates, one_form_each
 from sysid.diagnosis.actuator.twins import Scatter, SensorNoise, sensor_noise, simulate_twins
 from sysid.diagnosis.actuator.whitening import (
     Frame,
@@ -30,6 +30,7 @@ from sysid.parallel import Failure, attempt, time_limit
 
 TWINS = 4
 CORRECTION_TWINS = 2
+_QUICK_TWINS = 1
 _SCATTER_LIMIT = 0.1
 
 
@@ -60,6 +61,7 @@ def close_loop(
     *,
     simulation_error: Callable[[Model], float],
     seed: int = 0,
+    quick: bool = False,
     progress: Callable[[str], None] = lambda line: None,
 ) -> Loop:
     """Find what a fitted model lacks on training tests, given as (file, kind, trial).
@@ -67,14 +69,18 @@ def close_loop(
     `simulation_error` is the logarithm of a model's error on the fitted motion logs: of the
     numbers with and without the twins' correction, the better-simulating ones are kept. Ends
     within the time limit in force (`sysid.parallel`), save for what no verdict can do without:
-    the residual, and one twin.
+    the residual, and one twin. `quick`: a first look, with one twin, one form of
+    each effect, one effect at most and no correction.
     """
-    book = Book()
+    book = Book(quick=quick)
     with time_limit(None):
         noise = sensor_noise(tests, rig)
         traces = prepare(tests, rig, model)
         own = [effect for effect in catalogue if not effect.averaged_only]
         forms = candidates(own, traces.travel)
+        if quick:
+            forms = one_form_each(forms)
+            book.left_out(SearchStage.FORMS, decides=True)
         pilot = _pilot(traces, model, noise, rig, seed + 1, book)
         # The noise's colour in the residuals comes from a twin; scatter does not affect it.
         colour = noise_of(pilot, model)
@@ -86,12 +92,15 @@ def close_loop(
     def frame_of(some: Traces) -> Frame:
         return build_frame(some, model, colour, spread)
 
+    count = _QUICK_TWINS if quick else TWINS
+    if quick:
+        book.left_out(SearchStage.TWINS)
     book.enter(SearchStage.TWINS)
-    progress(f"simulating {TWINS} twins")
+    progress(f"simulating {count} twin{'s' * (count > 1)}")
     judged: list[Projected] = []
 
     def judge() -> None:
-        for twin in simulate_twins(traces, model, noise, scatter, TWINS, seed, rig):
+        for twin in simulate_twins(traces, model, noise, scatter, count, seed, rig):
             judged.append(projected(frame_of(twin), model))
 
     ended = attempt(judge)
@@ -105,7 +114,9 @@ def close_loop(
     found = search(frame_of(traces), model, forms, null, progress, simulation_error, book)
     null.release()
     forget()
-    if found.steps:
+    if found.steps and quick:
+        book.left_out(SearchStage.CORRECTION)
+    elif found.steps:
         book.enter(SearchStage.CORRECTION)
         progress("correcting the numbers with twins of the extended model")
         before = found

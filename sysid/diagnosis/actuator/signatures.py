@@ -87,6 +87,15 @@ def candidates(
     return found
 
 
+def one_form_each(forms: Sequence[Candidate]) -> list[Candidate]:
+    """Of each effect, side and size the form in the middle of those that are tried."""
+    groups: dict[tuple[Any, ...], list[Candidate]] = {}
+    for form in forms:
+        side = dict(form.shape).get("side")
+        groups.setdefault((form.id, side, form.steps), []).append(form)
+    return [group[len(group) // 2] for group in groups.values()]
+
+
 class Signatures:
     """Signatures of forms along one frame, each computed once.
 

@@ -40,18 +40,19 @@ def diagnose_component(
     catalogue: Mapping[str, type[CatalogueEffect]],
     progress: Callable[[str], None] = lambda line: None,
     *,
+    quick: bool = False,
     build: Callable[[str, Sequence[Trial], Rig], Component] = component_of,
 ) -> Diagnosis:
     """Find what a part's law lacks on training tests, and measure it on held-out ones.
 
-    `build` makes a part of a kind from tests. Raises InputError for tests that cannot be used,
-    NotIdentifiedError where the bundle or the tests do not hold the law.
+    `quick`: a first look only. `build` makes a part of a kind from tests. Raises InputError for
+    tests that cannot be used, NotIdentifiedError where the bundle or the tests do not hold the law.
     """
     if not fitted:
         raise NotIdentifiedError('diagnosis: no log has use = "fit"; give it some')
     component = build(kind, fitted, rig)
     given = component.law_of(bundle)
-    selection = select(component, catalogue, progress)
+    selection = select(component, catalogue, progress, quick=quick)
     outside = build(kind, held_out, rig) if held_out else None
     ambiguous = [a.repeats.sentence for a in selection.additions if a.repeats.sentence]
     ambiguous += [effect.undecided_sentence for effect in selection.undecided]
@@ -77,7 +78,7 @@ def diagnose_component(
     because = why_unexplained(bool(structured), False, undecided)
     if undecided:
         structured = structured or left[:1]
-    evidence = HeldOutEvidence(kind, selection, tuple(left))
+    evidence = HeldOutEvidence(kind, selection, tuple(left), given, outside)
     return Diagnosis(
         verdict=evidence.verdict(because),
         effects=evidence.found(errors),

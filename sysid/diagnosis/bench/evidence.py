@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from sysid.bundle import Bundle
+from sysid.diagnosis.bench import pictures
+from sysid.diagnosis.bench.component import Component, Law
 from sysid.diagnosis.bench.selection import Addition, Selection
 from sysid.diagnosis.bench.unexplained import BinnedResidual
 from sysid.diagnosis.evidence import ComponentEvidence
@@ -19,11 +21,16 @@ from sysid.model.effects.entry import CatalogueEffect
 
 @dataclass(frozen=True)
 class HeldOutEvidence(ComponentEvidence):
-    """A selection of a part's effects; `curves` over the regressors it depends on most."""
+    """A selection of a part's effects; `curves` over the regressors it depends on most.
+
+    `given`: the bundle's law, before; `outside`: the part on held-out tests, None without any.
+    """
 
     component: str
     selection: Selection
     curves: tuple[BinnedResidual, ...]
+    given: Law
+    outside: Component | None = None
 
     @property
     def steps(self) -> Sequence[Addition]:
@@ -58,9 +65,42 @@ class HeldOutEvidence(ComponentEvidence):
         return shown
 
     def figures(self) -> dict[str, Any]:
-        """`curves`: mean residual over a regressor, before and after, in the channel's unit."""
-        own = {"own": self.selection.final.component.has_own_columns}
-        return {"curves": [c.shown() | own for c in self.curves]}
+        """`curves`: mean residual over a regressor, before and after, in the channel's unit.
+
+        `shows`: what each effect adds; `over`, `tests` (of `use`): the signal, measured and
+        modelled, over regressors and along tests (`sysid.diagnosis.bench.pictures`).
+        `refitted`: the law's parameters from what to what.
+        """
+        final = self.selection.final
+        part, law = final.component, final.law
+        own = {"own": part.has_own_columns}
+        return {
+            "curves": [c.shown() | own for c in self.curves],
+            "unit": part.unit,
+            "channel": part.channel,
+            "own": part.has_own_columns,
+            "shows": [shown | own for shown in pictures.influences(part, law)],
+            "over": pictures.over_regressors(part, self.given, law),
+            "tests": pictures.tests_shown(self.outside or part, self.given, law),
+            "use": "holdout" if self.outside else "fit",
+            "refitted": self._refitted(),
+        }
+
+    def _refitted(self) -> list[dict[str, Any]]:
+        """The law's own parameters, estimated again beside the effects: before and after."""
+        if not self.steps:
+            return []
+        return [
+            {
+                "name": name,
+                "before": float(self.given.values[name]),
+                "after": float(estimate.value),
+                "std": float(estimate.std),
+                "unit": estimate.unit,
+            }
+            for name, estimate in self.selection.final.base_estimates().items()
+            if estimate.identified and name in self.given.values
+        ]
 
     def with_base(self, bundle: Bundle) -> Bundle:
         """The part's law as it was fitted beside the effects."""

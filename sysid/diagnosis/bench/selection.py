@@ -100,6 +100,8 @@ def select(
     component: Component,
     catalogue: Mapping[str, Kind],
     progress: Progress = no_progress,
+    *,
+    quick: bool = False,
 ) -> Selection:
     """Add effects to a part's law as long as they predict tests that were left out.
 
@@ -107,6 +109,7 @@ def select(
     NotIdentifiedError where that is not identified.
     """
     rounds = _HeldOutRounds(component, catalogue, progress)
+    rounds.book.quick = quick
     history = run(rounds, rounds.book, progress)
     additions, looked = tuple(rounds.steps), rounds.book.closed()
     return Selection(rounds.base, rounds.first, additions, history, rounds.undecided, looked)
@@ -159,12 +162,8 @@ class _HeldOutRounds(Rounds[Addition]):
         self.progress(f"{winner.id}: removes {100 * winner.gain:.0f} % of the prediction error")
         rivals = [f for a, f in fits if a.gain > 0.0 and a is not winner]
         unfitted = self.book.unfinished(SearchStage.EFFECTS, number)
-        self.book.enter(SearchStage.REPETITION, number)
         contenders = [fitted, *rivals[:_MOST_RIVALS]]
-        again = attempt(partial(repeats, self.component, self.so_far, contenders))
-        if isinstance(again, Failure):
-            self.book.miss(again, decides=False)
-            again = Repeats(winner.id, ())
+        again = self._repeats(winner.id, contenders, number)
         near = _ambiguous(winner, [a for a, _ in passing], {k.id for k in self.kinds})
         return Addition(
             fitted.law.effects[-1],
@@ -184,6 +183,19 @@ class _HeldOutRounds(Rounds[Addition]):
             self.book.miss(found, decides=False)
             return ()
         return found
+
+    def _repeats(self, name: str, contenders: Sequence[FittedLaw], number: int) -> Repeats:
+        """Whether parts of the tests name the first of these too; nothing where time runs out."""
+        nothing = Repeats(name, ())
+        if self.book.quick:
+            self.book.left_out(SearchStage.REPETITION, number)
+            return nothing
+        self.book.enter(SearchStage.REPETITION, number)
+        again = attempt(partial(repeats, self.component, self.so_far, contenders))
+        if isinstance(again, Failure):
+            self.book.miss(again, decides=False)
+            return nothing
+        return again
 
     def add(self, step: Addition) -> None:
         self.steps.append(step)

@@ -1,0 +1,76 @@
+"""The outcome of a run in three lines: how well the model follows, what it lacks, what is next."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from sysid.bundle import Bundle, Validation
+from sysid.diagnosis import wording
+from sysid.display.channels import channel_of
+from sysid.display.quality import quality_name
+
+
+def verdict_lines(bundle: Bundle, diagnosis: Mapping[str, Any] | None) -> tuple[str, str, str]:
+    """From the final bundle and the diagnosis; None where there was none."""
+    found = "none was made" if diagnosis is None else wording.sentence(diagnosis)
+    return (
+        f"Model: {_model(bundle)}",
+        f"Diagnosis: {found}",
+        f"Next: {_next(diagnosis)}",
+    )
+
+
+def _model(bundle: Bundle) -> str:
+    fits = _fits(bundle.validation)
+    if not fits:
+        return f"not validated on motion; {_laws(bundle)}"
+    use = "held-out" if any(use == "holdout" for use, *_ in fits) else "training"
+    chosen = [f for f in fits if (f[0] == "holdout") == (use == "held-out")]
+    said = []
+    for title in dict.fromkeys(title for _, _, title, _ in chosen):
+        own = sorted(fit for _, _, name, fit in chosen if name == title)
+        said.append(f"{title} fits to {_span(own[0], own[-1])} %")
+    logs = len({file for _, file, _, _ in chosen})
+    return f"{', '.join(said)} on {logs} {use} log{'s' * (logs > 1)}, simulated open loop"
+
+
+def _fits(validation: Validation | None) -> list[tuple[str, str, str, float]]:
+    """Use, file, channel's title and fit percentage under the first valve model of each log."""
+    found, seen = [], set()
+    for log in [] if validation is None else validation.validated():
+        if (log.file, log.use) in seen:
+            continue
+        seen.add((log.file, log.use))
+        for name, channel in log.channels.items():
+            if channel.fit_percent is not None:
+                title = channel_of(name).title
+                title = title if title == name else title[:1].lower() + title[1:]
+                found.append((log.use, log.file, title, float(channel.fit_percent)))
+    return found
+
+
+def _span(low: float, high: float) -> str:
+    return f"{low:.1f}" if f"{low:.1f}" == f"{high:.1f}" else f"{low:.1f} to {high:.1f}"
+
+
+def _laws(bundle: Bundle) -> str:
+    """The verdicts on the laws' own fits, the same ones together."""
+    groups: dict[str, list[str]] = {}
+    for place, one in bundle.qualities().items():
+        groups.setdefault(one.verdict.partition(":")[0], []).append(quality_name(place))
+    said = [f"{verdict}: {', '.join(names)}" for verdict, names in groups.items()]
+    return f"its laws' fits are {'; '.join(said)}" if said else "no law was judged"
+
+
+def _next(diagnosis: Mapping[str, Any] | None) -> str:
+    if diagnosis is None:
+        return "sysid diagnose finds what the model lacks"
+    lines = wording.advice(diagnosis)
+    if not lines:
+        return "nothing was left open; sysid advise says which test would add most"
+    more = f" ({len(lines) - 1} more in the report)" if len(lines) > 1 else ""
+    return f"{lines[0]}{more}"
+
+
+__all__ = ["verdict_lines"]

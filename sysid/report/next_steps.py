@@ -1,0 +1,122 @@
+"""What to do next: the tests that would tell rivals apart, and what lacks information."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from sysid.bundle import Bundle
+from sysid.diagnosis.evidence import ACTUATOR
+from sysid.diagnosis.wording import advice
+from sysid.display.numbers import number
+from sysid.estimation.linear import Estimate
+from sysid.report.blocks import Block, Lines, Section, table
+from sysid.report.effects import named
+from sysid.report.opening import unidentified
+
+Content = Mapping[str, Any]
+
+# Share of a value from which on a 95 % interval's half-width is worth another test.
+_WIDE = 0.25
+
+
+def next_section(bundle: Bundle, diagnosis: Content | None, campaign: str) -> Section | None:
+    """From the diagnosis and the bundle as they are: nothing is simulated for it.
+
+    `campaign` is its file's name. None where there is nothing to say.
+    """
+    found = diagnosis if diagnosis is not None and "verdict" in diagnosis else None
+    blocks: list[Block] = []
+    if found is not None:
+        blocks += _rivals(found)
+        lines = advice(found, found["figures"]["titles"])
+        said = tuple(line for line in lines if " is indistinguishable from " not in line)
+        blocks += [Lines(said)] if said else []
+    blocks += _lacking(bundle)
+    if not blocks:
+        return None
+    is_whole = found is None or found.get("component", ACTUATOR) == ACTUATOR
+    intro = ["Ordered by what they decide: which effect it is, what remains, how large it is."]
+    if is_whole and bundle.component is None:
+        intro.append(
+            f"`sysid advise {campaign} --bundle bundle.json` predicts for this rig what each of a "
+            "list of further tests would add, and the smallest size of every effect that they "
+            "would show; it takes a minute or more and is not part of this report."
+        )
+    return Section("next", "What to do next", tuple(intro), tuple(blocks))
+
+
+def _rivals(content: Content) -> list[Block]:
+    """The effects that the data cannot tell apart, with the test that would."""
+    telling = content["figures"].get("telling", {})
+    rows = []
+    for effect in content["effects"]:
+        for rival in effect["ambiguous_with"]:
+            tests = (effect["advice"] or telling.get(effect["id"], ""), telling.get(rival, ""))
+            said = "; or ".join(dict.fromkeys(_sentence(t) for t in tests if t))
+            rows.append((named(content, effect["id"]), named(content, rival), said or "none known"))
+    if not rows:
+        return []
+    columns = ("Effect", "Indistinguishable from", "Test that would tell them apart")
+    return [table("Which of them it is", columns, rows, text=(1, 2))]
+
+
+def _sentence(text: str) -> str:
+    return text[:1].lower() + text[1:]
+
+
+def _lacking(bundle: Bundle) -> list[Block]:
+    rows = [*_unidentified(bundle), *_only_together(bundle), *_uninformed(bundle), *_wide(bundle)]
+    if not rows:
+        return []
+    columns = ("Parameter", "What is missing", "What would help")
+    return [table("Parameters that lack information", columns, rows, text=(1, 2), code=(0,))]
+
+
+def _unidentified(bundle: Bundle) -> Iterator[tuple[str, str, str]]:
+    for name, reason in unidentified(bundle):
+        # A reason ends with its mend, where there is one: "only a + b is identified: give ...".
+        why, _, mend = reason.partition(": give ")
+        yield name, f"not identified: {why}", mend or "a test that moves it alone"
+
+
+def _only_together(bundle: Bundle) -> Iterator[tuple[str, str, str]]:
+    if bundle.friction is not None:
+        for name, row in bundle.friction.sums().items():
+            yield name, "identified only together", row.test
+
+
+def _uninformed(bundle: Bundle) -> Iterator[tuple[str, str, str]]:
+    """What the refinement could not learn from motion, where no bench test says it either."""
+    part = bundle.refinement
+    for value in [] if part is None else part.values():
+        std = value.after.std
+        if not value.informed_by_motion and (std is None or not math.isfinite(std)):
+            yield value.name, "neither bench tests nor motion determine it", "a test of its own"
+
+
+def _wide(bundle: Bundle) -> Iterator[tuple[str, str, str]]:
+    """Parameters whose interval is wide against their value."""
+    for name, estimate in _estimates(bundle):
+        low, high = estimate.interval
+        if not estimate.identified or not (math.isfinite(low) and math.isfinite(high)):
+            continue
+        half = 0.5 * (high - low)
+        if estimate.value and half > _WIDE * abs(estimate.value) and low * high > 0.0:
+            share = number(100.0 * half / abs(estimate.value), 2)
+            yield name, f"95 % interval of ± {share} %", "more tests like those it was read from"
+
+
+def _estimates(bundle: Bundle) -> Sequence[tuple[str, Estimate]]:
+    friction = () if bundle.friction is None else tuple(bundle.friction.estimates().items())
+    effects = [
+        (f"{effect.id}.{name}", estimate)
+        for effect in bundle.effects
+        for name, estimate in effect.parameters.items()
+        if isinstance(estimate, Estimate)
+    ]
+    return [*((f"friction.{name}", e) for name, e in friction), *effects]
+
+
+__all__ = ["next_section"]

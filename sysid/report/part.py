@@ -1,0 +1,164 @@
+"""A part tested alone: its signal over what it depends on and over time, with the fitted law."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sysid.display.channels import channel_of
+from sysid.display.numbers import number
+from sysid.report import svg
+from sysid.report.blocks import Block, Figure, FigureGroup, Section
+from sysid.report.diagnosis_panels import regressor_axis
+from sysid.report.svg import COLOUR
+from sysid.types import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Content = Mapping[str, Any]
+
+_CLOUD_COLOUR = "#8a96a3"  # drawn into a bitmap: it must work on light and dark backgrounds
+# Below this share of the signal's variance between bins, their means would hide the signal.
+_LEAST_BETWEEN = 0.6
+_STYLES = {"before": ("model", (0, (4, 2))), "after": ("second", "-")}
+
+
+def part_section(content: Content, is_linear: bool) -> Section | None:
+    """From a diagnosis' content; None where it is not of a part, or holds no pictures.
+
+    To be called within `sysid.report.svg.styled()`.
+    """
+    figures = content["figures"]
+    over, tests = figures.get("over") or [], figures.get("tests") or []
+    if not over and not tests:
+        return None
+    named = {"before": "base", "after": "extended"} if content["effects"] else {"after": "fitted"}
+    blocks: list[Block] = []
+    if over:
+        shown = tuple(
+            _over(place, entry, figures, named, is_linear) for place, entry in enumerate(over)
+        )
+        blocks.append(FigureGroup(_over_caption(figures), shown))
+    if tests:
+        shown = tuple(
+            _test(place, entry, figures, named, is_linear) for place, entry in enumerate(tests)
+        )
+        blocks.append(FigureGroup(_tests_caption(figures, tests), shown))
+    intro = (
+        "The part was tested alone. Its signal as it was measured, next to what the fitted law "
+        "makes of the same conditions"
+        + (
+            ": the base law, and the law extended by the effects that the diagnosis added."
+            if content["effects"]
+            else "."
+        ),
+    )
+    return Section("part", "Measured and modelled", intro, tuple(blocks))
+
+
+def _over_caption(figures: Content) -> str:
+    less = (
+        " An axis' inertia is taken off, so that friction and what acts beside it remain."
+        if figures["channel"].startswith("motor_")
+        else ""
+    )
+    return (
+        "The signal over the quantities on which it may depend, training tests. Grey: a sample of "
+        "the measurements; colour: the laws along the same tests, as means in bins, or as dots "
+        f"where a mean would hide that the signal depends on more than this.{less}"
+    )
+
+
+def _tests_caption(figures: Content, tests: Sequence[Content]) -> str:
+    used = "held-out" if figures.get("use") == "holdout" else "training"
+    many = len(tests) > 1
+    names = "; ".join(entry["test"] for entry in tests if entry["test"])
+    listed = f": {names}" if names else ""
+    return (
+        f"Measured and modelled over {len(tests) if many else 'a'} {used} "
+        f"test{'s' * many}{listed}. Below each: measured less modelled."
+    )
+
+
+def _signal(figures: Content) -> tuple[str, str, float]:
+    """Title, shown unit and scale of what the law predicts."""
+    channel = channel_of(figures["channel"])
+    if channel.unit and channel.unit != "-" and not figures.get("own"):
+        return channel.title, channel.unit, channel.scale
+    return channel.title, figures["unit"] if figures["unit"] != "-" else "", 1.0
+
+
+def _over(
+    place: int, entry: Content, figures: Content, named: Mapping[str, str], is_linear: bool
+) -> Figure:
+    title, unit, scale = _signal(figures)
+    name, x_unit, x_scale = regressor_axis(entry["regressor"], is_linear, is_own=figures["own"])
+    figure, ax = svg.panel(f"{title} over {name}")
+    points = x_scale * np.array(entry["x"]), scale * np.array(entry["measured"])
+    ax.plot(
+        *points, ".", color=_CLOUD_COLOUR, markersize=4.5, alpha=0.6, markeredgewidth=0,
+        rasterized=True,
+    )  # fmt: skip
+    centres = x_scale * np.array(entry["centres"])
+    lines = named if entry["share"] >= _LEAST_BETWEEN else {}
+    if not lines:
+        fitted = scale * np.array(entry["fitted"])
+        label, colour = named["after"], COLOUR["second"]
+        ax.plot(points[0], fitted, ".", color=colour, markersize=1.8, alpha=0.8, label=label)
+    for key, label in lines.items():
+        role, style = _STYLES[key]
+        values = scale * np.array(entry[key])
+        ax.plot(centres, values, color=COLOUR[role], linestyle=style, label=label, linewidth=1.4)
+    _label(ax, name, x_unit, f"{title}{_in(unit)}")
+    svg.legend(ax)
+    off = {k: _rms(scale * (np.array(entry["mean"]) - np.array(entry[k]))) for k in named}
+    told = ", ".join(f"{label} {number(off[key])} {unit}".rstrip() for key, label in named.items())
+    description = f"Means of the measurements in bins of {name} less the law's, RMS: {told}."
+    whole = f"{title} over {name}, measured and modelled"
+    return svg.to_figure(figure, f"fig-part-over-{place}", whole, description)
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0
+
+
+def _test(
+    place: int, entry: Content, figures: Content, named: Mapping[str, str], is_linear: bool
+) -> Figure:
+    title, unit, scale = _signal(figures)
+    name, x_unit, x_scale = regressor_axis(entry["along"], is_linear, is_own=figures["own"])
+    x = x_scale * np.array(entry["x"])
+    measured = scale * np.array(entry["measured"])
+    figure, (above, below) = svg.panels(f"{title}, test {place + 1}", (2.0, 1.0), svg.TALL_PANEL)
+    above.plot(x, measured, color=COLOUR["measured"], linewidth=2.2, label="measured")
+    told = []
+    for key, label in named.items():
+        role, style = _STYLES[key]
+        modelled = scale * np.array(entry[key])
+        above.plot(x, modelled, color=COLOUR[role], linestyle=style, linewidth=1.0, label=label)
+        below.plot(x, measured - modelled, color=COLOUR[role], linestyle=style, linewidth=0.8)
+        told.append(f"{label} {number(_rms(measured - modelled))} {unit}".rstrip())
+    below.axhline(0.0, color=COLOUR["muted"], linewidth=0.7)
+    above.set_ylabel(f"{title}{_in(unit)}")
+    _label(below, name, x_unit, f"Residual{_in(unit)}")
+    low, high = above.get_ylim()
+    above.set_ylim(low, high + 0.3 * (high - low))
+    svg.legend(above, loc="upper right", ncols=len(named) + 1, columnspacing=0.8, handlelength=1.2)
+    description = f"{title} of a test over {name}; RMSE of the samples drawn: {', '.join(told)}."
+    whole = f"{title} of test {place + 1}, measured and modelled"
+    return svg.to_figure(figure, f"fig-part-test-{place}", whole, description)
+
+
+def _in(unit: str) -> str:
+    return f" ({unit})" if unit else ""
+
+
+def _label(ax: Axes, name: str, x_unit: str, y_label: str) -> None:
+    ax.set_xlabel(f"{name[:1].upper()}{name[1:]}{_in(x_unit)}")
+    ax.set_ylabel(y_label)
+
+
+__all__ = ["part_section"]
