@@ -53,7 +53,7 @@ def _refitted(content: Content) -> list[Block]:
             "them moved is in the section on the refinement."
         )
         return [Lines((line,))]
-    rows = []
+    rows: list[tuple[Any, ...]] = []
     for entry in content["figures"].get("refitted") or []:
         value, unit = float(entry["after"]), entry["unit"]
         after = Estimate(value, float(entry["std"]), unit, (math.nan, math.nan))
