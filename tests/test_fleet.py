@@ -41,6 +41,9 @@ OUTSIDE = """() => [...document.querySelectorAll("main *, header *")]
     .filter(e => e.getBoundingClientRect().right > window.innerWidth + 1)
     .map(e => e.outerHTML.slice(0, 80))"""
 
+SCROLLED = """() => [...document.querySelectorAll(".scroll")]
+    .filter(e => e.scrollWidth > e.clientWidth + 1).length"""
+
 
 # --- rig and date --------------------------------------------------------------------------
 
@@ -332,4 +335,5 @@ def test_the_page_fits_a_desk_and_a_phone(made: Fleet, tmp_path: Path) -> None:
             page.goto((tmp_path / "fleet.html").as_uri())
             assert page.evaluate("document.documentElement.scrollWidth") <= width
             assert page.evaluate(OUTSIDE) == [] and said == []
+            assert width < 1400 or page.evaluate(SCROLLED) == 0
         chromium.close()

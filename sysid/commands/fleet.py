@@ -51,6 +51,7 @@ def fleet(
     folder: Path,
     scheduler: str | None,
     as_json: bool,
+    verbose: bool,
     **options: Any,
 ) -> None:
     """Every CAMPAIGN through `run`, and one page over all of them: what changed, and when.
@@ -58,7 +59,9 @@ def fleet(
     A campaign whose results are up to date is not run again. Rigs are told apart by the name in
     the rig file, dates by an ISO date in the name of the campaign file or of its folder.
     """
-    done = run_fleet(campaigns, folder, scheduler=scheduler, tell=progress(), **options)
+    done = run_fleet(
+        campaigns, folder, scheduler=scheduler, tell=progress(), verbose=verbose, **options
+    )
     notices(done.notices)
     if as_json:
         print_json(done.to_json() | {"page": str(folder / PAGE_FILE)})
@@ -74,9 +77,12 @@ def run_fleet(
     *,
     scheduler: str | None = None,
     tell: Progress = no_progress,
+    verbose: bool = False,
     **options: Any,
 ) -> Fleet:
     """Run every campaign that is not up to date, and write the page. `options` are those of `run`.
+
+    `verbose`: every step of each campaign goes to standard error, not only that it starts.
 
     A campaign that cannot be run is a row that says why; the others go on. Raises InputError for
     a campaign given twice, a folder that cannot be written, and a scheduler that does not answer.
@@ -84,7 +90,7 @@ def run_fleet(
     check_each_once(list(campaigns))
     _make(folder)
     jobs = [
-        partial(run_one, path.resolve(), folder.resolve(), options, not scheduler)
+        partial(run_one, path.resolve(), folder.resolve(), options, verbose and not scheduler)
         for path in campaigns
     ]
     with _workers(scheduler, tell):
@@ -121,6 +127,7 @@ def run_one(campaign: Path, folder: Path, options: dict[str, Any], shows: bool) 
     origin = None
     try:
         origin = origin_of(read_campaign(campaign))
+        progress(f"{name}: ")("starts")
         done = run_campaign(campaign, folder / name, progress=tell, **options)
     except SysidError as error:
         return FleetRow.failed(campaign, name, origin, str(error))

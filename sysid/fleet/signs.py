@@ -8,14 +8,17 @@ from dataclasses import dataclass
 from sysid.fleet.trend import Trend
 from sysid.io.channels import SIDES
 
+_FILLING = ("c_fill", "choked_flow_fill_kg_s")
+_EMPTYING = ("c_dis", "choked_flow_dis_kg_s")
+
 
 @dataclass(frozen=True)
 class LeakSign:
     """A rig whose valve tests look as a leak would make them, of chamber `side`, from `since` on.
 
-    What leaks is missing while a chamber fills and is gained while it empties: the coefficient of
-    filling falls and that of emptying rises, from one date on. It shows leaks that are too small
-    for a diagnosis on one date, since both coefficients are known to a few tenths of a percent.
+    What leaks is missing while a chamber fills and is gained while it empties: of the numbers of
+    filling one falls, of those of emptying one rises, from one date on. It shows leaks that are
+    too small for a diagnosis on one date, as these numbers are known to a tenth of a percent.
     """
 
     rig: str
@@ -32,19 +35,31 @@ class LeakSign:
 
 
 def leak_signs(trends: Sequence[Trend]) -> tuple[LeakSign, ...]:
-    """The chambers whose coefficients moved against each other, at most a date apart."""
-    changed = {(t.rig, t.name): t for t in trends if t.is_change and t.change}
+    """The chambers that fill less and empty more, choked or not, from dates at most one apart."""
+    changed = {(t.rig, t.name): t for t in trends if t.is_change}
     found = []
     for rig in dict.fromkeys(t.rig for t in trends):
         for side in SIDES:
-            pair = [changed.get((rig, f"valves.{side}.discrete.c_{k}")) for k in ("fill", "dis")]
-            filling, emptying = pair
-            if filling is None or emptying is None or not filling.change or not emptying.change:
-                continue
-            apart = abs(filling.change.first - emptying.change.first)
-            if filling.change.size < 0.0 < emptying.change.size and apart <= 1:
-                found.append(LeakSign(rig, side, min(filling.since, emptying.since)))
+            law = f"valves.{side}.discrete."
+            filling = [changed.get((rig, f"{law}{key}")) for key in _FILLING]
+            emptying = [changed.get((rig, f"{law}{key}")) for key in _EMPTYING]
+            since = _together(filling, emptying)
+            if since:
+                found.append(LeakSign(rig, side, since))
     return tuple(found)
+
+
+def _together(filling: Sequence[Trend | None], emptying: Sequence[Trend | None]) -> str:
+    """The first date of a fall of the one and a rise of the other; empty without both."""
+    falls = [t for t in filling if t and t.change and t.change.size < 0.0]
+    rises = [t for t in emptying if t and t.change and t.change.size > 0.0]
+    dates = [
+        min(fall.since, rise.since)
+        for fall in falls
+        for rise in rises
+        if fall.change and rise.change and abs(fall.change.first - rise.change.first) <= 1
+    ]
+    return min(dates, default="")
 
 
 __all__ = ["LeakSign", "leak_signs"]

@@ -14,6 +14,7 @@ from urllib.parse import quote
 import numpy as np
 
 from sysid.display.numbers import number, unit
+from sysid.fleet.changes import Change
 from sysid.fleet.rows import LEAKAGE, FleetRow
 from sysid.fleet.trends import Fleet, Trend
 from sysid.io.files import write_atomic
@@ -47,9 +48,15 @@ _VALVE_TITLES = {
     "choked_flow_fill_kg_s": "filling, choked",
     "choked_flow_dis_kg_s": "emptying, choked",
 }
+_COURSES = {"step": "step", "growth": "grows"}
 _KEY = ("friction.static", "friction.coulomb", "friction.viscous", LEAKAGE)
 # A trend is drawn in the unit that keeps its numbers readable.
-_SHOWN = {"s": (1e3, "ms"), "kg/s": (1e6, "mg/s")}
+_SHOWN = {
+    "s": (1e3, "ms"),
+    "kg/s": (1e6, "mg/s"),
+    "kg/(s Pa^0.5)": (1e6, "mg/(s·Pa⁰·⁵)"),
+    "kg/(s Pa)": (1e9, "µg/(s·Pa)"),
+}
 
 
 @dataclass(frozen=True)
@@ -113,20 +120,28 @@ def _sentence(fleet: Fleet) -> str:
 
 
 def _changes(fleet: Fleet) -> HtmlTable:
-    rows = []
-    for t in fleet.changes:
-        if t.change is None:
-            continue
-        c = t.change
-        factor, shown = _SHOWN.get(t.unit, (1.0, unit(t.unit)))
-        half = 1.96 * c.std
-        limits = f"{number(factor * (c.size - half))} to {number(factor * (c.size + half))}"
-        before = number(factor * c.before) if t.has_level else "0"
-        change = f"{number(factor * c.size)} ({limits})"
-        course = "step" if c.shape == "step" else "grows with time"
-        rows.append((t.rig, _title(t.name), t.since, course, before, change, shown, _p(t)))
-    columns = ("Rig", "Number", "Since", "Course", "Before", "Change by the last date", "Unit", "p")
-    return table("What changed, most certain first", columns, rows, text=(1, 2, 3, 6))
+    rows = [
+        (t.rig, _title(t.name), t.since, _COURSES[t.change.shape], *_sizes(t, t.change), _p(t))
+        for t in fleet.changes
+        if t.change
+    ]
+    columns = ("Rig", "Number", "Since", "Course", "Before", "Change by the last date", "p")
+    return table("What changed, most certain first", columns, rows, text=(1, 2, 3))
+
+
+def _sizes(trend: Trend, change: Change) -> tuple[str, str]:
+    """The level before with its unit; the change and its 95 % limits, in percent of a level."""
+    factor, shown = _SHOWN.get(trend.unit, (1.0, unit(trend.unit)))
+    half = 1.96 * change.std
+    if trend.has_level:
+        factor_of_change, shown_of_change = 100.0 / abs(change.before), "%"
+        before = f"{number(factor * change.before)} {shown}"
+    else:
+        factor_of_change, shown_of_change, before = factor, shown, "0"
+    size, low, high = (
+        number(factor_of_change * x) for x in (change.size, change.size - half, change.size + half)
+    )
+    return before, f"{size} {shown_of_change} ({low} to {high})"
 
 
 def _p(trend: Trend) -> str:
@@ -217,7 +232,9 @@ def _figure(trend: Trend, id: str) -> Figure:
         elinewidth=0.9,
     )
     if trend.change and trend.is_change:
-        ax.plot(np.array(dates), factor * trend.change.at(trend.days), color=colour, linewidth=0.8)
+        course = factor * trend.change.at(trend.days)
+        drawn = "steps-post" if trend.change.shape == "step" else "default"
+        ax.plot(np.array(dates), course, color=colour, linewidth=0.8, drawstyle=drawn)
         since: Any = np.datetime64(trend.since)
         ax.axvline(since, color=COLOUR["muted"], linewidth=0.6, linestyle=":")
     ax.set_ylabel(shown or "-")
