@@ -237,7 +237,7 @@ def test_the_report_shows_the_diagnosis(ran: Ran) -> None:
     for figure in ("error-theta_rad", "curve-0", "suspects-1"):
         assert f'aria-labelledby="fig-diagnosis-{figure}-title' in html
     first = html[html.index('id="verdict"') : html.index('id="data"')]
-    assert "Effects found: stribeck-friction" in first
+    assert "Effects found: Stribeck" in first
 
 
 def test_the_section_is_the_same_from_what_a_file_holds(ran: Ran) -> None:
