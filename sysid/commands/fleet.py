@@ -51,6 +51,7 @@ def fleet(
     folder: Path,
     scheduler: str | None,
     as_json: bool,
+    verbose: bool,
     **options: Any,
 ) -> None:
     """Every CAMPAIGN through `run`, and one page over all of them: what changed, and when.
