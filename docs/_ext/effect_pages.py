@@ -23,6 +23,8 @@ _TITLES = {
     "supply": "Supply and exhaust",
     "sensor": "Sensors",
 }
+# Rows of the simulation per point that is drawn.
+_EVERY = 4
 Effects = list[type[CatalogueEffect]]
 
 
@@ -150,6 +152,8 @@ def _draw(effects: Effects, folder: Path) -> None:
     models = [model(None), *(model(effect) for effect in effects)]
     runs = simulate([inputs] * len(models), models)
     shown = [measured_channels(r, "theta_rad", m) for r, m in zip(runs, models, strict=True)]
-    for effect, changed in zip(effects, shown[1:], strict=True):
-        data = picture(effect, Demonstration(inputs.time, shown[0], changed), ".png")
+    thin = slice(None, None, _EVERY)
+    base, *others = ({k: v[thin] for k, v in run.items()} for run in shown)
+    for effect, changed in zip(effects, others, strict=True):
+        data = picture(effect, Demonstration(inputs.time[thin], base, changed), ".png")
         (folder / f"{effect.id}.png").write_bytes(data)

@@ -85,8 +85,8 @@ def campaign_file() -> str:
     return "\n".join(
         [
             "# Campaign file\n",
-            "A rig's tests together. Paths are relative to the campaign file. `sysid init` writes "
-            "the rig file that it names.\n",
+            "A rig's tests together. Paths are relative to the campaign file. `sysid init "
+            "campaign.toml` writes one to fill in, with a comment on each kind of test.\n",
             "## At the top\n",
             _HEAD + "\n".join([*_rows(CampaignFile), table.format(shared)]) + "\n",
             "## `[[log]]`, one per log\n",
