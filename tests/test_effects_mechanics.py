@@ -95,7 +95,7 @@ def forms(effect: type[CatalogueEffect]) -> list[CatalogueEffect]:
 
 def test_the_catalogue_is_whole() -> None:
     effects = catalogue()
-    assert len(effects) == 51 and set(IDS) < effects.keys()
+    assert len(effects) == 52 and set(IDS) < effects.keys()
     for members in AMBIGUOUS_CLASSES:
         assert members < effects.keys()
         assert all(class_of(member) == members for member in members)

@@ -311,10 +311,9 @@ def test_the_projects_readme_has_the_markers() -> None:
 # --- the sets themselves --------------------------------------------------------------------
 
 # Of a set's first campaign, what its channel's held-out RMSE has to come down to: a share of
-# `before`, or as it is where `absolute`. The tank takes minutes: test_components_tank.py has it.
+# `before`, or as it is where `absolute`. The tank and the cylinder take minutes: `make measured`.
 ASKED: dict[str, tuple[str, float, bool]] = {
     "emps": ("motor_force_n", 0.7, False),
-    "cylinder": ("motor_force_n", 0.5, False),
     "valve_pwm": ("log_time_to_pressure", 0.5, True),
     "valve_surface": ("flow_a_kg_s", 0.5, False),
 }

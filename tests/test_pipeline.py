@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import re
 import shutil
@@ -49,7 +50,7 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def first(campaign: Path, tmp_path_factory: pytest.TempPathFactory) -> RunReport:
-    return run_campaign(campaign, tmp_path_factory.mktemp("results"), refine=False)
+    return run_campaign(campaign, tmp_path_factory.mktemp("results"), refine=False, budget=None)
 
 
 def done(run: RunReport) -> list[str]:
@@ -117,14 +118,16 @@ def test_a_quick_diagnosis_says_what_it_left_out_and_is_made_anew(
 ) -> None:
     shutil.copytree(first.folder, tmp_path, dirs_exist_ok=True)
     read = read_campaign(campaign)
+    said: list[str] = []
     inputs = digests(read)
-    assert has_whole_diagnosis(tmp_path, inputs)
+    given = {"campaign": read, "folder": tmp_path, "surface": "both", "seed": 0, "inputs": inputs}
+    quick = PipelineRun(**given, tell=said.append, refine=False, quick=True)
+    assert has_whole_diagnosis(quick)
+    assert not has_whole_diagnosis(dataclasses.replace(quick, seed=1))
+    quick = dataclasses.replace(quick, refine=True)
     state = json.loads((tmp_path / "run.json").read_text())
     del state["diagnose"]
     (tmp_path / "run.json").write_text(json.dumps(state))
-    said: list[str] = []
-    given = {"campaign": read, "folder": tmp_path, "surface": "both", "seed": 0, "inputs": inputs}
-    quick = PipelineRun(**given, tell=said.append, refine=False, quick=True)
     stage = next(s for s in stages_of(quick) if s.name == "diagnose")
     report = perform(quick, stage)
     assert not report.complete and report.outcome == "done, incomplete"
@@ -134,7 +137,7 @@ def test_a_quick_diagnosis_says_what_it_left_out_and_is_made_anew(
     assert not content["search"]["complete"]
     assert set(missed.values()) == {"left out by --quick"}
     assert "simulation of twins" in missed and "refinement of the numbers by simulation" in missed
-    assert not has_whole_diagnosis(tmp_path, inputs)
+    assert not has_whole_diagnosis(quick)
     assert perform(quick, stage).why is None
 
     def stop(*_: Any, **__: Any) -> None:

@@ -93,7 +93,8 @@ class RunReport:
     """The result of `sysid run`: the stages, the bundle, and the files that it wrote.
 
     `diagnosis` is the content of its file, None without a diagnosis; `unasked` are those of the
-    notices, on what an export lacks, that a terminal shows only when asked to.
+    notices, on what an export lacks, that a terminal shows only when asked to; `not_diagnosed` says
+    why a diagnosis was skipped.
     """
 
     folder: Path
@@ -102,6 +103,7 @@ class RunReport:
     notices: tuple[str, ...]
     diagnosis: dict[str, Any] | None = None
     unasked: tuple[str, ...] = ()
+    not_diagnosed: str = ""
 
     @property
     def report(self) -> Path:
@@ -166,22 +168,21 @@ def run_campaign(
         ) from None
     remove_leftovers(folder)
     remove_leftovers(folder / "export")
-    inputs = digests(campaign)
-    # What is there already is more than a first look.
-    quick = quick and not has_whole_diagnosis(folder, inputs)
     run = PipelineRun(
         campaign,
         folder,
         surface,
         seed,
         progress,
-        inputs,
+        digests(campaign),
         diagnose=diagnose,
-        refine=refine and not quick,
+        refine=refine,
         quick=quick,
         effects=effects,
         budget=math.inf if budget is None else budget,
     )
+    if quick and has_whole_diagnosis(run):
+        run.quick = False  # what is there already is more than a first look
     run.notices += [*campaign.notices, *campaign.rig.notices]
     done = []
     for stage in stages_of(run):
@@ -191,15 +192,19 @@ def run_campaign(
     bundle = read_bundle(folder / BUNDLE_FILE)
     found = run.diagnosis()
     diagnosis = found if found and "verdict" in found else None
+    skipped = "" if found is None else found.get("skipped", "")
     notices = tuple(dict.fromkeys(run.notices))
-    return RunReport(folder, stages, bundle, notices, diagnosis, tuple(dict.fromkeys(run.unasked)))
+    unasked = tuple(dict.fromkeys(run.unasked))
+    return RunReport(folder, stages, bundle, notices, diagnosis, unasked, skipped)
 
 
 def run_and_show(
     campaign: Path, folder: Path, *, as_json: bool, verbose: bool, **options: Any
 ) -> None:
     """`run_campaign` with its progress on standard error, and its outcome."""
-    with stage_progress(expected_seconds(folder, options["budget"]), verbose) as (tell, entered):
+    asked = {name: options[name] for name in ("diagnose", "refine", "quick")}
+    expected = expected_seconds(folder, options["budget"], **asked)
+    with stage_progress(expected, verbose) as (tell, entered):
         done = run_campaign(campaign, folder, progress=tell, entered=entered, **options)
     show_run(done, as_json, verbose)
 
@@ -226,5 +231,5 @@ def show_run(done: RunReport, as_json: bool, verbose: bool = False) -> None:
     out.print(table)
     out.print(Text(f"bundle: {done.folder / BUNDLE_FILE}"), soft_wrap=True)
     out.print(Text(f"report: {done.report}"), soft_wrap=True)
-    for line in verdict_lines(done.bundle, done.diagnosis):
+    for line in verdict_lines(done.bundle, done.diagnosis, done.not_diagnosed):
         out.print(Text(line), soft_wrap=True)

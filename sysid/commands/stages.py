@@ -12,7 +12,7 @@ import json
 import math
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -47,6 +47,7 @@ _NOT_DONE_YET = "not done yet"
 _CUT_SHORT = "cut_short_after_s"
 # In a stage's record: that only a first look was asked for.
 _QUICK = "quick"
+_NOTICES, _UNASKED = "notices", "unasked"
 EXPORTS = {"c": "export/model.h", "mat": "export/model.mat", "json": "export/model.json"}
 
 
@@ -104,9 +105,14 @@ class PipelineRun:
         return read_bundle(self.path(name)).named(name)
 
     @property
+    def refines(self) -> bool:
+        """Whether all parameters are estimated together: asked for, and not left out by --quick."""
+        return self.refine and not self.quick
+
+    @property
     def model_file(self) -> str:
         """The bundle that is validated: the last that was made."""
-        if self.refine:
+        if self.refines:
             return _REFINED_FILE
         return _EXTENDED_FILE if self.diagnose else FITTED_FILE
 
@@ -157,8 +163,9 @@ class Stage:
     layout: int = 1
 
 
-def perform(run: PipelineRun, stage: Stage) -> StageReport:
-    made_from = {
+def made_from(run: PipelineRun, stage: Stage) -> dict[str, str]:
+    """What a stage's outputs follow from, by name: digests and options."""
+    found = {
         **run.inputs,
         **{name: _digest(run.path(name)) for name in stage.made_from},
         "sysid": __version__,
@@ -166,32 +173,42 @@ def perform(run: PipelineRun, stage: Stage) -> StageReport:
         "--seed": str(run.seed),
     }
     if stage.reads_effects and run.effects is not None:
-        made_from["--effects"] = _digest(run.effects)
+        found["--effects"] = _digest(run.effects)
     own = component_in(run.campaign)
     if own is not None:
-        made_from["--component"] = f"{own.name} {own.sha256}"
+        found["--component"] = f"{own.name} {own.sha256}"
     if stage.layout > 1:
-        made_from["layout"] = str(stage.layout)
+        found["layout"] = str(stage.layout)
+    if stage.reads_refine:
+        found["--refine"] = str(run.refines)
+    return found
+
+
+def perform(run: PipelineRun, stage: Stage) -> StageReport:
+    """Do a stage unless its outputs are up to date; its notices are those of when it was done."""
+    given = made_from(run, stage)
     state = _read_state(run.folder)
     before = state.get(stage.name, {})
-    if stage.reads_refine:
-        made_from["--refine"] = str(run.refine)
-    why = _stale(run, stage, made_from, state.get(stage.name))
+    why = _stale(run, stage, given, state.get(stage.name))
     if why is None:
         run.tell(f"{stage.name}: up to date")
+        run.notices += before.get(_NOTICES, [])
+        run.unasked += before.get(_UNASKED, [])
         complete = _CUT_SHORT not in before and not before.get(_QUICK)
         if _CUT_SHORT in before:
             run.notices.append(_incomplete(stage, before[_CUT_SHORT]))
         run.notices += [_first_look(stage)] if before.get(_QUICK) else []
         return StageReport(stage.name, None, 0.0, complete)
     run.tell(f"{stage.name}: {'starts' if why == _NOT_DONE_YET else f'{why}; starts again'}")
-    start = time.perf_counter()
+    start, said, unasked = time.perf_counter(), len(run.notices), len(run.unasked)
     stage.perform(run)
     seconds = time.perf_counter() - start
     state[stage.name] = {
-        "made_from": made_from,
+        "made_from": given,
         "outputs": {name: _digest(run.path(name)) for name in stage.outputs},
         "seconds": round(seconds, 3),
+        _NOTICES: run.notices[said:],
+        _UNASKED: run.unasked[unasked:],
     }
     quick = stage.has_quick and run.quick
     if quick:
@@ -216,14 +233,20 @@ def _first_look(stage: Stage) -> str:
     return f"{stage.name}: a first look, incomplete: a run without --quick does it as a whole"
 
 
-def has_whole_diagnosis(folder: Path, inputs: Mapping[str, str]) -> bool:
-    """Whether a folder holds more than a first look at these inputs (`digests`)."""
-    before = _read_state(folder).get("diagnose", {})
-    made_from = before.get("made_from", {})
-    same = all(made_from.get(name) == digest for name, digest in inputs.items())
-    return bool(made_from) and same and not before.get(_QUICK)
+def has_whole_diagnosis(run: PipelineRun) -> bool:
+    """Whether the folder holds all that this run, without --quick, would find by it."""
+    whole, state = replace(run, quick=False), _read_state(run.folder)
+    stages = [stage for stage in stages_of(whole) if stage.has_quick]
+    if not all(whole.path(name).is_file() for stage in stages for name in stage.made_from):
+        return False
+    return all(
+        _stale(whole, stage, made_from(whole, stage), state.get(stage.name)) is None
+        for stage in stages
+    )
 
 
+# Of a whole diagnosis' time.
+_QUICK_SHARE = 0.2
 # Seconds of each stage on two processor cores, where no earlier run of the folder says more.
 _USUAL = {
     "check": 4.0, "fit": 25.0, "diagnose": 60.0, "refine": 1.0, "validate": 8.0, "report": 12.0,
@@ -231,15 +254,19 @@ _USUAL = {
 }  # fmt: skip
 
 
-def expected_seconds(folder: Path, budget: float | None) -> dict[str, float]:
+def expected_seconds(
+    folder: Path, budget: float | None, *, diagnose: bool, refine: bool, quick: bool
+) -> dict[str, float]:
     """About how long each stage takes: as in an earlier run of the folder, else as is usual."""
     known = {
         name: float(record["seconds"])
         for name, record in _read_state(folder).items()
         if isinstance(record, dict) and isinstance(record.get("seconds"), int | float)
     }
-    usual = _USUAL | {"diagnose": min(_USUAL["diagnose"], budget or math.inf)}
-    return usual | {name: seconds for name, seconds in known.items() if name in usual}
+    whole = min(_USUAL["diagnose"], budget or math.inf)
+    usual = _USUAL | {"diagnose": _QUICK_SHARE * whole if quick else whole}
+    left_out = {"diagnose": not diagnose, "refine": not refine or quick}
+    return {n: known.get(n, usual[n]) for n in usual if not left_out.get(n)}
 
 
 def _read_state(folder: Path) -> dict[str, Any]:
@@ -298,7 +325,7 @@ def _diagnose(run: PipelineRun) -> None:
             run.campaign,
             bundle,
             effects=run.effects,
-            refine=run.refine or run.quick,
+            refine=run.refine,
             seed=run.seed,
             budget=None if math.isinf(run.budget) else run.budget,
             quick=run.quick,
@@ -392,7 +419,8 @@ def stages_of(run: PipelineRun) -> list[Stage]:
     diagnosed = (_DIAGNOSIS_FILE, _EXTENDED_FILE)
     shown = (BUNDLE_FILE, _CHECKS_FILE, *([_DIAGNOSIS_FILE] if run.diagnose else []))
     refined_from = _EXTENDED_FILE if run.diagnose else FITTED_FILE
-    left_out = {name for name in ("diagnose", "refine") if not getattr(run, name)}
+    done = {"diagnose": run.diagnose, "refine": run.refines}
+    left_out = {name for name, wanted in done.items() if not wanted}
     stages = [
         Stage("check", (_CHECKS_FILE,), (), _check, reads_effects=False),
         Stage("fit", (FITTED_FILE,), (), _fit, reads_effects=False),

@@ -7,17 +7,21 @@ from typing import Any
 
 from sysid.bundle import Bundle, Validation
 from sysid.diagnosis import wording
+from sysid.diagnosis.evidence import ACTUATOR
 from sysid.display.channels import channel_of
 from sysid.display.quality import quality_name
 
 
-def verdict_lines(bundle: Bundle, diagnosis: Mapping[str, Any] | None) -> tuple[str, str, str]:
-    """From the final bundle and the diagnosis; None where there was none."""
-    found = "none was made" if diagnosis is None else wording.sentence(diagnosis)
+def verdict_lines(
+    bundle: Bundle, diagnosis: Mapping[str, Any] | None, skipped: str = ""
+) -> tuple[str, str, str]:
+    """From the final bundle and the diagnosis; None where there was none, as one was `skipped`."""
+    none = f"not possible: {skipped}" if skipped else "none was made"
+    found = none if diagnosis is None else wording.sentence(diagnosis)
     return (
         f"Model: {_model(bundle)}",
         f"Diagnosis: {found}",
-        f"Next: {_next(diagnosis)}",
+        f"Next: {_next(bundle, diagnosis, bool(skipped))}",
     )
 
 
@@ -63,12 +67,16 @@ def _laws(bundle: Bundle) -> str:
     return f"its laws' fits are {'; '.join(said)}" if said else "no law was judged"
 
 
-def _next(diagnosis: Mapping[str, Any] | None) -> str:
+def _next(bundle: Bundle, diagnosis: Mapping[str, Any] | None, is_impossible: bool) -> str:
+    if diagnosis is None and is_impossible:
+        return "add the tests that the diagnosis needs"
     if diagnosis is None:
         return "sysid diagnose finds what the model lacks"
     lines = wording.advice(diagnosis)
     if not lines:
-        return "nothing was left open; sysid advise says which test would add most"
+        is_advised = bundle.component is None and diagnosis.get("component", ACTUATOR) == ACTUATOR
+        more = "; sysid advise says which test would add most"
+        return f"nothing was left open{more if is_advised else ''}"
     more = f" ({len(lines) - 1} more in the report)" if len(lines) > 1 else ""
     return f"{lines[0]}{more}"
 

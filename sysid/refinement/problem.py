@@ -185,10 +185,12 @@ class Problem:
 
     def _residuals(self, inputs: Sequence[Inputs], models: Sequence[Model]) -> list[FloatArray]:
         found = simulate(inputs, models, max_step=self.fine_step or self.max_step)
-        return [
+        left = [
             self._shown(run, _states_of(own), model) - run.measured
             for run, own, model in zip(self.runs, found, models, strict=True)
         ]
+        alone = [RunErrors(own, np.zeros((0, *own.shape))) for own in left]
+        return [own.kept(run).residual for run, own in zip(self.runs, alone, strict=True)]
 
     def inputs(self, point: Iterate) -> list[Inputs]:
         """Every run's inputs from its start at a point."""

@@ -64,11 +64,12 @@ def _refitted(content: Content) -> list[Block]:
     if not rows:
         return []
     columns = ["Parameter", "From", "To", "Standard error", "Change, %", "Unit"]
+    text: tuple[int, ...] = (len(columns) - 1,)
     # The names of an actuator's parameters have none in the model; they are in SI units.
     if not any(row[-1] for row in rows):
-        columns, rows = columns[:-1], [row[:-1] for row in rows]
+        columns, rows, text = columns[:-1], [row[:-1] for row in rows], ()
     caption = "Parameters of the base model, estimated again (SI units)"
-    return [table(caption, columns, rows, text=(5,))]
+    return [table(caption, columns, rows, text=text)]
 
 
 def title_of(content: Content, id: str) -> str:
