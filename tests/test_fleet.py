@@ -17,17 +17,18 @@ import pytest
 from golden_folder import GOLDEN, golden_bundle
 
 from sysid.bundle import read_bundle
-from sysid.bundle.effects import entry_of
+from sysid.bundle.effects import EffectEntry, entry_of
 from sysid.commands.app import main
 from sysid.commands.fleet import run_fleet
 from sysid.errors import InputError
 from sysid.fleet.changes import change_in
 from sysid.fleet.leakage import leakage_flow
 from sysid.fleet.origin import Origin, date_in, origin_of, result_folder
-from sysid.fleet.rows import LEAKAGE, FleetReading, FleetRow
+from sysid.fleet.rows import LEAKAGE, FleetReading, FleetRow, readings_of
 from sysid.fleet.trends import Fleet, fleet_of
 from sysid.io.campaign import read_campaign
 from sysid.model.effects import AtmosphereLeakage
+from sysid.model.effects.catalogue import catalogue
 from sysid.parallel import Failure, attempt_all, on_cluster
 from sysid.report.fleet import fleet_page
 
@@ -147,6 +148,24 @@ def test_leakage_is_one_number_whatever_its_law() -> None:
     assert found is not None and air is not None
     squares = air.supply_pressure_pa**2 - air.atmospheric_pressure_pa**2
     assert found == pytest.approx((5e-17 * squares, 1e-18 * squares))
+
+
+def test_leakage_beside_an_effect_of_the_users_own() -> None:
+    class Own(AtmosphereLeakage):
+        id = "own-leakage"
+
+    bundle = read_bundle(golden_bundle("diagnosed"))
+    entry = entry_of(AtmosphereLeakage(5e-17, "a")).to_json()
+    name = next(iter(entry["parameters"]))
+    entry["parameters"][name] = {"value": 5e-17, "std": 1e-18, "unit": "kg/(s Pa^2)"}
+    own = EffectEntry.model_validate({**entry, "id": "own-leakage"})
+    leaking = bundle.replaced(effects=[own])
+    with pytest.raises(InputError, match="is not in the catalogue"):
+        leakage_flow(leaking)
+    families = {r.family for r in readings_of(bundle, leaking)}
+    assert "friction" in families and "leakage" not in families
+    known = {**catalogue(), "own-leakage": Own}
+    assert "leakage" in {r.family for r in readings_of(bundle, leaking, known)}
 
 
 def row(rig: str, place: int, friction: float, leak: float | None = None) -> FleetRow:

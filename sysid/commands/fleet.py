@@ -27,6 +27,7 @@ from sysid.fleet.rows import FleetRow, effects_of, readings_of
 from sysid.fleet.trends import Fleet, fleet_of
 from sysid.io.campaign import read_campaign
 from sysid.io.files import write_atomic
+from sysid.model.effects.catalogue import catalogue_with
 from sysid.types import Progress, no_progress
 
 PAGE_FILE = "fleet.html"
@@ -129,6 +130,8 @@ def run_one(campaign: Path, folder: Path, options: dict[str, Any], shows: bool) 
         origin = origin_of(read_campaign(campaign))
         progress(f"{name}: ")("starts")
         done = run_campaign(campaign, folder / name, progress=tell, **options)
+        fitted = read_bundle(done.folder / FITTED_FILE)
+        readings = readings_of(fitted, done.bundle, catalogue_with(options.get("effects")))
     except SysidError as error:
         return FleetRow.failed(campaign, name, origin, str(error))
     row = FleetRow(
@@ -136,7 +139,7 @@ def run_one(campaign: Path, folder: Path, options: dict[str, Any], shows: bool) 
         folder=name,
         origin=origin,
         effects=effects_of(done.bundle),
-        readings=readings_of(read_bundle(done.folder / FITTED_FILE), done.bundle),
+        readings=readings,
         notices=len(done.notices),
         **_verdict(done),
     )

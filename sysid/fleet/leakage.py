@@ -8,6 +8,7 @@ from sysid.bundle import Bundle
 from sysid.bundle.effects import EffectEntry
 from sysid.fleet.parameters import has_error
 from sysid.io.channels import SIDES
+from sysid.model.effects.entry import Catalogue
 from sysid.model.ports import Model, Point
 
 _WORD = "leakage"
@@ -18,17 +19,19 @@ def leakage_effects(bundle: Bundle) -> list[EffectEntry]:
     return [effect for effect in bundle.effects if _WORD in effect.id]
 
 
-def leakage_flow(bundle: Bundle) -> tuple[float, float] | None:
+def leakage_flow(bundle: Bundle, catalogue: Catalogue | None = None) -> tuple[float, float] | None:
     """Air that a chamber at supply pressure loses past its valve, kg/s, and its standard error.
 
     Of both chambers the larger, the other one at atmospheric pressure. Which law a diagnosis names
     may differ from date to date, where the data cannot tell them apart; their flows compare. The
-    error is that of the strengths, relative to the flow. None where the bundle has no leakage.
+    error is that of the strengths, relative to the flow. None where the bundle has no leakage, or
+    one without an error. `catalogue` holds the bundle's effects (None: the project's own). Raises
+    InputError for an effect that it lacks, NotIdentifiedError for a bundle without friction.
     """
     effects = leakage_effects(bundle)
     if not effects:
         return None
-    model = bundle.model()
+    model = bundle.model(catalogue=catalogue)
     flows = {side: _lost(model, side) for side in SIDES}
     flow = max(flows.values())
     strengths = [next(iter(e.numbers().values())) for e in effects]

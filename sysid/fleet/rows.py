@@ -10,12 +10,13 @@ from pathlib import Path
 from typing import Any, Literal
 
 from sysid.bundle import Bundle
-from sysid.errors import one_line
+from sysid.errors import SysidError, one_line
 from sysid.estimation.linear import Estimate
 from sysid.fleet.leakage import leakage_flow
 from sysid.fleet.origin import Origin
 from sysid.fleet.parameters import has_error, parts_of
 from sysid.io.files import write_atomic
+from sysid.model.effects.entry import Catalogue
 
 ROW_FILE = "row.json"
 
@@ -99,11 +100,15 @@ class FleetRow:
         write_atomic(folder / ROW_FILE, json.dumps(self.to_json(), indent=2) + "\n")
 
 
-def readings_of(fitted: Bundle, final: Bundle) -> tuple[FleetReading, ...]:
+def readings_of(
+    fitted: Bundle, final: Bundle, catalogue: Catalogue | None = None
+) -> tuple[FleetReading, ...]:
     """What is followed over time: friction and valves as the bench tests gave them, and leakage.
 
     The bench tests' own fit (`fitted`) is estimated in the same way on every date; in the `final`
-    bundle the same numbers mean something else once an effect stands beside them.
+    bundle the same numbers mean something else once an effect stands beside them. `catalogue` holds
+    the effects of `final` (None: the project's own); a model that cannot be assembled gives no
+    leakage.
     """
     found: list[FleetReading] = []
     for place, part in parts_of(fitted).items():
@@ -114,10 +119,15 @@ def readings_of(fitted: Bundle, final: Bundle) -> tuple[FleetReading, ...]:
                 found += _reading("delay", f"{place}.{key}", estimate)
             elif place.endswith(".discrete"):
                 found += _reading("flow", f"{place}.{key}", estimate)
-    leak = leakage_flow(final)
-    if leak is not None:
-        found.append(FleetReading("leakage", LEAKAGE, *leak, "kg/s"))
-    return tuple(found)
+    return (*found, *_leakage(final, catalogue))
+
+
+def _leakage(final: Bundle, catalogue: Catalogue | None) -> tuple[FleetReading, ...]:
+    try:
+        leak = leakage_flow(final, catalogue)
+    except SysidError:  # one number less, the campaign's other results stand
+        return ()
+    return () if leak is None else (FleetReading("leakage", LEAKAGE, *leak, "kg/s"),)
 
 
 def _reading(family: Family, name: str, estimate: Estimate) -> list[FleetReading]:
