@@ -90,6 +90,21 @@ def test_numbers_whose_errors_go_together_are_compared_together(bundle: Bundle) 
     assert moved == [("friction", None)]
 
 
+def test_numbers_that_are_nearly_one_are_compared_as_one(bundle: Bundle) -> None:
+    """The file's rounding leaves a correlation of 1: only the common direction is tested."""
+    assert bundle.friction is not None
+    names = ["coulomb_nm", "viscous_nm_s_per_rad"]
+    for corner in (1.0, 0.999999, 1.000001):
+        content = bundle.friction.to_json()
+        content["correlation"] = {"names": names, "matrix": [[1.0, corner], [corner, 1.0]]}
+        one = bundle.replaced(friction=type(bundle.friction).model_validate(content))
+        two = moved_by(one, "friction", names[0], 0.01)
+        whole = next(
+            m for m in si.compare(one, two).movements if m.part == "friction" and not m.name
+        )
+        assert 0.0 <= whole.z < 0.1 and whole.p_value > 0.9
+
+
 def test_effects_appear_disappear_and_grow(bundle: Bundle) -> None:
     assert bundle.effects
     bare = bundle.replaced(effects=[])

@@ -20,6 +20,7 @@ import numpy as np
 from scipy.stats import chi2, false_discovery_control, norm
 
 from sysid.bundle import Bundle
+from sysid.bundle.correlation import ROUNDING
 from sysid.display.numbers import estimate_cells as cells_of
 from sysid.display.numbers import number, percent
 from sysid.display.plots import one_axes
@@ -27,6 +28,7 @@ from sysid.display.tables import Shown, ShownTable
 from sysid.errors import input_error
 from sysid.estimation.linear import Estimate, finite_or_none
 from sysid.fleet.parameters import NumbersOfPart, has_error, parts_of
+from sysid.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -303,9 +305,21 @@ def _moves(
             yield Movement(bundle, place, key, float(moved), float(size), p)
         if len(keys) > 1:
             scale = np.sqrt(np.diag(covariance))
-            wald = float(z @ np.linalg.pinv(covariance / np.outer(scale, scale)) @ z)
-            p = max(float(chi2.sf(wald, len(keys))), _SMALLEST_P)
-            yield Movement(bundle, place, None, math.nan, math.sqrt(wald / len(keys)), p)
+            wald, rank = _wald(z, covariance / np.outer(scale, scale))
+            p = max(float(chi2.sf(wald, rank)), _SMALLEST_P)
+            yield Movement(bundle, place, None, math.nan, math.sqrt(wald / rank), p)
+
+
+def _wald(z: FloatArray, correlation: FloatArray) -> tuple[float, int]:
+    """The Wald statistic of scaled changes (k,) with this correlation (k, k), and its rank.
+
+    A direction whose variance is no larger than what rounding the file's matrix made of it says
+    nothing: it is left out.
+    """
+    variances, directions = np.linalg.eigh(correlation)
+    kept = variances > ROUNDING * len(z)
+    scores = directions.T[kept] @ z
+    return float(np.sum(np.square(scores) / variances[kept])), int(np.count_nonzero(kept))
 
 
 def _adjusted(movements: Sequence[Movement]) -> tuple[Movement, ...]:
