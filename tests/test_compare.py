@@ -16,8 +16,9 @@ from sysid.bundle import Bundle
 from sysid.bundle.refinement import Refinement
 from sysid.commands.app import main
 from sysid.errors import InputError
+from sysid.estimation.linear import Estimate, mean_estimate
 from sysid.fleet.comparison import Comparison
-from sysid.fleet.parameters import has_error, parts_of
+from sysid.fleet.parameters import degrees_of_freedom, has_error, parts_of
 
 
 @pytest.fixture(scope="module")
@@ -73,6 +74,39 @@ def test_chance_is_not_called_a_movement(bundle: Bundle) -> None:
     pairs = zip(made[::2], made[1::2], strict=True)
     said = sum(bool(si.compare(one, other).moved) for one, other in pairs)
     assert said <= 10  # of 100; 5 % would be 5
+
+
+def few_trials(bundle: Bundle, rng: np.random.Generator, trials: int) -> Bundle:
+    """Friction whose static, Coulomb and viscous friction are each a mean of so many trials."""
+    content: dict[str, Any] = bundle.to_json()["friction"]
+    content = {k: v for k, v in content.items() if k != "correlation"}
+    for key in ("static_nm", "coulomb_nm", "viscous_nm_s_per_rad"):
+        drawn = rng.normal(content[key]["value"], 0.05, trials)
+        made = mean_estimate(drawn, content[key]["unit"]).to_json()
+        content[key] = made
+    return bundle.replaced(
+        friction=type(bundle.friction).model_validate(content), valves=None, effects=[]
+    )
+
+
+@pytest.mark.parametrize("dof", [1.0, 2.0, 11.0, 300.0, np.inf])
+def test_degrees_of_freedom_are_those_of_the_interval(dof: float) -> None:
+    found = degrees_of_freedom(Estimate.symmetric(2.0, 0.1, "Nm", dof))
+    assert found == pytest.approx(dof, rel=1e-6)
+
+
+def test_chance_is_no_movement_with_few_trials_either(bundle: Bundle) -> None:
+    """Of 3 trials each: every single p-value is below 5 % about as often as it says, or less."""
+    rng = np.random.default_rng(20185)
+    made = [few_trials(bundle, rng, 3) for _ in range(400)]
+    pairs = zip(made[::2], made[1::2], strict=True)
+    found = [si.compare(one, two) for one, two in pairs]
+    moves = [m for one in found for m in one.movements if m.name != "offset_nm"]
+    whole = [m.p_value < 0.05 for m in moves if m.name is None]
+    single = [m.p_value < 0.05 for m in moves if m.name is not None]
+    assert len(whole) == 200 and len(single) == 600
+    assert np.mean(single) < 0.07 and np.mean(whole) < 0.08
+    assert sum(bool(one.moved) for one in found) <= 16  # of 200; 5 % would be 10
 
 
 def test_numbers_whose_errors_go_together_are_compared_together(bundle: Bundle) -> None:

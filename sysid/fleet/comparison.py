@@ -1,9 +1,13 @@
 """Bundles next to each other: what moved more than the errors of both explain.
 
 A number that two bundles hold moved by z = (second - first) / sqrt(s1^2 + s2^2): bundles of
-different tests have independent errors. The numbers that one fit gave are also compared as a
-whole, by the Wald statistic of their differences with the sum of both covariances: numbers whose
-errors go together (Coulomb and viscous friction) may each move little and yet all of them much.
+different tests have independent errors. Standard errors of few trials are uncertain themselves: z
+is Student's t with the degrees of freedom by Welch (Biometrika 34, 1947, 28-35), those of each
+number being the ones of its interval. The numbers that one fit gave are also compared as a whole,
+by the Wald statistic of their differences with the sum of both covariances: numbers whose errors
+go together (Coulomb and viscous friction) may each move little and yet all of them much. Over the
+count of numbers it is F distributed where one residual variance scales all errors; the fewest
+degrees of freedom of them stand for all, which is on the safe side for errors of separate tests.
 All p-values of a comparison, of numbers and of parts, are adjusted together for the false
 discovery rate by Benjamini and Yekutieli (Ann. Statist. 29, 2001, 1165-1188), which holds whatever
 their dependence. `scipy.stats.false_discovery_control` computes them.
@@ -17,7 +21,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from scipy.stats import chi2, false_discovery_control, norm
+from scipy.stats import chi2, false_discovery_control
+from scipy.stats import f as f_distribution
 
 from sysid.bundle import Bundle
 from sysid.bundle.correlation import ROUNDING
@@ -26,8 +31,8 @@ from sysid.display.numbers import number, percent
 from sysid.display.plots import one_axes
 from sysid.display.tables import Shown, ShownTable
 from sysid.errors import input_error
-from sysid.estimation.linear import Estimate, finite_or_none
-from sysid.fleet.parameters import NumbersOfPart, has_error, parts_of
+from sysid.estimation.linear import Estimate, finite_or_none, t_p_value
+from sysid.fleet.parameters import NumbersOfPart, degrees_of_freedom, has_error, parts_of
 from sysid.types import FloatArray
 
 if TYPE_CHECKING:
@@ -300,14 +305,29 @@ def _moves(
         change = np.array([two.estimates[k].value - one.estimates[k].value for k in keys])
         covariance = one.covariance(keys) + two.covariance(keys)
         z = change / np.sqrt(np.diag(covariance))
-        for key, moved, size in zip(keys, change, z, strict=True):
-            p = max(2.0 * float(norm.sf(abs(size))), _SMALLEST_P)
+        dof = [_welch(one.estimates[k], two.estimates[k]) for k in keys]
+        for key, moved, size, own in zip(keys, change, z, dof, strict=True):
+            p = max(t_p_value(float(size), own), _SMALLEST_P)
             yield Movement(bundle, place, key, float(moved), float(size), p)
         if len(keys) > 1:
             scale = np.sqrt(np.diag(covariance))
             wald, rank = _wald(z, covariance / np.outer(scale, scale))
-            p = max(float(chi2.sf(wald, rank)), _SMALLEST_P)
+            p = max(_f_p_value(wald, rank, min(dof)), _SMALLEST_P)
             yield Movement(bundle, place, None, math.nan, math.sqrt(wald / rank), p)
+
+
+def _welch(one: Estimate, two: Estimate) -> float:
+    """The degrees of freedom of the difference's standard error, by Welch and Satterthwaite."""
+    variances = one.std**2, two.std**2
+    dof = degrees_of_freedom(one), degrees_of_freedom(two)
+    share = sum((v / sum(variances)) ** 2 / n for v, n in zip(variances, dof, strict=True))
+    return 1.0 / share if share > 0.0 else math.inf
+
+
+def _f_p_value(wald: float, rank: int, dof: float) -> float:
+    if math.isinf(dof):
+        return float(chi2.sf(wald, rank))
+    return float(f_distribution.sf(wald / rank, rank, dof))
 
 
 def _wald(z: FloatArray, correlation: FloatArray) -> tuple[float, int]:
