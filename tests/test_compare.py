@@ -156,6 +156,19 @@ def test_effects_appear_disappear_and_grow(bundle: Bundle) -> None:
     assert [e.state for e in si.compare(two, one).effects] == ["shrank"]
 
 
+def test_an_effect_whose_shape_alone_moved_is_the_same(bundle: Bundle) -> None:
+    entry = bundle.effects[0]
+    content = entry.to_json()
+    strength, shape = entry.numbers()
+    old = content["parameters"][shape]
+    moved = {"value": old["value"] + 50.0 * old["std"], "std": old["std"], "unit": old["unit"]}
+    content["parameters"] = {**content["parameters"], shape: moved}
+    other = bundle.replaced(effects=[type(entry).model_validate(content)])
+    found = si.compare(bundle, other)
+    assert [e.state for e in found.effects] == ["same"]
+    assert shape in [m.name for m in found.moved] and strength not in [m.name for m in found.moved]
+
+
 def test_a_refinement_says_how_an_effects_errors_go_together(bundle: Bundle) -> None:
     effect = bundle.effects[0]
     names = [f"{effect.id}.{key}" for key in effect.numbers()]
@@ -193,6 +206,19 @@ def test_of_other_rigs_and_of_one_alone(bundle: Bundle) -> None:
         si.compare(bundle)
     with pytest.raises(InputError, match="holds no part that"):
         si.compare(bundle.replaced(effects=[], valves=None), bundle.replaced(friction=None))
+    surfaces = bundle.replaced(effects=[], friction=None).to_json()
+    for valve in surfaces["valves"].values():
+        valve["pwm"] = {"fill": {"identified": False, "reason": "too few duties"}}
+        del valve["discrete"]
+    only = Bundle.model_validate(surfaces)
+    with pytest.raises(InputError, match=r"nothing in common .* but PWM surfaces"):
+        si.compare(only, only)
+    bare = bundle.to_json()["friction"]
+    bare = {k: {**v, "std": None} if k.endswith("_nm") else v for k, v in bare.items()}
+    bare["viscous_nm_s_per_rad"] = {**bare["viscous_nm_s_per_rad"], "std": None}
+    friction = type(bundle.friction).model_validate(bare)
+    untested = bundle.replaced(friction=friction, valves=None, effects=[])
+    assert "no movement was tested" in si.compare(untested, untested).headline()
     content = {**bundle.rig_content, "pwm": {"period_s": 0.01}}
     other = si.compare(bundle, bundle.replaced(rig_content=content))
     assert "[pwm] differs" in other.notices[0]

@@ -30,9 +30,10 @@ from sysid.display.numbers import estimate_cells as cells_of
 from sysid.display.numbers import number, percent
 from sysid.display.plots import one_axes
 from sysid.display.tables import Shown, ShownTable
-from sysid.errors import input_error
+from sysid.errors import InputError, input_error
 from sysid.estimation.linear import Estimate, finite_or_none, t_p_value
 from sysid.fleet.parameters import NumbersOfPart, degrees_of_freedom, has_error, parts_of
+from sysid.io.channels import SIDES
 from sysid.types import FloatArray
 
 if TYPE_CHECKING:
@@ -83,7 +84,8 @@ class Movement:
 class EffectChange:
     """An effect of a bundle against the first: appeared, disappeared, grew, shrank, or the same.
 
-    It grew or shrank where one of its numbers did, significantly.
+    It grew or shrank where its strength, the first of its numbers, did, significantly; where only
+    its shape moved it is the same, and the movement stands among the others.
     """
 
     bundle: str
@@ -113,7 +115,10 @@ class Comparison(Shown):
     def headline(self) -> str:
         """What moved against the first, in one line."""
         moved = list(dict.fromkeys(_label(m) for m in self.moved))
-        said = [f"moved: {', '.join(moved)}" if moved else "no parameter moved significantly"]
+        none = "no parameter moved significantly"
+        if not self.movements:
+            none = "no parameter has a standard error in both: no movement was tested"
+        said = [f"moved: {', '.join(moved)}" if moved else none]
         for state in ("appeared", "disappeared", "grew", "shrank"):
             effects = dict.fromkeys(e.effect for e in self.effects if e.state == state)
             said += [f"{state}: {', '.join(effects)}"] if effects else []
@@ -232,9 +237,7 @@ def compare_bundles(bundles: Sequence[Bundle], names: Sequence[str]) -> Comparis
     _check_comparable(bundles, names)
     parts = [parts_of(bundle) for bundle in bundles]
     if not any(set(parts[0]) & set(other) for other in parts[1:]):
-        raise input_error(
-            names[1], f"holds no part that {names[0]} holds", "compare bundles of the same tests"
-        )
+        raise _nothing_shared(bundles, names)
     movements = [
         m
         for name, other in zip(names[1:], parts[1:], strict=True)
@@ -249,6 +252,22 @@ def compare_bundles(bundles: Sequence[Bundle], names: Sequence[str]) -> Comparis
     return Comparison(
         tuple(names), tuple(parts), adjusted, tuple(effects), _notices(bundles, names)
     )
+
+
+def _nothing_shared(bundles: Sequence[Bundle], names: Sequence[str]) -> InputError:
+    if all(_has_surfaces(bundle) for bundle in bundles):
+        return input_error(
+            names[1],
+            f"has nothing in common with {names[0]} but PWM surfaces, which are not compared",
+            "compare what `sysid validate` says of both",
+        )
+    return input_error(
+        names[1], f"holds no part that {names[0]} holds", "compare bundles of the same tests"
+    )
+
+
+def _has_surfaces(bundle: Bundle) -> bool:
+    return any(bundle.valve(side).pwm is not None for side in SIDES)
 
 
 def _check_comparable(bundles: Sequence[Bundle], names: Sequence[str]) -> None:
@@ -355,18 +374,19 @@ def _effects(
     bundle: str,
     movements: Iterable[Movement],
 ) -> Iterable[EffectChange]:
-    moved = {m.part: m for m in movements if m.bundle == bundle and m.name and m.is_significant}
+    moved = {(m.part, m.name): m for m in movements if m.bundle == bundle and m.is_significant}
     for place in dict.fromkeys((*first, *other)):
         if not place.startswith("effect "):
             continue
         state: State = "same"
+        strength = next(iter(first[place].estimates), "") if place in first else ""
         if place not in first:
             state = "appeared"
         elif place not in other:
             state = "disappeared"
-        elif place in moved:
-            before = first[place].estimates[moved[place].name or ""].value
-            grew = abs(before + moved[place].change) > abs(before)
+        elif (place, strength) in moved:
+            before = first[place].estimates[strength].value
+            grew = abs(before + moved[place, strength].change) > abs(before)
             state = "grew" if grew else "shrank"
         yield EffectChange(bundle, place.removeprefix("effect "), state)
 
