@@ -116,13 +116,14 @@ def fleet_in(folder: Path) -> Fleet:
             continue
         fitted, row = si.read_bundle(done), done.with_name(ROW_FILE)
         final = si.read_bundle(done.with_name("bundle.json")) if row.is_file() else fitted
-        said = json.loads(row.read_text("utf-8"))["verdict"] if row.is_file() else None
+        said = json.loads(row.read_text("utf-8")) if row.is_file() else {}
         rows.append(
             FleetRow(
                 campaign=str(path),
                 folder=name,
                 origin=origin_of(si.read_campaign(path)),
-                verdict=said,
+                verdict=said.get("verdict"),
+                is_whole=said.get("is_whole", True),
                 effects=effects_of(final),
                 readings=readings_of(fitted, final),
             )

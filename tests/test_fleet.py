@@ -211,6 +211,17 @@ def test_each_change_is_found_at_its_date_and_no_other(made: Fleet) -> None:
     assert "appears with" in leak.sentence() and "rises by" in made.changes[0].sentence()
 
 
+@pytest.mark.parametrize(
+    ("given", "points"),
+    [({}, 10), ({"effects": {"orifice-leakage": 1e-9}}, 9), ({"is_whole": False}, 9)],
+)
+def test_a_leak_that_was_not_ruled_out_is_not_one_of_0(given: dict[str, Any], points: int) -> None:
+    rows = [row("leaky", i, 0.25, 4e-6 if i >= 6 else None) for i in range(10)]
+    rows[2] = dataclasses.replace(rows[2], **given)
+    leak = next(t for t in fleet_of(rows).trends if t.family == "leakage")
+    assert len(leak.values) == points
+
+
 @pytest.mark.parametrize(("fill", "dis", "leaks"), [(-1, 1, ["b"]), (1, 1, []), (-1, 0, [])])
 def test_a_valve_that_fills_less_and_empties_more_leaks(
     fill: int, dis: int, leaks: list[str]
@@ -230,6 +241,21 @@ def test_a_valve_that_fills_less_and_empties_more_leaks(
     assert all(sign.since == "2021-11-11" for sign in fleet.leaks)
     assert ("leak of chamber B" in fleet.headline()) == bool(leaks)
     assert ("plug its port" in fleet_page(fleet)) == bool(leaks)
+
+
+def test_the_sign_of_a_leak_where_a_number_is_missing_on_a_date() -> None:
+    rng = np.random.default_rng(20186)
+    rows = []
+    for i in range(12):
+        flows = {"c_fill": 1.0 - 0.004 * (i >= 7), "c_dis": 1.0 + 0.004 * (i >= 7)}
+        if i in (1, 3):
+            del flows["c_dis"]
+        flow = tuple(
+            FleetReading("flow", f"valves.b.discrete.{k}", v * rng.normal(1.0, 2e-4), 2e-4, "-")
+            for k, v in flows.items()
+        )
+        rows.append(dataclasses.replace(row("rig", i, 0.25), readings=flow))
+    assert [sign.side for sign in fleet_of(rows).leaks] == ["b"]
 
 
 def test_a_fleet_is_shown_and_written(made: Fleet) -> None:

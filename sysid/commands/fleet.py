@@ -150,7 +150,9 @@ def run_one(campaign: Path, folder: Path, options: dict[str, Any], shows: bool) 
 def _verdict(done: RunReport) -> dict[str, Any]:
     if done.diagnosis is None:
         return {}
-    return {"verdict": done.diagnosis["verdict"], "sentence": wording.sentence(done.diagnosis)}
+    whole = all(stage.complete for stage in done.stages if stage.name == "diagnose")
+    sentence = wording.sentence(done.diagnosis)
+    return {"verdict": done.diagnosis["verdict"], "sentence": sentence, "is_whole": whole}
 
 
 def _make(folder: Path) -> None:

@@ -14,9 +14,14 @@ from sysid.model.ports import Model, Point
 _WORD = "leakage"
 
 
+def is_leakage(id: str) -> bool:
+    """Whether an effect lets air out of a chamber past its valve, by its id."""
+    return _WORD in id
+
+
 def leakage_effects(bundle: Bundle) -> list[EffectEntry]:
     """The effects of a bundle that let air out of a chamber past its valve."""
-    return [effect for effect in bundle.effects if _WORD in effect.id]
+    return [effect for effect in bundle.effects if is_leakage(effect.id)]
 
 
 def leakage_flow(bundle: Bundle, catalogue: Catalogue | None = None) -> tuple[float, float] | None:
@@ -53,8 +58,8 @@ def _lost(model: Model, side: str) -> float:
         parameters=p,
         **pressures,
     )
-    leaks = Model(p, tuple(e for e in model.effects if _WORD in getattr(e, "id", "")))
+    leaks = Model(p, tuple(e for e in model.effects if is_leakage(getattr(e, "id", ""))))
     return -float(leaks.through("chamber_flow", 0.0, side, point))
 
 
-__all__ = ["leakage_effects", "leakage_flow"]
+__all__ = ["is_leakage", "leakage_effects", "leakage_flow"]

@@ -12,7 +12,7 @@ from typing import Any, Literal
 from sysid.bundle import Bundle
 from sysid.errors import SysidError, one_line
 from sysid.estimation.linear import Estimate
-from sysid.fleet.leakage import leakage_flow
+from sysid.fleet.leakage import is_leakage, leakage_flow
 from sysid.fleet.origin import Origin
 from sysid.fleet.parameters import has_error, parts_of
 from sysid.io.files import write_atomic
@@ -45,8 +45,9 @@ class FleetReading:
 class FleetRow:
     """A campaign that went through `run`, or (`failure`) why it came to no result.
 
-    `folder` is that of its results within the fleet's; `verdict` None without a diagnosis;
-    `effects` by id, each with its p-value; `readings` the numbers whose trends are followed.
+    `folder` is that of its results within the fleet's; `verdict` None without a diagnosis,
+    `is_whole` false of one that was cut short or only a first look; `effects` by id, each with its
+    p-value; `readings` the numbers whose trends are followed.
     """
 
     campaign: str
@@ -54,15 +55,17 @@ class FleetRow:
     origin: Origin | None
     verdict: str | None = None
     sentence: str = ""
+    is_whole: bool = True
     effects: Mapping[str, float] = field(default_factory=dict)
     readings: tuple[FleetReading, ...] = ()
     notices: int = 0
     failure: str = ""
 
     @property
-    def label(self) -> str:
-        """Rig and date."""
-        return f"{self.origin.rig} {self.origin.date}" if self.origin else self.campaign
+    def lacks_leakage(self) -> bool:
+        """Whether a whole diagnosis looked for a leak and found none."""
+        found = any(is_leakage(id) for id in self.effects)
+        return self.verdict is not None and self.is_whole and not found
 
     def to_json(self) -> dict[str, Any]:
         """The content of its file."""
@@ -72,6 +75,7 @@ class FleetRow:
             "origin": self.origin and self.origin.to_json(),
             "verdict": self.verdict,
             "sentence": self.sentence,
+            "is_whole": self.is_whole,
             "effects": dict(self.effects),
             "readings": [reading.to_json() for reading in self.readings],
             "notices": self.notices,
