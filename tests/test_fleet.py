@@ -8,6 +8,7 @@ import json
 import os
 import shutil
 import signal
+import time
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -325,6 +326,13 @@ def dies_once(mark: str) -> int:
     return 7
 
 
+def counts(mark: str) -> int:
+    with Path(mark).open("a") as file:
+        file.write("ran\n")
+    time.sleep(1.0)
+    return 8
+
+
 def fails() -> int:
     raise ValueError("no such thing")
 
@@ -344,6 +352,27 @@ def test_dask_gives_the_same_results_and_survives_a_killed_worker(tmp_path: Path
     for name in [r.folder for r in here.rows]:
         ours, theirs = (tmp_path / where / name / "bundle.json" for where in ("here", "dask"))
         assert content(ours) == content(theirs)
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
+def test_what_a_dead_worker_did_not_run_is_not_run_again(tmp_path: Path) -> None:
+    pytest.importorskip("distributed")  # its settings have to be there before one is set
+    dask = pytest.importorskip("dask")
+    jobs = [partial(counts, str(tmp_path / "ran")), partial(dies_once, str(tmp_path / "mark"))]
+    settings = {"distributed.scheduler.allowed-failures": 0}
+    with dask.config.set(settings), on_cluster("local", 2):
+        assert attempt_all(jobs) == [8, 7]
+    assert (tmp_path / "ran").read_text() == "ran\n"
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
+def test_a_scheduler_without_workers(monkeypatch: pytest.MonkeyPatch) -> None:
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr("sysid.parallel.cluster._CONNECT_S", 1.0)
+    with distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=None) as empty:
+        address = f"tcp://127.0.0.1:{empty.scheduler.port}"
+        with pytest.raises(InputError, match="has no workers; start `dask worker"):
+            on_cluster(address, 1).__enter__()
 
 
 def test_a_scheduler_that_does_not_answer() -> None:
