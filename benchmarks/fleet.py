@@ -231,11 +231,15 @@ def report(folder: Path, name: str, campaigns: Sequence[str], seconds: float) ->
 
 
 def results(folder: Path) -> dict[str, Any]:
-    """Bundle, diagnosis and row of a campaign, without the moment at which they were made."""
+    """Bundle, diagnosis and row of a campaign, without the moment at which they were made.
+
+    Without the notices of the run, too: one that resumed another has only some of them.
+    """
     names = ("fitted.json", "bundle.json", "diagnosis.json", ROW_FILE)
     found = {name: json.loads((folder / name).read_text("utf-8")) for name in names}
     for name in names[:2]:
         del found[name]["created"]
+    del found[ROW_FILE]["notices"]
     return found
 
 

@@ -25,7 +25,7 @@ from sysid.errors import InputError
 from sysid.fleet.changes import change_in
 from sysid.fleet.leakage import leakage_flow
 from sysid.fleet.origin import Origin, date_in, origin_of, result_folder
-from sysid.fleet.rows import LEAKAGE, FleetReading, FleetRow, readings_of
+from sysid.fleet.rows import LEAKAGE, FleetReading, FleetRow, earlier_notices, readings_of
 from sysid.fleet.trends import Fleet, fleet_of
 from sysid.io.campaign import read_campaign
 from sysid.model.effects import AtmosphereLeakage
@@ -83,7 +83,6 @@ def test_where_rig_and_date_come_from(tmp_path: Path) -> None:
     found = origin_of(read_campaign(path))
     assert (found.rig, found.date.isoformat()) == ("hybrid-actuator", "2024-03-17")
     assert found.date_from == "name of the folder 2024-03-17"
-    assert Origin.from_json(found.to_json()) == found
     plain = points(tmp_path / "a" / "b" / "c" / "d" / "e")
     for log in plain.parent.glob("*.csv"):
         os.utime(log, (1.7e9, 1.7e9))
@@ -197,7 +196,9 @@ def made() -> Fleet:
         for rig in ("sound", "worn", "leaky")
         for i in rng.permutation(10)
     ]
-    broken = FleetRow.failed(Path("bad.toml"), "bad", None, "bad.toml: rig is missing; add <rig>")
+    broken = FleetRow.failed(
+        Path("bad.toml"), "bad", None, "bad.toml: rig is missing; add <rig>", 2
+    )
     return fleet_of([broken, *rows])
 
 
@@ -264,8 +265,13 @@ def test_a_fleet_is_shown_and_written(made: Fleet) -> None:
     assert len(made.to_frame()) == 40
     assert made.plot().get_lines()
     content = json.loads(json.dumps(made.to_json(), allow_nan=False))
-    rows = [FleetRow.from_json(r) for r in content["campaigns"]]
-    assert fleet_of(rows).to_json() == made.to_json()
+    assert [c["folder"] for c in content["campaigns"]] == [r.folder for r in made.rows]
+    assert {r["value"] for r in made.records() if r["family"] == "friction"} == {
+        reading["value"]
+        for c in content["campaigns"]
+        for reading in c["readings"]
+        if reading["family"] == "friction"
+    }
 
 
 def test_the_page_links_to_the_reports(made: Fleet) -> None:
@@ -281,6 +287,38 @@ def test_a_fleet_without_a_trend() -> None:
     small = fleet_of([row("one", 0, 0.25)])
     assert "no rig with 4 dates" in small.headline()
     assert "No rig has enough dates" in fleet_page(small)
+
+
+@pytest.mark.parametrize(("codes", "wanted"), [((3, 3), 3), ((3, 2), 2), ((1, 1), 2)])
+def test_how_a_fleet_without_a_result_ends(
+    codes: tuple[int, ...],
+    wanted: int,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    rows = [FleetRow.failed(Path(f"{i}.toml"), str(i), None, "why", c) for i, c in enumerate(codes)]
+    monkeypatch.setattr("sysid.commands.fleet.run_fleet", lambda *_, **__: fleet_of(rows))
+    assert main(["fleet", "a.toml", "-o", str(tmp_path)]) == wanted
+    assert "1.toml: no result: why" in capsys.readouterr().err
+
+
+def test_each_campaigns_notices_are_shown(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rows = [
+        dataclasses.replace(row(rig, i, 0.25), notices=(f"log {i}.csv: {i} samples lack",))
+        for i, rig in enumerate(("left", "right"))
+    ]
+    rows[0].write(tmp_path)
+    assert earlier_notices(tmp_path) == rows[0].notices and earlier_notices(tmp_path / "x") == ()
+    monkeypatch.setattr("sysid.commands.fleet.run_fleet", lambda *_, **__: fleet_of(rows))
+    words = ["fleet", "a.toml", "-o", str(tmp_path)]
+    assert main(words) == 0
+    assert "(and 1 more like it: -v shows them)" in capsys.readouterr().err
+    assert main([*words, "-v"]) == 0
+    said = capsys.readouterr().err
+    assert all(f"{one.folder}: {one.notices[0]}" in said for one in rows)
 
 
 # --- the command ---------------------------------------------------------------------------
@@ -369,10 +407,10 @@ def test_what_a_dead_worker_did_not_run_is_not_run_again(tmp_path: Path) -> None
 def test_a_scheduler_without_workers(monkeypatch: pytest.MonkeyPatch) -> None:
     distributed = pytest.importorskip("distributed")
     monkeypatch.setattr("sysid.parallel.cluster._CONNECT_S", 1.0)
-    with distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=None) as empty:
-        address = f"tcp://127.0.0.1:{empty.scheduler.port}"
-        with pytest.raises(InputError, match="has no workers; start `dask worker"):
-            on_cluster(address, 1).__enter__()
+    none = {"n_workers": 0, "processes": False, "dashboard_address": ":0", "protocol": "tcp://"}
+    wanted = pytest.raises(InputError, match="has no workers; start `dask worker tcp:")
+    with distributed.LocalCluster(**none) as empty, wanted, on_cluster(empty.scheduler_address, 1):
+        raise AssertionError
 
 
 def test_a_scheduler_that_does_not_answer() -> None:

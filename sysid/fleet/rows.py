@@ -47,7 +47,8 @@ class FleetRow:
 
     `folder` is that of its results within the fleet's; `verdict` None without a diagnosis,
     `is_whole` false of one that was cut short or only a first look; `effects` by id, each with its
-    p-value; `readings` the numbers whose trends are followed.
+    p-value; `readings` the numbers whose trends are followed; `notices` those of its run, and of
+    the runs that it resumed. `exit_code`: what `run` ends with, 0 with a result.
     """
 
     campaign: str
@@ -58,8 +59,9 @@ class FleetRow:
     is_whole: bool = True
     effects: Mapping[str, float] = field(default_factory=dict)
     readings: tuple[FleetReading, ...] = ()
-    notices: int = 0
+    notices: tuple[str, ...] = ()
     failure: str = ""
+    exit_code: int = 0
 
     @property
     def lacks_leakage(self) -> bool:
@@ -78,30 +80,30 @@ class FleetRow:
             "is_whole": self.is_whole,
             "effects": dict(self.effects),
             "readings": [reading.to_json() for reading in self.readings],
-            "notices": self.notices,
+            "notices": list(self.notices),
             "failure": self.failure,
+            "exit_code": self.exit_code,
         }
 
     @classmethod
-    def from_json(cls, content: Mapping[str, Any]) -> FleetRow:
-        """What `to_json` gave."""
-        origin = content["origin"]
-        return cls(
-            **{
-                **content,
-                "origin": origin and Origin.from_json(origin),
-                "readings": tuple(FleetReading(**reading) for reading in content["readings"]),
-            }
-        )
-
-    @classmethod
-    def failed(cls, campaign: Path, folder: str, origin: Origin | None, why: str) -> FleetRow:
+    def failed(
+        cls, campaign: Path, folder: str, origin: Origin | None, why: str, exit_code: int
+    ) -> FleetRow:
         """Of a campaign that came to no result."""
-        return cls(str(campaign), folder, origin, failure=one_line(why))
+        return cls(str(campaign), folder, origin, failure=one_line(why), exit_code=exit_code)
 
     def write(self, folder: Path) -> None:
         """Write it into the campaign's folder, whole or not at all."""
         write_atomic(folder / ROW_FILE, json.dumps(self.to_json(), indent=2) + "\n")
+
+
+def earlier_notices(folder: Path) -> tuple[str, ...]:
+    """The notices in the row of a campaign's folder; none without one that can be read."""
+    try:
+        known = json.loads((folder / ROW_FILE).read_text("utf-8"))["notices"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return ()
+    return tuple(line for line in known if isinstance(line, str)) if isinstance(known, list) else ()
 
 
 def readings_of(
@@ -157,6 +159,7 @@ __all__ = [
     "Family",
     "FleetReading",
     "FleetRow",
+    "earlier_notices",
     "effects_of",
     "readings_of",
 ]

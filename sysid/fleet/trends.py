@@ -222,7 +222,9 @@ def _adjusted(trends: list[Trend]) -> tuple[Trend, ...]:
 def _notices(rows: Sequence[FleetRow]) -> Iterable[str]:
     for row in rows:
         if row.failure:
-            yield f"no result: {one_line(row.failure)}"
+            why = one_line(row.failure)
+            place = "" if why.startswith(row.campaign) else f"{row.campaign}: "
+            yield f"{place}no result: {why}"
     guessed = [r for r in rows if r.origin and r.origin.date_from.startswith("day of")]
     if guessed:
         yield (
