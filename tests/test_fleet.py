@@ -283,8 +283,19 @@ def test_the_page_links_to_the_reports(made: Fleet) -> None:
     assert 'class="verdict poor"' in page
 
 
+def test_rotary_and_linear_rigs_have_columns_of_their_own() -> None:
+    axis = dataclasses.replace(
+        row("axis", 0, 0.25),
+        readings=(FleetReading("friction", "friction.coulomb_n", 17.25, 0.1, "N"),),
+    )
+    page = fleet_page(fleet_of([axis, row("arm", 0, 0.25)]))
+    assert "Coulomb friction (N)" in page and "Coulomb friction (Nm)" in page.replace("N·m", "Nm")
+    assert "17.25" in page
+
+
 def test_a_fleet_without_a_trend() -> None:
     small = fleet_of([row("one", 0, 0.25)])
+    assert "1 rig, 1 campaign" in fleet_page(small) and "1 rigs" not in fleet_page(small)
     assert "no rig with 4 dates" in small.headline()
     assert "No rig has enough dates" in fleet_page(small)
 
