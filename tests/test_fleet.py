@@ -20,7 +20,7 @@ from golden_folder import GOLDEN, golden_bundle
 from sysid.bundle import read_bundle
 from sysid.bundle.effects import EffectEntry, entry_of
 from sysid.commands.app import main
-from sysid.commands.fleet import run_fleet
+from sysid.commands.fleet import run_fleet, run_one
 from sysid.errors import InputError
 from sysid.fleet.changes import change_in
 from sysid.fleet.leakage import leakage_flow
@@ -362,6 +362,24 @@ def test_a_fleet_resumes_and_goes_on_past_a_bad_campaign(
     assert (folder / "bundle.json").stat().st_mtime_ns == before
     assert main([*words[:2], *words[1:]]) == 2
     assert "is given twice" in capsys.readouterr().err
+    campaigns[0].write_text("[[log]]\n")
+    failed = run_one(campaigns[0], tmp_path / "out", QUICK, False)
+    assert failed.exit_code == 2 and json.loads((folder / "row.json").read_text())["failure"]
+
+
+def test_the_file_of_effects_is_found_from_any_folder(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    given = []
+
+    def one(campaign: Path, folder: Path, options: dict[str, Any], shows: bool) -> FleetRow:
+        given.append(options["effects"])
+        return row("rig", 0, 0.25)
+
+    monkeypatch.setattr("sysid.commands.fleet.run_one", one)
+    monkeypatch.chdir(tmp_path)
+    run_fleet((Path("campaign.toml"),), Path("out"), effects=Path("my.py"))
+    assert given == [tmp_path / "my.py"]
 
 
 # --- Dask ----------------------------------------------------------------------------------
