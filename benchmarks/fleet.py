@@ -116,13 +116,14 @@ def fleet_in(folder: Path) -> Fleet:
             continue
         fitted, row = si.read_bundle(done), done.with_name(ROW_FILE)
         final = si.read_bundle(done.with_name("bundle.json")) if row.is_file() else fitted
-        said = json.loads(row.read_text("utf-8"))["verdict"] if row.is_file() else None
+        said = json.loads(row.read_text("utf-8")) if row.is_file() else {}
         rows.append(
             FleetRow(
                 campaign=str(path),
                 folder=name,
                 origin=origin_of(si.read_campaign(path)),
-                verdict=said,
+                verdict=said.get("verdict"),
+                is_whole=said.get("is_whole", True),
                 effects=effects_of(final),
                 readings=readings_of(fitted, final),
             )
@@ -230,11 +231,15 @@ def report(folder: Path, name: str, campaigns: Sequence[str], seconds: float) ->
 
 
 def results(folder: Path) -> dict[str, Any]:
-    """Bundle, diagnosis and row of a campaign, without the moment at which they were made."""
+    """Bundle, diagnosis and row of a campaign, without the moment at which they were made.
+
+    Without the notices of the run, too: one that resumed another has only some of them.
+    """
     names = ("fitted.json", "bundle.json", "diagnosis.json", ROW_FILE)
     found = {name: json.loads((folder / name).read_text("utf-8")) for name in names}
     for name in names[:2]:
         del found[name]["created"]
+    del found[ROW_FILE]["notices"]
     return found
 
 

@@ -16,8 +16,9 @@ from sysid.bundle import Bundle
 from sysid.bundle.refinement import Refinement
 from sysid.commands.app import main
 from sysid.errors import InputError
+from sysid.estimation.linear import Estimate, mean_estimate
 from sysid.fleet.comparison import Comparison
-from sysid.fleet.parameters import has_error, parts_of
+from sysid.fleet.parameters import degrees_of_freedom, has_error, parts_of
 
 
 @pytest.fixture(scope="module")
@@ -75,6 +76,39 @@ def test_chance_is_not_called_a_movement(bundle: Bundle) -> None:
     assert said <= 10  # of 100; 5 % would be 5
 
 
+def few_trials(bundle: Bundle, rng: np.random.Generator, trials: int) -> Bundle:
+    """Friction whose static, Coulomb and viscous friction are each a mean of so many trials."""
+    content: dict[str, Any] = bundle.to_json()["friction"]
+    content = {k: v for k, v in content.items() if k != "correlation"}
+    for key in ("static_nm", "coulomb_nm", "viscous_nm_s_per_rad"):
+        drawn = rng.normal(content[key]["value"], 0.05, trials)
+        made = mean_estimate(drawn, content[key]["unit"]).to_json()
+        content[key] = made
+    return bundle.replaced(
+        friction=type(bundle.friction).model_validate(content), valves=None, effects=[]
+    )
+
+
+@pytest.mark.parametrize("dof", [1.0, 2.0, 11.0, 300.0, np.inf])
+def test_degrees_of_freedom_are_those_of_the_interval(dof: float) -> None:
+    found = degrees_of_freedom(Estimate.symmetric(2.0, 0.1, "Nm", dof))
+    assert found == pytest.approx(dof, rel=1e-6)
+
+
+def test_chance_is_no_movement_with_few_trials_either(bundle: Bundle) -> None:
+    """Of 3 trials each: every single p-value is below 5 % about as often as it says, or less."""
+    rng = np.random.default_rng(20185)
+    made = [few_trials(bundle, rng, 3) for _ in range(400)]
+    pairs = zip(made[::2], made[1::2], strict=True)
+    found = [si.compare(one, two) for one, two in pairs]
+    moves = [m for one in found for m in one.movements if m.name != "offset_nm"]
+    whole = [m.p_value < 0.05 for m in moves if m.name is None]
+    single = [m.p_value < 0.05 for m in moves if m.name is not None]
+    assert len(whole) == 200 and len(single) == 600
+    assert np.mean(single) < 0.07 and np.mean(whole) < 0.08
+    assert sum(bool(one.moved) for one in found) <= 16  # of 200; 5 % would be 10
+
+
 def test_numbers_whose_errors_go_together_are_compared_together(bundle: Bundle) -> None:
     """Each moves by 1.5 errors, against their correlation: together that is no chance."""
     friction = bundle.friction
@@ -88,6 +122,21 @@ def test_numbers_whose_errors_go_together_are_compared_together(bundle: Bundle) 
     two = two.replaced(friction=type(friction).model_validate(content))
     moved = [(m.part, m.name) for m in si.compare(one, two).moved]
     assert moved == [("friction", None)]
+
+
+def test_numbers_that_are_nearly_one_are_compared_as_one(bundle: Bundle) -> None:
+    """The file's rounding leaves a correlation of 1: only the common direction is tested."""
+    assert bundle.friction is not None
+    names = ["coulomb_nm", "viscous_nm_s_per_rad"]
+    for corner in (1.0, 0.999999, 1.000001):
+        content = bundle.friction.to_json()
+        content["correlation"] = {"names": names, "matrix": [[1.0, corner], [corner, 1.0]]}
+        one = bundle.replaced(friction=type(bundle.friction).model_validate(content))
+        two = moved_by(one, "friction", names[0], 0.01)
+        whole = next(
+            m for m in si.compare(one, two).movements if m.part == "friction" and not m.name
+        )
+        assert 0.0 <= whole.z < 0.1 and whole.p_value > 0.9
 
 
 def test_effects_appear_disappear_and_grow(bundle: Bundle) -> None:
@@ -105,6 +154,19 @@ def test_effects_appear_disappear_and_grow(bundle: Bundle) -> None:
     two = bundle.replaced(effects=[type(bundle.effects[0]).model_validate(entry)])
     assert [e.state for e in si.compare(one, two).effects] == ["grew"]
     assert [e.state for e in si.compare(two, one).effects] == ["shrank"]
+
+
+def test_an_effect_whose_shape_alone_moved_is_the_same(bundle: Bundle) -> None:
+    entry = bundle.effects[0]
+    content = entry.to_json()
+    strength, shape = entry.numbers()
+    old = content["parameters"][shape]
+    moved = {"value": old["value"] + 50.0 * old["std"], "std": old["std"], "unit": old["unit"]}
+    content["parameters"] = {**content["parameters"], shape: moved}
+    other = bundle.replaced(effects=[type(entry).model_validate(content)])
+    found = si.compare(bundle, other)
+    assert [e.state for e in found.effects] == ["same"]
+    assert shape in [m.name for m in found.moved] and strength not in [m.name for m in found.moved]
 
 
 def test_a_refinement_says_how_an_effects_errors_go_together(bundle: Bundle) -> None:
@@ -144,6 +206,19 @@ def test_of_other_rigs_and_of_one_alone(bundle: Bundle) -> None:
         si.compare(bundle)
     with pytest.raises(InputError, match="holds no part that"):
         si.compare(bundle.replaced(effects=[], valves=None), bundle.replaced(friction=None))
+    surfaces = bundle.replaced(effects=[], friction=None).to_json()
+    for valve in surfaces["valves"].values():
+        valve["pwm"] = {"fill": {"identified": False, "reason": "too few duties"}}
+        del valve["discrete"]
+    only = Bundle.model_validate(surfaces)
+    with pytest.raises(InputError, match=r"nothing in common .* but PWM surfaces"):
+        si.compare(only, only)
+    bare = bundle.to_json()["friction"]
+    bare = {k: {**v, "std": None} if k.endswith("_nm") else v for k, v in bare.items()}
+    bare["viscous_nm_s_per_rad"] = {**bare["viscous_nm_s_per_rad"], "std": None}
+    friction = type(bundle.friction).model_validate(bare)
+    untested = bundle.replaced(friction=friction, valves=None, effects=[])
+    assert "no movement was tested" in si.compare(untested, untested).headline()
     content = {**bundle.rig_content, "pwm": {"period_s": 0.01}}
     other = si.compare(bundle, bundle.replaced(rig_content=content))
     assert "[pwm] differs" in other.notices[0]

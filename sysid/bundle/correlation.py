@@ -15,7 +15,7 @@ from sysid.types import FloatArray
 # A matrix in a file is rounded, as its last digits say nothing: its eigenvalues change by this much
 # times their number.
 _DECIMALS = 6
-_ROUNDING = 10.0**-_DECIMALS
+ROUNDING = 10.0**-_DECIMALS
 
 
 class Correlation(Part):
@@ -43,14 +43,14 @@ class Correlation(Part):
         if [len(row) for row in self.matrix] != [count] * count:
             raise ValueError(f"is not a matrix of {count} rows and columns, as its names say")
         # Compared one by one: a whole number in a file may be too large for an array.
-        if not all(abs(c) <= 1.0 + _ROUNDING for row in self.matrix for c in row):
+        if not all(abs(c) <= 1.0 + ROUNDING for row in self.matrix for c in row):
             raise ValueError("holds a number beyond -1 to 1")
         matrix = self.array()
-        if np.any(np.abs(np.diag(matrix) - 1.0) > _ROUNDING):
+        if np.any(np.abs(np.diag(matrix) - 1.0) > ROUNDING):
             raise ValueError("has a diagonal that is not 1")
-        if np.any(np.abs(matrix - matrix.T) > _ROUNDING):
+        if np.any(np.abs(matrix - matrix.T) > ROUNDING):
             raise ValueError("is not symmetric")
-        if np.linalg.eigvalsh(matrix)[0] < -_ROUNDING * count:
+        if np.linalg.eigvalsh(matrix)[0] < -ROUNDING * count:
             raise ValueError("is no correlation: it has a negative eigenvalue")
         return self
 

@@ -15,22 +15,24 @@ from rich.text import Text
 from sysid import parallel
 from sysid.bundle import read_bundle
 from sysid.commands.options import PathArgument, options
-from sysid.commands.printing import notices, print_json, progress
+from sysid.commands.printing import grouped_notices, notices, print_json, progress
 from sysid.commands.run import RunReport, run_campaign, run_options
-from sysid.commands.stages import BUNDLE_FILE, FITTED_FILE
+from sysid.commands.stages import FITTED_FILE
 from sysid.diagnosis import wording
 from sysid.display.numbers import ascii_text
 from sysid.display.terminal import console, new_table
-from sysid.errors import SysidError, input_error
+from sysid.errors import InputError, NotIdentifiedError, SysidError, input_error
 from sysid.fleet.origin import check_each_once, origin_of, result_folder
-from sysid.fleet.rows import FleetRow, effects_of, readings_of
+from sysid.fleet.rows import FleetRow, earlier_notices, effects_of, readings_of
 from sysid.fleet.trends import Fleet, fleet_of
 from sysid.io.campaign import read_campaign
 from sysid.io.files import write_atomic
+from sysid.model.effects.catalogue import catalogue_with
 from sysid.types import Progress, no_progress
 
 PAGE_FILE = "fleet.html"
 CONTENT_FILE = "fleet.json"
+_FAULT = 1  # exit code of what is no fault of the input: a worker that died, a fault of the program
 
 fleet_options = options(
     click.argument("campaigns", nargs=-1, required=True, type=PathArgument, metavar="CAMPAIGN..."),
@@ -63,12 +65,15 @@ def fleet(
         campaigns, folder, scheduler=scheduler, tell=progress(), verbose=verbose, **options
     )
     notices(done.notices)
+    _show_notices(done, verbose)
     if as_json:
         print_json(done.to_json() | {"page": str(folder / PAGE_FILE)})
     else:
         _show(done, folder)
     if len(done.failed) == len(done.rows):
-        raise input_error(folder, "no campaign came to a result", "see the notices above")
+        error = input_error(folder, "no campaign came to a result", "see the notices above")
+        unidentified = all(row.exit_code == NotIdentifiedError.exit_code for row in done.rows)
+        raise NotIdentifiedError(str(error)) if unidentified else error
 
 
 def run_fleet(
@@ -89,6 +94,8 @@ def run_fleet(
     """
     check_each_once(list(campaigns))
     _make(folder)
+    if options.get("effects") is not None:  # workers of a scheduler have other folders
+        options["effects"] = options["effects"].resolve()
     jobs = [
         partial(run_one, path.resolve(), folder.resolve(), options, verbose and not scheduler)
         for path in campaigns
@@ -96,7 +103,7 @@ def run_fleet(
     with _workers(scheduler, tell):
         found = parallel.attempt_all(jobs)
     rows = [
-        FleetRow.failed(path, result_folder(path), None, row.reason)
+        _failed(FleetRow.failed(path, result_folder(path), None, row.reason, _FAULT), folder)
         if isinstance(row, parallel.Failure)
         else row
         for path, row in zip(campaigns, found, strict=True)
@@ -129,25 +136,53 @@ def run_one(campaign: Path, folder: Path, options: dict[str, Any], shows: bool) 
         origin = origin_of(read_campaign(campaign))
         progress(f"{name}: ")("starts")
         done = run_campaign(campaign, folder / name, progress=tell, **options)
+        fitted = read_bundle(done.folder / FITTED_FILE)
+        readings = readings_of(fitted, done.bundle, catalogue_with(options.get("effects")))
     except SysidError as error:
-        return FleetRow.failed(campaign, name, origin, str(error))
+        return _failed(FleetRow.failed(campaign, name, origin, str(error), error.exit_code), folder)
     row = FleetRow(
         campaign=str(campaign),
         folder=name,
         origin=origin,
         effects=effects_of(done.bundle),
-        readings=readings_of(read_bundle(done.folder / FITTED_FILE), done.bundle),
-        notices=len(done.notices),
+        readings=readings,
+        notices=_notices(done),
         **_verdict(done),
     )
     row.write(done.folder)
     return row
 
 
+def _failed(row: FleetRow, folder: Path) -> FleetRow:
+    """The row; it replaces that of an earlier run, whose verdict no longer holds."""
+    with contextlib.suppress(InputError):  # the folder may be what the failure is about
+        if (folder / row.folder).is_dir():
+            row.write(folder / row.folder)
+    return row
+
+
+def _notices(done: RunReport) -> tuple[str, ...]:
+    """Those of the run, after those of the runs whose stages it found up to date."""
+    resumed = any(stage.why is None for stage in done.stages)
+    before = earlier_notices(done.folder) if resumed else ()
+    return tuple(dict.fromkeys((*before, *done.notices)))
+
+
+def _show_notices(done: Fleet, verbose: bool) -> None:
+    """Each campaign's own with its folder's name; grouped unless asked for."""
+    lines = [f"{row.folder}: {line}" for row in done.rows for line in row.notices]
+    if verbose:
+        notices(lines)
+    else:
+        grouped_notices(lines, named=True)
+
+
 def _verdict(done: RunReport) -> dict[str, Any]:
     if done.diagnosis is None:
         return {}
-    return {"verdict": done.diagnosis["verdict"], "sentence": wording.sentence(done.diagnosis)}
+    whole = all(stage.complete for stage in done.stages if stage.name == "diagnose")
+    sentence = wording.sentence(done.diagnosis)
+    return {"verdict": done.diagnosis["verdict"], "sentence": sentence, "is_whole": whole}
 
 
 def _make(folder: Path) -> None:
@@ -172,4 +207,4 @@ def _show(done: Fleet, folder: Path) -> None:
     out.print(Text(f"page: {folder / PAGE_FILE}"), soft_wrap=True)
 
 
-__all__ = ["BUNDLE_FILE", "fleet", "run_fleet", "run_one"]
+__all__ = ["fleet", "run_fleet", "run_one"]

@@ -36,11 +36,15 @@ def notices(lines: Iterable[str]) -> None:
         error.print(Text(f"sysid: notice: {one_line(line)}"))
 
 
-def grouped_notices(lines: Iterable[str]) -> None:
-    """Notices that differ only in numbers, tests, files and sides as one, with their count."""
+def grouped_notices(lines: Iterable[str], *, named: bool = False) -> None:
+    """Notices that differ only in numbers, tests, files and sides as one, with their count.
+
+    `named`: also those that differ in the name before their first colon, of a campaign.
+    """
     groups: dict[str, list[str]] = {}
     for line in dict.fromkeys(lines):
-        groups.setdefault(_shape(line), []).append(line)
+        said = line.partition(": ")[2] if named else line
+        groups.setdefault(_shape(said), []).append(line)
     notices(
         own[0] + (f" (and {len(own) - 1} more like it: -v shows them)" if len(own) > 1 else "")
         for own in groups.values()

@@ -1,9 +1,13 @@
 """Bundles next to each other: what moved more than the errors of both explain.
 
 A number that two bundles hold moved by z = (second - first) / sqrt(s1^2 + s2^2): bundles of
-different tests have independent errors. The numbers that one fit gave are also compared as a
-whole, by the Wald statistic of their differences with the sum of both covariances: numbers whose
-errors go together (Coulomb and viscous friction) may each move little and yet all of them much.
+different tests have independent errors. Standard errors of few trials are uncertain themselves: z
+is Student's t with the degrees of freedom by Welch (Biometrika 34, 1947, 28-35), those of each
+number being the ones of its interval. The numbers that one fit gave are also compared as a whole,
+by the Wald statistic of their differences with the sum of both covariances: numbers whose errors
+go together (Coulomb and viscous friction) may each move little and yet all of them much. Over the
+count of numbers it is F distributed where one residual variance scales all errors; the fewest
+degrees of freedom of them stand for all, which is on the safe side for errors of separate tests.
 All p-values of a comparison, of numbers and of parts, are adjusted together for the false
 discovery rate by Benjamini and Yekutieli (Ann. Statist. 29, 2001, 1165-1188), which holds whatever
 their dependence. `scipy.stats.false_discovery_control` computes them.
@@ -17,16 +21,20 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from scipy.stats import chi2, false_discovery_control, norm
+from scipy.stats import chi2, false_discovery_control
+from scipy.stats import f as f_distribution
 
 from sysid.bundle import Bundle
+from sysid.bundle.correlation import ROUNDING
 from sysid.display.numbers import estimate_cells as cells_of
 from sysid.display.numbers import number, percent
 from sysid.display.plots import one_axes
 from sysid.display.tables import Shown, ShownTable
-from sysid.errors import input_error
-from sysid.estimation.linear import Estimate, finite_or_none
-from sysid.fleet.parameters import NumbersOfPart, has_error, parts_of
+from sysid.errors import InputError, input_error
+from sysid.estimation.linear import Estimate, finite_or_none, t_p_value
+from sysid.fleet.parameters import NumbersOfPart, degrees_of_freedom, has_error, parts_of
+from sysid.io.channels import SIDES
+from sysid.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -76,7 +84,8 @@ class Movement:
 class EffectChange:
     """An effect of a bundle against the first: appeared, disappeared, grew, shrank, or the same.
 
-    It grew or shrank where one of its numbers did, significantly.
+    It grew or shrank where its strength, the first of its numbers, did, significantly; where only
+    its shape moved it is the same, and the movement stands among the others.
     """
 
     bundle: str
@@ -106,7 +115,10 @@ class Comparison(Shown):
     def headline(self) -> str:
         """What moved against the first, in one line."""
         moved = list(dict.fromkeys(_label(m) for m in self.moved))
-        said = [f"moved: {', '.join(moved)}" if moved else "no parameter moved significantly"]
+        none = "no parameter moved significantly"
+        if not self.movements:
+            none = "no parameter has a standard error in both: no movement was tested"
+        said = [f"moved: {', '.join(moved)}" if moved else none]
         for state in ("appeared", "disappeared", "grew", "shrank"):
             effects = dict.fromkeys(e.effect for e in self.effects if e.state == state)
             said += [f"{state}: {', '.join(effects)}"] if effects else []
@@ -225,9 +237,7 @@ def compare_bundles(bundles: Sequence[Bundle], names: Sequence[str]) -> Comparis
     _check_comparable(bundles, names)
     parts = [parts_of(bundle) for bundle in bundles]
     if not any(set(parts[0]) & set(other) for other in parts[1:]):
-        raise input_error(
-            names[1], f"holds no part that {names[0]} holds", "compare bundles of the same tests"
-        )
+        raise _nothing_shared(bundles, names)
     movements = [
         m
         for name, other in zip(names[1:], parts[1:], strict=True)
@@ -242,6 +252,22 @@ def compare_bundles(bundles: Sequence[Bundle], names: Sequence[str]) -> Comparis
     return Comparison(
         tuple(names), tuple(parts), adjusted, tuple(effects), _notices(bundles, names)
     )
+
+
+def _nothing_shared(bundles: Sequence[Bundle], names: Sequence[str]) -> InputError:
+    if all(_has_surfaces(bundle) for bundle in bundles):
+        return input_error(
+            names[1],
+            f"has nothing in common with {names[0]} but PWM surfaces, which are not compared",
+            "compare what `sysid validate` says of both",
+        )
+    return input_error(
+        names[1], f"holds no part that {names[0]} holds", "compare bundles of the same tests"
+    )
+
+
+def _has_surfaces(bundle: Bundle) -> bool:
+    return any(bundle.valve(side).pwm is not None for side in SIDES)
 
 
 def _check_comparable(bundles: Sequence[Bundle], names: Sequence[str]) -> None:
@@ -298,14 +324,41 @@ def _moves(
         change = np.array([two.estimates[k].value - one.estimates[k].value for k in keys])
         covariance = one.covariance(keys) + two.covariance(keys)
         z = change / np.sqrt(np.diag(covariance))
-        for key, moved, size in zip(keys, change, z, strict=True):
-            p = max(2.0 * float(norm.sf(abs(size))), _SMALLEST_P)
+        dof = [_welch(one.estimates[k], two.estimates[k]) for k in keys]
+        for key, moved, size, own in zip(keys, change, z, dof, strict=True):
+            p = max(t_p_value(float(size), own), _SMALLEST_P)
             yield Movement(bundle, place, key, float(moved), float(size), p)
         if len(keys) > 1:
             scale = np.sqrt(np.diag(covariance))
-            wald = float(z @ np.linalg.pinv(covariance / np.outer(scale, scale)) @ z)
-            p = max(float(chi2.sf(wald, len(keys))), _SMALLEST_P)
-            yield Movement(bundle, place, None, math.nan, math.sqrt(wald / len(keys)), p)
+            wald, rank = _wald(z, covariance / np.outer(scale, scale))
+            p = max(_f_p_value(wald, rank, min(dof)), _SMALLEST_P)
+            yield Movement(bundle, place, None, math.nan, math.sqrt(wald / rank), p)
+
+
+def _welch(one: Estimate, two: Estimate) -> float:
+    """The degrees of freedom of the difference's standard error, by Welch and Satterthwaite."""
+    variances = one.std**2, two.std**2
+    dof = degrees_of_freedom(one), degrees_of_freedom(two)
+    share = sum((v / sum(variances)) ** 2 / n for v, n in zip(variances, dof, strict=True))
+    return 1.0 / share if share > 0.0 else math.inf
+
+
+def _f_p_value(wald: float, rank: int, dof: float) -> float:
+    if math.isinf(dof):
+        return float(chi2.sf(wald, rank))
+    return float(f_distribution.sf(wald / rank, rank, dof))
+
+
+def _wald(z: FloatArray, correlation: FloatArray) -> tuple[float, int]:
+    """The Wald statistic of scaled changes (k,) with this correlation (k, k), and its rank.
+
+    A direction whose variance is no larger than what rounding the file's matrix made of it says
+    nothing: it is left out.
+    """
+    variances, directions = np.linalg.eigh(correlation)
+    kept = variances > ROUNDING * len(z)
+    scores = directions.T[kept] @ z
+    return float(np.sum(np.square(scores) / variances[kept])), int(np.count_nonzero(kept))
 
 
 def _adjusted(movements: Sequence[Movement]) -> tuple[Movement, ...]:
@@ -321,18 +374,19 @@ def _effects(
     bundle: str,
     movements: Iterable[Movement],
 ) -> Iterable[EffectChange]:
-    moved = {m.part: m for m in movements if m.bundle == bundle and m.name and m.is_significant}
+    moved = {(m.part, m.name): m for m in movements if m.bundle == bundle and m.is_significant}
     for place in dict.fromkeys((*first, *other)):
         if not place.startswith("effect "):
             continue
         state: State = "same"
+        strength = next(iter(first[place].estimates), "") if place in first else ""
         if place not in first:
             state = "appeared"
         elif place not in other:
             state = "disappeared"
-        elif place in moved:
-            before = first[place].estimates[moved[place].name or ""].value
-            grew = abs(before + moved[place].change) > abs(before)
+        elif (place, strength) in moved:
+            before = first[place].estimates[strength].value
+            grew = abs(before + moved[place, strength].change) > abs(before)
             state = "grew" if grew else "shrank"
         yield EffectChange(bundle, place.removeprefix("effect "), state)
 

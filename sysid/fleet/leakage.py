@@ -8,27 +8,35 @@ from sysid.bundle import Bundle
 from sysid.bundle.effects import EffectEntry
 from sysid.fleet.parameters import has_error
 from sysid.io.channels import SIDES
+from sysid.model.effects.entry import Catalogue
 from sysid.model.ports import Model, Point
 
 _WORD = "leakage"
 
 
+def is_leakage(id: str) -> bool:
+    """Whether an effect lets air out of a chamber past its valve, by its id."""
+    return _WORD in id
+
+
 def leakage_effects(bundle: Bundle) -> list[EffectEntry]:
     """The effects of a bundle that let air out of a chamber past its valve."""
-    return [effect for effect in bundle.effects if _WORD in effect.id]
+    return [effect for effect in bundle.effects if is_leakage(effect.id)]
 
 
-def leakage_flow(bundle: Bundle) -> tuple[float, float] | None:
+def leakage_flow(bundle: Bundle, catalogue: Catalogue | None = None) -> tuple[float, float] | None:
     """Air that a chamber at supply pressure loses past its valve, kg/s, and its standard error.
 
     Of both chambers the larger, the other one at atmospheric pressure. Which law a diagnosis names
     may differ from date to date, where the data cannot tell them apart; their flows compare. The
-    error is that of the strengths, relative to the flow. None where the bundle has no leakage.
+    error is that of the strengths, relative to the flow. None where the bundle has no leakage, or
+    one without an error. `catalogue` holds the bundle's effects (None: the project's own). Raises
+    InputError for an effect that it lacks, NotIdentifiedError for a bundle without friction.
     """
     effects = leakage_effects(bundle)
     if not effects:
         return None
-    model = bundle.model()
+    model = bundle.model(catalogue=catalogue)
     flows = {side: _lost(model, side) for side in SIDES}
     flow = max(flows.values())
     strengths = [next(iter(e.numbers().values())) for e in effects]
@@ -50,8 +58,8 @@ def _lost(model: Model, side: str) -> float:
         parameters=p,
         **pressures,
     )
-    leaks = Model(p, tuple(e for e in model.effects if _WORD in getattr(e, "id", "")))
+    leaks = Model(p, tuple(e for e in model.effects if is_leakage(getattr(e, "id", ""))))
     return -float(leaks.through("chamber_flow", 0.0, side, point))
 
 
-__all__ = ["leakage_effects", "leakage_flow"]
+__all__ = ["is_leakage", "leakage_effects", "leakage_flow"]

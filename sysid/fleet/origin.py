@@ -12,7 +12,7 @@ import datetime
 import hashlib
 import re
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -43,12 +43,6 @@ class Origin:
             "rig_from": self.rig_from,
             "date_from": self.date_from,
         }
-
-    @classmethod
-    def from_json(cls, content: Mapping[str, Any]) -> Origin:
-        """What `to_json` gave."""
-        date = datetime.date.fromisoformat(content["date"])
-        return cls(content["rig"], date, content["rig_from"], content["date_from"])
 
 
 def origin_of(campaign: Campaign) -> Origin:

@@ -10,9 +10,12 @@ import numpy as np
 from sysid.bundle import Bundle
 from sysid.bundle.correlation import CorrelatedPart
 from sysid.bundle.effects import SIDE, EffectEntry
-from sysid.estimation.linear import Estimate
+from sysid.estimation.linear import LEVEL, Estimate, t_quantile
 from sysid.io.channels import SIDES
 from sysid.types import FloatArray
+
+# An interval this little wider than the normal one is one: 1.96 for the quantile, for example.
+_NORMAL = 1e-3
 
 
 @dataclass(frozen=True)
@@ -91,4 +94,19 @@ def has_error(estimate: Estimate) -> bool:
     return estimate.identified and math.isfinite(estimate.std) and estimate.std > 0.0
 
 
-__all__ = ["NumbersOfPart", "effect_name", "has_error", "parts_of"]
+def degrees_of_freedom(estimate: Estimate) -> float:
+    """Those of an estimate's standard error: the ones that its 95 % interval is Student's with.
+
+    A bundle keeps no degrees of freedom, but half the interval over the standard error is the
+    quantile that they give. Infinite without a finite interval, or with a normal one.
+    """
+    from scipy.special import stdtridf
+
+    low, high = estimate.interval
+    quantile = 0.5 * (high - low) / estimate.std
+    if not math.isfinite(quantile) or quantile <= t_quantile(math.inf) * (1.0 + _NORMAL):
+        return math.inf
+    return float(stdtridf(0.5 * (1.0 + LEVEL), quantile))
+
+
+__all__ = ["NumbersOfPart", "degrees_of_freedom", "effect_name", "has_error", "parts_of"]

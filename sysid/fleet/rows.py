@@ -10,12 +10,13 @@ from pathlib import Path
 from typing import Any, Literal
 
 from sysid.bundle import Bundle
-from sysid.errors import one_line
+from sysid.errors import SysidError, one_line
 from sysid.estimation.linear import Estimate
-from sysid.fleet.leakage import leakage_flow
+from sysid.fleet.leakage import is_leakage, leakage_flow
 from sysid.fleet.origin import Origin
 from sysid.fleet.parameters import has_error, parts_of
 from sysid.io.files import write_atomic
+from sysid.model.effects.entry import Catalogue
 
 ROW_FILE = "row.json"
 
@@ -44,8 +45,10 @@ class FleetReading:
 class FleetRow:
     """A campaign that went through `run`, or (`failure`) why it came to no result.
 
-    `folder` is that of its results within the fleet's; `verdict` None without a diagnosis;
-    `effects` by id, each with its p-value; `readings` the numbers whose trends are followed.
+    `folder` is that of its results within the fleet's; `verdict` None without a diagnosis,
+    `is_whole` false of one that was cut short or only a first look; `effects` by id, each with its
+    p-value; `readings` the numbers whose trends are followed; `notices` those of its run, and of
+    the runs that it resumed. `exit_code`: what `run` ends with, 0 with a result.
     """
 
     campaign: str
@@ -53,15 +56,18 @@ class FleetRow:
     origin: Origin | None
     verdict: str | None = None
     sentence: str = ""
+    is_whole: bool = True
     effects: Mapping[str, float] = field(default_factory=dict)
     readings: tuple[FleetReading, ...] = ()
-    notices: int = 0
+    notices: tuple[str, ...] = ()
     failure: str = ""
+    exit_code: int = 0
 
     @property
-    def label(self) -> str:
-        """Rig and date."""
-        return f"{self.origin.rig} {self.origin.date}" if self.origin else self.campaign
+    def lacks_leakage(self) -> bool:
+        """Whether a whole diagnosis looked for a leak and found none."""
+        found = any(is_leakage(id) for id in self.effects)
+        return self.verdict is not None and self.is_whole and not found
 
     def to_json(self) -> dict[str, Any]:
         """The content of its file."""
@@ -71,39 +77,44 @@ class FleetRow:
             "origin": self.origin and self.origin.to_json(),
             "verdict": self.verdict,
             "sentence": self.sentence,
+            "is_whole": self.is_whole,
             "effects": dict(self.effects),
             "readings": [reading.to_json() for reading in self.readings],
-            "notices": self.notices,
+            "notices": list(self.notices),
             "failure": self.failure,
+            "exit_code": self.exit_code,
         }
 
     @classmethod
-    def from_json(cls, content: Mapping[str, Any]) -> FleetRow:
-        """What `to_json` gave."""
-        origin = content["origin"]
-        return cls(
-            **{
-                **content,
-                "origin": origin and Origin.from_json(origin),
-                "readings": tuple(FleetReading(**reading) for reading in content["readings"]),
-            }
-        )
-
-    @classmethod
-    def failed(cls, campaign: Path, folder: str, origin: Origin | None, why: str) -> FleetRow:
+    def failed(
+        cls, campaign: Path, folder: str, origin: Origin | None, why: str, exit_code: int
+    ) -> FleetRow:
         """Of a campaign that came to no result."""
-        return cls(str(campaign), folder, origin, failure=one_line(why))
+        return cls(str(campaign), folder, origin, failure=one_line(why), exit_code=exit_code)
 
     def write(self, folder: Path) -> None:
         """Write it into the campaign's folder, whole or not at all."""
         write_atomic(folder / ROW_FILE, json.dumps(self.to_json(), indent=2) + "\n")
 
 
-def readings_of(fitted: Bundle, final: Bundle) -> tuple[FleetReading, ...]:
+def earlier_notices(folder: Path) -> tuple[str, ...]:
+    """The notices in the row of a campaign's folder; none without one that can be read."""
+    try:
+        known = json.loads((folder / ROW_FILE).read_text("utf-8"))["notices"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return ()
+    return tuple(line for line in known if isinstance(line, str)) if isinstance(known, list) else ()
+
+
+def readings_of(
+    fitted: Bundle, final: Bundle, catalogue: Catalogue | None = None
+) -> tuple[FleetReading, ...]:
     """What is followed over time: friction and valves as the bench tests gave them, and leakage.
 
     The bench tests' own fit (`fitted`) is estimated in the same way on every date; in the `final`
-    bundle the same numbers mean something else once an effect stands beside them.
+    bundle the same numbers mean something else once an effect stands beside them. `catalogue` holds
+    the effects of `final` (None: the project's own); a model that cannot be assembled gives no
+    leakage.
     """
     found: list[FleetReading] = []
     for place, part in parts_of(fitted).items():
@@ -114,10 +125,15 @@ def readings_of(fitted: Bundle, final: Bundle) -> tuple[FleetReading, ...]:
                 found += _reading("delay", f"{place}.{key}", estimate)
             elif place.endswith(".discrete"):
                 found += _reading("flow", f"{place}.{key}", estimate)
-    leak = leakage_flow(final)
-    if leak is not None:
-        found.append(FleetReading("leakage", LEAKAGE, *leak, "kg/s"))
-    return tuple(found)
+    return (*found, *_leakage(final, catalogue))
+
+
+def _leakage(final: Bundle, catalogue: Catalogue | None) -> tuple[FleetReading, ...]:
+    try:
+        leak = leakage_flow(final, catalogue)
+    except SysidError:  # one number less, the campaign's other results stand
+        return ()
+    return () if leak is None else (FleetReading("leakage", LEAKAGE, *leak, "kg/s"),)
 
 
 def _reading(family: Family, name: str, estimate: Estimate) -> list[FleetReading]:
@@ -143,6 +159,7 @@ __all__ = [
     "Family",
     "FleetReading",
     "FleetRow",
+    "earlier_notices",
     "effects_of",
     "readings_of",
 ]

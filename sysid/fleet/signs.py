@@ -39,27 +39,34 @@ def leak_signs(trends: Sequence[Trend]) -> tuple[LeakSign, ...]:
     changed = {(t.rig, t.name): t for t in trends if t.is_change}
     found = []
     for rig in dict.fromkeys(t.rig for t in trends):
+        dates = sorted({date for t in trends if t.rig == rig for date in t.dates})
         for side in SIDES:
             law = f"valves.{side}.discrete."
             filling = [changed.get((rig, f"{law}{key}")) for key in _FILLING]
             emptying = [changed.get((rig, f"{law}{key}")) for key in _EMPTYING]
-            since = _together(filling, emptying)
+            since = _together(filling, emptying, dates)
             if since:
                 found.append(LeakSign(rig, side, since))
     return tuple(found)
 
 
-def _together(filling: Sequence[Trend | None], emptying: Sequence[Trend | None]) -> str:
-    """The first date of a fall of the one and a rise of the other; empty without both."""
+def _together(
+    filling: Sequence[Trend | None], emptying: Sequence[Trend | None], dates: Sequence[str]
+) -> str:
+    """The first date of a fall of the one and a rise of the other; empty without both.
+
+    `dates` are those of the rig: a number may be missing on some of them.
+    """
+    place = {date: number for number, date in enumerate(dates)}
     falls = [t for t in filling if t and t.change and t.change.size < 0.0]
     rises = [t for t in emptying if t and t.change and t.change.size > 0.0]
-    dates = [
+    found = [
         min(fall.since, rise.since)
         for fall in falls
         for rise in rises
-        if fall.change and rise.change and abs(fall.change.first - rise.change.first) <= 1
+        if abs(place[fall.since] - place[rise.since]) <= 1
     ]
-    return min(dates, default="")
+    return min(found, default="")
 
 
 __all__ = ["LeakSign", "leak_signs"]

@@ -196,15 +196,16 @@ def _trends(rows: Sequence[FleetRow]) -> Iterable[Trend]:
 def _reading(
     row: FleetRow, key: tuple[Family, str, str], own: Sequence[FleetRow]
 ) -> Iterable[FleetReading]:
-    """The reading of a row; a leak that a diagnosis did not find is one of 0.
+    """The reading of a row; a leak that a whole diagnosis did not find is one of 0.
 
-    Its standard error is the median of those where it was found: what it could have been found to.
+    Where one was found without a flow, or the search was not whole, there is no point. The standard
+    error of 0 is the median of those where it was found: what it could have been found to.
     """
     family, name, unit_of = key
     found = [r for r in row.readings if (r.family, r.name, r.unit) == key]
     if found:
         return found[:1]
-    if family != "leakage" or row.verdict is None:
+    if family != "leakage" or not row.lacks_leakage:
         return ()
     known = [r.std for other in own for r in other.readings if (r.family, r.name) == (family, name)]
     return (FleetReading(family, name, 0.0, float(np.median(known)), unit_of),)
@@ -221,7 +222,9 @@ def _adjusted(trends: list[Trend]) -> tuple[Trend, ...]:
 def _notices(rows: Sequence[FleetRow]) -> Iterable[str]:
     for row in rows:
         if row.failure:
-            yield f"no result: {one_line(row.failure)}"
+            why = one_line(row.failure)
+            place = "" if why.startswith(row.campaign) else f"{row.campaign}: "
+            yield f"{place}no result: {why}"
     guessed = [r for r in rows if r.origin and r.origin.date_from.startswith("day of")]
     if guessed:
         yield (

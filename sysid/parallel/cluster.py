@@ -43,7 +43,7 @@ class Cluster:
 
     def workers(self) -> int:
         """The number of its threads that work."""
-        return max(int(sum(self.client.ncores().values())), 1)
+        return int(sum(self.client.ncores().values()))
 
 
 _CLUSTER: ContextVar[Cluster | None] = ContextVar("cluster", default=None)
@@ -60,7 +60,7 @@ def on_cluster(scheduler: str, workers: int) -> Iterator[Cluster]:
 
     `scheduler` is the address of a running one, `tcp://host:8786`, or "local": a scheduler and
     `workers` processes of one thread each on this machine, stopped at the end. Raises InputError
-    where dask is not installed or no scheduler answers.
+    where dask is not installed, no scheduler answers, or it has no workers.
     """
     distributed = _distributed()
     with _client(distributed, scheduler, workers) as client:
@@ -103,6 +103,12 @@ def _client(distributed: Any, scheduler: str, workers: int) -> Iterator[Any]:
             f'start one with `dask scheduler`, or give "{LOCAL}"',
         ) from None
     with client:
+        try:
+            client.wait_for_workers(1, timeout=_CONNECT_S)
+        except (TimeoutError, distributed.TimeoutError):
+            raise input_error(
+                f"--scheduler {scheduler}", "has no workers", f"start `dask worker {scheduler}`"
+            ) from None
         yield client
 
 
@@ -114,7 +120,9 @@ def collect_on(
 ) -> None:
     """Put each job's result into `found`, by its number, as it comes.
 
-    Raises what a job raises, and TimeoutError, what is left being cancelled, after the deadline.
+    Where a job raises or dies with its workers, the others are waited for all the same: Dask cannot
+    interrupt what runs, and a job that is sent again would run twice at once. Then raises what the
+    first of them raised; TimeoutError, what is left being cancelled, after the deadline.
     """
     distributed = _distributed()
     wall = deadline - time.monotonic() + time.time()
@@ -125,14 +133,20 @@ def collect_on(
         for number, job in waiting.items()
     }
     timeout = None if math.isinf(deadline) else max(deadline - time.monotonic(), 0.0)
+    errors: list[Exception] = []
     try:
         loop = cluster.client.loop
         for future in distributed.as_completed(list(numbers), loop=loop, timeout=timeout):
-            found[numbers[future]] = future.result()
+            try:
+                found[numbers[future]] = future.result()
+            except Exception as error:
+                errors.append(error)
     except distributed.TimeoutError as error:
         raise TimeoutError from error
     finally:
         cluster.client.cancel([f for f in numbers if not f.done()])
+    if errors:
+        raise errors[0]
 
 
 def _alone(job: Callable[[], Result], wall: float) -> Result:

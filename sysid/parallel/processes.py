@@ -31,7 +31,7 @@ def job_count() -> int:
     """How many processes may work at a time, 1 or more. Raises InputError for a bad variable."""
     cluster = cluster_in_force()
     if cluster is not None:
-        return cluster.workers()
+        return max(cluster.workers(), 1)  # none while one that died is replaced
     text = check_jobs(VARIABLE)
     if text:
         return int(text)

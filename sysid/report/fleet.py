@@ -90,16 +90,20 @@ def fleet_page(fleet: Fleet) -> str:
     return fill(
         "fleet.html",
         name="Fleet",
-        subject=f"{len(fleet.rigs)} rigs, {len(fleet.rows)} campaigns",
+        subject=f"{_count(len(fleet.rigs), 'rig')}, {_count(len(fleet.rows), 'campaign')}",
         facts=[("Dates", span), ("Trends tested", str(sum(1 for t in fleet.trends if t.change)))],
         level=_level(fleet),
         sentence=_sentence(fleet),
         changes=_changes(fleet),
         notes=[f"{line}." for line in fleet.notices],
         columns=["Rig", "Date", "Verdict", "Effects", *names.values()],
-        campaigns=[_cells(row, fleet, list(names)) for row in fleet.rows],
+        campaigns=[_cells(row, list(names)) for row in fleet.rows],
         sections=sections,
     )
+
+
+def _count(number: int, of: str) -> str:
+    return f"{number} {of}{'s' if number != 1 else ''}"
 
 
 def _level(fleet: Fleet) -> str:
@@ -171,18 +175,19 @@ def _campaigns() -> Section:
 
 
 def _key_names(fleet: Fleet) -> dict[str, str]:
-    """The readings that the table shows, with their units."""
+    """The readings that the table shows, one of a kind and unit: rotary and linear rigs differ."""
     units = {r.name: r.unit for row in fleet.rows for r in row.readings}
-    found = {}
+    found: dict[str, str] = {}
     for start in _KEY:
-        name = next((n for n in units if n.startswith(start)), None)
-        if name is not None:
+        for name in (n for n in units if n.startswith(start)):
             shown = _SHOWN.get(units[name], (1.0, unit(units[name])))[1]
-            found[name] = f"{_TITLES[start]} ({shown})"
+            title = f"{_TITLES[start]} ({shown})"
+            if title not in found.values():
+                found[name] = title
     return found
 
 
-def _cells(row: FleetRow, fleet: Fleet, names: Sequence[str]) -> CampaignCells:
+def _cells(row: FleetRow, names: Sequence[str]) -> CampaignCells:
     values = {r.name: _SHOWN.get(r.unit, (1.0, ""))[0] * r.value for r in row.readings}
     return CampaignCells(
         rig=row.origin.rig if row.origin else Path(row.campaign).parent.name,
