@@ -174,6 +174,8 @@ def test_annotations_as_text_and_helpers_are_no_obstacle(example: Path) -> None:
         ('"per angle"),)', '"per angle"))', "quantities is not a tuple of Quantity"),
         ('"per angle")', '"per angle", is_strength=False)', "has no strength"),
         ("(CatalogueEffect):", ":", "defines no effect"),
+        ("def friction_effort", "def friction_efort", "did you mean friction_effort?"),
+        ("def friction_effort", "def own_law", "acts through no port"),
         ("from dataclasses", "raise SystemExit(3)\nfrom dataclasses", "line 1: does not run"),
     ],
 )

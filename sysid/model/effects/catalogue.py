@@ -109,7 +109,7 @@ def _checked(
 def _check_entry(where: str, effect: type[CatalogueEffect]) -> None:
     missing = [name for name in _ATTRIBUTES if not hasattr(effect, name)]
     if missing:
-        raise input_error(where, f"has no {', '.join(missing)}", "add it, as the README shows")
+        raise input_error(where, f"has no {', '.join(missing)}", "add it")
     made = vars(effect).get("__dataclass_params__")
     if made is None or not made.frozen:
         raise input_error(
@@ -140,6 +140,19 @@ def _check_entry(where: str, effect: type[CatalogueEffect]) -> None:
     unnamed = [f.name for f in fields.values() if f.name not in named]
     if unnamed:
         raise input_error(where, f"no quantity names {', '.join(unnamed)}", "add a Quantity")
+    _check_ports(where, effect)
+
+
+def _check_ports(where: str, effect: type[CatalogueEffect]) -> None:
+    """An effect without a port does nothing: a misspelt one would pass for an effect of no size."""
+    above = effect.__mro__[: effect.__mro__.index(CatalogueEffect)]
+    own = {name for kind in above for name, value in vars(kind).items() if callable(value)}
+    ports = {name for name in dir(CatalogueEffect) if not name.startswith("_")}
+    if own & ports:
+        return
+    near = [n for name in sorted(own) for n in difflib.get_close_matches(name, ports, 1)]
+    hint = f"did you mean {near[0]}?" if near else "define a method of sysid.model.ports.Effect"
+    raise input_error(where, "acts through no port", hint)
 
 
 def catalogue_with(path: Path | None) -> Catalogue:
