@@ -5,7 +5,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test types suite docs docs-serve browser reports controllers measured dist clean
+.PHONY: demo test types suite slow docs docs-serve browser reports controllers measured dist clean
 
 demo: $(STAMP)
 	$(BIN)/sysid demo -o out/demo
@@ -21,6 +21,10 @@ types: $(STAMP)
 
 suite: $(STAMP) browser
 	MAKEFLAGS= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist worksteal
+
+# Tests of minutes each, on real recordings, which `make test` leaves out.
+slow: $(STAMP)
+	MAKEFLAGS= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 -m slow
 
 # The pages run what they show; a warning, or a command that fails, fails the build.
 docs: $(STAMP)
