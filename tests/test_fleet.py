@@ -25,7 +25,7 @@ from sysid.errors import InputError
 from sysid.fleet.changes import change_in
 from sysid.fleet.leakage import leakage_flow
 from sysid.fleet.origin import Origin, date_in, origin_of, result_folder
-from sysid.fleet.rows import LEAKAGE, FleetReading, FleetRow, earlier_notices, readings_of
+from sysid.fleet.rows import LEAKAGE, FleetReading, FleetRow, readings_of
 from sysid.fleet.trends import Fleet, fleet_of
 from sysid.io.campaign import read_campaign
 from sysid.model.effects import AtmosphereLeakage
@@ -322,7 +322,7 @@ def test_each_campaigns_notices_are_shown(
         for i, rig in enumerate(("left", "right"))
     ]
     rows[0].write(tmp_path)
-    assert earlier_notices(tmp_path) == rows[0].notices and earlier_notices(tmp_path / "x") == ()
+    assert json.loads((tmp_path / "row.json").read_text())["notices"] == list(rows[0].notices)
     monkeypatch.setattr("sysid.commands.fleet.run_fleet", lambda *_, **__: fleet_of(rows))
     words = ["fleet", "a.toml", "-o", str(tmp_path)]
     assert main(words) == 0
@@ -358,7 +358,10 @@ def test_a_fleet_resumes_and_goes_on_past_a_bad_campaign(
     before = (folder / "bundle.json").stat().st_mtime_ns
     shutil.rmtree(tmp_path / "out" / found["campaigns"][1]["folder"])
     assert main([*words, *options]) == 0
-    assert json.loads(capsys.readouterr().out)["trends"] == found["trends"]
+    again = json.loads(capsys.readouterr().out)
+    assert again["trends"] == found["trends"]
+    notices = [c["notices"] for c in found["campaigns"]]
+    assert notices[0] and [c["notices"] for c in again["campaigns"]] == notices
     assert (folder / "bundle.json").stat().st_mtime_ns == before
     assert main([*words[:2], *words[1:]]) == 2
     assert "is given twice" in capsys.readouterr().err

@@ -14,9 +14,8 @@ from sysid.commands.options import (
     effects_option,
     json_option,
 )
-from sysid.commands.printing import notices, print_json, progress
-from sysid.display.numbers import ascii_text
-from sysid.display.terminal import console, new_table
+from sysid.commands.printing import notices, print_json, print_tables, progress
+from sysid.display.terminal import console
 from sysid.io.campaign import read_campaign
 from sysid.refinement.advice_result import AdviceResult
 from sysid.workflows.advising import advise as advise_campaign
@@ -40,13 +39,7 @@ def advise(campaign: Path, bundle: Path, effects: Path | None, as_json: bool) ->
 
 def _show(found: AdviceResult) -> None:
     out = console()
-    for shown in found.tables():
-        if not shown.rows:
-            continue
-        table = new_table(shown.title, *shown.columns)
-        for row in shown.rows:
-            table.add_row(*(Text(ascii_text(c)) for c in row))
-        out.print(table)
+    print_tables(found.tables())
     noted = {f"notice: {line}" for line in found.notices}
     for line in (*found.footnotes(), found.headline()):
         if line not in noted:

@@ -9,10 +9,9 @@ from rich.text import Text
 
 from sysid.bundle import read_bundle
 from sysid.commands.options import PathArgument, json_option
-from sysid.commands.printing import notices, print_json
+from sysid.commands.printing import notices, print_json, print_tables
 from sysid.display.numbers import ascii_text
-from sysid.display.terminal import console, new_table
-from sysid.fleet.comparison import Comparison
+from sysid.display.terminal import console
 from sysid.workflows.comparing import compare as compare_bundles
 
 
@@ -32,16 +31,5 @@ def compare(bundles: tuple[Path, ...], as_json: bool) -> None:
     if as_json:
         print_json(found.to_json())
         return
-    _show(found)
-
-
-def _show(found: Comparison) -> None:
-    out = console()
-    for shown in found.tables():
-        if not shown.rows:
-            continue
-        table = new_table(shown.title, *shown.columns)
-        for row in shown.rows:
-            table.add_row(*(Text(ascii_text(cell)) for cell in row))
-        out.print(table)
-    out.print(Text(ascii_text(found.headline())), soft_wrap=True)
+    print_tables(found.tables())
+    console().print(Text(ascii_text(found.headline())), soft_wrap=True)

@@ -15,18 +15,18 @@ from rich.text import Text
 from sysid import parallel
 from sysid.bundle import read_bundle
 from sysid.commands.options import PathArgument, options
-from sysid.commands.printing import grouped_notices, notices, print_json, progress
+from sysid.commands.printing import grouped_notices, notices, print_json, print_tables, progress
 from sysid.commands.run import RunReport, run_campaign, run_options
 from sysid.commands.stages import FITTED_FILE
 from sysid.diagnosis import wording
 from sysid.display.numbers import ascii_text
-from sysid.display.terminal import console, new_table
+from sysid.display.terminal import console
 from sysid.errors import InputError, NotIdentifiedError, SysidError, input_error
 from sysid.fleet.origin import check_each_once, origin_of, result_folder
-from sysid.fleet.rows import FleetRow, earlier_notices, effects_of, readings_of
+from sysid.fleet.rows import FleetRow, effects_of, readings_of
 from sysid.fleet.trends import Fleet, fleet_of
 from sysid.io.campaign import read_campaign
-from sysid.io.files import write_atomic
+from sysid.io.files import make_folder, write_atomic
 from sysid.model.effects.catalogue import catalogue_with
 from sysid.types import Progress, no_progress
 
@@ -93,7 +93,7 @@ def run_fleet(
     a campaign given twice, a folder that cannot be written, and a scheduler that does not answer.
     """
     check_each_once(list(campaigns))
-    _make(folder)
+    make_folder(folder)
     if options.get("effects") is not None:  # workers of a scheduler have other folders
         options["effects"] = options["effects"].resolve()
     jobs = [
@@ -146,7 +146,7 @@ def run_one(campaign: Path, folder: Path, options: dict[str, Any], shows: bool) 
         origin=origin,
         effects=effects_of(done.bundle),
         readings=readings,
-        notices=_notices(done),
+        notices=done.notices,
         **_verdict(done),
     )
     row.write(done.folder)
@@ -159,13 +159,6 @@ def _failed(row: FleetRow, folder: Path) -> FleetRow:
         if (folder / row.folder).is_dir():
             row.write(folder / row.folder)
     return row
-
-
-def _notices(done: RunReport) -> tuple[str, ...]:
-    """Those of the run, after those of the runs whose stages it found up to date."""
-    resumed = any(stage.why is None for stage in done.stages)
-    before = earlier_notices(done.folder) if resumed else ()
-    return tuple(dict.fromkeys((*before, *done.notices)))
 
 
 def _show_notices(done: Fleet, verbose: bool) -> None:
@@ -185,24 +178,9 @@ def _verdict(done: RunReport) -> dict[str, Any]:
     return {"verdict": done.diagnosis["verdict"], "sentence": sentence, "is_whole": whole}
 
 
-def _make(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise input_error(
-            folder, f"cannot be created as a folder: {error.strerror}", "choose another with -o"
-        ) from None
-
-
 def _show(done: Fleet, folder: Path) -> None:
+    print_tables(done.tables())
     out = console()
-    for shown in done.tables():
-        if not shown.rows:
-            continue
-        table = new_table(shown.title, *shown.columns)
-        for row in shown.rows:
-            table.add_row(*(Text(ascii_text(cell)) for cell in row))
-        out.print(table)
     out.print(Text(ascii_text(done.headline())), soft_wrap=True)
     out.print(Text(f"page: {folder / PAGE_FILE}"), soft_wrap=True)
 

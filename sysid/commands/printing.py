@@ -23,6 +23,7 @@ from sysid.bundle.quality import QualityRecord
 from sysid.display.numbers import ascii_text
 from sysid.display.progress import stage_bar
 from sysid.display.quality import QUALITY_COLUMNS, quality_cells, quality_name
+from sysid.display.tables import ShownTable
 from sysid.display.terminal import console, new_table
 from sysid.errors import one_line
 from sysid.estimation.linear import Estimate
@@ -99,6 +100,18 @@ def progress(doing: str = "") -> Progress:
 def print_json(content: Any) -> None:
     """One JSON object on standard output and nothing else."""
     print(json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False))
+
+
+def print_tables(tables: Iterable[ShownTable]) -> None:
+    """The tables that have rows, as a terminal of any alphabet shows them."""
+    out = console()
+    for shown in tables:
+        if not shown.rows:
+            continue
+        table = new_table(shown.title, *shown.columns)
+        for row in shown.rows:
+            table.add_row(*(Text(ascii_text(cell)) for cell in row))
+        out.print(table)
 
 
 def print_written(paths: Iterable[Path]) -> None:

@@ -46,8 +46,7 @@ from sysid.commands.stages import (
 from sysid.commands.verdict import verdict_lines
 from sysid.diagnosis.looked import SECONDS
 from sysid.display.terminal import console, new_table
-from sysid.errors import input_error
-from sysid.io.files import remove_leftovers
+from sysid.io.files import make_folder, remove_leftovers
 from sysid.model.effects.catalogue import catalogue_with
 from sysid.types import Progress, no_progress
 
@@ -160,12 +159,8 @@ def run_campaign(
     campaign = read_with(campaign_path, component, progress)
     if effects is not None:
         catalogue_with(effects)  # an unusable file is reported before the work, not after it
-    try:
-        (folder / "export").mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise input_error(
-            folder, f"cannot be created as a folder: {error.strerror}", "choose another with -o"
-        ) from None
+    make_folder(folder)
+    make_folder(folder / "export")
     remove_leftovers(folder)
     remove_leftovers(folder / "export")
     run = PipelineRun(

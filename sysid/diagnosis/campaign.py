@@ -41,7 +41,10 @@ def diagnose_logs(
     best so far (None: never). `quick`: a first look without refinement.
     """
     with time_limit(budget):
-        return _diagnose_logs(campaign, bundle, effects, refine, seed, quick, progress)
+        found, notices = _diagnose_logs(
+            campaign, bundle, effects, refine and not quick, seed, quick, progress
+        )
+    return (_unrefined(found) if quick and refine else found), notices
 
 
 def _diagnose_logs(
@@ -75,8 +78,6 @@ def _diagnose_logs(
             kind, trials["fit"], trials["holdout"], campaign.rig, bundle, open_ones, progress,
             quick=quick,
         )  # fmt: skip
-        if quick:
-            return _unrefined(found, refine), tuple(notices)
         if refine and kind == AXIS and campaign.rig.is_motor_alone and trials["holdout"]:
 
             def of_part(other: Bundle) -> dict[str, float]:
@@ -92,8 +93,6 @@ def _diagnose_logs(
     diagnosis = diagnose(
         logs, campaign.rig, model, open_ones, seed=seed, quick=quick, progress=progress
     )
-    if quick:
-        return _unrefined(diagnosis, refine), tuple(notices)
     if refine:
 
         def of_actuator(other: Bundle) -> dict[str, float]:
@@ -106,9 +105,9 @@ def _diagnose_logs(
     return diagnosis, tuple(notices)
 
 
-def _unrefined(found: Diagnosis, refine: bool) -> Diagnosis:
-    """A quick diagnosis, which says that its numbers were not refined where that was asked for."""
-    if not (found.effects and refine):
+def _unrefined(found: Diagnosis) -> Diagnosis:
+    """A quick diagnosis, which says that its numbers were not refined."""
+    if not found.effects:
         return found
     book = Book(SearchStage.REFINEMENT)
     book.left_out(SearchStage.REFINEMENT)

@@ -144,15 +144,22 @@ def _left(rest: Content) -> str:
 
 def advice(content: Content, titles: Mapping[str, str] | None = None) -> tuple[str, ...]:
     """What to do next: the tests that would distinguish rivals, and how to treat a remainder."""
-    lines = []
-    known = titles or {}
+    return (*_rivals_told_apart(content, titles or {}), *advice_on_rest(content))
+
+
+def _rivals_told_apart(content: Content, known: Mapping[str, str]) -> Iterator[str]:
     for effect in content["effects"]:
         if effect["ambiguous_with"]:
             rivals = joined([effect_name(id, known) for id in effect["ambiguous_with"]], "or")
             own = effect_name(effect["id"], known)
             own = own if own == effect["id"] else own[:1].upper() + own[1:]
             test = f" To distinguish them: {effect['advice']}." if effect["advice"] else ""
-            lines.append(f"{own} is indistinguishable from {rivals} in these data.{test}")
+            yield f"{own} is indistinguishable from {rivals} in these data.{test}"
+
+
+def advice_on_rest(content: Content) -> tuple[str, ...]:
+    """What to do about what was not looked at, is not explained, or cannot be judged."""
+    lines = []
     missed = content.get("search", {}).get("missed", [])
     if any(entry.get("reason") == QUICK.reason for entry in missed):
         lines.append(
@@ -244,6 +251,7 @@ __all__ = [
     "CORRECT_MODEL",
     "SMALLEST_P",
     "advice",
+    "advice_on_rest",
     "balance_of",
     "effect_name",
     "errors_by_step",

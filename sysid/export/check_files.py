@@ -7,7 +7,6 @@ from collections.abc import Iterable, Sequence
 from importlib import resources
 from pathlib import Path
 
-from sysid.errors import input_error
 from sysid.export.c_constants import parameter_values
 from sysid.export.c_header import Header
 from sysid.export.c_text import Names, names, number
@@ -15,7 +14,7 @@ from sysid.export.flat import Flat
 from sysid.export.law_replays import law_replays
 from sysid.export.replays import HELPERS, Replay, control_replays
 from sysid.export.vectors import Vectors, vectors
-from sysid.io.files import write_atomic
+from sysid.io.files import make_folder, write_atomic
 from sysid.model.base import Parameters
 
 CHECK_FILES = ("check.c", "vectors.h", "CMakeLists.txt")
@@ -53,12 +52,7 @@ def write_check(folder: Path, texts: dict[str, str]) -> None:
     """Write the files of a header's check. Raises InputError where that is not possible."""
     if not texts:
         return
-    try:
-        folder.mkdir(exist_ok=True)
-    except OSError as error:
-        raise input_error(
-            folder, f"cannot be created as a folder: {error.strerror}", "choose another with -o"
-        ) from None
+    make_folder(folder, parents=False)
     for name, text in texts.items():
         write_atomic(folder / name, text)
 

@@ -9,8 +9,7 @@ go together (Coulomb and viscous friction) may each move little and yet all of t
 count of numbers it is F distributed where one residual variance scales all errors; the fewest
 degrees of freedom of them stand for all, which is on the safe side for errors of separate tests.
 All p-values of a comparison, of numbers and of parts, are adjusted together for the false
-discovery rate by Benjamini and Yekutieli (Ann. Statist. 29, 2001, 1165-1188), which holds whatever
-their dependence. `scipy.stats.false_discovery_control` computes them.
+discovery rate (`sysid.estimation.multiple_tests`).
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from scipy.stats import chi2, false_discovery_control
+from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
 from sysid.bundle import Bundle
@@ -32,6 +31,7 @@ from sysid.display.plots import one_axes
 from sysid.display.tables import Shown, ShownTable
 from sysid.errors import InputError, input_error
 from sysid.estimation.linear import Estimate, finite_or_none, t_p_value
+from sysid.estimation.multiple_tests import SIGNIFICANCE, adjusted
 from sysid.fleet.parameters import NumbersOfPart, degrees_of_freedom, has_error, parts_of
 from sysid.io.channels import SIDES
 from sysid.types import FloatArray
@@ -39,7 +39,6 @@ from sysid.types import FloatArray
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-SIGNIFICANCE = 0.05
 _SMALLEST_P = 1e-300
 
 State = Literal["same", "grew", "shrank", "appeared", "disappeared"]
@@ -243,15 +242,14 @@ def compare_bundles(bundles: Sequence[Bundle], names: Sequence[str]) -> Comparis
         for name, other in zip(names[1:], parts[1:], strict=True)
         for m in _moves(parts[0], other, name)
     ]
-    adjusted = _adjusted(movements)
+    p_values = adjusted([m.p_value for m in movements])
+    moves = tuple(replace(m, p_adjusted=float(p)) for m, p in zip(movements, p_values, strict=True))
     effects = [
         change
         for name, other in zip(names[1:], parts[1:], strict=True)
-        for change in _effects(parts[0], other, name, adjusted)
+        for change in _effects(parts[0], other, name, moves)
     ]
-    return Comparison(
-        tuple(names), tuple(parts), adjusted, tuple(effects), _notices(bundles, names)
-    )
+    return Comparison(tuple(names), tuple(parts), moves, tuple(effects), _notices(bundles, names))
 
 
 def _nothing_shared(bundles: Sequence[Bundle], names: Sequence[str]) -> InputError:
@@ -361,13 +359,6 @@ def _wald(z: FloatArray, correlation: FloatArray) -> tuple[float, int]:
     return float(np.sum(np.square(scores) / variances[kept])), int(np.count_nonzero(kept))
 
 
-def _adjusted(movements: Sequence[Movement]) -> tuple[Movement, ...]:
-    if not movements:
-        return ()
-    adjusted = false_discovery_control([m.p_value for m in movements], method="by")
-    return tuple(replace(m, p_adjusted=float(p)) for m, p in zip(movements, adjusted, strict=True))
-
-
 def _effects(
     first: dict[str, NumbersOfPart],
     other: dict[str, NumbersOfPart],
@@ -396,4 +387,4 @@ def _label(movement: Movement) -> str:
     return f"{part} {movement.name}" if movement.name else f"{part} as a whole"
 
 
-__all__ = ["SIGNIFICANCE", "Comparison", "EffectChange", "Movement", "compare_bundles"]
+__all__ = ["Comparison", "EffectChange", "Movement", "compare_bundles"]

@@ -11,7 +11,6 @@ from __future__ import annotations
 import datetime
 import hashlib
 import re
-import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -61,9 +60,7 @@ def _names(campaign: Campaign) -> Iterator[tuple[str, str]]:
     yield path.stem, "name of the campaign file"
     for folder in list(path.parents)[:_FOLDERS]:
         yield folder.name, f"name of the folder {folder.name}"
-    name = tomllib.loads(campaign.path.read_text("utf-8-sig")).get("name")
-    if isinstance(name, str):
-        yield name, "the campaign's name"
+    yield campaign.name, "the campaign's name"
 
 
 def date_in(text: str) -> datetime.date | None:

@@ -48,7 +48,7 @@ class FleetRow:
     `folder` is that of its results within the fleet's; `verdict` None without a diagnosis,
     `is_whole` false of one that was cut short or only a first look; `effects` by id, each with its
     p-value; `readings` the numbers whose trends are followed; `notices` those of its run, and of
-    the runs that it resumed. `exit_code`: what `run` ends with, 0 with a result.
+    the stages that it found up to date. `exit_code`: what `run` ends with, 0 with a result.
     """
 
     campaign: str
@@ -95,15 +95,6 @@ class FleetRow:
     def write(self, folder: Path) -> None:
         """Write it into the campaign's folder, whole or not at all."""
         write_atomic(folder / ROW_FILE, json.dumps(self.to_json(), indent=2) + "\n")
-
-
-def earlier_notices(folder: Path) -> tuple[str, ...]:
-    """The notices in the row of a campaign's folder; none without one that can be read."""
-    try:
-        known = json.loads((folder / ROW_FILE).read_text("utf-8"))["notices"]
-    except (OSError, ValueError, KeyError, TypeError):
-        return ()
-    return tuple(line for line in known if isinstance(line, str)) if isinstance(known, list) else ()
 
 
 def readings_of(
@@ -159,7 +150,6 @@ __all__ = [
     "Family",
     "FleetReading",
     "FleetRow",
-    "earlier_notices",
     "effects_of",
     "readings_of",
 ]

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from sysid.display.numbers import number, percent, unit
+from sysid.estimation.multiple_tests import SIGNIFICANCE
 from sysid.fleet.changes import Change
-from sysid.fleet.comparison import SIGNIFICANCE
 from sysid.fleet.rows import Family
 from sysid.types import FloatArray
 

@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.stats import false_discovery_control
 
 from sysid.display.numbers import number, unit
 from sysid.display.plots import legend, one_axes
 from sysid.display.tables import Shown, ShownTable
 from sysid.errors import one_line
+from sysid.estimation.multiple_tests import adjusted
 from sysid.fleet.changes import LEAST_DATES, change_in
 from sysid.fleet.rows import FAMILIES, Family, FleetReading, FleetRow
 from sysid.fleet.signs import LeakSign, leak_signs
@@ -212,11 +212,8 @@ def _reading(
 
 
 def _adjusted(trends: list[Trend]) -> tuple[Trend, ...]:
-    tested = [t.change.p_value for t in trends if t.change]
-    if not tested:
-        return tuple(trends)
-    adjusted = iter(false_discovery_control(tested, method="by"))
-    return tuple(replace(t, p_adjusted=float(next(adjusted))) if t.change else t for t in trends)
+    found = iter(adjusted([t.change.p_value for t in trends if t.change]))
+    return tuple(replace(t, p_adjusted=float(next(found))) if t.change else t for t in trends)
 
 
 def _notices(rows: Sequence[FleetRow]) -> Iterable[str]:

@@ -97,7 +97,8 @@ class CampaignLog:
 class Campaign:
     """A campaign file as read; its logs are read when they are used.
 
-    `own` is the kind of log that a component of the user's own brings, None without one.
+    `own` is the kind of log that a component of the user's own brings, None without one; `name` is
+    for readers, empty without one.
 
     >>> entry = campaign.select(["friction-sliding"], use="fit")[0]
     >>> campaign.read(entry).trials[0].label
@@ -109,6 +110,7 @@ class Campaign:
     logs: tuple[CampaignLog, ...]
     notices: tuple[str, ...] = ()
     own: OwnKind | None = None
+    name: str = ""
 
     def select(self, kinds: Sequence[str], use: str | None = "fit") -> tuple[CampaignLog, ...]:
         """The entries of these kinds and this use (None: either), in the file's order."""
@@ -178,7 +180,9 @@ def read_campaign(path: Path, own: OwnKind | None = None) -> Campaign:
         for number, table in enumerate(entries, start=1)
     )
     _reject_used_twice(path, logs)
-    return Campaign(path, read_rig(rig_path), logs, tuple(notices), own)
+    name = content.get("name")
+    shown = name if isinstance(name, str) else ""
+    return Campaign(path, read_rig(rig_path), logs, tuple(notices), own, shown)
 
 
 def _digest(path: Path) -> str:

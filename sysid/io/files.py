@@ -111,6 +111,16 @@ def _named(handle: int, folder: Path) -> Path:
     return name
 
 
+def make_folder(folder: Path, *, parents: bool = True) -> None:
+    """A folder for results, where there is none. Raises InputError where that is not possible."""
+    try:
+        folder.mkdir(parents=parents, exist_ok=True)
+    except OSError as error:
+        raise input_error(
+            folder, f"cannot be created as a folder: {error.strerror}", "choose another with -o"
+        ) from None
+
+
 def remove_leftovers(folder: Path) -> None:
     """Remove temporary files that a killed process left in `folder`."""
     for leftover in folder.glob(f"{_PREFIX}*{_SUFFIX}"):

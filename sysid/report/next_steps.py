@@ -8,7 +8,7 @@ from typing import Any
 
 from sysid.bundle import Bundle
 from sysid.diagnosis.evidence import ACTUATOR
-from sysid.diagnosis.wording import advice
+from sysid.diagnosis.wording import advice_on_rest
 from sysid.display.numbers import number
 from sysid.estimation.linear import Estimate
 from sysid.report.blocks import Block, Lines, Section, table
@@ -30,8 +30,7 @@ def next_section(bundle: Bundle, diagnosis: Content | None, campaign: str) -> Se
     blocks: list[Block] = []
     if found is not None:
         blocks += _rivals(found)
-        lines = advice(found, found["figures"]["titles"])
-        said = tuple(line for line in lines if " is indistinguishable from " not in line)
+        said = advice_on_rest(found)
         blocks += [Lines(said)] if said else []
     blocks += _lacking(bundle)
     if not blocks:
