@@ -55,6 +55,7 @@ from sysid.identification.friction.static import (
     static_summary,
 )
 from sysid.identification.friction.steady_stretch import sliding_points
+from sysid.io.effort_timing import effort_is_read, readings_line, with_commands
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.signals import DEFAULT_CUTOFF_HZ
@@ -162,6 +163,7 @@ def _prepared(
     highest = DEFAULT_CUTOFF_HZ if cutoff_hz is None else cutoff_hz
     fit = _Fit(rig, units_of(rig), highest, {name: [] for name in KINDS})
     declared = [kind] * len(trials) if kind is None or isinstance(kind, str) else list(kind)
+    moving: list[Trial] = []
     for trial, name in zip(trials, declared, strict=True):
         if len(trial) < 2:
             use = TrialUse(trial.label, trial.source, _kind(name) if name else MOTION)
@@ -170,7 +172,14 @@ def _prepared(
             fit.notices.append(f"{use.title}: left out, {use.reason}")
             continue
         even = even_trial(trial, rig, fit.notices)
-        fit.by_kind[_kind(name) if name else classify(even)].append(even)
+        full = _kind(name) if name else classify(even)
+        fit.by_kind[full].append(even)
+        if full == MOTION:
+            moving.append(trial)
+    if effort_is_read(moving, rig):
+        commanded = with_commands(moving, rig)
+        fit.by_kind[MOTION] = [even_trial(trial, rig, fit.notices) for trial in commanded]
+        fit.notices.append(readings_line(rig))
     pushed = pushed_along([e for kind in (SLIDING, MOTION) for e in fit.by_kind[kind]])
     if pushed:
         fit.notices.append(pushed)

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
 from pydantic import Field
 
-from sysid.errors import input_error
+from sysid.errors import InputError, input_error
 from sysid.io.declaration import ChoiceKey, TextKey, TomlTable, declared_keys
+from sysid.io.effort_timing import effort_is_read, readings_line, with_commands
 from sysid.io.logs import Log, read_log
 from sysid.io.own_kind import OwnKind, read_own_log
 from sysid.io.rig import Rig, read_rig, read_toml, reject_misspelt
+from sysid.io.samples import Trial
 from sysid.io.source import Source
 from sysid.io.tables import read_bytes
 from sysid.io.units import CANONICAL_UNITS, ColumnMap, parse_map_table
@@ -39,6 +43,8 @@ KINDS: tuple[str, ...] = get_args(Kind)
 FRICTION_KINDS = KINDS[:3]
 MOTION_KINDS = KINDS[5:8]
 BENCH_KINDS = KINDS[8:]
+# Their force or torque is balanced with the motion, row by row.
+_BALANCED = ("friction-motion", "motion-motor")
 USES: tuple[str, ...] = get_args(Use)
 
 # A table that says which column of a log holds which column of the log format.
@@ -145,7 +151,26 @@ class Campaign:
         """Read one entry's log. Raises InputError."""
         if self.own is not None and entry.kind == self.own.kind:
             return read_own_log(entry.path, self.rig, self.own, entry.mapping, entry.shared)
+        log = self._as_recorded(entry)
+        if entry.kind not in _BALANCED or not self._effort_is_read:
+            return log
+        line = f"{self.path}: {readings_line(self.rig)}"
+        trials = with_commands(log.trials, self.rig)
+        return replace(log, trials=trials, notices=(*log.notices, line))
+
+    def _as_recorded(self, entry: CampaignLog) -> Log:
         return read_log(entry.path, self.rig, entry.mapping, entry.shared)
+
+    @cached_property
+    def _effort_is_read(self) -> bool:
+        """Whether force or torque are readings; the logs to fit on say so."""
+        if self.rig.motor is not None:
+            return False
+        trials: list[Trial] = []
+        for entry in self.select(_BALANCED):
+            with contextlib.suppress(InputError):  # it is raised where that log is read
+                trials += self._as_recorded(entry).trials
+        return effort_is_read(trials, self.rig)
 
 
 def kinds_named(path: Path) -> list[str]:

@@ -1,0 +1,156 @@
+"""What a row's force or torque is: a command that holds to the next row, or a reading at the row.
+
+The log format has a motor's command, which holds from its row to the next. A rig without a motor
+is moved by something else, and its column may be a load cell's: a reading at the row. Half a sample
+lies between the two, which acceleration turns into mass and viscous friction. The recording itself
+says which it is: one of the two balances the motion better.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from sysid import signals
+from sysid.io.channels import CHAMBER_PRESSURES
+from sysid.io.rig import Rig
+from sysid.io.samples import Trial
+from sysid.types import BoolArray, FloatArray
+
+# Stretches of a test whose errors count as independent.
+_STRETCHES = 8
+# Of the filter, and of the rows that are then left.
+_FEWEST_LENGTHS = 4
+_FEWEST_ROWS = 40
+# A reading is half a sample early: clearly nearer to that than to none.
+_NEARER = 0.25
+_STANDARD_ERRORS = 2.0
+# Of the median speed, for so many seconds: a rest, whose friction is not the law's.
+_SLOW = 0.02
+_REST_S = 0.01
+
+
+def readings_line(rig: Rig) -> str:
+    """That the efforts are readings, as a notice."""
+    return (
+        f"{rig.effort_channel} balances the motion as a reading at each row, not as a command that "
+        "holds to the next: it is used as a reading"
+    )
+
+
+def with_commands(trials: Iterable[Trial], rig: Rig) -> tuple[Trial, ...]:
+    """The trials with the command that acts alike in place of readings of force or torque."""
+    name = rig.effort_channel
+    return tuple(
+        replace(t, channels={**t.channels, name: _command(t.time, t[name])}) if name in t else t
+        for t in trials
+    )
+
+
+def _command(time: FloatArray, readings: FloatArray) -> FloatArray:
+    """What must be held from each row (n,) for the motion at the rows that `readings` (n,) cause.
+
+    The second difference of positions is the acceleration a + h2 a''/12 for a sampling period with
+    h2 its square; the mean of two commands about a row is u + h2 u''/8 of the command half a sample
+    later: the command is the reading there, less h2/24 of its second derivative.
+    """
+    if len(time) < 4:
+        return readings
+    from scipy.interpolate import CubicSpline
+
+    curve = CubicSpline(time, readings)
+    steps = np.diff(time, append=2.0 * time[-1] - time[-2])
+    middle = np.minimum(time + 0.5 * steps, time[-1])
+    return np.asarray(curve(middle) - curve(middle, 2) * steps**2 / 24.0)
+
+
+def effort_is_read(trials: Iterable[Trial], rig: Rig) -> bool:
+    """Whether force or torque are readings at the rows of these tests of motion.
+
+    A rig file with [motor] declares a command. Without, the half sample is estimated by which the
+    effort lags behind the motion, with its error from the scatter over stretches.
+    """
+    if rig.motor is not None:
+        return False
+    cases = [case for t in trials if (case := _case(t, rig)) is not None]
+    if not cases:
+        return False
+    width = max(x.shape[1] for x, _ in cases)
+    cases = [c for c in cases if c[0].shape[1] == width]
+    regressors = np.concatenate([x for x, _ in cases])
+    target = np.concatenate([y for _, y in cases])
+    scale = np.sqrt(np.mean(regressors**2, axis=0))
+    scale[scale == 0.0] = 1.0
+    inverse = np.linalg.pinv(regressors / scale)
+    values = inverse @ target
+    left = target - regressors / scale @ values
+    edges = np.cumsum([0, *(len(y) for _, y in cases)])
+    scores = [
+        inverse[-1, rows] @ left[rows]
+        for first, last in itertools.pairwise(edges)
+        for rows in np.array_split(np.arange(first, last), _STRETCHES)
+    ]
+    samples, error = values[-1] / scale[-1], math.sqrt(np.sum(np.square(scores))) / scale[-1]
+    return bool(samples + _STANDARD_ERRORS * error < -_NEARER)
+
+
+def _case(trial: Trial, rig: Rig) -> tuple[FloatArray, FloatArray] | None:
+    """Filtered regressors (n, p) of the motion and the effort (n,) as held.
+
+    The last one is the change of the effort in a sample, as the others predict it.
+    """
+    if rig.effort_channel not in trial or rig.position_channel not in trial:
+        return None
+    grid = signals.uniform_grid(trial.time)
+    dt = float(grid[1] - grid[0]) if len(grid) > 1 else math.inf
+    cutoff = min(signals.DEFAULT_CUTOFF_HZ, 0.1 / dt)
+    length = signals.filter_length(dt, cutoff)
+    if len(grid) < _FEWEST_LENGTHS * length:
+        return None
+
+    def smooth(values: FloatArray) -> FloatArray:
+        return signals.lowpass(values, dt, cutoff)
+
+    position = smooth(signals.resample(trial.time, trial[rig.position_channel], grid))
+    speed = signals.first_derivative(position, dt)
+    way = smooth(np.sign(speed))
+    columns = [
+        signals.second_derivative(position, dt),
+        speed,
+        way,
+        # Friction that turns later than the motion does is no delay of the effort.
+        signals.first_derivative(way, dt),
+        np.ones(len(grid)),
+        *((position,) if rig.is_linear else (np.sin(position), np.cos(position))),
+        *(
+            smooth(signals.resample(trial.time, trial[name], grid))
+            for name in CHAMBER_PRESSURES
+            if name in trial
+        ),
+    ]
+    effort = signals.resample(trial.time, trial[rig.effort_channel], grid, hold=True)
+    target = smooth(signals.held_about_rows(effort))
+    rows = np.flatnonzero(_moving(speed, dt, length))[:: max(1, length // 4)]
+    if len(rows) < _FEWEST_ROWS:
+        return None
+    known = np.column_stack(columns)
+    predicted = known @ np.linalg.lstsq(known[rows], target[rows])[0]
+    change = dt * signals.first_derivative(predicted, dt)
+    return np.column_stack([known, change])[rows], target[rows]
+
+
+def _moving(speed: FloatArray, period: float, reach: int) -> BoolArray:
+    """Rows (n,) farther than the filter reaches from a rest and from the ends."""
+    rests = np.zeros(len(speed), dtype=bool)
+    slow = np.abs(speed) <= _SLOW * float(np.median(np.abs(speed)))
+    for start, stop in signals.runs(slow):
+        rests[start:stop] = (stop - start) * period > _REST_S
+    rests[:reach] = rests[-reach:] = True
+    return np.asarray(np.convolve(rests, np.ones(2 * reach + 1), mode="same") < 0.5)
+
+
+__all__ = ["effort_is_read", "readings_line", "with_commands"]
