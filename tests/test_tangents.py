@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from benchmarks.rigs import random_runs
-from benchmarks.tangents import SIZES, column_errors
+from benchmarks.tangents import NUMBERS, SIZES, column_errors
+from sysid.model.differences import simulate_differences
 from sysid.model.effects import StribeckFriction
 from sysid.model.ports import Model
 from sysid.model.preparation import Inputs
@@ -85,3 +86,54 @@ def test_an_effect_s_number_has_its_tangent(runs: tuple[list[Inputs], list[Model
     for slope, high, low in zip(slopes, moved(1.0), moved(-1.0), strict=True):
         reference = (high - low) / (2e-5 * size) / SIZES
         assert np.linalg.norm(slope / SIZES - reference) <= 0.02 * np.linalg.norm(reference) + 1e-9
+
+
+# --- differences of neighbours ---------------------------------------------------------
+
+
+def test_differences_are_the_derivatives(
+    runs: tuple[list[Inputs], list[Model]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    inputs, models = runs
+    inputs = [dataclasses.replace(i, velocity=0.5) for i in inputs[:2]] + inputs[2:]
+    directions = [(0, name) for name in NUMBERS]
+    sizes = [size or float(getattr(models[0].parameters, n)) for n, size in NUMBERS.items()]
+    exact = simulate_tangents(inputs, models, directions)
+    found = simulate_differences(inputs, models, directions, sizes)
+    errors = []
+    for one, other in zip(found, exact, strict=True):
+        np.testing.assert_allclose(one.states / SIZES, other.states / SIZES, atol=1e-9)
+        for slope, reference in zip(one.slopes / SIZES, other.slopes / SIZES, strict=True):
+            size = np.linalg.norm(reference)
+            errors.append(np.linalg.norm(slope - reference) / (size or 1.0))
+    assert not any(run.slopes[1].any() for run in found[2:])  # at rest
+    assert np.median(errors) < 1e-5
+    assert np.quantile(errors, 0.95) < 1e-3
+    monkeypatch.setattr("sysid.model.differences._MOST_ROWS", 1)  # one run after the other
+    for one, other in zip(
+        simulate_differences(inputs, models, directions, sizes), found, strict=True
+    ):
+        np.testing.assert_array_equal(one.slopes, other.slopes)
+
+
+def test_a_neighbour_that_breaks_away_elsewhere_is_no_slope() -> None:
+    """The command rises in steps, and one of them is just what static friction withstands."""
+    (inputs,), (model,) = random_runs(5, 1, 0.5)
+    friction = float(model.parameters.static_effort)
+    motor = friction * np.floor(np.linspace(0.0, 8.0, len(inputs.time))) / 4.0
+    level = float(np.max(motor[motor <= friction]))
+    still = dataclasses.replace(inputs, motor=motor, valve_a=None, valve_b=None, velocity=0.0)
+    names = [(0, "static_effort"), (0, "coulomb_effort")]
+    sizes = [friction, friction]
+    ends = []
+    for share in (1.0 - 1e-9, 1.0 + 1e-9):  # a neighbour of one of them lies across the jump
+        own = Model(
+            model.parameters.replace(
+                static_effort=level * share, coulomb_effort=0.5 * level, gravity_moment=0.0
+            )
+        )
+        (run,) = simulate_differences([still], [own], names, sizes)
+        assert np.ptp(run.states[0]) > 0.01
+        ends.append(run)
+    assert all(np.abs(run.slopes[4] / SIZES).max() * friction < 1e3 for run in ends)
+    assert all(run.slopes[5].any() for run in ends)

@@ -235,8 +235,16 @@ def start_lanes(inputs: list[Inputs], model: Model) -> Lanes:
     )
 
 
-def check_known(model: Model, inputs: Inputs, averaged: bool) -> None:
-    """Refuse a parameter that is not a number: a simulation would propagate it silently."""
+def check_runs(inputs: Sequence[Inputs], models: Sequence[Model], averaged: bool) -> None:
+    """Refuse a parameter that is not a number, and commands that are not: they would propagate."""
+    # Neighbours of one run share its model, or its inputs.
+    for model in {id(own): own for own in models}.values():
+        _check_known(model, averaged)
+    for one in {id(own): own for own in inputs}.values():
+        _check_commands(one)
+
+
+def _check_known(model: Model, averaged: bool) -> None:
     laws = ("choked_fill", "choked_dis", "c_fill", "c_dis")
     unused = {f"{law}_{side}" for law in laws for side in SIDES} if averaged else set()
     unknown = [
@@ -249,6 +257,9 @@ def check_known(model: Model, inputs: Inputs, averaged: bool) -> None:
             f"simulation: {', '.join(unknown)} of the model is not identified; "
             "fit the tests that identify it"
         )
+
+
+def _check_commands(inputs: Inputs) -> None:
     n = len(inputs.time)
     if n < 2:
         raise ValueError("a run needs at least two rows")
@@ -283,8 +294,7 @@ def simulate(
     if not inputs:
         return []
     pairs = list(zip(inputs, models, strict=True))
-    for one, model in pairs:
-        check_known(model, one, bool(surfaces))
+    check_runs(inputs, models, bool(surfaces))
     workers = cores()
     share = -(-len(pairs) // workers)
     width = next((w for w in _WIDTHS if w >= share), _WIDTHS[-1])

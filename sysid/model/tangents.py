@@ -29,7 +29,7 @@ from sysid.model.simulator import (
     MOST_CALLS,
     STATE,
     at_first_row,
-    check_known,
+    check_runs,
     cores,
     run_through,
     start_lanes,
@@ -86,8 +86,7 @@ def simulate_tangents(
     Raises as `simulate` does.
     """
     pairs = list(zip(inputs, models, strict=True))
-    for one, model in pairs:
-        check_known(model, one, bool(surfaces))
+    check_runs(inputs, models, bool(surfaces))
     varied = tuple(directions)
     width = next((w for w in _WIDTHS if w * cores() >= len(pairs)), _WIDTHS[-1])
     order = sorted(range(len(pairs)), key=lambda i: len(pairs[i][0].time))
@@ -186,7 +185,7 @@ def _moved(
         # By step: what is as long as the timing itself.
         ends = {0.0: timing}
         for step in (_DELAY_STEP, -_DELAY_STEP):
-            near = _with(model, part, name, step)
+            near = with_step(model, (part, name), step)
             other = prepare(inputs, near, surfaces, max_step, shared).timing
             if all(len(o) == len(own) for o, own in zip(other, timing, strict=True)):
                 ends[step] = other
@@ -212,14 +211,20 @@ def _moves_edges(model: Model, part: int, name: str) -> bool:
     return overrides(model.effects[part - 1], "pulses", "delays")
 
 
-def _with(model: Model, part: int, name: str, step: float) -> Model:
+def number_of(model: Model, direction: Direction) -> float:
+    """The number of a model that a direction names."""
+    part, name = direction
+    return float(getattr(model.parameters if part == 0 else model.effects[part - 1], name))
+
+
+def with_step(model: Model, direction: Direction, step: float) -> Model:
     """The model with one number moved by a step."""
+    part, name = direction
+    value = number_of(model, direction) + step
     if part == 0:
-        value = float(getattr(model.parameters, name)) + step
         return Model(model.parameters.replace(**{name: value}), model.effects)
     effects: list[Any] = list(model.effects)
-    effect = effects[part - 1]
-    effects[part - 1] = dataclasses.replace(effect, **{name: getattr(effect, name) + step})
+    effects[part - 1] = dataclasses.replace(effects[part - 1], **{name: value})
     return Model(model.parameters, tuple(effects))
 
 
@@ -330,4 +335,4 @@ def _advance_chunk(
     return now, moved, by_run, jnp.stack(tangents).transpose(3, 1, 0, 2), reached
 
 
-__all__ = ["STARTS", "Direction", "Tangents", "simulate_tangents"]
+__all__ = ["STARTS", "Direction", "Tangents", "number_of", "simulate_tangents", "with_step"]

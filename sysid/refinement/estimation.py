@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.refinement.problem import Iterate, Problem
+from sysid.refinement.reduction import reduced
 from sysid.refinement.runs import Run
 from sysid.refinement.scan import scanned
 from sysid.refinement.solver import Solution, solve
@@ -95,6 +96,7 @@ def estimate(
     friction is scanned. Then the errors count as they are found to be: whitened, with the tests'
     own scatter; with `robust` by their own size still.
     """
+    problem = dataclasses.replace(problem, by_differences=True)
     point, evaluations = point or problem.first_point(), 0
     if problem.has_unknown_breakaway:
         # The other parameters would make up for it, and every segment be as wrong as all others.
@@ -129,6 +131,19 @@ def estimate(
     progress("the errors as they are")
     solution = solve(final, start, _FINAL_EVALUATIONS, _CLOSELY, first_step=_UNDAMPED, chords=True)
     return Estimated(final, solution, left_out, scatter, evaluations + solution.evaluations)
+
+
+def with_derivatives(found: Estimated) -> Estimated:
+    """The estimate with slopes by forward mode through the simulator, of which its errors are.
+
+    On the way differences of neighbouring simulations do. Raises OutOfTimeError.
+    """
+    solution, problem = found.solution, found.problem
+    exact = dataclasses.replace(problem, by_differences=False)
+    runs = exact.linearised(solution.point)
+    none = np.zeros(len(runs))
+    at = reduced(problem, solution.point, runs, none, solution.counted)
+    return dataclasses.replace(found, solution=dataclasses.replace(solution, at=at))
 
 
 def followed(problem: Problem, residuals: Sequence[FloatArray], counted: BoolArray) -> BoolArray:
@@ -224,4 +239,5 @@ __all__ = [
     "estimate",
     "followed",
     "whitening_of",
+    "with_derivatives",
 ]

@@ -10,11 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sysid.model.differences import simulate_differences
 from sysid.model.ports import Model, overrides
 from sysid.model.preparation import Inputs
 from sysid.model.sensors import VELOCITY_CHANNELS, through_sensors
 from sysid.model.simulator import MAX_STEP, Trajectory, simulate
-from sysid.model.tangents import Direction, Tangents, simulate_tangents
+from sysid.model.tangents import Direction, Tangents, number_of, simulate_tangents
 from sysid.parallel import check_time
 from sysid.refinement.factors import triangular
 from sysid.refinement.prior import prior_factor
@@ -36,6 +37,8 @@ _FAR = 1e8
 # Width of a coordinate that is held: far below any standard error.
 _HELD = 1e-9
 _SIZES = np.array([1.0, 10.0, 1e5, 1e5])
+# Of its value, where a number is near a bound of its coordinate.
+_LEAST_SIZE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -90,7 +93,8 @@ class Problem:
     `whitening` by run and channel; `scatter` the standard deviation of each test's sliding and
     static friction about the model's, relative. `robust`: each channel of a run has errors of a
     size of its own, at least the whitening's. `max_step` of the simulation, s; with `fine_step` it
-    has the slopes alone, and the states are those of smaller steps.
+    has the slopes alone, and the states are those of smaller steps. `by_differences`: slopes are
+    differences of neighbouring simulations; else derivatives, by forward mode.
     """
 
     runs: tuple[Run, ...]
@@ -103,6 +107,7 @@ class Problem:
     robust: bool = True
     max_step: float = MAX_STEP
     fine_step: float | None = None
+    by_differences: bool = False
 
     def first_point(self) -> Iterate:
         """The bundle's values, the model's friction, the estimated starts."""
@@ -149,8 +154,8 @@ class Problem:
     ) -> list[Linearised]:
         """Every run's equations at a point. Raises OutOfTimeError.
 
-        With `slopes_of`, the equations at a point near it, the slopes are those: derivatives cost
-        many times what the simulation does.
+        With `slopes_of`, the equations at a point near it, the slopes are those: they cost many
+        times what the simulation does.
         """
         check_time()
         models = self.models(point)
@@ -163,7 +168,11 @@ class Problem:
             ]
             return self.equations(errors, point)
         directions = self._directions()
-        found = simulate_tangents(inputs, models, directions, max_step=self.max_step)
+        if self.by_differences:
+            sizes = self._sizes(point, directions)
+            found = simulate_differences(inputs, models, directions, sizes, self.max_step)
+        else:
+            found = simulate_tangents(inputs, models, directions, max_step=self.max_step)
         if self.fine_step is not None:
             # Slopes cost many times a simulation and need not be as exact.
             runs = simulate(inputs, models, max_step=self.fine_step)
@@ -205,6 +214,15 @@ class Problem:
         return directions + [
             d for d in (*((0, n) for n in SLIDING), _STATIC) if d not in directions
         ]
+
+    def _sizes(self, point: Iterate, directions: Sequence[Direction]) -> list[float]:
+        """What the number along each direction is worth, in its unit: of order one coordinate."""
+        own = {d: abs(number_of(self.model, d)) for d in directions}
+        for unknown, c in zip(self.unknowns, point.shared, strict=True):
+            own[unknown.direction] = max(
+                abs(unknown.model_slope(float(c))), _LEAST_SIZE * own[unknown.direction]
+            )
+        return [own[d] or _LEAST_SIZE for d in directions]
 
     def _errors(
         self,

@@ -11,6 +11,7 @@ part's errors.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 from collections.abc import Iterable, Sequence
@@ -30,8 +31,9 @@ from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.model.effects.entry import Catalogue
 from sysid.model.ports import Model, has_discrete_law
+from sysid.parallel import OutOfTimeError
 from sysid.refinement.declared import contradictions
-from sysid.refinement.estimation import Estimated, FrictionScatter, estimate
+from sysid.refinement.estimation import Estimated, FrictionScatter, estimate, with_derivatives
 from sysid.refinement.lengthening import lengthened
 from sysid.refinement.problem import Problem
 from sysid.refinement.profiles import Profile
@@ -111,10 +113,7 @@ def refine(
     white = tuple(tuple(Whitening.white(float(n)) for n in run.noise) for run in runs)
     problem = Problem(tuple(runs), unknowns, model, position, white, scatter.pair, len(tests))
     progress(f"estimating {len(unknowns)} parameters on {len(runs)} segments")
-    with threadpool_limits(1, user_api="blas"):
-        # Small matrices: more threads only wait for each other.
-        found = estimate(problem, scatter, robust=robust, progress=progress)
-        found = lengthened(found, tests, progress)
+    found = _estimated(problem, scatter, tests, robust, progress)
     if found.left_out:
         notices.append(_left_out_notice(found.left_out))
     if not found.solution.converged:
@@ -164,6 +163,24 @@ def refine(
         wrong = contradictions(made.refinement.values(), campaign.rig)
         notices += [ascii_text(line) for line in wrong]
     return dataclasses.replace(result, bundle=made, notices=tuple(notices))
+
+
+def _estimated(
+    problem: Problem,
+    scatter: FrictionScatter,
+    tests: Sequence[MotionTest],
+    robust: bool,
+    progress: Progress,
+) -> Estimated:
+    """From segments to the longest runs of these tests that the data allow."""
+    # Small matrices: more threads only wait for each other.
+    with threadpool_limits(1, user_api="blas"):
+        found = estimate(problem, scatter, robust=robust, progress=progress)
+        found = lengthened(found, tests, progress)
+        progress("derivatives of the solution")
+        with contextlib.suppress(OutOfTimeError):  # differences tell the errors as well
+            return with_derivatives(found)
+    return found
 
 
 def check_on_off_law(bundle: Bundle, model: Model) -> None:

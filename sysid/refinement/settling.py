@@ -11,8 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sysid.model.differences import simulate_differences
 from sysid.model.ports import Model
-from sysid.model.tangents import Direction, Tangents, simulate_tangents
+from sysid.model.simulator import Trajectory, simulate
+from sysid.model.tangents import Direction, Tangents
 from sysid.parallel import check_time
 from sysid.refinement.factors import triangular
 from sysid.refinement.problem import SLIDING, Iterate, Problem, RunErrors
@@ -20,34 +22,56 @@ from sysid.refinement.runs import STATES
 from sysid.types import FloatArray
 
 _S = len(STATES)
+_LEAST_SIZE = 1e-3
 _DIRECTIONS: tuple[Direction, ...] = tuple((0, n) for n in SLIDING)
 
 
 def settled(problem: Problem, points: Sequence[Iterate]) -> tuple[FloatArray, list[Iterate]]:
     """Costs (points, tests), with starts and sliding friction at their best, and these points.
 
-    Raises OutOfTimeError.
+    The points differ in static friction alone. Runs that they do not tell apart are linearised
+    once. Raises OutOfTimeError.
     """
     check_time()
     inputs = [i for point in points for i in problem.inputs(point)]
     models = [own for point in points for own in problem.models(point)]
-    found = iter(zip(simulate_tangents(inputs, models, _DIRECTIONS), models, strict=True))
+    first = _first_alike(simulate(inputs, models), len(problem.runs))
+    own = sorted(set(first))
+    p = problem.model.parameters
+    sizes = [float(getattr(p, name)) or _LEAST_SIZE for name in SLIDING]
+    found = simulate_differences(
+        [inputs[k] for k in own], [models[k] for k in own], _DIRECTIONS, sizes
+    )
+    runs = len(problem.runs)
+    parts = {
+        k: _part(problem, k % runs, points[k // runs], slopes, models[k])
+        for k, slopes in zip(own, found, strict=True)
+    }
     costs, moved = np.zeros((len(points), problem.tests)), []
     for j, point in enumerate(points):
-        parts = [_part(problem, i, point, *next(found)) for i in range(len(problem.runs))]
+        own_parts = [parts[k] for k in first[j * runs : (j + 1) * runs]]
         friction, starts = np.array(point.friction), np.array(point.starts)
         misfit = problem.friction_misfit(point)
         for test in range(problem.tests):
             members = problem.members(test)
-            step = _best_sliding(float(point.friction[test, 0]), [parts[i] for i in members])
+            step = _best_sliding(float(point.friction[test, 0]), [own_parts[i] for i in members])
             friction[test, 0] += step
             misfit[test, 0] += step
             costs[j, test] = float(misfit[test] @ misfit[test])
             for i in members:
-                starts[i] += parts[i].start_step(step)
-                costs[j, test] += parts[i].cost(step)
+                starts[i] += own_parts[i].start_step(step)
+                costs[j, test] += own_parts[i].cost(step)
         moved.append(Iterate(point.shared, friction, starts))
     return costs, moved
+
+
+def _first_alike(found: Sequence[Trajectory], runs: int) -> list[int]:
+    """For each simulation, point after point, the first of its run that is the same."""
+    seen: dict[tuple[int, bytes], int] = {}
+    return [
+        seen.setdefault((k % runs, b"".join(getattr(one, n).tobytes() for n in STATES)), k)
+        for k, one in enumerate(found)
+    ]
 
 
 @dataclass(frozen=True)

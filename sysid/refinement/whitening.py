@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -43,11 +44,13 @@ class Whitening:
             white[lag:] -= a * columns[:-lag]
         if order:
             # As many rows as the order: with what of the past there is.
-            shares = self._start_shares()[: len(white)]
+            shares = self._start_shares[: len(white)]
             white[:order] *= shares[:, None]
         return white / self.std
 
+    @functools.cached_property
     def _start_shares(self) -> FloatArray:
+        """(order,): of the first rows' std that an innovation has."""
         from scipy.signal import lfilter
 
         impulse = np.zeros(4096)

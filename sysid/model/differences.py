@@ -1,0 +1,125 @@
+"""Slopes of simulated runs by differences of neighbours, simulated in one batch with them.
+
+The same slopes as those of `tangents`, to some 1e-6 (`benchmarks/tangents.py`), for an eighth of
+the time, as nothing else than the simulator is compiled: what a descent or a scan needs. Where a
+neighbour breaks away at another sample of the command, the difference is a jump and no slope.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from sysid.model.ports import Model
+from sysid.model.preparation import Inputs
+from sysid.model.simulator import MAX_STEP, STATE, Trajectory, simulate
+from sysid.model.tangents import Direction, Tangents, with_step
+from sysid.types import FloatArray
+
+# Of a number's size, and of the states' sizes (rad or m, rad/s or m/s, Pa).
+_STEP = 1e-7
+_SIZES = np.array([1.0, 1.0, 1e5, 1e5])
+# A change of more than this many sizes per size of a number is a jump.
+_JUMP = 3e3
+# Runs simulated at a time: their samples are all in memory.
+_MOST_ROWS = 4_000_000
+
+
+def simulate_differences(
+    inputs: Sequence[Inputs],
+    models: Sequence[Model],
+    directions: Sequence[Direction],
+    sizes: Sequence[float],
+    max_step: float = MAX_STEP,
+) -> list[Tangents]:
+    """Simulate every run as `simulator.simulate` does, with slopes along `directions`.
+
+    `sizes` (directions,): what a number is worth, in its own unit. Slopes as in
+    `tangents.simulate_tangents`; raises as it does.
+    """
+    found: list[Tangents] = []
+    width = 1 + len(STATE) + len(directions)
+    for part in _portions([width * len(one.time) for one in inputs]):
+        own = list(zip(inputs[part], models[part], strict=True))
+        found += _differences(own, list(directions), sizes, max_step)
+    return found
+
+
+def _portions(rows: Sequence[int]) -> Iterator[slice]:
+    first = total = 0
+    for i, count in enumerate(rows):
+        if total + count > _MOST_ROWS and i > first:
+            yield slice(first, i)
+            first, total = i, 0
+        total += count
+    yield slice(first, len(rows))
+
+
+def _differences(
+    pairs: list[tuple[Inputs, Model]],
+    directions: list[Direction],
+    sizes: Sequence[float],
+    max_step: float,
+) -> list[Tangents]:
+    steps = _STEP * np.concatenate([_SIZES, sizes])
+    starts = [_with_start(*pair) for pair in pairs]
+    lanes = [
+        lane
+        for one, model in starts
+        for lane in ((one, model), *_neighbours(one, model, directions, steps))
+    ]
+    width = 1 + len(steps)
+    states = [_states(run) for run in _simulated(lanes, max_step)]
+    found, jumps = [], []
+    for i, (one, _) in enumerate(starts):
+        here, *near = states[i * width : (i + 1) * width]
+        slopes = np.array(near)
+        slopes -= here
+        slopes /= steps[:, None, None]
+        if one.velocity == 0.0:
+            slopes[1] = 0.0  # as a tangent: a small velocity at rest is braked at once
+        found.append(Tangents(here, slopes))
+        jumps += [(i, j) for j in np.flatnonzero(_jumps(slopes, steps))]
+    if jumps:
+        other = [list(_neighbours(*starts[i], directions, -steps))[j] for i, j in jumps]
+        for (i, j), run in zip(jumps, _simulated(other, max_step), strict=True):
+            slope = (_states(run) - found[i].states) / -steps[j]
+            found[i].slopes[j] = 0.0 if _jumps(slope[None], steps[[j]])[0] else slope
+    return found
+
+
+def _simulated(lanes: Sequence[tuple[Inputs, Model]], max_step: float) -> list[Trajectory]:
+    return simulate([one for one, _ in lanes], [model for _, model in lanes], max_step=max_step)
+
+
+def _jumps(slopes: FloatArray, steps: FloatArray) -> FloatArray:
+    """Which slopes (k, 4, n) change a state by far more than its number does."""
+    change = np.maximum(slopes.max(axis=2), -slopes.min(axis=2)) / _SIZES
+    return np.asarray(change.max(axis=1) * np.abs(steps) > _JUMP * _STEP)
+
+
+def _with_start(inputs: Inputs, model: Model) -> tuple[Inputs, Model]:
+    """With the pressures that a run starts at where it gives none."""
+    own = {name: getattr(inputs, name) for name in STATE[2:]}
+    none = {name: float(model.parameters.atmosphere) for name, p in own.items() if p is None}
+    return (dataclasses.replace(inputs, **none) if none else inputs), model  # type: ignore[arg-type]
+
+
+def _neighbours(
+    inputs: Inputs, model: Model, directions: Sequence[Direction], steps: FloatArray
+) -> Iterator[tuple[Inputs, Model]]:
+    """The run with each start state, then each number of the model, a step further."""
+    for name, step in zip(STATE, steps, strict=False):
+        moved = {name: getattr(inputs, name) + step}
+        yield dataclasses.replace(inputs, **moved), model
+    for direction, step in zip(directions, steps[len(STATE) :], strict=True):
+        yield inputs, with_step(model, direction, float(step))
+
+
+def _states(run: Trajectory) -> FloatArray:
+    return np.array([run.position, run.velocity, run.pressure_a, run.pressure_b])
+
+
+__all__ = ["simulate_differences"]
