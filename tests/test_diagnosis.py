@@ -21,7 +21,13 @@ from sysid.diagnosis.actuator.screening import explained, projected
 from sysid.diagnosis.actuator.search import RefittedStep, _TwinRounds
 from sysid.diagnosis.actuator.signatures import Candidate, Signatures, candidates
 from sysid.diagnosis.actuator.twins import Scatter, SensorNoise, sensor_noise, simulate_twins
-from sysid.diagnosis.actuator.unexplained import curves, faintest, leftover
+from sysid.diagnosis.actuator.unexplained import (
+    curves,
+    faintest,
+    leftover,
+    remainders,
+    repeating,
+)
 from sysid.diagnosis.actuator.whitening import (
     Frame,
     ResidualNoise,
@@ -429,6 +435,8 @@ def test_nothing_is_found_where_nothing_is_missing(healthy: tuple[Tests, Rig, Mo
     found = loop(*healthy)
     assert found.search.steps == ()
     assert leftover(found) == ()
+    rests = remainders(found, healthy[1])
+    assert repeating(found, rests, (), healthy[1]) == ()
     (entry,) = faintest(found)
     last = found.search.last
     error = equation_error(last.frame.traces, last.model)
@@ -483,6 +491,23 @@ def test_what_no_effect_explains_is_said() -> None:
     assert [entry.channel for entry in entries] == ["effort"]
     assert 0.0 < entries[0].share <= 1.0
     assert len(entries[0].centres) == len(entries[0].means) > 3
+    assert repeating(found, remainders(found, rig), entries, rig) == ()
+
+
+def test_what_repeats_is_structure_where_it_is_large(
+    healthy: tuple[Tests, Rig, Model],
+) -> None:
+    """More than the noise and than a tenth of what there was, in most tests, of a new channel."""
+    tests, rig, model = healthy
+    found = close_loop(tests, rig, model, [], simulation_error=lambda trial: 0.0)
+    effort, *rates = remainders(found, rig)
+    twice = replace(effort, repeatable=2.0 * effort.rmse, noise=effort.rmse, agreeing=effort.tests)
+    (curve,) = repeating(found, [twice, *rates], (), rig)
+    assert curve.channel == EFFORT
+    assert repeating(found, [twice, *rates], (curve,), rig) == ()
+    few = replace(twice, agreeing=effort.tests // 2)
+    small = replace(twice, repeatable=0.05 * effort.rmse, noise=0.0)
+    assert repeating(found, [few, small], (), rig) == ()
 
 
 def test_effects_that_the_bundle_holds_stay_in_the_model() -> None:

@@ -11,7 +11,13 @@ from sysid.diagnosis.actuator.equation_error import forget
 from sysid.diagnosis.actuator.evidence import TwinEvidence
 from sysid.diagnosis.actuator.holdout import HeldOut, held_out
 from sysid.diagnosis.actuator.loop import Loop, close_loop
-from sysid.diagnosis.actuator.unexplained import faintest, leftover, log_channel, remainders
+from sysid.diagnosis.actuator.unexplained import (
+    faintest,
+    leftover,
+    log_channel,
+    remainders,
+    repeating,
+)
 from sysid.diagnosis.evidence import residual
 from sysid.diagnosis.looked import why_unexplained
 from sysid.diagnosis.result import Diagnosis, Unexplained
@@ -102,13 +108,14 @@ def _diagnosed(
         errors = _errors(outside, model, found)
         floor = _noise_floor(outside, found, seed)
         curves = leftover(found)
+        rests = remainders(found, rig)
+        curves = (*curves, *repeating(found, rests, curves, rig))
         structured = bool(curves)
         far_off = not found.search.steps and is_far_off(errors[-1], floor)
         undecided = not found.search.steps and not found.looked.is_decided
         if (far_off or undecided) and not curves:
             curves = faintest(found)
             notices += [_FAR_OFF_NOTICE] * far_off
-        rests = remainders(found, rig)
     because = why_unexplained(structured, far_off, undecided)
     evidence = TwinEvidence(found, rig, curves)
     names = (rig.position_channel, *CHAMBER_PRESSURES)

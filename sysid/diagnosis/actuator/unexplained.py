@@ -108,6 +108,30 @@ def remainders(found: Loop, rig: Rig) -> tuple[Remainder, ...]:
     return tuple(rest for rest in rests if rest is not None)
 
 
+def repeating(
+    found: Loop, rests: Sequence[Remainder], structured: Sequence[ResidualCurve], rig: Rig
+) -> tuple[ResidualCurve, ...]:
+    """The strongest curve of each further channel whose remainder repeats, and is large.
+
+    Beside those that are `structured` already. Large: more than the noise, and than a tenth of
+    what the model left over without effects.
+    """
+    known = {log_channel(curve.channel, rig) for curve in structured}
+    channels = {log_channel(channel, rig): channel for channel in CHANNELS}
+    open_ones = [r for r in rests if r.channel not in known and r.is_steady]
+    if not open_ones:
+        return ()
+    first = found.search.first
+    error = equation_error(first.frame.traces, first.model)
+    large = []
+    for rest in open_ones:
+        channel = channels[rest.channel]
+        before = first.frame.windows[channel].average(error[channel])
+        if rest.is_large(math.sqrt(float(np.mean(before**2)))):
+            large.append(channel)
+    return _strongest(found, large)
+
+
 def log_channel(channel: str, rig: Rig) -> str:
     """The channel of the log format whose balance a residual is of."""
     return rig.position_channel if channel == EFFORT else f"pressure_{channel[-1]}_pa"
