@@ -194,12 +194,15 @@ class Problem:
 
     def _residuals(self, inputs: Sequence[Inputs], models: Sequence[Model]) -> list[FloatArray]:
         found = simulate(inputs, models, max_step=self.fine_step or self.max_step)
-        left = [
-            self._shown(run, _states_of(own), model) - run.measured
+        return [
+            self.residual(run, own, model)
             for run, own, model in zip(self.runs, found, models, strict=True)
         ]
-        alone = [RunErrors(own, np.zeros((0, *own.shape))) for own in left]
-        return [own.kept(run).residual for run, own in zip(self.runs, alone, strict=True)]
+
+    def residual(self, run: Run, found: Trajectory, model: Model) -> FloatArray:
+        """A run's (3, n), simulated less measured: rad or m, Pa."""
+        left = self._shown(run, _states_of(found), model) - run.measured
+        return RunErrors(left, np.zeros((0, *left.shape))).kept(run).residual
 
     def inputs(self, point: Iterate) -> list[Inputs]:
         """Every run's inputs from its start at a point."""

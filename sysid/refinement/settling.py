@@ -23,45 +23,47 @@ from sysid.types import FloatArray
 
 _S = len(STATES)
 _LEAST_SIZE = 1e-3
+# Points of a test whose starts and sliding friction are moved.
+_KEPT = 8
 _DIRECTIONS: tuple[Direction, ...] = tuple((0, n) for n in SLIDING)
 
 
 def settled(problem: Problem, points: Sequence[Iterate]) -> tuple[FloatArray, list[Iterate]]:
     """Costs (points, tests), with starts and sliding friction at their best, and these points.
 
-    The points differ in static friction alone. Runs that they do not tell apart are linearised
-    once. Raises OutOfTimeError.
+    The points differ in static friction alone. Only those that are the best of a test before
+    anything moves are settled, and the first; the others cost infinitely much. Runs that the points
+    do not tell apart are linearised once. Raises OutOfTimeError.
     """
     check_time()
+    runs = len(problem.runs)
     inputs = [i for point in points for i in problem.inputs(point)]
     models = [own for point in points for own in problem.models(point)]
-    first = _first_alike(simulate(inputs, models), len(problem.runs))
-    own = sorted(set(first))
+    simulated = simulate(inputs, models)
+    first = _first_alike(simulated, runs)
+    as_they_are = {k: _cost(problem, k % runs, simulated[k], models[k]) for k in set(first)}
+    kept = _kept(problem, points, [as_they_are[k] for k in first])
+    own = sorted({first[j * runs + i] for j, test in kept for i in problem.members(test)})
     p = problem.model.parameters
     sizes = [float(getattr(p, name)) or _LEAST_SIZE for name in SLIDING]
-    found = simulate_differences(
+    slopes = simulate_differences(
         [inputs[k] for k in own], [models[k] for k in own], _DIRECTIONS, sizes
     )
-    runs = len(problem.runs)
     parts = {
-        k: _part(problem, k % runs, points[k // runs], slopes, models[k])
-        for k, slopes in zip(own, found, strict=True)
+        k: _part(problem, k % runs, points[k // runs], found, models[k])
+        for k, found in zip(own, slopes, strict=True)
     }
-    costs, moved = np.zeros((len(points), problem.tests)), []
-    for j, point in enumerate(points):
-        own_parts = [parts[k] for k in first[j * runs : (j + 1) * runs]]
-        friction, starts = np.array(point.friction), np.array(point.starts)
-        misfit = problem.friction_misfit(point)
-        for test in range(problem.tests):
-            members = problem.members(test)
-            step = _best_sliding(float(point.friction[test, 0]), [own_parts[i] for i in members])
-            friction[test, 0] += step
-            misfit[test, 0] += step
-            costs[j, test] = float(misfit[test] @ misfit[test])
-            for i in members:
-                starts[i] += own_parts[i].start_step(step)
-                costs[j, test] += own_parts[i].cost(step)
-        moved.append(Iterate(point.shared, friction, starts))
+    costs = np.full((len(points), problem.tests), math.inf)
+    moved = [Iterate(p.shared, np.array(p.friction), np.array(p.starts)) for p in points]
+    for j, test in kept:
+        point, members = points[j], problem.members(test)
+        own_parts = [parts[first[j * runs + i]] for i in members]
+        step = _best_sliding(float(point.friction[test, 0]), own_parts)
+        moved[j].friction[test, 0] += step
+        misfit = problem.friction_misfit(moved[j])[test]
+        costs[j, test] = float(misfit @ misfit) + sum(part.cost(step) for part in own_parts)
+        for i, part in zip(members, own_parts, strict=True):
+            moved[j].starts[i] += part.start_step(step)
     return costs, moved
 
 
@@ -72,6 +74,33 @@ def _first_alike(found: Sequence[Trajectory], runs: int) -> list[int]:
         seen.setdefault((k % runs, b"".join(getattr(one, n).tobytes() for n in STATES)), k)
         for k, one in enumerate(found)
     ]
+
+
+def _cost(problem: Problem, number: int, found: Trajectory, model: Model) -> float:
+    """Of a run's errors as simulated, each channel's of a size of their own."""
+    run = problem.runs[number]
+    left = problem.residual(run, found, model)
+    total = 0.0
+    for channel, whitening in enumerate(problem.whitening[number]):
+        if not np.isnan(left[channel]).any():
+            white = whitening(run.independent(channel, left[channel][:, None]))
+            total += len(white) * math.log1p(float(np.mean(white**2)))
+    return total
+
+
+def _kept(
+    problem: Problem, points: Sequence[Iterate], as_they_are: Sequence[float]
+) -> list[tuple[int, int]]:
+    """Points, by number, and tests: each test's best as they are, and the first point."""
+    runs = len(problem.runs)
+    by_run = np.reshape(as_they_are, (len(points), runs))
+    kept = []
+    for test in range(problem.tests):
+        misfit = [problem.friction_misfit(point)[test] for point in points]
+        costs = np.sum(np.square(misfit), axis=1) + by_run[:, problem.members(test)].sum(axis=1)
+        best = np.argsort(costs, kind="stable")[:_KEPT]
+        kept += [(int(j), test) for j in sorted({0, *best})]
+    return kept
 
 
 @dataclass(frozen=True)
