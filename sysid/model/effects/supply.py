@@ -61,11 +61,20 @@ def backed_exhaust_flow(
     xp = array_namespace(pressure, atmosphere, valve.choked_dis, resistance, curvature)
     free = valve.c_dis * (pressure - atmosphere)
     slowed = 1.0 + resistance * valve.c_dis
-    bent = 4.0 * (curvature * valve.c_dis) * xp.maximum(free, 0.0)
-    unchoked = 2.0 * free / (slowed + xp.sqrt(slowed * slowed + bent))
+    if _is_zero(curvature):
+        unchoked = free / slowed
+    else:
+        bent = 4.0 * (curvature * valve.c_dis) * xp.maximum(free, 0.0)
+        unchoked = 2.0 * free / (slowed + xp.sqrt(slowed * slowed + bent))
     back = atmosphere + (resistance + curvature * valve.choked_dis) * valve.choked_dis
     flow = xp.where(base.is_exhaust_choked(pressure, back), valve.choked_dis, unchoked)
-    return xp.where((flow > 0.0) & (back == back), flow, 0.0)
+    # Any other number that is not known makes the unchoked flow unknown, too.
+    return xp.where((flow > 0.0) & (valve.choked_dis == valve.choked_dis), flow, 0.0)
+
+
+def _is_zero(value: Array) -> bool:
+    """Whether it is the number 0; of what is traced nothing is known."""
+    return isinstance(value, float) and value == 0.0
 
 
 def _adapted(flow: Callable[[str, Array], Array], side: str, share: Array) -> Array:
@@ -124,9 +133,12 @@ class SupplyDroop(CatalogueEffect):
     source = "textbook: source with an internal resistance; base law of thesis 3.6.6"
 
     def supply_pressure(self, pressure: Array, side: str, point: Point) -> Array:
-        other = SIDES[1 - SIDES.index(side)]
-        share = self.common_share * point.is_open(other)
-        flow = _adapted(lambda s, beside: self._flow(s, pressure, beside, point), side, share)
+        if _is_zero(self.common_share):
+            flow = self._flow(side, pressure, 0.0, point)
+        else:
+            other = SIDES[1 - SIDES.index(side)]
+            share = self.common_share * point.is_open(other)
+            flow = _adapted(lambda s, beside: self._flow(s, pressure, beside, point), side, share)
         return pressure - self.droop_pa_s_per_kg * flow
 
     def _flow(self, side: str, supply: Array, beside: Array, point: Point) -> Array:
@@ -200,9 +212,12 @@ class ExhaustBackPressure(CatalogueEffect):
     )
 
     def exhaust_pressure(self, pressure: Array, side: str, point: Point) -> Array:
-        other = SIDES[1 - SIDES.index(side)]
-        share = self.common_share * (1.0 - point.is_open(other))
-        flow = _adapted(lambda s, beside: self._flow(s, pressure, beside, point), side, share)
+        if _is_zero(self.common_share):
+            flow = self._flow(side, pressure, 0.0, point)
+        else:
+            other = SIDES[1 - SIDES.index(side)]
+            share = self.common_share * (1.0 - point.is_open(other))
+            flow = _adapted(lambda s, beside: self._flow(s, pressure, beside, point), side, share)
         return pressure + self._rise(flow)
 
     def _rise(self, flow: Array) -> Array:
