@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -56,10 +57,26 @@ def lowpass(values: FloatArray, period: float, cutoff_hz: float = DEFAULT_CUTOFF
     x = np.asarray(values, dtype=float)
     if len(x) < 4:
         return x.copy()
-    sections = signal.butter(FILTER_ORDER, cutoff_hz / nyquist, output="sos")
+    sections, settled = _butterworth(cutoff_hz / nyquist)
     pad = min(len(x) - 1, 3 * filter_length(period, cutoff_hz))
-    filtered = signal.sosfiltfilt(sections, x, axis=0, padtype="odd", padlen=pad)
-    return np.asarray(filtered, dtype=float)
+    # As `scipy.signal.sosfiltfilt` with odd padding, which designs its start anew at each call.
+    filtered = np.concatenate([2.0 * x[0] - x[pad:0:-1], x, 2.0 * x[-1] - x[-2 : -2 - pad : -1]])
+    start = settled.reshape(*settled.shape, *[1] * (x.ndim - 1))
+    for _ in range(2):
+        filtered, _ = signal.sosfilt(sections, filtered, axis=0, zi=start * filtered[0])
+        filtered = filtered[::-1]
+    return np.array(filtered[pad : pad + len(x)], dtype=float)
+
+
+@lru_cache(maxsize=64)
+def _butterworth(share: float) -> tuple[FloatArray, FloatArray]:
+    """Sections of the filter with a cut-off of this share of the Nyquist frequency, and their
+    states at rest on an input of one.
+    """
+    from scipy import signal
+
+    sections = signal.butter(FILTER_ORDER, share, output="sos")
+    return sections, signal.sosfilt_zi(sections)
 
 
 def filter_length(period: float, cutoff_hz: float) -> int:

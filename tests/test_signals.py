@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import signal
 
 from sysid import signals
 from sysid.errors import InputError
@@ -25,6 +26,15 @@ def test_lowpass_has_no_phase_and_halves_at_the_cutoff() -> None:
 def test_lowpass_keeps_a_line_up_to_its_ends() -> None:
     t = np.arange(500) * PERIOD
     assert signals.lowpass(3.0 * t + 1.0, PERIOD) == pytest.approx(3.0 * t + 1.0, abs=1e-7)
+
+
+@pytest.mark.parametrize("shape", [(4,), (7,), (150,), (2000,), (300, 3)])
+def test_lowpass_is_scipys_zero_phase_filter(shape: tuple[int, ...]) -> None:
+    x = np.random.default_rng(1).normal(size=shape)
+    sections = signal.butter(signals.FILTER_ORDER, 20.0 * 2.0 * PERIOD, output="sos")
+    pad = min(shape[0] - 1, 3 * signals.filter_length(PERIOD, 20.0))
+    expected = signal.sosfiltfilt(sections, x, axis=0, padlen=pad)
+    np.testing.assert_array_equal(signals.lowpass(x, PERIOD, 20.0), expected)
 
 
 @pytest.mark.parametrize("cutoff", [0.0, -1.0, 500.0, 600.0])
