@@ -263,6 +263,8 @@ def gravity_effort(position: Array, gravity_moment: Array, weight: Array = 0.0) 
     Rotary: (M_arm L/2 + Mp Lp) g sin(theta), theta = 0 hanging down; `gravity_moment` is
     the bracket times g. Linear: the `weight`. Both are zero in the horizontal.
     """
+    if isinstance(gravity_moment, float) and gravity_moment == 0.0:
+        return 0.0 * position + weight  # a sine of every sample costs more than all else here
     return gravity_moment * sine(position) + weight
 
 
