@@ -24,6 +24,7 @@ REPOSITORY = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(REPOSITORY))
 
 from benchmarks.rigs import random_runs  # noqa: E402
+from sysid.model.differences import simulate_differences  # noqa: E402
 from sysid.model.ports import Model  # noqa: E402
 from sysid.model.preparation import Inputs  # noqa: E402
 from sysid.model.simulator import simulate  # noqa: E402
@@ -68,7 +69,7 @@ def difference(inputs: list[Inputs], models: list[Model], name: str, step: float
 
 def column_errors(inputs: list[Inputs], models: list[Model]) -> dict[str, list[float]]:
     """By number: each run's relative error of the column."""
-    found: list[Tangents] = simulate_tangents(inputs, models, [(0, n) for n in NUMBERS])
+    found = with_tangents(inputs, models)
     errors: dict[str, list[float]] = {}
     for j, name in enumerate(NUMBERS):
         sides = [difference(inputs, models, name, step) for step in STEPS]
@@ -79,6 +80,27 @@ def column_errors(inputs: list[Inputs], models: list[Model]) -> dict[str, list[f
             reference = sides[int(np.argmin(far))][i] / SIZES
             errors[name].append(min(far) / max(float(np.linalg.norm(reference)), 1e-300))
     return errors
+
+
+def with_tangents(inputs: list[Inputs], models: list[Model]) -> list[Tangents]:
+    """Every run with its tangents by each number."""
+    return simulate_tangents(inputs, models, [(0, n) for n in NUMBERS])
+
+
+def of_neighbours(inputs: list[Inputs], models: list[Model]) -> list[Tangents]:
+    """As `simulate_tangents`, by differences of neighbours (`sysid.model.differences`)."""
+    sizes = [size or float(getattr(models[0].parameters, n)) for n, size in NUMBERS.items()]
+    return simulate_differences(inputs, models, [(0, n) for n in NUMBERS], sizes)
+
+
+def neighbour_errors(inputs: list[Inputs], models: list[Model]) -> list[float]:
+    """Relative error of each run's column by differences of neighbours, against the tangents."""
+    exact = with_tangents(inputs, models)
+    return [
+        float(np.linalg.norm((a - b) / SIZES)) / max(float(np.linalg.norm(b / SIZES)), 1e-300)
+        for own, other in zip(of_neighbours(inputs, models), exact, strict=True)
+        for a, b in zip(own.slopes[4:], other.slopes[4:], strict=True)
+    ]
 
 
 def main() -> None:
@@ -94,14 +116,20 @@ def main() -> None:
         print(f"{name:16} median {statistics.median(own):.1e}, largest {max(own):.1e}")
     every = np.concatenate(list(errors.values()))
     print(f"all: median {np.median(every):.1e}, 95th percentile {np.quantile(every, 0.95):.1e}")
-    costs = []
+    near = neighbour_errors(inputs, models)
+    low, high = np.quantile(near, (0.5, 0.95))
+    print(f"differences of neighbours: median {low:.1e}, 95th percentile {high:.1e}")
+    costs: list[list[float]] = []
     for _ in range(3):
-        begun = time.perf_counter()
-        simulate(inputs, models)
-        once = time.perf_counter() - begun
-        simulate_tangents(inputs, models, [(0, n) for n in NUMBERS])
-        costs.append((time.perf_counter() - begun - once) / once)
-    print(f"cost of a run with {4 + len(NUMBERS)} tangents: {statistics.median(costs):.1f} runs")
+        ends = [time.perf_counter()]
+        for simulated in (simulate, with_tangents, of_neighbours):
+            simulated(inputs, models)
+            ends.append(time.perf_counter())
+        once, *own = np.diff(ends)
+        costs.append([float(o / once) for o in own])
+    tangents, differences = np.median(np.array(costs), axis=0)
+    print(f"cost of a run with {4 + len(NUMBERS)} tangents: {tangents:.1f} runs")
+    print(f"by differences: {differences:.1f} runs")
 
 
 if __name__ == "__main__":
