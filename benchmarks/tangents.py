@@ -15,6 +15,7 @@ import argparse
 import statistics
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -119,11 +120,12 @@ def main() -> None:
     near = neighbour_errors(inputs, models)
     low, high = np.quantile(near, (0.5, 0.95))
     print(f"differences of neighbours: median {low:.1e}, 95th percentile {high:.1e}")
+    ways: tuple[Callable[..., object], ...] = (simulate, with_tangents, of_neighbours)
     costs: list[list[float]] = []
     for _ in range(3):
         ends = [time.perf_counter()]
-        for simulated in (simulate, with_tangents, of_neighbours):
-            simulated(inputs, models)
+        for way in ways:
+            way(inputs, models)
             ends.append(time.perf_counter())
         once, *own = np.diff(ends)
         costs.append([float(o / once) for o in own])
