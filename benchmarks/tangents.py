@@ -127,8 +127,8 @@ def main() -> None:
         for way in ways:
             way(inputs, models)
             ends.append(time.perf_counter())
-        once, *own = np.diff(ends)
-        costs.append([float(o / once) for o in own])
+        once, *own = np.diff(ends).tolist()
+        costs.append([o / once for o in own])
     tangents, differences = np.median(np.array(costs), axis=0)
     print(f"cost of a run with {4 + len(NUMBERS)} tangents: {tangents:.1f} runs")
     print(f"by differences: {differences:.1f} runs")
