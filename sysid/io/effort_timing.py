@@ -126,12 +126,12 @@ def _case(trial: Trial, rig: Rig) -> tuple[FloatArray, FloatArray] | None:
         signals.first_derivative(way, dt),
         np.ones(len(grid)),
         *((position,) if rig.is_linear else (np.sin(position), np.cos(position))),
-        *(
-            smooth(signals.resample(trial.time, trial[name], grid))
-            for name in CHAMBER_PRESSURES
-            if name in trial
-        ),
     ]
+    for name in CHAMBER_PRESSURES:
+        if name in trial:
+            pressure = signals.resample(trial.time, trial[name], grid)
+            # Seals press harder under pressure.
+            columns += [smooth(pressure), smooth(pressure * np.sign(speed))]
     effort = signals.resample(trial.time, trial[rig.effort_channel], grid, hold=True)
     target = smooth(signals.held_about_rows(effort))
     rows = np.flatnonzero(_moving(speed, dt, length))[:: max(1, length // 4)]

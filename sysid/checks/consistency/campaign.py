@@ -220,7 +220,8 @@ def _friction_quantity(part: str, rig: Rig) -> SharedQuantity:
             effort,
             1.6,
             f"the unit or gain of {rig.effort_channel}, wrong by {{ratio}}",
-            "stribeck-friction, position-dependent-friction, presliding",
+            "stribeck-friction, position-dependent-friction, presliding"
+            + (", seal-friction" if rig.cylinder is not None else ""),
         )
     return SharedQuantity(
         "viscous friction",
