@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import gc
+import os
+import sys
 from pathlib import Path
 
 import pytest
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 SHARED = REPOSITORY.parent / "shared"
+MOST_MEMORY_MB = 2500.0
 
 RIG_TEXT = """\
 [rig]
@@ -59,6 +63,28 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
             wanted in str(report.longrepr) for report in terminalreporter.stats.get("skipped", [])
         )
         terminalreporter.write_line(f"skipped for want of ../shared/{folder}: {count}")
+
+
+def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> None:
+    """Between files, what jax has compiled is let go of where it has grown large.
+
+    It is in jax's cache of files: what is needed again is loaded from there.
+    """
+    same_file = nextitem is not None and nextitem.path == item.path
+    jax = sys.modules.get("jax")
+    if same_file or jax is None or _memory_mb() < MOST_MEMORY_MB:
+        return
+    jax.clear_caches()
+    gc.collect()
+
+
+def _memory_mb() -> float:
+    """Of this process; 0 where it is not told."""
+    try:
+        pages = int(Path("/proc/self/statm").read_text().split()[1])
+    except OSError:
+        return 0.0
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
 @pytest.fixture
