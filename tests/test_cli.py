@@ -61,6 +61,23 @@ def test_friction_from_the_command_line(
     assert files == {"friction-static.csv", "friction-sliding.csv"}
 
 
+def test_a_fit_has_a_page_of_its_own(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page, logs = tmp_path / "fit.html", ["friction-static.csv", "friction-sliding.csv"]
+    words = ["fit", "friction", *(str(folder / log) for log in logs), "--report", str(page)]
+    assert main(words) == 0
+    assert f"written: {page}" in capsys.readouterr().out
+    text = page.read_text()
+    assert all(log in text for log in logs) and "Friction over speed" in text
+    assert "2 logs; none is held out" in text and "sysid advise" not in text
+    assert main(["fit", str(folder / "campaign.toml"), "--report", str(page), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["report"] == str(page)
+    assert "1 of them held out" in page.read_text()
+    assert main([*words[:-1], str(tmp_path / "none" / "fit.html")]) == 2
+    assert "none" in capsys.readouterr().err
+
+
 def test_summary_and_notices_go_to_their_streams(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +26,7 @@ from sysid.commands.options import (
     logs_argument,
     map_option,
     options,
+    report_option,
     rig_option,
 )
 from sysid.commands.own_component import read_with
@@ -41,6 +43,8 @@ from sysid.components.campaign import fit_own
 from sysid.display.terminal import console, new_table
 from sysid.errors import input_error
 from sysid.friction import FrictionResult, fit_friction
+from sysid.identification.friction.effort import classify_trial
+from sysid.io.campaign import Campaign, CampaignLog
 from sysid.io.logs import Log, Trial, read_log
 from sysid.io.rig import Rig, find_rig_file, read_rig
 from sysid.io.source import Source
@@ -81,6 +85,7 @@ _part_options = options(
     map_option,
     click.option("-o", "output", type=PathArgument, help="Write a bundle of this part."),
     click.option("--into", type=PathArgument, help="Add this part to an existing bundle."),
+    report_option,
     json_option,
 )
 _valve_option = click.option(
@@ -182,21 +187,26 @@ def _valve_pwm(
 @campaign_argument
 @click.option("-o", "output", type=PathArgument, help="Write the bundle here.")
 @component_option
+@report_option
 @json_option
-def _campaign(campaign: Path, output: Path | None, component: str | None, as_json: bool) -> None:
+def _campaign(
+    campaign: Path, output: Path | None, component: str | None, report: Path | None, as_json: bool
+) -> None:
     """Everything that a campaign's training logs identify, in one bundle."""
     read = read_with(campaign, component, progress())
     if component is not None:
         own = fit_own(read, progress=progress("fitting "))
         if output is not None:
             write_bundle(own.bundle, output)
-        _show(Fitted(own.bundle, (), own.notices, output), as_json, _own_tables)
+        _write_report(report, read, own.bundle)
+        _show(Fitted(own.bundle, (), own.notices, output, report), as_json, _own_tables)
         return
     found = fit_campaign(read, progress=progress("fitting "))
     if output is not None:
         write_bundle(found.bundle, output)
     notices = (*found.notices, *check_consistency(read, "fit"))
-    fitted = Fitted(found.bundle, found.remarks, notices, output)
+    _write_report(report, read, found.bundle)
+    fitted = Fitted(found.bundle, found.remarks, notices, output, report)
     _show(fitted, as_json, _campaign_tables)
 
 
@@ -211,14 +221,17 @@ class Fitted:
     remarks: tuple[str, ...]
     notices: tuple[str, ...]
     written: Path | None = None
+    report: Path | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """The output of `--json`: the bundle, the remarks and the file."""
+        """The output of `--json`: the bundle, the remarks and the files."""
+        page = {} if self.report is None else {"report": str(self.report)}
         return {
             **self.bundle.to_json(),
             "remarks": list(self.remarks),
             "notices": list(self.notices),
             "written": None if self.written is None else str(self.written),
+            **page,
         }
 
 
@@ -231,6 +244,7 @@ class _Files:
     maps: Sequence[str]
     output: Path | None
     into: Path | None
+    report: Path | None
 
 
 def _fit_part(
@@ -257,8 +271,43 @@ def _fit_part(
     target = files.output or files.into
     if target is not None:
         write_bundle(bundle, target)
+    if files.report is not None:
+        valve = (options or {}).get("valve")
+        _write_report(files.report, _as_campaign(rig, logs, kind, valve, files.maps), bundle)
     notices = (*rig.notices, *(n for log in logs for n in log.notices), *result.notices)
-    return Fitted(bundle, tuple(result.remarks), notices, target)
+    return Fitted(bundle, tuple(result.remarks), notices, target, files.report)
+
+
+def _as_campaign(
+    rig: Rig, logs: Sequence[Log], kind: str, valve: str | None, maps: Sequence[str]
+) -> Campaign:
+    """The logs of one part as a report has them: each of the kind that it was fitted as."""
+    mapping = parse_map(maps)
+    entries = tuple(
+        CampaignLog(_kind_of(log, rig, kind), log.path.name, log.path, "fit", valve, mapping)
+        for log in logs
+    )
+    return Campaign(logs[0].path, rig, entries)
+
+
+def _kind_of(log: Log, rig: Rig, kind: str) -> str:
+    """A campaign's kind; of friction tests the one that most of them are."""
+    if kind != "friction":
+        return kind
+    found = Counter(classify_trial(trial, rig) for trial in log.trials)
+    return found.most_common(1)[0][0]
+
+
+def _write_report(path: Path | None, campaign: Campaign, bundle: Bundle) -> None:
+    """The page of a fit, with a check of every log; nothing without a path."""
+    if path is None:
+        return
+    from sysid.report import write_report
+    from sysid.workflows.subject import subject_of
+
+    tell = progress()
+    checks = subject_of(campaign).checks()
+    write_report(path, campaign=campaign, bundle=bundle, checks=checks, progress=tell)
 
 
 def _read_logs(
@@ -292,8 +341,7 @@ def _show(fitted: Fitted, as_json: bool, tables: Tables) -> None:
     judged = fitted.bundle.qualities()
     if judged:
         out.print(quality_table(judged))
-    if fitted.written is not None:
-        print_written([fitted.written])
+    print_written(path for path in (fitted.written, fitted.report) if path is not None)
 
 
 def _friction_tables(fitted: Fitted) -> Iterable[Table]:

@@ -37,7 +37,7 @@ def next_section(bundle: Bundle, diagnosis: Content | None, campaign: str) -> Se
         return None
     is_whole = found is None or found.get("component", ACTUATOR) == ACTUATOR
     intro = ["Ordered by what they decide: which effect it is, what remains, how large it is."]
-    if is_whole and bundle.component is None:
+    if is_whole and bundle.friction is not None and bundle.valves is not None:
         intro.append(
             f"`sysid advise {campaign} --bundle bundle.json` predicts for this rig what each of a "
             "list of further tests would add, and the smallest size of every effect that they "

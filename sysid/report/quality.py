@@ -41,11 +41,11 @@ def quality_section(campaign: Campaign, checks: Sequence[LogCheck]) -> Section:
     if apart:
         blocks.append(Lines(tuple(apart), "Logs that contradict one another or the rig file"))
     held = sum(e.use == "holdout" for e in campaign.logs)
+    count = f"{len(campaign.logs)} log{'s' * (len(campaign.logs) != 1)}"
     intro = (
-        f"{len(campaign.logs)} logs, {held} of them held out: no parameter was fitted on these."
+        f"{count}, {held} of them held out: no parameter was fitted on these."
         if held
-        else f"{len(campaign.logs)} logs; none is held out, so that the errors below are those on "
-        "the training data.",
+        else f"{count}; none is held out, so that the errors below are those on the training data.",
     )
     return Section("data", "Data and their quality", intro, tuple(blocks))
 
