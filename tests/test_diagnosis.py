@@ -12,7 +12,13 @@ from scipy.signal import lfilter
 
 from datasets.generator.campaign import LAB, GeneratedCampaign, drawn_effects, make_campaign
 from sysid.diagnosis.actuator.diagnose import is_far_off
-from sysid.diagnosis.actuator.equation_error import CHANNELS, EFFORT, channels_of, equation_error
+from sysid.diagnosis.actuator.equation_error import (
+    CHANNELS,
+    EFFORT,
+    _as_shown,
+    channels_of,
+    equation_error,
+)
 from sysid.diagnosis.actuator.loop import Loop, close_loop
 from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.refit import refit, with_base_refitted
@@ -46,7 +52,7 @@ from sysid.model.effects.chamber import AtmosphereLeakage, PistonLeakage, TubeLa
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.effects.friction import QuadraticDrag, SealFriction
 from sysid.model.effects.motor import AmplifierLag, TorqueConstantError
-from sysid.model.effects.sensor import PressureLag, PressureOffset
+from sysid.model.effects.sensor import PressureLag, PressureOffset, TimeSkew
 from sysid.model.effects.supply import ExhaustBackPressure, SupplyDroop
 from sysid.model.effects.valve import DutyDeadZone, SubsonicFlowShape, ValveDelay
 from sysid.model.ports import Model
@@ -429,6 +435,17 @@ FEW = ("seal-friction", "stribeck-friction", "torque-constant-error", "torque-of
 def loop(tests: Tests, rig: Rig, model: Model) -> Loop:
     effects = [catalogue()[name] for name in (*FEW, "inertia-mismatch", "piston-leakage")]
     return close_loop(tests, rig, model, effects, simulation_error=lambda trial: 0.0)
+
+
+@pytest.mark.parametrize("effect", [PressureLag(2e-3), TimeSkew(1.7e-3), PressureOffset(1e3)])
+def test_sensors_show_tests_end_to_end_as_one_by_one(
+    traces: Traces, effect: CatalogueEffect, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    at_once = _as_shown(traces, "a", traces.rate_a, (effect,))
+    monkeypatch.setattr(type(effect), "forgets_in_gaps", False)
+    one_by_one = _as_shown(traces, "a", traces.rate_a, (effect,))
+    assert at_once.any()
+    np.testing.assert_allclose(at_once, one_by_one, atol=1e-5 * np.abs(one_by_one).max())
 
 
 def test_nothing_is_found_where_nothing_is_missing(healthy: tuple[Tests, Rig, Model]) -> None:

@@ -58,6 +58,8 @@ class Effect:
     """
 
     states: ClassVar[tuple[str, ...]] = ()
+    # Whether `measure` begins anew after a long gap of time: many tests are then measured as one.
+    forgets_in_gaps: ClassVar[bool] = False
 
     def parameters(self, parameters: Parameters, time: Array) -> Parameters:
         """The base model's own numbers at `time` (s since the first row)."""

@@ -163,16 +163,27 @@ def _as_shown(
     raise its noise.
     """
     nothing, name = np.zeros(len(traces)), f"pressure_{side}_pa"
-    found = np.empty(len(traces))
-    for run in traces.runs:
-        rows = run.rows
-        time = traces.time[rows]
-        # The other chamber's sensor is not asked.
-        zero: Mapping[str, FloatArray] = {"theta_rad": traces.position[rows], name: nothing[rows]}
-        moved: Mapping[str, FloatArray] = {**zero, name: rate[rows]}
+    # The other chamber's sensor is not asked.
+    zero = {"theta_rad": traces.position, name: nothing}
+    moved = _measured(traces, sensors, {**zero, name: rate})
+    return np.asarray(moved[name] - _measured(traces, sensors, zero)[name])
+
+
+def _measured(
+    traces: Traces, sensors: tuple[Effect, ...], channels: Mapping[str, FloatArray]
+) -> Mapping[str, FloatArray]:
+    """Channels (n,) of all tests as the sensors show them, each test from its own first row."""
+    if all(effect.forgets_in_gaps for effect in sensors):
         for effect in sensors:
-            zero, moved = effect.measure(zero, time), effect.measure(moved, time)
-        found[rows] = moved[name] - zero[name]
+            channels = effect.measure(channels, traces.time_with_gaps)
+        return channels
+    found = {name: np.empty(len(traces)) for name in channels}
+    for run in traces.runs:
+        own: Mapping[str, FloatArray] = {name: c[run.rows] for name, c in channels.items()}
+        for effect in sensors:
+            own = effect.measure(own, traces.time[run.rows])
+        for name, shown in found.items():
+            shown[run.rows] = own[name]
     return found
 
 
@@ -218,15 +229,9 @@ def _without_sensors(traces: Traces, sensors: tuple[Effect, ...]) -> Traces:
     shown = (traces.position, traces.pressure_a, traces.pressure_b)
     true = list(shown)
     for _ in range(_SENSOR_ROUNDS):
-        lost = [np.zeros(len(traces)) for _ in names]
-        for run in traces.runs:
-            rows = run.rows
-            before = {name: channel[rows] for name, channel in zip(names, true, strict=True)}
-            after: Mapping[str, FloatArray] = before
-            for effect in sensors:
-                after = effect.measure(after, traces.time[rows])
-            for channel, name in zip(lost, names, strict=True):
-                channel[rows] = before[name] - after[name]
+        before = dict(zip(names, true, strict=True))
+        after = _measured(traces, sensors, before)
+        lost = [before[name] - after[name] for name in names]
         true = [
             channel + smooth(traces.runs, gap, _SENSOR_CUTOFF_HZ) if gap.any() else channel
             for channel, gap in zip(shown, lost, strict=True)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -44,6 +44,8 @@ _REST_SPEED = 0.004
 _REVERSAL_S = 0.012
 # Time at a test's ends where smoothing is one-sided.
 _SEAM_S = 0.015
+# Between tests that are measured as one, s: long against a lag, short enough to count it in.
+_GAP_S = 1e4
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +102,16 @@ class Traces:
 
     def __len__(self) -> int:
         return len(self.time)
+
+    @cached_property
+    def time_with_gaps(self) -> FloatArray:
+        """Time (n,) s that goes on from test to test, with a long gap between them."""
+        found, start = np.empty(len(self)), 0.0
+        for run in self.runs:
+            own = self.time[run.rows]
+            found[run.rows] = start + own - own[0]
+            start = found[run.rows][-1] + _GAP_S
+        return found
 
     def pressure(self, side: str) -> FloatArray:
         """Chamber pressure, Pa."""

@@ -79,6 +79,7 @@ class PressureOffset(CatalogueEffect):
     side: str = "both"
 
     id = "pressure-offset"
+    forgets_in_gaps = True
     title = "Offset of a pressure sensor"
     subsystem = "sensor"
     quantities = (
@@ -101,6 +102,7 @@ class PressureGain(CatalogueEffect):
     side: str = "both"
 
     id = "pressure-gain"
+    forgets_in_gaps = True
     title = "Gain of a pressure sensor"
     subsystem = "sensor"
     quantities = (
@@ -124,6 +126,7 @@ class PressureLag(CatalogueEffect):
     side: str = "both"
 
     id = "pressure-lag"
+    forgets_in_gaps = True
     title = "Lag of a pressure sensor"
     subsystem = "sensor"
     quantities = (Quantity("pressure_lag_s", "s", 2e-3, 0.0, 0.05, "time constant of the sensor"),)
@@ -167,6 +170,7 @@ class TimeSkew(CatalogueEffect):
     side: str = "both"
 
     id = "time-skew"
+    forgets_in_gaps = True
     title = "Pressure channel shifted in time"
     subsystem = "sensor"
     quantities = (Quantity("time_skew_s", "s", 2e-3, -0.02, 0.02, "delay of the channel"),)
