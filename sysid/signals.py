@@ -164,6 +164,22 @@ def runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return [(int(first), int(last)) for first, last in zip(edges[::2], edges[1::2], strict=True)]
 
 
+def long_runs(mask: NDArray[np.bool_], least: int) -> NDArray[np.bool_]:
+    """A mask (n,) without its runs that are shorter than `least` samples."""
+    kept = np.zeros(len(mask), dtype=bool)
+    for start, stop in runs(mask):
+        kept[start:stop] = stop - start >= least
+    return kept
+
+
+def widened(mask: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
+    """A mask (n,) extended by `reach` samples on either side of what is set."""
+    count = np.concatenate([[0], np.cumsum(mask)])
+    rows = np.arange(len(mask))
+    high, low = np.minimum(rows + reach + 1, len(mask)), np.maximum(rows - reach, 0)
+    return np.asarray(count[high] > count[low])
+
+
 def longest_run(mask: NDArray[np.bool_]) -> tuple[int, int]:
     """[first, last) of the longest run of set samples, the first of equals; (0, 0) without any."""
     return max(runs(mask), key=lambda run: run[1] - run[0], default=(0, 0))

@@ -74,6 +74,8 @@ def test_a_fit_has_a_page_of_its_own(
     assert main(["fit", str(folder / "campaign.toml"), "--report", str(page), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["report"] == str(page)
     assert "1 of them held out" in page.read_text()
+    assert main(["fit", "friction", str(folder / logs[1]), *words[4:], "--kind", "motion"]) == 0
+    assert "friction-motion" in page.read_text()
     assert main([*words[:-1], str(tmp_path / "none" / "fit.html")]) == 2
     assert "none" in capsys.readouterr().err
 

@@ -13,9 +13,9 @@ from sysid.bundle import read_bundle
 from sysid.commands.options import SEED, PathArgument, effects_option, json_option, options
 from sysid.commands.printing import notices, print_json, print_written, progress
 from sysid.control.modes import Mode
-from sysid.control.run_files import make_folder
 from sysid.control.thesis_tables import TABLES
 from sysid.display.terminal import console, new_table
+from sysid.io.files import make_folder
 from sysid.types import Progress, no_progress
 from sysid.workflows.controlling import ControlledRun
 from sysid.workflows.controlling import control as control_bundle

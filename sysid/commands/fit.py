@@ -272,19 +272,22 @@ def _fit_part(
     if target is not None:
         write_bundle(bundle, target)
     if files.report is not None:
-        valve = (options or {}).get("valve")
-        _write_report(files.report, _as_campaign(rig, logs, kind, valve, files.maps), bundle)
+        given = _as_campaign(rig, logs, kind, files.maps, options or {})
+        _write_report(files.report, given, bundle)
     notices = (*rig.notices, *(n for log in logs for n in log.notices), *result.notices)
     return Fitted(bundle, tuple(result.remarks), notices, target, files.report)
 
 
 def _as_campaign(
-    rig: Rig, logs: Sequence[Log], kind: str, valve: str | None, maps: Sequence[str]
+    rig: Rig, logs: Sequence[Log], kind: str, maps: Sequence[str], options: Mapping[str, Any]
 ) -> Campaign:
     """The logs of one part as a report has them: each of the kind that it was fitted as."""
-    mapping = parse_map(maps)
+    mapping, valve = parse_map(maps), options.get("valve")
+    declared = f"friction-{options['kind']}" if options.get("kind") else None
     entries = tuple(
-        CampaignLog(_kind_of(log, rig, kind), log.path.name, log.path, "fit", valve, mapping)
+        CampaignLog(
+            declared or _kind_of(log, rig, kind), log.path.name, log.path, "fit", valve, mapping
+        )
         for log in logs
     )
     return Campaign(logs[0].path, rig, entries)

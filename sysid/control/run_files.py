@@ -13,9 +13,8 @@ import numpy as np
 
 from sysid.control.cases import ClosedLoopRun
 from sysid.control.modes import Mode
-from sysid.errors import input_error
 from sysid.io.channels import SIDES
-from sysid.io.files import write_atomic
+from sysid.io.files import make_folder, write_atomic
 from sysid.io.rig import RIG_FILE_NAME, Rig
 from sysid.io.tables import write_table
 from sysid.io.toml_text import toml_text
@@ -93,13 +92,4 @@ def write_run(
     return [folder / n for n in (LOG_NAME, REFERENCE_NAME, RIG_FILE_NAME, CAMPAIGN_NAME)]
 
 
-def make_folder(folder: Path) -> None:
-    """Make a folder for results. Raises InputError where that is not possible."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise input_error(folder, f"cannot be made: {reason}", "name another folder") from None
-
-
-__all__ = ["kind_of", "log_frame", "make_folder", "reference_frame", "write_run"]
+__all__ = ["kind_of", "log_frame", "reference_frame", "write_run"]

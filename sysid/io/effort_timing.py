@@ -145,12 +145,10 @@ def _case(trial: Trial, rig: Rig) -> tuple[FloatArray, FloatArray] | None:
 
 def _moving(speed: FloatArray, period: float, reach: int) -> BoolArray:
     """Rows (n,) farther than the filter reaches from a rest and from the ends."""
-    rests = np.zeros(len(speed), dtype=bool)
     slow = np.abs(speed) <= _SLOW * float(np.median(np.abs(speed)))
-    for start, stop in signals.runs(slow):
-        rests[start:stop] = (stop - start) * period > _REST_S
+    rests = signals.long_runs(slow, math.floor(_REST_S / period) + 1)
     rests[:reach] = rests[-reach:] = True
-    return np.asarray(np.convolve(rests, np.ones(2 * reach + 1), mode="same") < 0.5)
+    return ~signals.widened(rests, reach)
 
 
 __all__ = ["effort_is_read", "readings_line", "with_commands"]

@@ -116,8 +116,9 @@ def make_folder(folder: Path, *, parents: bool = True) -> None:
     try:
         folder.mkdir(parents=parents, exist_ok=True)
     except OSError as error:
+        why = error.strerror or str(error)
         raise input_error(
-            folder, f"cannot be created as a folder: {error.strerror}", "choose another with -o"
+            folder, f"cannot be created as a folder: {why}", "choose another with -o"
         ) from None
 
 

@@ -39,6 +39,11 @@ def array_namespace(*values: Array) -> Any:
     return np
 
 
+def is_zero(value: Array) -> bool:
+    """Whether it is the number 0; of what is traced or an array nothing is known."""
+    return isinstance(value, float) and value == 0.0
+
+
 @dataclass(frozen=True)
 class Parameters:
     """Every number of the base model, flat, so that any of them can be fitted or batched.
@@ -263,7 +268,7 @@ def gravity_effort(position: Array, gravity_moment: Array, weight: Array = 0.0) 
     Rotary: (M_arm L/2 + Mp Lp) g sin(theta), theta = 0 hanging down; `gravity_moment` is
     the bracket times g. Linear: the `weight`. Both are zero in the horizontal.
     """
-    if isinstance(gravity_moment, float) and gravity_moment == 0.0:
+    if is_zero(gravity_moment):
         return 0.0 * position + weight  # a sine of every sample costs more than all else here
     return gravity_moment * sine(position) + weight
 

@@ -71,7 +71,7 @@ def _differences(
         for lane in ((one, model), *_neighbours(one, model, directions, steps))
     ]
     width = 1 + len(steps)
-    states = [_states(run) for run in _simulated(lanes, max_step)]
+    states = [run.states for run in _simulated(lanes, max_step)]
     found, jumps = [], []
     for i, (one, _) in enumerate(starts):
         here, *near = states[i * width : (i + 1) * width]
@@ -85,7 +85,7 @@ def _differences(
     if jumps:
         other = [list(_neighbours(*starts[i], directions, -steps))[j] for i, j in jumps]
         for (i, j), run in zip(jumps, _simulated(other, max_step), strict=True):
-            slope = (_states(run) - found[i].states) / -steps[j]
+            slope = (run.states - found[i].states) / -steps[j]
             found[i].slopes[j] = 0.0 if _jumps(slope[None], steps[[j]])[0] else slope
     return found
 
@@ -116,10 +116,6 @@ def _neighbours(
         yield dataclasses.replace(inputs, **moved), model
     for direction, step in zip(directions, steps[len(STATE) :], strict=True):
         yield inputs, with_step(model, direction, float(step))
-
-
-def _states(run: Trajectory) -> FloatArray:
-    return np.array([run.position, run.velocity, run.pressure_a, run.pressure_b])
 
 
 __all__ = ["simulate_differences"]

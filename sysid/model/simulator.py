@@ -50,6 +50,11 @@ class Trajectory:
     pressure_a: FloatArray
     pressure_b: FloatArray
 
+    @property
+    def states(self) -> FloatArray:
+        """(4, n): position, velocity, pressures."""
+        return np.array([getattr(self, name) for name in STATE])
+
 
 # Of each part of a model, the names of the numbers that each run has its own of.
 _Layout = tuple[tuple[str, ...], ...]

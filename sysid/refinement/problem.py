@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -169,7 +169,7 @@ class Problem:
             return self.equations(errors, point)
         directions = self._directions()
         if self.by_differences:
-            sizes = self._sizes(point, directions)
+            sizes = self.sizes(point, directions)
             found = simulate_differences(inputs, models, directions, sizes, self.max_step)
         else:
             found = simulate_tangents(inputs, models, directions, max_step=self.max_step)
@@ -195,14 +195,14 @@ class Problem:
     def _residuals(self, inputs: Sequence[Inputs], models: Sequence[Model]) -> list[FloatArray]:
         found = simulate(inputs, models, max_step=self.fine_step or self.max_step)
         return [
-            self.residual(run, own, model)
+            self.errors_alone(run, own, model).residual
             for run, own, model in zip(self.runs, found, models, strict=True)
         ]
 
-    def residual(self, run: Run, found: Trajectory, model: Model) -> FloatArray:
-        """A run's (3, n), simulated less measured: rad or m, Pa."""
-        left = self._shown(run, _states_of(found), model) - run.measured
-        return RunErrors(left, np.zeros((0, *left.shape))).kept(run).residual
+    def errors_alone(self, run: Run, found: Trajectory, model: Model) -> RunErrors:
+        """A run's errors, simulated less measured, without slopes."""
+        left = self._shown(run, found.states, model) - run.measured
+        return RunErrors(left, np.zeros((0, *left.shape))).kept(run)
 
     def inputs(self, point: Iterate) -> list[Inputs]:
         """Every run's inputs from its start at a point."""
@@ -218,13 +218,13 @@ class Problem:
             d for d in (*((0, n) for n in SLIDING), _STATIC) if d not in directions
         ]
 
-    def _sizes(self, point: Iterate, directions: Sequence[Direction]) -> list[float]:
+    def sizes(self, point: Iterate, directions: Sequence[Direction]) -> list[float]:
         """What the number along each direction is worth, in its unit: of order one coordinate."""
         own = {d: abs(number_of(self.model, d)) for d in directions}
         for unknown, c in zip(self.unknowns, point.shared, strict=True):
-            own[unknown.direction] = max(
-                abs(unknown.model_slope(float(c))), _LEAST_SIZE * own[unknown.direction]
-            )
+            d = unknown.direction
+            if d in own:
+                own[d] = max(abs(unknown.model_slope(float(c))), _LEAST_SIZE * own[d])
         return [own[d] or _LEAST_SIZE for d in directions]
 
     def _errors(
@@ -296,11 +296,7 @@ class Problem:
         parts, saturated = [], 0.0
         prior = np.zeros((len(STATES), errors.slopes.shape[0] + 1))
         prior[:, : len(STATES)], prior[:, -1] = np.eye(len(STATES)), point.starts[number]
-        for channel, whitening in enumerate(self.whitening[number]):
-            if np.isnan(errors.residual[channel]).any():
-                continue
-            columns = np.vstack([errors.slopes[:, channel], errors.residual[None, channel]])
-            white = whitening(self.runs[number].independent(channel, columns.T))
+        for white in self.whitened(number, errors):
             if self.robust:
                 ratio = float(np.mean(white[:, -1] ** 2))
                 weight = 1.0 / (1.0 + ratio)
@@ -310,6 +306,14 @@ class Problem:
         factor = triangular([prior, *parts])
         cost = float(factor[:, -1] @ factor[:, -1]) + saturated
         return Linearised(factor, cost, saturated, errors)
+
+    def whitened(self, number: int, errors: RunErrors) -> Iterator[FloatArray]:
+        """Of each logged channel of a run, (m, k + 1): its slopes and its residual, whitened."""
+        for channel, whitening in enumerate(self.whitening[number]):
+            if np.isnan(errors.residual[channel]).any():
+                continue
+            columns = np.vstack([errors.slopes[:, channel], errors.residual[None, channel]])
+            yield whitening(self.runs[number].independent(channel, columns.T))
 
     def friction_misfit(self, point: Iterate) -> FloatArray:
         """(tests, 2): how far each test's friction is from the model's, in units of the scatter."""
@@ -361,12 +365,8 @@ def _has_sensors(model: Model) -> bool:
     return any(overrides(e, "measure") for e in model.effects)
 
 
-def _states_of(run: Trajectory) -> FloatArray:
-    return np.array([getattr(run, name) for name in STATES])
-
-
 def _with_states(found: Tangents, run: Trajectory) -> Tangents:
-    return found._replace(states=_states_of(run))
+    return found._replace(states=run.states)
 
 
 def _sensor_moved(model: Model, direction: Direction, step: float) -> tuple[float, Model]:

@@ -22,7 +22,6 @@ from sysid.refinement.runs import STATES
 from sysid.types import FloatArray
 
 _S = len(STATES)
-_LEAST_SIZE = 1e-3
 # Points of a test whose starts and sliding friction are moved.
 _KEPT = 8
 _DIRECTIONS: tuple[Direction, ...] = tuple((0, n) for n in SLIDING)
@@ -44,8 +43,7 @@ def settled(problem: Problem, points: Sequence[Iterate]) -> tuple[FloatArray, li
     as_they_are = {k: _cost(problem, k % runs, simulated[k], models[k]) for k in set(first)}
     kept = _kept(problem, points, [as_they_are[k] for k in first])
     own = sorted({first[j * runs + i] for j, test in kept for i in problem.members(test)})
-    p = problem.model.parameters
-    sizes = [float(getattr(p, name)) or _LEAST_SIZE for name in SLIDING]
+    sizes = problem.sizes(points[0], _DIRECTIONS)
     slopes = simulate_differences(
         [inputs[k] for k in own], [models[k] for k in own], _DIRECTIONS, sizes
     )
@@ -70,22 +68,14 @@ def settled(problem: Problem, points: Sequence[Iterate]) -> tuple[FloatArray, li
 def _first_alike(found: Sequence[Trajectory], runs: int) -> list[int]:
     """For each simulation, point after point, the first of its run that is the same."""
     seen: dict[tuple[int, bytes], int] = {}
-    return [
-        seen.setdefault((k % runs, b"".join(getattr(one, n).tobytes() for n in STATES)), k)
-        for k, one in enumerate(found)
-    ]
+    return [seen.setdefault((k % runs, one.states.tobytes()), k) for k, one in enumerate(found)]
 
 
 def _cost(problem: Problem, number: int, found: Trajectory, model: Model) -> float:
     """Of a run's errors as simulated, each channel's of a size of their own."""
-    run = problem.runs[number]
-    left = problem.residual(run, found, model)
-    total = 0.0
-    for channel, whitening in enumerate(problem.whitening[number]):
-        if not np.isnan(left[channel]).any():
-            white = whitening(run.independent(channel, left[channel][:, None]))
-            total += len(white) * math.log1p(float(np.mean(white**2)))
-    return total
+    errors = problem.errors_alone(problem.runs[number], found, model)
+    channels = problem.whitened(number, errors)
+    return sum(len(c) * math.log1p(float(np.mean(c[:, -1] ** 2))) for c in channels)
 
 
 def _kept(
@@ -94,10 +84,11 @@ def _kept(
     """Points, by number, and tests: each test's best as they are, and the first point."""
     runs = len(problem.runs)
     by_run = np.reshape(as_they_are, (len(points), runs))
+    misfit = np.array([problem.friction_misfit(point) for point in points])
     kept = []
     for test in range(problem.tests):
-        misfit = [problem.friction_misfit(point)[test] for point in points]
-        costs = np.sum(np.square(misfit), axis=1) + by_run[:, problem.members(test)].sum(axis=1)
+        own = np.sum(np.square(misfit[:, test]), axis=1)
+        costs = own + by_run[:, problem.members(test)].sum(axis=1)
         best = np.argsort(costs, kind="stable")[:_KEPT]
         kept += [(int(j), test) for j in sorted({0, *best})]
     return kept
@@ -138,12 +129,7 @@ def _part(
     sliding = (coulomb * p.coulomb_effort + viscous * p.viscous) * problem.scatter[0]
     local = np.array([*(slopes[:_S] * run.start_std[:, None, None]), sliding])
     errors = RunErrors(states - run.measured, local).kept(run)
-    columns = [*errors.slopes, errors.residual]
-    channels = tuple(
-        whitening(run.independent(channel, np.column_stack([c[channel] for c in columns])))
-        for channel, whitening in enumerate(problem.whitening[number])
-        if not np.isnan(run.measured[channel]).any()
-    )
+    channels = tuple(problem.whitened(number, errors))
     start = point.starts[number]
     prior = np.hstack([np.eye(_S), np.zeros((_S, 1)), start[:, None]])
     weighted = [c / math.sqrt(1.0 + float(np.mean(c[:, -1] ** 2))) for c in channels]

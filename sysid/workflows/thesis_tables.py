@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sysid.bundle import Bundle, read_bundle
-from sysid.control.run_files import make_folder
 from sysid.control.thesis_tables import Column, TableRig, ThesisTable, thesis_table
 from sysid.display.numbers import number
 from sysid.display.plots import bars, one_axes
 from sysid.display.progress import progress_or_shown
 from sysid.display.tables import Shown, ShownTable
 from sysid.io.bundled import REFERENCE_BUNDLE, thesis_folder
+from sysid.io.files import make_folder
 from sysid.report.control_tables import shown_column, shown_error, shown_unit, write_table_page
 from sysid.types import Progress
 

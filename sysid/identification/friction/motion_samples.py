@@ -113,8 +113,8 @@ def left_out(trial: EvenTrial, cutoff_hz: float) -> NDArray[np.bool_]:
     length = signals.filter_length(dt, cutoff_hz)
     speed = signals.first_derivative(signals.lowpass(trial.position, dt, cutoff_hz), dt)
     rest_speed = REST_NOISE_TIMES * trial.position_noise.total * _noise_gains(dt, cutoff_hz)[0]
-    rests = _long_runs(np.abs(speed) <= rest_speed, max(1, round(REST_S / dt)))
-    found = _widened(rests | ~trial.inside, length)
+    rests = signals.long_runs(np.abs(speed) <= rest_speed, max(1, round(REST_S / dt)))
+    found = signals.widened(rests | ~trial.inside, length)
     found[:length] = found[-length:] = True
     return found
 
@@ -174,19 +174,3 @@ def _noise_gains(period: float, cutoff_hz: float) -> tuple[float, float]:
     speed = signals.first_derivative(smooth, period)
     acceleration = signals.second_derivative(smooth, period)
     return math.sqrt(float(speed @ speed)), math.sqrt(float(acceleration @ acceleration))
-
-
-def _long_runs(mask: NDArray[np.bool_], least: int) -> NDArray[np.bool_]:
-    """`mask` without its runs that are shorter than `least` samples."""
-    kept = np.zeros(len(mask), dtype=bool)
-    for start, stop in signals.runs(mask):
-        kept[start:stop] = stop - start >= least
-    return kept
-
-
-def _widened(mask: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
-    """`mask` extended by `reach` samples on either side of what is set."""
-    count = np.concatenate([[0], np.cumsum(mask)])
-    rows = np.arange(len(mask))
-    high, low = np.minimum(rows + reach + 1, len(mask)), np.maximum(rows - reach, 0)
-    return np.asarray(count[high] > count[low])

@@ -236,7 +236,7 @@ def _clipped(piece: Piece) -> tuple[BoolArray, list[str]]:
         run, other = _longest_run(at_end), _longest_repeat(p[elsewhere])
         if run >= _CLIPPED_RUN and run > 4 * other:
             near = (p - end) * inner <= 4.0 * piece.noise
-            clipped |= _widened(near, 3)
+            clipped |= signals.widened(near, 3)
             lines.append(
                 f"is saturated ({name} at {end:.6g} Pa, {run} equal samples in a row); those rows "
                 "are left out, and the pressure it settles at is taken from the rig file"
@@ -252,10 +252,6 @@ def _longest_run(mask: BoolArray) -> int:
 def _longest_repeat(values: FloatArray) -> int:
     """Length of the longest run of equal values."""
     return _longest_run(np.diff(values) == 0.0) + 1 if len(values) else 0
-
-
-def _widened(mask: BoolArray, rows: int) -> BoolArray:
-    return np.asarray(np.convolve(mask, np.ones(2 * rows + 1), mode="same") > 0.0)
 
 
 def _on_rows(piece: Piece, bad: BoolArray, opened: float, closed: float) -> NDArray[np.intp]:

@@ -61,7 +61,7 @@ def backed_exhaust_flow(
     xp = array_namespace(pressure, atmosphere, valve.choked_dis, resistance, curvature)
     free = valve.c_dis * (pressure - atmosphere)
     slowed = 1.0 + resistance * valve.c_dis
-    if _is_zero(curvature):
+    if base.is_zero(curvature):
         unchoked = free / slowed
     else:
         bent = 4.0 * (curvature * valve.c_dis) * xp.maximum(free, 0.0)
@@ -72,17 +72,21 @@ def backed_exhaust_flow(
     return xp.where((flow > 0.0) & (valve.choked_dis == valve.choked_dis), flow, 0.0)
 
 
-def _is_zero(value: Array) -> bool:
-    """Whether it is the number 0; of what is traced nothing is known."""
-    return isinstance(value, float) and value == 0.0
-
-
-def _adapted(flow: Callable[[str, Array], Array], side: str, share: Array) -> Array:
+def _adapted(
+    flow: Callable[[str, Array], Array],
+    side: str,
+    common_share: Array,
+    acts: Callable[[str], Array],
+) -> Array:
     """A side's own flow and its share of the other's, each solved given the other, in turn.
 
-    `flow` gives a side's flow for a given flow of the other.
+    `flow` gives a side's flow for a given flow of the other; `acts` the share of the time in which
+    a side's flow acts.
     """
+    if base.is_zero(common_share):
+        return flow(side, 0.0)
     other = SIDES[1 - SIDES.index(side)]
+    share = common_share * acts(other)
     own: Array = 0.0
     beside: Array = 0.0
     for _ in range(_SWEEPS):
@@ -133,12 +137,12 @@ class SupplyDroop(CatalogueEffect):
     source = "textbook: source with an internal resistance; base law of thesis 3.6.6"
 
     def supply_pressure(self, pressure: Array, side: str, point: Point) -> Array:
-        if _is_zero(self.common_share):
-            flow = self._flow(side, pressure, 0.0, point)
-        else:
-            other = SIDES[1 - SIDES.index(side)]
-            share = self.common_share * point.is_open(other)
-            flow = _adapted(lambda s, beside: self._flow(s, pressure, beside, point), side, share)
+        flow = _adapted(
+            lambda s, beside: self._flow(s, pressure, beside, point),
+            side,
+            self.common_share,
+            point.is_open,
+        )
         return pressure - self.droop_pa_s_per_kg * flow
 
     def _flow(self, side: str, supply: Array, beside: Array, point: Point) -> Array:
@@ -212,12 +216,12 @@ class ExhaustBackPressure(CatalogueEffect):
     )
 
     def exhaust_pressure(self, pressure: Array, side: str, point: Point) -> Array:
-        if _is_zero(self.common_share):
-            flow = self._flow(side, pressure, 0.0, point)
-        else:
-            other = SIDES[1 - SIDES.index(side)]
-            share = self.common_share * (1.0 - point.is_open(other))
-            flow = _adapted(lambda s, beside: self._flow(s, pressure, beside, point), side, share)
+        flow = _adapted(
+            lambda s, beside: self._flow(s, pressure, beside, point),
+            side,
+            self.common_share,
+            lambda other: 1.0 - point.is_open(other),
+        )
         return pressure + self._rise(flow)
 
     def _rise(self, flow: Array) -> Array:
