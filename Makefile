@@ -18,6 +18,7 @@ test: $(STAMP)
 
 types: $(STAMP)
 	$(BIN)/mypy
+	$(BIN)/mypy --explicit-package-bases benchmarks datasets reports tools
 
 suite: $(STAMP) browser
 	MAKEFLAGS= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist worksteal

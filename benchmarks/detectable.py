@@ -40,11 +40,12 @@ from benchmarks.true_model import SAME_LAW, true_effects  # noqa: E402
 from datasets.generator.campaign import drawn_effects  # noqa: E402
 from sysid.bundle import read_bundle  # noqa: E402
 from sysid.diagnosis.actuator.equation_error import channels_of  # noqa: E402
-from sysid.diagnosis.actuator.loop import close_loop  # noqa: E402
+from sysid.diagnosis.actuator.loop import begin  # noqa: E402
 from sysid.diagnosis.actuator.null_distribution import MARGIN, Null  # noqa: E402
-from sysid.diagnosis.actuator.screening import Projected  # noqa: E402
+from sysid.diagnosis.actuator.screening import Projected, projected  # noqa: E402
 from sysid.diagnosis.actuator.search import CLEAR_RATIO, LEAST_SHARE, SIGNIFICANCE  # noqa: E402
 from sysid.diagnosis.actuator.signatures import Signatures, candidates  # noqa: E402
+from sysid.diagnosis.looked import Book  # noqa: E402
 from sysid.io.campaign import KINDS, read_campaign  # noqa: E402
 from sysid.model.effects import catalogue  # noqa: E402
 
@@ -101,11 +102,9 @@ def standard(seed: int) -> Standard:
             for entry in campaign.select(KINDS)
             for trial in campaign.read(entry).trials
         ]
-    found = close_loop(
-        tests, campaign.rig, model, EFFECTS.values(), simulation_error=lambda model: 0.0
-    )
-    found.null.calibrate(dict.fromkeys(EFFECTS, math.inf), 0.0)
-    return Standard(found.search.first, found.null)
+    start = begin(tests, campaign.rig, model, EFFECTS.values(), Book())
+    start.null.calibrate(dict.fromkeys(EFFECTS, math.inf), 0.0, Book())
+    return Standard(projected(start.frame(start.traces), model), start.null)
 
 
 def generate(seed: int, folder: Path, *options: str) -> None:

@@ -229,7 +229,8 @@ def _change_rows(draw: random.Random, rows: list[list[str]]) -> None:
                     rows[i][column] = repr(float(rows[i][column]) * factor)
         case 4:
             del rows[row : row + draw.choice((1, 1, 10, 100_000))]
-            rows or rows.append([""])
+            if not rows:
+                rows.append([""])
         case 5:
             rows[row:row] = [list(r) for r in rows[row : row + draw.choice((1, 1, 20))]]
         case 6:
@@ -466,7 +467,7 @@ def _convert(draw: random.Random, corpus: Corpus) -> Case:
     words = ["convert", f"foreign.{kind}", "-o", draw.choice(("out.csv", "out.parquet"))]
     for text in draw.sample(maps, draw.choice((0, 1, 2))):
         words += ["--map", text]
-    extras = (
+    extras: tuple[list[str], ...] = (
         *([], [], [], ["--unwrap"], ["--trim", "0.05:0.2"], ["--resample", "0.002"]),
         *(["--rows", "::3"], ["--skip-rows", "2"], ["--no-header"], ["--set", "temperature_k=293"]),
         *(["--atmosphere", "1e5"], ["--period", "0.001"], ["--resample", "1e-300"], ["--json"]),

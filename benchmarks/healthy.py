@@ -137,11 +137,11 @@ def main() -> None:
     seed = options.first
     while tally.campaigns < options.count:
         with tempfile.TemporaryDirectory() as name:
-            file = written(seed, Path(name) / str(seed))
-            if file is None:
+            made = written(seed, Path(name) / str(seed))
+            if made is None:
                 tally.not_made += 1
             else:
-                judge(file, tally)
+                judge(made, tally)
         seed += 1
         if tally.campaigns % 20 == 0:
             show(f"generated, seeds {options.first} to {seed - 1}", tally)

@@ -158,10 +158,7 @@ def make_job(seed: int, folder: Path) -> tuple[Path, Parameters, Parameters]:
         plant.tofile(file)
         for array in arrays.values():
             array.tofile(file)
-    duties = {
-        f"duty_{s}": np.array([run.inputs.valve(s).values for run in runs])  # type: ignore[union-attr]
-        for s in "ab"
-    }
+    duties = {f"duty_{s}": np.array([run.inputs.valve(s).values for run in runs]) for s in "ab"}
     numbers = np.array([float(getattr(start, n)) for n in PARAMETER_NAMES])
     np.savez(
         stem.with_suffix(".npz"),

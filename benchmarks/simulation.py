@@ -40,7 +40,7 @@ from sysid.model.simulator import (  # noqa: E402
     MAX_STEP,
     Inputs,
     Trajectory,
-    check_known,
+    check_runs,
     simulate,
 )
 from sysid.model.tables import block_of  # noqa: E402
@@ -131,8 +131,7 @@ def prepared(inputs: list[Inputs], models: list[Model]) -> None:
     shared = Shared()
     for first in range(0, len(inputs), BLOCK):
         pairs = list(zip(inputs, models, strict=True))[first : first + BLOCK]
-        for one, model in pairs:
-            check_known(model, one, averaged=False)
+        check_runs([one for one, _ in pairs], [model for _, model in pairs], averaged=False)
         runs = [prepare(one, model, (), MAX_STEP, shared) for one, model in pairs]
         for _ in block_of(runs, BLOCK, ROWS, MAX_STEP).tables():
             pass

@@ -32,10 +32,11 @@ import numpy as np
 from datasets.generator.campaign import LARGE, STANDARD, GeneratedLog, make_campaign
 from datasets.generator.files import write_log
 from datasets.generator.rigs import rig_toml
+from sysid.identification.valve_pwm.result import DirectionFit
 from sysid.io.logs import Trial
 from sysid.io.rig import rig_from_content
 from sysid.surfaces import Saturation
-from sysid.valve_pwm import DirectionFit, fit_valve_pwm
+from sysid.valve_pwm import fit_valve_pwm
 
 ROWS = 480_000
 READ_ONLY = "import pandas, scipy.signal; pandas.read_csv({!r})"

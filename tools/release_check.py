@@ -76,7 +76,7 @@ def demonstrated(wheel: Path, folder: Path) -> tuple[float, float]:
     place = folder / "environment"
     venv.create(place, with_pip=True)
     binaries = place / ("Scripts" if os.name == "nt" else "bin")
-    constraints = ["-c", REPOSITORY / "constraints.txt"]
+    constraints: list[str | Path] = ["-c", REPOSITORY / "constraints.txt"]
     installing = run(
         [binaries / "python", "-m", "pip", "install", "-q", *constraints, wheel], folder
     )

@@ -348,14 +348,14 @@ def _plan(maker: _Maker, size: Size) -> list[_Planned]:
                 "valve-discrete",
                 "fit",
                 v,
-                lambda v=v: maker.valve_discrete(v, size.discrete_trials),  # type: ignore[misc]
+                lambda v=v: maker.valve_discrete(v, size.discrete_trials),
             ),
             (
                 f"valve_pwm_{v}",
                 "valve-pwm",
                 "fit",
                 v,
-                lambda v=v: maker.valve_pwm(v, size.duty_step),  # type: ignore[misc]
+                lambda v=v: maker.valve_pwm(v, size.duty_step),
             ),
         ]
     counts = (size.motor_motions, size.pwm_motions, size.discrete_motions)
@@ -367,7 +367,7 @@ def _plan(maker: _Maker, size: Size) -> list[_Planned]:
                     kind,
                     use,
                     None,
-                    lambda kind=kind, use=use, n=count[place]: maker.motions(kind, use, n),  # type: ignore[misc]
+                    lambda kind=kind, use=use, n=count[place]: maker.motions(kind, use, n),
                 )
             )
     return plan

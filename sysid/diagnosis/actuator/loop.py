@@ -11,7 +11,7 @@ from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.samples import Traces, prepare
 from sysid.diagnosis.actuator.screening import Projected, projected
 from sysid.diagnosis.actuator.search import Search, search
-from sysid.diagnosis.actuator.signatures import candidates, one_form_each
+from sysid.diagnosis.actuator.signatures import Candidate, candidates, one_form_each
 from sysid.diagnosis.actuator.twins import Scatter, SensorNoise, sensor_noise, simulate_twins
 from sysid.diagnosis.actuator.whitening import (
     Frame,
@@ -53,6 +53,75 @@ class Loop:
     looked: Looked
 
 
+@dataclass(frozen=True)
+class Start:
+    """What a search begins with: the tests, the noise in each balance, and what the twins show.
+
+    `forms`: those of the catalogue that are tried.
+    """
+
+    traces: Traces
+    model: Model
+    noise: SensorNoise
+    scatter: Scatter
+    colour: ResidualNoise
+    forms: list[Candidate]
+    null: Null
+
+    def frame(self, traces: Traces) -> Frame:
+        """The weighted balances of these tests, or of twins of them."""
+        return build_frame(traces, self.model, self.colour, self.scatter.sliding)
+
+
+def begin(
+    tests: Sequence[tuple[str, str, Trial]],
+    rig: Rig,
+    model: Model,
+    catalogue: Iterable[type[CatalogueEffect]],
+    book: Book,
+    *,
+    seed: int = 0,
+    progress: Callable[[str], None] = lambda line: None,
+) -> Start:
+    """Simulate what `close_loop` judges by; notes in `book` what the time limit kept back."""
+    with time_limit(None):
+        noise = sensor_noise(tests, rig)
+        traces = prepare(tests, rig, model)
+        own = [effect for effect in catalogue if not effect.averaged_only]
+        forms = candidates(own, traces.travel)
+        if book.quick:
+            forms = one_form_each(forms)
+            book.left_out(SearchStage.FORMS, decides=True)
+        pilot = _pilot(traces, model, noise, rig, seed + 1, book)
+        # The noise's colour in the residuals comes from a twin; scatter does not affect it.
+        colour = noise_of(pilot, model)
+        bare = projected(build_frame(traces, model, colour, 0.0), model)
+        spread = min(friction_scatter(bare.frame, bare.rest), _SCATTER_LIMIT)
+    scatter = Scatter(spread, spread)
+    progress(f"friction scatters by {100 * spread:.1f} % from test to test")
+
+    def twin_frame(twin: Traces) -> Projected:
+        return projected(build_frame(twin, model, colour, spread), model)
+
+    count = _QUICK_TWINS if book.quick else TWINS
+    if book.quick:
+        book.left_out(SearchStage.TWINS)
+    book.enter(SearchStage.TWINS)
+    progress(f"simulating {count} twin{'s' * (count > 1)}")
+    judged: list[Projected] = []
+
+    def judge() -> None:
+        for twin in simulate_twins(traces, model, noise, scatter, count, seed, rig):
+            judged.append(twin_frame(twin))
+
+    ended = attempt(judge)
+    if isinstance(ended, Failure):
+        book.miss(ended, decides=False)
+    with time_limit(None):
+        null = Null(judged or [twin_frame(pilot)], forms)
+    return Start(traces, model, noise, scatter, colour, forms, null)
+
+
 def close_loop(
     tests: Sequence[tuple[str, str, Trial]],
     rig: Rig,
@@ -73,45 +142,9 @@ def close_loop(
     each effect, one effect at most and no correction.
     """
     book = Book(quick=quick)
-    with time_limit(None):
-        noise = sensor_noise(tests, rig)
-        traces = prepare(tests, rig, model)
-        own = [effect for effect in catalogue if not effect.averaged_only]
-        forms = candidates(own, traces.travel)
-        if quick:
-            forms = one_form_each(forms)
-            book.left_out(SearchStage.FORMS, decides=True)
-        pilot = _pilot(traces, model, noise, rig, seed + 1, book)
-        # The noise's colour in the residuals comes from a twin; scatter does not affect it.
-        colour = noise_of(pilot, model)
-        bare = projected(build_frame(traces, model, colour, 0.0), model)
-        spread = min(friction_scatter(bare.frame, bare.rest), _SCATTER_LIMIT)
-    scatter = Scatter(spread, spread)
-    progress(f"friction scatters by {100 * spread:.1f} % from test to test")
-
-    def frame_of(some: Traces) -> Frame:
-        return build_frame(some, model, colour, spread)
-
-    count = _QUICK_TWINS if quick else TWINS
-    if quick:
-        book.left_out(SearchStage.TWINS)
-    book.enter(SearchStage.TWINS)
-    progress(f"simulating {count} twin{'s' * (count > 1)}")
-    judged: list[Projected] = []
-
-    def judge() -> None:
-        for twin in simulate_twins(traces, model, noise, scatter, count, seed, rig):
-            judged.append(projected(frame_of(twin), model))
-
-    ended = attempt(judge)
-    if isinstance(ended, Failure):
-        book.miss(ended, decides=False)
-    with time_limit(None):
-        null = Null(judged or [projected(frame_of(pilot), model)], forms)
-    # Each holds all samples anew: what is no longer needed makes room.
-    judged.clear()
-    del pilot, bare
-    found = search(frame_of(traces), model, forms, null, progress, simulation_error, book)
+    start = begin(tests, rig, model, catalogue, book, seed=seed, progress=progress)
+    traces, null = start.traces, start.null
+    found = search(start.frame(traces), model, start.forms, null, progress, simulation_error, book)
     null.release()
     forget()
     if found.steps and quick:
@@ -120,17 +153,25 @@ def close_loop(
         book.enter(SearchStage.CORRECTION)
         progress("correcting the numbers with twins of the extended model")
         before = found
-        better = attempt(
-            lambda: _corrected(before, traces, noise, rig, frame_of, simulation_error, seed + 2)
-        )
+        better = attempt(lambda: _corrected(before, start, rig, simulation_error, seed + 2))
         if isinstance(better, Failure):
             book.miss(better, decides=False)
         else:
             found = better
     with time_limit(None):
-        after = build_frame(traces, found.model, colour, 0.0)
-        left = min(friction_scatter(after, projected(after, found.model).rest), spread)
-    return Loop(traces, noise, scatter, Scatter(left, left), null, found, colour, book.closed())
+        after = build_frame(traces, found.model, start.colour, 0.0)
+        left = friction_scatter(after, projected(after, found.model).rest)
+        left = min(left, start.scatter.sliding)
+    return Loop(
+        traces,
+        start.noise,
+        start.scatter,
+        Scatter(left, left),
+        null,
+        found,
+        start.colour,
+        book.closed(),
+    )
 
 
 def _pilot(
@@ -150,20 +191,20 @@ def _pilot(
 
 def _corrected(
     found: Search,
-    traces: Traces,
-    noise: SensorNoise,
+    start: Start,
     rig: Rig,
-    frame_of: Callable[[Traces], Frame],
     simulation_error: Callable[[Model], float],
     seed: int,
 ) -> Search:
     """The search with its numbers corrected by twins, where that simulates better."""
     try:
-        twins = simulate_twins(traces, found.model, noise, Scatter(), CORRECTION_TWINS, seed, rig)
-        other = corrected(found, [frame_of(twin) for twin in twins if twin.is_finite()])
+        twins = simulate_twins(
+            start.traces, found.model, start.noise, Scatter(), CORRECTION_TWINS, seed, rig
+        )
+        other = corrected(found, [start.frame(twin) for twin in twins if twin.is_finite()])
         return min(found, other, key=lambda s: simulation_error(s.model))
     except SimulationError:
         return found
 
 
-__all__ = ["Loop", "close_loop"]
+__all__ = ["Loop", "Start", "begin", "close_loop"]
