@@ -22,7 +22,7 @@ from sysid.diagnosis.actuator.equation_error import (
 from sysid.diagnosis.actuator.loop import Loop, close_loop
 from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.refit import refit, with_base_refitted
-from sysid.diagnosis.actuator.samples import Traces, prepare
+from sysid.diagnosis.actuator.samples import Traces, prepare, window_width, windows
 from sysid.diagnosis.actuator.screening import explained, projected
 from sysid.diagnosis.actuator.search import RefittedStep, _TwinRounds
 from sysid.diagnosis.actuator.signatures import Candidate, Signatures, candidates
@@ -130,6 +130,27 @@ def test_the_true_model_leaves_noise_only(frame: Frame, healthy: Any) -> None:
         assert len(own) > 1000
         assert np.median(own**2) / 0.455 == pytest.approx(1.0, abs=0.35)
         assert abs(own.mean()) < 0.1
+
+
+def test_windows_average_the_pulses_out_wherever_a_stretch_begins(moving: Traces) -> None:
+    period = 0.005
+    ripple = np.cos(2.0 * np.pi * moving.time / period + 0.7)
+    rng = np.random.default_rng(4)
+    usable = np.ones(len(moving), dtype=bool)
+    for run in moving.runs:
+        usable[run.rows.start : run.rows.start + int(rng.integers(20, 300))] = False
+    whole, cut = windows(moving, usable | True, period), windows(moving, usable, period)
+    assert 1000 < len(cut) < len(whole)
+    assert np.isin(cut.centre, whole.centre).all()
+    assert np.abs(cut.average(ripple)).max() < 1e-9
+    # A width that is not a multiple of the period lets the ripple through.
+    assert np.abs(windows(moving, usable, 0.0061).average(ripple)).max() > 1e-3
+
+
+@pytest.mark.parametrize(("period", "width"), [(0.005, 0.02), (1 / 300, 0.02), (0.008, 0.016)])
+def test_a_window_is_whole_periods_wide(period: float, width: float) -> None:
+    assert window_width(period) == pytest.approx(width)
+    assert window_width(0.016) == window_width(1.0) == 0.02
 
 
 @pytest.fixture(scope="module")

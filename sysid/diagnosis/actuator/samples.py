@@ -37,7 +37,6 @@ PRESSURE_CUTOFF_HZ = 350.0
 POSITION_CUTOFF_HZ = 150.0
 VELOCITY_CUTOFF_HZ = 60.0
 WINDOW_S = 0.020
-SPACING_S = 0.010
 # At rest: slower than this share of the rig's high speed.
 _REST_SPEED = 0.004
 # Around a reversal the shaft may stick, however short.
@@ -353,15 +352,31 @@ class Windows:
         return len(self.run)
 
 
-def windows(traces: Traces, usable: BoolArray) -> Windows:
-    """Windows over the usable samples (n,), none across a test's ends or a sample left out."""
+def window_width(pwm_period: float) -> float:
+    """Width of a window, s: the whole number of PWM periods (s) next to `WINDOW_S`, from two on.
+
+    `WINDOW_S` where a period is too long for that: one alone would not average its ripple.
+    """
+    periods = round(WINDOW_S / pwm_period)
+    return periods * pwm_period if periods >= 2 else WINDOW_S
+
+
+def windows(traces: Traces, usable: BoolArray, pwm_period: float) -> Windows:
+    """Windows over the usable samples (n,), none across a test's ends or a sample left out.
+
+    Each is a whole number of PWM periods (s) wide, so that the ripple of the pulses averages out,
+    and stands on a grid of its test: wherever a stretch of usable samples begins, the windows of a
+    log and of its twins see the same phase of the pulses.
+    """
     from scipy.sparse import csr_array
 
     rows, columns, weights, of_run, of_stretch, centres = [], [], [], [], [], []
     count = stretch = 0
+    width = window_width(pwm_period)
     for index, run in enumerate(traces.runs):
-        half = max(1, round(0.5 * WINDOW_S / run.period))
-        step = max(1, round(SPACING_S / run.period))
+        # A Hann window of this width is 0 at both ends: `half` is what lies between.
+        half = max(1, round(0.5 * width / run.period) - 1)
+        step = max(1, round(0.5 * width / run.period))
         kernel = 1.0 + np.cos(np.pi * np.arange(-half, half + 1) / (half + 1))
         kernel /= kernel.sum()
         reach = np.arange(-half, half + 1)
@@ -370,7 +385,8 @@ def windows(traces: Traces, usable: BoolArray) -> Windows:
         good[:seam] = good[-seam:] = False
         edges = np.flatnonzero(np.diff(np.concatenate(([0], good.astype(int), [0]))))
         for first, last in zip(edges[::2], edges[1::2], strict=True):
-            middles = np.arange(first + half, last - half, step) + run.rows.start
+            middles = np.arange(-(-(first + half) // step) * step, last - half, step)
+            middles += run.rows.start
             if len(middles) == 0:
                 continue
             own = np.arange(count, count + len(middles), dtype=np.int32)

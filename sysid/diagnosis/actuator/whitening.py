@@ -126,13 +126,14 @@ def build_windows(traces: Traces, model: Model) -> dict[str, Windows]:
     where the flow law is not uncertain.
     """
     p = model.parameters
+    period = float(p.pwm_period)
     stop = 0.5 * float(p.stroke) / float(p.pitch_radius)
     free = np.abs(traces.position) < stop * (1.0 - 2.0 * _END_SHARE)
-    found = {EFFORT: windows(traces, free & (traces.direction != 0))}
+    found = {EFFORT: windows(traces, free & (traces.direction != 0), period)}
     for run in traces.runs:
         free[run.rows] |= not run.moves
     for side in SIDES:
-        found[f"rate_{side}"] = windows(traces, free & ~_in_doubt(traces, model, side))
+        found[f"rate_{side}"] = windows(traces, free & ~_in_doubt(traces, model, side), period)
     return found
 
 
