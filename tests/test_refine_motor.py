@@ -335,4 +335,6 @@ def test_the_measured_axis_is_refined(emps: Campaign) -> None:
     assert force[0] == pytest.approx(2.31, abs=0.01)
     assert force[1] < 1.5 * force[0]
     model = result.bundle.model(emps.rig).parameters
-    assert model.static_effort == model.coulomb_effort == found["coulomb_n"].value
+    assert model.coulomb_effort == found["coulomb_n"].value
+    # No test at rest says what static friction is: reversals do not tell it from Coulomb's.
+    assert model.static_effort == pytest.approx(model.coulomb_effort, rel=0.05)

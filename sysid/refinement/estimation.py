@@ -21,8 +21,9 @@ _ROUND_EVALUATIONS = 25
 _FINAL_EVALUATIONS = 30
 # Steps at which a descent ends, in standard errors.
 _ROUGHLY, _CLOSELY = 0.5, 0.05
-# The last descent begins near its end.
-_UNDAMPED = 1e6
+# First step sizes, one over the damping: bench tests are near enough for long steps, which a
+# refusal shortens; the last descent begins near its end.
+_HARDLY_DAMPED, _UNDAMPED = 300.0, 1e6
 # A run whose largest RMSE over the noise is this many times the others' is not followed.
 NOT_FOLLOWED = 3.0
 # Friction that a scan moves by less (units of the scatter) is where it was.
@@ -105,7 +106,14 @@ def estimate(
     seen, done = np.full(problem.tests, np.nan), np.zeros(problem.tests, dtype=bool)
     for number in range(_ROUNDS):
         progress(f"round {number + 1}: {len(problem.runs)} segments at once")
-        solution = solve(problem, point, _ROUND_EVALUATIONS, _ROUGHLY, chords=number > 0)
+        solution = solve(
+            problem,
+            point,
+            _ROUND_EVALUATIONS,
+            _ROUGHLY,
+            first_step=_HARDLY_DAMPED,
+            chords=number > 0,
+        )
         evaluations += solution.evaluations
         left = solution.at.residuals
         follows = followed(problem, left, solution.counted)

@@ -29,6 +29,9 @@ _MOST_ASIDE = 0.25
 _MOST_CHANGES = 2
 # So many steps that lower the cost by less than this share together are the end of it.
 _STILL, _LEAST_LOWERING = 4, 3e-5
+# One over a damping that is none: friction's mean, and each test's about it, of which the tests
+# know the sum, hardly move under any other. Tried once, near the solution, where a step is safe.
+_UNDAMPED = 1e15
 # Steps of less than this, in standard errors, are within what an interval says.
 _NEAR_ENOUGH = 0.25
 # A run is followed again where its cost per row is at most this many times the counted ones'.
@@ -161,6 +164,7 @@ def solve(
     first = problem.equations([k.errors for k in known], point) if known else None
     base = reduced(problem, point, first or problem.linearised(point), damping, counted)
     step_size, refused, evaluations, chord = first_step, 0, int(not known), 0
+    leapt = False
     changes, costs = np.zeros(count, dtype=int), [base.cost]
     while evaluations < most and refused < _MOST_REFUSED:
         check_time()
@@ -171,7 +175,9 @@ def solve(
             base, chord = _with_own_slopes(problem, base, damping, counted), 0
             evaluations += 1
             continue
-        given = _propose(base, step_size)
+        leaps = not leapt and _is_slow(costs)
+        leapt |= leaps
+        given = _propose(base, _UNDAMPED if leaps else step_size)
         to = base.moved(problem, given.step, counted)
         runs = problem.linearised(to, base.runs if chords else None)
         evaluations += not chords
@@ -180,8 +186,9 @@ def solve(
         fewer = counted & ~aside
         trial = reduced(problem, to, runs, damping, fewer)
         comparable = reduced(problem, base.point, base.runs, damping, fewer)
-        accepted, step_size = _answer(comparable, trial, given, step_size)
-        refused = 0 if accepted else refused + 1
+        accepted, size = _answer(comparable, trial, given, _UNDAMPED if leaps else step_size)
+        step_size = step_size if leaps and not accepted else size
+        refused = 0 if accepted or leaps else refused + 1
         if accepted:
             back = _followed(problem, trial, fewer) & (changes < _MOST_CHANGES)
             costs = [] if (aside | back).any() else [*costs, trial.cost]
@@ -203,6 +210,11 @@ def _with_own_slopes(
 
 def _is_near(base: ReducedEquations, near: float) -> bool:
     return float(np.max(base.shared_step(), initial=0.0)) < near
+
+
+def _is_slow(costs: Sequence[float]) -> bool:
+    """Whether the last step lowered the cost by less than an interval's width is worth."""
+    return len(costs) > 1 and costs[-2] - costs[-1] < 1.0
 
 
 def _stagnates(costs: Sequence[float]) -> bool:
