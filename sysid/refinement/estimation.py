@@ -33,6 +33,9 @@ _MOST_ORDER = 4
 _FINE_STEP = 5e-4
 # Flows are found to some 1e-6 of their values, and the simulation has to be as exact.
 _FINEST_STEP = 1.25e-4
+# Two integrations of the same equations put flows so far apart, relatively: long logs at the
+# encoder's resolution say more than that (`benchmarks/refinement.py coverage`).
+_EXACT = 1e-6
 _LEAST_SCATTER = 1e-3
 _FEW_RUNS = 20
 
@@ -69,9 +72,15 @@ class Estimated:
     joined: int = 1
 
     def error_covariance(self) -> FloatArray:
-        """Of the errors of the reduced unknowns (m, m)."""
-        larger = self.enlargement()
-        return np.asarray(self.solution.at.covariance() * np.outer(larger, larger))
+        """Of the errors of the reduced unknowns (m, m): what the logs say, as exactly as their
+        equations are integrated.
+        """
+        larger, shared = self.enlargement(), self.solution.point.shared
+        found = self.solution.at.covariance() * np.outer(larger, larger)
+        for i, (unknown, at) in enumerate(zip(self.problem.unknowns, shared, strict=True)):
+            slope = unknown.slope(float(at))
+            found[i, i] += (_EXACT * unknown.at(float(at)) / slope) ** 2 if slope else 0.0
+        return np.asarray(found)
 
     def enlargement(self) -> FloatArray:
         """By how much errors (m,) exceed those of the information; few runs say little of their
