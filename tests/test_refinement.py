@@ -71,6 +71,23 @@ def test_most_segments_are_followed_to_the_noise(found: Estimated) -> None:
         assert (rms < 3.0 * run.noise).all()
 
 
+def test_a_bound_stops_one_parameter_and_no_other(simulated: tuple[list[Run], Model]) -> None:
+    """A flow that must be 0.1 % above the truth: friction is found all the same."""
+    problem = problem_of(*simulated)
+    coulomb, viscous, flow = problem.unknowns
+    true = simulated[1].parameters
+    low = 1.001 * float(true.choked_fill_a)
+    bounded = dataclasses.replace(flow, lower=low, upper=2.0 * low)
+    held = dataclasses.replace(problem, unknowns=(coulomb, viscous, bounded))
+    end, free = (solve(p, p.first_point(), 40, 0.05) for p in (held, problem))
+    assert end.converged
+    assert bounded.at(float(end.point.shared[2])) == low
+    assert flow.at(float(free.point.shared[2])) < low  # it is the bound that keeps it there
+    std = np.sqrt(np.diag(free.at.covariance()))[:2]
+    assert (np.abs(free.point.shared - problem.first_point().shared)[:2] > 5.0 * std).all()
+    assert (np.abs(end.point.shared - free.point.shared)[:2] < 2.0 * std).all()
+
+
 def test_scipy_ends_where_optimistix_does(simulated: tuple[list[Run], Model]) -> None:
     """Starts known and friction the same in all logs: the shared parameters alone."""
     runs = [dataclasses.replace(r, start_std=np.full(4, 1e-12)) for r in simulated[0]]
@@ -175,10 +192,13 @@ def test_a_simulation_that_blows_up_is_far_off_and_pulls_nothing(
 @pytest.mark.parametrize(
     ("lower", "upper", "value"), [(0.0, np.inf, 2.0), (-1.0, 3.0, 0.5), (-np.inf, np.inf, -4.0)]
 )
-def test_coordinates_have_no_bounds_and_lead_back(lower: float, upper: float, value: float) -> None:
+def test_coordinates_lead_back_and_stay_in_bounds(lower: float, upper: float, value: float) -> None:
     own = Unknown("x", (0, "x"), value, 0.1, "", lower, upper, 2.0, "effect")
     assert own.at(own.start) == pytest.approx(value)
-    for coordinate in (-1.3, 0.4, 2.0):
+    low, high = own.limits
+    assert lower <= own.at(low) and own.at(high) <= upper
+    assert own.at(low - 1.0) == own.at(low) and own.at(high + 1.0) == own.at(high)
+    for coordinate in (-0.7, 0.4, 1.2):
         inside = own.at(coordinate)
         assert lower < inside < upper
         assert own.coordinate(inside) == pytest.approx(coordinate)

@@ -32,8 +32,8 @@ def unknown(name: str, value: float, std: float, **more: Any) -> Unknown:
 
 
 def tied(matrix: FloatArray, **more: Any) -> list[Unknown]:
-    """One with a logarithm, one between bounds, one plain, one without a prior."""
-    names = ("log", "logit", "plain", "none")
+    """One with a logarithm, one between bounds, one without, one without a prior."""
+    names = ("log", "bounded", "plain", "none")
     stds = (0.02, 0.05, 0.3, 0.1)
     bounds = ((0.0, math.inf), (-1.0, 1.0), (-math.inf, math.inf), (0.0, math.inf))
     return [

@@ -211,6 +211,11 @@ class Problem:
             for run, own in zip(self.runs, point.starts, strict=True)
         ]
 
+    @functools.cached_property
+    def limits(self) -> FloatArray:
+        """(p, 2): the least and the largest coordinate of each unknown."""
+        return np.array([u.limits for u in self.unknowns]).reshape(-1, 2)
+
     def _directions(self) -> list[Direction]:
         """What is simulated with slopes: the unknowns, and friction, which each test has."""
         directions = [u.direction for u in self.unknowns]

@@ -57,11 +57,12 @@ class ReducedEquations:
         """Of every run (3, n): rad or m, Pa."""
         return [run.errors.residual for run in self.runs]
 
-    def shared_step(self) -> FloatArray:
+    def shared_step(self, problem: Problem) -> FloatArray:
         """The undamped step of each shared unknown (p,), in standard errors by the runs' own
-        gradients (White 1982).
+        gradients (White 1982); 0 for one that a bound stops.
         """
-        step = -np.linalg.lstsq(self.jacobian, self.r, rcond=None)[0]
+        free = ~self.stopped(problem)
+        step = -np.linalg.lstsq(self.jacobian * free, self.r, rcond=None)[0] * free
         inverse = self.covariance()
         spread = [rows[:, -1] @ rows[:, :-1] @ inverse for rows in self.own]
         std = np.sqrt(np.diag(self._enlarged(inverse, spread)))
@@ -69,6 +70,18 @@ class ReducedEquations:
         return np.abs(np.where(known, step / np.where(known, std, 1.0), 0.0))[
             : len(self.point.shared)
         ]
+
+    def stopped(self, problem: Problem) -> BoolArray:
+        """The reduced unknowns (m,) at a bound beyond which the cost would fall: no step moves them
+        (Bertsekas 1982).
+        """
+        p = len(self.point.shared)
+        downhill = -(self.jacobian.T @ self.r)[:p]
+        low, high = problem.limits.T
+        found = np.zeros(self.jacobian.shape[1], dtype=bool)
+        found[:p] = (self.point.shared <= low) & (downhill < 0.0)
+        found[:p] |= (self.point.shared >= high) & (downhill > 0.0)
+        return found
 
     def covariance(self) -> FloatArray:
         """Of the errors of the reduced unknowns (m, m): information alone."""
@@ -118,10 +131,11 @@ class ReducedEquations:
         return np.asarray(inverse * np.outer(larger, larger))
 
     def moved(self, problem: Problem, step: FloatArray, counted: BoolArray) -> Iterate:
-        """The point after a step (m,) of the reduced unknowns; starts of runs not counted move
-        for themselves.
+        """The point after a step (m,) of the reduced unknowns, no further than their bounds; starts
+        of runs not counted move for themselves.
         """
         shared, friction = _parts(problem, step)
+        shared = np.clip(self.point.shared + shared, *problem.limits.T) - self.point.shared
         starts = np.array(self.point.starts)
         for i, (run, head) in enumerate(zip(problem.runs, self.heads, strict=True)):
             right = np.array(head[:, -1])

@@ -294,7 +294,7 @@ def _effort(
 
 
 def _stalled_notice(found: Estimated) -> str:
-    steps = found.solution.at.shared_step()
+    steps = found.solution.at.shared_step(found.problem)
     worst = int(np.argmax(steps))
     return (
         f"the estimation stalled after {found.evaluations} simulations: no step lowers the errors, "

@@ -107,16 +107,18 @@ def _optimistix(size: int) -> tuple[Callable[..., Any], Callable[..., Any]]:
 
 
 def _at(base: ReducedEquations, y: Any, scale: FloatArray) -> tuple[Any, Any, Any]:
+    """The equations in scaled unknowns; of those whose scale is 0, without slopes."""
     from sysid.model.jax_setup import jnp
 
     return y, jnp.asarray(base.r), jnp.asarray(base.jacobian * scale)
 
 
-def _propose(base: ReducedEquations, step_size: float) -> _Trial:
+def _propose(problem: Problem, base: ReducedEquations, step_size: float) -> _Trial:
     from sysid.model.jax_setup import jnp
 
     # Damping means the same to each unknown (Marquardt).
     scale = 1.0 / np.maximum(np.linalg.norm(base.jacobian, axis=0), _LEAST_NORM)
+    scale[base.stopped(problem)] = 0.0
     propose, _ = _optimistix(len(scale))
     state = propose(_at(base, jnp.zeros(len(scale)), scale), jnp.asarray(step_size))
     return _Trial(scale, state.y_eval, state)
@@ -168,7 +170,9 @@ def solve(
     changes, costs = np.zeros(count, dtype=int), [base.cost]
     while evaluations < most and refused < _MOST_REFUSED:
         check_time()
-        ended = (known or evaluations >= least) and (_is_near(base, near) or _stagnates(costs))
+        ended = (known or evaluations >= least) and (
+            _is_near(problem, base, near) or _stagnates(costs)
+        )
         if ended and not chord:
             break
         if chord and (ended or refused or chord == _MOST_CHORDS):
@@ -177,7 +181,7 @@ def solve(
             continue
         leaps = not leapt and _is_slow(costs)
         leapt |= leaps
-        given = _propose(base, _UNDAMPED if leaps else step_size)
+        given = _propose(problem, base, _UNDAMPED if leaps else step_size)
         to = base.moved(problem, given.step, counted)
         runs = problem.linearised(to, base.runs if chords else None)
         evaluations += not chords
@@ -198,7 +202,8 @@ def solve(
     if chord:
         base = _with_own_slopes(problem, base, damping, counted)
         evaluations += 1
-    return Solution(base, evaluations, _is_near(base, max(near, _NEAR_ENOUGH)), counted)
+    converged = _is_near(problem, base, max(near, _NEAR_ENOUGH))
+    return Solution(base, evaluations, converged, counted)
 
 
 def _with_own_slopes(
@@ -208,8 +213,8 @@ def _with_own_slopes(
     return reduced(problem, base.point, problem.linearised(base.point), damping, counted)
 
 
-def _is_near(base: ReducedEquations, near: float) -> bool:
-    return float(np.max(base.shared_step(), initial=0.0)) < near
+def _is_near(problem: Problem, base: ReducedEquations, near: float) -> bool:
+    return float(np.max(base.shared_step(problem), initial=0.0)) < near
 
 
 def _is_slow(costs: Sequence[float]) -> bool:

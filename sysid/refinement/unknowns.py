@@ -1,9 +1,10 @@
 """The parameters that a refinement may move: where each stands, its prior, and its bounds.
 
-An unknown is estimated in a coordinate without bounds: a positive one by its logarithm, one
-between two bounds by its logit, any other on a scale of its own. What the bench tests say of it
-is its prior, there with the standard error of the bundle, and with the correlations that the
-bundle keeps (`sysid.refinement.prior`).
+A positive unknown is estimated by its logarithm, any other on a scale of its own, within its
+bounds. (A logit has none, but where the optimum is at a bound it runs off to infinity and has no
+slope to come back by: shares of an effect that are 0 held up all other parameters.) What the bench
+tests say of an unknown is its prior, there with the standard error of the bundle, and with the
+correlations that the bundle keeps (`sysid.refinement.prior`).
 """
 
 from __future__ import annotations
@@ -28,9 +29,7 @@ from sysid.model.ports import Model
 from sysid.types import FloatArray
 
 Direction = tuple[int, str]
-_MOST_FACTOR, _MOST_EXPONENT = 20.0, 50.0
-# A value at its bound starts this share of the range inside it.
-_LEAST_SHARE = 1e-9
+_MOST_FACTOR = 20.0
 _LEAST_STD = 1e-4
 # Relative uncertainty of a declared constant that is freed, where the rig file gives none.
 _DECLARED = 0.03
@@ -64,40 +63,33 @@ class Unknown:
     sign: float = 1.0
 
     @property
-    def _form(self) -> str:
-        if math.isfinite(self.lower) and math.isfinite(self.upper):
-            return "logit"
-        if self.lower == 0.0 and self.value > 0.0:
-            return "log"
-        return "plain"
+    def _is_logarithm(self) -> bool:
+        return self.lower == 0.0 < self.value and math.isinf(self.upper)
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """The least and the largest coordinate."""
+        if self._is_logarithm:
+            return -math.log(_MOST_FACTOR), math.log(_MOST_FACTOR)
+        return (self.lower - self.value) / self.scale, (self.upper - self.value) / self.scale
 
     def coordinate(self, value: float) -> float:
-        """The coordinate without bounds of a value."""
-        if self._form == "log":
+        """The coordinate of a value."""
+        if self._is_logarithm:
             return math.log(value / self.value)
-        if self._form == "logit":
-            share = (value - self.lower) / (self.upper - self.lower)
-            share = min(max(share, _LEAST_SHARE), 1.0 - _LEAST_SHARE)
-            return math.log(share / (1.0 - share))
         return (value - self.value) / self.scale
 
     def at(self, coordinate: float) -> float:
-        """The value at a coordinate."""
-        if self._form == "log":
-            most = math.log(_MOST_FACTOR)
-            return self.value * math.exp(min(max(coordinate, -most), most))
-        if self._form == "logit":
-            return self.lower + (self.upper - self.lower) * _logistic(coordinate)
-        return min(max(self.value + self.scale * coordinate, self.lower), self.upper)
+        """The value at a coordinate; at a bound beyond it."""
+        low, high = self.limits
+        inside = min(max(coordinate, low), high)
+        if self._is_logarithm:
+            return self.value * math.exp(inside)
+        return min(max(self.value + self.scale * inside, self.lower), self.upper)
 
     def slope(self, coordinate: float) -> float:
         """Change of the value with the coordinate."""
-        if self._form == "log":
-            return self.at(coordinate)
-        if self._form == "logit":
-            share = _logistic(coordinate)
-            return (self.upper - self.lower) * share * (1.0 - share)
-        return self.scale
+        return self.at(coordinate) if self._is_logarithm else self.scale
 
     def model_slope(self, coordinate: float) -> float:
         """Change of the model's number with the coordinate."""
@@ -117,10 +109,6 @@ class Unknown:
     def prior_std(self) -> float:
         """The prior's standard deviation in the coordinate; NaN without a prior."""
         return self.std / max(self.slope(self.start), 1e-300) if self.has_prior else math.nan
-
-
-def _logistic(coordinate: float) -> float:
-    return 1.0 / (1.0 + math.exp(min(-coordinate, _MOST_EXPONENT)))
 
 
 def effect_names(bundle: Bundle) -> list[str]:
