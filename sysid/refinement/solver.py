@@ -23,6 +23,9 @@ from sysid.types import BoolArray, FloatArray
 
 _MOST_REFUSED = 6
 _MOST_CHORDS = 3
+# Steps in all, over evaluations: where the simulation changes its mind at every step, runs are set
+# aside and followed again without end.
+_MOST_STEPS = 1.5
 # Of all runs, at most this share may be set aside.
 _MOST_ASIDE = 0.25
 # A run that was set aside this often stays so.
@@ -168,7 +171,8 @@ def solve(
     step_size, refused, evaluations, chord = first_step, 0, int(not known), 0
     leapt = False
     changes, costs = np.zeros(count, dtype=int), [base.cost]
-    while evaluations < most and refused < _MOST_REFUSED:
+    steps = 0
+    while evaluations < most and refused < _MOST_REFUSED and steps < _MOST_STEPS * most:
         check_time()
         ended = (known or evaluations >= least) and (
             _is_near(problem, base, near) or _stagnates(costs)
@@ -179,6 +183,7 @@ def solve(
             base, chord = _with_own_slopes(problem, base, damping, counted), 0
             evaluations += 1
             continue
+        steps += 1
         leaps = not leapt and _is_slow(costs)
         leapt |= leaps
         given = _propose(problem, base, _UNDAMPED if leaps else step_size)
