@@ -42,7 +42,7 @@ from sysid.io.rig import Rig, rig_from_content
 from sysid.surfaces import Bipolynomial
 from sysid.types import FloatArray
 from sysid.validation import simulate_segments, validate
-from sysid.validation.motion_tests import MotionTest, channel_noise, prepare
+from sysid.validation.motion_tests import MotionTest, channel_noise, prepare, prepare_all
 from sysid.validation.residual_tests import fit_percentage
 from sysid.validation.results import Errors, LogResult, ValidationResult
 
@@ -539,6 +539,17 @@ def test_a_start_in_motion_is_refused(pulsed: Trial, rig: Rig) -> None:
     fast = int(np.argmax(speed > 0.5 * speed.max()))
     with pytest.raises(InputError, match=r"test 1: starts while moving.*cut off"):
         prepared(part(pulsed, slice(fast, None)), rig)
+
+
+def test_a_start_in_motion_is_left_out_where_others_are_at_rest(pulsed: Trial, rig: Rig) -> None:
+    speed = np.abs(np.gradient(pulsed["theta_rad"], 0.001))
+    moving = part(pulsed, slice(int(np.argmax(speed > 0.5 * speed.max())), None))
+    tests, notices = prepare_all([pulsed, moving], "motion-pwm", rig, 1.0)
+    assert [len(t.time) for t in tests] == [len(pulsed)]
+    (notice,) = notices
+    assert notice.startswith("left out: ") and "starts while moving" in notice
+    with pytest.raises(InputError, match="starts while moving"):
+        prepare_all([moving], "motion-pwm", rig, 1.0)
 
 
 def test_a_motor_that_starts_at_once_is_no_start_in_motion(

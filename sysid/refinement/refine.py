@@ -52,7 +52,7 @@ from sysid.refinement.whitening import Whitening
 from sysid.refinement.whole_tests import correlation, rmse, whole_residuals
 from sysid.types import FloatArray, Progress, no_progress
 from sysid.validation.effort_balance import effort_rmse
-from sysid.validation.motion_tests import CHAMBER_PRESSURES, MotionTest, prepare
+from sysid.validation.motion_tests import CHAMBER_PRESSURES, MotionTest, prepare_all
 
 SEGMENT_S = 1.0
 KINDS = (*MOTION_KINDS, "friction-motion")
@@ -203,10 +203,9 @@ def motion_tests_of(
         if entry.use == "holdout":
             bundle.check_not_fitted(log)
         inertia = fitted_inertia(bundle)
-        found += [
-            prepare(trial, entry.kind, campaign.rig, SEGMENT_S, inertia) for trial in log.trials
-        ]
-        notices += log.notices
+        tests, left_out = prepare_all(log.trials, entry.kind, campaign.rig, SEGMENT_S, inertia)
+        found += tests
+        notices += [*log.notices, *left_out]
     return [t for t in found if t.counted(t.whole) >= LEAST_ROWS]
 
 

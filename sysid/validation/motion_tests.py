@@ -8,6 +8,7 @@ start state is estimated from the samples around it; that a test starts at rest
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,6 +24,7 @@ from sysid.model import valve_timing
 from sysid.types import FloatArray, IntArray
 from sysid.validation.motion_checks import (
     MIN_ROWS,
+    MovingStartError,
     check_at_rest,
     check_channels,
     check_sampling,
@@ -143,6 +145,25 @@ def prepare(
         notices.append(_stop_notice(test))
     segments = _segments(test, edges, horizon, rig, stride)
     return replace(test, segments=segments, notices=tuple(notices))
+
+
+def prepare_all(
+    trials: Sequence[Trial], kind: str, rig: Rig, horizon: float, inertia: float | None = None
+) -> tuple[list[MotionTest], list[str]]:
+    """`prepare` of each test of a log; a test that does not start at rest is left out, by a notice.
+
+    Raises InputError, as `prepare`; where no test starts at rest too.
+    """
+    found: list[MotionTest] = []
+    left_out: list[MovingStartError] = []
+    for trial in trials:
+        try:
+            found.append(prepare(trial, kind, rig, horizon, inertia))
+        except MovingStartError as error:
+            left_out.append(error)
+    if left_out and not found:
+        raise left_out[0]
+    return found, [f"left out: {error}" for error in left_out]
 
 
 def _state_in_motion(

@@ -31,7 +31,7 @@ from sysid.model.effects.entry import Catalogue
 from sysid.model.ports import Model, has_discrete_law
 from sysid.types import Progress
 from sysid.validation.judging import judged
-from sysid.validation.motion_tests import MotionTest, prepare
+from sysid.validation.motion_tests import MotionTest, prepare_all
 from sysid.validation.results import (
     HORIZONS_S,
     LogResult,
@@ -182,9 +182,10 @@ def _read(
         bundle.check_not_fitted(log)
     notices += log.notices
     cases = []
-    for trial in log.trials:
-        inertia = fitted_inertia(bundle)
-        test = prepare(trial, entry.kind, campaign.rig, max(HORIZONS_S), inertia)
+    inertia = fitted_inertia(bundle)
+    tests, left_out = prepare_all(log.trials, entry.kind, campaign.rig, max(HORIZONS_S), inertia)
+    notices += left_out
+    for test in tests:
         notices += test.notices
         if test.counted(test.whole) < 2:
             notices.append(f"{test.source}: starts at an end stop and is left out")

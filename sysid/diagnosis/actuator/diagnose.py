@@ -93,6 +93,7 @@ def _diagnosed(
     if not outside.tests:
         notices.append("no held-out motion log: errors before and after are unknown")
     inside = held_out(rig, [(kind, log) for use, kind, log in logs if use == "fit"])
+    notices += [*outside.notices, *inside.notices]
     found = close_loop(
         tests,
         rig,

@@ -14,7 +14,7 @@ from sysid.io.rig import Rig
 from sysid.model.ports import Model
 from sysid.types import FloatArray
 from sysid.validation import simulate_segments
-from sysid.validation.motion_tests import MotionTest, prepare
+from sysid.validation.motion_tests import MotionTest, prepare_all
 
 _HORIZON_S = 1.0
 # Draws of the tests' friction for the noise floor; the squares of these many are averaged.
@@ -23,10 +23,14 @@ _DRAWS = 8
 
 @dataclass(frozen=True)
 class HeldOut:
-    """The held-out motion tests of a campaign, ready for the simulator."""
+    """Motion tests of a campaign, held out or not, ready for the simulator.
+
+    `notices`: which tests were left out, as they do not start at rest.
+    """
 
     rig: Rig
     tests: tuple[MotionTest, ...]
+    notices: tuple[str, ...] = ()
 
     def simulated(self, model: Model | Sequence[Model], times: int = 1) -> list[FloatArray]:
         """(3, n) position and pressures of every test, `times` over (models in that order)."""
@@ -75,10 +79,11 @@ class HeldOut:
 
 def held_out(rig: Rig, logs: Sequence[tuple[str, Log]]) -> HeldOut:
     """The motion tests of held-out logs, given as (kind, log). Raises InputError."""
-    tests = [
-        prepare(trial, kind, rig, _HORIZON_S)
-        for kind, log in logs
-        if kind in MOTION_KINDS
-        for trial in log.trials
-    ]
-    return HeldOut(rig, tuple(t for t in tests if t.counted(t.whole) >= 2))
+    tests: list[MotionTest] = []
+    notices: list[str] = []
+    for kind, log in logs:
+        if kind in MOTION_KINDS:
+            own, left_out = prepare_all(log.trials, kind, rig, _HORIZON_S)
+            tests += own
+            notices += left_out
+    return HeldOut(rig, tuple(t for t in tests if t.counted(t.whole) >= 2), tuple(notices))
