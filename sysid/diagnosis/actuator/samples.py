@@ -361,22 +361,23 @@ def window_width(pwm_period: float) -> float:
     return periods * pwm_period if periods >= 2 else WINDOW_S
 
 
-def windows(traces: Traces, usable: BoolArray, pwm_period: float) -> Windows:
+def windows(traces: Traces, usable: BoolArray, pwm_period: float | None = None) -> Windows:
     """Windows over the usable samples (n,), none across a test's ends or a sample left out.
 
-    Each is a whole number of PWM periods (s) wide, so that the ripple of the pulses averages out,
-    and stands on a grid of its test: wherever a stretch of usable samples begins, the windows of a
-    log and of its twins see the same phase of the pulses.
+    With a PWM period (s) each is a whole number of them wide, so that the ripple of the pulses
+    averages out, and stands on a grid of its test: wherever a stretch of usable samples begins, the
+    windows of a log and of its twins see the same phase of the pulses. Without one they begin with
+    each stretch: next to a reversal the smoothed balance is biased, and less so in a wider window.
     """
     from scipy.sparse import csr_array
 
     rows, columns, weights, of_run, of_stretch, centres = [], [], [], [], [], []
     count = stretch = 0
-    width = window_width(pwm_period)
+    width = WINDOW_S if pwm_period is None else window_width(pwm_period)
     for index, run in enumerate(traces.runs):
-        # A Hann window of this width is 0 at both ends: `half` is what lies between.
-        half = max(1, round(0.5 * width / run.period) - 1)
         step = max(1, round(0.5 * width / run.period))
+        # A Hann window of exactly this width is 0 at both ends: `half` is what lies between.
+        half = step if pwm_period is None else max(1, step - 1)
         kernel = 1.0 + np.cos(np.pi * np.arange(-half, half + 1) / (half + 1))
         kernel /= kernel.sum()
         reach = np.arange(-half, half + 1)
@@ -385,8 +386,10 @@ def windows(traces: Traces, usable: BoolArray, pwm_period: float) -> Windows:
         good[:seam] = good[-seam:] = False
         edges = np.flatnonzero(np.diff(np.concatenate(([0], good.astype(int), [0]))))
         for first, last in zip(edges[::2], edges[1::2], strict=True):
-            middles = np.arange(-(-(first + half) // step) * step, last - half, step)
-            middles += run.rows.start
+            begin = first + half
+            if pwm_period is not None:
+                begin = -(-begin // step) * step
+            middles = np.arange(begin, last - half, step) + run.rows.start
             if len(middles) == 0:
                 continue
             own = np.arange(count, count + len(middles), dtype=np.int32)

@@ -129,7 +129,7 @@ def build_windows(traces: Traces, model: Model) -> dict[str, Windows]:
     period = float(p.pwm_period)
     stop = 0.5 * float(p.stroke) / float(p.pitch_radius)
     free = np.abs(traces.position) < stop * (1.0 - 2.0 * _END_SHARE)
-    found = {EFFORT: windows(traces, free & (traces.direction != 0), period)}
+    found = {EFFORT: windows(traces, free & (traces.direction != 0))}
     for run in traces.runs:
         free[run.rows] |= not run.moves
     for side in SIDES:
