@@ -382,6 +382,31 @@ def test_an_effect_that_a_later_one_makes_superfluous_is_removed(
     assert rounds.superfluous() is None
 
 
+def test_of_rivals_the_one_that_simulates_better_is_named(
+    moving: Traces, healthy: tuple[Tests, Rig, Model]
+) -> None:
+    """What the balances see of either is nearly the same; one that explains less is no rival."""
+    _, rig, model = healthy
+    twin = twin_of(model + PressureLag(0.003), moving, rig)
+    first = projected(build_frame(twin, model, noise_of(twin, model), 0.0), model)
+    lag, skew = (refit(first, [start]) for start in (PressureLag(0.002), TimeSkew(0.002)))
+    assert skew.gain > 0.9 * lag.gain
+    null = Null([first], [])
+
+    def rounds(better: type[CatalogueEffect]) -> _TwinRounds:
+        def error(trial: Model) -> float:
+            return -0.3 if isinstance(trial.effects[-1], better) else 0.0
+
+        return _TwinRounds(first, (), null, no_progress, error, Book())
+
+    assert rounds(TimeSkew)._simulating_best(lag, [lag, skew]) is skew
+    assert rounds(PressureLag)._simulating_best(lag, [lag, skew]) is lag
+    assert rounds(QuadraticDrag)._simulating_best(lag, [lag, skew]) is lag
+    weak = replace(skew, rest=lag.before)
+    assert weak.gain < 0.9 * lag.gain
+    assert rounds(TimeSkew)._simulating_best(lag, [lag, weak]) is lag
+
+
 def test_an_effect_of_one_side_leaves_the_other_rate_alone() -> None:
     assert channels_of(AtmosphereLeakage(1e-17, side="a")) == ("rate_a",)
     assert channels_of(AtmosphereLeakage(1e-17)) == ("rate_a", "rate_b")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
@@ -68,6 +69,9 @@ _TOLERATED_RISE = 0.01
 # A rival that explains almost as much as the winner is indistinguishable from it: the real form
 # of an effect is seldom the catalogue's, which costs the right one as much.
 _RIVAL_SHARE = 0.9
+# By how much the logarithm of the simulation error of one rival is below another's that simulates
+# clearly worse.
+_CLEARLY_LOWER = 0.2
 _CLEAR_BIC = 10.0
 
 
@@ -215,6 +219,7 @@ class _TwinRounds(Rounds[RefittedStep]):
             return None
         winner = max(refits, key=lambda r: r.gain - _penalty(r))
         self.progress(f"{winner.id}: tried {', '.join(r.id for r in refits)}")
+        winner = self._simulating_best(winner, refits)
         share = _share(winner, excess)
         least = _LEAST_PART if share < _WHOLE_SHARE else _LEAST_WHOLE
         # Where the effects so far do not act, nothing can be a misfit of their form.
@@ -239,6 +244,27 @@ class _TwinRounds(Rounds[RefittedStep]):
             winner,
             extended,
         )
+
+    def _simulating_best(self, winner: Refit, refits: Sequence[Refit]) -> Refit:
+        """Of effects that explain as much in the balances, the one that simulates clearly better.
+
+        What the balances average out, as the pulses' ripple, tells them apart there.
+        """
+        near = {winner.id, *_ambiguous(winner, refits)}
+        errors = {}
+        for rival in (r for r in refits if r.id in near):
+            if rival is not winner and rival.gain < _RIVAL_SHARE * winner.gain:
+                continue
+            model = with_base_refitted(self.first, self.base.model + rival.effect)
+            with contextlib.suppress(SimulationError):
+                errors[rival.id] = self.simulation_error(model)
+        if len(errors) < 2:
+            return winner
+        best = min(errors, key=lambda name: errors[name])
+        if errors[best] > errors.get(winner.id, math.inf) - _CLEARLY_LOWER:
+            return winner
+        self.progress(f"{best}: simulates clearly better than {winner.id}")
+        return next(r for r in refits if r.id == best)
 
     def add(self, step: RefittedStep) -> None:
         self.steps.append(step)
