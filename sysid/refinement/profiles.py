@@ -43,10 +43,13 @@ def profile(found: Estimated, number: int, std: float) -> Profile:
     information = float(np.sqrt(found.solution.at.covariance()[number, number]))
     scale = (information / std) ** 2
     coordinates, rises = [middle], [0.0]
-    for distance in (*(-d for d in _DISTANCES), *_DISTANCES):
-        coordinate = middle + distance * std
+    steps = std * np.array([*(-d for d in _DISTANCES), *_DISTANCES])
+    # What is beyond a bound is not asked; the bound itself is.
+    for coordinate in np.unique(np.clip(middle + steps, *unknown.limits)):
+        if coordinate == middle:
+            continue
         start = found.solution.at.moved(
-            found.problem, linear * distance * std, found.solution.counted
+            found.problem, linear * (coordinate - middle), found.solution.counted
         )
         cost = _cost_at(found, number, coordinate, start)
         coordinates.append(coordinate)
@@ -86,6 +89,9 @@ def _limits(distance: FloatArray, root: FloatArray) -> tuple[float, float]:
     found = []
     for side in (distance < 0.0, distance > 0.0):
         far, height = np.abs(distance[side]), root[side]
+        if not far.size:
+            found.append(0.0)  # a bound
+            continue
         order = np.argsort(far)
         far, height = np.append(0.0, far[order]), np.append(0.0, height[order])
         over = np.flatnonzero(height >= limit)

@@ -135,14 +135,15 @@ class ReducedEquations:
         of runs not counted move for themselves.
         """
         shared, friction = _parts(problem, step)
-        shared = np.clip(self.point.shared + shared, *problem.limits.T) - self.point.shared
+        there = np.clip(self.point.shared + shared, *problem.limits.T)
+        shared = there - self.point.shared
         starts = np.array(self.point.starts)
         for i, (run, head) in enumerate(zip(problem.runs, self.heads, strict=True)):
             right = np.array(head[:, -1])
             if counted[i]:
                 right += head[:, _S:LOCAL] @ friction[run.test] + head[:, LOCAL:-1] @ shared
             starts[i] -= np.linalg.solve(head[:, :_S], right)
-        return Iterate(self.point.shared + shared, self.point.friction + friction, starts)
+        return Iterate(there, self.point.friction + friction, starts)
 
     def predicted(self, problem: Problem, to: Iterate) -> FloatArray:
         """What each run's cost (runs,) would be at a point if its equations were linear."""

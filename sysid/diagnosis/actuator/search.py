@@ -250,21 +250,19 @@ class _TwinRounds(Rounds[RefittedStep]):
 
         What the balances average out, as the pulses' ripple, tells them apart there.
         """
-        near = {winner.id, *_ambiguous(winner, refits)}
+        near = [r for r in refits if r.gain > _RIVAL_SHARE * winner.gain]
+        if len(near) < 2:
+            return winner
         errors = {}
-        for rival in (r for r in refits if r.id in near):
-            if rival is not winner and rival.gain < _RIVAL_SHARE * winner.gain:
-                continue
+        for rival in near:
             model = with_base_refitted(self.first, self.base.model + rival.effect)
             with contextlib.suppress(SimulationError):
                 errors[rival.id] = self.simulation_error(model)
-        if len(errors) < 2:
+        best = min(near, key=lambda r: errors.get(r.id, math.inf))
+        if len(errors) < 2 or errors[best.id] > errors.get(winner.id, math.inf) - _CLEARLY_LOWER:
             return winner
-        best = min(errors, key=lambda name: errors[name])
-        if errors[best] > errors.get(winner.id, math.inf) - _CLEARLY_LOWER:
-            return winner
-        self.progress(f"{best}: simulates clearly better than {winner.id}")
-        return next(r for r in refits if r.id == best)
+        self.progress(f"{best.id}: simulates clearly better than {winner.id}")
+        return best
 
     def add(self, step: RefittedStep) -> None:
         self.steps.append(step)
