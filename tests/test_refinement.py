@@ -88,6 +88,26 @@ def test_a_bound_stops_one_parameter_and_no_other(simulated: tuple[list[Run], Mo
     assert (np.abs(end.point.shared - free.point.shared)[:2] < 2.0 * std).all()
 
 
+def test_a_profile_asks_nothing_beyond_a_bound(found: Estimated) -> None:
+    flow = found.problem.unknowns[2]
+    at = flow.at(float(found.solution.point.shared[2]))
+    std = float(np.sqrt(found.solution.at.error_covariance()[2, 2]))
+    low = at - 1.0 * std * flow.scale
+    bounded = dataclasses.replace(flow, lower=low, upper=2.0 * at)
+    here = dataclasses.replace(found.problem, unknowns=(*found.problem.unknowns[:2], bounded))
+    point = dataclasses.replace(
+        found.solution.point,
+        shared=np.array([*found.solution.point.shared[:2], bounded.coordinate(at)]),
+    )
+    ended = dataclasses.replace(found, problem=here, solution=solve(here, point, 30, 0.05))
+    own = profile(ended, 2, std)
+    assert own.values.min() == pytest.approx(low, rel=1e-9) and own.interval[0] >= low
+    assert own.rise.max() < 30.0
+    assert own.interval[1] == pytest.approx(
+        at + 1.96 * std * flow.scale, abs=0.2 * std * flow.scale
+    )
+
+
 def test_scipy_ends_where_optimistix_does(simulated: tuple[list[Run], Model]) -> None:
     """Starts known and friction the same in all logs: the shared parameters alone."""
     runs = [dataclasses.replace(r, start_std=np.full(4, 1e-12)) for r in simulated[0]]

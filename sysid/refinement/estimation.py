@@ -78,8 +78,7 @@ class Estimated:
         larger, shared = self.enlargement(), self.solution.point.shared
         found = self.solution.at.covariance() * np.outer(larger, larger)
         for i, (unknown, at) in enumerate(zip(self.problem.unknowns, shared, strict=True)):
-            slope = unknown.slope(float(at))
-            found[i, i] += (_EXACT * unknown.at(float(at)) / slope) ** 2 if slope else 0.0
+            found[i, i] += (_EXACT * unknown.at(float(at)) / unknown.slope(float(at))) ** 2
         return np.asarray(found)
 
     def enlargement(self) -> FloatArray:

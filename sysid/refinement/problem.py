@@ -37,7 +37,7 @@ _FAR = 1e8
 # Width of a coordinate that is held: far below any standard error.
 _HELD = 1e-9
 _SIZES = np.array([1.0, 10.0, 1e5, 1e5])
-# Of its value, where a number is near a bound of its coordinate.
+# Of a number's value at least, and of one without any.
 _LEAST_SIZE = 1e-3
 
 

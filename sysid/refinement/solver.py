@@ -34,7 +34,7 @@ _MOST_CHANGES = 2
 _STILL, _LEAST_LOWERING = 4, 3e-5
 # One over a damping that is none: friction's mean, and each test's about it, of which the tests
 # know the sum, hardly move under any other. Tried once, near the solution, where a step is safe.
-_UNDAMPED = 1e15
+_LEAP = 1e15
 # Steps of less than this, in standard errors, are within what an interval says.
 _NEAR_ENOUGH = 0.25
 # A run is followed again where its cost per row is at most this many times the counted ones'.
@@ -169,9 +169,8 @@ def solve(
     first = problem.equations([k.errors for k in known], point) if known else None
     base = reduced(problem, point, first or problem.linearised(point), damping, counted)
     step_size, refused, evaluations, chord = first_step, 0, int(not known), 0
-    leapt = False
+    steps, leapt = 0, False
     changes, costs = np.zeros(count, dtype=int), [base.cost]
-    steps = 0
     while evaluations < most and refused < _MOST_REFUSED and steps < _MOST_STEPS * most:
         check_time()
         ended = (known or evaluations >= least) and (
@@ -186,7 +185,8 @@ def solve(
         steps += 1
         leaps = not leapt and _is_slow(costs)
         leapt |= leaps
-        given = _propose(problem, base, _UNDAMPED if leaps else step_size)
+        tried = _LEAP if leaps else step_size
+        given = _propose(problem, base, tried)
         to = base.moved(problem, given.step, counted)
         runs = problem.linearised(to, base.runs if chords else None)
         evaluations += not chords
@@ -195,7 +195,7 @@ def solve(
         fewer = counted & ~aside
         trial = reduced(problem, to, runs, damping, fewer)
         comparable = reduced(problem, base.point, base.runs, damping, fewer)
-        accepted, size = _answer(comparable, trial, given, _UNDAMPED if leaps else step_size)
+        accepted, size = _answer(comparable, trial, given, tried)
         step_size = step_size if leaps and not accepted else size
         refused = 0 if accepted or leaps else refused + 1
         if accepted:

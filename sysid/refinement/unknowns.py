@@ -108,7 +108,7 @@ class Unknown:
     @property
     def prior_std(self) -> float:
         """The prior's standard deviation in the coordinate; NaN without a prior."""
-        return self.std / max(self.slope(self.start), 1e-300) if self.has_prior else math.nan
+        return self.std / self.slope(self.start) if self.has_prior else math.nan
 
 
 def effect_names(bundle: Bundle) -> list[str]:
