@@ -354,10 +354,15 @@ def test_a_refined_bundle_is_no_prior_of_the_same_logs(made: Made, tmp_path: Pat
     assert not any(u.has_prior for u in left if u.origin in ("friction", "valve"))
 
 
-def test_segments_are_joined_where_the_model_is_right_and_not_where_it_is_wrong(
-    made: Made, content: dict[str, Any]
+def test_numbers_that_make_up_for_what_the_model_lacks_are_said_to_do_so(
+    made: Made, refined: tuple[Outcome, Path], content: dict[str, Any]
 ) -> None:
-    """An inertia that is kept at its wrong value adds up in a longer run."""
+    """With the inertia kept at its wrong value the whole tests are simulated worse."""
     wrong = run_command(made.arguments("--fix", "valves.a", "--fix", "valves.b", "--json"))
     assert content["longest_segment_s"] > 2.0
-    assert json.loads(wrong.out)["longest_segment_s"] < content["longest_segment_s"]
+    assert "times worse: they make up for what the model lacks" in wrong.err
+    assert "worse" not in refined[0].err
+    found = {p["name"]: p["after"] for p in json.loads(wrong.out)["parameters"]}
+    right = {p["name"]: p["after"] for p in content["parameters"]}
+    name = "friction.coulomb_nm"
+    assert found[name]["std"] > 2.0 * right[name]["std"]

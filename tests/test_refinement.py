@@ -264,6 +264,20 @@ def test_whitening_leaves_innovations() -> None:
     assert abs(float(white[1:] @ white[:-1]) / float(white @ white)) < 0.03
 
 
+def test_slow_errors_of_what_a_model_lacks_are_not_taken_for_white_noise() -> None:
+    """Segments that drift off by a polynomial: each row says next to nothing of its own."""
+    rng, x = np.random.default_rng(2), np.linspace(0.0, 1.0, 1000)
+    drifts = [np.polynomial.Polynomial(rng.standard_normal(4))(x) for _ in range(12)]
+    own = Whitening.of(drifts, 1e-5, 4)
+    white = np.concatenate([own(drift[:, None])[:, 0] for drift in drifts])
+    assert len(own.coefficients) and own.std < 0.05
+    # The information that they are given is that of about as many readings as there are drifts.
+    mean = own(np.ones((1000, 1)))
+    information = len(drifts) * float(mean[:, 0] @ mean[:, 0])
+    assert information < 30.0 * len(drifts)
+    assert float(white @ white) < 2.0 * len(white)
+
+
 def test_errors_are_never_below_the_information(found: Estimated) -> None:
     """Few segments: the spread of their gradients alone would promise too much."""
     at = found.solution.at

@@ -21,10 +21,6 @@ from sysid.model.effects.entry import Catalogue, CatalogueEffect
 from sysid.parallel import OutOfTimeError, check_time
 from sysid.types import Progress, no_progress
 
-# Whole training tests that are simulated this much worse (mean over the channels) say that the
-# estimation went elsewhere; less is the friction of single tests.
-_WORSE = 1.1
-
 
 def with_refined_numbers(
     diagnosis: Diagnosis,
@@ -42,7 +38,7 @@ def with_refined_numbers(
     """
     if not diagnosis.effects:
         return diagnosis
-    from sysid.refinement.refine import refine  # loads jax
+    from sysid.refinement.refine import MUCH_WORSE, refine  # loads jax
     from sysid.refinement.whole_tests import times
 
     try:
@@ -50,7 +46,7 @@ def with_refined_numbers(
         result = refine(campaign, extended, catalogue=catalogue, progress=progress)
         fit = result.fits["fit"]
         worse = times(fit.before, fit.after)
-        if not worse <= _WORSE:
+        if not worse <= MUCH_WORSE:
             how = f"{worse:.2g} times worse" if math.isfinite(worse) else "no more"
             why = f"the training tests would be simulated {how}"
             return _as_it_was(diagnosis, why)

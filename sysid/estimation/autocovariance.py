@@ -100,7 +100,9 @@ def autoregression(residuals: Sequence[FloatArray], most: int) -> Autoregression
     ends = np.cumsum([0, *(len(r) for r in residuals)]).tolist()
     runs = [slice(a, b) for a, b in itertools.pairwise(ends)]
     reflections, variance = _burg(joined, runs, most)
-    model = _solved(autocovariance_of(reflections, variance), 1.0 - 1.0 / max(len(joined), 2))
+    shown = autocovariance_of(reflections, variance)
+    shown[0] *= 1.0 + (_WHITE_SHARE if len(reflections) else 0.0)
+    model = _damped(shown, 1.0 - 1.0 / max(len(joined), 2))
     return model or Autoregression(np.zeros(0), variance, np.array([variance]))
 
 
