@@ -13,6 +13,7 @@ from scipy.signal import lfilter
 from datasets.generator.campaign import LAB, GeneratedCampaign, drawn_effects, make_campaign
 from sysid.diagnosis.actuator.diagnose import is_far_off
 from sysid.diagnosis.actuator.equation_error import (
+    BALANCES,
     CHANNELS,
     EFFORT,
     _as_shown,
@@ -125,7 +126,7 @@ def frame(traces: Traces, healthy: tuple[Tests, Rig, Model]) -> Frame:
 
 def test_the_true_model_leaves_noise_only(frame: Frame, healthy: Any) -> None:
     white = frame.residual(healthy[2])
-    for name in CHANNELS:
+    for name in BALANCES:
         own = white[frame.rows(name)]
         assert len(own) > 1000
         assert np.median(own**2) / 0.455 == pytest.approx(1.0, abs=0.35)
@@ -216,7 +217,7 @@ def test_whitening_takes_the_colour_out(frame: Frame) -> None:
         coloured[rows] = lfilter([1.0], [1.0, -0.6], rng.standard_normal(rows.sum() + 200))[200:]
     lags = np.arange(7)
     covariance = np.asarray(0.6**lags / (1.0 - 0.36), dtype=np.float64)
-    noise = ResidualNoise(dict.fromkeys(CHANNELS, covariance))
+    noise = ResidualNoise(dict.fromkeys(CHANNELS, covariance), {})
     from sysid.diagnosis.actuator.whitening import _whitening
 
     white = _whitening(noise.covariance[EFFORT], view) @ coloured
@@ -441,7 +442,7 @@ def test_rows_that_windows_use_give_what_all_rows_give(frame: Frame, healthy: An
         model = healthy[2] + effect
         whole = equation_error(frame.traces, model)
         some = equation_error(frame.traces, model, CHANNELS, frame.rows_used)
-        for name in CHANNELS:
+        for name in BALANCES:
             np.testing.assert_array_equal(some[name], whole[name][frame.rows_used[name].index])
 
 
@@ -503,7 +504,7 @@ def test_nothing_is_found_where_nothing_is_missing(healthy: tuple[Tests, Rig, Mo
     (entry,) = faintest(found)
     last = found.search.last
     error = equation_error(last.frame.traces, last.model)
-    shares = [c.share for name in CHANNELS for c in curves(last.frame, error, name)]
+    shares = [c.share for name in BALANCES for c in curves(last.frame, error, name)]
     assert entry.share == max(shares)
 
 

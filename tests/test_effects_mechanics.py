@@ -55,6 +55,7 @@ def random_point(shape: tuple[int, ...], **changes: Any) -> Point:
         "link_angle_rad": rng.uniform(-1.6, 1.6, shape),
         "link_speed_rad_per_s": rng.uniform(-5, 5, shape),
         "amplifier_effort": rng.uniform(-0.8, 0.8, shape),
+        "fresh_share": rng.uniform(0, 1, shape),
     }
     return Point(**values | {"extra": extra} | changes)
 
@@ -95,7 +96,7 @@ def forms(effect: type[CatalogueEffect]) -> list[CatalogueEffect]:
 
 def test_the_catalogue_is_whole() -> None:
     effects = catalogue()
-    assert len(effects) == 52 and set(IDS) < effects.keys()
+    assert len(effects) == 53 and set(IDS) < effects.keys()
     for members in AMBIGUOUS_CLASSES:
         assert members < effects.keys()
         assert all(class_of(member) == members for member in members)

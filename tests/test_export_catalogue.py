@@ -45,6 +45,7 @@ WITH_STATE = {
     "pressure-lag",
     "time-skew",
     "lost-counts",
+    "stiction-after-rest",
 }
 STATELESS = sorted(set(catalogue()) - WITH_STATE)
 CHANGED_CONSTANTS = {

@@ -92,6 +92,11 @@ _FRICTION: dict[str, dict[str, Form]] = {
         "linear": _one("position_slope", 0.3, signed=True),
         "bump": _one("position_bump", 0.3, shapes=_BUMP, signed=True),
     },
+    "stiction-after-rest": {
+        # Dieterich 1972; a contact that creeps to its full size.
+        "logarithmic": _one("dwell", 0.06, shapes={"dwell_time_s": (0.03, 0.1)}),
+        "exponential": _one("fresh_loss", 0.25, shapes={"growth_time_s": (0.2, 1.0)}),
+    },
     "seal-friction": {
         "sum": _one("seal_sum_nm_per_pa", 2e-7),
         "breakaway": _one("seal_sum_nm_per_pa", 2e-7, flags={"use_seal_static": 1.0}),
@@ -331,7 +336,6 @@ _OUTSIDE: dict[str, dict[str, Form]] = {
             shapes={"pendulum_hz": (1.5, 4.0), "pendulum_damping_ratio": (0.02, 0.1)},
         )
     },
-    "stiction-dwell": {"logarithmic": _one("dwell", 0.08, shapes={"dwell_time_s": (0.05, 0.2)})},
     "exhaust-icing": {"decay": _one("icing", 0.25, shapes={"icing_time_s": (1.0, 3.0)})},
 }
 

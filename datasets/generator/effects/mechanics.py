@@ -29,6 +29,7 @@ ARM, ARM_SPEED = 9, 10
 PENDULUM, PENDULUM_SPEED = 11, 12
 N_MECHANICAL = 13
 
+DWELL_S = 10.0  # rest after which static friction is the rig's
 STATIC_SPEED_RAD_S = 0.02  # over which a bristle law falls from static to sliding friction
 SLOPE_ANGLE_RAD = 0.6
 MAINS_HZ = 50.0
@@ -232,7 +233,10 @@ def breakaway_level(x: FloatArray, time: float, stuck: float, p: Any, k: Any) ->
     """Static friction, Nm (N), after `stuck` s at rest; never below what slides."""
     static = p.static_friction
     if k.dwell != 0.0:
-        static *= 1.0 + k.dwell * np.log(1.0 + stuck / k.dwell_time_s)
+        missing = np.log((DWELL_S + k.dwell_time_s) / (min(stuck, DWELL_S) + k.dwell_time_s))
+        static *= 1.0 - k.dwell * missing
+    if k.fresh_loss != 0.0:
+        static *= 1.0 - k.fresh_loss * np.exp(-stuck / k.growth_time_s)
     if k.warm_up != 0.0:
         static *= 1.0 + k.warm_up * np.exp(-time / k.warm_up_time_s)
     if k.use_seal_static > 0.0:

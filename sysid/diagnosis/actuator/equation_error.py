@@ -1,4 +1,4 @@
-"""Equation errors of a model along measured traces: torque balance and chamber balances.
+"""Equation errors of a model along measured traces: torque balance, chambers, breakaways.
 
 Every term comes from `sysid.model` through its ports, so that an effect of any kind acts
 here as it does in a simulation. Extra states are integrated along the measured trace;
@@ -23,7 +23,9 @@ from sysid.parallel import give_back, kept_per_thread
 from sysid.types import FloatArray
 
 EFFORT, RATE_A, RATE_B = "effort", "rate_a", "rate_b"
-CHANNELS = (EFFORT, RATE_A, RATE_B)
+BALANCES = (EFFORT, RATE_A, RATE_B)
+BREAKAWAY = "breakaway"
+CHANNELS = (*BALANCES, BREAKAWAY)
 
 _SENSOR_ROUNDS = 2
 _SENSOR_CUTOFF_HZ = 80.0
@@ -42,12 +44,14 @@ class EquationError:
 
     (n,) each, or one per requested row. `effort` is the effort that the model does not
     explain, in the direction of positive motion; `rate_a` and `rate_b` are the pressure rates
-    that it does not explain.
+    that it does not explain. `breakaway`: at a row where the shaft is about to break away, the
+    effort that is applied beyond that at which the model does, in Nm or N.
     """
 
     effort: FloatArray
     rate_a: FloatArray
     rate_b: FloatArray
+    breakaway: FloatArray
 
     def __getitem__(self, channel: str) -> FloatArray:
         values: FloatArray = getattr(self, channel)
@@ -55,7 +59,8 @@ class EquationError:
 
 
 # Ports that reach one of the balances only; all others reach both.
-_EFFORT_PORTS = ("motor_effort", "friction_effort", "static_effort", "external_effort")
+_EFFORT_PORTS = ("motor_effort", "friction_effort", "external_effort")
+_BREAKAWAY_PORTS = ("static_effort",)
 _RATE_PORTS = (
     "supply_pressure",
     "exhaust_pressure",
@@ -77,7 +82,12 @@ def channels_of(effect: Effect, beside: Sequence[Effect] = ()) -> tuple[str, ...
     """The channels whose residual an effect can change, given the effects in `beside`.
 
     An effect of one side does not change the other's rate, unless another couples the sides.
+    What acts in motion is judged by motion: the few breakaways are for what acts on them alone.
     """
+    if overrides(effect, *_BREAKAWAY_PORTS) and not overrides(
+        effect, *_EFFORT_PORTS, *_RATE_PORTS, *_BOTH_PORTS
+    ):
+        return (BREAKAWAY,)
     effort = overrides(effect, *_EFFORT_PORTS, *_BOTH_PORTS)
     rates = overrides(effect, *_RATE_PORTS, *_BOTH_PORTS)
     coupled = any(overrides(e, *_COUPLING_PORTS) and not hasattr(e, "side") for e in beside)
@@ -109,13 +119,13 @@ def equation_error(
     for name in channels:
         own = rows[name] if rows else None
         # A sensor with memory needs its input without gaps.
-        gaps = None if sensors and name != EFFORT else own
+        gaps = None if sensors and name not in _MECHANICAL else own
         here, extra = seen, states
         if gaps is not None:
             here, extra = seen.at(gaps), {n: v[gaps.index] for n, v in states.items()}
         point = replace(point_of(here, model), extra=extra)
-        if name == EFFORT:
-            found[name] = _effort_error(here, point, model)
+        if name in _MECHANICAL:
+            found[name] = _MECHANICAL[name](here, point, model)
             continue
         side = name[-1]
         rate = plant.pressure_rate(side, chamber_flow(side, point, model), point, model)
@@ -152,6 +162,15 @@ def _effort_error(traces: Traces, point: Point, model: Model) -> FloatArray:
     applied = plant.applied_effort(point, model)
     friction = plant.sliding_friction(point, model)
     return np.asarray(point.parameters.inertia * traces.acceleration - (applied - friction))
+
+
+def _breakaway_error(traces: Traces, point: Point, model: Model) -> FloatArray:
+    applied = np.asarray(plant.applied_effort(point, model))
+    limit = plant.breakaway_effort(applied, point, model)
+    return np.asarray(np.abs(applied) - limit)
+
+
+_MECHANICAL = {EFFORT: _effort_error, BREAKAWAY: _breakaway_error}
 
 
 def _as_shown(
@@ -207,7 +226,7 @@ def _with_part_in_states(model: Model) -> Model:
 @kept_per_thread(4)
 def _states(traces: Traces, model: Model) -> dict[str, FloatArray]:
     owners = [e for e in model.effects if e.states]
-    needs_flow = any(channel != EFFORT for e in owners for channel in channels_of(e))
+    needs_flow = any(c not in _MECHANICAL for e in owners for c in channels_of(e))
     return integrate_states(traces, model, needs_flow)
 
 

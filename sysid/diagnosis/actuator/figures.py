@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.diagnosis.actuator.equation_error import CHANNELS, equation_error
+from sysid.diagnosis.actuator.equation_error import BALANCES, equation_error
 from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.search import (
     CLEAR_RATIO,
@@ -103,7 +103,7 @@ def residual_curves(search: Search) -> list[dict[str, Any]]:
     frame = search.first.frame
     errors = [equation_error(frame.traces, p.model) for p in (search.first, search.last)]
     found = []
-    for channel in CHANNELS:
+    for channel in BALANCES:
         view = frame.windows[channel]
         before, after = (view.average(error[channel]) for error in errors)
         ranked: list[tuple[float, dict[str, Any]]] = []
@@ -163,7 +163,7 @@ def influences(search: Search) -> list[dict[str, Any]]:
         others = tuple(e for e in model.effects if e is not effect)
         error = equation_error(frame.traces, replace(model, effects=others))
         ranked: list[tuple[float, str, FloatArray]] = []
-        for channel in CHANNELS:
+        for channel in BALANCES:
             view = frame.windows[channel]
             if not len(view):
                 continue

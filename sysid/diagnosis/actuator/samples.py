@@ -295,20 +295,24 @@ def directions(runs: Sequence[TestRun], slow_velocity: FloatArray) -> FloatArray
     """Sign of the smoothed velocity, 0 where the shaft rests or may rest: around reversals too."""
     from scipy.ndimage import binary_dilation
 
-    moving = np.zeros(len(slow_velocity), dtype=bool)
-    for run in runs:
-        moving[run.rows] = run.moves
-    if not moving.any():
-        return np.zeros(len(slow_velocity))
-    fast = float(np.quantile(np.abs(slow_velocity[moving]), 0.98))
-    sign = np.sign(slow_velocity)
-    rests = np.abs(slow_velocity) < _REST_SPEED * fast
+    rests, sign = is_slow(runs, slow_velocity), np.sign(slow_velocity)
     rests[1:] |= sign[1:] != sign[:-1]
     for run in runs:
         if run.moves:
             guard = max(1, round(_REVERSAL_S / run.period))
             rests[run.rows] = binary_dilation(rests[run.rows], iterations=guard)
-    return np.where(moving & ~rests, sign, 0.0)
+        else:
+            rests[run.rows] = True
+    return np.where(rests, 0.0, sign)
+
+
+def is_slow(runs: Sequence[TestRun], velocity: FloatArray) -> BoolArray:
+    """Where a smoothed velocity (n,) is that of a shaft at rest, by the speeds of all tests."""
+    speeds = [np.abs(velocity[run.rows]) for run in runs if run.moves]
+    if not speeds:
+        return np.ones(len(velocity), dtype=bool)
+    fast = float(np.quantile(np.concatenate(speeds), 0.98))
+    return np.asarray(np.abs(velocity) < _REST_SPEED * fast)
 
 
 def opening(runs: Sequence[TestRun], model: Model, side: str) -> FloatArray:

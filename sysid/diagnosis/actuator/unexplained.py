@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.diagnosis.actuator.equation_error import CHANNELS, EFFORT, EquationError, equation_error
+from sysid.diagnosis.actuator.equation_error import BALANCES, EFFORT, EquationError, equation_error
 from sysid.diagnosis.actuator.samples import Traces
 from sysid.diagnosis.actuator.whitening import Frame
 from sysid.diagnosis.remainder import Remainder, ResidualTable, remainder
@@ -69,7 +69,7 @@ def leftover(found: Loop) -> tuple[ResidualCurve, ...]:
 
 def faintest(found: Loop) -> tuple[ResidualCurve, ...]:
     """The strongest dependence in any channel, where none is large enough to count."""
-    entries = _strongest(found, CHANNELS)
+    entries = _strongest(found, BALANCES)
     return tuple(sorted(entries, key=lambda e: -e.share)[:1])
 
 
@@ -92,7 +92,7 @@ def remainders(found: Loop, rig: Rig) -> tuple[Remainder, ...]:
     frame = last.frame
     error = equation_error(frame.traces, last.model)
     rests = []
-    for channel in CHANNELS:
+    for channel in BALANCES:
         view = frame.windows[channel]
         table = ResidualTable.of(
             {n: view.average(v) for n, v in regressors(frame.traces, channel).items()},
@@ -117,7 +117,7 @@ def repeating(
     what the model left over without effects.
     """
     known = {log_channel(curve.channel, rig) for curve in structured}
-    channels = {log_channel(channel, rig): channel for channel in CHANNELS}
+    channels = {log_channel(channel, rig): channel for channel in BALANCES}
     open_ones = [r for r in rests if r.channel not in known and r.is_steady]
     if not open_ones:
         return ()

@@ -14,7 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from sysid.diagnosis.actuator.equation_error import CHANNELS, EFFORT, EquationError, equation_error
+from sysid.diagnosis.actuator.breakaways import breakaways
+from sysid.diagnosis.actuator.equation_error import (
+    BREAKAWAY,
+    CHANNELS,
+    EFFORT,
+    EquationError,
+    equation_error,
+)
 from sysid.diagnosis.actuator.samples import Rows, Traces, Windows, windows
 from sysid.io.channels import SIDES
 from sysid.model import base
@@ -33,28 +40,38 @@ _NEAR_BOUNDARY = 0.02
 # Tests that determine their own friction to 3 %, and how many of them a spread needs.
 _LEAST_POWER = 1e3
 _LEAST_TESTS = 4
+# Relative: the bench's static friction, and readings of breakaways corrected by a twin's.
+_STATIC_KNOWN = 0.02
+# A reading of a breakaway is no better than this share of it.
+_READ = 0.02
 
 
 @dataclass(frozen=True)
 class ResidualNoise:
-    """Autocovariance of each channel's windows over lags 0 to ORDER."""
+    """Autocovariance of each channel's windows over lags 0 to ORDER.
+
+    `late`: by test, how much more effort a reading of a breakaway shows than it took, Nm or N.
+    """
 
     covariance: dict[str, FloatArray]
+    late: dict[int, float]
 
 
 @dataclass(frozen=True)
 class Frame:
     """Traces with their windows, and the whitening of each channel's residuals.
 
-    `friction` (rows of the effort channel,): each test's sliding friction as the fitted
-    model has it, whitened; `scatter` its relative spread from test to test.
+    `friction`, by channel (its rows,): each test's friction as the fitted model has it, sliding or
+    static, whitened; `scatter` its relative spread from test to test. `late` (breakaways,): what
+    their readings show too much, Nm or N.
     """
 
     traces: Traces
     windows: dict[str, Windows]
     whitening: dict[str, Any]
-    friction: FloatArray
+    friction: dict[str, FloatArray]
     scatter: float
+    late: FloatArray
 
     @property
     def rows_used(self) -> dict[str, Rows]:
@@ -84,23 +101,25 @@ class Frame:
 
     def channel(self, name: str, error: EquationError) -> FloatArray:
         """The whitened residual of one channel."""
-        white = self.whitening[name] @ (self.windows[name].matrix @ error[name])
-        return self._without_scatter(white) if name == EFFORT else white
+        values = self.windows[name].matrix @ error[name]
+        white = self.whitening[name] @ (values - self.late if name == BREAKAWAY else values)
+        return self._without_scatter(name, white) if name in self.friction else white
 
-    def _without_scatter(self, values: FloatArray) -> FloatArray:
-        """(I + s2 f f')^-1/2 of every test: its friction's scatter counts as noise."""
-        found = values.copy()
-        run = self.windows[EFFORT].run
-        if len(run) == 0 or self.scatter == 0.0:
-            return found
+    def _without_scatter(self, name: str, values: FloatArray) -> FloatArray:
+        """(I + s2 f f')^-1/2 of every test: its friction's scatter counts as noise.
+
+        So does, of all breakaways, what is not known of the bench's static friction.
+        """
+        friction, run = self.friction[name], self.windows[name].run
+        if len(run) == 0:
+            return values
         firsts = np.concatenate(([0], np.flatnonzero(np.diff(run)) + 1, [len(run)]))
-        for first, last in itertools.pairwise(firsts):
-            f = self.friction[first:last]
-            power = float(f @ f)
-            if power > 0.0:
-                share = 1.0 - 1.0 / np.sqrt(1.0 + self.scatter**2 * power)
-                found[first:last] -= (share * float(f @ values[first:last]) / power) * f
-        return found
+        own = [slice(*pair) for pair in itertools.pairwise(firsts)]
+        found = np.concatenate([_less(self.scatter, friction[o], values[o]) for o in own])
+        if name != BREAKAWAY:
+            return found
+        common = np.concatenate([_less(self.scatter, friction[o], friction[o]) for o in own])
+        return _less(_STATIC_KNOWN, common, found)
 
     @property
     def tests(self) -> IntArray:
@@ -119,17 +138,29 @@ class Frame:
         return slice(int(ends[i]), int(ends[i + 1]))
 
 
+def _less(spread: float, direction: FloatArray, values: FloatArray) -> FloatArray:
+    """(I + s2 f f')^-1/2 of values (n,), for a spread s along a direction f (n,)."""
+    power = float(direction @ direction)
+    if power == 0.0 or spread == 0.0:
+        return values
+    share = 1.0 - 1.0 / np.sqrt(1.0 + spread**2 * power)
+    return np.asarray(values - (share * float(direction @ values) / power) * direction)
+
+
 def build_windows(traces: Traces, model: Model) -> dict[str, Windows]:
     """Windows of every channel.
 
     Effort: where the shaft moves, away from its end stops. Rates: away from the stops, and
-    where the flow law is not uncertain.
+    where the flow law is not uncertain. Breakaways: one row each.
     """
     p = model.parameters
     period = float(p.pwm_period)
     stop = 0.5 * float(p.stroke) / float(p.pitch_radius)
     free = np.abs(traces.position) < stop * (1.0 - 2.0 * _END_SHARE)
-    found = {EFFORT: windows(traces, free & (traces.direction != 0))}
+    found = {
+        EFFORT: windows(traces, free & (traces.direction != 0)),
+        BREAKAWAY: breakaways(traces, model, free),
+    }
     for run in traces.runs:
         free[run.rows] |= not run.moves
     for side in SIDES:
@@ -171,8 +202,21 @@ def noise_of(traces: Traces, model: Model) -> ResidualNoise:
     found = {}
     for name, view in build_windows(traces, model).items():
         values = view.average(error[name])
+        if name == BREAKAWAY:
+            late = {int(run): float(np.mean(values[view.run == run])) for run in set(view.run)}
+            values = values - _of_tests(late, view)
         found[name] = _autocovariance(values, view)
-    return ResidualNoise(found)
+        if name == BREAKAWAY:
+            found[name][0] = max(
+                found[name][0], (_READ * float(model.parameters.static_effort)) ** 2
+            )
+    return ResidualNoise(found, late)
+
+
+def _of_tests(late: dict[int, float], view: Windows) -> FloatArray:
+    """(windows,): each one's test's; the mean of all where a test has none."""
+    other = float(np.mean(list(late.values()))) if late else 0.0
+    return np.array([late.get(int(run), other) for run in view.run])
 
 
 def build_frame(traces: Traces, model: Model, noise: ResidualNoise, scatter: float) -> Frame:
@@ -181,8 +225,13 @@ def build_frame(traces: Traces, model: Model, noise: ResidualNoise, scatter: flo
     whitening = {name: _whitening(noise.covariance[name], view) for name, view in views.items()}
     p = model.parameters
     friction = p.coulomb_effort * traces.direction + p.viscous * traces.velocity
-    white = np.asarray(whitening[EFFORT] @ views[EFFORT].average(np.asarray(friction)))
-    return Frame(traces, views, whitening, white, scatter)
+    shown = {
+        EFFORT: views[EFFORT].average(np.asarray(friction)),
+        BREAKAWAY: np.full(len(views[BREAKAWAY]), float(p.static_effort)),
+    }
+    white = {name: np.asarray(whitening[name] @ values) for name, values in shown.items()}
+    late = _of_tests(noise.late, views[BREAKAWAY])
+    return Frame(traces, views, whitening, white, scatter, late)
 
 
 def _autocovariance(values: FloatArray, view: Windows) -> FloatArray:
@@ -270,7 +319,7 @@ def friction_scatter(frame: Frame, rest: FloatArray) -> float:
     run = frame.windows[EFFORT].run
     found = []
     for index in np.unique(run):
-        f, own = frame.friction[run == index], values[run == index]
+        f, own = frame.friction[EFFORT][run == index], values[run == index]
         power = float(f @ f)
         if power > _LEAST_POWER:
             found.append((float(f @ own) / power) ** 2 - 1.0 / power)

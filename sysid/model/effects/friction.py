@@ -14,6 +14,8 @@ from sysid.model.ports import Model, Point
 _FASTEST_RATE = 1200.0
 # Speed within one step of standstill, rad/s: bristles stiffer than a step resolves fade there.
 _LEAST_SPEED = 1e-2
+# Motion of some 10 ms makes a contact anew, 1/s.
+_RENEWED = 100.0
 # Smallest divisor: rad, Nm.
 _LEAST_SPAN = 1e-12
 
@@ -304,6 +306,52 @@ class PowerLawFriction(CatalogueEffect):
         return effort + self.power_law_nm * speed**self.power_law_exponent * point.direction
 
 
+@dataclass(frozen=True)
+class StictionAfterRest(CatalogueEffect):
+    """Static friction grows while at rest: - d T / (T + rest), from the last motion on.
+
+    The state is T / (T + rest): 1 while moving and at the start of a test, and at rest
+    ds/dt = - s^2 / T. Static friction as the bench shows it is that after a long rest.
+    """
+
+    fresh_loss_nm: Array = 0.0
+    recovery_time_s: Array = 0.3
+    states = ("fresh_share",)
+
+    id = "stiction-after-rest"
+    title = "Static friction that grows while at rest"
+    subsystem = "friction"
+    quantities = (
+        Quantity("fresh_loss_nm", "Nm", 0.06, 0.0, 2.0, "missing right after motion"),
+        Quantity(
+            "recovery_time_s",
+            "s",
+            0.3,
+            0.02,
+            20.0,
+            "rest after which half of it is back",
+            is_strength=False,
+            grid=(0.05, 0.2, 1.0),
+        ),
+    )
+    signature = "torque at which the shaft breaks away, against the rest before"
+    rivals = ("stribeck-friction",)
+    tie_breaker = "slow ramps from rest, after rests of different lengths"
+    source = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994"
+
+    def static_effort(self, effort: Array, point: Point) -> Array:
+        return effort - self.fresh_loss_nm * point.extra.get("fresh_share", 1.0)
+
+    def initial_states(self, point: Point) -> dict[str, Array]:
+        return {"fresh_share": 1.0 + 0.0 * point.position}
+
+    def state_rates(self, point: Point, flows: Mapping[str, Array]) -> dict[str, Array]:
+        xp = array_namespace(point.velocity, self.recovery_time_s)
+        share = point.extra["fresh_share"]
+        at_rest = -share * share / self.recovery_time_s
+        return {"fresh_share": xp.where(point.direction == 0, at_rest, _RENEWED * (1.0 - share))}
+
+
 EFFECTS = (
     StribeckFriction,
     AsymmetricCoulombFriction,
@@ -313,4 +361,5 @@ EFFECTS = (
     QuadraticDrag,
     AsymmetricViscousFriction,
     PowerLawFriction,
+    StictionAfterRest,
 )
