@@ -42,6 +42,7 @@ from sysid.diagnosis.actuator.whitening import (
     build_windows,
     friction_scatter,
     noise_of,
+    with_sliding_friction,
 )
 from sysid.diagnosis.looked import Book
 from sysid.io.channels import VALVE_COMMANDS
@@ -582,3 +583,18 @@ def test_effects_that_the_bundle_holds_stay_in_the_model() -> None:
     assert [step.refit.id for step in found.search.steps] == ["torque-constant-error"]
     assert found.search.model.effects[0] == given
     assert [e.id for e in found.search.model.effects] == ["seal-friction", "torque-constant-error"]
+
+
+def test_friction_that_the_bench_has_far_off_is_begun_with_as_motion_shows_it(
+    moving: Traces, healthy: Any
+) -> None:
+    """Below 0 by an effect, and so 0 in the model: a power law would be found in its place."""
+    model = healthy[2]
+    p = model.parameters
+    assert with_sliding_friction(moving, model) is model
+    without = Model(p.replace(viscous=0.0, coulomb_effort=1.8 * p.coulomb_effort))
+    found = with_sliding_friction(moving, without).parameters
+    assert found.viscous == pytest.approx(p.viscous, rel=0.1)
+    assert found.coulomb_effort == without.parameters.coulomb_effort
+    far = with_sliding_friction(moving, Model(p.replace(coulomb_effort=4.0 * p.coulomb_effort)))
+    assert far.parameters.coulomb_effort == pytest.approx(p.coulomb_effort, rel=0.1)

@@ -19,6 +19,7 @@ from sysid.diagnosis.actuator.whitening import (
     build_frame,
     friction_scatter,
     noise_of,
+    with_sliding_friction,
 )
 from sysid.diagnosis.looked import Book, Looked, SearchStage
 from sysid.errors import SimulationError
@@ -87,6 +88,7 @@ def begin(
     with time_limit(None):
         noise = sensor_noise(tests, rig)
         traces = prepare(tests, rig, model)
+        model = with_sliding_friction(traces, model)
         own = [effect for effect in catalogue if not effect.averaged_only]
         forms = candidates(own, traces.travel)
         if book.quick:
@@ -144,7 +146,8 @@ def close_loop(
     book = Book(quick=quick)
     start = begin(tests, rig, model, catalogue, book, seed=seed, progress=progress)
     traces, null = start.traces, start.null
-    found = search(start.frame(traces), model, start.forms, null, progress, simulation_error, book)
+    frame = start.frame(traces)
+    found = search(frame, start.model, start.forms, null, progress, simulation_error, book)
     null.release()
     forget()
     if found.steps and quick:

@@ -19,6 +19,7 @@ from sysid.diagnosis.actuator.equation_error import (
     BREAKAWAY,
     CHANNELS,
     EFFORT,
+    FRICTION_PARAMETERS,
     EquationError,
     equation_error,
 )
@@ -42,6 +43,8 @@ _LEAST_POWER = 1e3
 _LEAST_TESTS = 4
 # Relative: the bench's static friction, and readings of breakaways corrected by a twin's.
 _STATIC_KNOWN = 0.02
+# Friction of the bench that is this many times that of motion, or less than one over it.
+_FAR_OFF = 3.0
 # A reading of a breakaway is no better than this share of it.
 _READ = 0.02
 
@@ -166,6 +169,27 @@ def build_windows(traces: Traces, model: Model) -> dict[str, Windows]:
     for side in SIDES:
         found[f"rate_{side}"] = windows(traces, free & ~_in_doubt(traces, model, side), period)
     return found
+
+
+def with_sliding_friction(traces: Traces, model: Model) -> Model:
+    """The model, with Coulomb and viscous friction as motion shows them where its are far off.
+
+    Friction tests that an effect distorts may give less than none, which a model takes for 0;
+    another effect would then be found in its place, as a refit does not reach so far.
+    """
+    view = build_windows(traces, model)[EFFORT]
+    error = equation_error(traces, model, (EFFORT,))[EFFORT]
+    columns = view.average(np.column_stack([traces.direction, traces.velocity]))
+    if len(view) <= columns.shape[1]:
+        return model
+    more = -np.linalg.lstsq(columns, view.average(error), rcond=None)[0]
+    changes = {}
+    for name, change in zip(FRICTION_PARAMETERS, more.tolist(), strict=True):
+        given = float(getattr(model.parameters, name))
+        shown = given + change
+        if shown > 0.0 and not shown / _FAR_OFF < given < shown * _FAR_OFF:
+            changes[name] = shown
+    return Model(model.parameters.replace(**changes), model.effects) if changes else model
 
 
 def _in_doubt(traces: Traces, model: Model, side: str) -> BoolArray:
