@@ -29,6 +29,8 @@ THRESHOLD_STEP = 0.05
 _MOST_FACTOR = 5.0
 # Whitened squares: more than noise alone is likely to give one test.
 _CLEAR_GAIN = 20.0
+# What a test loses below this share of the largest gain is for the effect's form, not its being.
+_FORM_SHARE = 0.05
 _BASE_STEPS = 6
 _MOST_STEP = 0.5
 _SMALL_STEP = 1e-4
@@ -82,7 +84,7 @@ class Refit:
         if has_threshold(effect):
             gains = np.bincount(tests, weights=self.before**2 - self.rest**2)
             won = int(np.count_nonzero(gains > _CLEAR_GAIN))
-            lost = int(np.count_nonzero(gains < -_CLEAR_GAIN))
+            lost = int(np.count_nonzero(gains < -max(_CLEAR_GAIN, _FORM_SHARE * gains.max())))
             return (won - lost) * abs(won - lost) / max(won + lost, 1)
         shapes = {f"{effect.id}/{q.name}" for q in type(effect).shapes()}
         fit = self.fit.holding(shapes)

@@ -62,6 +62,8 @@ LEAST_SHARE = 0.35
 _LEAST_PART = 0.05
 _WHOLE_SHARE = 0.8
 _LEAST_WHOLE = 0.004
+# Beside others a strength below this share of its usual size is a misfit of their forms.
+_LEAST_SIZE = 0.05
 # An effect whose size changes by this factor when the next is added was not what it seemed.
 _MOST_CHANGE = 2.5
 # By how much the logarithm of the simulation error may rise with a further effect.
@@ -226,6 +228,8 @@ class _TwinRounds(Rounds[RefittedStep]):
         gone = sum(max(self.before[c] - excess[c], 0.0) for c in channels_of(winner.effect))
         if share < LEAST_SHARE or winner.gain < least * gone:
             return None
+        if steps and _size(winner.effect) < _LEAST_SIZE:
+            return None
         self.book.enter(SearchStage.TOGETHER, number)
         joint = _together(self.first, steps, winner)
         if joint is None:
@@ -328,6 +332,12 @@ class _TwinRounds(Rounds[RefittedStep]):
         base_std = standard_errors(last, own)
         steps = [*steps[:-1], replace(steps[-1], model=model)]
         return Search(tuple(steps), model, first, last, joint, base_std, rounds)
+
+
+def _size(effect: CatalogueEffect) -> float:
+    """The largest of an effect's strengths over its usual size."""
+    strengths = type(effect).strengths()
+    return max(abs(float(getattr(effect, q.name)) / q.typical) for q in strengths)
 
 
 def _passes(suspect: Suspect, best: Suspect) -> bool:
