@@ -37,6 +37,7 @@ _REGRESSORS = {
     "duty_a": "duty",
     "flow_a_kg_s": "flow",
     "pressure_a_pa": "pressure",
+    "rest": "rest before",
 }
 
 

@@ -42,6 +42,7 @@ _TITLES = {
     "effort": "Torque balance",
     "rate_a": "Chamber A's balance",
     "rate_b": "Chamber B's balance",
+    "breakaway": "Effort of breakaways",
 }
 _LARGE_NM = 0.5
 # Unit and scale of each residual and regressor, on a rotary and on a linear rig.
@@ -49,6 +50,7 @@ _UNITS = {
     "effort": (("mN·m", 1e3), ("N", 1.0)),
     "rate_a": (("kPa/s", 1e-3), ("kPa/s", 1e-3)),
     "rate_b": (("kPa/s", 1e-3), ("kPa/s", 1e-3)),
+    "breakaway": (("mN·m", 1e3), ("N", 1.0)),
 }
 _REGRESSOR_UNITS = {
     "velocity": (("rad/s", 1.0), ("mm/s", 1e3)),
@@ -58,6 +60,7 @@ _REGRESSOR_UNITS = {
     "acceleration": (("rad/s²", 1.0), ("m/s²", 1.0)),
     "motor": (("N·m", 1.0), ("N", 1.0)),
     "time": (("s", 1.0), ("s", 1.0)),
+    "rest": (("s", 1.0), ("s", 1.0)),
     "valve_opening": (("share", 1.0), ("share", 1.0)),
     "pressure_sum times direction": (("kPa", 1e-3), ("kPa", 1e-3)),
     "pressure_a_pa": (("kPa", 1e-3), ("kPa", 1e-3)),

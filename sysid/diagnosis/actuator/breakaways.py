@@ -55,6 +55,15 @@ def breakaways(traces: Traces, model: Model, usable: BoolArray) -> Windows:
     return Windows(matrix, Rows(chosen), np.array(of_run, dtype=np.intp), place, chosen)
 
 
+def rest_before(traces: Traces) -> FloatArray:
+    """How long the shaft has been at rest, s (n,), since it moved or its test began."""
+    found = np.empty(len(traces))
+    for run in traces.runs:
+        time, moves = traces.time[run.rows], traces.direction[run.rows] != 0.0
+        found[run.rows] = time - np.maximum.accumulate(np.where(moves, time, time[0]))
+    return found
+
+
 def _rests(slow: BoolArray) -> list[tuple[int, int]]:
     """First and last row of each stretch at rest, but those at the ends of the test."""
     edges = np.flatnonzero(np.diff(slow.astype(np.int8)))
@@ -99,4 +108,4 @@ def _reading(
     return int(own.start + at - before + int(np.argmax(pushing)))
 
 
-__all__ = ["breakaways"]
+__all__ = ["breakaways", "rest_before"]

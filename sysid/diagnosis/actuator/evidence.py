@@ -62,12 +62,12 @@ class TwinEvidence(ComponentEvidence):
     def figures(self) -> dict[str, Any]:
         """`excess`, `curves`, `shows` and `leftover`.
 
-        `excess`: by residual (`effort`, `rate_a`, `rate_b`) the whitened sum of squares beyond the
-        twins', before and after. `curves`: mean residual over a regressor before and after
-        (`centres`, `before`, `after` with their standard errors; Nm or N for `effort`, Pa/s for the
-        rates, over the regressor's SI unit; `fine`: up to where bins are narrow, None for bins of
-        equal count). `shows`: what each effect adds to a balance. `leftover`: the curve of each
-        unexplained channel. `refitted`: the base parameters from what to what, in SI units.
+        `excess`: by residual (`effort`, `rate_a`, `rate_b`, `breakaway`) the whitened sum of
+        squares beyond the twins', before and after. `curves`: mean residual over a regressor before
+        and after (`centres`, `before`, `after` with their standard errors; Nm or N for `effort`,
+        Pa/s for the rates, over the regressor's SI unit; `fine`: up to where bins are narrow, None
+        for bins of equal count). `shows`: what each effect adds to a balance. `leftover`: the curve
+        of each unexplained channel. `refitted`: the base parameters from what to what, in SI units.
         """
         search, null = self.loop.search, self.loop.null
         before, after = null.excess(search.first), null.excess(search.last)

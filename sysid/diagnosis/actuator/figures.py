@@ -8,7 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from sysid.diagnosis.actuator.equation_error import BALANCES, equation_error
+from sysid.diagnosis.actuator.equation_error import (
+    BALANCES,
+    BREAKAWAY,
+    CHANNELS,
+    channels_of,
+    equation_error,
+)
 from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.search import (
     CLEAR_RATIO,
@@ -103,14 +109,15 @@ def residual_curves(search: Search) -> list[dict[str, Any]]:
     frame = search.first.frame
     errors = [equation_error(frame.traces, p.model) for p in (search.first, search.last)]
     found = []
-    for channel in BALANCES:
+    acts = {c for step in search.steps for c in channels_of(step.effect)}
+    for channel in (*BALANCES, *({BREAKAWAY} & acts)):
         view = frame.windows[channel]
         before, after = (view.average(error[channel]) for error in errors)
         ranked: list[tuple[float, dict[str, Any]]] = []
         for name, regressor in regressors(frame.traces, channel).items():
             x = view.average(regressor)
             bins = _bins(x)
-            if bins is None or (not search.steps and name == _OWN_DERIVATIVE[channel]):
+            if bins is None or (not search.steps and name == _OWN_DERIVATIVE.get(channel)):
                 continue
             place, fine = bins
             entry: dict[str, Any] = {"channel": channel, "regressor": name, "fine": fine}
@@ -163,7 +170,7 @@ def influences(search: Search) -> list[dict[str, Any]]:
         others = tuple(e for e in model.effects if e is not effect)
         error = equation_error(frame.traces, replace(model, effects=others))
         ranked: list[tuple[float, str, FloatArray]] = []
-        for channel in BALANCES:
+        for channel in CHANNELS:
             view = frame.windows[channel]
             if not len(view):
                 continue

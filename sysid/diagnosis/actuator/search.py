@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 from scipy.stats import chi2
 
-from sysid.diagnosis.actuator.equation_error import channels_of
+from sysid.diagnosis.actuator.equation_error import BREAKAWAY, channels_of
 from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.refit import (
     Refit,
@@ -68,6 +68,8 @@ _LEAST_SIZE = 0.05
 _MOST_CHANGE = 2.5
 # By how much the logarithm of the simulation error may rise with a further effect.
 _TOLERATED_RISE = 0.01
+# One that only the few breakaways show has to simulate better, even as the first.
+_LEAST_FALL = -0.05
 # A rival that explains almost as much as the winner is indistinguishable from it: the real form
 # of an effect is seldom the catalogue's, which costs the right one as much.
 _RIVAL_SHARE = 0.9
@@ -235,7 +237,9 @@ class _TwinRounds(Rounds[RefittedStep]):
         if joint is None:
             return None
         extended = with_base_refitted(self.first, base.model + winner.effect)
-        if steps and not _simulates(self.simulation_error, base.model, extended):
+        rise = _LEAST_FALL if channels_of(winner.effect) == (BREAKAWAY,) else _TOLERATED_RISE
+        judged = bool(steps) or rise < 0.0
+        if judged and not _simulates(self.simulation_error, base.model, extended, rise):
             return None
         self._proposed = joint
         gains = {r.id: r.gain for r in refits}
@@ -369,10 +373,13 @@ def _together(first: Projected, steps: Sequence[RefittedStep], winner: Refit) ->
     return joint
 
 
-def _simulates(simulation_error: Callable[[Model], float], before: Model, after: Model) -> bool:
-    """Whether a model simulates the fitted motion logs no worse than without its last effect."""
+def _simulates(
+    simulation_error: Callable[[Model], float], before: Model, after: Model, rise: float
+) -> bool:
+    """Whether a model simulates the fitted motion logs with at most this rise of the error's
+    logarithm over that without its last effect."""
     try:
-        return simulation_error(after) <= simulation_error(before) + _TOLERATED_RISE
+        return simulation_error(after) <= simulation_error(before) + rise
     except SimulationError:
         return False
 

@@ -10,7 +10,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.diagnosis.actuator.equation_error import BALANCES, EFFORT, EquationError, equation_error
+from sysid.diagnosis.actuator.breakaways import rest_before
+from sysid.diagnosis.actuator.equation_error import (
+    BALANCES,
+    BREAKAWAY,
+    EFFORT,
+    EquationError,
+    equation_error,
+)
 from sysid.diagnosis.actuator.samples import Traces
 from sysid.diagnosis.actuator.whitening import Frame
 from sysid.diagnosis.remainder import Remainder, ResidualTable, remainder
@@ -139,6 +146,8 @@ def log_channel(channel: str, rig: Rig) -> str:
 
 def regressors(traces: Traces, channel: str) -> dict[str, FloatArray]:
     """What a residual may depend on, (n,) each, by name."""
+    if channel == BREAKAWAY:
+        return {"rest": rest_before(traces), "angle": traces.position, "time": traces.time}
     # Neither the acceleration for the effort nor a pressure's own rate for its rate: they
     # hold the noise that the residual holds.
     t = traces
