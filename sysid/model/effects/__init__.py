@@ -43,6 +43,7 @@ from sysid.model.effects.friction import (
     Presliding,
     QuadraticDrag,
     SealFriction,
+    StictionAfterRest,
     StribeckFriction,
 )
 from sysid.model.effects.linkage import (
@@ -127,6 +128,7 @@ __all__ = [
     "SealFriction",
     "SeriesRestriction",
     "StickingValve",
+    "StictionAfterRest",
     "StribeckFriction",
     "StrokeDependentArea",
     "StrokeDependentSeals",
