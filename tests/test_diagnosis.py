@@ -27,6 +27,7 @@ from sysid.diagnosis.actuator.samples import Traces, prepare, window_width, wind
 from sysid.diagnosis.actuator.screening import explained, projected
 from sysid.diagnosis.actuator.search import RefittedStep, _TwinRounds
 from sysid.diagnosis.actuator.signatures import Candidate, Signatures, candidates
+from sysid.diagnosis.actuator.starting_friction import with_sliding_friction
 from sysid.diagnosis.actuator.twins import Scatter, SensorNoise, sensor_noise, simulate_twins
 from sysid.diagnosis.actuator.unexplained import (
     curves,
@@ -42,7 +43,6 @@ from sysid.diagnosis.actuator.whitening import (
     build_windows,
     friction_scatter,
     noise_of,
-    with_sliding_friction,
 )
 from sysid.diagnosis.looked import Book
 from sysid.io.channels import VALVE_COMMANDS

@@ -38,17 +38,15 @@ def with_refined_numbers(
     """
     if not diagnosis.effects:
         return diagnosis
-    from sysid.refinement.refine import MUCH_WORSE, refine  # loads jax
-    from sysid.refinement.whole_tests import times
+    from sysid.refinement.refine import refine  # loads jax
+    from sysid.refinement.whole_tests import much_worse
 
     try:
         check_time()
         result = refine(campaign, extended, catalogue=catalogue, progress=progress)
         fit = result.fits["fit"]
-        worse = times(fit.before, fit.after)
-        if not worse <= MUCH_WORSE:
-            how = f"{worse:.2g} times worse" if math.isfinite(worse) else "no more"
-            why = f"the training tests would be simulated {how}"
+        if worse := much_worse(fit.before, fit.after):
+            why = f"the training tests would be simulated {worse}"
             return _as_it_was(diagnosis, why)
         after = held_out_errors(result.bundle)
     except OutOfTimeError:

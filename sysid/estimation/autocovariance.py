@@ -99,10 +99,7 @@ def autoregression(residuals: Sequence[FloatArray], most: int) -> Autoregression
     joined = np.concatenate(list(residuals))
     ends = np.cumsum([0, *(len(r) for r in residuals)]).tolist()
     runs = [slice(a, b) for a, b in itertools.pairwise(ends)]
-    reflections, variance = _burg(joined, runs, most)
-    shown = autocovariance_of(reflections, variance)
-    shown[0] *= 1.0 + (_WHITE_SHARE if len(reflections) else 0.0)
-    model = _damped(shown, 1.0 - 1.0 / max(len(joined), 2))
+    model, variance = _shown_by(joined, runs, most)
     return model or Autoregression(np.zeros(0), variance, np.array([variance]))
 
 
@@ -117,14 +114,10 @@ def error_model(
     runs = runs_of(count, groups)
     longest = max(run.stop - run.start for run in runs)
     most = min(int(10.0 * math.log10(max(count, 1))), (count - columns) // _SAMPLES_PER_ORDER)
-    reflections, variance = _burg(residuals, runs, min(most, longest - 1))
-    order = len(reflections)
-    shown = autocovariance_of(reflections, variance)
-    shown[0] *= 1.0 + (_WHITE_SHARE if order else 0.0)
+    model, variance = _shown_by(residuals, runs, min(most, longest - 1))
     scale = count / max(count - columns, 1)
-    cap = 1.0 - 1.0 / max(count, 2)
-    model = _damped(shown, cap)
-    if model is None or order == 0:
+    cap = _cap(count)
+    if model is None or len(model.coefficients) == 0:
         return Autoregression(np.zeros(0), scale * variance, np.array([scale * variance]))
     shown = model.start
     peak = max(float(_spectrum(model, longest)[0].max()), model.variance)
@@ -204,6 +197,24 @@ def _share_of(
     if len(change):
         change[:, used] = model.sensitivity(size) @ (waves.real**2 + waves.imag**2).T
     return matrix, change
+
+
+def _shown_by(
+    residuals: FloatArray, runs: Sequence[slice], most: int
+) -> tuple[Autoregression | None, float]:
+    """As runs of residuals (n,) show it, damped where need be, and their mean square.
+
+    None for residuals that are all zero.
+    """
+    reflections, variance = _burg(residuals, runs, most)
+    shown = autocovariance_of(reflections, variance)
+    shown[0] *= 1.0 + (_WHITE_SHARE if len(reflections) else 0.0)
+    return _damped(shown, _cap(len(residuals))), variance
+
+
+def _cap(count: int) -> float:
+    """The largest reflection coefficient that so many samples can tell from 1."""
+    return 1.0 - 1.0 / max(count, 2)
 
 
 def _burg(residuals: FloatArray, runs: Sequence[slice], most: int) -> tuple[FloatArray, float]:

@@ -49,16 +49,13 @@ from sysid.refinement.unknowns import (
 )
 from sysid.refinement.updating import updated
 from sysid.refinement.whitening import Whitening
-from sysid.refinement.whole_tests import correlation, rmse, times, whole_residuals
+from sysid.refinement.whole_tests import correlation, much_worse, rmse, whole_residuals
 from sysid.types import FloatArray, Progress, no_progress
 from sysid.validation.effort_balance import effort_rmse
 from sysid.validation.motion_tests import CHAMBER_PRESSURES, MotionTest, prepare_all
 
 SEGMENT_S = 1.0
 KINDS = (*MOTION_KINDS, "friction-motion")
-# Whole training tests that are simulated this much worse (mean over the channels) say that the
-# estimation went elsewhere; less is the friction of single tests.
-MUCH_WORSE = 1.1
 _LEAST_SCATTER, _MOST_SCATTER = 2e-3, 0.1
 # A parameter's error falls to less than this share of the bench tests': motion informs it.
 _INFORMED = 0.9
@@ -140,8 +137,7 @@ def refine(
         for use, some in (("fit", tests), ("holdout", held_out))
         if some
     }
-    worse = times(fits["fit"].before, fits["fit"].after)
-    if not worse <= MUCH_WORSE:
+    if worse := much_worse(fits["fit"].before, fits["fit"].after):
         notices.append(_worse_notice(worse))
     profiles = _profiles(found, profile, progress)
     result = RefineResult(
@@ -308,11 +304,10 @@ def _stalled_notice(found: Estimated) -> str:
     )
 
 
-def _worse_notice(worse: float) -> str:
-    how = f"{worse:.2g} times worse" if math.isfinite(worse) else "no more"
+def _worse_notice(worse: str) -> str:
     return (
-        f"with these numbers the whole tests to fit on are simulated {how}: they make up for what "
-        "the model lacks; look for it with diagnose first, or keep the bundle as it was"
+        f"with these numbers the whole tests to fit on are simulated {worse}: they make up for "
+        "what the model lacks; look for it with diagnose first, or keep the bundle as it was"
     )
 
 
@@ -332,4 +327,4 @@ def _left_out_notice(runs: Sequence[Run]) -> str:
     )
 
 
-__all__ = ["KINDS", "MUCH_WORSE", "bench_scatter", "check_on_off_law", "motion_tests_of", "refine"]
+__all__ = ["KINDS", "bench_scatter", "check_on_off_law", "motion_tests_of", "refine"]

@@ -12,6 +12,10 @@ from sysid.types import FloatArray
 from sysid.validation.motion_tests import MotionTest
 from sysid.validation.simulation import simulate_segments
 
+# Whole training tests that are simulated this much worse (mean over the channels) say that an
+# estimation went elsewhere; less is the friction of single tests.
+_MUCH_WORSE = 1.1
+
 
 def whole_residuals(tests: Sequence[MotionTest], model: Model, position: str) -> list[FloatArray]:
     """Measured less simulated (3, n) of each test's rows that count, NaN where not logged.
@@ -44,6 +48,14 @@ def correlation(residuals: Sequence[FloatArray]) -> FloatArray:
     return np.array(found)
 
 
+def much_worse(before: FloatArray, after: FloatArray) -> str:
+    """In words how much worse tests are simulated, by their errors (3,); empty if they are not."""
+    worse = times(before, after)
+    if worse <= _MUCH_WORSE:
+        return ""
+    return f"{worse:.2g} times worse" if math.isfinite(worse) else "no more"
+
+
 def times(before: FloatArray, after: FloatArray) -> float:
     """Errors (3,) after over before: geometric mean of the logged channels.
 
@@ -55,4 +67,4 @@ def times(before: FloatArray, after: FloatArray) -> float:
     return float(np.exp(np.nanmean(np.log(ratio))))
 
 
-__all__ = ["correlation", "rmse", "times", "whole_residuals"]
+__all__ = ["correlation", "much_worse", "rmse", "times", "whole_residuals"]

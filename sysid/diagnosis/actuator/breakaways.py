@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from sysid import signals
 from sysid.diagnosis.actuator.samples import Rows, TestRun, Traces, Windows, is_slow
 from sysid.diagnosis.actuator.states import point_of
 from sysid.model import plant
@@ -16,6 +17,8 @@ from sysid.types import BoolArray, FloatArray
 
 # At least so long at rest, and then in motion.
 _REST_S, _MOTION_S = 0.03, 0.02
+# So much at either end of a rest is not counted as calm.
+_EDGE_S = 0.15 * _REST_S
 # The shaft is at rest up to this share of the way that it goes in `_MOTION_S`, or so many times
 # the position's spread at rest.
 _WAY_SHARE, _SPREADS = 0.02, 6.0
@@ -43,8 +46,8 @@ def breakaways(traces: Traces, model: Model, usable: BoolArray) -> Windows:
     for index, run in enumerate(traces.runs):
         if not run.moves:
             continue
-        for first, last in _rests(slow[run.rows]):
-            row = _reading(traces, applied, usable, run, (first, last), limits)
+        for rest in signals.runs(slow[run.rows]):
+            row = _reading(traces, applied, usable, run, rest, limits)
             if row is not None:
                 rows.append(row)
                 of_run.append(index)
@@ -64,13 +67,6 @@ def rest_before(traces: Traces) -> FloatArray:
     return found
 
 
-def _rests(slow: BoolArray) -> list[tuple[int, int]]:
-    """First and last row of each stretch at rest, but those at the ends of the test."""
-    edges = np.flatnonzero(np.diff(slow.astype(np.int8)))
-    begins = edges[1:] if slow[0] else edges
-    return [(int(a) + 1, int(b)) for a, b in zip(begins[::2], begins[1::2], strict=False)]
-
-
 def _reading(
     traces: Traces,
     applied: FloatArray,
@@ -81,13 +77,17 @@ def _reading(
 ) -> int | None:
     """The row of the effort that ended a rest; None where it cannot be read.
 
-    `limits`: the least effort, and its largest change just before, Nm or N.
+    `rest`: its first row in the test, and the first of motion. `limits`: the least effort, and its
+    largest change just before, Nm or N.
     """
-    (first, last), (least_effort, most_change) = rest, limits
+    (first, stop), (least_effort, most_change) = rest, limits
     before, way = round(_BEFORE_S / run.period), round(_MOTION_S / run.period)
-    calm = round(0.15 * _REST_S / run.period)
-    stop = run.rows.stop - run.rows.start
-    if (last - first) * run.period < _REST_S or last + way >= stop or first < before:
+    calm = round(_EDGE_S / run.period)
+    last = stop - 1
+    end = run.rows.stop - run.rows.start
+    if first == 0 or stop == end:
+        return None
+    if (last - first) * run.period < _REST_S or last + way >= end or first < before:
         return None
     own = slice(run.rows.start + first, run.rows.start + last + way + 1)
     if not usable[own].all():

@@ -12,6 +12,7 @@ from sysid.diagnosis.actuator.samples import Traces, prepare
 from sysid.diagnosis.actuator.screening import Projected, projected
 from sysid.diagnosis.actuator.search import Search, search
 from sysid.diagnosis.actuator.signatures import Candidate, candidates, one_form_each
+from sysid.diagnosis.actuator.starting_friction import with_sliding_friction
 from sysid.diagnosis.actuator.twins import Scatter, SensorNoise, sensor_noise, simulate_twins
 from sysid.diagnosis.actuator.whitening import (
     Frame,
@@ -19,7 +20,6 @@ from sysid.diagnosis.actuator.whitening import (
     build_frame,
     friction_scatter,
     noise_of,
-    with_sliding_friction,
 )
 from sysid.diagnosis.looked import Book, Looked, SearchStage
 from sysid.errors import SimulationError

@@ -19,7 +19,6 @@ from sysid.diagnosis.actuator.equation_error import (
     BREAKAWAY,
     CHANNELS,
     EFFORT,
-    FRICTION_PARAMETERS,
     EquationError,
     equation_error,
 )
@@ -43,8 +42,6 @@ _LEAST_POWER = 1e3
 _LEAST_TESTS = 4
 # Relative: the bench's static friction, and readings of breakaways corrected by a twin's.
 _STATIC_KNOWN = 0.02
-# Friction of the bench that is this many times that of motion, or less than one over it.
-_FAR_OFF = 3.0
 # A reading of a breakaway is no better than this share of it.
 _READ = 0.02
 
@@ -156,14 +153,8 @@ def build_windows(traces: Traces, model: Model) -> dict[str, Windows]:
     Effort: where the shaft moves, away from its end stops. Rates: away from the stops, and
     where the flow law is not uncertain. Breakaways: one row each.
     """
-    p = model.parameters
-    period = float(p.pwm_period)
-    stop = 0.5 * float(p.stroke) / float(p.pitch_radius)
-    free = np.abs(traces.position) < stop * (1.0 - 2.0 * _END_SHARE)
-    found = {
-        EFFORT: windows(traces, free & (traces.direction != 0)),
-        BREAKAWAY: breakaways(traces, model, free),
-    }
+    period, free = float(model.parameters.pwm_period), _off_the_stops(traces, model)
+    found = {EFFORT: sliding_windows(traces, model), BREAKAWAY: breakaways(traces, model, free)}
     for run in traces.runs:
         free[run.rows] |= not run.moves
     for side in SIDES:
@@ -171,25 +162,15 @@ def build_windows(traces: Traces, model: Model) -> dict[str, Windows]:
     return found
 
 
-def with_sliding_friction(traces: Traces, model: Model) -> Model:
-    """The model, with Coulomb and viscous friction as motion shows them where its are far off.
+def sliding_windows(traces: Traces, model: Model) -> Windows:
+    """Windows of the torque balance: where the shaft moves, away from its end stops."""
+    return windows(traces, _off_the_stops(traces, model) & (traces.direction != 0))
 
-    Friction tests that an effect distorts may give less than none, which a model takes for 0;
-    another effect would then be found in its place, as a refit does not reach so far.
-    """
-    view = build_windows(traces, model)[EFFORT]
-    error = equation_error(traces, model, (EFFORT,))[EFFORT]
-    columns = view.average(np.column_stack([traces.direction, traces.velocity]))
-    if len(view) <= columns.shape[1]:
-        return model
-    more = -np.linalg.lstsq(columns, view.average(error), rcond=None)[0]
-    changes = {}
-    for name, change in zip(FRICTION_PARAMETERS, more.tolist(), strict=True):
-        given = float(getattr(model.parameters, name))
-        shown = given + change
-        if shown > 0.0 and not shown / _FAR_OFF < given < shown * _FAR_OFF:
-            changes[name] = shown
-    return Model(model.parameters.replace(**changes), model.effects) if changes else model
+
+def _off_the_stops(traces: Traces, model: Model) -> BoolArray:
+    p = model.parameters
+    stop = 0.5 * float(p.stroke) / float(p.pitch_radius)
+    return np.asarray(np.abs(traces.position) < stop * (1.0 - 2.0 * _END_SHARE))
 
 
 def _in_doubt(traces: Traces, model: Model, side: str) -> BoolArray:
@@ -222,18 +203,14 @@ def noise_of(traces: Traces, model: Model) -> ResidualNoise:
 
     The median over the tests: edges and breakaways, which bias a few windows, do not count.
     """
-    error = equation_error(traces, model)
-    found = {}
-    for name, view in build_windows(traces, model).items():
-        values = view.average(error[name])
-        if name == BREAKAWAY:
-            late = {int(run): float(np.mean(values[view.run == run])) for run in set(view.run)}
-            values = values - _of_tests(late, view)
-        found[name] = _autocovariance(values, view)
-        if name == BREAKAWAY:
-            found[name][0] = max(
-                found[name][0], (_READ * float(model.parameters.static_effort)) ** 2
-            )
+    error, views = equation_error(traces, model), build_windows(traces, model)
+    values = {name: view.average(error[name]) for name, view in views.items()}
+    readings, run = values[BREAKAWAY], views[BREAKAWAY].run
+    late = {int(test): float(np.mean(readings[run == test])) for test in set(run)}
+    values[BREAKAWAY] = readings - _of_tests(late, views[BREAKAWAY])
+    found = {name: _autocovariance(values[name], view) for name, view in views.items()}
+    least = _READ * float(model.parameters.static_effort)
+    found[BREAKAWAY][0] = max(found[BREAKAWAY][0], least**2)
     return ResidualNoise(found, late)
 
 
