@@ -12,6 +12,7 @@ from benchmarks.refinement import rig_runs, unknown
 from sysid.errors import InputError
 from sysid.model.ports import Model
 from sysid.model.simulator import simulate
+from sysid.refinement import settling
 from sysid.refinement.estimation import Estimated, FrictionScatter, estimate
 from sysid.refinement.lengthening import _neighbours, _Piece
 from sysid.refinement.problem import Iterate, Problem, RunErrors
@@ -152,6 +153,50 @@ def test_steps_with_the_same_slopes_end_where_those_with_their_own_do(found: Est
     known = found.problem.equations([run.errors for run in own.at.runs], own.point)
     for one, other in zip(known, own.at.runs, strict=True):
         np.testing.assert_array_equal(one.factor, other.factor)
+
+
+def test_friction_that_all_tests_share_and_that_is_their_own_is_one_direction(
+    simulated: tuple[list[Run], Model],
+) -> None:
+    """The model's sliding friction up, each test's own down: no simulation changes."""
+    problem = problem_of(*simulated)
+    point = problem.first_point()
+    unseen = problem.unseen_friction(point)
+    assert unseen is not None
+    own = unseen[len(NAMES) :].reshape(-1, 2)
+    moved = Iterate(point.shared + 1e-3 * unseen[: len(NAMES)], 1e-3 * own, point.starts)
+    here, there = (problem.model_for(at, 0).parameters for at in (point, moved))
+    for name in ("coulomb_effort", "viscous"):
+        assert abs(float(getattr(there, name)) / float(getattr(here, name)) - 1.0) < 1e-8
+    alone = dataclasses.replace(problem, unknowns=problem.unknowns[1:])
+    assert alone.unseen_friction(alone.first_point()) is None  # Coulomb friction is fixed
+
+
+def test_a_damped_descent_moves_friction_of_all_tests_at_once(
+    simulated: tuple[list[Run], Model],
+) -> None:
+    """Little scatter: the tests' own friction is nearly one number, moved against the mean."""
+    problem = dataclasses.replace(problem_of(*simulated), scatter=(0.005, 0.005))
+    end = solve(problem, problem.first_point(), 25, 0.5, first_step=300.0)
+    assert end.converged and end.evaluations <= 4  # damped each for themselves: 7
+
+
+def test_runs_between_the_ends_of_a_scan_are_as_simulated(
+    simulated: tuple[list[Run], Model],
+) -> None:
+    problem = problem_of(*simulated)
+    here = problem.first_point()
+    points = [
+        dataclasses.replace(here, friction=np.column_stack([np.zeros(LOGS), np.full(LOGS, s)]))
+        for s in (0.0, -3.0, 3.0, 1.0, -0.5)
+    ]
+    inputs = [i for point in points for i in problem.inputs(point)]
+    models = [m for point in points for m in problem.models(point)]
+    found = settling._simulated(problem, points, inputs, models)
+    shared = len({id(one) for one in found})
+    assert len(problem.runs) < shared < len(found)  # some shafts rest, and some never do
+    for one, other in zip(found, simulate(inputs, models), strict=True):
+        np.testing.assert_array_equal(one.states, other.states)
 
 
 def test_a_scan_finds_static_friction_that_has_no_slope() -> None:

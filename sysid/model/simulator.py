@@ -29,7 +29,7 @@ MAX_STEP = 1e-3
 
 # Runs simulated together in one compiled call. A batch is cut into blocks of these widths,
 # padded with idle runs, so that few shapes are ever compiled.
-_WIDTHS = (1, 8, 32)
+_WIDTHS = (1, 32)
 # Rows (mean flows: sub-steps) in one compiled call: the compiled shapes do not depend on a
 # log's length. The record of this many stays in a core's cache.
 _ROWS = 1280

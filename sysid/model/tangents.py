@@ -44,7 +44,7 @@ STARTS = STATE
 """The first tangents of every run: by its start position, velocity and pressures."""
 
 # As in `simulator`: few shapes are ever compiled.
-_WIDTHS = (8, 32)
+_WIDTHS = (8,)
 _ROWS = (256, 1024)
 # Delays are moved by this for the edges' tangents, s: less than any sub-step that counts.
 _DELAY_STEP = 1e-7

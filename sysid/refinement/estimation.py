@@ -121,6 +121,7 @@ def estimate(
             _ROUGHLY,
             first_step=_HARDLY_DAMPED,
             chords=number > 0,
+            roughly=True,
         )
         evaluations += solution.evaluations
         left = solution.at.residuals

@@ -332,6 +332,25 @@ class Problem:
         """Which of the unknowns is static friction."""
         return next((i for i, u in enumerate(self.unknowns) if u.direction == _STATIC), None)
 
+    def unseen_friction(self, point: Iterate) -> FloatArray | None:
+        """The direction (p + 2 tests,) of the shared unknowns, then of each test's friction, along
+        which no simulation changes; None where there is none.
+
+        The model's sliding friction grows as each test's own shrinks about it.
+        """
+        number = {u.direction: i for i, u in enumerate(self.unknowns)}
+        found = np.zeros(len(self.unknowns) + 2 * self.tests)
+        for name in SLIDING:
+            i = number.get((0, name))
+            if i is None:
+                return None
+            unknown, at = self.unknowns[i], float(point.shared[i])
+            found[i] = unknown.at(at) / unknown.slope(at) * self.scatter[0]
+        if not found[number[0, SLIDING[0]]]:
+            return None
+        found[len(self.unknowns) :: 2] = -1.0
+        return found
+
     @property
     def knows_static(self) -> bool:
         """Whether static friction is fixed, or the bench tests say what it is."""

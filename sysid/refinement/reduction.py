@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import gammaincinv
 
 from sysid.refinement.factors import triangular
 from sysid.refinement.problem import LOCAL, Iterate, Linearised, Problem
@@ -103,8 +104,6 @@ class ReducedEquations:
         as many degrees of freedom be as there are runs that speak of the unknown (Satterthwaite
         1946).
         """
-        from scipy.stats import chi2
-
         inverse = self.covariance()
         known = np.maximum(np.diag(inverse), np.finfo(float).tiny)
         shares = np.array([np.sum((rows[:, :-1] @ inverse) ** 2, axis=0) for rows in self.own])
@@ -115,7 +114,7 @@ class ReducedEquations:
         total = shares.sum(axis=0)
         runs = total**2 / np.sum(shares**2, axis=0)
         ratio = np.sum(steps**2, axis=0) / known / total
-        chance = chi2.ppf(_SURE, runs) / runs
+        chance = 2.0 * gammaincinv(runs / 2.0, _SURE) / runs  # chi-squared's quantile
         # The prior's share of what is known scatters as it says.
         found = 1.0 + np.minimum(total, 1.0) * np.where(ratio > chance, ratio - 1.0, 0.0)
         return np.asarray(np.sqrt(np.maximum(found, 1.0)))

@@ -32,9 +32,6 @@ _MOST_ASIDE = 0.25
 _MOST_CHANGES = 2
 # So many steps that lower the cost by less than this share together are the end of it.
 _STILL, _LEAST_LOWERING = 4, 3e-5
-# One over a damping that is none: friction's mean, and each test's about it, of which the tests
-# know the sum, hardly move under any other. Tried once, near the solution, where a step is safe.
-_LEAP = 1e15
 # Steps of less than this, in standard errors, are within what an interval says.
 _NEAR_ENOUGH = 0.25
 # A run is followed again where its cost per row is at most this many times the counted ones'.
@@ -64,16 +61,18 @@ class Solution:
 
 
 class _Trial(NamedTuple):
-    """A step that optimistix proposes, in scaled unknowns, and what it needs for the answer."""
+    """A step `y` that optimistix proposes along `directions` (m, m), columns of reduced unknowns,
+    and what it needs for the answer.
+    """
 
-    scale: FloatArray
+    directions: FloatArray
     y: Any
     state: Any
 
     @property
     def step(self) -> FloatArray:
         """Of the reduced unknowns (m,)."""
-        return np.asarray(self.y) * self.scale
+        return np.asarray(self.directions @ np.asarray(self.y))
 
 
 def _affine(y: Any, at: tuple[Any, Any, Any]) -> tuple[Any, None]:
@@ -109,22 +108,36 @@ def _optimistix(size: int) -> tuple[Callable[..., Any], Callable[..., Any]]:
     return equinox.filter_jit(propose), equinox.filter_jit(answer)
 
 
-def _at(base: ReducedEquations, y: Any, scale: FloatArray) -> tuple[Any, Any, Any]:
-    """The equations in scaled unknowns; of those whose scale is 0, without slopes."""
+def _at(base: ReducedEquations, y: Any, directions: FloatArray) -> tuple[Any, Any, Any]:
+    """The equations along these directions; of those that are 0, without slopes."""
     from sysid.model.jax_setup import jnp
 
-    return y, jnp.asarray(base.r), jnp.asarray(base.jacobian * scale)
+    return y, jnp.asarray(base.r), jnp.asarray(base.jacobian @ directions)
+
+
+def _directions(problem: Problem, base: ReducedEquations) -> FloatArray:
+    """Those that a step is damped along, (m, m): the columns' sizes are one over their slopes'.
+
+    Damping means the same to each unknown then (Marquardt 1963). Friction's mean and each test's
+    about it, of which the tests know the sum, would hardly move under any, so their difference is
+    a direction of its own.
+    """
+    found = np.eye(base.jacobian.shape[1])
+    stopped, unseen = base.stopped(problem), problem.unseen_friction(base.point)
+    if unseen is not None and not (stopped & (unseen != 0.0)).any():
+        found[:, int(np.argmax(unseen != 0.0))] = unseen
+    found /= np.maximum(np.linalg.norm(base.jacobian @ found, axis=0), _LEAST_NORM)
+    found[:, stopped] = 0.0
+    return found
 
 
 def _propose(problem: Problem, base: ReducedEquations, step_size: float) -> _Trial:
     from sysid.model.jax_setup import jnp
 
-    # Damping means the same to each unknown (Marquardt).
-    scale = 1.0 / np.maximum(np.linalg.norm(base.jacobian, axis=0), _LEAST_NORM)
-    scale[base.stopped(problem)] = 0.0
-    propose, _ = _optimistix(len(scale))
-    state = propose(_at(base, jnp.zeros(len(scale)), scale), jnp.asarray(step_size))
-    return _Trial(scale, state.y_eval, state)
+    directions = _directions(problem, base)
+    propose, _ = _optimistix(len(directions))
+    state = propose(_at(base, jnp.zeros(len(directions)), directions), jnp.asarray(step_size))
+    return _Trial(directions, state.y_eval, state)
 
 
 def _answer(
@@ -136,10 +149,10 @@ def _answer(
     """
     from sysid.model.jax_setup import jnp
 
-    propose, answer = _optimistix(len(given.scale))
-    at = _at(base, jnp.zeros(len(given.scale)), given.scale)
+    propose, answer = _optimistix(len(given.directions))
+    at = _at(base, jnp.zeros(len(given.directions)), given.directions)
     state = propose(at, jnp.asarray(step_size))
-    accepted, size = answer(at, _at(trial, given.y, given.scale), state, given.y)
+    accepted, size = answer(at, _at(trial, given.y, given.directions), state, given.y)
     return bool(accepted), float(size)
 
 
@@ -152,6 +165,7 @@ def solve(
     least: int = 1,
     first_step: float = 1.0,
     chords: bool = False,
+    roughly: bool = False,
     known: Sequence[Linearised] | None = None,
 ) -> Solution:
     """Minimise a problem's cost from a point, with `least` to `most` evaluations.
@@ -162,31 +176,28 @@ def solve(
 
     With `chords`, for a start near the solution, up to three steps are taken with the same slopes
     (the chord method: Ortega, Rheinboldt 1970, 7.1), which only a simulation is needed for; where
-    it ends is decided with the slopes there.
+    it ends is decided with the slopes there, `roughly` with these.
     """
     count = len(problem.runs)
     counted, damping = np.ones(count, dtype=bool), np.zeros(count)
     first = problem.equations([k.errors for k in known], point) if known else None
     base = reduced(problem, point, first or problem.linearised(point), damping, counted)
     step_size, refused, evaluations, chord = first_step, 0, int(not known), 0
-    steps, leapt = 0, False
+    steps = 0
     changes, costs = np.zeros(count, dtype=int), [base.cost]
     while evaluations < most and refused < _MOST_REFUSED and steps < _MOST_STEPS * most:
         check_time()
         ended = (known or evaluations >= least) and (
             _is_near(problem, base, near) or _stagnates(costs)
         )
-        if ended and not chord:
+        if ended and (roughly or not chord):
             break
         if chord and (ended or refused or chord == _MOST_CHORDS):
             base, chord = _with_own_slopes(problem, base, damping, counted), 0
             evaluations += 1
             continue
         steps += 1
-        leaps = not leapt and _is_slow(costs)
-        leapt |= leaps
-        tried = _LEAP if leaps else step_size
-        given = _propose(problem, base, tried)
+        given = _propose(problem, base, step_size)
         to = base.moved(problem, given.step, counted)
         runs = problem.linearised(to, base.runs if chords else None)
         evaluations += not chords
@@ -195,16 +206,15 @@ def solve(
         fewer = counted & ~aside
         trial = reduced(problem, to, runs, damping, fewer)
         comparable = reduced(problem, base.point, base.runs, damping, fewer)
-        accepted, size = _answer(comparable, trial, given, tried)
-        step_size = step_size if leaps and not accepted else size
-        refused = 0 if accepted or leaps else refused + 1
+        accepted, step_size = _answer(comparable, trial, given, step_size)
+        refused = 0 if accepted else refused + 1
         if accepted:
             back = _followed(problem, trial, fewer) & (changes < _MOST_CHANGES)
             costs = [] if (aside | back).any() else [*costs, trial.cost]
             changes += aside
             base, counted, chord = trial, fewer | back, chord + chords
         base = reduced(problem, base.point, base.runs, damping, counted)
-    if chord:
+    if chord and not roughly:
         base = _with_own_slopes(problem, base, damping, counted)
         evaluations += 1
     converged = _is_near(problem, base, max(near, _NEAR_ENOUGH))
@@ -220,11 +230,6 @@ def _with_own_slopes(
 
 def _is_near(problem: Problem, base: ReducedEquations, near: float) -> bool:
     return float(np.max(base.shared_step(problem), initial=0.0)) < near
-
-
-def _is_slow(costs: Sequence[float]) -> bool:
-    """Whether the last step lowered the cost by less than an interval's width is worth."""
-    return len(costs) > 1 and costs[-2] - costs[-1] < 1.0
 
 
 def _stagnates(costs: Sequence[float]) -> bool:

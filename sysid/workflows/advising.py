@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from sysid.bundle import Bundle
 from sysid.diagnosis.actuator.search import SIGNIFICANCE
@@ -38,7 +38,7 @@ def advise(
 
     catalogue = catalogue_from(effects)
     # As in a diagnosis: an effect is seen where chance among all of them is excluded.
-    threshold = float(norm.isf(SIGNIFICANCE / len(catalogue or own_catalogue())))
+    threshold = -float(ndtri(SIGNIFICANCE / len(catalogue or own_catalogue())))
     with progress_or_shown(progress, "advising") as tell:
         return advice.advise(
             campaign, bundle, threshold=threshold, catalogue=catalogue, progress=tell

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 
 import numpy as np
+from scipy.special import ndtr
 
 from sysid.diagnosis.actuator.equation_error import CHANNELS
 from sysid.diagnosis.actuator.screening import Projected, screen_group
@@ -81,12 +82,10 @@ class Null:
         which a real rig's own numerics may exceed by some share; the family is controlled by
         Bonferroni's bound.
         """
-        from scipy.stats import norm
-
         roots = np.sqrt(np.maximum(self.gains(effect), float(strengths)))
         spread = max(1.0, float(np.std(roots, ddof=1)) if len(roots) > 1 else 1.0)
         distance = (math.sqrt(gain) - MARGIN * float(np.mean(roots))) / spread
-        return min(1.0, max(self.family * float(norm.sf(distance)), _SMALLEST_P))
+        return min(1.0, max(self.family * float(ndtr(-distance)), _SMALLEST_P))
 
     def ratio(self, effect: str, gain: float) -> float:
         """A gain over the largest that a twin shows (at least 10: noise alone)."""

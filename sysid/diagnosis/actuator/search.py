@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from sysid.diagnosis.actuator.equation_error import BREAKAWAY, channels_of
 from sysid.diagnosis.actuator.null_distribution import Null
@@ -393,7 +393,7 @@ def _suspects(best: dict[str, Explained], null: Null, book: Book) -> list[Suspec
     remarkable = [
         name
         for name, result in best.items()
-        if null.family * chi2.sf(result.gain, len(result.coefficients)) < SIGNIFICANCE
+        if null.family * chdtrc(len(result.coefficients), result.gain) < SIGNIFICANCE
     ][:_CALIBRATED]
     gains = {name: best[name].gain for name in remarkable}
     known = null.calibrate(gains, WORTH_REFITTING * max(gains.values(), default=0.0), book)
