@@ -17,7 +17,7 @@ from sysid.refinement.estimation import Estimated, FrictionScatter, estimate
 from sysid.refinement.lengthening import _neighbours, _Piece
 from sysid.refinement.problem import Iterate, Problem, RunErrors
 from sysid.refinement.profiles import profile
-from sysid.refinement.reduction import ReducedEquations
+from sysid.refinement.reduction import ReducedEquations, reduced
 from sysid.refinement.runs import Run
 from sysid.refinement.scan import scanned
 from sysid.refinement.solver import solve
@@ -367,6 +367,16 @@ def test_errors_are_enlarged_by_what_the_runs_show_beyond_chance(found: Estimate
     assert np.mean(np.array(by_chance) > 1.0) <= 0.1
     larger = [with_errors_of(6.0, at, rng).enlargement()[flow] for _ in range(40)]
     assert np.sqrt(np.mean(np.square(larger))) == pytest.approx(6.0, rel=0.25)
+
+
+def test_where_a_descent_ends_its_errors_are_those_of_the_least(found: Estimated) -> None:
+    """A tenth of a standard error off, not six times as uncertain by what no other run says."""
+    problem, least = found.problem, found.solution
+    std = np.sqrt(np.diag(least.at.covariance()))[: len(NAMES)]
+    near = dataclasses.replace(least.point, shared=least.point.shared + 0.1 * std)
+    none = np.zeros(len(problem.runs))
+    there = reduced(problem, near, problem.linearised(near), none, least.counted)
+    np.testing.assert_allclose(there.enlargement(), least.at.enlargement(), rtol=0.05)
 
 
 def test_rows_of_an_encoder_at_rest_count_as_one(simulated: tuple[list[Run], Model]) -> None:

@@ -25,6 +25,7 @@ from sysid.model.effects.linear import for_rig
 from sysid.refinement.advice_result import AdviceResult, CandidateTest, Tie
 from sysid.refinement.candidates import CandidateMotion, candidate_motions
 from sysid.refinement.effect_sizes import effect_sizes
+from sysid.refinement.estimation import EXACT
 from sysid.refinement.expected_errors import with_expected_errors
 from sysid.refinement.information import covariance
 from sysid.refinement.options import (
@@ -131,9 +132,13 @@ def _coordinate_std(found: FloatArray, count: int) -> FloatArray:
 
 
 def _std(found: FloatArray, unknowns: Sequence[Unknown]) -> FloatArray:
-    """(p,) in the parameters' units; infinite where nothing is known."""
+    """(p,) in the parameters' units; infinite where nothing is known.
+
+    As of a refinement, at least what the equations are integrated to.
+    """
     slopes = np.array([abs(u.slope(u.start)) for u in unknowns])
-    return np.asarray(slopes * _coordinate_std(found, len(unknowns)))
+    exact = EXACT * np.array([u.value for u in unknowns])
+    return np.hypot(slopes * _coordinate_std(found, len(unknowns)), exact)
 
 
 def _reduction(now: FloatArray, option: Option, count: int) -> float:

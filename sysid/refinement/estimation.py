@@ -35,7 +35,7 @@ _FINE_STEP = 5e-4
 _FINEST_STEP = 1.25e-4
 # Two integrations of the same equations put flows so far apart, relatively: long logs at the
 # encoder's resolution say more than that (`benchmarks/refinement.py coverage`).
-_EXACT = 1e-6
+EXACT = 1e-6
 _LEAST_SCATTER = 1e-3
 _FEW_RUNS = 20
 
@@ -59,8 +59,8 @@ class FrictionScatter:
 class Estimated:
     """The last problem and its solution, the runs that the model does not follow, the scatter.
 
-    `shorter`: the estimate from the runs before they were joined, `joined` so many as one (0: all
-    of a test).
+    `shorter`: the first estimate that converged before the runs were joined, `joined` so many as
+    one (0: all of a test).
     """
 
     problem: Problem
@@ -78,7 +78,7 @@ class Estimated:
         larger, shared = self.enlargement(), self.solution.point.shared
         found = self.solution.at.covariance() * np.outer(larger, larger)
         for i, (unknown, at) in enumerate(zip(self.problem.unknowns, shared, strict=True)):
-            found[i, i] += (_EXACT * unknown.at(float(at)) / unknown.slope(float(at))) ** 2
+            found[i, i] += (EXACT * unknown.at(float(at)) / unknown.slope(float(at))) ** 2
         return np.asarray(found)
 
     def enlargement(self) -> FloatArray:
@@ -249,6 +249,7 @@ def _scatter_of(problem: Problem, solution: Solution, bench: FrictionScatter) ->
 
 
 __all__ = [
+    "EXACT",
     "NOT_FOLLOWED",
     "Estimated",
     "FrictionScatter",

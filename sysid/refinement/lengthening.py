@@ -140,7 +140,7 @@ def _accepted(
         problem=problem,
         solution=solution,
         evaluations=evaluations,
-        shorter=found.shorter or found,
+        shorter=found.shorter or (found if found.solution.converged else None),
         joined=joined,
     )
 

@@ -102,15 +102,17 @@ class ReducedEquations:
         says where the whitening is right (Bell, McCaffrey 2002). What the model lacks makes
         runs differ by more, and their sum of squares larger than chance lets a chi-squared of
         as many degrees of freedom be as there are runs that speak of the unknown (Satterthwaite
-        1946).
+        1946). The gradients are those where the equations are least: a run that alone says
+        something of an unknown leaves a difference to that, however small, only there.
         """
         inverse = self.covariance()
+        there = np.append(-np.linalg.lstsq(self.jacobian, self.r, rcond=None)[0], 1.0)
         known = np.maximum(np.diag(inverse), np.finfo(float).tiny)
         shares = np.array([np.sum((rows[:, :-1] @ inverse) ** 2, axis=0) for rows in self.own])
         if not len(shares):
             return np.ones(len(known))
         shares = np.maximum(shares / known, _LEAST_SHARE)
-        steps = np.array([_step_alone(rows, inverse) for rows in self.own])
+        steps = np.array([_step_alone(rows[:, :-1], rows @ there, inverse) for rows in self.own])
         total = shares.sum(axis=0)
         runs = total**2 / np.sum(shares**2, axis=0)
         ratio = np.sum(steps**2, axis=0) / known / total
@@ -159,11 +161,12 @@ class ReducedEquations:
         return found
 
 
-def _step_alone(rows: FloatArray, inverse: FloatArray) -> FloatArray:
-    """Step (m,) of the reduced unknowns by a run's rows (k, m + 1), as if it had no leverage."""
-    slopes, residual = rows[:, :-1], rows[:, -1]
+def _step_alone(slopes: FloatArray, residual: FloatArray, inverse: FloatArray) -> FloatArray:
+    """Step (m,) of the reduced unknowns by a run's rows: its slopes (k, m) and its residual (k,),
+    as if it had no leverage.
+    """
     influence = slopes @ inverse
-    left, vectors = np.linalg.eigh(np.eye(len(rows)) - influence @ slopes.T)
+    left, vectors = np.linalg.eigh(np.eye(len(slopes)) - influence @ slopes.T)
     scaled = (vectors.T @ residual) / np.sqrt(np.maximum(left, _LEAST_LEFT))
     return np.asarray((vectors @ scaled) @ influence)
 
