@@ -16,7 +16,7 @@ from benchmarks.reference_plant import integrate
 from benchmarks.rigs import REFERENCE, random_runs
 from sysid.bundle import Bundle, Parts
 from sysid.bundle.assembled_model import surfaces_for
-from sysid.errors import InputError, NotIdentifiedError
+from sysid.errors import InputError, NotIdentifiedError, SimulationError
 from sysid.io.logs import Trial, with_channels
 from sysid.io.rig import rig_from_content
 from sysid.model import simulator, tables, valve_timing
@@ -162,6 +162,20 @@ def test_rows_far_apart_take_as_many_calls_as_they_need(monkeypatch: pytest.Monk
     time = np.array([0.0, 10.0])
     run = one(Inputs(time=time, motor=np.zeros(2), pressure_a=2e5), held())
     assert run.pressure_a[-1] == pytest.approx(1e5, rel=1e-3)
+
+
+def test_a_run_without_an_end_is_not_known_from_there_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It takes more calls than a table may; the run beside it is as it is alone."""
+    slow = Inputs(time=np.array([0.0, 10.0]), motor=np.zeros(2), pressure_a=2e5)
+    quick = Inputs(time=seconds(0.05), motor=np.zeros(51), pressure_a=2e5)
+    alone = one(quick, held())
+    models = [Model(held())] * 2
+    monkeypatch.setattr(simulator, "MOST_CALLS", -3)
+    with pytest.raises(SimulationError, match="switches without end"):
+        simulate([slow, quick], models)
+    endless, beside = simulate([slow, quick], models, nan_if_endless=True)
+    assert np.isfinite(endless.states[:, 0]).all() and np.isnan(endless.states[:, 1]).all()
+    np.testing.assert_array_equal(beside.states, alone.states)
 
 
 def test_a_run_in_pieces_with_many_edges_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:

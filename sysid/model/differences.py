@@ -37,7 +37,8 @@ def simulate_differences(
     """Simulate every run as `simulator.simulate` does, with slopes along `directions`.
 
     `sizes` (directions,): what a number is worth, in its own unit. Slopes as in
-    `tangents.simulate_tangents`; raises as it does.
+    `tangents.simulate_tangents`; raises as it does, but where a run switches without end, which
+    is NaN from there on.
     """
     found: list[Tangents] = []
     width = 1 + len(STATE) + len(directions)
@@ -91,7 +92,8 @@ def _differences(
 
 
 def _simulated(lanes: Sequence[tuple[Inputs, Model]], max_step: float) -> list[Trajectory]:
-    return simulate([one for one, _ in lanes], [model for _, model in lanes], max_step=max_step)
+    inputs, models = [one for one, _ in lanes], [model for _, model in lanes]
+    return simulate(inputs, models, max_step=max_step, nan_if_endless=True)
 
 
 def _jumps(slopes: FloatArray, steps: FloatArray) -> FloatArray:

@@ -38,6 +38,10 @@ _ROWS = 1280
 COMPILER_OPTIONS = {"xla_backend_optimization_level": 2, "xla_cpu_prefer_vector_width": 512}
 # No run needs nearly as many continuations for its events: more would be an endless loop.
 MOST_CALLS = 1000
+ENDLESS = (
+    "simulation: the model switches without end at one instant; its effects or flows do not fit "
+    "together"
+)
 
 
 @dataclass(frozen=True)
@@ -135,7 +139,11 @@ def run_through(
 
 
 def _advance_block(
-    block: Block, inputs: list[Inputs], models: list[Model], surfaces: tuple[Any, ...]
+    block: Block,
+    inputs: list[Inputs],
+    models: list[Model],
+    surfaces: tuple[Any, ...],
+    nan_if_endless: bool,
 ) -> list[FloatArray]:
     """(4, samples) of every run: position, velocity, pressures at its rows."""
     model = stack_models(models)
@@ -145,20 +153,25 @@ def _advance_block(
     rows = _Rows(lanes, [len(one.time) for one in inputs[: len(block.runs)]])
     if surfaces:
         lanes = lanes._replace(ripple_a=np.zeros(len(inputs)), ripple_b=np.zeros(len(inputs)))
+    endless = np.zeros(len(inputs), dtype=bool)
     for _, table in block.tables():
         lanes = at_first_row(lanes)
+        if endless.any():
+            lanes = lanes._replace(index=np.where(endless, table.count, lanes.index))
         calls = 0
         while (np.asarray(lanes.index) < table.count).any():
             if calls == MOST_CALLS + table.calls:
-                raise SimulationError(
-                    "simulation: the model switches without end at one instant; its effects "
-                    "or flows do not fit together"
-                )
+                if not nan_if_endless:
+                    raise SimulationError(ENDLESS)
+                endless |= np.asarray(lanes.index) < table.count
+                break
             calls += 1
             lanes, states, reached = _advance_chunk(
                 lanes, table, packed, structure=structure, effects=len(model.effects), layout=layout
             )
             rows.collect(states, np.asarray(reached))
+    for i in np.flatnonzero(endless[: len(block.runs)]):
+        rows.runs[i][:, rows.filled[i] :] = math.nan
     return rows.runs
 
 
@@ -283,6 +296,8 @@ def simulate(
     models: Sequence[Model],
     surfaces: tuple[Any, ...] = (),
     max_step: float = MAX_STEP,
+    *,
+    nan_if_endless: bool = False,
 ) -> list[Trajectory]:
     """Simulate every run open loop, each with its own model, all at once.
 
@@ -294,7 +309,9 @@ def simulate(
     and the pressures ripple with the pulses (`pulse_means`). Runs may differ in length and
     sampling. The result at the rows of `inputs` does not depend on which runs share a batch.
 
-    Raises NotIdentifiedError for a parameter that is NaN, ValueError for malformed inputs.
+    Raises NotIdentifiedError for a parameter that is NaN, ValueError for malformed inputs,
+    SimulationError where a run switches without end at one instant: it is NaN from there on, and
+    the others are as they are, with `nan_if_endless`.
     """
     if not inputs:
         return []
@@ -318,6 +335,7 @@ def simulate(
             [i for i, _ in filled],
             [m for _, m in filled],
             surfaces,
+            nan_if_endless,
         )
 
     if len(blocks) == 1:

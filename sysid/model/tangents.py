@@ -25,6 +25,7 @@ from sysid.model.ports import Model, Structure, join, overrides, split, stack_mo
 from sysid.model.preparation import Inputs, Shared, prepare
 from sysid.model.simulator import (
     COMPILER_OPTIONS,
+    ENDLESS,
     MAX_STEP,
     MOST_CALLS,
     STATE,
@@ -139,10 +140,7 @@ def _block(
         calls = 0
         while (np.asarray(lanes.index) < table.count).any():
             if calls == MOST_CALLS + table.calls:
-                raise SimulationError(
-                    "simulation: the model switches without end at one instant; its effects "
-                    "or flows do not fit together"
-                )
+                raise SimulationError(ENDLESS)
             calls += 1
             lanes, slopes, states, tangents, reached = _advance_chunk(
                 lanes,

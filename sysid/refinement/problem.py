@@ -175,7 +175,7 @@ class Problem:
             found = simulate_tangents(inputs, models, directions, max_step=self.max_step)
         if self.fine_step is not None:
             # Slopes cost many times a simulation and need not be as exact.
-            runs = simulate(inputs, models, max_step=self.fine_step)
+            runs = simulate(inputs, models, max_step=self.fine_step, nan_if_endless=True)
             found = [_with_states(own, run) for own, run in zip(found, runs, strict=True)]
         errors = [
             self._errors(run, own, model, point, directions)
@@ -193,7 +193,8 @@ class Problem:
         return self._residuals(self.inputs(point), self.models(point))
 
     def _residuals(self, inputs: Sequence[Inputs], models: Sequence[Model]) -> list[FloatArray]:
-        found = simulate(inputs, models, max_step=self.fine_step or self.max_step)
+        step = self.fine_step or self.max_step
+        found = simulate(inputs, models, max_step=step, nan_if_endless=True)
         return [
             self.errors_alone(run, own, model).residual
             for run, own, model in zip(self.runs, found, models, strict=True)

@@ -180,7 +180,8 @@ def _estimated(
         found = estimate(problem, scatter, robust=robust, progress=progress)
         found = lengthened(found, tests, progress)
         progress("derivatives of the solution")
-        with contextlib.suppress(OutOfTimeError):  # differences tell the errors as well
+        # Differences tell the errors as well.
+        with contextlib.suppress(OutOfTimeError, SimulationError):
             return with_derivatives(found)
     return found
 

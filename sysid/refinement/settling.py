@@ -80,7 +80,8 @@ def _simulated(
     found: dict[int, Trajectory] = {}
 
     def simulate_all(numbers: list[int]) -> None:
-        some = simulate([inputs[k] for k in numbers], [models[k] for k in numbers])
+        own = [inputs[k] for k in numbers], [models[k] for k in numbers]
+        some = simulate(*own, nan_if_endless=True)
         found.update(zip(numbers, some, strict=True))
 
     simulate_all(sorted(set(ends.ravel().tolist())))
