@@ -5,14 +5,16 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from sysid.commands.app import main
 from sysid.display.text_plot import text_plot
-from sysid.model.effects import catalogue, load_user_effects, motor
-from sysid.model.effects.demonstration import CHANNELS, demonstrate
+from sysid.model.effects import catalogue, friction, load_user_effects, motor
+from sysid.model.effects.demonstration import demonstrate, reference_parameters
+from sysid.model.effects.linear import linear_form
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "how-to" / "own-effect.md"
 
@@ -87,7 +89,7 @@ def test_the_picture(
     assert output.read_bytes().startswith(start)
     assert list(tmp_path.iterdir()) == [output]
     shown = demonstrate(motor.TorqueOffset)
-    for channel, unit in CHANNELS:
+    for channel, unit in shown.channels:
         change = printed["changes"][channel]
         assert change["unit"] == unit
         assert change["largest"] == np.abs(shown.difference(channel)).max()
@@ -99,6 +101,25 @@ def test_a_positive_offset_moves_the_arm_further() -> None:
     difference = shown.difference("theta_rad")
     assert difference.mean() > 0.01
     assert abs(shown.base["theta_rad"]).max() < 1.55  # off the end stops
+
+
+@pytest.mark.parametrize("effect", [motor.TorqueOffset, friction.SealFriction])
+def test_a_linear_axis_moves_as_the_rack_of_the_same_rig(effect: Any) -> None:
+    """A position is the angle times the pinion's radius."""
+    arm, rack = demonstrate(effect), demonstrate(linear_form(effect), linear=True)
+    assert [unit for _, unit in rack.channels] == ["m", "Pa", "Pa"]
+    radius = float(reference_parameters().pitch_radius)
+    for one, other, off in ((arm.base, rack.base, 1e-6), (arm.changed, rack.changed, 0.01)):
+        moved = radius * one["theta_rad"]  # usual sizes are rounded, for another radius
+        assert np.abs(other["position_m"] - moved).max() < off * np.abs(moved).max()
+    assert np.abs(rack.difference("position_m")).max() > 0.015 * np.abs(moved).max()
+
+
+def test_effects_of_a_linear_axis(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["effects", "torque-offset", "--linear", "--json"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["parameters"][0]["unit"] == "N"
+    assert printed["changes"]["position_m"]["unit"] == "m"
 
 
 def test_the_text_plot_draws_the_curve_and_its_zero_line() -> None:

@@ -14,8 +14,9 @@ from sysid.display.text_plot import WIDTH, text_plot
 from sysid.errors import input_error
 from sysid.io.files import write_atomic
 from sysid.model.effects.catalogue import catalogue, catalogue_entry, catalogue_with, effect_named
-from sysid.model.effects.demonstration import CHANNELS, Demonstration, demonstrate, demonstrate_own
+from sysid.model.effects.demonstration import Demonstration, demonstrate, demonstrate_own
 from sysid.model.effects.entry import Catalogue, CatalogueEffect
+from sysid.model.effects.linear import for_rig
 from sysid.model.effects.picture import PICTURES, picture
 
 
@@ -23,19 +24,25 @@ from sysid.model.effects.picture import PICTURES, picture
 @click.argument("name", metavar="[ID]", required=False)
 @effects_option
 @click.option("-o", "output", type=PathArgument, help="Plot of what ID changes, SVG or PNG.")
+@click.option("--linear", is_flag=True, help="As a linear axis has them: N, m and kg.")
 @json_option
-def effects(name: str | None, effects: Path | None, output: Path | None, as_json: bool) -> None:
+def effects(
+    name: str | None, effects: Path | None, output: Path | None, linear: bool, as_json: bool
+) -> None:
     """The catalogue of effects; with ID one entry in full, and its influence on a rig."""
     if output is not None:
         _check_picture(name, output)
-    known = catalogue_with(effects)
+    known = for_rig(catalogue_with(effects), linear)
     if name is None:
         _show_list(known, as_json)
         return
     effect = effect_named(name, known)
     progress("simulating ")(effect.id)
     is_own = effect.id not in catalogue()
-    shown = demonstrate_own(effect, effects) if is_own and effects else demonstrate(effect)
+    if is_own and effects:
+        shown = demonstrate_own(effect, effects, linear=linear)
+    else:
+        shown = demonstrate(effect, linear=linear)
     if output is not None:
         write_atomic(output, picture(effect, shown, output.suffix.lower()))
     if as_json:
@@ -92,14 +99,14 @@ def _show_entry(effect: type[CatalogueEffect], shown: Demonstration, output: Pat
     for q in effect.quantities:
         kind = "strength" if q.is_strength else "shape"
         bounds = f"{q.lower:.4g} to {q.upper:.4g}"
-        table.add_row(*map(Text, (q.name, q.unit, f"{q.typical:.4g}", bounds, kind, q.meaning)))
+        table.add_row(*map(Text, (q.label, q.unit, f"{q.typical:.4g}", bounds, kind, q.meaning)))
     out.print(table)
     if output is not None:
         print_written([output])
         return
     out.print(Text("Change by the effect at typical size, simulated", style="bold"))
     changes = shown.changes()
-    for channel, unit in CHANNELS:
+    for channel, unit in shown.channels:
         largest = changes[channel]["largest"]
         out.print(Text(f"{channel}, at most {largest:.3g} {unit}"))
         if largest > 0.0:

@@ -17,7 +17,7 @@ from sysid.model.ports import Model
 from sysid.model.sensors import measured_channels
 from sysid.types import FloatArray
 
-CHANNELS = (("theta_rad", "rad"), ("pressure_a_pa", "Pa"), ("pressure_b_pa", "Pa"))
+_PRESSURES = (("pressure_a_pa", "Pa"), ("pressure_b_pa", "Pa"))
 
 
 # The rest of the rig that a demonstration runs on: the thesis' friction (Nm, Nm s/rad) and
@@ -36,11 +36,15 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class Demonstration:
-    """Measured channels, (n,) each, of one test without and with an effect; time in s."""
+    """Measured channels, (n,) each, of one test without and with an effect; time in s.
+
+    `channels`: each one's name and unit, the position's first.
+    """
 
     time: FloatArray
     base: dict[str, FloatArray]
     changed: dict[str, FloatArray]
+    channels: tuple[tuple[str, str], ...]
 
     def difference(self, channel: str) -> FloatArray:
         """What the effect changes, (n,), in the channel's unit."""
@@ -54,7 +58,7 @@ class Demonstration:
                 "largest": float(np.abs(self.difference(channel)).max()),
                 "unit": unit,
             }
-            for channel, unit in CHANNELS
+            for channel, unit in self.channels
         }
 
 
@@ -64,31 +68,62 @@ def reference_parameters() -> Parameters:
     return parameters_from_rig(rig, **_FRICTION, valve_a=_VALVE_A, valve_b=_VALVE_B)
 
 
-def demonstrate(effect: type[CatalogueEffect]) -> Demonstration:
+def linear_parameters() -> Parameters:
+    """The same rig as a linear axis: what its arm does, its rack does at the pinion's radius."""
+    rotary = reference_parameters()
+    radius = float(rotary.pitch_radius)
+    return rotary.replace(
+        pitch_radius=1.0,
+        inertia=rotary.inertia / radius**2,
+        viscous=rotary.viscous / radius**2,
+        gravity_moment=0.0,
+        **{name: getattr(rotary, name) / radius for name in _EFFORTS},
+    )
+
+
+_EFFORTS = ("static_effort", "coulomb_effort", "offset", "max_effort")
+
+
+def demonstrate(effect: type[CatalogueEffect], *, linear: bool = False) -> Demonstration:
     """One short test of the reference rig, with the effect at neutral and at typical size.
 
-    The motor swings the arm alone for 2 s, then for 2 s together with valves under PWM.
+    The motor swings the arm alone for 2 s, then for 2 s together with valves under PWM. `linear`:
+    of that rig as a linear axis, for an effect in N and m.
     """
+    model = _base_model(linear)
+    inputs = demonstration_inputs(linear=linear)
+    with_it = [model + effect.neutral(), model + effect.typical()]
+    base, changed = _shown(inputs, with_it, linear)
+    position = ("position_m", "m") if linear else ("theta_rad", "rad")
+    return Demonstration(inputs.time, base, changed, (position, *_PRESSURES))
+
+
+def _base_model(linear: bool) -> Model:
+    return Model(linear_parameters() if linear else reference_parameters())
+
+
+def _shown(inputs: Any, models: list[Model], linear: bool) -> list[dict[str, FloatArray]]:
+    """What the sensors show with each model."""
     from sysid.model.simulator import simulate
 
-    inputs = demonstration_inputs()
-    parameters = reference_parameters()
-    models = [Model(parameters) + effect.neutral(), Model(parameters) + effect.typical()]
-    base, changed = (
-        measured_channels(run, "theta_rad", model)
-        for run, model in zip(simulate([inputs] * 2, models), models, strict=True)
-    )
-    return Demonstration(inputs.time, base, changed)
+    runs = simulate([inputs] * len(models), models)
+    position = "position_m" if linear else "theta_rad"
+    return [measured_channels(r, position, m) for r, m in zip(runs, models, strict=True)]
 
 
-def demonstration_inputs() -> Any:
-    """The short test: the motor alone for 2 s, then for 2 s together with valves under PWM."""
+def demonstration_inputs(*, linear: bool = False) -> Any:
+    """The short test: the motor alone for 2 s, then for 2 s together with valves under PWM.
+
+    `linear`: a force, N, in place of a torque.
+    """
     from sysid.model.simulator import Inputs, ValveCommand
 
     time = np.linspace(0.0, 4.0, 4001)
     # Square and sine: reversals at full torque and slow ones.
     motor = np.where(time < 1.0, 0.6 * np.sign(np.cos(4.0 * np.pi * time)), 0.0)
     motor += np.where(time >= 1.0, 0.7 * np.cos(3.0 * np.pi * time), 0.0)
+    if linear:
+        motor = motor / float(reference_parameters().pitch_radius)
     swing = 0.42 * np.sin(4.0 * np.pi * time)
     pneumatic = time >= 2.0
     duties = [np.where(pneumatic, 0.45 + way * swing, 0.0) for way in (1.0, -1.0)]
@@ -96,15 +131,17 @@ def demonstration_inputs() -> Any:
     return Inputs(time, motor, valve_a, valve_b)
 
 
-def demonstrate_own(effect: type[CatalogueEffect], path: Path) -> Demonstration:
+def demonstrate_own(
+    effect: type[CatalogueEffect], path: Path, *, linear: bool = False
+) -> Demonstration:
     """`demonstrate` for a user's effect: its faults are the file's, not the program's.
 
     Raises InputError where the effect's code fails, gives no finite numbers or is not neutral.
     """
     where = f"{path}, class {effect.__name__}"
     try:
-        shown = demonstrate(effect)
-        bare = _bare()
+        shown = demonstrate(effect, linear=linear)
+        (bare,) = _shown(demonstration_inputs(linear=linear), [_base_model(linear)], linear)
     except InputError:
         raise
     except Exception as error:
@@ -118,16 +155,9 @@ def demonstrate_own(effect: type[CatalogueEffect], path: Path) -> Demonstration:
             "its simulation at typical size does not stay finite",
             "limit what its ports return",
         )
-    for channel, _ in CHANNELS:
+    for channel, _ in shown.channels:
         # Neutral ports give the same bits, but the compiler may round differently between them.
         if not np.allclose(shown.base[channel], bare[channel], rtol=_ROUNDING, atol=_ROUNDING):
             mend = "make every port return the value it is given at strength 0"
             raise input_error(where, f"at neutral strength it changes {channel}", mend)
     return shown
-
-
-def _bare() -> dict[str, FloatArray]:
-    from sysid.model.simulator import simulate
-
-    model = Model(reference_parameters())
-    return measured_channels(simulate([demonstration_inputs()], [model])[0], "theta_rad", model)

@@ -33,11 +33,14 @@ _MADE: dict[type[CatalogueEffect], type[CatalogueEffect]] = {}
 
 
 def linear_form(effect: type[CatalogueEffect]) -> type[CatalogueEffect]:
-    """The effect as a linear rig has it: the same ports, its quantities in N, m and kg."""
+    """The effect as a linear rig has it: the same ports, its quantities in N, m and kg, and its
+    texts of forces and positions.
+    """
     if effect not in _MADE:
-        quantities = tuple(map(_linear, effect.quantities))
-        content = {"quantities": quantities, "__doc__": effect.__doc__, "__module__": __name__}
-        is_same = quantities == effect.quantities
+        own: dict[str, Any] = {name: _worded(getattr(effect, name)) for name in _TEXTS}
+        own["quantities"] = tuple(map(_linear, effect.quantities))
+        content = own | {"__doc__": effect.__doc__, "__module__": __name__}
+        is_same = all(getattr(effect, name) == value for name, value in own.items())
         _MADE[effect] = effect if is_same else type(_PREFIX + effect.__name__, (effect,), content)
     return _MADE[effect]
 
@@ -62,13 +65,23 @@ def _linear(quantity: Quantity) -> Quantity:
         lower=_scaled(quantity.lower, scale),
         upper=_scaled(quantity.upper, scale),
         grid=tuple(_scaled(value, scale) for value in quantity.grid),
-        meaning=_WORDS.sub(lambda found: _LINEAR_WORDS[found[0]], quantity.meaning),
+        meaning=_worded(quantity.meaning),
         absent=None if quantity.absent is None else _scaled(quantity.absent, scale),
     )
 
 
-_LINEAR_WORDS = {"torque": "force", "angle": "position"}
-_WORDS = re.compile(r"\b(torque|angle)\b")
+_TEXTS = ("title", "signature", "tie_breaker")
+_LINEAR_WORDS = {
+    "torque": "force",
+    "Torque": "Force",
+    "angle": "position",
+    "arm": "axis",
+}
+_WORDS = re.compile(rf"\b({'|'.join(_LINEAR_WORDS)})\b")
+
+
+def _worded(text: str) -> str:
+    return _WORDS.sub(lambda found: _LINEAR_WORDS[found[0]], text)
 
 
 def _scaled(value: float, scale: float) -> float:

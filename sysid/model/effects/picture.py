@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from typing import Any
 
-from sysid.model.effects.demonstration import CHANNELS, Demonstration
+from sysid.model.effects.demonstration import Demonstration
 from sysid.model.effects.entry import CatalogueEffect
 
 PICTURES = (".png", ".svg")
@@ -23,18 +23,18 @@ def picture(effect: type[CatalogueEffect], shown: Demonstration, suffix: str) ->
     with matplotlib.rc_context(style):
         figure = Figure(figsize=(10.0, 6.5), layout="constrained")
         FigureCanvasAgg(figure)
-        axes = figure.subplots(len(CHANNELS), 2, sharex=True)
-        for row, (channel, unit) in zip(axes, CHANNELS, strict=True):
+        axes = figure.subplots(len(shown.channels), 2, sharex=True)
+        for row, (channel, unit) in zip(axes, shown.channels, strict=True):
             row[0].plot(shown.time, shown.base[channel], color="0.6", lw=2.0, label="base model")
             row[0].plot(shown.time, shown.changed[channel], color="C0", lw=1.0, label="with it")
-            row[0].set_ylabel(f"{channel}, {unit}" if channel == "theta_rad" else channel)
+            row[0].set_ylabel(channel if unit == "Pa" else f"{channel}, {unit}")
             row[1].axhline(0.0, color="0.6", lw=0.8)
             row[1].plot(shown.time, shown.difference(channel), color="C3", lw=1.0)
         axes[0, 0].legend()
         axes[0, 1].set_title("change by the effect", fontsize="medium")
         for ax in axes[-1]:
             ax.set_xlabel("time, s")
-        sizes = ", ".join(f"{q.name} = {q.typical:.3g}" for q in effect.quantities)
+        sizes = ", ".join(f"{q.label} = {q.typical:.3g}" for q in effect.quantities)
         figure.suptitle(f"{effect.title}: {sizes}", fontsize="medium")
         metadata: Any = {"Date": None} if suffix == ".svg" else None
         figure.savefig(buffer, format=suffix[1:], dpi=120, metadata=metadata)
