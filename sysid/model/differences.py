@@ -66,10 +66,12 @@ def _differences(
 ) -> list[Tangents]:
     steps = _STEP * np.concatenate([_SIZES, sizes])
     starts = [_with_start(*pair) for pair in pairs]
+    # Runs of one test share their model, and so the models beside it.
+    moved = {id(model): _moved(model, directions, steps) for _, model in starts}
     lanes = [
         lane
         for one, model in starts
-        for lane in ((one, model), *_neighbours(one, model, directions, steps))
+        for lane in ((one, model), *_neighbours(one, model, moved[id(model)], steps))
     ]
     width = 1 + len(steps)
     states = [run.states for run in _simulated(lanes, max_step)]
@@ -84,7 +86,10 @@ def _differences(
         found.append(Tangents(here, slopes))
         jumps += [(i, j) for j in np.flatnonzero(_jumps(slopes, steps))]
     if jumps:
-        other = [list(_neighbours(*starts[i], directions, -steps))[j] for i, j in jumps]
+        back = {id(starts[i][1]): _moved(starts[i][1], directions, -steps) for i, _ in jumps}
+        other = [
+            list(_neighbours(*starts[i], back[id(starts[i][1])], -steps))[j] for i, j in jumps
+        ]
         for (i, j), run in zip(jumps, _simulated(other, max_step), strict=True):
             slope = (run.states - found[i].states) / -steps[j]
             found[i].slopes[j] = 0.0 if _jumps(slope[None], steps[[j]])[0] else slope
@@ -109,15 +114,20 @@ def _with_start(inputs: Inputs, model: Model) -> tuple[Inputs, Model]:
     return (dataclasses.replace(inputs, **none) if none else inputs), model  # type: ignore[arg-type]
 
 
+def _moved(model: Model, directions: Sequence[Direction], steps: FloatArray) -> list[Model]:
+    """The model with each of its numbers a step further."""
+    pairs = zip(directions, steps[len(STATE) :], strict=True)
+    return [with_step(model, direction, float(step)) for direction, step in pairs]
+
+
 def _neighbours(
-    inputs: Inputs, model: Model, directions: Sequence[Direction], steps: FloatArray
+    inputs: Inputs, model: Model, moved: Sequence[Model], steps: FloatArray
 ) -> Iterator[tuple[Inputs, Model]]:
-    """The run with each start state, then each number of the model, a step further."""
+    """The run with each start state a step further, then with each of the models beside its own."""
     for name, step in zip(STATE, steps, strict=False):
-        moved = {name: getattr(inputs, name) + step}
-        yield dataclasses.replace(inputs, **moved), model
-    for direction, step in zip(directions, steps[len(STATE) :], strict=True):
-        yield inputs, with_step(model, direction, float(step))
+        yield dataclasses.replace(inputs, **{name: getattr(inputs, name) + step}), model
+    for other in moved:
+        yield inputs, other
 
 
 __all__ = ["simulate_differences"]
