@@ -23,6 +23,7 @@ from sysid.errors import InputError, NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import MOTION_KINDS, Campaign, read_campaign
 from sysid.model.effects.catalogue import catalogue
+from sysid.refinement import advice as advice_module
 from sysid.refinement.advice import advise
 from sysid.refinement.advice_result import AdviceResult
 from sysid.refinement.candidates import candidate_motions
@@ -114,6 +115,15 @@ def test_bench_friction_tests_say_what_their_scatter_lets_them(advice: AdviceRes
     assert each == pytest.approx([each[0]] * len(each), rel=1e-6)
     # The assumed 2 %, and motion tests that hardly differ.
     assert 0.01 < each[0] ** -0.5 / value < 0.021
+
+
+def test_nothing_is_foretold_that_the_integration_does_not_allow(advice: AdviceResult) -> None:
+    least = 1e-6 * np.array([u.value for u in advice.parameters])
+    assert (advice.now >= least).all()
+    for candidate in advice.candidates:
+        assert (candidate.std >= least).all()
+    boundless = advice_module._std(1e20 * np.eye(len(least)), advice.parameters)
+    np.testing.assert_allclose(boundless, least, rtol=1e-3)
 
 
 def test_what_nothing_informs_is_not_certain() -> None:
