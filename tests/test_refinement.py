@@ -12,7 +12,6 @@ from benchmarks.refinement import rig_runs, unknown
 from sysid.errors import InputError
 from sysid.model.ports import Model
 from sysid.model.simulator import simulate
-from sysid.refinement import settling
 from sysid.refinement.estimation import Estimated, FrictionScatter, estimate
 from sysid.refinement.lengthening import _neighbours, _Piece
 from sysid.refinement.problem import Iterate, Problem, RunErrors
@@ -179,24 +178,6 @@ def test_a_damped_descent_moves_friction_of_all_tests_at_once(
     problem = dataclasses.replace(problem_of(*simulated), scatter=(0.005, 0.005))
     end = solve(problem, problem.first_point(), 25, 0.5, first_step=300.0)
     assert end.converged and end.evaluations <= 4  # damped each for themselves: 7
-
-
-def test_runs_between_the_ends_of_a_scan_are_as_simulated(
-    simulated: tuple[list[Run], Model],
-) -> None:
-    problem = problem_of(*simulated)
-    here = problem.first_point()
-    points = [
-        dataclasses.replace(here, friction=np.column_stack([np.zeros(LOGS), np.full(LOGS, s)]))
-        for s in (0.0, -3.0, 3.0, 1.0, -0.5)
-    ]
-    inputs = [i for point in points for i in problem.inputs(point)]
-    models = [m for point in points for m in problem.models(point)]
-    found = settling._simulated(problem, points, inputs, models)
-    shared = len({id(one) for one in found})
-    assert len(problem.runs) < shared < len(found)  # some shafts rest, and some never do
-    for one, other in zip(found, simulate(inputs, models), strict=True):
-        np.testing.assert_array_equal(one.states, other.states)
 
 
 def test_a_scan_finds_static_friction_that_has_no_slope() -> None:

@@ -87,9 +87,7 @@ def _differences(
         jumps += [(i, j) for j in np.flatnonzero(_jumps(slopes, steps))]
     if jumps:
         back = {id(starts[i][1]): _moved(starts[i][1], directions, -steps) for i, _ in jumps}
-        other = [
-            list(_neighbours(*starts[i], back[id(starts[i][1])], -steps))[j] for i, j in jumps
-        ]
+        other = [list(_neighbours(*starts[i], back[id(starts[i][1])], -steps))[j] for i, j in jumps]
         for (i, j), run in zip(jumps, _simulated(other, max_step), strict=True):
             slope = (run.states - found[i].states) / -steps[j]
             found[i].slopes[j] = 0.0 if _jumps(slope[None], steps[[j]])[0] else slope

@@ -13,7 +13,6 @@ import numpy as np
 
 from sysid.model.differences import simulate_differences
 from sysid.model.ports import Model
-from sysid.model.preparation import Inputs
 from sysid.model.simulator import Trajectory, simulate
 from sysid.model.tangents import Direction, Tangents
 from sysid.parallel import check_time
@@ -39,7 +38,7 @@ def settled(problem: Problem, points: Sequence[Iterate]) -> tuple[FloatArray, li
     runs = len(problem.runs)
     inputs = [i for point in points for i in problem.inputs(point)]
     models = [own for point in points for own in problem.models(point)]
-    simulated = _simulated(problem, points, inputs, models)
+    simulated = simulate(inputs, models, nan_if_endless=True)
     first = _first_alike(simulated, runs)
     as_they_are = {k: _cost(problem, k % runs, simulated[k], models[k]) for k in set(first)}
     kept = _kept(problem, points, [as_they_are[k] for k in first])
@@ -64,32 +63,6 @@ def settled(problem: Problem, points: Sequence[Iterate]) -> tuple[FloatArray, li
         for i, part in zip(members, own_parts, strict=True):
             moved[j].starts[i] += part.start_step(step)
     return costs, moved
-
-
-def _simulated(
-    problem: Problem, points: Sequence[Iterate], inputs: Sequence[Inputs], models: Sequence[Model]
-) -> list[Trajectory]:
-    """Every run at every point, point after point.
-
-    Static friction is a threshold: a run that is the same at its least and its largest, because
-    its shaft never rests, is the same between them.
-    """
-    runs = len(problem.runs)
-    static = np.array([point.friction[:, 1] for point in points])[:, [r.test for r in problem.runs]]
-    ends = np.array([static.argmin(axis=0), static.argmax(axis=0)]) * runs + np.arange(runs)
-    found: dict[int, Trajectory] = {}
-
-    def simulate_all(numbers: list[int]) -> None:
-        own = [inputs[k] for k in numbers], [models[k] for k in numbers]
-        some = simulate(*own, nan_if_endless=True)
-        found.update(zip(numbers, some, strict=True))
-
-    simulate_all(sorted(set(ends.ravel().tolist())))
-    for low, high in ends.T.tolist():
-        if np.array_equal(found[low].states, found[high].states, equal_nan=True):
-            found.update((k, found[low]) for k in range(low % runs, len(inputs), runs))
-    simulate_all([k for k in range(len(inputs)) if k not in found])
-    return [found[k] for k in range(len(inputs))]
 
 
 def _first_alike(found: Sequence[Trajectory], runs: int) -> list[int]:
