@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,9 @@ import pytest
 import sysid as si
 from sysid.commands.app import main
 from sysid.errors import InputError
+from sysid.io.effort_timing import with_commands
+from sysid.io.rig import rig_from_content
+from sysid.io.samples import Trial
 from sysid.types import FloatArray
 
 MASS, COULOMB, VISCOUS = 3.0, 20.0, 60.0
@@ -89,6 +93,19 @@ def test_one_log_is_judged_like_a_campaign(tmp_path: Path) -> None:
     found = si.fit_friction(si.read_log(tmp_path / "run_2.csv"))
     assert any("as a reading at each row" in line for line in found.notices)
     assert found.mass_kg.value == pytest.approx(MASS, rel=0.015)
+
+
+def test_a_gap_in_a_recording_is_not_bridged() -> None:
+    """A pause of the logger: a curve through it would give forces of kilonewtons beside it."""
+    time = 0.01 * np.arange(400.0)
+    time[200:] += 2.66
+    force = 155.0 + np.random.default_rng(4).normal(0.0, 0.5, 400)
+    trial = Trial("1", time, {"motor_force_n": force}, "run.csv")
+    (found,) = with_commands([trial], rig_from_content(tomllib.loads(RIG), "rig.toml"))
+    assert np.abs(found["motor_force_n"] - 155.0).max() < 5.0
+    whole = Trial("1", time[:200], {"motor_force_n": force[:200]}, "run.csv")
+    (alone,) = with_commands([whole], rig_from_content(tomllib.loads(RIG), "rig.toml"))
+    np.testing.assert_array_equal(found["motor_force_n"][:200], alone["motor_force_n"])
 
 
 def test_friction_that_turns_late_makes_no_reading_of_a_command(tmp_path: Path) -> None:

@@ -32,6 +32,8 @@ _STANDARD_ERRORS = 2.0
 # Of the median speed, for so many seconds: a rest, whose friction is not the law's.
 _SLOW = 0.02
 _REST_S = 0.01
+# So many sampling periods between two rows are a gap.
+_GAP = 3.0
 
 
 def readings_line(rig: Rig) -> str:
@@ -52,6 +54,17 @@ def with_commands(trials: Iterable[Trial], rig: Rig) -> tuple[Trial, ...]:
 
 
 def _command(time: FloatArray, readings: FloatArray) -> FloatArray:
+    """`_between_gaps` of each stretch (n,); what a gap of the recording hides is not made up."""
+    found = np.array(readings, dtype=float)
+    steps = np.diff(time)
+    if len(steps):
+        gaps = np.flatnonzero(steps > _GAP * np.median(steps)) + 1
+        for rows in np.split(np.arange(len(time)), gaps):
+            found[rows] = _between_gaps(time[rows], found[rows])
+    return found
+
+
+def _between_gaps(time: FloatArray, readings: FloatArray) -> FloatArray:
     """What must be held from each row (n,) for the motion at the rows that `readings` (n,) cause.
 
     The second difference of positions is the acceleration a + h2 a''/12 for a sampling period with
