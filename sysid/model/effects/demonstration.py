@@ -18,6 +18,8 @@ from sysid.model.sensors import measured_channels
 from sysid.types import FloatArray
 
 _PRESSURES = (("pressure_a_pa", "Pa"), ("pressure_b_pa", "Pa"))
+_CHANNELS = (("theta_rad", "rad"), *_PRESSURES)
+_LINEAR_CHANNELS = (("position_m", "m"), *_PRESSURES)
 
 
 # The rest of the rig that a demonstration runs on: the thesis' friction (Nm, Nm s/rad) and
@@ -44,7 +46,7 @@ class Demonstration:
     time: FloatArray
     base: dict[str, FloatArray]
     changed: dict[str, FloatArray]
-    channels: tuple[tuple[str, str], ...]
+    channels: tuple[tuple[str, str], ...] = _CHANNELS
 
     def difference(self, channel: str) -> FloatArray:
         """What the effect changes, (n,), in the channel's unit."""
@@ -94,8 +96,8 @@ def demonstrate(effect: type[CatalogueEffect], *, linear: bool = False) -> Demon
     inputs = demonstration_inputs(linear=linear)
     with_it = [model + effect.neutral(), model + effect.typical()]
     base, changed = _shown(inputs, with_it, linear)
-    position = ("position_m", "m") if linear else ("theta_rad", "rad")
-    return Demonstration(inputs.time, base, changed, (position, *_PRESSURES))
+    channels = _LINEAR_CHANNELS if linear else _CHANNELS
+    return Demonstration(inputs.time, base, changed, channels)
 
 
 def _base_model(linear: bool) -> Model:
