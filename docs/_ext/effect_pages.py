@@ -133,27 +133,20 @@ def _state_of_the_model() -> str:
 
 
 def _draw(effects: Effects, folder: Path) -> None:
-    from sysid.model.effects.demonstration import (
-        Demonstration,
-        demonstration_inputs,
-        reference_parameters,
-    )
+    from sysid.model.effects.demonstration import Demonstration, short_test
     from sysid.model.effects.picture import picture
     from sysid.model.ports import Model
-    from sysid.model.sensors import measured_channels
-    from sysid.model.simulator import simulate
 
-    parameters, inputs = reference_parameters(), demonstration_inputs()
+    on = short_test()
 
     def model(chosen: type[CatalogueEffect] | None) -> Model:
         all_of_them = tuple(e.typical() if e is chosen else e.neutral() for e in effects)
-        return Model(parameters, all_of_them)
+        return Model(on.model.parameters, all_of_them)
 
-    models = [model(None), *(model(effect) for effect in effects)]
-    runs = simulate([inputs] * len(models), models)
-    shown = [measured_channels(r, "theta_rad", m) for r, m in zip(runs, models, strict=True)]
+    shown = on.shown([model(None), *(model(effect) for effect in effects)])
     thin = slice(None, None, _EVERY)
     base, *others = ({k: v[thin] for k, v in run.items()} for run in shown)
     for effect, changed in zip(effects, others, strict=True):
-        data = picture(effect, Demonstration(inputs.time[thin], base, changed), ".png")
+        demonstration = Demonstration(on.inputs.time[thin], base, changed, on.channels)
+        data = picture(effect, demonstration, ".png")
         (folder / f"{effect.id}.png").write_bytes(data)

@@ -66,19 +66,14 @@ def _differences(
 ) -> list[Tangents]:
     steps = _STEP * np.concatenate([_SIZES, sizes])
     starts = [_with_start(*pair) for pair in pairs]
-    # Runs of one test share their model, and so the models beside it.
-    moved = {id(model): _moved(model, directions, steps) for _, model in starts}
-    lanes = [
-        lane
-        for one, model in starts
-        for lane in ((one, model), *_neighbours(one, model, moved[id(model)], steps))
-    ]
+    near = _neighbours(starts, directions, steps)
+    lanes = [lane for pair, own in zip(starts, near, strict=True) for lane in (pair, *own)]
     width = 1 + len(steps)
     states = [run.states for run in _simulated(lanes, max_step)]
     found, jumps = [], []
     for i, (one, _) in enumerate(starts):
-        here, *near = states[i * width : (i + 1) * width]
-        slopes = np.array(near)
+        here, *moved = states[i * width : (i + 1) * width]
+        slopes = np.array(moved)
         slopes -= here
         slopes /= steps[:, None, None]
         if one.velocity == 0.0:
@@ -86,8 +81,8 @@ def _differences(
         found.append(Tangents(here, slopes))
         jumps += [(i, j) for j in np.flatnonzero(_jumps(slopes, steps))]
     if jumps:
-        back = {id(starts[i][1]): _moved(starts[i][1], directions, -steps) for i, _ in jumps}
-        other = [list(_neighbours(*starts[i], back[id(starts[i][1])], -steps))[j] for i, j in jumps]
+        behind = _neighbours([starts[i] for i, _ in jumps], directions, -steps)
+        other = [own[j] for own, (_, j) in zip(behind, jumps, strict=True)]
         for (i, j), run in zip(jumps, _simulated(other, max_step), strict=True):
             slope = (run.states - found[i].states) / -steps[j]
             found[i].slopes[j] = 0.0 if _jumps(slope[None], steps[[j]])[0] else slope
@@ -112,20 +107,23 @@ def _with_start(inputs: Inputs, model: Model) -> tuple[Inputs, Model]:
     return (dataclasses.replace(inputs, **none) if none else inputs), model  # type: ignore[arg-type]
 
 
-def _moved(model: Model, directions: Sequence[Direction], steps: FloatArray) -> list[Model]:
-    """The model with each of its numbers a step further."""
-    pairs = zip(directions, steps[len(STATE) :], strict=True)
-    return [with_step(model, direction, float(step)) for direction, step in pairs]
-
-
 def _neighbours(
-    inputs: Inputs, model: Model, moved: Sequence[Model], steps: FloatArray
-) -> Iterator[tuple[Inputs, Model]]:
-    """The run with each start state a step further, then with each of the models beside its own."""
-    for name, step in zip(STATE, steps, strict=False):
-        yield dataclasses.replace(inputs, **{name: getattr(inputs, name) + step}), model
-    for other in moved:
-        yield inputs, other
+    starts: Sequence[tuple[Inputs, Model]], directions: Sequence[Direction], steps: FloatArray
+) -> list[list[tuple[Inputs, Model]]]:
+    """Each run with each start state, then each number of its model, a step further."""
+    sizes = steps[len(STATE) :].tolist()
+    moved = {  # runs of one test share their model
+        id(model): [with_step(model, d, size) for d, size in zip(directions, sizes, strict=True)]
+        for _, model in starts
+    }
+    found = []
+    for one, model in starts:
+        ahead = [
+            dataclasses.replace(one, **{name: getattr(one, name) + step})
+            for name, step in zip(STATE, steps, strict=False)
+        ]
+        found.append([*((o, model) for o in ahead), *((one, m) for m in moved[id(model)])])
+    return found
 
 
 __all__ = ["simulate_differences"]

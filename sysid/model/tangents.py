@@ -44,8 +44,8 @@ Direction = tuple[int, str]
 STARTS = STATE
 """The first tangents of every run: by its start position, velocity and pressures."""
 
-# As in `simulator`: few shapes are ever compiled.
-_WIDTHS = (8,)
+# As in `simulator`: few shapes are ever compiled. The tangents fill the vectors beside the runs.
+_WIDTH = 8
 _ROWS = (256, 1024)
 # Delays are moved by this for the edges' tangents, s: less than any sub-step that counts.
 _DELAY_STEP = 1e-7
@@ -89,13 +89,12 @@ def simulate_tangents(
     pairs = list(zip(inputs, models, strict=True))
     check_runs(inputs, models, bool(surfaces))
     varied = tuple(directions)
-    width = next((w for w in _WIDTHS if w * cores() >= len(pairs)), _WIDTHS[-1])
     order = sorted(range(len(pairs)), key=lambda i: len(pairs[i][0].time))
-    blocks = [order[i : i + width] for i in range(0, len(order), width)]
+    blocks = [order[i : i + _WIDTH] for i in range(0, len(order), _WIDTH)]
 
     def block(members: list[int]) -> list[Tangents]:
         own = [pairs[i] for i in members]
-        own += [own[0]] * (width - len(own))
+        own += [own[0]] * (_WIDTH - len(own))
         return _block(own, len(members), varied, surfaces, max_step)
 
     with ThreadPoolExecutor(min(cores(), len(blocks))) as pool:

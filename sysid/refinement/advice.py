@@ -25,7 +25,6 @@ from sysid.model.effects.linear import for_rig
 from sysid.refinement.advice_result import AdviceResult, CandidateTest, Tie
 from sysid.refinement.candidates import CandidateMotion, candidate_motions
 from sysid.refinement.effect_sizes import effect_sizes
-from sysid.refinement.estimation import EXACT
 from sysid.refinement.expected_errors import with_expected_errors
 from sysid.refinement.information import covariance
 from sysid.refinement.options import (
@@ -137,8 +136,8 @@ def _std(found: FloatArray, unknowns: Sequence[Unknown]) -> FloatArray:
     As of a refinement, at least what the equations are integrated to.
     """
     slopes = np.array([abs(u.slope(u.start)) for u in unknowns])
-    exact = EXACT * np.array([u.value for u in unknowns])
-    return np.hypot(slopes * _coordinate_std(found, len(unknowns)), exact)
+    least = np.array([u.integration_error(u.start) for u in unknowns])
+    return np.asarray(slopes * np.hypot(_coordinate_std(found, len(unknowns)), least))
 
 
 def _reduction(now: FloatArray, option: Option, count: int) -> float:

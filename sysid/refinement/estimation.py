@@ -33,9 +33,6 @@ _MOST_ORDER = 4
 _FINE_STEP = 5e-4
 # Flows are found to some 1e-6 of their values, and the simulation has to be as exact.
 _FINEST_STEP = 1.25e-4
-# Two integrations of the same equations put flows so far apart, relatively: long logs at the
-# encoder's resolution say more than that (`benchmarks/refinement.py coverage`).
-EXACT = 1e-6
 _LEAST_SCATTER = 1e-3
 _FEW_RUNS = 20
 
@@ -78,7 +75,7 @@ class Estimated:
         larger, shared = self.enlargement(), self.solution.point.shared
         found = self.solution.at.covariance() * np.outer(larger, larger)
         for i, (unknown, at) in enumerate(zip(self.problem.unknowns, shared, strict=True)):
-            found[i, i] += (EXACT * unknown.at(float(at)) / unknown.slope(float(at))) ** 2
+            found[i, i] += unknown.integration_error(float(at)) ** 2
         return np.asarray(found)
 
     def enlargement(self) -> FloatArray:
@@ -249,7 +246,6 @@ def _scatter_of(problem: Problem, solution: Solution, bench: FrictionScatter) ->
 
 
 __all__ = [
-    "EXACT",
     "NOT_FOLLOWED",
     "Estimated",
     "FrictionScatter",

@@ -30,6 +30,9 @@ from sysid.types import FloatArray
 
 Direction = tuple[int, str]
 _MOST_FACTOR = 20.0
+# Two integrations of the same equations put flows so far apart, relatively: long logs at the
+# encoder's resolution say more than that (`benchmarks/refinement.py coverage`).
+_EXACT = 1e-6
 _LEAST_STD = 1e-4
 # Relative uncertainty of a declared constant that is freed, where the rig file gives none.
 _DECLARED = 0.03
@@ -94,6 +97,10 @@ class Unknown:
     def model_slope(self, coordinate: float) -> float:
         """Change of the model's number with the coordinate."""
         return self.sign * self.slope(coordinate)
+
+    def integration_error(self, coordinate: float) -> float:
+        """How exactly the coordinate can be known: as the equations are integrated."""
+        return _EXACT * self.at(coordinate) / self.slope(coordinate)
 
     @property
     def varies_by_test(self) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,8 +19,6 @@ from sysid.model.sensors import measured_channels
 from sysid.types import FloatArray
 
 _PRESSURES = (("pressure_a_pa", "Pa"), ("pressure_b_pa", "Pa"))
-_CHANNELS = (("theta_rad", "rad"), *_PRESSURES)
-_LINEAR_CHANNELS = (("position_m", "m"), *_PRESSURES)
 
 
 # The rest of the rig that a demonstration runs on: the thesis' friction (Nm, Nm s/rad) and
@@ -46,7 +45,7 @@ class Demonstration:
     time: FloatArray
     base: dict[str, FloatArray]
     changed: dict[str, FloatArray]
-    channels: tuple[tuple[str, str], ...] = _CHANNELS
+    channels: tuple[tuple[str, str], ...]
 
     def difference(self, channel: str) -> FloatArray:
         """What the effect changes, (n,), in the channel's unit."""
@@ -70,9 +69,8 @@ def reference_parameters() -> Parameters:
     return parameters_from_rig(rig, **_FRICTION, valve_a=_VALVE_A, valve_b=_VALVE_B)
 
 
-def linear_parameters() -> Parameters:
+def _linear_parameters(rotary: Parameters) -> Parameters:
     """The same rig as a linear axis: what its arm does, its rack does at the pinion's radius."""
-    rotary = reference_parameters()
     radius = float(rotary.pitch_radius)
     return rotary.replace(
         pitch_radius=1.0,
@@ -86,51 +84,61 @@ def linear_parameters() -> Parameters:
 _EFFORTS = ("static_effort", "coulomb_effort", "offset", "max_effort")
 
 
-def demonstrate(effect: type[CatalogueEffect], *, linear: bool = False) -> Demonstration:
-    """One short test of the reference rig, with the effect at neutral and at typical size.
+@dataclass(frozen=True)
+class ShortTest:
+    """What a demonstration runs on: a rig's base model and the inputs of a short test.
 
-    The motor swings the arm alone for 2 s, then for 2 s together with valves under PWM. `linear`:
-    of that rig as a linear axis, for an effect in N and m.
+    `channels`: name and unit of what its sensors show, the position's first.
     """
-    model = _base_model(linear)
-    inputs = demonstration_inputs(linear=linear)
-    with_it = [model + effect.neutral(), model + effect.typical()]
-    base, changed = _shown(inputs, with_it, linear)
-    channels = _LINEAR_CHANNELS if linear else _CHANNELS
-    return Demonstration(inputs.time, base, changed, channels)
+
+    model: Model
+    inputs: Any
+    channels: tuple[tuple[str, str], ...]
+
+    def shown(self, models: Sequence[Model]) -> list[dict[str, FloatArray]]:
+        """What the sensors show of the test with each model."""
+        from sysid.model.simulator import simulate
+
+        position = self.channels[0][0]
+        runs = simulate([self.inputs] * len(models), models)
+        return [measured_channels(r, position, m) for r, m in zip(runs, models, strict=True)]
 
 
-def _base_model(linear: bool) -> Model:
-    return Model(linear_parameters() if linear else reference_parameters())
+def short_test(*, linear: bool = False) -> ShortTest:
+    """The reference rig, or the same as a linear axis, and the short test.
 
-
-def _shown(inputs: Any, models: list[Model], linear: bool) -> list[dict[str, FloatArray]]:
-    """What the sensors show with each model."""
-    from sysid.model.simulator import simulate
-
-    runs = simulate([inputs] * len(models), models)
-    position = "position_m" if linear else "theta_rad"
-    return [measured_channels(r, position, m) for r, m in zip(runs, models, strict=True)]
-
-
-def demonstration_inputs(*, linear: bool = False) -> Any:
-    """The short test: the motor alone for 2 s, then for 2 s together with valves under PWM.
-
-    `linear`: a force, N, in place of a torque.
+    The motor swings the arm alone for 2 s, then for 2 s together with valves under PWM.
     """
     from sysid.model.simulator import Inputs, ValveCommand
 
+    parameters = reference_parameters()
     time = np.linspace(0.0, 4.0, 4001)
     # Square and sine: reversals at full torque and slow ones.
     motor = np.where(time < 1.0, 0.6 * np.sign(np.cos(4.0 * np.pi * time)), 0.0)
     motor += np.where(time >= 1.0, 0.7 * np.cos(3.0 * np.pi * time), 0.0)
     if linear:
-        motor = motor / float(reference_parameters().pitch_radius)
+        motor = motor / float(parameters.pitch_radius)
+        parameters = _linear_parameters(parameters)
     swing = 0.42 * np.sin(4.0 * np.pi * time)
     pneumatic = time >= 2.0
     duties = [np.where(pneumatic, 0.45 + way * swing, 0.0) for way in (1.0, -1.0)]
     valve_a, valve_b = (ValveCommand(duty, is_duty=True) for duty in duties)
-    return Inputs(time, motor, valve_a, valve_b)
+    inputs = Inputs(time, motor, valve_a, valve_b)
+    position = ("position_m", "m") if linear else ("theta_rad", "rad")
+    return ShortTest(Model(parameters), inputs, (position, *_PRESSURES))
+
+
+def demonstrate(effect: type[CatalogueEffect], *, linear: bool = False) -> Demonstration:
+    """The short test with the effect at neutral and at typical size.
+
+    `linear`: on a linear axis, for an effect in N and m.
+    """
+    return _demonstrated(effect, short_test(linear=linear))
+
+
+def _demonstrated(effect: type[CatalogueEffect], on: ShortTest) -> Demonstration:
+    base, changed = on.shown([on.model + effect.neutral(), on.model + effect.typical()])
+    return Demonstration(on.inputs.time, base, changed, on.channels)
 
 
 def demonstrate_own(
@@ -140,10 +148,10 @@ def demonstrate_own(
 
     Raises InputError where the effect's code fails, gives no finite numbers or is not neutral.
     """
-    where = f"{path}, class {effect.__name__}"
+    where, on = f"{path}, class {effect.__name__}", short_test(linear=linear)
     try:
-        shown = demonstrate(effect, linear=linear)
-        (bare,) = _shown(demonstration_inputs(linear=linear), [_base_model(linear)], linear)
+        shown = _demonstrated(effect, on)
+        (bare,) = on.shown([on.model])
     except InputError:
         raise
     except Exception as error:
