@@ -25,7 +25,7 @@ from sysid.model.ports import Point
 
 SET = Path(__file__).resolve().parent.parent / "datasets" / "measured" / "cylinder"
 BAR = (1, 3, 5)
-AREA = catalogue()["area-error"]
+AREA, SEAL = (catalogue()[name] for name in ("area-error", "seal-friction"))
 
 
 @dataclass(frozen=True)
@@ -94,3 +94,16 @@ def test_no_steeper_law_predicts_5_bar_from_1_and_3(x_ring: Axis) -> None:
     ]
     assert np.all(np.diff(errors) > 0.0)
     assert errors[0] < 0.5 * rmse(x_ring.residuals(fit_law(x_ring, (), [0, 1]).law, [2]))
+
+
+def test_an_effect_that_is_needed_is_so_in_any_order(x_ring: Axis) -> None:
+    """`seal-friction` has a share that acts nowhere on this cylinder: it says nothing of another.
+
+    Taken for the area's number, it had the area removed as superfluous beside the seals.
+    """
+    every = range(len(x_ring.tests))
+    alone = fit_law(x_ring, [SEAL], every)
+    last = fit_law(x_ring, [SEAL, AREA], every).p_value(alone)
+    first = fit_law(x_ring, [AREA, SEAL], every).p_value(alone)
+    assert last < 1e-3
+    assert first == pytest.approx(last, rel=0.1)

@@ -35,11 +35,12 @@ def errors(rng: np.random.Generator, poles: list[complex]) -> FloatArray:
     return np.asarray((found[:, burn:] / found.std()).ravel())
 
 
-def p_value(y: FloatArray, effect: FloatArray) -> float:
-    full = np.column_stack([LAW, effect])
+def p_value(y: FloatArray, effect: FloatArray, *, first: bool = False) -> float:
+    """Of the effect beside the law; its column is the `first` or the last."""
+    full = np.column_stack([effect, LAW] if first else [LAW, effect])
     left = [y - x @ np.linalg.lstsq(x, y, rcond=None)[0] for x in (LAW[:, None], full)]
     squares = float(left[0] @ left[0]), float(left[1] @ left[1])
-    return nested_p_value(squares, full, left[1], 1, GROUPS)
+    return nested_p_value(squares, full, left[1], np.array([first, not first]), GROUPS)
 
 
 @pytest.mark.parametrize("poles", ERRORS)
@@ -77,6 +78,14 @@ def test_of_independent_errors_it_is_the_f_test() -> None:
     dof = len(y) - 2
     statistic = float((left[0] @ left[0]) / (left[1] @ left[1]) - 1.0) * dof
     assert p_value(y, EFFECTS["ramp"]) == pytest.approx(stats.f.sf(statistic, 1, dof), rel=1e-6)
+
+
+@pytest.mark.parametrize("poles", ["independent", "0.99"])
+def test_the_place_of_a_column_says_nothing(poles: str) -> None:
+    y = errors(np.random.default_rng(23), ERRORS[poles]) + 0.3 * EFFECTS["ramp"]
+    found = p_value(y, EFFECTS["ramp"])
+    assert 1e-250 < found < 0.5
+    assert p_value(y, EFFECTS["ramp"], first=True) == pytest.approx(found, rel=1e-6)
 
 
 def test_columns_that_change_nothing_are_no_effect() -> None:

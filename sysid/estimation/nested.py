@@ -52,10 +52,10 @@ def nested_p_value(
     squares: tuple[float, float],
     jacobian: FloatArray,
     residuals: FloatArray,
-    more: int,
+    more: NDArray[np.bool_],
     groups: NDArray[np.intp] | None = None,
 ) -> float:
-    """p-value of the last `more` columns of the full fit's `jacobian` (n, p).
+    """p-value of those columns of the full fit's `jacobian` (n, p) that `more` (p,) marks.
 
     `squares`: sums of squares without them and with them; `residuals` (n,) of the full fit;
     `groups` (n,) numbers the runs, between which there is no correlation. 1 where the columns
@@ -76,13 +76,14 @@ def nested_p_value(
     return float(fdtrc(gain.dof, dof, found * left.mean / gain.mean)) if dof > 0.0 else 1.0
 
 
-def _bases(jacobian: FloatArray, more: int) -> tuple[FloatArray, FloatArray]:
-    """Orthonormal: of all columns (n, q), and of what the last `more` add to the others."""
+def _bases(jacobian: FloatArray, more: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
+    """Orthonormal: of all columns (n, q), and of what those of `more` (p,) add to the others."""
     lengths = np.linalg.norm(jacobian, axis=0)
-    acting = np.flatnonzero(lengths > 0.0)
+    ordered = np.argsort(more, kind="stable")
+    acting = ordered[lengths[ordered] > 0.0]
     q, r = np.linalg.qr(jacobian[:, acting] / lengths[acting])
     apart = np.abs(np.diag(r)) > _DEPENDENT
-    return q[:, apart], q[:, apart & (acting >= jacobian.shape[1] - more)]
+    return q[:, apart], q[:, apart & more[acting]]
 
 
 def _forms(

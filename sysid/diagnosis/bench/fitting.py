@@ -95,9 +95,9 @@ class FittedLaw:
         Correlated residuals count by their first two moments (`sysid.estimation.nested`). Wald's
         test fails where a strength's shape makes it much like the law's own parameters.
         """
-        more = len(self.fit.values) - len(without.fit.values)
-        squares = without.fit.sum_of_squares, self.fit.sum_of_squares
-        fit = self.fit
+        fit, less = self.fit, {p.name for p in without.fit.parameters}
+        more = np.array([p.name not in less for p in fit.parameters])
+        squares = without.fit.sum_of_squares, fit.sum_of_squares
         found = nested_p_value(squares, fit.jacobian, fit.residuals, more, self._groups)
         return max(found, 1e-300)
 
