@@ -57,6 +57,22 @@ class Sloped(Curved):
         return effort + self.curve_n * np.asarray(point)
 
 
+def quartic(limit: float) -> type[CatalogueEffect]:
+    """+ d (x^4 - 1/5), with d plausible up to a limit."""
+
+    @dataclass(frozen=True)
+    class Quartic(Curved):
+        share: Array = 0.0
+
+        id = "quartic"
+        quantities = (Quantity("share", "-", 0.5 * limit, -limit, limit, "at x = 1"),)
+
+        def friction_effort(self, effort: Array, point: Point) -> Array:
+            return effort + self.share * (np.asarray(point) ** 4 - 0.2)
+
+    return Quartic
+
+
 KINDS: dict[str, type[CatalogueEffect]] = {"curved": Curved, "sloped": Sloped}
 
 
@@ -133,6 +149,17 @@ def test_an_effect_that_a_part_names_instead_makes_it_ambiguous() -> None:
     )
     named = ["sloped", "curved", "curved"]
     assert addition.repeats.to_json() == {"parts": 3, "agree": 2, "named": named}
+
+
+@pytest.mark.parametrize(("limit", "named"), [(10.0, "quartic"), (0.9, "curved")])
+def test_a_strength_beyond_what_is_plausible_goes_behind(limit: float, named: str) -> None:
+    """It predicts best at its limit, too, but what is there is larger than it can be."""
+    part = line(*[(0.0, 0.0)] * 6)
+    part = Line(part.x, tuple(y + x**4 - 0.2 for x, y in zip(part.x, part.y, strict=True)))
+    addition, *_ = select(part, {"curved": Curved, "quartic": quartic(limit)}).additions
+    assert max(addition.tried, key=lambda one: one.gain).id == "quartic"
+    assert addition.id == named
+    assert addition.repeats.named == (named, named, named)
 
 
 def test_a_part_too_weak_to_tell_names_no_effect() -> None:

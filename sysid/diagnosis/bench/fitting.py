@@ -102,6 +102,13 @@ class FittedLaw:
         return max(found, 1e-300)
 
     @property
+    def is_plausible(self) -> bool:
+        """Whether the tests do not drive the last effect's strength to the limit of its size."""
+        kind = type(self.law.effects[-1])
+        stuck = [q for q in kind.strengths() if _key(kind, q) in self.fit.diagnosis.at_bound]
+        return not any(getattr(self.law.effects[-1], q.name) for q in stuck)
+
+    @property
     def independent_samples(self) -> float:
         """Number of independent residuals equivalent to the correlated ones, for a mean."""
         # The residuals as they are: what the fit took out counts as its parameters.

@@ -5,7 +5,8 @@ effects added before, and predicts tests that it was not fitted on. The one that
 is added if its strength differs significantly from 0, corrected for all that were tried
 (Bonferroni), and it removes a substantial share of the prediction error. One with fewer numbers
 that predicts about as well goes before it where the BIC is no worse: a shape with many may imitate
-a constant, a slope or a product of two channels. It is ambiguous if
+a constant, a slope or a product of two channels. One whose strength ends at the limit of what
+is plausible has another cause's form, and goes behind those that do not. It is ambiguous if
 parts of the tests would have added another effect (`sysid.diagnosis.bench.stability`); so is
 an effect that fits but does not predict, if parts of the tests name it.
 """
@@ -158,7 +159,7 @@ class _HeldOutRounds(Rounds[Addition]):
             return None
         if len(self.steps) == MOST_EFFECTS:
             return None
-        winner, fitted = simplest(passing)
+        winner, fitted = simplest([p for p in passing if p[1].is_plausible] or passing)
         self.progress(f"{winner.id}: removes {100 * winner.gain:.0f} % of the prediction error")
         rivals = [f for a, f in fits if a.gain > 0.0 and a is not winner]
         unfitted = self.book.unfinished(SearchStage.EFFECTS, number)
@@ -203,8 +204,11 @@ class _HeldOutRounds(Rounds[Addition]):
     def superfluous(self) -> Addition | None:
         """The step whose effect the tests left out need least, if they hardly need it.
 
-        Where it is not significant beside the others, or hardly improves the prediction.
+        Where it is not significant beside the others, or hardly improves the prediction; none
+        beside a last one that is larger than is plausible.
         """
+        if not self.so_far.is_plausible:
+            return None
         least: tuple[float, Addition] | None = None
         for step in self.steps[:-1]:
             kinds = [type(s.effect) for s in self.steps if s is not step]

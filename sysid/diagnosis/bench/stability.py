@@ -101,14 +101,16 @@ def _named(
     rest = [t for t in range(len(component.tests)) if t not in part]
     lone = _again(without, part)
     error = _error(lone, rest)
-    gains: dict[str, float] = {}
+    passing: list[tuple[str, float, bool]] = []
     for contender in contenders:
         fitted = _again(contender, part)
         gain = 1.0 - _error(fitted, rest) / error
         if fitted.p_value(lone) * len(contenders) < SIGNIFICANCE and gain > LEAST_GAIN:
-            gains[_id(contender)] = round(gain, DIGITS)
-    if not gains:
+            passing.append((_id(contender), round(gain, DIGITS), fitted.is_plausible))
+    if not passing:
         return None
+    sound = any(plausible for _, _, plausible in passing)
+    gains = {name: gain for name, gain, plausible in passing if plausible or not sound}
     best, winner = max(gains, key=lambda name: gains[name]), _id(contenders[0])
     return winner if gains.get(winner, 0.0) > RIVAL_SHARE * gains[best] else best
 
