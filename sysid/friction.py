@@ -30,6 +30,7 @@ from sysid.identification.friction.effort import (
     classify,
     classify_trial,
     even_trial,
+    pause_line,
     pushed_along,
     titles,
     units_of,
@@ -164,6 +165,7 @@ def _prepared(
     fit = _Fit(rig, units_of(rig), highest, {name: [] for name in KINDS})
     declared = [kind] * len(trials) if kind is None or isinstance(kind, str) else list(kind)
     moving: list[Trial] = []
+    pauses: dict[str, list[TrialUse]] = {}
     for trial, name in zip(trials, declared, strict=True):
         if len(trial) < 2:
             use = TrialUse(trial.label, trial.source, _kind(name) if name else MOTION)
@@ -173,9 +175,19 @@ def _prepared(
             continue
         even = even_trial(trial, rig, fit.notices)
         full = _kind(name) if name else classify(even)
+        paused = pause_line(trial)
+        if paused:
+            use = TrialUse(trial.label, trial.source, full)
+            pauses.setdefault(paused, []).append(use)
+            if full == STATIC:
+                # Which effort the breakaway took may lie in it.
+                use.leave_out("its recording pauses")
+                fit.uses.append(use)
+                continue
         fit.by_kind[full].append(even)
         if full == MOTION:
             moving.append(trial)
+    fit.notices += [f"{titles(own)}: {said}" for said, own in pauses.items()]
     if effort_is_read(moving, rig):
         commanded = with_commands(moving, rig)
         fit.by_kind[MOTION] = [even_trial(trial, rig, fit.notices) for trial in commanded]

@@ -24,6 +24,8 @@ FILTER_ORDER = 2
 _LEAST_SHARE = 1e-7
 # Jitter of time stamps from rounding, as a share of a period; it is ignored.
 _JITTER_IGNORED = 1e-3
+# So many sampling periods without a row are a pause of the recording.
+_PAUSE = 3.0
 # Factors of a recursion between 0 and 1 are equal within this: time stamps are rounded.
 _EQUAL_FACTORS = 1e-9
 _DIFFERENCE_ORDERS = (2, 3, 4, 5, 6)
@@ -133,14 +135,29 @@ def is_even(time: FloatArray, grid: FloatArray) -> bool:
     return near and bool(np.max(np.abs(grid - time)) < _JITTER_IGNORED * float(grid[1] - grid[0]))
 
 
+def pauses(time: FloatArray) -> NDArray[np.intp]:
+    """Rows (k,) of times (n,) s after which the recording pauses: no sample for three periods."""
+    steps = np.diff(time)
+    return np.flatnonzero(steps > _PAUSE * np.median(steps)) if len(steps) else np.zeros(0, int)
+
+
+def in_pauses(time: FloatArray, grid: FloatArray) -> NDArray[np.bool_]:
+    """Which of the times `grid` (m,) s lie within a pause of the rows at `time` (n,) s."""
+    row = np.clip(np.searchsorted(time, grid, side="right") - 1, 0, max(len(time) - 2, 0))
+    found = np.isin(row, pauses(time))
+    return np.asarray(
+        found & (grid > time[row]) & (grid < time[np.minimum(row + 1, len(time) - 1)])
+    )
+
+
 def resample(
     time: FloatArray, values: FloatArray, grid: FloatArray, *, hold: bool = False
 ) -> FloatArray:
     """`values` (n,) sampled at `time` (n,), taken at `grid` (m,) s.
 
     `hold` is for commands, which stay from their row to the next; measured signals are
-    joined by a cubic spline. Time stamps with a jitter below a thousandth of a period
-    count as even, and the samples are returned unchanged.
+    joined by a cubic spline, across a pause by a straight line. Time stamps with a jitter below a
+    thousandth of a period count as even, and the samples are returned unchanged.
     """
     if is_even(time, grid):
         return np.asarray(values, dtype=float)
@@ -148,9 +165,14 @@ def resample(
         rows = np.searchsorted(time, grid + 1e-9 * (grid[1] - grid[0]), side="right") - 1
         held = np.clip(rows, 0, len(time) - 1)
         return np.asarray(np.asarray(values, dtype=float)[held])
-    from scipy.interpolate import CubicSpline
+    found = np.interp(grid, time, values)
+    for rows in np.split(np.arange(len(time)), pauses(time) + 1):
+        if len(rows) > 1:
+            from scipy.interpolate import CubicSpline
 
-    return np.asarray(CubicSpline(time, values)(grid), dtype=float)
+            own = (grid >= time[rows[0]]) & (grid <= time[rows[-1]])
+            found[own] = CubicSpline(time[rows], np.asarray(values, dtype=float)[rows])(grid[own])
+    return np.asarray(found, dtype=float)
 
 
 def held_about_rows(command: FloatArray) -> FloatArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import stat
 import subprocess
@@ -11,8 +12,11 @@ from pathlib import Path
 
 import pytest
 
+from sysid.commands.app import main
 from sysid.errors import InputError
 from sysid.io.files import open_atomic, remove_leftovers, write_atomic
+
+BUNDLED = Path(__file__).resolve().parent.parent / "datasets" / "bundled"
 
 
 def leftovers(folder: Path) -> list[str]:
@@ -128,3 +132,43 @@ def test_a_killed_process_leaves_no_half_written_file(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
     write_atomic(path, "whole")
     assert path.read_text() == "whole"
+
+
+@pytest.fixture
+def inputs(tmp_path: Path) -> Path:
+    """A folder with a rig file, a log, a campaign and a bundle of it."""
+    for name in ("friction_sliding.parquet", "rig.toml"):
+        shutil.copy(BUNDLED / name, tmp_path / name)
+    log = '[[log]]\nkind = "friction-sliding"\nfile = "friction_sliding.parquet"\n'
+    (tmp_path / "campaign.toml").write_text(f'rig = "rig.toml"\n{log}')
+    assert main(["fit", str(tmp_path / "campaign.toml"), "-o", str(tmp_path / "b.json")]) == 0
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "fit friction friction_sliding.parquet -o friction_sliding.parquet",
+        "fit friction friction_sliding.parquet -o rig.toml",
+        "fit campaign.toml -o campaign.toml",
+        "export b.json --format c -o b.json",
+    ],
+)
+def test_a_result_does_not_replace_what_the_command_reads(
+    inputs: Path,
+    words: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(inputs)
+    before = {path.name: path.read_bytes() for path in inputs.iterdir()}
+    capsys.readouterr()
+    assert main(words.split()) == 2
+    assert "give another path" in capsys.readouterr().err
+    assert {path.name: path.read_bytes() for path in inputs.iterdir()} == before
+
+
+def test_a_bundle_may_be_fitted_into(inputs: Path) -> None:
+    into = [str(inputs / "campaign.toml"), "-o", str(inputs / "b.json")]
+    assert main(["fit", *into]) == 0
+    assert main(["fit", *into]) == 0

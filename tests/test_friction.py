@@ -337,6 +337,41 @@ def test_motion_with_the_rigs_inertia_leaves_it_alone() -> None:
     assert "inertia_kg_m2" in fit_friction([swing()], BARE).parameters
 
 
+def paused(test: Trial, start: float, stop: float) -> Trial:
+    """The test without its rows from `start` to `stop` s."""
+    kept = (test.time <= start) | (test.time >= stop)
+    channels = {name: values[kept] for name, values in test.channels.items()}
+    return Trial(test.label, test.time[kept], channels, test.source)
+
+
+@pytest.mark.parametrize("length", [0.05, 0.7, 2.7])
+def test_what_lies_in_a_pause_of_the_recording_is_not_made_up(length: float) -> None:
+    """A spline through 2.7 s of it had given a negative Coulomb friction, and no word of it."""
+    result = fit_friction([paused(swing(), 1.9, 1.9 + length)], RIG)
+    assert result["coulomb_nm"].value == pytest.approx(0.208, rel=0.005)
+    assert result["viscous_nm_s_per_rad"].value == pytest.approx(0.0488, rel=0.02)
+    assert sum("no sample for" in notice for notice in result.notices) == 1
+
+
+def test_of_a_constant_effort_the_longest_part_without_a_pause_counts() -> None:
+    trials = [
+        paused(constant(way * level, 0.0, f"{way * level:g} {k}"), 1.0, 1.3)
+        for level in (0.25, 0.28, 0.31)
+        for way in (1.0, -1.0)
+        for k in range(2)
+    ]
+    result = fit_friction(trials, RIG)
+    assert result["coulomb_nm"].value == pytest.approx(0.208, rel=0.005)
+    assert result["viscous_nm_s_per_rad"].value == pytest.approx(0.0488, rel=0.02)
+
+
+def test_a_ramp_whose_recording_pauses_is_left_out() -> None:
+    whole = [ramp(0.35, 0.2, start, way) for start in (-0.5, 0.0, 0.5) for way in (1, -1)]
+    result = fit_friction([paused(whole[0], 0.5, 1.0), *whole[1:]], RIG)
+    assert "5 of 6 tests" in repr(result)
+    assert result["static_nm"].value == pytest.approx(0.35, rel=0.01)
+
+
 def test_noise_in_the_position_does_not_attenuate_the_inertia() -> None:
     """A coarse encoder: a tenth of the counts; uncorrected, the inertia comes out 20 % low."""
     test = swing(20.0)

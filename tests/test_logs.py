@@ -124,6 +124,14 @@ def test_mapped_angle_and_time(frame: pd.DataFrame, rig: Rig, tmp_path: Path) ->
     np.testing.assert_allclose(log.trials[0].time, frame.time_s)
 
 
+def test_times_of_a_calendar_are_counted_from_the_start(
+    frame: pd.DataFrame, rig: Rig, tmp_path: Path
+) -> None:
+    log = read(frame.assign(time_s=frame["time_s"] + 1.7e9), rig, tmp_path)
+    np.testing.assert_allclose(log.trials[0].time, frame["time_s"], atol=3e-7)
+    assert any("time_s begins at 1700000000 s" in notice for notice in log.notices)
+
+
 def test_tests_keep_their_order_and_rows(frame: pd.DataFrame, rig: Rig, tmp_path: Path) -> None:
     labels = np.where(np.arange(len(frame)) < 150, "zweiter", "erster")
     log = read(frame.assign(test=labels), rig, tmp_path)

@@ -297,6 +297,18 @@ def test_motion_by_motor_informs_friction_and_not_the_flows(
         assert float(filling.movement or 0.0) == pytest.approx(0.0, abs=1e-6)
 
 
+def test_what_nothing_informs_keeps_its_error_without_a_prior(made: Made) -> None:
+    """Not that of the integration, a millionth."""
+    bundle = read_bundle(made.bundle)
+    found = refine(read_campaign(made.campaign), bundle, prior=False)
+    for side in "ab":
+        name = f"valves.{side}.choked_flow_fill_kg_s"
+        (filling,) = (q for q in found.parameters if q.name == name)
+        assert not filling.informed
+        assert filling.estimate.std == pytest.approx(filling.unknown.std, rel=1e-9)
+    assert next(q for q in found.parameters if q.name == "friction.coulomb_nm").informed
+
+
 def test_without_the_stage_the_fitted_bundle_is_validated(
     made: Made, pipeline: tuple[Any, RunReport]
 ) -> None:

@@ -14,6 +14,7 @@ from sysid.commands.app import main
 from sysid.errors import InputError
 from sysid.friction import fit_friction
 from sysid.io.conversion import convert
+from sysid.io.joining import TimedColumns, joined
 from sysid.io.logs import Log, read_log
 from sysid.io.reshaping import measured_period
 from sysid.io.rig import Rig, rig_from_content
@@ -97,6 +98,29 @@ def test_commands_are_held_and_signals_interpolated(tmp_path: Path) -> None:
     assert set(np.unique(trial["motor_torque_nm"])) <= {-1.0, 1.0}
     truth = motion(trial.time)["theta_rad"].to_numpy()
     assert trial["theta_rad"] == pytest.approx(truth, abs=1e-4)
+
+
+def test_a_pause_stays_a_pause_in_a_resampled_log(tmp_path: Path) -> None:
+    """What would fill it is made up, and nothing would say so afterwards."""
+    time = np.arange(0.0, 4.0, 0.002)
+    time = time[(time < 1.5) | (time > 2.5)]
+    path = tmp_path / "paused.csv"
+    motion(time).to_csv(path, index=False)
+    convert(path, tmp_path / "run.csv", resample_s=1e-3)
+    log = read_log(tmp_path / "run.csv", AXIS)
+    steps = np.diff(log.trials[0].time)
+    assert np.count_nonzero(steps > 0.5) == 1
+    assert np.median(steps) == pytest.approx(1e-3)
+
+
+@pytest.mark.parametrize("shift", [0.1, 12.3, -0.05])
+def test_a_command_is_that_of_its_own_row_however_clocks_round(shift: float) -> None:
+    time = 1e-3 * np.arange(2000)
+    first = TimedColumns("a", pd.DataFrame({"time_s": time, "theta_rad": time}))
+    valve = pd.DataFrame({"time_s": time - shift, "valve_a": np.arange(2000) % 2})
+    frame, _ = joined(first, [TimedColumns("b", valve, shift_s=shift)])
+    assert len(frame) == 2000
+    np.testing.assert_array_equal(frame["valve_a"], np.arange(2000) % 2)
 
 
 def test_comments_of_others_are_no_period() -> None:

@@ -33,7 +33,7 @@ def write_bundle(bundle: Bundle, path: Path) -> None:
     """Check a bundle against the schema and write it, whole or not at all."""
     content = bundle.to_json()
     _check(content, path)
-    write_atomic(path, _text(content))
+    write_atomic(path, _text(content), is_bundle=True)
 
 
 def bundle_text(bundle: Bundle) -> str:
@@ -47,7 +47,7 @@ def _text(content: Mapping[str, Any]) -> str:
 
 def read_bundle(path: Path) -> Bundle:
     """Read and check a bundle. Raises InputError naming the key that is wrong."""
-    raw = read_bytes(path, "a bundle")
+    raw = read_bytes(path, "a bundle", is_bundle=True)
     try:
         content = json.loads(
             raw.decode("utf-8-sig"), parse_constant=_finite, parse_float=_finite, parse_int=_whole

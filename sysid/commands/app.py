@@ -22,6 +22,7 @@ import click
 from sysid import __version__, parallel
 from sysid.commands.help_pages import page_for
 from sysid.errors import SysidError, one_line, visible
+from sysid.io.files import inputs_kept
 
 # Small matrices are slower on several BLAS threads; read when numpy is first imported.
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -105,7 +106,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; the exit status of `spec/cli.md`, errors as one line on standard error."""
     _open_closed()
     parallel.share_one_heap()
-    with _others_silent():
+    with _others_silent(), inputs_kept():
         return _run(arguments)
 
 

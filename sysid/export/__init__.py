@@ -56,7 +56,7 @@ def export_file(
     bundle = read_bundle(source)
     catalogue = catalogue_with(effects)
     effects_from_bundle(bundle, catalogue)
-    digest = hashlib.sha256(read_bytes(source, "a bundle")).hexdigest()
+    digest = hashlib.sha256(read_bytes(source, "a bundle", is_bundle=True)).hexdigest()
     return export_bundle(bundle, path, fmt, prefix=prefix, sha256=digest, catalogue=catalogue)
 
 

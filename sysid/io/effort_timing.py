@@ -32,8 +32,6 @@ _STANDARD_ERRORS = 2.0
 # Of the median speed, for so many seconds: a rest, whose friction is not the law's.
 _SLOW = 0.02
 _REST_S = 0.01
-# So many sampling periods between two rows are a gap.
-_GAP = 3.0
 
 
 def readings_line(rig: Rig) -> str:
@@ -54,17 +52,14 @@ def with_commands(trials: Iterable[Trial], rig: Rig) -> tuple[Trial, ...]:
 
 
 def _command(time: FloatArray, readings: FloatArray) -> FloatArray:
-    """`_between_gaps` of each stretch (n,); what a gap of the recording hides is not made up."""
+    """`_between_pauses` of each stretch (n,); what a pause hides is not made up."""
     found = np.array(readings, dtype=float)
-    steps = np.diff(time)
-    if len(steps):
-        gaps = np.flatnonzero(steps > _GAP * np.median(steps)) + 1
-        for rows in np.split(np.arange(len(time)), gaps):
-            found[rows] = _between_gaps(time[rows], found[rows])
+    for rows in np.split(np.arange(len(time)), signals.pauses(time) + 1):
+        found[rows] = _between_pauses(time[rows], found[rows])
     return found
 
 
-def _between_gaps(time: FloatArray, readings: FloatArray) -> FloatArray:
+def _between_pauses(time: FloatArray, readings: FloatArray) -> FloatArray:
     """What must be held from each row (n,) for the motion at the rows that `readings` (n,) cause.
 
     The second difference of positions is the acceleration a + h2 a''/12 for a sampling period with
@@ -147,7 +142,8 @@ def _case(trial: Trial, rig: Rig) -> tuple[FloatArray, FloatArray] | None:
             columns += [smooth(pressure), smooth(pressure * np.sign(speed))]
     effort = signals.resample(trial.time, trial[rig.effort_channel], grid, hold=True)
     target = smooth(signals.held_about_rows(effort))
-    rows = np.flatnonzero(_moving(speed, dt, length))[:: max(1, length // 4)]
+    lost = signals.widened(signals.in_pauses(trial.time, grid), length)
+    rows = np.flatnonzero(_moving(speed, dt, length) & ~lost)[:: max(1, length // 4)]
     if len(rows) < _FEWEST_ROWS:
         return None
     known = np.column_stack(columns)

@@ -1,4 +1,4 @@
-"""Result files: written whole or not at all."""
+"""Result files: written whole or not at all, and not over what a command has read."""
 
 from __future__ import annotations
 
@@ -19,24 +19,64 @@ from sysid.errors import InputError, input_error
 _PREFIX, _SUFFIX = ".sysid-", ".tmp"
 _DESCRIPTORS = Path("/proc/self/fd")
 
+# Of the inputs of the command at work, device and inode: whether a new bundle may replace it.
+_inputs: dict[tuple[int, int], bool] | None = None
 
-def write_atomic(path: Path, data: bytes | str) -> None:
+
+@contextlib.contextmanager
+def inputs_kept() -> Generator[None, None, None]:
+    """No file that is read as an input in the block is written over in it: for a command.
+
+    But a bundle, by a bundle.
+    """
+    global _inputs
+    before, _inputs = _inputs, {}
+    try:
+        yield
+    finally:
+        _inputs = before
+
+
+def note_input(path: Path, *, is_bundle: bool = False) -> None:
+    """That a file was read as an input (`inputs_kept`)."""
+    if _inputs is not None:
+        found = path.stat()
+        key = found.st_dev, found.st_ino
+        _inputs[key] = is_bundle and _inputs.get(key, True)
+
+
+def _refuse_input(path: Path, is_bundle: bool) -> None:
+    if not _inputs or not path.is_file():
+        return
+    found = path.stat()
+    replaceable = _inputs.get((found.st_dev, found.st_ino))
+    if replaceable is not None and not (is_bundle and replaceable):
+        raise input_error(
+            path,
+            "is what this command reads; its result would replace it",
+            "give another path for the result",
+        )
+
+
+def write_atomic(path: Path, data: bytes | str, *, is_bundle: bool = False) -> None:
     """Write `data` (text as UTF-8) to `path`, whole or not at all; see `open_atomic`."""
-    with open_atomic(path) as file:
+    with open_atomic(path, is_bundle=is_bundle) as file:
         file.write(data.encode("utf-8") if isinstance(data, str) else data)
 
 
 @contextlib.contextmanager
-def open_atomic(path: Path) -> Generator[BinaryIO, None, None]:
+def open_atomic(path: Path, *, is_bundle: bool = False) -> Generator[BinaryIO, None, None]:
     """A file to write `path` through: in place once the block has ended without an error.
 
     The bytes go to a temporary file in the same folder, which is then renamed. After an
     error, Ctrl-C or SIGTERM inside the block the temporary file is removed and `path` is
     unchanged. A pipe or device is written directly. Raises InputError where
-    the folder is missing, not writable or full.
+    the folder is missing, not writable or full, and for an input of the command (`inputs_kept`);
+    only a bundle that it has read may be replaced, by a bundle.
     """
     try:
         mode = _mode(path)
+        _refuse_input(path, is_bundle)
     except (OSError, ValueError) as error:
         raise _not_writable(path, error) from None
     if stat.S_ISDIR(mode):

@@ -20,6 +20,9 @@ from sysid.types import FloatArray
 if TYPE_CHECKING:
     import pandas as pd
 
+# Of a period: time stamps this near are the same.
+_ROUNDING = 1e-6
+
 
 @dataclass(frozen=True)
 class TimedColumns:
@@ -77,7 +80,8 @@ def joined(first: TimedColumns, others: Sequence[TimedColumns]) -> tuple[pd.Data
     inside = np.ones(len(time), dtype=bool)
     for clock, other in zip(clocks, others, strict=True):
         check_increasing(clock, other.where)
-        inside &= (time >= clock[0]) & (time <= clock[-1])
+        rounding = _ROUNDING * median_period(clock)
+        inside &= (time >= clock[0] - rounding) & (time <= clock[-1] + rounding)
         if np.count_nonzero(inside) < 2:
             raise input_error(
                 other.where,
@@ -108,7 +112,9 @@ def _add(
             )
         values = other.frame[name].to_numpy(float)
         if name in HELD_COLUMNS:
-            frame[name] = values[np.searchsorted(clock, time, side="right") - 1]
+            # Clocks that differ by a shift agree but for its rounding.
+            row = np.searchsorted(clock, time + _ROUNDING * median_period(clock), side="right") - 1
+            frame[name] = values[np.maximum(row, 0)]
         else:
             frame[name] = np.interp(time, clock, values)
 

@@ -38,6 +38,8 @@ _MIXED_RUN = 10
 _MIXED_DEVIATION = 0.25
 # Times its median that a period may drift; a recorder's next rate is twice or half.
 _DRIFT = 1.95
+# A start later than that, s, is a date: its digits leave a delay few of theirs.
+_LATE_S = 1e6
 # Of the motor's limit: no controller saturates a command by so much.
 _FAR_BEYOND = 3.0
 
@@ -89,9 +91,19 @@ def read_log(
     _convert_motor(reading)
     _check_values(reading)
     check_time_column(reading, groups)
+    _count_from_the_start(reading)
     _check_tests(reading, groups)
     trials = tuple(trial_of(reading, label, rows) for label, rows in groups)
     return Log(path, table.sha256, trials, tuple(map(one_line, reading.notices)), rig)
+
+
+def _count_from_the_start(reading: LogReading) -> None:
+    """Times of a calendar, s since 1970 or so, would leave a delay few digits."""
+    time = reading.columns["time_s"]
+    if abs(time[0]) > _LATE_S:
+        first = math.floor(time[0])
+        reading.columns["time_s"] = time - first
+        reading.notices.append(f"{reading.where}: time_s begins at {first} s; counted from there")
 
 
 def _take_columns(reading: LogReading, maps: Mapping[str, ColumnMap]) -> None:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sysid import signals
 from sysid.errors import input_error
 from sysid.io.channels import VALVE_COMMANDS
 from sysid.io.units import TEST_COLUMN
@@ -140,7 +141,7 @@ def unwrapped(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def _resampled(frame: pd.DataFrame, period: float, where: str) -> pd.DataFrame:
-    """Rows every `period` s from the test's first to its last."""
+    """Rows every `period` s from the test's first to its last, but for pauses of the recording."""
     import pandas as pd
 
     time: FloatArray = frame["time_s"].to_numpy(float)
@@ -154,6 +155,7 @@ def _resampled(frame: pd.DataFrame, period: float, where: str) -> pd.DataFrame:
         )
     rows = math.floor(span / period + 1e-9) + 1
     grid = time[0] + period * np.arange(rows)
+    grid = grid[~signals.in_pauses(time, grid)]
     held = np.clip(np.searchsorted(time, grid + 1e-6 * period, side="right") - 1, 0, None)
     columns = {}
     for name in frame.columns:

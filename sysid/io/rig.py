@@ -15,6 +15,7 @@ from typing import Any
 
 from sysid.errors import InputError, input_error
 from sysid.io.declaration import TomlSection
+from sysid.io.files import note_input
 from sysid.io.rig_file import RIG_TABLES, RigFile, RigHead
 from sysid.io.rig_sections import (
     Air,
@@ -207,6 +208,7 @@ def read_toml(path: Path, what: str) -> dict[str, Any]:
     """A TOML file's tables, or an InputError that names the line."""
     try:
         raw = path.read_bytes()
+        note_input(path)
     except FileNotFoundError:
         raise input_error(path, "no such file", f"give the path of {what}") from None
     except IsADirectoryError:

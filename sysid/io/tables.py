@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.errors import InputError, escaped, input_error, shortened
-from sysid.io.files import open_atomic
+from sysid.io.files import note_input, open_atomic
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -134,10 +134,11 @@ def _short_labels(names: list[str]) -> list[str]:
     return short
 
 
-def read_bytes(path: Path, what: str) -> bytes:
-    """A file's bytes; InputError where it is missing, a folder, empty or not readable."""
+def read_bytes(path: Path, what: str, *, is_bundle: bool = False) -> bytes:
+    """An input's bytes; InputError where it is missing, a folder, empty or not readable."""
     try:
         raw = path.read_bytes()
+        note_input(path, is_bundle=is_bundle)
     except FileNotFoundError:
         raise input_error(path, "no such file", f"give the path of {what}") from None
     except IsADirectoryError:

@@ -34,6 +34,8 @@ _FINE_STEP = 5e-4
 # Flows are found to some 1e-6 of their values, and the simulation has to be as exact.
 _FINEST_STEP = 1.25e-4
 _LEAST_SCATTER = 1e-3
+# A standard error no larger is that of an unknown on which nothing depends.
+NO_INFORMATION = 1e-12
 _FEW_RUNS = 20
 
 
@@ -70,12 +72,13 @@ class Estimated:
 
     def error_covariance(self) -> FloatArray:
         """Of the errors of the reduced unknowns (m, m): what the logs say, as exactly as their
-        equations are integrated.
+        equations are integrated. 0 where nothing speaks of an unknown (`NO_INFORMATION`).
         """
         larger, shared = self.enlargement(), self.solution.point.shared
         found = self.solution.at.covariance() * np.outer(larger, larger)
         for i, (unknown, at) in enumerate(zip(self.problem.unknowns, shared, strict=True)):
-            found[i, i] += unknown.integration_error(float(at)) ** 2
+            if found[i, i] > NO_INFORMATION**2:
+                found[i, i] += unknown.integration_error(float(at)) ** 2
         return np.asarray(found)
 
     def enlargement(self) -> FloatArray:
@@ -247,6 +250,7 @@ def _scatter_of(problem: Problem, solution: Solution, bench: FrictionScatter) ->
 
 __all__ = [
     "NOT_FOLLOWED",
+    "NO_INFORMATION",
     "Estimated",
     "FrictionScatter",
     "error_ratio",

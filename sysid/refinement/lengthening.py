@@ -20,7 +20,7 @@ import numpy as np
 from sysid.errors import SimulationError
 from sysid.model.ports import Model
 from sysid.parallel import OutOfTimeError
-from sysid.refinement.estimation import Estimated, followed, whitening_of
+from sysid.refinement.estimation import NO_INFORMATION, Estimated, followed, whitening_of
 from sysid.refinement.problem import Iterate, Problem
 from sysid.refinement.runs import Run, run_of
 from sysid.refinement.solver import Solution, solve
@@ -36,7 +36,6 @@ _TRIES = 4
 _EVALUATIONS, _CLOSELY, _UNDAMPED = 15, 0.05, 1e6
 # In standard errors of the shorter runs' estimate, of which the data are the same.
 _MOST_MOVED = 3.0
-_NO_INFORMATION = 1e-12
 # Whole tests may be simulated this many times worse (geometric mean over the channels).
 _WORSE = 1.02
 # Neighbours start at most this share of a segment's length after the end of the one before: one
@@ -131,7 +130,7 @@ def _accepted(
     p = len(problem.unknowns)
     std = np.sqrt(np.diag(found.error_covariance())[:p])
     change = np.abs(solution.point.shared - found.solution.point.shared)
-    known = std > _NO_INFORMATION
+    known = std > NO_INFORMATION
     if not solution.converged or np.any(change[known] > _MOST_MOVED * std[known]):
         return None
     evaluations = found.evaluations + solution.evaluations + 1

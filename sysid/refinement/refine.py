@@ -33,7 +33,13 @@ from sysid.model.effects.entry import Catalogue
 from sysid.model.ports import Model, has_discrete_law
 from sysid.parallel import OutOfTimeError
 from sysid.refinement.declared import contradictions
-from sysid.refinement.estimation import Estimated, FrictionScatter, estimate, with_derivatives
+from sysid.refinement.estimation import (
+    NO_INFORMATION,
+    Estimated,
+    FrictionScatter,
+    estimate,
+    with_derivatives,
+)
 from sysid.refinement.lengthening import lengthened
 from sysid.refinement.problem import Problem
 from sysid.refinement.profiles import Profile
@@ -59,7 +65,6 @@ KINDS = (*MOTION_KINDS, "friction-motion")
 _LEAST_SCATTER, _MOST_SCATTER = 2e-3, 0.1
 # A parameter's error falls to less than this share of the bench tests': motion informs it.
 _INFORMED = 0.9
-_NO_INFORMATION = 1e-12
 # Where no bench test shows the scatter of friction: a usual one, believed as much as five tests.
 _ASSUMED_SCATTER, _ASSUMED_TESTS = 0.02, 5.0
 
@@ -242,7 +247,7 @@ def _parameters(found: Estimated) -> tuple[tuple[RefinedParameter, ...], FloatAr
         at = float(solution.point.shared[i])
         # A test's friction is one draw: so many tests, so many degrees of freedom.
         dof = max(found.scatter.tests - 1.0, 1.0) if unknown.varies_by_test else math.inf
-        if not std[i] > _NO_INFORMATION:
+        if not std[i] > NO_INFORMATION:
             # Nothing depends on it and no bench test spoke of it: it stays as it was.
             former = Estimate.symmetric(unknown.value, unknown.std, unknown.unit, math.inf)
             parameters.append(RefinedParameter(unknown, former, informed=False))
@@ -254,7 +259,7 @@ def _parameters(found: Estimated) -> tuple[tuple[RefinedParameter, ...], FloatAr
         estimate = Estimate(unknown.at(at), own_std, unknown.unit, interval)
         informed = not (unknown.has_prior and estimate.std > _INFORMED * unknown.std)
         parameters.append(RefinedParameter(unknown, estimate, informed))
-    known = np.where(std > _NO_INFORMATION, std, 1.0)
+    known = np.where(std > NO_INFORMATION, std, 1.0)
     return tuple(parameters), covariance / np.outer(known, known)
 
 

@@ -237,7 +237,8 @@ def linear_step(columns: FloatArray, residual: FloatArray) -> FloatArray:
 def standard_errors(base: Projected, extra: FloatArray) -> dict[str, float]:
     """Standard errors of the base parameters, with `extra` columns (rows, k), in their units.
 
-    From the remaining whitened squares, so that unexplained structure widens them.
+    From the remaining whitened squares, so that unexplained structure widens them. None of a
+    parameter that no residual depends on.
     """
     names = base_parameters(base.model)
     jacobian = np.hstack([base_jacobian(base.frame, base.model, base.residual, names), extra])
@@ -249,6 +250,7 @@ def standard_errors(base: Projected, extra: FloatArray) -> dict[str, float]:
     return {
         name: float(abs(getattr(base.model.parameters, name)) * relative[i])
         for i, name in enumerate(names)
+        if jacobian[:, i].any()
     }
 
 

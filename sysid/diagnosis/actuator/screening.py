@@ -121,8 +121,9 @@ def explained(base: Projected, candidate: Candidate, signature: FloatArray) -> E
     sizes = np.linalg.norm(signature, axis=0)
     quantities = candidate.effect.strengths()
     steps = np.array([step for _, step in candidate.steps])
-    low = np.array([q.lower for q in quantities]) / steps
-    high = np.array([q.upper for q in quantities]) / steps
+    # In probing sizes, which may be negative.
+    limits = [(q.lower / step, q.upper / step) for q, step in zip(quantities, steps, strict=True)]
+    low, high = np.sort(limits, axis=1).T
     keep = np.linalg.norm(columns, axis=0) > _OWN_SHARE * np.maximum(sizes, 1e-300)
     coefficients = np.zeros(len(steps))
     while keep.any():

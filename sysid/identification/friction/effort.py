@@ -85,7 +85,8 @@ class EvenTrial:
 
     `motor`, `cylinder` and `gravity` are efforts as in thesis 3.3.7: the first two drive,
     the third resists. `limit` is the largest |position| at a sufficient distance from an end stop
-    (infinite where the rig declares no stroke). `stride`: samples whose errors are shared.
+    (infinite where the rig declares no stroke). `stride`: samples whose errors are shared. `lost`:
+    samples in pauses of the recording, of which nothing is known.
     """
 
     label: str
@@ -98,6 +99,7 @@ class EvenTrial:
     gravity: FloatArray
     limit: float
     travel: float | None
+    lost: NDArray[np.bool_]
     valves_move: bool = False
     stride: int = 1
 
@@ -144,6 +146,19 @@ class TrialUse:
         if self.reason:
             table["reason"] = self.reason
         return table | self.values
+
+
+def pause_line(trial: Trial) -> str | None:
+    """What a notice says of the pauses of a trial's recording; None where it has none."""
+    after = signals.pauses(trial.time)
+    if not len(after):
+        return None
+    length, at = np.diff(trial.time)[after], float(trial.time[after[0]])
+    more = f" and {len(after) - 1} more pauses" if len(after) > 1 else ""
+    return (
+        f"no sample for {length[0]:.3g} s at {at:.6g} s{more}: what lies in it is unknown, and not "
+        "used"
+    )
 
 
 def left_out_lines(uses: Sequence[TrialUse]) -> list[str]:
@@ -201,6 +216,7 @@ def even_trial(trial: Trial, rig: Rig, notices: list[str]) -> EvenTrial:
         gravity=gravity,
         limit=math.inf if travel is None else (0.5 - END_MARGIN) * travel,
         travel=travel,
+        lost=signals.in_pauses(trial.time, grid),
         stride=trial.stride,
         valves_move=any(name in trial and np.ptp(trial[name]) > 0.0 for name in VALVE_COMMANDS),
     )

@@ -114,7 +114,7 @@ def left_out(trial: EvenTrial, cutoff_hz: float) -> NDArray[np.bool_]:
     speed = signals.first_derivative(signals.lowpass(trial.position, dt, cutoff_hz), dt)
     rest_speed = REST_NOISE_TIMES * trial.position_noise.total * _noise_gains(dt, cutoff_hz)[0]
     rests = signals.long_runs(np.abs(speed) <= rest_speed, max(1, round(REST_S / dt)))
-    found = signals.widened(rests | ~trial.inside, length)
+    found = signals.widened(rests | ~trial.inside | trial.lost, length)
     found[:length] = found[-length:] = True
     return found
 

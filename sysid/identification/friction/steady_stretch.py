@@ -57,6 +57,8 @@ def find_stretch(trial: EvenTrial) -> SteadyStretch | str:
         start += leading
         later = np.flatnonzero(~trial.inside[start:stop])
         stop = start + int(later[0]) if len(later) else stop
+    first, last = signals.longest_run(~trial.lost[start:stop])
+    start, stop = start + first, start + last
     block = max(2, round(BLOCK_S / trial.period))
     if (stop - start) * trial.period < MIN_STRETCH_S or stop - start < 4 * block:
         return "its effort is constant for less than 0.2 s away from the end stops"
