@@ -13,7 +13,7 @@ import pytest
 from datasets.generator.campaign import SMALL, make_campaign
 from datasets.generator.files import write_log
 from datasets.generator.rigs import rig_toml
-from sysid.bundle import Bundle, Parts, write_bundle
+from sysid.bundle import Bundle, Parts, read_bundle, write_bundle
 from sysid.bundle.effects import entry_of
 from sysid.bundle.friction import Friction
 from sysid.bundle.refinement import Refinement
@@ -67,7 +67,6 @@ def campaign(folder: Path) -> Campaign:
 
 @pytest.fixture(scope="module")
 def bundle(folder: Path) -> Bundle:
-    from sysid.bundle import read_bundle
 
     return read_bundle(folder / "bundle.json")
 
@@ -210,6 +209,28 @@ def test_without_motion_logs_the_rig_file_must_declare_the_noise(
     bare = dataclasses.replace(campaign, logs=(), rig=rig)
     with pytest.raises(InputError, match="pressure_noise_pa"):
         advise(bare, bundle, threshold=4.0)
+
+
+def test_a_refined_bundle_knows_its_effects(campaign: Campaign, folder: Path) -> None:
+    """Its motion logs are not counted again: what they said of an effect is in its error."""
+    content = json.loads((folder / "bundle.json").read_text("utf-8"))
+    known = {"offset_nm": {"value": 0.01, "std": 5e-4, "unit": "Nm"}}
+    content["effects"] = [{"id": "torque-offset", "parameters": known}]
+    path = folder / "with_effect.json"
+    path.write_text(json.dumps(content), "utf-8")
+    refined = read_bundle(path).replaced(refinement=Refinement(converged=True))
+    effects = {"torque-offset": catalogue()["torque-offset"]}
+    found = advise(campaign, refined, threshold=4.0, catalogue=effects)
+    names = [parameter.name for parameter in found.parameters]
+    assert found.now[names.index("torque-offset.offset_nm")] == pytest.approx(5e-4, rel=1e-3)
+
+
+def test_friction_from_the_counted_logs_is_no_prior(campaign: Campaign, bundle: Bundle) -> None:
+    assert bundle.friction is not None
+    moving = bundle.replaced(friction=bundle.friction.replaced(source="friction-motion"))
+    found = advise(campaign, moving, threshold=4.0, catalogue={})
+    has_prior = {parameter.name: parameter.has_prior for parameter in found.parameters}
+    assert not has_prior["friction.coulomb_nm"] and has_prior["friction.static_nm"]
 
 
 def test_a_refined_bundle_counts_its_motion_logs_once(

@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -220,6 +221,42 @@ def test_jackknife_covers_parameters_that_scatter_from_trial_to_trial() -> None:
         wide += fit.estimate("gain", fit.jackknife_covariance(groups)).holds(TRUTH[0])
     assert plain / 200 < 0.6
     assert 0.90 <= wide / 200 <= 0.99
+
+
+def levels(groups: NDArray[np.intp], y: NDArray[np.float64], *columns: NDArray[np.float64]) -> Any:
+    """Least squares of linear columns, and its jackknife over the groups."""
+    matrix = np.column_stack(columns)
+    start = [Parameter(f"p{i}", 0.1) for i in range(matrix.shape[1])]
+    fit = minimise(lambda values: matrix @ values - y, start, jacobian=lambda _: matrix)
+    return fit, fit.jackknife_covariance(groups)
+
+
+@pytest.mark.parametrize("others", [0, 40])
+def test_groups_that_do_not_show_a_parameter_are_no_degrees_of_freedom(others: int) -> None:
+    rng = np.random.default_rng(5)
+    groups = np.repeat(np.arange(3 + others), 50)
+    own = (groups < 3) * 1.0
+    columns = [own, 1.0 - own] if others else [own]
+    held = 0
+    for _ in range(300):
+        scatter = 0.3 * rng.standard_normal(3 + others)[groups]
+        fit, covariance = levels(groups, own + scatter, *columns)
+        assert covariance.dof[0] == 2.0
+        held += fit.estimate("p0", covariance).holds(1.0)
+    assert 0.91 <= held / 300 <= 0.99
+
+
+def test_what_one_group_alone_shows_has_no_scatter_between_groups() -> None:
+    """Leaving others out does not move it, and its own leaves nothing: no certainty of 1e-17."""
+    rng = np.random.default_rng(6)
+    groups = np.repeat(np.arange(6), 50)
+    own = (groups == 0) * 1.0
+    y = 1.0 + 0.1 * rng.standard_normal(len(groups))
+    for columns in ([1.0 - own, own], [np.ones_like(own), own]):
+        fit, covariance = levels(groups, y, *columns)
+        assert fit.shown_by(groups).tolist() == [5 + (columns[0][0] == 1.0), 1]
+        assert fit.estimate("p1", covariance).interval == (-math.inf, math.inf)
+        assert fit.estimate("p0", covariance).holds(1.0)
 
 
 def test_profile_interval_is_asymmetric_and_holds_the_truth() -> None:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from sysid.estimation.autocovariance import correlated_covariance
 from sysid.estimation.covariance import Covariance
 from sysid.estimation.linear import Estimate
-from sysid.types import FloatArray
+from sysid.types import FloatArray, IntArray
 
 Residuals = Callable[[FloatArray], FloatArray]
 Jacobian = Callable[[FloatArray], FloatArray]
@@ -32,6 +32,10 @@ _AT_BOUND = 1e-6
 # Singular values of the scaled Jacobian below this share of the largest are not identified.
 _RANK_TOLERANCE = 1e-10
 _TIED = 0.1
+# A group shows a parameter where it holds more than this of the length of its column, and a
+# direction that is lost without the group is one of those parameters that take part in it.
+_SHOWS = 1e-9
+_TAKES_PART = 1e-3
 _POLISH_STEPS = 20
 # A step that would lower the sum of squares by less than this share is rounding.
 _POLISHED = 1e-18
@@ -174,22 +178,44 @@ class LeastSquaresFit:
         """For parameters that differ from group to group (trial to trial).
 
         Leave-one-group-out jackknife (MacKinnon, White 1985: HC3 by cluster), each step
-        linearised at the minimum. It has as many degrees of freedom as there are groups less
-        one.
+        linearised at the minimum. A parameter has as many degrees of freedom as there are groups
+        that show it (`shown_by`), less one: none where a single group shows it, as nothing is
+        known of a scatter then (the matrix holds the residuals' error).
         """
         labels = np.unique(groups)
         moves = np.array([self._move_without(groups == g) for g in labels])
         moves -= moves.mean(axis=0)
         count = len(labels)
         matrix = np.asarray((count - 1) / count * moves.T @ moves)
-        return Covariance(matrix, np.full(len(matrix), count - 1.0))
+        shown = self.shown_by(groups)
+        alone = np.flatnonzero(shown <= 1)
+        matrix[alone, :] = matrix[:, alone] = 0.0
+        matrix[alone, alone] = np.diag(self.covariance)[alone]
+        return Covariance(matrix, np.maximum(shown - 1.0, 0.0))
+
+    def shown_by(self, groups: NDArray[np.intp]) -> IntArray:
+        """How many groups show each parameter, (p,).
+
+        1 too where it is known by one of them alone: without that, others could make up for it.
+        """
+        labels, free = np.unique(groups), np.flatnonzero(self._free)
+        found = np.zeros(len(self.values), dtype=np.intp)
+        scaled = self.jacobian[:, free]
+        scaled = scaled / np.linalg.norm(scaled, axis=0)
+        for group in labels:
+            own = groups == group
+            found[free] += np.linalg.norm(scaled[own], axis=0) > _SHOWS
+            _, sizes, ways = np.linalg.svd(np.linalg.qr(scaled[~own], mode="r"))
+            lost = ways[len(sizes[sizes > _SHOWS]) :]
+            found[free[np.any(np.abs(lost) > _TAKES_PART, axis=0)]] = -len(labels)
+        return np.where(found < 0, 1, found)
 
     def _move_without(self, rows: NDArray[np.bool_]) -> FloatArray:
         """Change of the parameters (p,) when `rows` are left out."""
         move = np.zeros(len(self.values))
         rest = self.jacobian[~rows][:, self._free]
         scale = np.sqrt(np.sum(self.jacobian[:, self._free] ** 2, axis=0))
-        step, *_ = np.linalg.lstsq(rest / scale, -self.residuals[~rows], rcond=1e-9)
+        step, *_ = np.linalg.lstsq(rest / scale, -self.residuals[~rows], rcond=_SHOWS)
         move[self._free] = step / scale
         return move
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -38,7 +38,7 @@ from sysid.refinement.options import (
 )
 from sysid.refinement.probes import Probes, probes_of
 from sysid.refinement.refine import KINDS, bench_scatter, check_on_off_law, motion_tests_of
-from sysid.refinement.unknowns import Unknown, chosen, unknowns_of
+from sysid.refinement.unknowns import Unknown, chosen, unknowns_of, without_own_data
 from sysid.types import FloatArray, Progress, no_progress
 
 _TIED = 0.9
@@ -76,7 +76,7 @@ def advise(
     notices: list[str] = []
     progress("reading motion logs")
     logged = motion_tests_of(campaign, campaign.select(KINDS, use="fit"), bundle, notices)
-    unknowns = tuple(chosen(unknowns_of(bundle, rig, model)))
+    unknowns = tuple(_known_without(bundle, chosen(unknowns_of(bundle, rig, model))))
     scatter = bench_scatter(bundle)
     setting = AdviceSetting(rig, model, unknowns, noise_of(logged, rig), scatter.pair)
     progress("refining the motion logs")
@@ -119,6 +119,18 @@ _REFINED = (
     "{} is refined: its standard errors, with their correlation, hold its motion logs, which are "
     "not counted again"
 )
+
+
+def _known_without(bundle: Bundle, unknowns: Sequence[Unknown]) -> list[Unknown]:
+    """The unknowns with what is known of them beside the motion logs that are counted.
+
+    Of a refined bundle none is counted: what its errors say of an effect is not in it twice.
+    """
+    if bundle.refinement is None:
+        return without_own_data(unknowns, bundle, [])
+    return [
+        replace(u, has_prior=True) if u.origin == "effect" and u.std > 0.0 else u for u in unknowns
+    ]
 
 
 # --- standard errors -------------------------------------------------------------------

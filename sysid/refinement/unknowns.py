@@ -331,7 +331,9 @@ def without_own_data(
             "but no prior"
         )
         own = {"friction", "valve"}
-        return [dataclasses.replace(u, has_prior=u.origin not in own) for u in unknowns]
+        return [
+            dataclasses.replace(u, has_prior=u.has_prior and u.origin not in own) for u in unknowns
+        ]
     refitted: set[str] = set()
     if bundle.friction is not None and bundle.friction.source == "friction-motion":
         refitted |= {"coulomb_effort", "viscous", "inertia", "offset"}

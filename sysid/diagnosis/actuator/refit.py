@@ -90,6 +90,8 @@ class Refit:
         fit = self.fit.holding(shapes)
         covariance = fit.jackknife_covariance(tests).matrix
         places = [fit.names.index(f"{effect.id}/{q.name}") for q in strong]
+        if np.any(fit.shown_by(tests)[places] == 1):
+            return 0.0
         strengths = fit.values[places]
         inverse = np.linalg.pinv(covariance[np.ix_(places, places)], hermitian=True)
         return float(strengths @ inverse @ strengths) / len(places)
