@@ -95,6 +95,19 @@ def test_the_same_file_under_another_name_is_not_both(campaign_file: Path) -> No
         read_campaign(campaign_file)
 
 
+def test_no_log_counts_twice(campaign_file: Path) -> None:
+    campaign_file.write_text(TEXT + '[[log]]\nkind = "friction-static"\nfile = "a.csv"\n')
+    with pytest.raises(InputError, match=r"a\.csv is given twice as friction-static"):
+        read_campaign(campaign_file)
+
+
+@pytest.mark.parametrize("name", ["a.csv", "rig.toml"])
+def test_a_file_without_a_name_is_missing(campaign_file: Path, name: str) -> None:
+    campaign_file.write_text(TEXT.replace(f'"{name}"', '""'))
+    with pytest.raises(InputError, match=r"campaign\.toml.*is missing"):
+        read_campaign(campaign_file)
+
+
 def test_samples(shared_samples: Path) -> None:
     campaign = read_campaign(shared_samples / "rig-1" / "campaign.toml")
     assert len(campaign.logs) == 12

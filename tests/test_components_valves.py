@@ -311,6 +311,12 @@ def test_a_direction_without_a_test_is_said_to_be_unidentified() -> None:
     assert "sweep of its duty" in str(timing.emptying_time_s.reason)
 
 
+def test_a_direction_that_was_not_fitted_is_not_predicted() -> None:
+    emptying = valve_time([sweep(0.005, False, (), 0, 0.0)], BENCH)
+    with pytest.raises(NotIdentifiedError, match="emptying_time_s is not identified"):
+        emptying.times(Law({"filling_time_s": 3.0}), 0)
+
+
 def changed(trial: Trial, **channels: Any) -> Trial:
     return dataclasses.replace(trial, channels={**trial.channels, **channels})
 

@@ -28,7 +28,13 @@ from sysid.diagnosis.actuator.screening import explained, projected
 from sysid.diagnosis.actuator.search import RefittedStep, _TwinRounds
 from sysid.diagnosis.actuator.signatures import Candidate, Signatures, candidates
 from sysid.diagnosis.actuator.starting_friction import with_sliding_friction
-from sysid.diagnosis.actuator.twins import Scatter, SensorNoise, sensor_noise, simulate_twins
+from sysid.diagnosis.actuator.twins import (
+    Scatter,
+    SensorNoise,
+    retraced,
+    sensor_noise,
+    simulate_twins,
+)
 from sysid.diagnosis.actuator.unexplained import (
     curves,
     faintest,
@@ -362,6 +368,28 @@ def test_a_threshold_is_clear_where_many_tests_gain(
     assert worse.wald(base.frame.tests) == 1.0
 
 
+def test_counts_that_beat_against_the_sampling_are_no_structure(
+    traces: Traces, healthy: tuple[Tests, Rig, Model]
+) -> None:
+    """What the sensors add along the logs' own motion is expected, though no twin shows it."""
+    _, _, model = healthy
+    frame = build_frame(traces, model, noise_of(traces, model), 0.0)
+    base = projected(frame, model)
+    square = float(np.mean(base.rest[frame.rows("effort")] ** 2))
+    sensors = {"effort": 2.0 * square}
+    plain, known = (Null([base], [], given).excess(base) for given in ({}, sensors))
+    rows = len(base.rest[frame.rows("effort")])
+    assert plain["effort"] == pytest.approx(0.0, abs=1e-6)
+    assert known["effort"] == pytest.approx(-rows * square)
+    assert known["rate_a"] == plain["rate_a"]
+
+    exact = SensorNoise((np.zeros(1), np.zeros(1), np.zeros(1)), np.zeros(3))
+    path, shown = retraced(traces, exact, 0)
+    np.testing.assert_array_equal(path.acceleration, shown.acceleration)
+    counts = replace(exact, quantum=np.array([1e-3, 0.0, 0.0]))
+    assert np.std(retraced(traces, counts, 0)[1].acceleration - path.acceleration) > 0.0
+
+
 def test_an_effect_that_a_later_one_makes_superfluous_is_removed(
     traces: Traces, healthy: tuple[Tests, Rig, Model]
 ) -> None:
@@ -370,7 +398,7 @@ def test_an_effect_that_a_later_one_makes_superfluous_is_removed(
     frame = build_frame(traces, model, noise_of(traces, model), 0.0)
     twin = twin_of(model + SealFriction(3e-7), traces, rig)
     first = projected(build_frame(twin, model, noise_of(traces, model), 0.0), model)
-    null = Null([projected(frame, model)], [])
+    null = Null([projected(frame, model)], [], {})
     rounds = _TwinRounds(first, (), null, no_progress, lambda trial: 0.0, Book())
 
     def add(*starts: CatalogueEffect) -> None:
@@ -401,7 +429,7 @@ def test_of_rivals_the_one_that_simulates_better_is_named(
     first = projected(build_frame(twin, model, noise_of(twin, model), 0.0), model)
     lag, skew = (refit(first, [start]) for start in (PressureLag(0.002), TimeSkew(0.002)))
     assert skew.gain > 0.9 * lag.gain
-    null = Null([first], [])
+    null = Null([first], [], {})
 
     def rounds(better: type[CatalogueEffect]) -> _TwinRounds:
         def error(trial: Model) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 from pathlib import Path
@@ -43,6 +44,7 @@ from sysid.identification.friction.effort import ROTARY, even_trial
 from sysid.identification.friction.static import find_onset
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig, rig_from_content
+from sysid.io.rig_sections import Air
 from sysid.types import FloatArray
 
 
@@ -62,6 +64,30 @@ def test_breakaway_is_found_with_and_without_a_drop_of_friction(coulomb: float) 
     result = fit_friction(trials, RIG)
     assert result["static_nm"].value == pytest.approx(0.333, rel=0.006)
     assert all(use.used for use in result.trials)
+
+
+def test_an_effort_that_the_recording_cuts_off_is_said() -> None:
+    whole = [ramp(0.35, 0.2, start, way) for start in (-0.5, 0.0, 0.5) for way in (1, -1)]
+    assert not any("stopped growing" in n for n in fit_friction(whole, RIG).notices)
+    for one in whole:
+        one.channels["motor_torque_nm"] = np.clip(one["motor_torque_nm"], -0.3, 0.3)
+    (said,) = (n for n in fit_friction(whole, RIG).notices if "stopped growing" in n)
+    assert "0.3 Nm" in said
+
+
+def test_a_pressure_that_never_changes_is_said() -> None:
+    test = swing()
+    dead = {**test.channels, "pressure_a_pa": np.full(len(test.time), 1.0e5)}
+    air = Air(
+        gas_constant_j_per_kg_k=287.0,
+        heat_capacity_ratio=1.4,
+        temperature_k=293.0,
+        atmospheric_pressure_pa=1.0e5,
+        supply_pressure_pa=6.0e5,
+    )
+    rig = dataclasses.replace(RIG, air=air)
+    found = fit_friction([Trial("1", test.time, dead, "log")], rig)
+    assert any("pressure_a_pa never changes" in notice for notice in found.notices)
 
 
 def test_presliding_is_not_breakaway() -> None:

@@ -317,6 +317,11 @@ def _read_logs(
     paths: Sequence[Path], rig_path: Path | None, maps: Sequence[str]
 ) -> tuple[Rig, list[Log]]:
     """The logs of one rig: `rig_path`, or the one rig file nearest to all of them."""
+    known: set[str] = set()
+    for path in paths:
+        if os.path.realpath(path) in known:
+            raise input_error(path, "is given twice", "give each log once")
+        known.add(os.path.realpath(path))
     files = {find_rig_file(p) for p in paths} if rig_path is None else {rig_path}
     if len(files) > 1:
         raise input_error(

@@ -189,7 +189,7 @@ def read_campaign(path: Path, own: OwnKind | None = None) -> Campaign:
     source = str(path)
     notices = reject_misspelt(content, CampaignFile.model_fields, "", source)
     rig_file = content.get("rig")
-    if not isinstance(rig_file, str):
+    if not isinstance(rig_file, str) or not rig_file:
         raise input_error(path, "rig is missing", 'add rig = "rig.toml" at the top')
     rig_path = path.parent / rig_file
     if not rig_path.is_file():
@@ -228,7 +228,7 @@ def _entry(
         raise input_error(path, f"{where} is not a table", "write [[log]] with kind and file")
     notices += reject_misspelt(table, LogEntry.model_fields, f"{where}: ", str(path))
     file = table.get("file")
-    if not isinstance(file, str):
+    if not isinstance(file, str) or not file:
         raise input_error(path, f"{where}: file is missing", 'add file = "..."')
     where = f"{where} ({file})"
     chosen = _choices(path, where, table, own_kind)
@@ -266,12 +266,19 @@ def _one_of(path: Path, where: str, key: str, value: Any, allowed: Sequence[str]
 
 
 def _reject_used_twice(path: Path, logs: Sequence[CampaignLog]) -> None:
-    """A training log cannot be held out as well."""
+    """A training log cannot be held out as well, and no log is evidence twice."""
     uses: dict[str, str] = {}
+    seen: set[tuple[str, str, str | None]] = set()
     for entry in logs:
         key = os.path.realpath(entry.path)
         if uses.setdefault(key, entry.use) != entry.use:
             raise input_error(path, f"{entry.file} is both fit and holdout", "give it one use")
+        same = (key, entry.kind, entry.valve)
+        if same in seen:
+            raise input_error(
+                path, f"{entry.file} is given twice as {entry.kind}", "delete one of its [[log]]s"
+            )
+        seen.add(same)
 
 
 __all__ = [

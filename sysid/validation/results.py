@@ -226,14 +226,12 @@ class ValidationResult(Shown):
         """Fit percentage: one row per log and valve model, one column per channel."""
         import pandas as pd
 
-        rows = {
-            (log.file, log.use, log.model): {
-                name: channel.errors.fit_percentage for name, channel in log.channels.items()
-            }
-            for log in self.logs
-        }
-        frame = pd.DataFrame.from_records(list(rows.values()))
-        frame.index = pd.MultiIndex.from_tuples(rows, names=["file", "use", "valve_model"])
+        # Logs of several folders may share a name.
+        names = [(log.file, log.use, log.model) for log in self.logs]
+        frame = pd.DataFrame.from_records(
+            [{n: c.errors.fit_percentage for n, c in log.channels.items()} for log in self.logs]
+        )
+        frame.index = pd.MultiIndex.from_tuples(names, names=["file", "use", "valve_model"])
         return frame
 
     def headline(self) -> str:
@@ -267,7 +265,10 @@ class ValidationResult(Shown):
         for log in self.logs:
             found = [log.channels.get(name) for name in names]
             known = [None if c is None else c.errors.fit_percentage for c in found]
-            fits[f"{log.file}, {log.model}"] = [math.nan if v is None else v for v in known]
+            label = f"{log.file}, {log.model}"
+            while label in fits:
+                label += "'"
+            fits[label] = [math.nan if v is None else v for v in known]
         bars(ax, names, fits)
         ax.set_ylabel("fit (%)")
         return ax

@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from sysid.diagnosis.actuator.bias_correction import corrected
-from sysid.diagnosis.actuator.equation_error import forget
+from sysid.diagnosis.actuator.equation_error import BALANCES, forget
 from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.samples import Traces, prepare
 from sysid.diagnosis.actuator.screening import Projected, projected
 from sysid.diagnosis.actuator.search import Search, search
 from sysid.diagnosis.actuator.signatures import Candidate, candidates, one_form_each
 from sysid.diagnosis.actuator.starting_friction import with_sliding_friction
-from sysid.diagnosis.actuator.twins import Scatter, SensorNoise, sensor_noise, simulate_twins
+from sysid.diagnosis.actuator.twins import (
+    Scatter,
+    SensorNoise,
+    retraced,
+    sensor_noise,
+    simulate_twins,
+)
 from sysid.diagnosis.actuator.whitening import (
     Frame,
     ResidualNoise,
@@ -99,6 +107,7 @@ def begin(
         colour = noise_of(pilot, model)
         bare = projected(build_frame(traces, model, colour, 0.0), model)
         spread = min(friction_scatter(bare.frame, bare.rest), _SCATTER_LIMIT)
+        sensors = _sensor_squares(replace(bare.frame, scatter=spread), model, noise, seed + 3)
     scatter = Scatter(spread, spread)
     progress(f"friction scatters by {100 * spread:.1f} % from test to test")
 
@@ -120,7 +129,7 @@ def begin(
     if isinstance(ended, Failure):
         book.miss(ended, decides=False)
     with time_limit(None):
-        null = Null(judged or [twin_frame(pilot)], forms)
+        null = Null(judged or [twin_frame(pilot)], forms, sensors)
     return Start(traces, model, noise, scatter, colour, forms, null)
 
 
@@ -175,6 +184,15 @@ def close_loop(
         start.colour,
         book.closed(),
     )
+
+
+def _sensor_squares(frame: Frame, model: Model, noise: SensorNoise, seed: int) -> dict[str, float]:
+    """Mean whitened square of the sensors' noise along the logs' own motion, by balance."""
+    path, shown = retraced(frame.traces, noise, seed)
+    left = replace(frame, traces=shown).residual(model)
+    left -= replace(frame, traces=path).residual(model)
+    squares = {name: left[frame.rows(name)] ** 2 for name in BALANCES}
+    return {name: float(np.mean(own)) for name, own in squares.items() if len(own)}
 
 
 def _pilot(

@@ -29,10 +29,17 @@ class Null:
     """Twins' residuals, and the gain of each effect on them where it is needed.
 
     `sums` maps a channel to the twins' whitened sums of squares a row, (twins,), `typical`
-    to those of the median stretch. `family` is the number of forms screened.
+    to those of the median stretch, `sensors` to that of the sensors' noise along the logs' own
+    motion. `family` is the number of forms screened.
     """
 
-    def __init__(self, twins: Sequence[Projected], forms: Sequence[Candidate]) -> None:
+    def __init__(
+        self,
+        twins: Sequence[Projected],
+        forms: Sequence[Candidate],
+        sensors: Mapping[str, float],
+    ) -> None:
+        self.sensors = dict(sensors)
         self._twins = tuple(twins)
         self._forms = tuple(forms)
         self._gains: dict[str, FloatArray] = {}
@@ -98,6 +105,7 @@ class Null:
             own = base.rest[base.frame.rows(name)]
             level = max(1.0, typical_square(base, name) / float(np.median(self.typical[name])))
             expected = float(np.max(self.sums[name])) * min(level, _NOISIEST)
+            expected = max(expected, self.sensors.get(name, 0.0))
             found[name] = float(own @ own) - len(own) * expected
         return found
 

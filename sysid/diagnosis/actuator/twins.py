@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid import signals
-from sysid.diagnosis.actuator.samples import TestRun, Traces
+from sysid.diagnosis.actuator.samples import TestRun, Traces, smooth
 from sysid.io.channels import CHAMBER_PRESSURES
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
@@ -27,6 +27,8 @@ _CALM = 1.6
 _NOISE_LAGS = 6
 _MOST_LAGS = 33
 _UNCORRELATED = 0.05
+# What is slower is motion, where the sensors' own noise along it is asked for.
+_PATH_HZ = 10.0
 
 
 @dataclass(frozen=True)
@@ -158,6 +160,20 @@ def simulate_twins(
                 draw = np.random.default_rng((seed, i, run.rows.start))
                 measured[:, run.rows] = _at_stamps(run, true[:, run.rows], noise, draw)
         yield traces.with_measured(*measured)
+
+
+def retraced(traces: Traces, noise: SensorNoise, seed: int) -> tuple[Traces, Traces]:
+    """The logs' own motion and pressures, smoothed, as they are and as the sensors show them.
+
+    An encoder's counts at a steady speed beat against the sampling, at a frequency that is another
+    at a twin's speed.
+    """
+    smoothed = [
+        smooth(traces.runs, values, _PATH_HZ)
+        for values in (traces.position, traces.pressure_a, traces.pressure_b)
+    ]
+    shown = noise.on(np.array(smoothed), np.random.default_rng(seed))
+    return traces.with_measured(*smoothed), traces.with_measured(*shown)
 
 
 def _at_stamps(

@@ -67,7 +67,8 @@ def leftover(found: Loop) -> tuple[ResidualCurve, ...]:
     search, null = found.search, found.null
     before, after = null.excess(search.first), null.excess(search.last)
     left = []
-    for channel, excess in after.items():
+    for channel in BALANCES:  # the few breakaways are for what acts on them alone
+        excess = after[channel]
         spread = null.spread(search.last, channel)
         if excess >= max(_SPREADS * spread, _TOLERATED * (before[channel] - excess)):
             left.append(channel)

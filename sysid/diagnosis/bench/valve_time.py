@@ -135,8 +135,14 @@ class ValveTime(Component):
     def times(self, law: Law, test: int) -> FloatArray:
         """Modelled time to the pressure, s, (n,) of a test's readings."""
         sweep = self.sweeps[test]
-        full = law.values[PARAMETERS[0] if sweep.fills else PARAMETERS[1]]
-        return full / self._relative_flow(sweep, law.effects)
+        name = PARAMETERS[0] if sweep.fills else PARAMETERS[1]
+        if name not in law.values:
+            way = "filling" if sweep.fills else "emptying"
+            raise NotIdentifiedError(
+                f"{name} is not identified: readings to predict are of {way}, none of the fitted "
+                f"ones is; fit a sweep of {way} too"
+            )
+        return law.values[name] / self._relative_flow(sweep, law.effects)
 
     def residuals(self, law: Law, tests: Sequence[int]) -> list[FloatArray]:
         return [np.log(self.sweeps[t].seconds) - np.log(self.times(law, t)) for t in tests]

@@ -29,6 +29,8 @@ KINDS = (STATIC, SLIDING, MOTION)
 # Samples within this share of the stroke from an end are not part of the model (log-format.md).
 END_MARGIN = 0.01
 MIN_SAMPLES = 50
+# A shaft moves where it crosses this share of its travel.
+_MOVES = 0.02
 BLOCK_S = 0.05  # blocks over which speeds are averaged
 _PUSHED = 0.3  # correlation of speed and push
 
@@ -123,7 +125,10 @@ class EvenTrial:
 
 @dataclass
 class TrialUse:
-    """The outcome of one trial: used, or left out and why, and the values read from it."""
+    """The outcome of one trial: used, or left out and why, and the values read from it.
+
+    `has_stopped`: a ramp's effort had stopped growing before the shaft moved.
+    """
 
     label: str
     source: str
@@ -131,6 +136,7 @@ class TrialUse:
     used: bool = True
     reason: str = ""
     values: dict[str, float] = field(default_factory=dict)
+    has_stopped: bool = False
 
     @property
     def title(self) -> str:
@@ -233,6 +239,15 @@ def _cylinder(trial: Trial, rig: Rig, even: Any, n: int, notices: list[str]) -> 
         _say(notices, f"{missing} not logged: the chamber is assumed to be at P0")
     if not present:
         return np.zeros(n)
+    way = float(np.ptp(trial[rig.position_channel]))
+    moves = len(trial) >= MIN_SAMPLES and way > 0.0 and way >= _MOVES * (rig.travel or 0.0)
+    for name in present:
+        if moves and np.ptp(trial[name]) == 0.0:
+            _say(
+                notices,
+                f"{name} never changes though the shaft moves: is its sensor connected? What the "
+                "air does to the motion is taken for friction",
+            )
     air = rig.require("air", "and the cylinder's effort is relative to atmospheric pressure")
     p0 = float(air.atmospheric_pressure_pa)
     a, b = (even(name) if name in trial else np.full(n, p0) for name in CHAMBER_PRESSURES)

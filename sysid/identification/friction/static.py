@@ -25,7 +25,7 @@ from sysid.estimation.linear import (
     t_quantile,
 )
 from sysid.estimation.quality import FitQuality, repeats_lack_of_fit
-from sysid.identification.friction.effort import STATIC, EvenTrial, TrialUse, Units
+from sysid.identification.friction.effort import STATIC, EvenTrial, TrialUse, Units, titles
 from sysid.types import FloatArray
 
 TRAVEL_SHARE = 1e-3  # of the stroke: motion beyond it is more than presliding
@@ -35,6 +35,8 @@ REST_S = 0.03  # a shaft that moves by less than its noise for this long is at r
 AVERAGE_S = 0.2  # of the efforts before the onset
 POSITION_GAP = 0.05  # of the stroke, between one start position and the next
 SIGNIFICANT = 0.05
+# An effort has stopped growing if it stays this many times longer than at any of so many steps.
+_LONGER, _LEAST_STEPS = 5, 20
 
 CRITERION = (
     "onset of sustained motion: the first movement that leaves the presliding range "
@@ -119,6 +121,14 @@ def fit_static(
     used = [use for use in uses if use.used]
     if not used:
         return None, uses
+    stopped = [use for use in used if use.has_stopped]
+    if stopped:
+        largest = max(abs(use.values["breakaway"]) for use in stopped)
+        notices.append(
+            f"static friction: the effort had stopped growing before the shaft moved in "
+            f"{titles(stopped)}; if the recording cuts it off ({largest:.3g} {units.effort}), "
+            "static friction is larger"
+        )
     values = np.array([abs(use.values["breakaway"]) for use in used])
     starts = np.array([use.values["position"] for use in used])
     places = _places(starts, trials[0].travel)
@@ -154,7 +164,20 @@ def breakaway(trial: EvenTrial, units: Units) -> TrialUse:
         "onset_s": onset.time,
         "travel_threshold": onset.threshold,
     }
+    use.has_stopped = _has_stopped(trial.motor[: onset.index + 1])
     return use
+
+
+def _has_stopped(drive: FloatArray) -> bool:
+    """Whether a drive (n,) that grew before stays where it is at the end.
+
+    Not one that grows in steps as long as that.
+    """
+    steps = np.flatnonzero(np.diff(drive))
+    if len(steps) < _LEAST_STEPS:
+        return False
+    still = len(drive) - 1 - int(steps[-1])
+    return still > _LONGER * int(np.max(np.diff(steps)))
 
 
 def _carried_on(times: FloatArray, effort: FloatArray, when: float) -> float:
