@@ -40,6 +40,7 @@ from sysid.identification.valve_discrete.trials import Piece, Screened, screen
 from sysid.io.channels import SIDES
 from sysid.io.logs import Trial
 from sysid.io.rig import Air, Rig
+from sysid.io.trial_kind import away_from_ends
 from sysid.model.base import CRITICAL_RATIO, exhaust_jump, filling_jump
 
 __all__ = ["DiscreteFit", "PressureCurve", "ValveDiscreteResult", "fit_valve_discrete"]
@@ -126,6 +127,8 @@ def _fit_valve(
         # A supply that is never steady belongs to the rig: the tests' scatter shows its influence.
         screened = [screen(t, valve, rig, keep_rise=True) for t in used]
     notices += [n for s in screened for n in s.notices]
+    away = away_from_ends(used, rig)
+    notices += [f"{title}: {away}"] if away else []
     pieces = [p for s in screened for p in s.pieces]
     read = [read_stretches(p) for p in pieces]
     start, reasons = _start(screened, read, rig)

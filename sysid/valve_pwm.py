@@ -32,8 +32,10 @@ from sysid.identification.valve_pwm.samples import (
     sample_tests,
 )
 from sysid.identification.valve_pwm.selection import Remarks, moved_valves, select_tests
+from sysid.io.channels import SIDES
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
+from sysid.io.trial_kind import away_from_ends
 from sysid.surfaces.bipolynomial import N_TERMS, Bipolynomial
 from sysid.surfaces.comparison import (
     ResolutionStudy,
@@ -117,7 +119,9 @@ def fit_valve_pwm(
         raise NotIdentifiedError("; ".join((*missing.values(), *remarks.notices())))
     averaged, unknown = _averaged(fits, rig, seed)
     unidentified = (*missing.values(), *unknown)
+    away = away_from_ends([t for t in trials if any(f"duty_{v}" in t for v in SIDES)], rig)
     notices = (*remarks.notices(), *(f"not identified: {r}" for r in unidentified))
+    notices += (away,) if away else ()
     summaries = tuple(_summary(f) for f in fits.values())
     return ValvePwmFit(fits, missing, summaries, notices, seed, averaged)
 

@@ -342,6 +342,17 @@ def test_both_valves_of_one_file(rig: Rig) -> None:
     assert_recovered(result.valves["b"], VALVE_B)
 
 
+@pytest.mark.parametrize(("share", "is_said"), [(1.0, False), (0.95, False), (0.0, True)])
+def test_a_piston_that_is_held_at_neither_end_is_said(
+    rig: Rig, share: float, is_said: bool
+) -> None:
+    """An encoder that reads 0 at the stop has the flows of the chamber's volume in the middle."""
+    trial = Bench(VALVE_A, "a").trial(1, "1")
+    held = changed(trial, theta_rad=np.full(len(trial), share * END_RAD))
+    notices = fit_quickly([held], rig).notices
+    assert any("away from both ends" in notice for notice in notices) is is_said
+
+
 def test_both_valves_switched_in_the_same_test(rig: Rig) -> None:
     """Chamber B is then the small one: its volume follows from the angle."""
     trial = Bench(VALVE_A, "a").trial(1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from fractions import Fraction
 
 import numpy as np
@@ -12,6 +13,8 @@ from sysid.io.rig import Rig
 # A held piston moves by encoder counts and a little elasticity, not by a stroke.
 _HELD_SHARE_OF_STROKE = 0.005
 _HELD_STEPS = 20.0
+# Of half a stroke: a piston that is held farther in stands at no end.
+_NEAR_AN_END = 0.9
 # At most so many PWM periods are searched for a whole number of rows.
 _MAX_PERIODS = 4
 
@@ -25,6 +28,26 @@ def is_held(trial: Trial, rig: Rig) -> bool:
     step = smallest_step(trial[name]) or 0.0
     give = _HELD_SHARE_OF_STROKE * rig.travel if rig.travel is not None else 0.0
     return moved <= max(give, _HELD_STEPS * step)
+
+
+def away_from_ends(trials: Sequence[Trial], rig: Rig) -> str | None:
+    """A notice of tests whose piston is held, but at neither end of its stroke; None without any.
+
+    The chamber's volume follows from the place: a flow is as wrong as the encoder's zero makes it.
+    """
+    name, travel = rig.position_channel, rig.travel
+    if travel is None:
+        return None
+    places = [float(np.median(t[name])) for t in trials if name in t and is_held(t, rig)]
+    away = [place for place in places if abs(place) < _NEAR_AN_END * 0.5 * travel]
+    if not away:
+        return None
+    unit = "m" if rig.is_linear else "rad"
+    return (
+        f"the piston is held at {away[0]:.4g} {unit} in {len(away)} of {len(trials)} tests, away "
+        f"from both ends ({0.5 * travel:.4g} {unit} from the middle): if it stood at one, "
+        "flows are wrong by the chamber's volume; set the encoder's zero"
+    )
 
 
 def is_active(trial: Trial, *names: str) -> bool:
