@@ -143,11 +143,13 @@ def pauses(time: FloatArray) -> NDArray[np.intp]:
 
 def in_pauses(time: FloatArray, grid: FloatArray) -> NDArray[np.bool_]:
     """Which of the times `grid` (m,) s lie within a pause of the rows at `time` (n,) s."""
-    row = np.clip(np.searchsorted(time, grid, side="right") - 1, 0, max(len(time) - 2, 0))
-    found = np.isin(row, pauses(time))
-    return np.asarray(
-        found & (grid > time[row]) & (grid < time[np.minimum(row + 1, len(time) - 1)])
-    )
+    row = np.searchsorted(time, grid, side="right") - 1
+    return np.asarray(np.isin(row, pauses(time)) & (grid > time[row]))
+
+
+def between_pauses(time: FloatArray) -> list[NDArray[np.intp]]:
+    """The rows of each part of a recording (n,) s that no pause interrupts, in their order."""
+    return np.split(np.arange(len(time)), pauses(time) + 1)
 
 
 def resample(
@@ -165,14 +167,15 @@ def resample(
         rows = np.searchsorted(time, grid + 1e-9 * (grid[1] - grid[0]), side="right") - 1
         held = np.clip(rows, 0, len(time) - 1)
         return np.asarray(np.asarray(values, dtype=float)[held])
-    found = np.interp(grid, time, values)
-    for rows in np.split(np.arange(len(time)), pauses(time) + 1):
-        if len(rows) > 1:
-            from scipy.interpolate import CubicSpline
+    from scipy.interpolate import CubicSpline
 
+    values = np.asarray(values, dtype=float)
+    found = np.interp(grid, time, values)
+    for rows in between_pauses(time):
+        if len(rows) > 1:
             own = (grid >= time[rows[0]]) & (grid <= time[rows[-1]])
-            found[own] = CubicSpline(time[rows], np.asarray(values, dtype=float)[rows])(grid[own])
-    return np.asarray(found, dtype=float)
+            found[own] = CubicSpline(time[rows], values[rows])(grid[own])
+    return np.asarray(found)
 
 
 def held_about_rows(command: FloatArray) -> FloatArray:

@@ -45,6 +45,7 @@ from sysid.errors import input_error
 from sysid.friction import FrictionResult, fit_friction
 from sysid.identification.friction.effort import classify_trial
 from sysid.io.campaign import Campaign, CampaignLog
+from sysid.io.files import check_each_once
 from sysid.io.logs import Log, Trial, read_log
 from sysid.io.rig import Rig, find_rig_file, read_rig
 from sysid.io.source import Source
@@ -317,11 +318,7 @@ def _read_logs(
     paths: Sequence[Path], rig_path: Path | None, maps: Sequence[str]
 ) -> tuple[Rig, list[Log]]:
     """The logs of one rig: `rig_path`, or the one rig file nearest to all of them."""
-    known: set[str] = set()
-    for path in paths:
-        if os.path.realpath(path) in known:
-            raise input_error(path, "is given twice", "give each log once")
-        known.add(os.path.realpath(path))
+    check_each_once(paths, "log")
     files = {find_rig_file(p) for p in paths} if rig_path is None else {rig_path}
     if len(files) > 1:
         raise input_error(

@@ -22,11 +22,11 @@ from sysid.diagnosis import wording
 from sysid.display.numbers import ascii_text
 from sysid.display.terminal import console
 from sysid.errors import InputError, NotIdentifiedError, SysidError, input_error
-from sysid.fleet.origin import check_each_once, origin_of, result_folder
+from sysid.fleet.origin import origin_of, result_folder
 from sysid.fleet.rows import FleetRow, effects_of, readings_of
 from sysid.fleet.trends import Fleet, fleet_of
 from sysid.io.campaign import read_campaign
-from sysid.io.files import make_folder, write_atomic
+from sysid.io.files import check_each_once, make_folder, write_atomic
 from sysid.model.effects.catalogue import catalogue_with
 from sysid.types import Progress, no_progress
 
@@ -92,7 +92,7 @@ def run_fleet(
     A campaign that cannot be run is a row that says why; the others go on. Raises InputError for
     a campaign given twice, a folder that cannot be written, and a scheduler that does not answer.
     """
-    check_each_once(list(campaigns))
+    check_each_once(campaigns, "campaign")
     make_folder(folder)
     if options.get("effects") is not None:  # workers of a scheduler have other folders
         options["effects"] = options["effects"].resolve()

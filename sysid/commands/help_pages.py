@@ -31,7 +31,7 @@ PAGES = {
 
 # They raise for whoever calls them.
 _HELPERS = ("sysid.errors", "sysid.io.samples", "sysid.io.user_code")
-_SHARED = ("read_bytes", "read_toml", "reject_misspelt", "require")
+_SHARED = ("check_each_once", "read_bytes", "read_toml", "reject_misspelt", "require")
 
 
 def page_for(error: BaseException) -> str:

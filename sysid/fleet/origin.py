@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sysid.errors import input_error
 from sysid.io.campaign import Campaign
 
 _DATE = re.compile(r"(?<!\d)(\d{4})-?(\d{2})-?(\d{2})(?!\d)")
@@ -83,13 +82,4 @@ def result_folder(path: Path) -> str:
     return f"{slug}-{hashlib.sha256(str(whole).encode()).hexdigest()[:6]}"
 
 
-def check_each_once(paths: list[Path]) -> None:
-    """InputError for a campaign that is given twice."""
-    seen: set[Path] = set()
-    for path in paths:
-        if path.resolve() in seen:
-            raise input_error(path, "is given twice", "give each campaign once")
-        seen.add(path.resolve())
-
-
-__all__ = ["Origin", "check_each_once", "date_in", "origin_of", "result_folder"]
+__all__ = ["Origin", "date_in", "origin_of", "result_folder"]

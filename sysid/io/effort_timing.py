@@ -54,7 +54,7 @@ def with_commands(trials: Iterable[Trial], rig: Rig) -> tuple[Trial, ...]:
 def _command(time: FloatArray, readings: FloatArray) -> FloatArray:
     """`_between_pauses` of each stretch (n,); what a pause hides is not made up."""
     found = np.array(readings, dtype=float)
-    for rows in np.split(np.arange(len(time)), signals.pauses(time) + 1):
+    for rows in signals.between_pauses(time):
         found[rows] = _between_pauses(time[rows], found[rows])
     return found
 

@@ -9,7 +9,7 @@ import signal
 import stat
 import tempfile
 import threading
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from pathlib import Path
 from types import FrameType
 from typing import BinaryIO
@@ -149,6 +149,15 @@ def _named(handle: int, folder: Path) -> Path:
     finally:
         os.close(descriptors)
     return name
+
+
+def check_each_once(paths: Sequence[Path], what: str) -> None:
+    """InputError for a file that is given twice; `what` each is ("log")."""
+    seen: set[Path] = set()
+    for path in paths:
+        if path.resolve() in seen:
+            raise input_error(path, "is given twice", f"give each {what} once")
+        seen.add(path.resolve())
 
 
 def make_folder(folder: Path, *, parents: bool = True) -> None:
