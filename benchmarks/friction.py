@@ -1,13 +1,15 @@
 """Figures of friction, as measured.
 
-    python benchmarks/friction.py [--only thesis|emps|generated|vertical|low-speed] [--seeds 50]
+    python benchmarks/friction.py [--only thesis|emps|generated|vertical|low-speed|coarse]
+        [--seeds 50]
 
 thesis: Tables 3.4.1 and 3.4.2. emps: the measured positioning system of Janot, Gautier, Brunot
 (2019), skipped where ../shared/data is absent. generated: random rigs with known friction; the
 seeds are 0, 1, 2, ... vertical: vertical rigs, trials that come to rest, and with bristles, in
 several forms; the seeds are 2000, 2001, ... low-speed: motion logs of a small servo, ten runs each,
 rigid, with bristles, and with Stribeck friction too; the seeds are 9500, 9501, ... (those of the
-rule's development were 9000 to 9119).
+rule's development were 9000 to 9119). coarse: static friction by encoders of few counts; the seeds
+are 3000, 3001, ... (3000 to 3007 were looked at in its development).
 """
 
 from __future__ import annotations
@@ -32,6 +34,7 @@ from sysid.estimation.linear import Estimate  # noqa: E402
 from sysid.friction import FrictionResult, fit_friction, friction_rmse  # noqa: E402
 from sysid.io.logs import Trial  # noqa: E402
 from sysid.io.rig import Rig, rig_from_content  # noqa: E402
+from sysid.types import FloatArray  # noqa: E402
 
 EMPS = REPOSITORY.parent / "shared" / "data" / "emps"
 PUBLISHED = {
@@ -47,6 +50,8 @@ FORMS: dict[str, dict[str, Any]] = {
     "vertical linear axis": {"orientation": "vertical", "motion": "linear"},
     "horizontal arm from rest, with bristles": {"to_rest": True, "bristles": True},
 }
+PARTS = ("thesis", "emps", "generated", "vertical", "low-speed", "coarse")
+COARSE = (4000, 2000, 1000, 800, 500, 360, 200)
 TARGETS = {"static": 3.0, "coulomb": 2.0, "viscous": 6.0}
 
 
@@ -117,21 +122,52 @@ def with_pulses(trial: Trial, factor: float) -> Trial:
     return replace(trial, channels={**trial.channels, "motor_force_n": force})
 
 
-def generated_fit(seed: int, **form: Any) -> tuple[FrictionResult, dict[str, float]]:
-    """One random rig's fit and its true friction; `form` as in `make_friction_tests`."""
+def generated_fit(
+    seed: int, *, counts: int | None = None, **form: Any
+) -> tuple[FrictionResult, dict[str, float]]:
+    """One random rig's fit and its true friction; `form` as in `make_friction_tests`.
+
+    `counts` a revolution, of a rotary rig, instead of the 80,000 of the generator's encoder.
+    """
     tests = make_friction_tests(seed, kinds=("friction-static", "friction-sliding"), **form)
     rig = rig_from_content(tests.rig, "generated")
     trials = [
         Trial(
             f"{kind} {test.label}",
             test.columns["time_s"],
-            {name: values for name, values in test.columns.items() if name != "time_s"},
+            {
+                name: counted(values, counts) if counts and name == "theta_rad" else values
+                for name, values in test.columns.items()
+                if name != "time_s"
+            },
             "generated",
         )
         for kind, group in tests.kinds.items()
         for test in group
     ]
     return fit_friction(trials, rig), tests.truth["friction"]
+
+
+def counted(angle: FloatArray, counts: int) -> FloatArray:
+    """An angle (n,), rad, as an encoder of so many counts a revolution reads it."""
+    count = 2.0 * np.pi / counts
+    return np.asarray(np.round(angle / count) * count)
+
+
+def coarse(seeds: int) -> None:
+    """Static friction by coarse encoders."""
+    for counts in (None, *COARSE):
+        fits = [generated_fit(seed, counts=counts) for seed in range(3000, 3000 + seeds)]
+        pairs = [(fit["static_nm"], truth["static_nm"]) for fit, truth in fits]
+        known = [(estimate, truth) for estimate, truth in pairs if estimate.identified]
+        errors = [100.0 * (estimate.value / truth - 1.0) for estimate, truth in known]
+        held = 100.0 * np.mean([estimate.holds(truth) for estimate, truth in known])
+        print(
+            f"6. {counts or 'all'} counts, {seeds} seeds: static friction off by "
+            f"{np.median(errors):+.2f} % (median), at most {np.max(np.abs(errors)):.1f} %; truth "
+            f"inside the 95 % interval in {held:.0f} %; none from {seeds - len(known)}",
+            flush=True,
+        )
 
 
 def generated(seeds: int) -> None:
@@ -207,7 +243,7 @@ def low_speed(seeds: int) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--only", choices=("thesis", "emps", "generated", "vertical", "low-speed"))
+    parser.add_argument("--only", choices=PARTS)
     parser.add_argument("--seeds", type=int, default=50)
     options = parser.parse_args()
     if options.only in (None, "thesis"):
@@ -220,6 +256,8 @@ def main() -> None:
         vertical(options.seeds)
     if options.only in (None, "low-speed"):
         low_speed(options.seeds)
+    if options.only in (None, "coarse"):
+        coarse(options.seeds)
 
 
 if __name__ == "__main__":

@@ -407,6 +407,22 @@ def test_noise_in_the_position_does_not_attenuate_the_inertia() -> None:
     assert result["inertia_kg_m2"].value == pytest.approx(INERTIA, rel=0.04)
 
 
+@pytest.mark.parametrize("counts", [1000, 500, 300])
+@pytest.mark.parametrize("seed", [3102, 3107])
+def test_a_coarse_encoder_shows_breakaway_where_a_fine_one_does(seed: int, counts: int) -> None:
+    """The first counts are far apart: taken for rest, they made it 12 to 28 % too small."""
+    result, truth = generated_fit(seed, counts=counts)
+    assert result["static_nm"].value == pytest.approx(truth["static_nm"], rel=0.02)
+
+
+def test_counts_of_presliding_are_not_breakaway() -> None:
+    """A count is less than what the contacts give: so far as that the shaft is at rest."""
+    bristles = drawn_effects(3105, [("presliding", "lugre", 1.0)])
+    fine, _ = generated_fit(3105, effects=bristles)
+    counted, _ = generated_fit(3105, counts=7500, effects=bristles)
+    assert counted["static_nm"].value == pytest.approx(fine["static_nm"].value, rel=0.03)
+
+
 def test_motion_in_one_direction_does_not_identify_coulomb_friction() -> None:
     effort = 0.4 + 0.1 * np.sin(10.0 * PERIOD * np.arange(1500))
     effort[:50] = 0.6

@@ -35,6 +35,9 @@ REST_S = 0.03  # a shaft that moves by less than its noise for this long is at r
 AVERAGE_S = 0.2  # of the efforts before the onset
 POSITION_GAP = 0.05  # of the stroke, between one start position and the next
 SIGNIFICANT = 0.05
+# Of a motion that grows as the cube of time the first pause between counts is up to four times the
+# second.
+_REST_TO_COUNT, _LEAST_COUNTS = 5.0, 8
 # An effort has stopped growing if it stays this many times longer than at any of so many steps.
 _LONGER, _LEAST_STEPS = 5, 20
 
@@ -200,22 +203,57 @@ def find_onset(trial: EvenTrial) -> Onset | str:
     noise = trial.position_noise
     span = trial.travel if trial.travel is not None else 20.0 * float(np.ptp(x))
     threshold = max(TRAVEL_SHARE * span, NOISE_TIMES * noise.total, QUANTUM_TIMES * noise.quantum)
-    hold = max(2, round(REST_S / dt))
+    counts = _counts(trial, TRAVEL_SHARE * span)
+    hold = max(2, round(REST_S / dt), _rest_in_counts(counts))
     # Over `hold` samples a shaft at rest moves by less than this.
     still = max(6.0 * noise.total, 1.5 * noise.quantum, 0.05 * threshold)
     moving = np.abs(x[hold:] - x[:-hold]) > still
-    for before, end in signals.runs(moving):
+    for start, end in signals.runs(moving):
+        before = _first_of_its_counts(counts, start)
         after = min(end + hold - 1, len(x) - 1)
         travel = float(x[after] - x[before])
         to_the_end = after >= len(x) - 2
         if abs(travel) > max(threshold, 0.0 if to_the_end else SUSTAINED_SHARE * span):
-            if before < hold // 2:
+            if start < hold // 2:
                 return "it moves from its first samples: not at rest when the ramp starts"
             return _locate(trial, before, after, threshold, hold)
     return (
         f"it never moves by more than {threshold:.2g} (noise, counts, presliding): the ramp ends "
         "below breakaway, ramp higher"
     )
+
+
+def _counts(trial: EvenTrial, presliding: float) -> NDArray[np.intp]:
+    """Samples (k,) after which a coarse encoder counts; none of one that counts in presliding.
+
+    Nor of one whose noise counts.
+    """
+    noise = trial.position_noise
+    if noise.noise > 0.25 * noise.quantum or presliding > 2.0 * noise.quantum:
+        return np.empty(0, dtype=np.intp)
+    return np.flatnonzero(np.abs(np.diff(trial.position)) > 0.5 * noise.quantum)
+
+
+def _rest_in_counts(counts: NDArray[np.intp]) -> int:
+    """Samples in which the fastest motion of a trial counts three times; 0 without counts."""
+    if len(counts) < _LEAST_COUNTS:
+        return 0
+    return 1 + int(np.min(counts[3:] - counts[:-3]))
+
+
+def _first_of_its_counts(counts: NDArray[np.intp], start: int) -> int:
+    """The sample before the first of the `counts` of the motion that is under way at `start`.
+
+    Motion that grows from rest counts ever faster: a pause many times longer than the next one
+    was rest, or presliding.
+    """
+    row = int(np.searchsorted(counts, start))
+    while 0 < row < len(counts) - 1:
+        before, after = counts[row] - counts[row - 1], counts[row + 1] - counts[row]
+        if before > _REST_TO_COUNT * after:
+            break
+        row -= 1
+    return min(start, int(counts[row])) if row < len(counts) else start
 
 
 def _locate(trial: EvenTrial, before: int, after: int, threshold: float, hold: int) -> Onset:
