@@ -39,6 +39,7 @@ from sysid.estimation.linear import Estimate
 from sysid.io.campaign import MOTION_KINDS, Campaign, read_campaign
 from sysid.io.logs import Trial, with_channels
 from sysid.io.rig import Rig, rig_from_content
+from sysid.model.base import filling_flow
 from sysid.surfaces import Bipolynomial
 from sysid.types import FloatArray
 from sysid.validation import simulate_segments, validate
@@ -362,7 +363,11 @@ def fitted_surfaces(rig: Rig, law: dict[str, float]) -> PwmDirections:
     parts = {}
     for direction, rows in (("fill", flow > 0.0), ("discharge", flow < 0.0)):
         surface = Bipolynomial().fit(np.column_stack([duty, pressure])[rows], flow[rows])
-        content = {"pwm_period_s": rig.pwm.period_s, "bipolynomial": surface.to_dict()}
+        content = {
+            "pwm_period_s": rig.pwm.period_s,
+            "supply_pressure_pa": rig.air.supply_pressure_pa,
+            "bipolynomial": surface.to_dict(),
+        }
         parts[direction] = PwmSurfaces.model_validate(content)
     return PwmDirections(**parts)
 
@@ -412,6 +417,47 @@ def test_surfaces_of_another_period_are_refused(campaign: Campaign, with_surface
     content = {**campaign.rig.content, "pwm": {"period_s": 0.01}}
     with pytest.raises(InputError, match=r"PWM period of 0\.005"):
         surfaces_from_bundle(with_surfaces, rig_from_content(content, "rig"), "bipolynomial")
+
+
+def at_twice_the_supply(rig: Rig) -> Rig:
+    air = rig.content["air"]
+    assert isinstance(air, dict)
+    doubled = {**air, "supply_pressure_pa": 2.0 * float(air["supply_pressure_pa"])}
+    return rig_from_content({**rig.content, "air": doubled}, "rig")
+
+
+def test_surfaces_of_another_supply_are_left_out(campaign: Campaign, with_surfaces: Bundle) -> None:
+    rig = at_twice_the_supply(campaign.rig)
+    with pytest.raises(InputError, match="was fitted at a supply of"):
+        surfaces_from_bundle(with_surfaces, rig, "bipolynomial")
+    held = dataclasses.replace(campaign, rig=rig)
+    found = validate(held, with_surfaces, kinds=("motion-pwm",))
+    assert {log.model for log in found.logs} == {"discrete", "averaged"}
+    assert any("the bipolynomial model is left out" in notice for notice in found.notices)
+
+
+def test_choked_filling_is_scaled_to_another_supply(bundle: Bundle, campaign: Campaign) -> None:
+    rig = at_twice_the_supply(campaign.rig)
+    p, own = bundle.model(rig).parameters, bundle.model(campaign.rig).parameters
+    flow = filling_flow(1.1e5, p.supply, p.choked_fill_a, p.c_fill_a, p.supply_reference)
+    assert flow == pytest.approx(2.0 * own.choked_fill_a, rel=1e-12)
+    laws = surfaces_from_bundle(bundle, rig, "averaged")
+    assert laws is not None
+    assert laws[0].fill(1.0, 1.1e5) == pytest.approx(flow, rel=1e-12)
+
+
+def test_a_fitted_inertia_gets_what_the_payloads_differ_by(
+    bundle: Bundle, campaign: Campaign
+) -> None:
+    inertia = {"equivalent_kg_m2": 0.5, "payload_mass_kg": 1.0, "payload_length_m": 0.3}
+    fitted = with_friction(bundle, inertia_kg_m2=estimate(0.025, "kg m2"))
+    rig = rig_from_content({**campaign.rig.content, "inertia": inertia}, "rig")
+    own = campaign.rig.payload_inertia()
+    assert fitted.model(rig).parameters.inertia == pytest.approx(0.025 + 0.09 - own)
+    assert fitted.model(campaign.rig).parameters.inertia == 0.025
+    held = dataclasses.replace(campaign, rig=rig)
+    notices = validate(held, fitted, kinds=("motion-motor",)).notices
+    assert any("what the payloads differ by is added" in notice for notice in notices)
 
 
 def test_pulsed_motion_by_surfaces(campaign: Campaign, with_surfaces: Bundle) -> None:

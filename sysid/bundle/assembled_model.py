@@ -38,6 +38,8 @@ VALVE_MODELS = (DISCRETE, *MEAN_FLOW_MODELS)
 # bipolynomial's flow is then off by less than 1e-4 of its range (tested).
 _NODES = 129
 _SAME_PERIOD = 1e-6
+# As far as the fit takes rows of a surface for rows at one supply.
+_SAME_SUPPLY = 0.02
 
 _TESTS = {
     "static": "friction-static tests (a torque ramp from rest)",
@@ -110,6 +112,8 @@ def _bilinear(table: Array, rows: _Axis, columns: _Axis) -> Array:
 def parameters_from_bundle(bundle: BundleContent, rig: Rig) -> Parameters:
     """The base model's parameters: fitted ones from `bundle`, the others from `rig`.
 
+    A fitted inertia holds with the payload of the bundle's rig: what `rig`'s differs by is added.
+    Choked filling holds at the supply of the bundle's rig, and is proportional to `rig`'s.
     A valve without a discrete law gets NaN flows, so that it cannot be used by mistake; see
     `has_discrete_law`. The offset that a friction fit estimates next to friction is left out: the
     base model has none, and an offset that is only noise would push an open-loop position away
@@ -131,7 +135,7 @@ def parameters_from_bundle(bundle: BundleContent, rig: Rig) -> Parameters:
         for name, key in keys.items()
     }
     if rig.is_motor_alone:
-        return _motor_alone(friction, rig, values)
+        return _motor_alone(bundle, friction, rig, values)
     parameters = parameters_from_rig(
         rig,
         static_effort=values["static"],
@@ -141,21 +145,35 @@ def parameters_from_bundle(bundle: BundleContent, rig: Rig) -> Parameters:
         valve_b=_discrete_law(bundle, "b"),
     )
     inertia = fitted_inertia(bundle)
-    return parameters if inertia is None else parameters.replace(inertia=inertia)
+    if inertia is not None:
+        parameters = parameters.replace(inertia=inertia + _payload_change(bundle, rig))
+    return parameters.replace(supply_reference=_supply_of_fit(bundle, rig))
 
 
-def _motor_alone(friction: Friction, rig: Rig, values: Mapping[str, float]) -> Parameters:
+def _motor_alone(
+    bundle: BundleContent, friction: Friction, rig: Rig, values: Mapping[str, float]
+) -> Parameters:
     """Of a rig without pneumatics: its mechanics alone; `values` of friction by short name."""
-    inertia, offset = friction.inertia, friction.offset
-    known = inertia is not None and inertia.identified
+    inertia, offset = fitted_inertia(bundle), friction.offset
     return bare_parameters(rig).replace(
         static_effort=values["static"],
         coulomb_effort=values["coulomb"],
         viscous=values["viscous"],
-        inertia=inertia.value if inertia is not None and known else require_inertia(rig),
+        inertia=require_inertia(rig) if inertia is None else inertia + _payload_change(bundle, rig),
         # A friction fit counts it against the motion, the model along it.
         offset=-offset.value if offset is not None and offset.identified else 0.0,
     )
+
+
+def _payload_change(bundle: BundleContent, rig: Rig) -> float:
+    """What a rig's payload adds to the inertia that was fitted with the bundle's, kg m2 or kg."""
+    return rig.payload_inertia() - bundle.rig.payload_inertia()
+
+
+def _supply_of_fit(bundle: BundleContent, rig: Rig) -> float:
+    """Supply pressure, Pa, that the bundle's choked filling holds at: its own rig file's."""
+    air = bundle.rig.air or rig.require("air", "which the chamber equations need")
+    return air.supply_pressure_pa
 
 
 def fitted_inertia(bundle: BundleContent) -> float | None:
@@ -249,8 +267,8 @@ def surfaces_from_bundle(bundle: BundleContent, rig: Rig, kind: str) -> tuple[An
     """Valve A's and B's mean flow under PWM by one of MEAN_FLOW_MODELS, for `simulate`.
 
     None where the bundle lacks one of the four surfaces, or one of the two laws. Raises
-    InputError where surfaces were fitted at another PWM period than the rig's, at which they
-    do not hold.
+    InputError where surfaces were fitted at another PWM period or supply than the rig's, at which
+    they do not hold.
     """
     if kind == AVERAGED:
         a, b = (_averaged_law(bundle, rig, side) for side in SIDES)
@@ -263,7 +281,7 @@ def surfaces_from_bundle(bundle: BundleContent, rig: Rig, kind: str) -> tuple[An
             return None
         where = f"{bundle.source}, valves.{side}"
         for direction, part in zip(DIRECTIONS, held, strict=True):
-            _check_period(part, rig, f"{where}.pwm.{direction}")
+            _check_conditions(part, rig, f"{where}.pwm.{direction}")
         found.append(_tabulated(held[0], held[1], kind, where))
     return found[0], found[1]
 
@@ -286,7 +304,7 @@ def _averaged_law(bundle: BundleContent, rig: Rig, side: str) -> AveragedLaw | N
     return AveragedLaw(
         **flows,
         supply=air.supply_pressure_pa,
-        supply_reference=air.supply_pressure_pa,
+        supply_reference=_supply_of_fit(bundle, rig),
         atmosphere=air.atmospheric_pressure_pa,
         on_delay=on,
         off_delay=off,
@@ -322,16 +340,28 @@ def _surface(part: PwmSurfaces, kind: str, where: str) -> Any:
     return held.model(where)
 
 
-def _check_period(part: PwmSurfaces, rig: Rig, where: str) -> None:
+def _check_conditions(part: PwmSurfaces, rig: Rig, where: str) -> None:
     fitted, period = part.pwm_period_s, rig.pwm.period_s if rig.pwm else None
-    if not isinstance(fitted, int | float) or period is None:
-        return
-    if abs(fitted / period - 1.0) >= _SAME_PERIOD:
+    if _differs(fitted, period, _SAME_PERIOD):
         raise input_error(
             where,
             f"was fitted at a PWM period of {fitted:g} s, but {rig.source} declares {period:g} s",
             "fit valve-pwm tests at the rig's period",
         )
+    fitted, supply = part.supply_pressure_pa, rig.air.supply_pressure_pa if rig.air else None
+    if _differs(fitted, supply, _SAME_SUPPLY):
+        raise input_error(
+            where,
+            f"was fitted at a supply of {fitted:g} Pa, but {rig.source} declares {supply:g} Pa",
+            "fit valve-pwm tests at the rig's supply, or use the averaged law, which is scaled",
+        )
+
+
+def _differs(fitted: object, declared: float | None, tolerance: float) -> bool:
+    """Whether both are known and further apart than that share."""
+    if not isinstance(fitted, int | float) or declared is None:
+        return False
+    return abs(fitted / declared - 1.0) >= tolerance
 
 
 def _discrete_law(bundle: BundleContent, side: str) -> ValveParameters:

@@ -130,12 +130,11 @@ class Rig:
 
     def total_inertia(self) -> float | None:
         """Inertia with payload (thesis 3.3.5), kg m2 or kg; None if the file gives none."""
-        i = self.inertia
+        i, payload = self.inertia, self.payload_inertia()
         if i is None:
             return None
         if self.is_linear:
-            return None if i.mass_kg is None else i.mass_kg + i.payload_mass_kg
-        payload = i.payload_mass_kg * i.payload_length_m**2
+            return None if i.mass_kg is None else i.mass_kg + payload
         if i.equivalent_kg_m2 is not None:
             return i.equivalent_kg_m2 + payload
         if i.arm_mass_kg is None or i.arm_length_m is None:
@@ -143,6 +142,13 @@ class Rig:
         radius = self.cylinder.pitch_radius_m if self.cylinder else 0.0
         block = (i.block_mass_kg or 0.0) * radius**2
         return i.arm_mass_kg * i.arm_length_m**2 / 3.0 + block + payload
+
+    def payload_inertia(self) -> float:
+        """What the payload adds to the inertia (thesis 3.3.5), kg m2 or, its mass, kg."""
+        if self.inertia is None:
+            return 0.0
+        lever = 1.0 if self.is_linear else self.inertia.payload_length_m
+        return self.inertia.payload_mass_kg * lever**2
 
     def gravity_moment(self) -> float:
         """Amplitude of gravity's effort (thesis 3.3.8-3.3.10): Nm, or N on a linear rig.

@@ -23,7 +23,7 @@ from sysid.bundle.assembled_model import (
     fitted_inertia,
     surfaces_from_bundle,
 )
-from sysid.errors import NotIdentifiedError, input_error
+from sysid.errors import InputError, NotIdentifiedError, input_error
 from sysid.io.campaign import MOTION_KINDS, Campaign, CampaignLog
 from sysid.io.logs import Log
 from sysid.io.rig import Rig
@@ -118,9 +118,14 @@ def _other_rig(bundle: Bundle, rig: Rig) -> list[str]:
     other = [s for s in sections if fitted.get(s) != rig.content.get(s)]
     if not other:
         return []
+    payload = (
+        ", but for the fitted inertia, to which what the payloads differ by is added"
+        if "inertia" in other and fitted_inertia(bundle) is not None
+        else ""
+    )
     return [
         f"{bundle.source}: fitted with another rig file than {rig.source} "
-        f"({', '.join(f'[{s}]' for s in other)} differ); the campaign's is used"
+        f"({', '.join(f'[{s}]' for s in other)} differ); the campaign's is used{payload}"
     ]
 
 
@@ -153,7 +158,13 @@ def _valve_models(
         found.append(_ValveModel(DISCRETE, ()))
     if rig.pwm and any(e.kind == "motion-pwm" for e in entries):
         for kind in MEAN_FLOW_MODELS:
-            surfaces = surfaces_from_bundle(bundle, rig, kind)
+            try:
+                surfaces = surfaces_from_bundle(bundle, rig, kind)
+            except InputError as error:
+                if not found:
+                    raise
+                notices.append(f"{error}; the {kind} model is left out")
+                continue
             if surfaces is not None:
                 found.append(_ValveModel(kind, surfaces))
     missing = sorted({e.file for e in entries if not any(m.applies(e.kind) for m in found)})

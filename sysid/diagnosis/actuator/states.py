@@ -49,7 +49,7 @@ _SIGNALS = (
 def point_of(traces: Traces, model: Model) -> Point:
     """Where the model is at every sample."""
     parameters = model.at(traces.time)
-    supply = parameters.supply + (traces.supply - parameters.supply_reference)
+    supply = parameters.supply + (traces.supply - model.parameters.supply)
     return Point(
         time=traces.time,
         position=traces.position,
