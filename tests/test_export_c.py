@@ -359,6 +359,33 @@ def test_a_linear_rig_has_forces(tmp_path: Path) -> None:
     assert "_nm" not in path.read_text()
 
 
+@pytest.mark.parametrize(
+    ("section", "said", "controllers"),
+    [("pwm", "no controllers in the C header", "0"), ("valves", "valves without delays", "1")],
+)
+def test_a_rig_without_times_of_its_valves(
+    content: dict[str, Any], section: str, said: str, controllers: str, tmp_path: Path
+) -> None:
+    """A period of 1 s that nobody declared was in the averaged law of the header."""
+    del content["rig"][section]
+    path, notices = header(as_bundle(content), tmp_path)
+    assert any(f"has no [{section}]" in line and said in line for line in notices)
+    assert f"define SYSID_HAS_CONTROLLERS {controllers}" in path.read_text()
+
+
+def test_gains_of_an_arm_are_said_on_a_linear_rig(bundle: Bundle, tmp_path: Path) -> None:
+    (tmp_path / "linear").mkdir()
+    _, notices = header(whole_bundle(LINEAR_RIG), tmp_path / "linear")
+    assert any("default gains" in line for line in notices)
+    assert not any("default gains" in line for line in header(bundle, tmp_path)[1])
+
+
+def test_negative_friction_is_said(content: dict[str, Any], tmp_path: Path) -> None:
+    content["friction"]["viscous_nm_s_per_rad"]["value"] = -0.03
+    _, notices = header(as_bundle(content), tmp_path)
+    assert any("viscous_nm_s_per_rad is -0.03" in line for line in notices)
+
+
 def test_laws_in_single_precision(rig_text: str, tmp_path: Path) -> None:
     bundle = whole_bundle(upright(rig_text))
     header(bundle, tmp_path)

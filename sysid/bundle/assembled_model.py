@@ -212,10 +212,18 @@ def assumed_friction(bundle: BundleContent) -> list[str]:
             f"{bundle.source}: {keys['static']} is not identified: the model takes "
             f"{keys['coulomb']} for it; give {_TESTS['static']}"
         )
-    return notices + [
+    return notices + negative_friction(bundle)
+
+
+def negative_friction(bundle: BundleContent) -> list[str]:
+    """Notices of friction that models set to 0, as it is negative."""
+    friction = bundle.friction
+    if friction is None:
+        return []
+    return [
         f"{bundle.source}: {key} is {estimate.value:.3g}, but friction cannot be negative: the "
         "model uses 0; the friction tests show an effect that it lacks"
-        for key in keys.values()
+        for key in friction_keys(bundle.is_linear).values()
         if (estimate := getattr(friction, key)) is not None and estimate.value < 0.0
     ]
 
@@ -429,6 +437,7 @@ __all__ = [
     "fitted_inertia",
     "friction_keys",
     "model_from_bundle",
+    "negative_friction",
     "parameters_from_bundle",
     "surfaces_for",
     "surfaces_from_bundle",

@@ -39,8 +39,8 @@ _MEANING = {
     "atmospheric_pressure_pa": "absolute",
     "declared_on_delay_s": "from the valve's manual; command to opening",
     "declared_off_delay_s": "command to closing",
-    "friction_offset_nm": "constant torque in the positive direction, part of what is applied",
-    "friction_offset_n": "constant force in the positive direction, part of what is applied",
+    "friction_offset_nm": "constant torque against positive motion; what is applied is less by it",
+    "friction_offset_n": "constant force against positive motion; what is applied is less by it",
 }
 
 
@@ -116,6 +116,7 @@ def render(
     if isinstance(control, str):
         notices.append(f"no controllers in the C header: {control}")
         return Header(text, notices, present, held.constants, None)
+    notices += _of_controllers(flat)
     if control.ignored:
         ids = ", ".join(control.ignored)
         notices.append(f"the controllers in C leave out {ids}; their code has no form in C")
@@ -141,6 +142,22 @@ def _controllers(flat: Flat, control: ControlModel, n: Names) -> str:
     from sysid.export.c_control import controllers
 
     return controllers(flat, control, n)
+
+
+def _of_controllers(flat: Flat) -> list[str]:
+    """What the controllers take for granted and the rig file does not give."""
+    notices = []
+    if flat.rig.valves is None:
+        notices.append(
+            "the rig file has no [valves]: the controllers in C take valves without delays; give "
+            "on_delay_s and off_delay_s"
+        )
+    if flat.rig.is_linear:
+        notices.append(
+            "the rig is linear: the controllers' default gains and the payload's estimator are "
+            "those of an arm (rad, Nm); set your own"
+        )
+    return notices
 
 
 def _notices(flat: Flat, held: EffectsInC, features: dict[str, bool], n: Names) -> list[str]:
@@ -293,8 +310,8 @@ static inline {real(n)} {p}sliding_friction_{word}({real(n)} {velocity})
 }}
 """
     whole = f"""\
-/* Friction in full, {unit} (3.4.1, corrected). applied = cylinder + motor - gravity (+ the
-   constant friction_offset_{suffix}, where it is known). At rest it holds against what is
+/* Friction in full, {unit} (3.4.1, corrected). applied = cylinder + motor - gravity, less the
+   constant friction_offset_{suffix} where it is known. At rest friction holds against what is
    applied, up to static friction. */
 static inline {real(n)} {p}friction_{word}({real(n)} {velocity}, {real(n)} applied_{suffix})
 {{

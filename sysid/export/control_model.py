@@ -56,6 +56,8 @@ def control_model(
     `constants` are the header's; `effects` the bundle's in its order, None for an entry that
     is none, and whether the header holds their own constants.
     """
+    if flat.rig.pwm is None:
+        return "the rig file has no [pwm], whose period they need"
     try:
         design = design_from_bundle(bundle.replaced(effects=[]))
     except SysidError as reason:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from sysid.bundle import Bundle, EffectEntry, Friction, PwmSurfaces, Unread, Valve
-from sysid.bundle.assembled_model import friction_keys
+from sysid.bundle.assembled_model import friction_keys, negative_friction
 from sysid.bundle.base import Part
 from sysid.bundle.friction import StaticAtPosition
 from sysid.errors import InputError, input_error
@@ -99,7 +99,7 @@ def flatten(bundle: Bundle, sha256: str) -> Flat:
     """
     rig, where = bundle.rig, bundle.source
     missing: dict[str, str] = {}
-    notices: list[str] = []
+    notices = negative_friction(bundle)
     constants = _constants(rig, missing)
     friction, by_position = _friction(bundle.friction, rig, missing, where)
     _take_identified_inertia(bundle, rig, constants, notices, where)

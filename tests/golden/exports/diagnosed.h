@@ -216,7 +216,7 @@ static const sysid_real sysid_gravity_moment_nm = (sysid_real)0.0; /* Nm; gravit
 static const sysid_real sysid_friction_static_nm = (sysid_real)0.2865731068780974; /* Nm */
 static const sysid_real sysid_friction_coulomb_nm = (sysid_real)0.17057177775170543; /* Nm */
 static const sysid_real sysid_friction_viscous_nm_s_per_rad = (sysid_real)0.05487893374853895; /* Nm s/rad */
-static const sysid_real sysid_friction_offset_nm = (sysid_real)-0.0028980011028291227; /* Nm; constant torque in the positive direction, part of what is applied */
+static const sysid_real sysid_friction_offset_nm = (sysid_real)-0.0028980011028291227; /* Nm; constant torque against positive motion; what is applied is less by it */
 static const sysid_real sysid_valve_a_choked_flow_fill_kg_s = (sysid_real)0.000651844856376044; /* kg/s */
 static const sysid_real sysid_valve_a_c_fill = (sysid_real)1.2029226466876177e-06; /* kg/(s Pa^0.5) */
 static const sysid_real sysid_valve_a_choked_flow_dis_kg_s = (sysid_real)0.0003455052722469696; /* kg/s */
@@ -250,8 +250,8 @@ static inline sysid_real sysid_sliding_friction_torque(sysid_real omega_rad_s)
     return sysid_friction_coulomb_nm * sysid_sign(omega_rad_s) + sysid_friction_viscous_nm_s_per_rad * omega_rad_s;
 }
 
-/* Friction in full, Nm (3.4.1, corrected). applied = cylinder + motor - gravity (+ the
-   constant friction_offset_nm, where it is known). At rest it holds against what is
+/* Friction in full, Nm (3.4.1, corrected). applied = cylinder + motor - gravity, less the
+   constant friction_offset_nm where it is known. At rest friction holds against what is
    applied, up to static friction. */
 static inline sysid_real sysid_friction_torque(sysid_real omega_rad_s, sysid_real applied_nm)
 {

@@ -209,7 +209,7 @@ static const sysid_real sysid_inertia_kg_m2 = (sysid_real)0.019623; /* kg m2; pa
 static const sysid_real sysid_gravity_moment_nm = (sysid_real)0.0; /* Nm; gravity is this times sin(theta) (3.3.8-10) */
 static const sysid_real sysid_friction_coulomb_nm = (sysid_real)0.16762322460959864; /* Nm */
 static const sysid_real sysid_friction_viscous_nm_s_per_rad = (sysid_real)0.05746619236865669; /* Nm s/rad */
-static const sysid_real sysid_friction_offset_nm = (sysid_real)-0.0028980011028291227; /* Nm; constant torque in the positive direction, part of what is applied */
+static const sysid_real sysid_friction_offset_nm = (sysid_real)-0.0028980011028291227; /* Nm; constant torque against positive motion; what is applied is less by it */
 
 /* Torque of the cylinder, Nm, from absolute pressures, Pa (3.3.3). */
 static inline sysid_real sysid_cylinder_torque(sysid_real pressure_a_pa, sysid_real pressure_b_pa)

@@ -192,7 +192,7 @@ static const sysid_real sysid_mass_kg = (sysid_real)89.56518225378538; /* kg; pa
 static const sysid_real sysid_weight_n = (sysid_real)0.0; /* N */
 static const sysid_real sysid_friction_coulomb_n = (sysid_real)19.98209725734192; /* N */
 static const sysid_real sysid_friction_viscous_n_s_per_m = (sysid_real)201.49259089089745; /* N s/m */
-static const sysid_real sysid_friction_offset_n = (sysid_real)3.0123224046463957; /* N; constant force in the positive direction, part of what is applied */
+static const sysid_real sysid_friction_offset_n = (sysid_real)3.0123224046463957; /* N; constant force against positive motion; what is applied is less by it */
 
 /* Force of gravity against positive motion, N (3.3.8-10): the weight. */
 static inline sysid_real sysid_gravity_force(sysid_real position_m)
