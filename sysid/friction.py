@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TypeVar
 
 from sysid.errors import NotIdentifiedError, input_error
@@ -192,6 +194,7 @@ def _prepared(
         commanded = with_commands(moving, rig)
         fit.by_kind[MOTION] = [even_trial(trial, rig, fit.notices) for trial in commanded]
         fit.notices.append(readings_line(rig))
+    fit.by_kind = {name: _told_apart(own) for name, own in fit.by_kind.items()}
     pushed = pushed_along([e for kind in (SLIDING, MOTION) for e in fit.by_kind[kind]])
     if pushed:
         fit.notices.append(pushed)
@@ -204,6 +207,21 @@ def _prepared(
                 "motion is lost in the noise or the sampling of the position"
             )
     return fit
+
+
+def _told_apart(trials: Sequence[EvenTrial]) -> list[EvenTrial]:
+    """The trials of one kind; where their files number them alike, the file is in the label."""
+    count = Counter(trial.label for trial in trials)
+    return [
+        replace(trial, label=f"{trial.label} of {Path(_file(trial)).name}")
+        if trial.label and count[trial.label] > 1
+        else trial
+        for trial in trials
+    ]
+
+
+def _file(trial: EvenTrial) -> str:
+    return trial.source.removesuffix(f", test {trial.label}")
 
 
 def _kind(name: str) -> str:

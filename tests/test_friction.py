@@ -423,6 +423,17 @@ def test_counts_of_presliding_are_not_breakaway() -> None:
     assert counted["static_nm"].value == pytest.approx(fine["static_nm"].value, rel=0.03)
 
 
+def test_tests_of_one_number_in_two_files_are_told_apart() -> None:
+    ways = [ramp(0.35, 0.2, start, way) for start in (-0.5, 0.5) for way in (1, -1)]
+    short = ramp(0.35, 0.2, 0.0, 1)
+    rows = slice(0, len(short) // 2)  # it ends before breakaway
+    cut = {name: values[rows] for name, values in short.channels.items()}
+    ways.append(Trial("1", short.time[rows], cut, "second.csv, test 1"))
+    ways[0] = dataclasses.replace(ways[0], label="1", source="first.csv, test 1")
+    result = fit_friction(ways, RIG, kind="static")
+    assert any(line.startswith("test 1 of second.csv: left out") for line in result.notices)
+
+
 def test_motion_in_one_direction_does_not_identify_coulomb_friction() -> None:
     effort = 0.4 + 0.1 * np.sin(10.0 * PERIOD * np.arange(1500))
     effort[:50] = 0.6
