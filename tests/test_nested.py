@@ -101,3 +101,17 @@ def test_smooth_residuals_are_not_taken_to_be_white() -> None:
     assert model.autocovariance(20)[19] > 0.9 * model.variance
     assert model.independent_samples([LENGTH] * RUNS) < 20.0
     assert np.all(linalg.eigvalsh(linalg.toeplitz(model.autocovariance(LENGTH))) > 0.0)
+
+
+def test_a_tied_column_of_the_smaller_fit_takes_nothing() -> None:
+    """Rounding's direction that stood for it was taken out of all columns behind it."""
+    y = errors(np.random.default_rng(23), ERRORS["independent"]) + 0.3 * EFFECTS["ramp"]
+    plain = np.column_stack([LAW, EFFECTS["ramp"]])
+    tied = np.column_stack([LAW, 3.0 * LAW, EFFECTS["ramp"]])
+    left = [y - x @ np.linalg.lstsq(x, y, rcond=None)[0] for x in (LAW[:, None], plain)]
+    squares = (float(left[0] @ left[0]), float(left[1] @ left[1]))
+    found = [
+        nested_p_value(squares, x, left[1], np.arange(x.shape[1]) == x.shape[1] - 1, GROUPS)
+        for x in (plain, tied)
+    ]
+    assert found[1] == pytest.approx(found[0], rel=1e-9)

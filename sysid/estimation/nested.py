@@ -83,7 +83,11 @@ def _bases(jacobian: FloatArray, more: NDArray[np.bool_]) -> tuple[FloatArray, F
     acting = ordered[lengths[ordered] > 0.0]
     q, r = np.linalg.qr(jacobian[:, acting] / lengths[acting])
     apart = np.abs(np.diag(r)) > _DEPENDENT
-    return q[:, apart], q[:, apart & more[acting]]
+    if not apart.all():
+        # What stands for a tied column is any direction, and those behind it are orthogonal to it.
+        acting = acting[apart]
+        q = np.linalg.qr(jacobian[:, acting] / lengths[acting])[0]
+    return q, q[:, more[acting]]
 
 
 def _forms(
