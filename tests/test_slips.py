@@ -71,6 +71,13 @@ def test_an_angle_that_wraps_is_refused_and_can_be_unwrapped(rig: Rig, tmp_path:
         assert np.ptp(offset) == pytest.approx(0.0, abs=1e-9)
 
 
+def test_a_wrapped_angle_is_not_taken_for_degrees(rig: Rig, tmp_path: Path) -> None:
+    """With stops at +-90 degrees, a wrap at zero makes it run from 0 to 2 pi."""
+    wrapped = bundled().assign(theta_rad=lambda f: np.mod(f["theta_rad"], 2.0 * np.pi))
+    with pytest.raises(InputError, match=r"wraps around at 2 pi.*convert --unwrap"):
+        read(wrapped, rig, tmp_path)
+
+
 def test_rows_every_ten_seconds_are_said_without_a_declared_period(
     rig: Rig, tmp_path: Path
 ) -> None:

@@ -89,6 +89,7 @@ def read_log(
     groups = groups_of(reading, maps)
     _convert_position(reading)
     _convert_motor(reading)
+    _check_wraps(reading, groups)
     _check_values(reading)
     check_time_column(reading, groups)
     _count_from_the_start(reading)
@@ -380,14 +381,21 @@ def _check_mixed(
             )
 
 
+def _check_wraps(reading: LogReading, groups: list[tuple[str, NDArray[np.int64] | slice]]) -> None:
+    """An angle that wraps: before its range and steps are judged, which a wrap spoils."""
+    position = reading.rig.position_channel
+    for label, rows in groups if position in reading.columns else ():
+        where = f"{reading.where}, test {label}" if label else reading.where
+        plausibility.check_wraps(where, position, reading.columns[position][rows], reading.rig)
+
+
 def _check_tests(reading: LogReading, groups: list[tuple[str, NDArray[np.int64] | slice]]) -> None:
-    """What shows within one test: an angle that wraps, single samples that are none."""
+    """What shows within one test: an angle without its sign, single samples that are none."""
     position = reading.rig.position_channel
     for label, rows in groups:
         where = f"{reading.where}, test {label}" if label else reading.where
         if position in reading.columns:
             values = reading.columns[position][rows]
-            plausibility.check_wraps(where, position, values, reading.rig)
             if plausibility.folds(values):
                 reading.notices.append(
                     f"{where}: {position} turns round at zero without slowing down: its sign is "
