@@ -134,7 +134,7 @@ def _fit_valve(
     start, reasons = _start(screened, read, rig)
     if all(name in reasons for name in FLOWS):
         raise NotIdentifiedError(f"{title}: {_joined(reasons)}")
-    curves = fit_curves(pieces, start, _free(reasons, pieces))
+    curves = fit_curves(pieces, start, _free(reasons, read, pieces))
     judged = _judged(curves, title)
     estimates = _estimates(curves, reasons, title, notices)
     estimates |= _ratios(curves, estimates) if find_ratio else {}
@@ -207,15 +207,28 @@ def _start(
     return valve, reasons
 
 
-def _free(reasons: Mapping[str, str], pieces: Sequence[Piece]) -> list[str]:
-    """The fitted parameters: the identified ones, and delays that would otherwise bias them."""
+def _free(
+    reasons: Mapping[str, str], read: Sequence[Stretches], pieces: Sequence[Piece]
+) -> list[str]:
+    """The fitted parameters: the identified ones, and others that would otherwise bias them.
+
+    A flow that has too few samples of its own still moves them: held at a guess, it would bend
+    the other flow of its direction. Where no sample lies in a choked interval, its flow and the
+    delay before it only act together, and the flow alone is free.
+    """
     free = [n for n in (*FLOWS, *DELAYS) if n not in reasons]
-    starts = any(np.isfinite(p.chamber.opens).any() for p in pieces)
-    ends = any((p.chamber.closes < p.chamber.time[-1]).any() for p in pieces)
-    if "on_delay_s" not in free and "c_fill" in free and starts:
-        free.append("on_delay_s")
-    if "off_delay_s" not in free and "c_dis" in free and ends:
-        free.append("off_delay_s")
+    sparse = {n for r in read for n in r.sparse} & set(reasons)
+    edges = (
+        any(np.isfinite(p.chamber.opens).any() for p in pieces),
+        any((p.chamber.closes < p.chamber.time[-1]).any() for p in pieces),
+    )
+    for pair, delay, seen in zip((FLOWS[:2], FLOWS[2:]), DELAYS, edges, strict=True):
+        beside = sparse & set(pair) if set(pair) & set(free) else set()
+        free += [n for n in pair if n in beside]
+        choked, unchoked = pair
+        apart = choked not in beside or delay in sparse
+        if delay not in free and unchoked in free and seen and apart:
+            free.append(delay)
     return free
 
 

@@ -101,7 +101,8 @@ def integrated(
             )
             stop = float(solution.t[-1])
             rows = (time >= start) & (time <= stop)
-            pressure[rows] = solution.sol(time[rows])[0]
+            if rows.any():
+                pressure[rows] = solution.sol(time[rows])[0]
             start, level, choked = stop, float(solution.y[0, -1]), False
     return pressure
 
@@ -414,6 +415,19 @@ def test_other_sampling_periods(period: float, rig: Rig) -> None:
     assert_recovered(fit, VALVE_A)
 
 
+@pytest.mark.parametrize("valve", [VALVE_A, VALVE_B])
+@pytest.mark.parametrize("period", [0.02, 0.05])
+def test_a_choked_flow_with_too_few_samples_bends_no_other(
+    valve: DiscreteValve, period: float, rig: Rig
+) -> None:
+    """Two samples, or none, of the choked filling: held at a guess, c_fill was 5 to 17 % high."""
+    fit = fit_quickly(Bench(valve, period=period).trials(8), rig).valves["a"]
+    assert "fewer than 3 samples" in str(fit["choked_flow_fill_kg_s"].reason)
+    for name in ("c_fill", "c_dis"):
+        assert fit[name].value == pytest.approx(getattr(valve, name), rel=0.006)
+        assert fit[name].interval[0] < getattr(valve, name) < fit[name].interval[1]
+
+
 def test_a_declared_delay_that_is_off_is_noticed(rig: Rig) -> None:
     slow = dataclasses.replace(VALVE_A, on_delay_s=0.0031)
     result = fit_quickly(Bench(slow).trials(9), rig)
@@ -495,6 +509,17 @@ def test_a_supply_that_droops_with_the_flow_is_a_misfit(rig: Rig) -> None:
     result = fit_quickly([trial], rig)
     only_notice(result, "the two-regime law misses the filling")
     assert not any("misses the discharge" in n for n in result.notices)
+
+
+def test_a_misfit_over_few_rows_a_test_is_judged_over_all_tests(rig: Rig) -> None:
+    trial, _ = fed(lambda t: SUPPLY - 40e3 * math.exp(-max(t - 1.0, 0.0) / 0.15) * (t > 1.0))
+    time = trial.time[::25]
+    thin = {n: v[::25] for n, v in trial.channels.items()}
+    trials = [Trial(str(i), time, thin, f"made, test {i}") for i in range(4)]
+    result = fit_quickly(trials, rig)
+    only_notice(result, "4 tests together: the two-regime law misses the filling")
+    healthy = fit_quickly(Bench(period=0.025).trials(3, 4), rig)
+    assert not any("misses" in n for n in healthy.notices), healthy.notices
 
 
 def test_piston_that_moved(rig: Rig) -> None:

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from sysid.estimation.linear import Estimate
+from sysid.estimation.quality import root_mean_square
 from sysid.identification.valve_discrete.curve import DELAYS, FLOWS, CurveFit
-from sysid.identification.valve_discrete.trials import SUPPLY_TOLERANCE
+from sysid.identification.valve_discrete.trials import SUPPLY_TOLERANCE, Piece
 from sysid.io.rig import Air, Rig
 from sysid.model.base import CRITICAL_RATIO
+from sysid.types import BoolArray, FloatArray
 
 RATIOS = ("critical_ratio_fill", "critical_ratio_dis")
 JUMPS = ("jump_fill_percent", "jump_dis_percent")
 _ATMOSPHERE_TOLERANCE = 0.005
 _DELAY_TOLERANCE_S = 0.0003
 _MISFIT = 1.3
+# Rows in motion from which a misfit is told from the noise.
+_FEWEST_ROWS = 20
 _RATIO_TOLERANCE = 0.02
 
 
@@ -60,29 +64,52 @@ def settled_notices(curves: CurveFit, title: str, air: Air) -> list[str]:
 
 
 def misfit_notices(curves: CurveFit, title: str) -> list[str]:
-    """Fillings and discharges that the two-regime law misses by more than the noise."""
+    """Fillings and discharges that the two-regime law misses by more than the noise.
+
+    Pieces with too few rows in motion to be judged alone are judged together.
+    """
     lines = []
-    for i, piece in enumerate(curves.problem.pieces):
-        fitted, residuals = piece.pressure + curves.residuals(i), curves.residuals(i)
-        away = 3.0 * piece.noise
-        rest, supply = curves.value("atmosphere", i), piece.supply
-        moving = (np.abs(fitted - rest) > away) & (np.abs(fitted - supply) > away)
-        rising = np.gradient(fitted) > 0.0
-        for rows, what, names in (
-            (moving & rising, "filling", FLOWS[:2]),
-            (moving & ~rising, "discharge", FLOWS[2:]),
-        ):
-            count = int(np.count_nonzero(rows))
-            if count < 20:
-                continue
-            rms = float(np.sqrt(np.mean(residuals[rows] ** 2)))
-            if rms > _MISFIT * piece.noise:
-                lines.append(
-                    f"{piece.source}: the two-regime law misses the {what} by {rms:.3g} Pa rms "
-                    f"(noise {piece.noise:.3g} Pa): {title}'s {names[0]} and {names[1]} are its "
-                    "best approximation, not the valve's law"
-                )
+    for what, names, rises in (("filling", FLOWS[:2], True), ("discharge", FLOWS[2:], False)):
+        short = []
+        for i, piece in enumerate(curves.problem.pieces):
+            residuals = curves.residuals(i)[_in_motion(curves, i, rises)]
+            if len(residuals) >= _FEWEST_ROWS:
+                lines += _misfit([(piece, residuals)], piece.source, what, names, title)
+            elif len(residuals):
+                short.append((piece, residuals))
+        if sum(len(residuals) for _, residuals in short) >= _FEWEST_ROWS:
+            together = f"{len({piece.source for piece, _ in short})} tests together"
+            lines += _misfit(short, together, what, names, title)
     return lines
+
+
+def _in_motion(curves: CurveFit, index: int, rises: bool) -> BoolArray:
+    """Rows (n,) of a piece in which the fitted pressure rises (or falls), away from its ends."""
+    piece = curves.problem.pieces[index]
+    fitted = piece.pressure + curves.residuals(index)
+    away = 3.0 * piece.noise
+    rest, supply = curves.value("atmosphere", index), piece.supply
+    moving = (np.abs(fitted - rest) > away) & (np.abs(fitted - supply) > away)
+    return np.asarray(moving & ((np.gradient(fitted) > 0.0) == rises))
+
+
+def _misfit(
+    judged: Sequence[tuple[Piece, FloatArray]],
+    source: str,
+    what: str,
+    names: Sequence[str],
+    title: str,
+) -> list[str]:
+    """A line where the residuals of the pieces, Pa, are more than their noise."""
+    rms = root_mean_square(np.concatenate([residuals for _, residuals in judged]))
+    noise = root_mean_square(np.repeat([p.noise for p, _ in judged], [len(r) for _, r in judged]))
+    if rms <= _MISFIT * noise:
+        return []
+    return [
+        f"{source}: the two-regime law misses the {what} by {rms:.3g} Pa rms "
+        f"(noise {noise:.3g} Pa): {title}'s {names[0]} and {names[1]} are its "
+        "best approximation, not the valve's law"
+    ]
 
 
 def delay_notices(estimates: Mapping[str, Estimate], title: str, rig: Rig) -> list[str]:

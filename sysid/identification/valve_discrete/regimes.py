@@ -26,13 +26,31 @@ _BEFORE_S = 0.05
 
 @dataclass
 class Stretches:
-    """Estimates from one piece's intervals: values by parameter, and why others are missing."""
+    """Estimates from one piece's intervals: values by parameter, and why others are missing.
+
+    `sparse`: flows whose interval the pressure crosses in too few samples to read a slope, and
+    the delay before a choked interval of which at least one sample shows when it was crossed.
+    """
 
     values: dict[str, float] = field(default_factory=dict)
     reasons: dict[str, str] = field(default_factory=dict)
+    sparse: set[str] = field(default_factory=set)
 
     def miss(self, name: str, why: str) -> None:
         self.reasons.setdefault(name, why)
+
+    def miss_sparse(self, name: str, why: str) -> None:
+        """The pressure crosses the flow's interval, in too few samples."""
+        self.sparse.add(name)
+        self.miss(name, why)
+
+    def miss_choked(self, flow: str, delay: str, part: str, rows: slice) -> None:
+        """Too few samples in a choked interval; `rows`: those between its very ends."""
+        why = f"fewer than 3 samples lie in the linear (choked) part of {part}: log faster"
+        self.miss_sparse(flow, why)
+        self.miss(delay, why)
+        if rows.stop > rows.start:
+            self.sparse.add(delay)
 
 
 def read_stretches(piece: Piece) -> Stretches:
@@ -88,9 +106,8 @@ def _filling(piece: Piece, opened: float, closed: float, found: Stretches) -> No
         why = f"the filling starts at {level:.6g} Pa, not below the choked boundary of"
         found.miss("choked_flow_fill_kg_s", f"{why} {boundary:.6g} Pa: start from the atmosphere")
     elif line is None:
-        why = "fewer than 3 samples lie in the linear (choked) part of the filling: log faster"
-        found.miss("choked_flow_fill_kg_s", why)
-        found.miss("on_delay_s", why)
+        inside = _between(p, level + 0.5 * margin, boundary)
+        found.miss_choked("choked_flow_fill_kg_s", "on_delay_s", "the filling", inside)
     else:
         flow = line.slope / c.gain
         found.values["choked_flow_fill_kg_s"] = flow * c.supply_reference / supply
@@ -112,13 +129,15 @@ def _parabola(
     ceiling = supply - max(1.5 * margin, 0.02 * (supply - boundary))
     rows = _between(p, boundary + margin, ceiling)
     if rows.stop - rows.start < FEWEST_ROWS:
-        why = (
-            f"the filling never reaches the unchoked interval (highest pressure {top:.6g} Pa, "
-            f"choked boundary {boundary:.6g} Pa): hold the valve on longer"
-            if top < boundary + 2.0 * margin
-            else "fewer than 3 samples lie in the unchoked interval of the filling: log faster"
-        )
-        found.miss("c_fill", why)
+        if top < boundary + 2.0 * margin:
+            found.miss(
+                "c_fill",
+                f"the filling never reaches the unchoked interval (highest pressure {top:.6g} Pa, "
+                f"choked boundary {boundary:.6g} Pa): hold the valve on longer",
+            )
+        else:
+            why = "fewer than 3 samples lie in the unchoked interval of the filling: log faster"
+            found.miss_sparse("c_fill", why)
         return
     root = np.sqrt(np.maximum(supply - p[rows], 0.0))
     slope = float(np.polyfit(t[rows], root, 1)[0])
@@ -151,9 +170,8 @@ def _discharge(piece: Piece, closed: float, following: float, found: Stretches) 
         return
     line = _line(t, -p, -level + margin, -boundary - margin)
     if line is None:
-        why = "fewer than 3 samples lie in the linear (choked) part of the discharge: log faster"
-        found.miss("choked_flow_dis_kg_s", why)
-        found.miss("off_delay_s", why)
+        inside = _between(-p, -level + 0.5 * margin, -boundary)
+        found.miss_choked("choked_flow_dis_kg_s", "off_delay_s", "the discharge", inside)
     else:
         found.values["choked_flow_dis_kg_s"] = line.slope / c.gain
         if "off_delay_s" not in found.reasons:
@@ -168,13 +186,16 @@ def _exponential(
     floor = p0 + max(2.0 * margin, 0.03 * (boundary - p0))
     rows = _between(-p, -boundary + margin, -floor)
     if rows.stop - rows.start < FEWEST_ROWS:
-        why = (
-            f"the discharge never reaches the unchoked interval (lowest pressure {bottom:.6g} Pa, "
-            f"choked boundary {boundary:.6g} Pa): record longer after switching off"
-            if bottom > boundary - 2.0 * margin
-            else "fewer than 3 samples lie in the unchoked interval of the discharge: log faster"
-        )
-        found.miss("c_dis", why)
+        if bottom > boundary - 2.0 * margin:
+            found.miss(
+                "c_dis",
+                "the discharge never reaches the unchoked interval (lowest pressure "
+                f"{bottom:.6g} Pa, choked boundary {boundary:.6g} Pa): record longer after "
+                "switching off",
+            )
+        else:
+            why = "fewer than 3 samples lie in the unchoked interval of the discharge: log faster"
+            found.miss_sparse("c_dis", why)
         return
     slope = float(np.polyfit(t[rows], np.log(np.maximum(p[rows] - p0, 1.0)), 1)[0])
     if slope < 0.0:
