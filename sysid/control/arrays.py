@@ -48,12 +48,19 @@ def when(condition: Array, then: Callable[[], Carry], otherwise: Carry, like: Ar
 _NUMBER = (float, np.floating, np.ndarray)
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class _ByIdentity:
+    """An object that is told from others by identity: it may change, or hold what has no hash."""
+
+    value: Any
+
+
 def take_apart(value: Any) -> tuple[Any, list[Array]]:
     """A hashable structure of `value` and its numbers, in order.
 
-    Dataclasses and tuples are followed into; floats and arrays are numbers; anything else,
-    whole numbers and strings among it, belongs to the structure. `put_together` is the
-    inverse.
+    Frozen dataclasses and tuples are followed into; floats and arrays are numbers; anything
+    else, whole numbers and strings among it, belongs to the structure: a dataclass that is not
+    frozen stays the object that it is. `put_together` is the inverse.
     """
     numbers: list[Array] = []
 
@@ -62,6 +69,8 @@ def take_apart(value: Any) -> tuple[Any, list[Array]]:
             numbers.append(value)
             return "number"
         if dataclasses.is_dataclass(value) and not isinstance(value, type):
+            if not value.__dataclass_params__.frozen:  # type: ignore[attr-defined]
+                return ("held", _ByIdentity(value))
             fields = dataclasses.fields(value)
             return (type(value), tuple((f.name, walk(getattr(value, f.name))) for f in fields))
         if isinstance(value, tuple):
@@ -81,6 +90,8 @@ def put_together(structure: Any, numbers: Sequence[Array]) -> Any:
         kind, content = structure
         if kind == "fixed":
             return content
+        if kind == "held":
+            return content.value
         if kind == "tuple":
             return tuple(build(part, rest) for part in content)
         return kind(**{name: build(part, rest) for name, part in content})

@@ -12,10 +12,9 @@ from sysid.model.base import Array
 
 
 class Group(NamedTuple):
-    """Lanes whose controllers share a structure: (structure or the object, whole, lanes)."""
+    """Lanes whose controllers share a structure, or are one object."""
 
     structure: Any
-    is_object: bool
     lanes: tuple[int, ...]
 
 
@@ -30,8 +29,7 @@ def grouped(controllers: list[Controller]) -> tuple[tuple[Group, ...], list[list
         members.setdefault((structure, shapes), []).append(lane)
     groups = []
     for structure, _ in members:
-        is_object = structure[0] == "fixed"
-        groups.append(Group(structure, is_object, tuple(members[structure, _])))
+        groups.append(Group(structure, tuple(members[structure, _])))
     numbers_by_group = [stacked([parts[lane] for lane in g.lanes]) for g in groups]
     return tuple(groups), numbers_by_group
 

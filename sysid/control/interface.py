@@ -68,7 +68,7 @@ class Controller(ABC):
     `preview`: ticks of the reference that it looks ahead. `is_duty`: its valve commands are
     PWM duties, taken over where a PWM period starts; else each tick's on (1) or off (0).
 
-    A controller that is a dataclass may differ in its numbers from lane to lane; any other
+    A controller that is a frozen dataclass may differ in its numbers from lane to lane; any other
     serves its lanes as one object. `commands` is compiled with the loop if it takes jax
     arrays (`closed_loop(..., compiled=False)` if it does not).
     """

@@ -12,6 +12,7 @@ import numpy as np
 from sysid.bundle.content import BundleContent
 from sysid.control.cases import Case, ClosedLoopRun
 from sysid.control.design_model import DesignModel, design_from_bundle
+from sysid.control.hidden_state import Watch
 from sysid.control.interface import Controller
 from sysid.control.modes import Mode
 from sysid.control.prediction import with_payload
@@ -266,16 +267,17 @@ def _run(task: Task, duration: float, progress: Progress) -> tuple[ClosedLoopRun
 
     progress(f"simulating {duration:g} s of the closed loop")
     controller = task.make()
-    before = dict(getattr(controller, "__dict__", {}))
+    watch = Watch(controller)
     try:
         run = closed_loop([task.case(controller)], duration)[0]
     except (jax.errors.JAXTypeError, jax.errors.JAXIndexError, jax.errors.UnexpectedTracerError):
         why = "its code branches on values or takes numpy arrays only"
     else:
-        after = getattr(controller, "__dict__", {})
-        if before.keys() == after.keys() and all(after[k] is v for k, v in before.items()):
+        where = watch.changed()
+        if not where:
             return run, ()
-        why = "it keeps its state in itself"
+        why = f"it keeps its state {where}"
+    watch.restore()
     progress("the controller cannot be compiled: calling it from Python at every tick")
     run = closed_loop([task.case(task.make())], duration, compiled=False)[0]
     return run, (f"{task.choice.controller}: called from Python at every tick, as {why}",)
