@@ -34,12 +34,15 @@ from sysid.bundle.valves import (
     PwmSurfaces,
     Valve,
 )
+from sysid.commands.verdict import verdict_lines
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import MOTION_KINDS, Campaign, read_campaign
 from sysid.io.logs import Trial, with_channels
 from sysid.io.rig import Rig, rig_from_content
 from sysid.model.base import filling_flow
+from sysid.report.opening import verdict
+from sysid.report.shown_tests import tests_of
 from sysid.surfaces import Bipolynomial
 from sysid.types import FloatArray
 from sysid.validation import simulate_segments, validate
@@ -156,6 +159,37 @@ def test_white_pressure_residuals_pass_as_often_as_they_should(result: Validatio
     assert sum(w is not None and not w.passed for w in white) <= 2
     pulsed = next(t for t in tests if t.kind == "motion-pwm")
     assert {"duty_a", "duty_b"} <= set(pulsed.channels["pressure_a_pa"].inputs)
+
+
+def test_logs_of_two_folders_may_share_a_name(
+    made: GeneratedCampaign, campaign: Campaign, bundle: Bundle, tmp_path: Path
+) -> None:
+    """None disappears behind the other, whatever their order: day 2's position is out of scale."""
+    good = campaign.logs[0].path.read_text().splitlines()
+    column = good[0].split(",").index("theta_rad")
+    rows = [line.split(",") for line in good[1:]]
+    bad = [[*r[:column], str(0.4 * float(r[column])), *r[column + 1 :]] for r in rows]
+    texts = {"day1": "\n".join(good), "day2": "\n".join([good[0], *map(",".join, bad)])}
+    (tmp_path / "rig.toml").write_text(rig_toml(made.rig.content))
+    for order in (("day1", "day2"), ("day2", "day1")):
+        lines = ['rig = "rig.toml"']
+        for day in order:
+            (tmp_path / day).mkdir(exist_ok=True)
+            (tmp_path / day / "motion.csv").write_text(texts[day])
+            lines += ["[[log]]", f'kind = "{campaign.logs[0].kind}"']
+            lines += [f'file = "{day}/motion.csv"', 'use = "holdout"']
+        (tmp_path / "campaign.toml").write_text("\n".join(lines) + "\n")
+        found = validate(read_campaign(tmp_path / "campaign.toml"), bundle)
+        names = [f"{day}/motion.csv" for day in order]
+        assert [log.name for log in found.logs] == names
+        assert {log.file for log in found.logs} == {"motion.csv"}
+        assert list(dict.fromkeys(test.log for test in tests_of(found))) == names
+        count = sum(len(log.tests) for log in found.logs)
+        assert len(tests_of(found)) == count
+        said = verdict(bundle, found).sentence
+        assert "does not follow" in said and f"{count} held-out tests" in said
+        recorded = bundle.replaced(validation=found.record())
+        assert "on 2 held-out logs" in verdict_lines(recorded, None)[0]
 
 
 def test_a_wrong_friction_shows(

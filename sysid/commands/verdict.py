@@ -35,22 +35,30 @@ def _model(bundle: Bundle) -> str:
     for title in dict.fromkeys(title for _, _, title, _ in chosen):
         own = sorted(fit for _, _, name, fit in chosen if name == title)
         said.append(f"{title} fits to {_span(own[0], own[-1])} %")
-    logs = len({file for _, file, _, _ in chosen})
+    logs = len({log for _, log, _, _ in chosen})
     return f"{', '.join(said)} on {logs} {use} log{'s' * (logs > 1)}, simulated open loop"
 
 
-def _fits(validation: Validation | None) -> list[tuple[str, str, str, float]]:
-    """Use, file, channel's title and fit percentage under the first valve model of each log."""
-    found, seen = [], set()
+_Log = tuple[str, str | None, str | None]
+
+
+def _fits(validation: Validation | None) -> list[tuple[str, _Log, str, float]]:
+    """Use, log, channel's title and fit percentage under the first valve model of each log.
+
+    Logs of several folders may share a file name: the digest tells them apart.
+    """
+    found: list[tuple[str, _Log, str, float]] = []
+    seen: set[tuple[_Log, str]] = set()
     for log in [] if validation is None else validation.validated():
-        if (log.file, log.use) in seen:
+        key = (log.file, log.sha256, log.kind)
+        if (key, log.use) in seen:
             continue
-        seen.add((log.file, log.use))
+        seen.add((key, log.use))
         for name, channel in log.channels.items():
             if channel.fit_percent is not None:
                 title = channel_of(name).title
                 title = title if title == name else title[:1].lower() + title[1:]
-                found.append((log.use, log.file, title, float(channel.fit_percent)))
+                found.append((log.use, key, title, float(channel.fit_percent)))
     return found
 
 

@@ -44,25 +44,35 @@ def validate_own(
     logs = []
     for use, log in tests.logs:
         progress(f"simulating {log.path.name}")
-        logs.append(_log(part, law, log, use, noise))
+        logs.append(_log(part, law, log, campaign.name_of(log.path), use, noise))
     return ValidationResult(tuple(logs), tests.notices)
 
 
-def _log(part: OwnPart, law: Law, log: Log, use: str, noise: dict[str, float]) -> LogResult:
+def _log(
+    part: OwnPart, law: Law, log: Log, name: str, use: str, noise: dict[str, float]
+) -> LogResult:
     pieces = [(trial, 0, len(trial)) for trial in log.trials]
     found = part.open_loop(law, pieces)
     tests = tuple(
-        _test(part, law, log.path, use, trial, shown, noise)
+        _test(part, law, (name, log.path), use, trial, shown, noise)
         for trial, shown in zip(log.trials, found, strict=True)
     )
-    kind, name = part.loaded.kind, part.loaded.name
-    return LogResult(log.path.name, log.sha256, kind, use, name, pooled_channels(tests), tests)
+    return LogResult(
+        name=name,
+        file=log.path.name,
+        sha256=log.sha256,
+        kind=part.loaded.kind,
+        use=use,
+        model=part.loaded.name,
+        channels=pooled_channels(tests),
+        tests=tests,
+    )
 
 
 def _test(
     part: OwnPart,
     law: Law,
-    path: Path,
+    log: tuple[str, Path],
     use: str,
     trial: Trial,
     shown: dict[str, FloatArray],
@@ -78,7 +88,8 @@ def _test(
         for name, values in shown.items()
     }
     return TestResult(
-        file=path.name,
+        log=log[0],
+        file=log[1].name,
         kind=part.loaded.kind,
         use=use,
         test=trial.label,

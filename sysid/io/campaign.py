@@ -130,6 +130,11 @@ class Campaign:
         chosen = (e for e in self.logs if use in (None, e.use))
         return [Source(e.path.name, _digest(e.path), e.use, e.kind) for e in chosen]
 
+    def name_of(self, path: Path) -> str:
+        """A log's file name; its `file` where the campaign has another log of that name."""
+        alike = {e.path: e.file for e in self.logs if e.path.name == path.name}
+        return path.name if len(alike) == 1 else alike[path]
+
     def copies(self, sources: Sequence[Source]) -> list[str]:
         """Notices of files that hold the same bytes: one of them is no evidence of its own.
 

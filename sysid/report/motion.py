@@ -73,7 +73,7 @@ def _table(validation: ValidationResult, channel: Channel) -> HtmlTable:
         horizons = [number(channel.residual(h.rmse)) for h in result.horizons]
         rows.append(
             (
-                log.file,
+                log.name,
                 "held out" if log.use == "holdout" else "training",
                 MODEL_NAMES[log.model],
                 *horizons,
@@ -106,7 +106,7 @@ def _structure_table(validation: ValidationResult) -> Fold:
             inputs = [p.inputs for p in parts if p.inputs]
             rows.append(
                 (
-                    log.file,
+                    log.name,
                     MODEL_NAMES[log.model],
                     channel.title,
                     f"{sum(w.passed for w in white)} of {len(white)}" if white else MISSING,

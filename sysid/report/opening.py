@@ -154,7 +154,7 @@ def _primary(logs: Sequence[LogResult]) -> list[LogResult]:
     order = list(MODEL_NAMES)
     chosen: dict[tuple[str, str], LogResult] = {}
     for log in sorted(logs, key=lambda g: order.index(g.model)):
-        chosen.setdefault((log.file, log.kind), log)
+        chosen.setdefault((log.name, log.kind), log)
     return list(chosen.values())
 
 
@@ -247,8 +247,8 @@ def _other_models(
         channels = [c for g in own for c in g.channels]
         if not own or not channels:
             continue
-        files = {(g.file, g.kind) for g in own}
-        base = [g for g in primary if (g.file, g.kind) in files]
+        files = {(g.name, g.kind) for g in own}
+        base = [g for g in primary if (g.name, g.kind) in files]
         channel = next((c for c in _positions() if c.key in channels), None)
         if channel is None or not base:
             continue

@@ -58,7 +58,7 @@ def _parameters(part: ComponentRecord) -> Block:
 def _errors(validation: ValidationResult) -> Block:
     rows = [
         (
-            log.file,
+            log.name,
             "held out" if log.use == "holdout" else "fit",
             name,
             number(channel.errors.rmse),
@@ -84,7 +84,7 @@ def _group(name: str, tests: Sequence[TestResult], unit: str, used: str) -> Figu
 
 
 def _figure(key: str, name: str, test: TestResult, unit: str) -> Figure:
-    of = f"{test.file}, test {test.test}" if test.test else test.file
+    of = f"{test.log}, test {test.test}" if test.test else test.log
     figure, (above, below) = svg.panels(f"{name}: {of}", (2.0, 1.0))
     above.plot(test.time, test.measured[name], color=COLOUR["muted"], label="measured")
     above.plot(test.time, test.simulated[name], color=COLOUR["model"], label="modelled")

@@ -29,7 +29,7 @@ MAX_SHOWN = 8
 class ShownTest:
     """One test; `results` by valve model, the primary one first."""
 
-    file: str
+    log: str
     kind: str
     use: str
     test: str
@@ -42,10 +42,10 @@ class ShownTest:
 
     @property
     def title(self) -> str:
-        """File, test and use; text from a file, to be escaped."""
+        """Log, test and use; text from a file, to be escaped."""
         test = f", test {self.test}" if self.test else ""
         used = "held out" if self.use == "holdout" else "training"
-        return f"{self.file}{test} ({self.kind}, {used})"
+        return f"{self.log}{test} ({self.kind}, {used})"
 
     def channels(self) -> list[Channel]:
         """The measured channels, position first."""
@@ -67,14 +67,14 @@ def shown_channels(validation: ValidationResult) -> list[Channel]:
 def tests_of(validation: ValidationResult) -> list[ShownTest]:
     """Every test, in the campaign's order, with its results by valve model."""
     groups: dict[tuple[str, str, str, str], dict[str, TestResult]] = {}
-    for log in validation.logs:
-        for result in log.tests:
-            key = (result.file, result.kind, result.use, result.test)
+    for validated in validation.logs:
+        for result in validated.tests:
+            key = (result.log, result.kind, result.use, result.test)
             groups.setdefault(key, {})[result.model] = result
     tests = []
-    for (file, kind, use, label), results in groups.items():
+    for (log, kind, use, label), results in groups.items():
         order = sorted(results, key=lambda m: list(MODEL_NAMES).index(m))
-        tests.append(ShownTest(file, kind, use, label, {m: results[m] for m in order}))
+        tests.append(ShownTest(log, kind, use, label, {m: results[m] for m in order}))
     return tests
 
 

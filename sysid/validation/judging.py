@@ -25,12 +25,13 @@ from sysid.validation.results import (
 def judged(
     test: MotionTest,
     entry: CampaignLog,
+    log: str,
     rig: Rig,
     model: str,
     whole: FloatArray,
     parts: Sequence[FloatArray],
 ) -> TestResult:
-    """The result of a test simulated with a valve model.
+    """The result of a test of a log of this name, simulated with a valve model.
 
     `whole` (3, rows) is the simulation of the whole test: position and pressures; `parts` those
     of its segments.
@@ -57,6 +58,7 @@ def judged(
             ),
         )
     return TestResult(
+        log=log,
         file=entry.path.name,
         kind=entry.kind,
         use=entry.use,

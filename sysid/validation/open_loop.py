@@ -48,8 +48,9 @@ _NO_VALVES = "fit valve-discrete tests of both valves, or valve-pwm tests, into 
 
 @dataclass(frozen=True)
 class _Case:
-    """One test of one log, prepared."""
+    """One test of one log, prepared; `name` is the log's in its campaign."""
 
+    name: str
     entry: CampaignLog
     log: Log
     test: MotionTest
@@ -104,12 +105,14 @@ def validate(
         chosen = [c for c in cases if valves.applies(c.entry.kind)]
         tell(f"simulating {len(chosen)} tests, {valves.name} valve model")
         logs += _logs(_simulated(chosen, rig, model, valves))
-    return ValidationResult(tuple(_in_order(logs, entries)), tuple(notices))
+    return ValidationResult(tuple(_in_order(logs, campaign, entries)), tuple(notices))
 
 
-def _in_order(logs: Sequence[LogResult], entries: Sequence[CampaignLog]) -> list[LogResult]:
-    places = {(e.path.name, e.kind, e.use): i for i, e in reversed(list(enumerate(entries)))}
-    return sorted(logs, key=lambda g: places[g.file, g.kind, g.use])
+def _in_order(
+    logs: Sequence[LogResult], campaign: Campaign, entries: Sequence[CampaignLog]
+) -> list[LogResult]:
+    places = {(campaign.name_of(e.path), e.kind): i for i, e in reversed(list(enumerate(entries)))}
+    return sorted(logs, key=lambda g: places[g.name, g.kind])
 
 
 def _other_rig(bundle: Bundle, rig: Rig) -> list[str]:
@@ -201,7 +204,7 @@ def _read(
         if test.counted(test.whole) < 2:
             notices.append(f"{test.source}: starts at an end stop and is left out")
             continue
-        cases.append(_Case(entry, log, test))
+        cases.append(_Case(campaign.name_of(entry.path), entry, log, test))
     return cases
 
 
@@ -216,7 +219,8 @@ def _simulated(
         count = 1 + len(case.test.segments)
         own = runs[next_run : next_run + count]
         next_run += count
-        results.append((case, judged(case.test, case.entry, rig, valves.name, own[0], own[1:])))
+        found = judged(case.test, case.entry, case.name, rig, valves.name, own[0], own[1:])
+        results.append((case, found))
     return results
 
 
@@ -231,6 +235,7 @@ def _logs(results: Sequence[tuple[_Case, TestResult]]) -> list[LogResult]:
         tests = tuple(result for _, result in group)
         logs.append(
             LogResult(
+                name=first.log,
                 file=first.file,
                 sha256=case.log.sha256,
                 kind=first.kind,

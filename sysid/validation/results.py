@@ -123,12 +123,14 @@ class TestResult:
     `time` (n,) s from the first row; `measured` and `simulated` (n,) by channel, over the
     whole test; only the first `counted` rows enter the errors. `growth` (m,) by channel is
     the RMS error over the segments at each sample since their start. `initial_std` is the
-    standard error of the start state: position, velocity, pressures A and B.
+    standard error of the start state: position, velocity, pressures A and B. `log` is the log's
+    name, which no other log of the campaign has (`Campaign.name_of`); `file` that of its file.
     """
 
     # Keeps pytest from collecting this as a test.
     __test__ = False
 
+    log: str
     file: str
     kind: str
     use: str
@@ -165,7 +167,7 @@ class TestResult:
             ax.plot(self.time, self.measured[name], color="0.5", label="measured")
             ax.plot(self.time, self.simulated[name], label="simulated")
             ax.set_ylabel(name)
-        panels[0].set_title(f"{self.file}, test {self.test}, {self.model} valves")
+        panels[0].set_title(f"{self.log}, test {self.test}, {self.model} valves")
         legend(panels[0])
         panels[-1].set_xlabel("time_s")
         return panels
@@ -182,8 +184,12 @@ class TestResult:
 
 @dataclass(frozen=True)
 class LogResult:
-    """One log under one valve model: its tests, and their errors pooled."""
+    """One log under one valve model: its tests, and their errors pooled.
 
+    `name` is one that no other log of the campaign has, `file` that of its file alone.
+    """
+
+    name: str
     file: str
     sha256: str
     kind: str
@@ -226,8 +232,7 @@ class ValidationResult(Shown):
         """Fit percentage: one row per log and valve model, one column per channel."""
         import pandas as pd
 
-        # Logs of several folders may share a name.
-        names = [(log.file, log.use, log.model) for log in self.logs]
+        names = [(log.name, log.use, log.model) for log in self.logs]
         frame = pd.DataFrame.from_records(
             [{n: c.errors.fit_percentage for n, c in log.channels.items()} for log in self.logs]
         )
@@ -243,7 +248,7 @@ class ValidationResult(Shown):
         """One row per log, valve model and channel; errors in the channel's unit."""
         return [
             {
-                "file": log.file,
+                "file": log.name,
                 "use": log.use,
                 "valve_model": log.model,
                 "channel": name,
@@ -265,7 +270,7 @@ class ValidationResult(Shown):
         for log in self.logs:
             found = [log.channels.get(name) for name in names]
             known = [None if c is None else c.errors.fit_percentage for c in found]
-            label = f"{log.file}, {log.model}"
+            label = f"{log.name}, {log.model}"
             while label in fits:
                 label += "'"
             fits[label] = [math.nan if v is None else v for v in known]
