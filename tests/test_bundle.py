@@ -195,6 +195,15 @@ def test_a_changed_log_is_noticed(bundle: Bundle) -> None:
         bundle.check_log_unchanged(Log(Path("run.csv"), "cd" * 32, ()), kind)
 
 
+def test_a_held_out_log_of_a_new_day_may_have_an_old_name(bundle: Bundle) -> None:
+    new = Log(Path("newday/run.csv"), "cd" * 32, ())
+    bundle.check_log(new, "friction-motion", "holdout")
+    with pytest.raises(InputError, match="changed since"):
+        bundle.check_log(new, "friction-motion", "fit")
+    with pytest.raises(InputError, match="is held out"):
+        bundle.check_log(Log(Path("new.csv"), "ab" * 32, ()), "friction-motion", "holdout")
+
+
 def test_a_log_that_was_fitted_on_is_not_held_out(bundle: Bundle) -> None:
     bundle.check_not_fitted(Log(Path("new.csv"), "cd" * 32, ()))
     with pytest.raises(InputError, match=r"^new\.csv: is held out .*b\.json.*\(run\.csv\)"):

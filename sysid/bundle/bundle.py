@@ -153,6 +153,17 @@ class Bundle(Shown, BundleContent):
             }
         )
 
+    def check_log(self, log: Log, kind: str, use: str) -> None:
+        """InputError where a campaign's log cannot have this use beside what was fitted.
+
+        A log to fit on has to be the one that was fitted, if one of its name was; one that is held
+        out must not have been fitted on, and may be a new recording under an old name.
+        """
+        if use == "holdout":
+            self.check_not_fitted(log)
+        else:
+            self.check_log_unchanged(log, kind)
+
     def check_log_unchanged(self, log: Log, kind: str) -> None:
         """InputError where a log of `kind` has changed since the bundle was fitted on it.
 

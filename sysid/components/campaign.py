@@ -74,9 +74,7 @@ def tests_of(campaign: Campaign, bundle: Bundle | None = None) -> OwnTests:
     for entry in campaign.logs:
         log = campaign.read(entry)
         if bundle is not None:
-            bundle.check_log_unchanged(log, entry.kind)
-            if entry.use == "holdout":
-                bundle.check_not_fitted(log)
+            bundle.check_log(log, entry.kind, entry.use)
         require_columns(log, loaded)
         trials[entry.use] += log.trials
         notices += log.notices

@@ -118,9 +118,7 @@ def _unrefined(found: Diagnosis) -> Diagnosis:
 
 def _read(campaign: Campaign, entry: CampaignLog, bundle: Bundle) -> Log:
     log = campaign.read(entry)
-    bundle.check_log_unchanged(log, entry.kind)
-    if entry.use == "holdout":
-        bundle.check_not_fitted(log)
+    bundle.check_log(log, entry.kind, entry.use)
     return log
 
 

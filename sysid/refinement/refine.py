@@ -207,9 +207,7 @@ def motion_tests_of(
     found = []
     for entry in entries:
         log = campaign.read(entry)
-        bundle.check_log_unchanged(log, entry.kind)
-        if entry.use == "holdout":
-            bundle.check_not_fitted(log)
+        bundle.check_log(log, entry.kind, entry.use)
         inertia = fitted_inertia(bundle)
         tests, left_out = prepare_all(log.trials, entry.kind, campaign.rig, SEGMENT_S, inertia)
         found += tests

@@ -191,9 +191,7 @@ def _read(
     notices: list[str],
 ) -> list[_Case]:
     log = campaign.read(entry)
-    bundle.check_log_unchanged(log, entry.kind)
-    if entry.use == "holdout":
-        bundle.check_not_fitted(log)
+    bundle.check_log(log, entry.kind, entry.use)
     notices += log.notices
     cases = []
     inertia = fitted_inertia(bundle)
