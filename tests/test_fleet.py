@@ -56,6 +56,9 @@ SCROLLED = """() => [...document.querySelectorAll(".scroll")]
         ("rig 2024-03-17 second", datetime.date(2024, 3, 17)),
         ("20240317_after-service", datetime.date(2024, 3, 17)),
         ("2024-01-01 to 2024-03-17", datetime.date(2024, 3, 17)),
+        ("rig-0042-2024-03-17", datetime.date(2024, 3, 17)),
+        ("2001-2024-03-17", datetime.date(2024, 3, 17)),
+        ("0042-20240317-0042", datetime.date(2024, 3, 17)),
         ("serial 12345678", None),
         ("2024-13-17", None),
         ("120240317", None),
@@ -148,6 +151,28 @@ def test_leakage_is_one_number_whatever_its_law() -> None:
     assert found is not None and air is not None
     squares = air.supply_pressure_pa**2 - air.atmospheric_pressure_pa**2
     assert found == pytest.approx((5e-17 * squares, 1e-18 * squares))
+
+
+def test_the_error_of_a_leak_is_that_of_the_chamber_that_loses_more() -> None:
+    bundle = read_bundle(golden_bundle("diagnosed")).replaced(effects=[])
+    leaks = (("a", 5e-16, 5e-18), ("b", 1e-17, 1e-17), ("a", 1e-16, 1e-18))
+    effects = []
+    for side, value, std in leaks:
+        entry = entry_of(AtmosphereLeakage(value, side))
+        parameters: dict[str, Any] = {**entry.to_json()["parameters"]}
+        parameters[next(iter(entry.numbers()))] = {
+            "value": value,
+            "std": std,
+            "unit": "kg/(s Pa^2)",
+        }
+        effects.append(type(entry)(id=entry.id, parameters=parameters))
+    air = bundle.rig.air
+    assert air is not None
+    squares = air.supply_pressure_pa**2 - air.atmospheric_pressure_pa**2
+    one = leakage_flow(bundle.replaced(effects=effects[:2]))
+    assert one == pytest.approx((5e-16 * squares, 5e-18 * squares))
+    both = leakage_flow(bundle.replaced(effects=effects))
+    assert both == pytest.approx((6e-16 * squares, np.hypot(5e-18, 1e-18) * squares))
 
 
 def test_leakage_beside_an_effect_of_the_users_own() -> None:

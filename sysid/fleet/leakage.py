@@ -9,7 +9,7 @@ from sysid.bundle.effects import EffectEntry
 from sysid.fleet.parameters import has_error
 from sysid.io.channels import SIDES
 from sysid.model.effects.entry import Catalogue
-from sysid.model.ports import Model, Point
+from sysid.model.ports import Effect, Model, Point
 
 _WORD = "leakage"
 
@@ -29,22 +29,27 @@ def leakage_flow(bundle: Bundle, catalogue: Catalogue | None = None) -> tuple[fl
 
     Of both chambers the larger, the other one at atmospheric pressure. Which law a diagnosis names
     may differ from date to date, where the data cannot tell them apart; their flows compare. The
-    error is that of the strengths, relative to the flow. None where the bundle has no leakage, or
-    one without an error. `catalogue` holds the bundle's effects (None: the project's own). Raises
-    InputError for an effect that it lacks, NotIdentifiedError for a bundle without friction.
+    error is that of the strengths of this chamber's leaks, in each of which the flow is linear.
+    None where the bundle has no leakage, or one without an error. `catalogue` holds the bundle's
+    effects (None: the project's own). Raises InputError for an effect that it lacks,
+    NotIdentifiedError for a bundle without friction.
     """
     effects = leakage_effects(bundle)
     if not effects:
         return None
     model = bundle.model(catalogue=catalogue)
-    flows = {side: _lost(model, side) for side in SIDES}
-    flow = max(flows.values())
+    leaks = [e for e in model.effects if is_leakage(getattr(e, "id", ""))]
     strengths = [next(iter(e.numbers().values())) for e in effects]
-    relative = [e.std / abs(e.value) for e in strengths if has_error(e) and e.value]
-    return (flow, flow * math.hypot(*relative)) if relative and flow > 0.0 else None
+    lost = {side: [_lost(model, leak, side) for leak in leaks] for side in SIDES}
+    flows = max(lost.values(), key=sum)
+    own = [(flow, e) for flow, e in zip(flows, strengths, strict=True) if flow and e.value]
+    if sum(flows) <= 0.0 or not own or not all(has_error(e) for _, e in own):
+        return None
+    return sum(flows), math.hypot(*(flow * e.std / e.value for flow, e in own))
 
 
-def _lost(model: Model, side: str) -> float:
+def _lost(model: Model, leak: Effect, side: str) -> float:
+    """Flow (kg/s) out of a chamber at supply pressure through one leak."""
     p = model.parameters
     pressures = {f"pressure_{s}": p.supply if s == side else p.atmosphere for s in SIDES}
     point = Point(
@@ -58,8 +63,7 @@ def _lost(model: Model, side: str) -> float:
         parameters=p,
         **pressures,
     )
-    leaks = Model(p, tuple(e for e in model.effects if is_leakage(getattr(e, "id", ""))))
-    return -float(leaks.through("chamber_flow", 0.0, side, point))
+    return -float(Model(p, (leak,)).through("chamber_flow", 0.0, side, point))
 
 
 __all__ = ["is_leakage", "leakage_effects", "leakage_flow"]

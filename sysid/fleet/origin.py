@@ -18,7 +18,8 @@ from typing import Any
 
 from sysid.io.campaign import Campaign
 
-_DATE = re.compile(r"(?<!\d)(\d{4})-?(\d{2})-?(\d{2})(?!\d)")
+# Looked for at every place: in rig-0042-2024-03-17 a number before the date looks like its year.
+_DATE = re.compile(r"(?<!\d)(?=(\d{4})-?(\d{2})-?(\d{2})(?!\d))")
 # An eight-digit number that is a serial number is not taken for a date of another century.
 _YEARS = range(1970, 2100)
 _FOLDERS = 4
