@@ -238,6 +238,28 @@ def test_each_change_is_found_at_its_date_and_no_other(made: Fleet) -> None:
     assert "appears with" in leak.sentence() and "rises by" in made.changes[0].sentence()
 
 
+def test_a_changed_rig_file_and_shared_logs_are_said() -> None:
+    """A level that moves with the rig file's numbers may be the file's, not the rig's."""
+    rows = [
+        dataclasses.replace(
+            row("one", i, 0.25 if i < 3 else 0.35),
+            rig={"cylinder": {"area": 1.0 if i < 3 else 1.4}, "rig": {"name": "one"}},
+            fit_logs=(f"{min(i, 4)}" * 64, "f" * 63 + f"{i}"),
+        )
+        for i in range(6)
+    ]
+    assert fleet_of(rows).notices == (
+        "one: the rig file differs from that of 2021-05-15: [cylinder]; what changed from "
+        "2021-07-14 on may be the file, not the rig",
+        "one of 2021-11-11: 1 of its 2 training logs are those of one of 2021-09-12, byte for "
+        "byte: a test repeated on another date has a log of its own",
+    )
+    same = [dataclasses.replace(r, rig={"rig": {"name": "one"}}, fit_logs=()) for r in rows]
+    assert fleet_of(same).changes and not fleet_of(same).notices
+    unknown = [dataclasses.replace(r, rig={}, fit_logs=()) for r in rows[:3]]
+    assert not fleet_of([*unknown, *rows[3:5]]).notices
+
+
 @pytest.mark.parametrize(
     ("given", "points"),
     [({}, 10), ({"effects": {"orifice-leakage": 1e-9}}, 9), ({"is_whole": False}, 9)],
@@ -379,7 +401,9 @@ def test_a_fleet_resumes_and_goes_on_past_a_bad_campaign(
     assert [c["failure"] == "" for c in found["campaigns"]] == [True, True, False]
     assert "no result" in said.err and "rig is missing" in said.err
     folder = tmp_path / "out" / found["campaigns"][0]["folder"]
-    assert (folder / "report.html").is_file() and (folder / "row.json").is_file()
+    assert (folder / "report.html").is_file()
+    kept = json.loads((folder / "row.json").read_text())
+    assert kept["rig"] == content(folder / "bundle.json")["rig"] and len(kept["fit_logs"]) == 3
     before = (folder / "bundle.json").stat().st_mtime_ns
     shutil.rmtree(tmp_path / "out" / found["campaigns"][1]["folder"])
     assert main([*words, *options]) == 0

@@ -146,6 +146,8 @@ def run_one(campaign: Path, folder: Path, options: dict[str, Any], shows: bool) 
         origin=origin,
         effects=effects_of(done.bundle),
         readings=readings,
+        rig=fitted.rig_content,
+        fit_logs=tuple(sorted({e.sha256 for e in fitted.provenance.logs if e.use == "fit"})),
         notices=done.notices,
         **_verdict(done),
     )

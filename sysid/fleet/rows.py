@@ -47,8 +47,9 @@ class FleetRow:
 
     `folder` is that of its results within the fleet's; `verdict` None without a diagnosis,
     `is_whole` false of one that was cut short or only a first look; `effects` by id, each with its
-    p-value; `readings` the numbers whose trends are followed; `notices` those of its run, and of
-    the stages that it found up to date. `exit_code`: what `run` ends with, 0 with a result.
+    p-value; `readings` the numbers whose trends are followed; `rig` the content of its rig file by
+    section, `fit_logs` the SHA-256 of what was fitted; `notices` those of its run, and of the
+    stages that it found up to date. `exit_code`: what `run` ends with, 0 with a result.
     """
 
     campaign: str
@@ -59,6 +60,8 @@ class FleetRow:
     is_whole: bool = True
     effects: Mapping[str, float] = field(default_factory=dict)
     readings: tuple[FleetReading, ...] = ()
+    rig: Mapping[str, Any] = field(default_factory=dict)
+    fit_logs: tuple[str, ...] = ()
     notices: tuple[str, ...] = ()
     failure: str = ""
     exit_code: int = 0
@@ -80,6 +83,8 @@ class FleetRow:
             "is_whole": self.is_whole,
             "effects": dict(self.effects),
             "readings": [reading.to_json() for reading in self.readings],
+            "rig": dict(self.rig),
+            "fit_logs": list(self.fit_logs),
             "notices": list(self.notices),
             "failure": self.failure,
             "exit_code": self.exit_code,

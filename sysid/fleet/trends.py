@@ -7,7 +7,7 @@ Benjamini and Yekutieli (2001), whatever their dependence; a change counts below
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -171,7 +171,8 @@ def fleet_of(rows: Sequence[FleetRow]) -> Fleet:
     known.sort(key=lambda row: (row.origin.rig, row.origin.date, row.campaign))  # type: ignore[union-attr]
     ordered = (*known, *(row for row in rows if row.origin is None))
     trends = _adjusted(list(_trends(known)))
-    return Fleet(ordered, trends, tuple(_notices(ordered)))
+    notices = (*_notices(ordered), *_other_rig_files(known, trends), *_shared_logs(known))
+    return Fleet(ordered, trends, notices)
 
 
 def _trends(rows: Sequence[FleetRow]) -> Iterable[Trend]:
@@ -229,6 +230,47 @@ def _notices(rows: Sequence[FleetRow]) -> Iterable[str]:
             "the day on which the newest log was changed stands for it; name the folder by its "
             "date, 2024-03-17"
         )
+
+
+def _other_rig_files(rows: Sequence[FleetRow], trends: Sequence[Trend]) -> Iterable[str]:
+    """A line for each date on which numbers changed and the rig file did too."""
+    begins = {(t.rig, t.since): None for t in trends if t.is_change}
+    for rig, since in sorted(begins):
+        own = [(r.origin.date.isoformat(), r) for r in rows if r.origin and r.origin.rig == rig]
+        held = [(date, row) for date, row in own if row.rig and not row.failure]
+        before = [(date, row) for date, row in held if date < since]
+        after = [row for date, row in held if date == since]
+        if not before or not after:
+            continue
+        date, last = before[-1]
+        differ = sorted({k for row in after for k in _differing(last.rig, row.rig)})
+        if differ:
+            sections = ", ".join(f"[{k}]" for k in differ)
+            yield (
+                f"{rig}: the rig file differs from that of {date}: {sections}; what changed from "
+                f"{since} on may be the file, not the rig"
+            )
+
+
+def _differing(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
+    return [k for k in {*one, *other} if one.get(k) != other.get(k)]
+
+
+def _shared_logs(rows: Sequence[FleetRow]) -> Iterable[str]:
+    """A line for each campaign with training logs that an earlier one of the fleet has too."""
+    first: dict[str, str] = {}
+    for row in rows:
+        name = f"{row.origin.rig} of {row.origin.date}" if row.origin else row.campaign
+        logs = () if row.failure else row.fit_logs
+        found = [first[log] for log in logs if log in first]
+        if found:
+            yield (
+                f"{name}: {len(found)} of its {len(logs)} training logs are those of "
+                f"{', '.join(dict.fromkeys(found))}, byte for byte: a test repeated on another "
+                "date has a log of its own"
+            )
+        for log in logs:
+            first.setdefault(log, name)
 
 
 __all__ = ["Fleet", "Trend", "fleet_of"]
