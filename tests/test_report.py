@@ -16,21 +16,25 @@ from typing import Any
 
 import numpy as np
 import pytest
+from golden_folder import golden_bundle
 from page_boxes import box_faults
 from part_reports import PART_NAMES, write_part_report
 
-from sysid.bundle import Bundle, FittedValves, Parts, Surface, Valve, bundle_text
+from sysid.bundle import Bundle, FittedValves, Parts, Surface, Valve, bundle_text, read_bundle
 from sysid.bundle.files import bundle_from_json
 from sysid.bundle.refinement import Refinement
 from sysid.bundle.validation import Validation
 from sysid.bundle.valves import PwmDirections
 from sysid.checks.log_check import check_log
 from sysid.display import numbers
+from sysid.errors import InputError
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import FRICTION_KINDS, Campaign, read_campaign
 from sysid.io.source import Source
 from sysid.report import concerns, render_report, svg, write_report
+from sysid.report.blocks import HtmlTable
 from sysid.report.interactive import packed
+from sysid.report.next_steps import left_open, next_section
 from sysid.report.opening import verdict
 from sysid.report.page import _json
 from sysid.valve_pwm import ValvePwmFit
@@ -247,10 +251,10 @@ def hostile(made: Made, tmp_path_factory: pytest.TempPathFactory) -> Path:
         notices=(HOSTILE_NAME,),
     )
     log = made.validation.select("holdout")[0]
-    test = dataclasses.replace(log.tests[0], file=HOSTILE_FILE, test='"><b>1</b>')
+    test = dataclasses.replace(log.tests[0], log=HOSTILE_FILE, test='"><b>1</b>')
     validation = dataclasses.replace(
         made.validation,
-        logs=(dataclasses.replace(log, file=HOSTILE_FILE, tests=(test,)),),
+        logs=(dataclasses.replace(log, name=HOSTILE_FILE, tests=(test,)),),
         notices=(HOSTILE_FILE,),
     )
     content = json.loads(bundle_text(made.bundle.without("valves")))
@@ -408,6 +412,43 @@ def test_sections_without_their_part_are_left_out_and_said_so(made: Made) -> Non
     assert "Diagnosis: the model was not diagnosed" in html
     assert "Refinement on motion: the parameters were not refined" in html
     assert len(html) < 1_000_000  # no plotting library where there is nothing to plot
+
+
+def test_a_bundle_of_another_rig_is_said_or_refused() -> None:
+    campaign = read_campaign(BUNDLED)
+    bundle = read_bundle(golden_bundle("diagnosed")).without("valves", "refinement")
+    bundle = bundle.replaced(rig_content=campaign.rig.content)
+    said = "fitted with another rig file than this campaign's: [air] differ"
+    assert "another rig file" not in render_report(campaign=campaign, bundle=bundle)
+    air = {**campaign.rig.content["air"], "temperature_k": 280.0}
+    other = bundle.replaced(rig_content={**campaign.rig.content, "air": air})
+    assert said in unescape(render_report(campaign=campaign, bundle=other))
+    linear = read_bundle(golden_bundle("made_linear"))
+    with pytest.raises(InputError, match=r"is of a rotary rig, .* of a linear one; give"):
+        render_report(campaign=campaign, bundle=linear)
+
+
+def test_the_least_certain_parameters_are_worth_another_test() -> None:
+    """A friction that may be 0 is wide; an offset about 0 is not, it has no sign to be known."""
+    bundle = read_bundle(golden_bundle("diagnosed"))
+    assert bundle.friction is not None
+    wide = Estimate(0.01, 0.008, "Nm", (-0.006, 0.026))
+    friction = bundle.friction.replaced(coulomb_nm=wide, offset_nm=wide)
+    section = next_section(bundle.replaced(friction=friction), None, "campaign.toml")
+    assert section is not None
+    (lacking,) = (b for b in section.blocks if isinstance(b, HtmlTable))
+    named = [row[0] for row in lacking.rows]
+    assert "friction.coulomb_nm" in named and "friction.offset_nm" not in named
+
+
+def test_nothing_is_left_open_only_where_it_was_looked() -> None:
+    found = {"verdict": "adequate"}
+    assert left_open(found, is_validated=True) == "nothing was left open"
+    assert left_open(None, is_validated=True) == "run sysid diagnose"
+    assert left_open(None, is_validated=False) == "run sysid validate and sysid diagnose"
+    assert left_open(found | {"component": "tank"}, is_validated=False) == "nothing was left open"
+    skipped = {"skipped": "no motion log"}
+    assert left_open(skipped, is_validated=True) == "add the tests that the diagnosis needs"
 
 
 def test_provenance_holds_every_checksum(made: Made) -> None:

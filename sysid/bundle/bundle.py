@@ -153,6 +153,11 @@ class Bundle(Shown, BundleContent):
             }
         )
 
+    def other_sections(self, rig: Rig) -> list[str]:
+        """The sections in which a rig file differs from the one that it was fitted with."""
+        mine, others = self.rig_content, rig.content
+        return [s for s in sorted(set(mine) | set(others)) if mine.get(s) != others.get(s)]
+
     def check_log(self, log: Log, kind: str, use: str) -> None:
         """InputError where a campaign's log cannot have this use beside what was fitted.
 

@@ -7,10 +7,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from sysid.bundle import Bundle
+from sysid.bundle.assembled_model import friction_keys
 from sysid.diagnosis.evidence import ACTUATOR
 from sysid.diagnosis.wording import advice_on_rest
 from sysid.display.numbers import number
 from sysid.estimation.linear import Estimate
+from sysid.model.effects.catalogue import catalogue
+from sysid.model.effects.linear import for_rig
 from sysid.report.blocks import Block, Lines, Section, table
 from sysid.report.effects import named
 from sysid.report.opening import unidentified
@@ -44,6 +47,20 @@ def next_section(bundle: Bundle, diagnosis: Content | None, campaign: str) -> Se
             "would show; it takes a minute or more and is not part of this report."
         )
     return Section("next", "What to do next", tuple(intro), tuple(blocks))
+
+
+def left_open(diagnosis: Content | None, *, is_validated: bool) -> str:
+    """What to do where there is no section: what was not looked at may be open."""
+    if diagnosis is not None and diagnosis.get("component", ACTUATOR) != ACTUATOR:
+        is_validated = True  # a part alone has no motion to be validated on
+    runs = [] if is_validated else ["sysid validate"]
+    if diagnosis is None:
+        runs.append("sysid diagnose")
+    if runs:
+        return f"run {' and '.join(runs)}"
+    if diagnosis is not None and "verdict" not in diagnosis:
+        return "add the tests that the diagnosis needs"
+    return "nothing was left open"
 
 
 def _rivals(content: Content) -> list[Block]:
@@ -97,14 +114,26 @@ def _uninformed(bundle: Bundle) -> Iterator[tuple[str, str, str]]:
 
 def _wide(bundle: Bundle) -> Iterator[tuple[str, str, str]]:
     """Parameters whose interval is wide against their value."""
+    positive = _positive(bundle)
     for name, estimate in _estimates(bundle):
         low, high = estimate.interval
         if not estimate.identified or not (math.isfinite(low) and math.isfinite(high)):
             continue
         half = 0.5 * (high - low)
-        if estimate.value and half > _WIDE * abs(estimate.value) and low * high > 0.0:
+        # What may have either sign is not wide for being about 0: an offset, a difference.
+        has_size = name in positive or low * high > 0.0
+        if estimate.value and half > _WIDE * abs(estimate.value) and has_size:
             share = number(100.0 * half / abs(estimate.value), 2)
             yield name, f"95 % interval of ± {share} %", "more tests like those it was read from"
+
+
+def _positive(bundle: Bundle) -> set[str]:
+    """The parameters that cannot be below 0; of an effect of the user's own none is known."""
+    known = for_rig(catalogue(), bundle.is_linear)
+    found = {f"friction.{name}" for name in friction_keys(bundle.is_linear).values()}
+    for effect in (known[e.id] for e in bundle.effects if e.id in known):
+        found |= {f"{effect.id}.{q.label}" for q in effect.quantities if q.lower >= 0.0}
+    return found
 
 
 def _estimates(bundle: Bundle) -> Sequence[tuple[str, Estimate]]:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import datetime
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sysid.bundle import Bundle, FittedValves
+from sysid.errors import input_error
 from sysid.io.campaign import FRICTION_KINDS, MOTION_KINDS
 from sysid.io.files import write_atomic
 from sysid.report.blocks import Block, Fold, Plot, Section
@@ -42,7 +44,8 @@ def write_report(
     process can rebuild the report; `validation` and `checks` are what `sysid.validation` and
     `sysid.checks.log_check` found, `diagnosis` what `sysid.diagnosis.content.content` made of one.
     Sections whose part is missing are omitted, and the page says so.
-    Raises InputError where a log cannot be read or the file not be written.
+    Raises InputError where a log cannot be read or the file not be written, and for the bundle of
+    a linear rig with a rotary one's campaign, or the reverse.
     """
     html = render_report(
         campaign=campaign,
@@ -66,6 +69,7 @@ def render_report(
 ) -> str:
     """The page of `write_report` as text."""
     tell = progress or (lambda line: None)
+    _check_units(campaign, bundle)
     from sysid.report import svg
 
     with svg.styled():
@@ -73,7 +77,28 @@ def render_report(
         sections, left_out = _sections(campaign, bundle, checks, parts, tell)
     tell("assembling the page")
     judged = verdict(bundle, validation, diagnosis)
+    judged = replace(judged, notes=(*_other_rig(campaign, bundle), *judged.notes))
     return _fill(campaign, bundle, judged, sections, left_out)
+
+
+def _check_units(campaign: Campaign, bundle: Bundle) -> None:
+    """The page's units are those of the campaign's rig; the bundle's numbers have to have them."""
+    if bundle.is_linear != campaign.rig.is_linear:
+        kinds = ["linear" if one else "rotary" for one in (bundle.is_linear, not bundle.is_linear)]
+        raise input_error(
+            campaign.path,
+            f"is of a {kinds[1]} rig, {bundle.source} of a {kinds[0]} one",
+            "give the bundle that was fitted on this rig",
+        )
+
+
+def _other_rig(campaign: Campaign, bundle: Bundle) -> Iterator[str]:
+    other = bundle.other_sections(campaign.rig)
+    if other:
+        sections = ", ".join(f"[{section}]" for section in other)
+        yield (
+            f"The bundle was fitted with another rig file than this campaign's: {sections} differ."
+        )
 
 
 _Part = tuple[str, str, Callable[[], Section | None]]
@@ -114,6 +139,8 @@ def _parts(
     diagnosis: Mapping[str, Any] | None,
 ) -> list[_Part]:
     """Of each section in turn: title, the line if it is missing, and its builder."""
+    from sysid.report.next_steps import left_open
+
     valves = bundle.valves or FittedValves()
 
     def friction() -> Section | None:
@@ -172,7 +199,8 @@ def _parts(
         return None if part is None else refinement_section(part, campaign.rig)
 
     diagnosed_part = ("Diagnosis", (diagnosis or {}).get("skipped", _NOT_DIAGNOSED), diagnosed)
-    following = ("What to do next", "nothing was left open", next_steps)
+    is_open = left_open(diagnosis, is_validated=validation is not None)
+    following = ("What to do next", is_open, next_steps)
     alone: list[_Part] = []
     if (diagnosis or {}).get("figures", {}).get("tests"):
         alone = [("Measured and modelled", "no test is drawn", part_alone)]

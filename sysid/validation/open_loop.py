@@ -116,9 +116,7 @@ def _in_order(
 
 
 def _other_rig(bundle: Bundle, rig: Rig) -> list[str]:
-    fitted = bundle.rig_content
-    sections = sorted(set(fitted) | set(rig.content))
-    other = [s for s in sections if fitted.get(s) != rig.content.get(s)]
+    other = bundle.other_sections(rig)
     if not other:
         return []
     payload = (

@@ -35,7 +35,9 @@ def report(
 
     `found`: a diagnosis, or a bundle where none was made; `checked` a validation. Sections
     without content are missing, and the page says so. `checks` None: every log is checked
-    anew. Raises InputError where a log cannot be read or the file not be written.
+    anew. Raises InputError where a log cannot be read or the file not be written, and for the
+    bundle of a linear rig with a rotary one's campaign, or the reverse; where another rig file
+    differs in less, the page says so.
 
     >>> si.report("out.html", campaign, bundle, checked)
     """
