@@ -19,6 +19,7 @@ from sysid.errors import NotIdentifiedError, input_error
 from sysid.identification.valve_pwm.averaged import average_of
 from sysid.identification.valve_pwm.coverage import coverage, unseen_regimes
 from sysid.identification.valve_pwm.quality import LOOK, fails, require_sign
+from sysid.identification.valve_pwm.remarks import Remarks
 from sysid.identification.valve_pwm.result import (
     DIRECTIONS,
     DirectionFit,
@@ -31,7 +32,7 @@ from sysid.identification.valve_pwm.samples import (
     choked_boundaries,
     sample_tests,
 )
-from sysid.identification.valve_pwm.selection import Remarks, moved_valves, select_tests
+from sysid.identification.valve_pwm.selection import moved_valves, select_tests
 from sysid.io.channels import SIDES
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
@@ -178,7 +179,8 @@ def _measured(
         raise NotIdentifiedError("; ".join((str(error), *unseen_regimes(samples, rig)))) from None
     remarks.lines += [f"{where}: {line}" for line in coverage(samples, domain, other_duties, rig)]
     supply = float(rig.require("air", "supply").supply_pressure_pa)
-    boundaries = choked_boundaries(rig.require("air", "boundaries"), supply)
+    seen = float(np.median(samples.supply_of(samples.test)))
+    boundaries = choked_boundaries(rig.require("air", "boundaries"), seen)
     points = surface_points(
         samples.duty,
         samples.pressure,
@@ -206,7 +208,9 @@ def _travelled(
 ) -> FlowSamples:
     """The samples of tests in which the pressure left its start."""
     air = rig.require("air", "start pressures")
-    start = air.atmospheric_pressure_pa if direction == "fill" else air.supply_pressure_pa
+    start = samples.supply_of(samples.test)
+    if direction == "fill":
+        start = np.full(len(samples), air.atmospheric_pressure_pa)
     way = abs(air.supply_pressure_pa - air.atmospheric_pressure_pa)
     travel = np.zeros(len(tests))
     np.maximum.at(travel, samples.test, np.abs(samples.pressure - start))

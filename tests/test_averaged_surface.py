@@ -27,7 +27,8 @@ def flows(valve: Valve, step: float = 0.08) -> MeanFlows:
     kept = (parts[0] > 0.01) & away
     std = np.full(int(kept.sum()), 5e-6)
     per_flow = np.full(len(std), KRT / VOLUME)
-    return MeanFlows(*(p[kept] for p in parts), std, test[kept], per_flow)
+    supply = np.full(len(std), valve.supply)
+    return MeanFlows(*(p[kept] for p in parts), std, test[kept], per_flow, supply)
 
 
 def fitted(valve: Valve) -> AveragedFit:

@@ -19,13 +19,14 @@ from conftest import RIG_TEXT
 
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.identification.valve_pwm.coverage import duty_gaps, off_surface_tests
+from sysid.identification.valve_pwm.remarks import Remarks
 from sysid.identification.valve_pwm.samples import (
     FlowSamples,
     open_share,
     pulse_block,
     sample_tests,
 )
-from sysid.identification.valve_pwm.selection import Remarks, select_tests
+from sysid.identification.valve_pwm.selection import select_tests
 from sysid.io.logs import Trial, with_channels
 from sysid.io.rig import Rig, rig_from_content
 from sysid.surfaces import surface_from_dict
@@ -406,6 +407,31 @@ def test_a_logged_supply_decides_row_by_row() -> None:
     fit = fit_valve_pwm([log_supply(t) for t in make_trials()], make_rig())
     assert "fill-0.50" in one_line(fit, "supply_pressure_pa deviates")
     assert not np.any(np.isclose(fit.fits["a", "fill"].samples.duty, 0.50))
+
+
+@pytest.mark.parametrize("logged_off", [None, 0.0, -3e3], ids=["no log", "logged", "sensor offset"])
+def test_a_supply_near_the_rig_files_is_taken_as_the_tests_show_it(
+    logged_off: float | None,
+) -> None:
+    """Taken for the rig file's, a supply 1.7 % above it moved the averaged law by 30 to 300 %."""
+    supply = SUPPLY + 5e3
+    trials = make_trials(supply=supply)
+    if logged_off is not None:
+        trials = [
+            with_channels(t, supply_pressure_pa=np.full(len(t), supply + logged_off))
+            for t in trials
+        ]
+    fit = fit_valve_pwm(trials, make_rig())
+    choked_fill, choked_dis, c_fill, c_dis = VALVES["a"]
+    found = {name: e.value for name, e in fit.averaged["a"].fit.estimates.items()}
+    assert found["choked_flow_fill_kg_s"] == pytest.approx(choked_fill, rel=0.01)
+    assert found["choked_flow_dis_kg_s"] == pytest.approx(choked_dis, rel=0.01)
+    assert found["c_fill"] == pytest.approx(c_fill, rel=0.01)
+    assert found["c_dis"] == pytest.approx(c_dis, rel=0.01)
+    assert found["delay_difference_s"] == pytest.approx(OFF - ON, abs=2e-5)
+    assert fit.fits["a", "discharge"].domain.duty_range[1] < 0.8
+    assert one_line(fit, "305.0 kPa", "rig file's supply_pressure_pa is 300.0 kPa")
+    assert any("one of the two sensors" in n for n in fit.notices) == bool(logged_off)
 
 
 @pytest.mark.parametrize("limit", [2.5e5, 2.0e5])

@@ -149,8 +149,9 @@ def _parts(
 
 def _levels(side: str, logs: Sequence[tuple[str | None, Log]], rig: Rig) -> dict[str, LevelFlows]:
     """Measured flow by direction, sampled from the fit tests as the fit does."""
+    from sysid.identification.valve_pwm.remarks import Remarks
     from sysid.identification.valve_pwm.samples import sample_tests
-    from sysid.identification.valve_pwm.selection import Remarks, select_tests
+    from sysid.identification.valve_pwm.selection import select_tests
     from sysid.surfaces.domain import level_flows
 
     trials = [t for named, log in logs if named in (None, side) for t in log.trials]

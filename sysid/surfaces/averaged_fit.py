@@ -46,8 +46,8 @@ class MeanFlows:
     """Samples of one valve's mean flow in both directions.
 
     `duty`, `pressure` [Pa], `flow` [kg/s], its standard error `std` [kg/s], `test`, the
-    number of the sample's test, and `per_flow` = k R T / V of its chamber [Pa/kg], which
-    says how far the pressure ripples, all (n,).
+    number of the sample's test, `per_flow` = k R T / V of its chamber [Pa/kg], which
+    says how far the pressure ripples, and the `supply` of its test [Pa], all (n,).
     """
 
     duty: FloatArray
@@ -56,6 +56,7 @@ class MeanFlows:
     std: FloatArray
     test: NDArray[np.intp]
     per_flow: FloatArray
+    supply: FloatArray
 
     def select(self, rows: NDArray[np.bool_]) -> MeanFlows:
         """The samples in `rows` (mask)."""
@@ -66,12 +67,16 @@ class MeanFlows:
             self.std[rows],
             self.test[rows],
             self.per_flow[rows],
+            self.supply[rows],
         )
 
 
 @dataclass(frozen=True)
 class Conditions:
-    """What the tests were run with: supply and atmosphere in Pa, the PWM period in s."""
+    """What the law holds at: supply and atmosphere in Pa, the PWM period in s.
+
+    The choked filling flow is that at `supply`; tests may have been run at others.
+    """
 
     supply: float
     atmosphere: float
@@ -152,10 +157,9 @@ def fit_averaged(flows: MeanFlows, conditions: Conditions) -> AveragedFit:
 
 def _mean_flow(values: FloatArray, flows: MeanFlows, conditions: Conditions) -> FloatArray:
     """Flow (n,) by the law of parameter values (5,), over each sample's ripple."""
-    supply, atmosphere = conditions.supply, conditions.atmosphere
     law = conditions.law(values)
     share = law.open_share(flows.duty)
-    lines = supply, atmosphere
+    lines = flows.supply, conditions.atmosphere
     return np.asarray(law.mean_pulse(share, flows.pressure, lines, flows.per_flow).mean(share))
 
 

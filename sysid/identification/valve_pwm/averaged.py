@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from sysid.surfaces.averaged_fit import (
 from sysid.surfaces.comparison import SurfaceError, duty_errors
 from sysid.surfaces.left_out import group_folds
 from sysid.surfaces.samples import SurfacePoints
-from sysid.types import FloatArray
+from sysid.types import BoolArray, FloatArray
 
 
 def average_of(
@@ -46,11 +47,11 @@ def average_of(
         )
     errors, quality = {}, {}
     for (direction, found), offset in zip(directions.items(), offsets, strict=True):
-        points, per_flow = found.points, found.samples.per_flow_of(found.points.test)
-        errors[direction] = {"fitted": _judged(_duty(fit, points, per_flow), points)}
+        points, of_points = found.points, _Chambers.of(found)
+        errors[direction] = {"fitted": _judged(_duty(fit, points, of_points), points)}
         if len(np.unique(points.test)) >= folds + 4:
             held = folds, seed
-            duties = _held_out_duties(points, flows, fit.conditions, (offset, per_flow), held)
+            duties = _held_out_duties(points, flows, fit.conditions, (offset, of_points), held)
             errors[direction]["held_out"] = _judged(duties, points)
         short = fails(errors[direction], points.duty, found.noise_rmse)
         if short is not None:
@@ -68,38 +69,54 @@ def _together(found: Sequence[DirectionFit]) -> tuple[MeanFlows, list[int]]:
     for direction in found:
         s = direction.samples
         kept = direction.domain.holds_duty(s.duty)
-        per_flow = s.per_flow_of(s.test)
-        columns = (s.duty, s.pressure, s.flow, s.std, s.test + offsets[-1], per_flow)
+        of_tests = s.per_flow_of(s.test), s.supply_of(s.test)
+        columns = (s.duty, s.pressure, s.flow, s.std, s.test + offsets[-1], *of_tests)
         parts.append([column[kept] for column in columns])
         offsets.append(offsets[-1] + len(s.labels))
     return MeanFlows(*(np.concatenate(c) for c in zip(*parts, strict=True))), offsets[:-1]
 
 
-def _duty(fit: AveragedFit, points: SurfacePoints, per_flow: FloatArray) -> FloatArray:
-    """Duty (n,) at the points by a law, with the ripple of the chambers of `per_flow` (n,)."""
-    lines = fit.conditions.supply, fit.conditions.atmosphere
-    return np.asarray(fit.law.held_duty(points.flow, points.pressure, lines, per_flow))
+@dataclass(frozen=True, eq=False)
+class _Chambers:
+    """What held at each of a direction's points: k R T / V in Pa/kg and supply in Pa, (n,)."""
+
+    per_flow: FloatArray
+    supply: FloatArray
+
+    @classmethod
+    def of(cls, found: DirectionFit) -> _Chambers:
+        test = found.points.test
+        return cls(found.samples.per_flow_of(test), found.samples.supply_of(test))
+
+    def select(self, rows: BoolArray) -> _Chambers:
+        return _Chambers(self.per_flow[rows], self.supply[rows])
+
+
+def _duty(fit: AveragedFit, points: SurfacePoints, chambers: _Chambers) -> FloatArray:
+    """Duty (n,) at the points by a law, with the ripple of their chambers."""
+    lines = chambers.supply, fit.conditions.atmosphere
+    return np.asarray(fit.law.held_duty(points.flow, points.pressure, lines, chambers.per_flow))
 
 
 def _held_out_duties(
     points: SurfacePoints,
     flows: MeanFlows,
     conditions: Conditions,
-    tests: tuple[int, FloatArray],
+    tests: tuple[int, _Chambers],
     held_out: tuple[int, int],
 ) -> FloatArray:
     """Duty at each of a direction's points (n,) by the law from all tests but the point's fold.
 
-    `tests`: offset of the direction's test numbers in `flows`, `per_flow` at the points (n,).
+    `tests`: offset of the direction's test numbers in `flows`, its points' chambers.
     `held_out`: number of folds, seed. NaN for the tests at the ends of the duty range.
     """
     folds, seed = held_out
-    offset, per_flow = tests
+    offset, chambers = tests
     duty = np.full(len(points.duty), np.nan)
     for held in group_folds(points.test, points.duty, folds, seed):
         left_out = np.isin(flows.test, points.test[held] + offset)
         fit = fit_averaged(flows.select(~left_out), conditions)
-        duty[held] = _duty(fit, points.select(held), per_flow[held])
+        duty[held] = _duty(fit, points.select(held), chambers.select(held))
     return duty
 
 

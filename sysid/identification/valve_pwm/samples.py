@@ -48,8 +48,9 @@ class PwmTest:
 
     `pressure` (n,) Pa, one sample every `period` s from the test's first row; `usable` (n,)
     False where the sensor is clipped or samples are lost. `volume` m3 of the chamber,
-    `temperature` K, `supply` Pa (logged, else the rig's), `filling`: started from the
-    atmosphere.
+    `temperature` K, `supply` Pa (logged, else the rig's, both in the scale of `pressure`
+    where that shows it), `supply_at_start` Pa as logged (else the rig's), `filling`: started
+    from the atmosphere.
     """
 
     label: str
@@ -63,14 +64,16 @@ class PwmTest:
     volume: float
     temperature: float
     supply: float
+    supply_at_start: float
+    supply_logged: bool
 
 
 @dataclass(frozen=True)
 class FlowSamples:
     """Samples of mean flow: `duty`, `pressure` [Pa], `flow` [kg/s], `std` [kg/s], all (n,).
 
-    `test` (n,) is the number of the sample's test, an index into `labels`. `per_flow` (tests,)
-    is k R T / V of each test's chamber, Pa/kg; empty where it is not known.
+    `test` (n,) is the number of the sample's test, an index into `labels`, `supplies` [Pa] and
+    `per_flow` (tests,), k R T / V of each test's chamber, Pa/kg.
     """
 
     duty: FloatArray
@@ -79,15 +82,19 @@ class FlowSamples:
     std: FloatArray
     test: IntArray
     labels: tuple[str, ...]
-    per_flow: tuple[float, ...] = ()
+    supplies: tuple[float, ...]
+    per_flow: tuple[float, ...]
 
     def __len__(self) -> int:
         return len(self.flow)
 
     def per_flow_of(self, test: IntArray) -> FloatArray:
-        """k R T / V of the chamber of each test number (n,), Pa/kg; 0 where it is not known."""
-        known = np.array(self.per_flow) if self.per_flow else np.zeros(len(self.labels))
-        return np.asarray(known[test])
+        """k R T / V of the chamber of each test number (n,), Pa/kg."""
+        return np.asarray(np.array(self.per_flow)[test])
+
+    def supply_of(self, test: IntArray) -> FloatArray:
+        """Supply of each test number (n,), Pa."""
+        return np.asarray(np.array(self.supplies)[test])
 
     def part(self, rows: BoolArray | IntArray) -> FlowSamples:
         """The samples in `rows`; tests keep their numbers."""
@@ -98,6 +105,7 @@ class FlowSamples:
             self.std[rows],
             self.test[rows],
             self.labels,
+            self.supplies,
             self.per_flow,
         )
 
@@ -188,12 +196,16 @@ def sample_tests(tests: Sequence[PwmTest], rig: Rig) -> FlowSamples:
         parts.append((np.full(size, test.duty), pressure, flow, std, np.full(size, number)))
     labels = tuple(t.label for t in tests)
     heat = air.heat_capacity_ratio * air.gas_constant_j_per_kg_k
-    per_flow = tuple(heat * t.temperature / t.volume for t in tests)
+    of_tests = (
+        labels,
+        tuple(t.supply for t in tests),
+        tuple(heat * t.temperature / t.volume for t in tests),
+    )
     if not parts:
         none = np.empty(0)
-        return FlowSamples(none, none, none, none, np.empty(0, dtype=np.intp), labels)
+        return FlowSamples(none, none, none, none, np.empty(0, dtype=np.intp), *of_tests)
     duty, level, mass_flow, error, tests_of = (np.concatenate(c) for c in zip(*parts, strict=True))
-    return FlowSamples(duty, level, mass_flow, error, tests_of.astype(np.intp), labels, per_flow)
+    return FlowSamples(duty, level, mass_flow, error, tests_of.astype(np.intp), *of_tests)
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
 from sysid import signals
-from sysid.identification.valve_pwm.samples import PwmTest, open_share, pulse_block, settled_after
+from sysid.identification.valve_pwm.remarks import Remarks
+from sysid.identification.valve_pwm.samples import PwmTest, pulse_block, settled_after
+from sysid.identification.valve_pwm.supply import (
+    SUPPLY_TOLERANCE,
+    consistent_supply,
+    start_pressure,
+    with_seen_supply,
+)
 from sysid.io.channels import SIDES
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
@@ -21,51 +28,14 @@ from sysid.types import BoolArray, FloatArray
 
 # Change of the chamber's volume that still counts as a held piston, as a share of it.
 HELD_SHARE_OF_VOLUME = 0.005
-# Deviation from the rig file's supply pressure above which rows are left out, as a share of
-# it. Choked flow is proportional to the supply and has the same relative error.
-SUPPLY_TOLERANCE = 0.02
 # Start of a test: within this share of the range from atmosphere to supply from either end.
 _START_TOLERANCE = 0.25
 _DUTY_TOLERANCE = 1e-6
 _LOST_SAMPLES = 1.5
 _FEWEST_PERIODS = 4
-_SAME_DUTY = 1e-3
 _CLIPPED_START = 8
-_REST_S = 0.05
-_REST_SHARE = 0.01
-_SHOWN_LABELS = 8
 # Change of pressure in one block next to a clipped interval, as a share of the limit.
 _CLIP_TRAVEL = 2e-3
-
-
-@dataclass
-class Remarks:
-    """Notices by reason, so that fifty tests with one fault give one line."""
-
-    tests: dict[tuple[str, str], list[str]] = field(default_factory=dict)
-    lines: list[str] = field(default_factory=list)
-
-    def leave_out(self, trial: Trial | PwmTest, reason: str) -> None:
-        """Note that a test is left out for this reason."""
-        self.about(trial, f"left out: {reason}")
-
-    def about(self, trial: Trial | PwmTest, what: str) -> None:
-        """Note something about a test."""
-        place = trial.source.removesuffix(f", test {trial.label}")
-        self.tests.setdefault((place, what), []).append(trial.label)
-
-    def notices(self) -> tuple[str, ...]:
-        """One line a reason, with the tests that it holds for."""
-        lines = []
-        for (place, what), labels in self.tests.items():
-            if labels == [""]:
-                lines.append(f"{place}: {what}")
-                continue
-            shown = ", ".join(labels[:_SHOWN_LABELS])
-            if len(labels) > _SHOWN_LABELS:
-                shown += f" and {len(labels) - _SHOWN_LABELS} more"
-            lines.append(f"{place}, test{'s' if len(labels) > 1 else ''} {shown}: {what}")
-        return (*lines, *self.lines)
 
 
 def moved_valves(trials: Sequence[Trial]) -> list[str]:
@@ -90,7 +60,8 @@ def select_tests(trials: Sequence[Trial], rig: Rig, valve: str, remarks: Remarks
         test = _prepared(trial, duty, rig, valve, remarks)
         if test is not None:
             tests.append(test)
-    return _consistent_supply(_without_clipped(tests, rig, remarks), rig, remarks)
+    tests = consistent_supply(_without_clipped(tests, rig, remarks), rig, remarks)
+    return with_seen_supply(tests, rig, remarks)
 
 
 def _prepared(
@@ -110,7 +81,7 @@ def _prepared(
     period, pressure, usable, supply = _on_grid(trial, name, declared)
     if not usable.all():
         remarks.about(trial, "lost samples; no flow is taken across the gaps")
-    start = _start_pressure(pressure, float(duty[0]), period, rig)
+    start = start_pressure(pressure, float(duty[0]), period, rig)
     share = (start - air.atmospheric_pressure_pa) / (declared - air.atmospheric_pressure_pa)
     # A clipping sensor shows the supply too low, but as its highest value.
     clipped = bool(np.all(pressure[:_CLIPPED_START] == pressure.max()))
@@ -142,6 +113,8 @@ def _prepared(
         volume=float(volume.mean()),
         temperature=air.temperature_k if temperature is None else float(temperature.mean()),
         supply=float(supply[kept].mean()) if kept.any() else declared,
+        supply_at_start=start_pressure(supply, float(duty[0]), period, rig),
+        supply_logged="supply_pressure_pa" in trial,
     )
 
 
@@ -188,15 +161,6 @@ def _on_grid(
     level = signals.resample(time, pressure, grid)
     logged = np.full(len(grid), declared) if supply is None else np.interp(grid, time, supply)
     return median, level, usable, logged
-
-
-def _start_pressure(pressure: FloatArray, duty: float, period: float, rig: Rig) -> float:
-    """Mean pressure before the valve's first movement can have changed it."""
-    delays, pwm = rig.valves, rig.pwm
-    quiet = 0.0
-    if delays is not None and pwm is not None:
-        quiet = min(delays.on_delay_s, delays.off_delay_s + duty * pwm.period_s)
-    return float(np.mean(pressure[: max(1, math.floor(quiet / period + 1e-9) + 1)]))
 
 
 # --- a clipped sensor --------------------------------------------------------------------
@@ -269,102 +233,3 @@ def _clip_level(values: FloatArray, block: int, noise: float, count: float) -> f
     around = [i for i in (first - block, last + block - 1) if 0 <= i < len(values)]
     travel = max((top - float(values[i]) for i in around), default=0.0)
     return top if travel > max(6.0 * (count + noise), _CLIP_TRAVEL * abs(top)) else math.inf
-
-
-# --- a supply that is not the rig file's -------------------------------------------------
-
-
-def rest_pressure(test: PwmTest) -> float | None:
-    """Pressure at which the test settles, Pa; None where it is still far from it.
-
-    From the means over the last three stretches of 50 ms: the remaining change is that of a
-    geometric series (Aitken), and must be small.
-    """
-    n = max(8, round(_REST_S / test.period))
-    if len(test.pressure) < 4 * n or not test.usable[-3 * n :].all():
-        return None
-    early, middle, late = test.pressure[-3 * n :].reshape(3, n).mean(axis=1)
-    before, last = float(middle - early), float(late - middle)
-    ratio = min(max(last / before, 0.0), 0.9) if before != 0.0 else 0.0
-    left = last * ratio / (1.0 - ratio)
-    return float(late) + left if abs(left) < _REST_SHARE * test.supply else None
-
-
-def _consistent_supply(tests: Sequence[PwmTest], rig: Rig, remarks: Remarks) -> list[PwmTest]:
-    """The tests that show no other supply than the rig file's.
-
-    Evidence: where a discharging test starts; where the pressure rests under a duty at
-    which the valve never closes; a filling test that rests elsewhere than the discharging one
-    of the same duty; and a pressure at rest below that of two tests at lower duties. Filling
-    tests without evidence are treated as the majority of those with evidence.
-    """
-    declared = float(rig.require("air", "which the supply is taken from").supply_pressure_pa)
-    tolerance = SUPPLY_TOLERANCE * declared
-    rests = [rest_pressure(t) for t in tests]
-    seen = [_supply_seen(t, r, rig) for t, r in zip(tests, rests, strict=True)]
-    wrong = [s is not None and abs(s - declared) > tolerance for s in seen]
-    good = [
-        (t.duty, r, t.filling)
-        for t, r, w in zip(tests, rests, wrong, strict=True)
-        if r is not None and not w
-    ]
-    known = np.array(good, dtype=float).reshape(-1, 3)
-    verdicts: list[bool | None] = []
-    for i, (test, rest) in enumerate(zip(tests, rests, strict=True)):
-        if wrong[i]:
-            supply = round(float(seen[i] or 0.0), -3) / 1e3
-            remarks.leave_out(
-                test,
-                f"the supply was at about {supply:.0f} kPa, not the rig file's "
-                f"{declared / 1e3:.0f} kPa, the only supply that the surface is valid for",
-            )
-            verdicts.append(False)
-            continue
-        verdict = None if rest is None else _rests_as_others(test, rest, known, tolerance)
-        if verdict is False:
-            remarks.leave_out(
-                test,
-                "the pressure settles elsewhere than in the other direction or under lower "
-                "duties: the supply dropped, or the logged duty is wrong",
-            )
-        verdicts.append(True if seen[i] is not None and verdict is None else verdict)
-    return _with_the_majority(tests, verdicts, remarks)
-
-
-def _rests_as_others(
-    test: PwmTest, rest: float, known: FloatArray, tolerance: float
-) -> bool | None:
-    """Whether a test's pressure at rest fits the others'; None where they do not show it.
-
-    `known` (m, 3): duty, pressure at rest and direction (1: filling) of the tests.
-    """
-    duty, level, filling = known.T
-    partner = (np.abs(duty - test.duty) < _SAME_DUTY) & (filling == 0.0)
-    if test.filling and partner.any():
-        return bool(np.min(np.abs(level[partner] - rest)) <= tolerance)
-    below = (duty <= test.duty + _SAME_DUTY) & (level > rest + 1.5 * tolerance)
-    return False if np.count_nonzero(below) >= 2 else None
-
-
-def _with_the_majority(
-    tests: Sequence[PwmTest], verdicts: Sequence[bool | None], remarks: Remarks
-) -> list[PwmTest]:
-    """The tests that are good, and those that show nothing unless most filling tests are bad."""
-    filling = [v for t, v in zip(tests, verdicts, strict=True) if t.filling and v is not None]
-    suspect = filling.count(False) > filling.count(True)
-    kept = []
-    for test, verdict in zip(tests, verdicts, strict=True):
-        if verdict is None and test.filling and suspect:
-            remarks.leave_out(
-                test, "most filling tests show another supply pressure than the rig file's"
-            )
-        elif verdict is not False:
-            kept.append(test)
-    return kept
-
-
-def _supply_seen(test: PwmTest, rest: float | None, rig: Rig) -> float | None:
-    """The supply pressure, Pa, from the test itself; None where it does not show it."""
-    if not test.filling and test.usable[0]:
-        return _start_pressure(test.pressure, test.duty, test.period, rig)
-    return rest if open_share(test.duty, rig) >= 1.0 else None

@@ -1,0 +1,40 @@
+"""Notices about a log's tests, gathered by reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from sysid.identification.valve_pwm.samples import PwmTest
+from sysid.io.logs import Trial
+
+_SHOWN_LABELS = 8
+
+
+@dataclass
+class Remarks:
+    """Notices by reason, so that fifty tests with one fault give one line."""
+
+    tests: dict[tuple[str, str], list[str]] = field(default_factory=dict)
+    lines: list[str] = field(default_factory=list)
+
+    def leave_out(self, trial: Trial | PwmTest, reason: str) -> None:
+        """Note that a test is left out for this reason."""
+        self.about(trial, f"left out: {reason}")
+
+    def about(self, trial: Trial | PwmTest, what: str) -> None:
+        """Note something about a test."""
+        place = trial.source.removesuffix(f", test {trial.label}")
+        self.tests.setdefault((place, what), []).append(trial.label)
+
+    def notices(self) -> tuple[str, ...]:
+        """One line a reason, with the tests that it holds for."""
+        lines = []
+        for (place, what), labels in self.tests.items():
+            if labels == [""]:
+                lines.append(f"{place}: {what}")
+                continue
+            shown = ", ".join(labels[:_SHOWN_LABELS])
+            if len(labels) > _SHOWN_LABELS:
+                shown += f" and {len(labels) - _SHOWN_LABELS} more"
+            lines.append(f"{place}, test{'s' if len(labels) > 1 else ''} {shown}: {what}")
+        return (*lines, *self.lines)

@@ -1,0 +1,188 @@
+"""The supply that a log's tests were run with: which tests show another than the rig file's."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sysid.identification.valve_pwm.remarks import Remarks
+from sysid.identification.valve_pwm.samples import PwmTest, open_share
+from sysid.io.rig import Rig
+from sysid.types import FloatArray
+
+# Deviation from the rig file's supply pressure above which rows are left out, as a share of
+# it. Choked flow is proportional to the supply and has the same relative error.
+SUPPLY_TOLERANCE = 0.02
+# Deviation of the supply that the tests were run with above which it is said, as a share of
+# the rig file's. Smaller ones are taken into account alike; gauges do not show them.
+_SAID_DEVIATION = 0.003
+# Discharging tests that must agree on the supply, and by how many standard errors of their
+# median it must differ from the one that is logged or declared: fewer show only their noise.
+_FEWEST_STARTS = 3
+_STANDARD_ERRORS = 3.0
+_SAME_DUTY = 1e-3
+_REST_S = 0.05
+_REST_SHARE = 0.01
+
+
+def start_pressure(pressure: FloatArray, duty: float, period: float, rig: Rig) -> float:
+    """Mean pressure before the valve's first movement can have changed it."""
+    delays, pwm = rig.valves, rig.pwm
+    quiet = 0.0
+    if delays is not None and pwm is not None:
+        quiet = min(delays.on_delay_s, delays.off_delay_s + duty * pwm.period_s)
+    return float(np.mean(pressure[: max(1, math.floor(quiet / period + 1e-9) + 1)]))
+
+
+def rest_pressure(test: PwmTest) -> float | None:
+    """Pressure at which the test settles, Pa; None where it is still far from it.
+
+    From the means over the last three stretches of 50 ms: the remaining change is that of a
+    geometric series (Aitken), and must be small.
+    """
+    n = max(8, round(_REST_S / test.period))
+    if len(test.pressure) < 4 * n or not test.usable[-3 * n :].all():
+        return None
+    early, middle, late = test.pressure[-3 * n :].reshape(3, n).mean(axis=1)
+    before, last = float(middle - early), float(late - middle)
+    ratio = min(max(last / before, 0.0), 0.9) if before != 0.0 else 0.0
+    left = last * ratio / (1.0 - ratio)
+    return float(late) + left if abs(left) < _REST_SHARE * test.supply else None
+
+
+def consistent_supply(tests: Sequence[PwmTest], rig: Rig, remarks: Remarks) -> list[PwmTest]:
+    """The tests that show no other supply than the rig file's.
+
+    Evidence: where a discharging test starts; where the pressure rests under a duty at
+    which the valve never closes; a filling test that rests elsewhere than the discharging one
+    of the same duty; and a pressure at rest below that of two tests at lower duties. Filling
+    tests without evidence are treated as the majority of those with evidence.
+    """
+    declared = float(rig.require("air", "which the supply is taken from").supply_pressure_pa)
+    tolerance = SUPPLY_TOLERANCE * declared
+    rests = [rest_pressure(t) for t in tests]
+    seen = [_supply_seen(t, r, rig) for t, r in zip(tests, rests, strict=True)]
+    wrong = [s is not None and abs(s - declared) > tolerance for s in seen]
+    good = [
+        (t.duty, r, t.filling)
+        for t, r, w in zip(tests, rests, wrong, strict=True)
+        if r is not None and not w
+    ]
+    known = np.array(good, dtype=float).reshape(-1, 3)
+    verdicts: list[bool | None] = []
+    for i, (test, rest) in enumerate(zip(tests, rests, strict=True)):
+        if wrong[i]:
+            supply = round(float(seen[i] or 0.0), -3) / 1e3
+            remarks.leave_out(
+                test,
+                f"the supply was at about {supply:.0f} kPa, not the rig file's "
+                f"{declared / 1e3:.0f} kPa, the only supply that the surface is valid for",
+            )
+            verdicts.append(False)
+            continue
+        verdict = None if rest is None else _rests_as_others(test, rest, known, tolerance)
+        if verdict is False:
+            remarks.leave_out(
+                test,
+                "the pressure settles elsewhere than in the other direction or under lower "
+                "duties: the supply dropped, or the logged duty is wrong",
+            )
+        verdicts.append(True if seen[i] is not None and verdict is None else verdict)
+    return _with_the_majority(tests, verdicts, remarks)
+
+
+def _rests_as_others(
+    test: PwmTest, rest: float, known: FloatArray, tolerance: float
+) -> bool | None:
+    """Whether a test's pressure at rest fits the others'; None where they do not show it.
+
+    `known` (m, 3): duty, pressure at rest and direction (1: filling) of the tests.
+    """
+    duty, level, filling = known.T
+    partner = (np.abs(duty - test.duty) < _SAME_DUTY) & (filling == 0.0)
+    if test.filling and partner.any():
+        return bool(np.min(np.abs(level[partner] - rest)) <= tolerance)
+    below = (duty <= test.duty + _SAME_DUTY) & (level > rest + 1.5 * tolerance)
+    return False if np.count_nonzero(below) >= 2 else None
+
+
+def _with_the_majority(
+    tests: Sequence[PwmTest], verdicts: Sequence[bool | None], remarks: Remarks
+) -> list[PwmTest]:
+    """The tests that are good, and those that show nothing unless most filling tests are bad."""
+    filling = [v for t, v in zip(tests, verdicts, strict=True) if t.filling and v is not None]
+    suspect = filling.count(False) > filling.count(True)
+    kept = []
+    for test, verdict in zip(tests, verdicts, strict=True):
+        if verdict is None and test.filling and suspect:
+            remarks.leave_out(
+                test, "most filling tests show another supply pressure than the rig file's"
+            )
+        elif verdict is not False:
+            kept.append(test)
+    return kept
+
+
+def _supply_seen(test: PwmTest, rest: float | None, rig: Rig) -> float | None:
+    """The supply pressure, Pa, from the test itself; None where it does not show it."""
+    if not test.filling and test.usable[0]:
+        return start_pressure(test.pressure, test.duty, test.period, rig)
+    return rest if open_share(test.duty, rig) >= 1.0 else None
+
+
+def with_seen_supply(tests: Sequence[PwmTest], rig: Rig, remarks: Remarks) -> list[PwmTest]:
+    """The tests of one valve, each with the supply in the scale of the chamber's own sensor.
+
+    A discharging test starts at the supply. The median by which those starts differ from the
+    logged supply is an offset between the two sensors; without a log, they are the supply.
+    """
+    shift = {}
+    for logged in (True, False):
+        starts = [
+            start_pressure(t.pressure, t.duty, t.period, rig) - t.supply_at_start
+            for t in tests
+            if t.supply_logged == logged and not t.filling and t.usable[0]
+        ]
+        shift[logged] = _beyond_noise(np.array(starts))
+    found = [replace(t, supply=t.supply + shift[t.supply_logged]) for t in tests]
+    for logged, by in shift.items():
+        own = [t for t in found if t.supply_logged == logged]
+        remarks.lines += _deviating_supply(own, by, logged, rig)
+    return found
+
+
+def _beyond_noise(differences: FloatArray) -> float:
+    """The median of the differences (n,), 0 where it is within their noise."""
+    if len(differences) < _FEWEST_STARTS:
+        return 0.0
+    middle = float(np.median(differences))
+    scatter = 1.4826 * float(np.median(np.abs(differences - middle)))
+    error = math.sqrt(0.5 * math.pi / len(differences)) * scatter
+    return middle if abs(middle) > _STANDARD_ERRORS * error else 0.0
+
+
+def _deviating_supply(tests: Sequence[PwmTest], shift: float, logged: bool, rig: Rig) -> list[str]:
+    """A notice where the supply of the tests is not the rig file's, or not the logged one."""
+    if not tests:
+        return []
+    declared = float(rig.require("air", "which the supply is taken from").supply_pressure_pa)
+    supply = float(np.median([t.supply for t in tests]))
+    valve = f"valve {tests[0].valve.upper()}"
+    lines = []
+    if logged and abs(shift) > _SAID_DEVIATION * declared:
+        lines.append(
+            f"{valve}: discharging tests start {abs(shift):.3g} Pa "
+            f"{'above' if shift > 0.0 else 'below'} the logged supply: one of the two sensors has "
+            "an offset, or the chamber was not at the supply; the chamber's sensor is used"
+        )
+    if abs(supply - declared) > _SAID_DEVIATION * declared:
+        seen = "the supply was at" if logged else "discharging tests start at"
+        lines.append(
+            f"{valve}: {seen} {supply / 1e3:.1f} kPa, the rig file's supply_pressure_pa is "
+            f"{declared / 1e3:.1f} kPa: the averaged law is fitted with the former and its choked "
+            "filling flow is scaled to the latter; the surfaces hold at the former"
+        )
+    return lines
