@@ -41,8 +41,8 @@ from sysid.io.campaign import MOTION_KINDS, Campaign, read_campaign
 from sysid.io.logs import Trial, with_channels
 from sysid.io.rig import Rig, rig_from_content
 from sysid.model.base import filling_flow
+from sysid.report import shown_tests
 from sysid.report.opening import verdict
-from sysid.report.shown_tests import tests_of
 from sysid.surfaces import Bipolynomial
 from sysid.types import FloatArray
 from sysid.validation import simulate_segments, validate
@@ -183,9 +183,9 @@ def test_logs_of_two_folders_may_share_a_name(
         names = [f"{day}/motion.csv" for day in order]
         assert [log.name for log in found.logs] == names
         assert {log.file for log in found.logs} == {"motion.csv"}
-        assert list(dict.fromkeys(test.log for test in tests_of(found))) == names
+        assert list(dict.fromkeys(test.log for test in shown_tests.tests_of(found))) == names
         count = sum(len(log.tests) for log in found.logs)
-        assert len(tests_of(found)) == count
+        assert len(shown_tests.tests_of(found)) == count
         said = verdict(bundle, found).sentence
         assert "does not follow" in said and f"{count} held-out tests" in said
         recorded = bundle.replaced(validation=found.record())
