@@ -428,6 +428,13 @@ def test_a_choked_flow_with_too_few_samples_bends_no_other(
         assert fit[name].interval[0] < getattr(valve, name) < fit[name].interval[1]
 
 
+def test_the_critical_ratio_is_that_of_the_deepest_valley(rig: Rig) -> None:
+    """The profile of a law that jumps has a second, shallower minimum near 0.46."""
+    fit = fit_valve_discrete(Bench(VALVE_B, period=0.02).trials(2, 2), rig).valves["a"]
+    low, high = fit["critical_ratio_dis"].interval
+    assert low < CRITICAL_RATIO < high and high - low < 0.02
+
+
 def test_a_declared_delay_that_is_off_is_noticed(rig: Rig) -> None:
     slow = dataclasses.replace(VALVE_A, on_delay_s=0.0031)
     result = fit_quickly(Bench(slow).trials(9), rig)

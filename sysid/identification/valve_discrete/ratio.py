@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,9 +20,9 @@ from sysid.estimation.linear import Estimate, t_quantile
 from sysid.identification.valve_discrete.curve import CurveFit, fit_curves, fitted_valve
 from sysid.identification.valve_discrete.trials import Piece
 
-# Coarse over the plausible range, then fine around the best.
-_COARSE = tuple(float(r) for r in np.linspace(0.30, 0.80, 11))
-_FINE = 0.01
+# The plausible range, in steps finer than the valleys of the profile: a law that jumps has two or
+# three of them, 0.03 and more apart, each about as wide.
+_GRID = tuple(float(r) for r in np.linspace(0.30, 0.80, 51))
 _TOLERANCE = 1e-5
 _RESOLUTION = 5e-4
 _BEFORE_S = 0.03
@@ -56,20 +56,15 @@ def critical_ratio(curves: CurveFit, direction: Direction) -> Estimate:
     if not pieces:
         return Estimate.unidentified("-", "no test crosses the boundary in this direction")
     sums = _profile(curves, pieces, direction)
-    profile = {r: sums(r) for r in _COARSE}
-    middle = min(profile, key=profile.__getitem__)
-    profile |= {r: sums(r) for r in (middle + _FINE * k for k in range(-4, 5) if k)}
-    grid = sorted(profile)
-    best = grid.index(min(profile, key=profile.__getitem__))
-    if best in (0, len(grid) - 1):
+    profile = {r: sums(r) for r in _GRID}
+    valleys = _valleys(profile)
+    best = min(profile, key=profile.__getitem__)
+    if best in (_GRID[0], _GRID[-1]):
         return Estimate.unidentified("-", "the pressure curve shows no boundary between regimes")
-    from scipy import optimize
-
-    bracket = (grid[best - 1], grid[best + 1])
-    found = optimize.minimize_scalar(
-        sums, bounds=bracket, method="bounded", options={"xatol": _RESOLUTION}
-    )
-    value, least = float(found.x), float(found.fun)
+    # The bottom of each: one that is as good as the best belongs to the interval.
+    profile |= dict(_bottom(sums, *bracket) for bracket in valleys)
+    value = min(profile, key=profile.__getitem__)
+    least = profile[value]
     rows = sum(len(p.pressure) for p in pieces)
     column = curves.fit.names.index(direction.free[0])
     quantile = t_quantile(float(curves.covariance.dof[column]))
@@ -98,6 +93,24 @@ def _profile(
         return refit.fit.sum_of_squares
 
     return sums
+
+
+def _valleys(profile: Mapping[float, float]) -> list[tuple[float, float]]:
+    """The brackets, in ratio, of the profile's minima inside its range."""
+    ratios = sorted(profile)
+    sums = np.array([profile[r] for r in ratios])
+    lowest = (sums[1:-1] <= sums[:-2]) & (sums[1:-1] <= sums[2:])
+    return [(ratios[i], ratios[i + 2]) for i in np.flatnonzero(lowest)]
+
+
+def _bottom(sums: Callable[[float], float], low: float, high: float) -> tuple[float, float]:
+    """The lowest point of a valley: ratio and sum of squares, Pa^2."""
+    from scipy import optimize
+
+    found = optimize.minimize_scalar(
+        sums, bounds=(low, high), method="bounded", options={"xatol": _RESOLUTION}
+    )
+    return float(found.x), float(found.fun)
 
 
 def _crossing(
