@@ -114,6 +114,79 @@ def test_a_bad_file(campaign: Path, old: str, new: str, said: str) -> None:
     assert not output.exists()
 
 
+STATIC = """\
+import numpy as np
+from sysid.components import LogColumn, Parameter, StaticComponent
+
+
+class Push(StaticComponent):
+    kind = "cart"
+    columns = {"speed_m_per_s": LogColumn("m/s", "input"), "push_n": LogColumn("N", "output")}
+    parameters = (Parameter("gain", 25.0, "N s/m", 0.0, 100.0),)
+
+    def predict(self, columns, values):
+        return values["gain"] * columns["speed_m_per_s"]
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "old", "new", "said"),
+    [
+        (STATIC, "return values", "values", "class Push, predict: gives None for push_n"),
+        (
+            STATIC,
+            'columns["speed_m_per_s"]\n',
+            'np.where(columns["time_s"] > 0.195, np.nan, 1.0)\n',
+            "class Push: predicts push_n as nan at its starts (...run.csv, row 21, time_s = 0.2)",
+        ),
+        (
+            GOOD,
+            '/ values["mass_kg"]',
+            '* jnp.log(values["mass_kg"] - 3.0)',
+            "class Cart: simulates speed_m_per_s as nan at its starts (...run.csv, row 2, time_s",
+        ),
+        (
+            GOOD,
+            '/ values["mass_kg"]',
+            '+ 60.0 * values["mass_kg"] * state["speed"]',
+            "class Cart: simulates speed_m_per_s as ...e+1",
+        ),
+        (
+            GOOD,
+            '/ values["mass_kg"]',
+            '* jnp.sqrt(jnp.abs(values["mass_kg"] - 2.0))',
+            "class Cart: its simulation has no finite slope by mass_kg at its starts; start",
+        ),
+    ],
+)
+def test_a_law_that_gives_no_number_at_its_starts(
+    campaign: Path, text: str, old: str, new: str, said: str
+) -> None:
+    assert old in text
+    path = campaign.parent / "cart.py"
+    path.write_text(text.replace(old, new, 1), "utf-8")
+    line = refused("fit", campaign, "--component", path, "-o", campaign.parent / "b.json")
+    before, _, after = said.partition("...")
+    assert f"cart.py, {before}" in line and after in line
+
+
+def test_a_law_that_gives_no_number_elsewhere_is_stepped_back_from(campaign: Path) -> None:
+    """The best gain is below 20, where this law has no root."""
+    path = campaign.parent / "cart.py"
+    text = STATIC.replace('values["gain"]', 'np.sqrt(values["gain"] - 20.0)')
+    path.write_text(text, "utf-8")
+    found = run("fit", campaign, "--component", path, "-o", campaign.parent / "b.json")
+    assert found.code in (0, 3) and "fault" not in found.err, found.err
+
+
+def test_a_law_whose_only_parameter_ends_at_its_bound(campaign: Path) -> None:
+    path = campaign.parent / "cart.py"
+    path.write_text(GOOD.replace('2.0, "kg", 0.1', '3.0, "kg", 2.5', 1), "utf-8")
+    found = run("fit", campaign, "--component", path, "-o", campaign.parent / "b.json")
+    assert found.code == 3
+    assert "mass_kg ends at its bound 2.5 kg, and is not identified there; widen" in found.err
+
+
 def test_the_component_of_the_docs(campaign: Path) -> None:
     text = (FOLDER.parent.parent / "docs" / "own-components.md").read_text("utf-8")
     path = campaign.parent / "cart.py"

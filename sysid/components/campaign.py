@@ -12,6 +12,7 @@ from sysid.components.definition import DynamicComponent
 from sysid.components.dynamic import DynamicPart
 from sysid.components.loading import LoadedComponent, component_in
 from sysid.components.parts import OwnPart, effects_in, scales_of, stretches_of
+from sysid.components.starts import check_starts
 from sysid.components.static import StaticPart
 from sysid.diagnosis import Diagnosis
 from sysid.diagnosis.bench.component import Law
@@ -166,18 +167,33 @@ def fit_own(campaign: Campaign, *, progress: Progress = no_progress) -> OwnFit:
     """
     tests = tests_of(campaign)
     part = training_part(tests)
+    check_starts(part)
     progress(f"{tests.loaded.kind}: {tests.loaded.name}")
     fitted = fit_law(part, (), range(len(part.tests)))
     found = fitted.part()
     if found.component is None or not any(
         e.identified for e in found.component.parameters.values()
     ):
-        raise NotIdentifiedError(
-            f"component {tests.loaded.kind}: its tests identify none of its parameters; "
-            "excite its inputs more"
-        )
+        raise NotIdentifiedError(f"component {tests.loaded.kind}: {_why_nothing(fitted)}")
     bundle = Bundle.new(campaign.rig, found, campaign.sources())
     return OwnFit(bundle, (*tests.notices, *_remarks(fitted, tests.loaded)))
+
+
+def _why_nothing(fitted: FittedLaw) -> str:
+    """Why no parameter is identified, and the mend."""
+    at_bound = fitted.fit.diagnosis.at_bound
+    if not at_bound:
+        return "its tests identify none of its parameters; excite its inputs more"
+    words = []
+    for p in fitted.fit.parameters:
+        if p.name in at_bound:
+            nearest = min((p.lower, p.upper), key=lambda b: abs(b - fitted.fit[p.name]))
+            words.append(f"{p.name} ends at its bound {nearest:g} {p.unit}".rstrip())
+    verb = "are" if len(words) > 1 else "is"
+    return (
+        f"{' and '.join(words)}, and {verb} not identified there; widen the bounds, or mend the "
+        "law if they are physical"
+    )
 
 
 def _remarks(fitted: FittedLaw, loaded: LoadedComponent) -> list[str]:

@@ -26,9 +26,8 @@ _FEWEST_FOR_NOISE = 16
 _FEWEST_ROWS = 4
 # Rows on each side through which the rate of a column is smoothed, as a regressor.
 _HALF_WINDOW = 15
-# What a residual counts, in spreads of its output, where a simulation diverges.
-_DIVERGED = 1e3
-_FAR = 1e12
+# Slopes beyond this are none: their squares would not be numbers.
+_STEEPEST = 1e100
 
 
 @dataclass(frozen=True)
@@ -103,19 +102,21 @@ class DynamicPart(OwnPart):
 
     def _simulated(self, laws: Sequence[Law], runs: Runs | None = None) -> FloatArray:
         """(laws, runs, n, outputs); what diverges is set far off. Raises InputError."""
+        return self.bounded(self._as_simulated(laws, runs or self.runs))
+
+    def unbounded(self, law: Law) -> Iterator[tuple[Trial, int, FloatArray]]:
+        outputs = self._as_simulated([law], self.runs)[0]
+        for r, (k, start, stop) in enumerate(self.pieces):
+            yield self.stretches[k].trial, start, outputs[r, : stop - start]
+
+    def _as_simulated(self, laws: Sequence[Law], runs: Runs) -> FloatArray:
         vectors = np.stack([self.vector(law) for law in laws])
         try:
-            outputs = simulated(self.made, vectors, runs or self.runs)
+            return simulated(self.made, vectors, runs)
         except SysidError:
             raise
         except Exception as error:
             raise self.loaded.error(error) from None
-        if np.isfinite(outputs).all():
-            return outputs
-        spread = np.array(
-            [np.std(np.concatenate([t[n] for t in self.trials])) or 1.0 for n in self.made.outputs]
-        )
-        return np.where(np.isfinite(outputs), outputs, _DIVERGED * spread)
 
     def residuals_of(self, laws: Sequence[Law], tests: Sequence[int]) -> list[list[FloatArray]]:
         outputs = self._simulated(laws)
@@ -123,30 +124,31 @@ class DynamicPart(OwnPart):
 
     def jacobian(self, law: Law, tests: Sequence[int]) -> FloatArray:
         """Derivatives of the residuals by the law's numbers, then its effects', (n, p)."""
-        names = list(self.numbers(law))
         wanted = [
             *(p.name for p in self.parameters()),
             *(f"{e.id}/{q.name}" for e in law.effects for q in type(e).quantities),
         ]
-        states = len(self.made.states)
-        directions = np.zeros((len(wanted), len(names) + states))
-        for i, name in enumerate(wanted):
-            directions[i, names.index(name)] = 1.0
-        starts = np.zeros((len(self.pieces), states))
-        found = slopes(self.made, self.vector(law), starts, self.runs, directions)
-        found = np.nan_to_num(found, nan=0.0, posinf=0.0, neginf=0.0)
+        found = _none_if_steep(self.slopes_of(law, wanted))
         columns = []
         for one in found:
             by_test = self._of_tests(one, tests)
             columns.append(np.concatenate([self._scaled(test) for test in by_test]))
         return -np.column_stack(columns)
 
+    def slopes_of(self, law: Law, wanted: Sequence[str]) -> FloatArray:
+        """Derivatives (wanted, runs, n, outputs) of the outputs by numbers of a law, as found."""
+        names, states = list(self.numbers(law)), len(self.made.states)
+        directions = np.zeros((len(wanted), len(names) + states))
+        for i, name in enumerate(wanted):
+            directions[i, names.index(name)] = 1.0
+        starts = np.zeros((len(self.pieces), states))
+        return slopes(self.made, self.vector(law), starts, self.runs, directions)
+
     def residuals_from(self, law: Law, starts: FloatArray) -> FloatArray:
         """All residuals (n,) where the runs start `starts` (runs, states) off their own starts."""
         every = range(len(self.stretches))
         outputs = with_starts(self.made, self.vector(law), starts, self.runs)
-        outputs = np.nan_to_num(outputs, nan=_FAR, posinf=_FAR, neginf=-_FAR)
-        return np.concatenate(self._left(self._of_tests(outputs, every), every))
+        return np.concatenate(self._left(self._of_tests(self.bounded(outputs), every), every))
 
     def jacobian_from(self, law: Law, starts: FloatArray) -> FloatArray:
         """Derivatives of these by the parameters, then by each run's start, (n, p)."""
@@ -155,7 +157,7 @@ class DynamicPart(OwnPart):
         places = [*own, *range(len(names), len(names) + states)]
         directions = np.eye(len(names) + states)[places]
         found = slopes(self.made, self.vector(law), starts, self.runs, directions)
-        found = np.nan_to_num(found, nan=0.0, posinf=0.0, neginf=0.0)
+        found = _none_if_steep(found)
         every = range(len(self.stretches))
 
         def column(outputs: FloatArray) -> FloatArray:
@@ -214,6 +216,10 @@ class DynamicPart(OwnPart):
         by_rows = math.sqrt(0.5 * float(np.mean(np.concatenate(steps) ** 2)))
         own = math.sqrt(float(np.mean(np.square(floors)))) if floors else math.inf
         return min(own, by_rows)
+
+
+def _none_if_steep(slopes: FloatArray) -> FloatArray:
+    return np.where(np.abs(slopes) < _STEEPEST, slopes, 0.0)
 
 
 def _rate_of(trial: Trial, name: str) -> FloatArray:

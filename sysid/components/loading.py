@@ -342,12 +342,20 @@ def _named_only(found: Any, names: Sequence[str], where: str) -> None:
             f"does not give {missing[0]}" if missing else f"gives {more[0]}, which is not declared"
         )
         raise input_error(where, what, f"return a dict of {', '.join(names)}")
+    _check_given(found, where)
     for name in names:
         if np.size(found[name]) > len(_TRIED_AT):
             raise input_error(where, f"{name} is not one number a row", "return one")
 
 
+def _check_given(found: Mapping[str, Any], where: str) -> None:
+    none = [name for name, value in found.items() if value is None]
+    if none:
+        raise input_error(where, f"gives None for {none[0]}", "end it with a return of numbers")
+
+
 def _check_neutral(added: Mapping[str, Any], where: str) -> None:
+    _check_given(added, where)
     if any(np.any(np.asarray(v) != 0.0) for v in added.values()):
         raise input_error(
             where, "does not vanish where its strengths are 0", "multiply it by a strength"

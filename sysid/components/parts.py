@@ -6,10 +6,11 @@ import dataclasses
 import functools
 import math
 from abc import abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.bundle import Bundle, ComponentRecord, EffectEntry, Parts
 from sysid.bundle.effects import effect_from_entry, entry_of
@@ -30,6 +31,10 @@ _FEWEST_TESTS = 3
 _STRETCHES = 6
 _FEWEST_ROWS = 8
 _TERM_MODULE = "sysid_user_terms"
+# What a residual counts, in spreads of its output, where a law gives no number.
+_DIVERGED = 1e3
+# Beyond so many times the largest measured value a prediction is none: its square overflows.
+_FAR = 1e12
 
 
 @dataclass(frozen=True)
@@ -114,6 +119,27 @@ class OwnPart(Component):
         self, law: Law, pieces: Sequence[tuple[Trial, int, int]]
     ) -> list[dict[str, FloatArray]]:
         """Each output on every row from the first to the last of pieces of trials, (n,)."""
+
+    @abstractmethod
+    def unbounded(self, law: Law) -> Iterator[tuple[Trial, int, FloatArray]]:
+        """Trial, its first row and the outputs (n, outputs) from there, as the law gives them."""
+
+    def is_far(self, outputs: FloatArray) -> NDArray[np.bool_]:
+        """Which of (..., outputs) are no numbers, or lie beyond all that was measured."""
+        largest = [np.max([np.max(np.abs(t[n])) for t in self.trials]) for n in self._outputs]
+        return ~(np.abs(outputs) <= _FAR * np.where(largest, largest, 1.0))
+
+    def bounded(self, outputs: FloatArray) -> FloatArray:
+        """(..., outputs) with what `is_far` set far off, so that a fit steps back from there."""
+        far = self.is_far(outputs)
+        if not far.any():
+            return outputs
+        spread = [np.std(np.concatenate([t[n] for t in self.trials])) or 1.0 for n in self._outputs]
+        return np.where(far, _DIVERGED * np.array(spread), outputs)
+
+    @property
+    def _outputs(self) -> tuple[str, ...]:
+        return self.definition.outputs
 
     def residuals(self, law: Law, tests: Sequence[int]) -> list[FloatArray]:
         return self._left(self.predicted(law, tests), tests)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import cast
 
@@ -25,16 +25,24 @@ class StaticPart(OwnPart):
         return cast(StaticComponent, self.definition)
 
     def predicted(self, law: Law, tests: Sequence[int]) -> list[dict[str, FloatArray]]:
-        return [self.on(_columns(self.stretches[t], self._law), law) for t in tests]
+        return [self._on_rows(self.stretches[t], law) for t in tests]
 
     def open_loop(
         self, law: Law, pieces: Sequence[tuple[Trial, int, int]]
     ) -> list[dict[str, FloatArray]]:
         chosen = [Stretch(trial.label, trial, start, stop) for trial, start, stop in pieces]
-        return [self.on(_columns(one, self._law), law) for one in chosen]
+        return [self._on_rows(one, law) for one in chosen]
 
-    def on(self, columns: Mapping[str, FloatArray], law: Law) -> dict[str, FloatArray]:
-        """Each output (n,) from the inputs (n,). Raises InputError where the user's code fails."""
+    def unbounded(self, law: Law) -> Iterator[tuple[Trial, int, FloatArray]]:
+        for one in self.stretches:
+            yield one.trial, one.start, self.on(_columns(one, self._law), law)
+
+    def _on_rows(self, stretch: Stretch, law: Law) -> dict[str, FloatArray]:
+        outputs = self.bounded(self.on(_columns(stretch, self._law), law))
+        return dict(zip(self._outputs, outputs.T, strict=True))
+
+    def on(self, columns: Mapping[str, FloatArray], law: Law) -> FloatArray:
+        """(n, outputs) from the inputs (n,). Raises InputError where the user's code fails."""
         numbers = self.numbers(law)
         own = {p.name: numbers[p.name] for p in self._law.parameters}
         rows = len(columns["time_s"])
@@ -45,7 +53,8 @@ class StaticPart(OwnPart):
                     given = {q.name: numbers[f"{term.id}/{q.name}"] for q in term.quantities}
                     added = outputs_of(term.adds(columns, {**own, **given}), self._law)
                     found = {n: v + added.get(n, 0.0) for n, v in found.items()}
-            return {n: np.broadcast_to(np.asarray(v, float), (rows,)) for n, v in found.items()}
+            each = [np.broadcast_to(np.asarray(found[n], float), (rows,)) for n in self._outputs]
+            return np.column_stack(each)
         except Exception as error:
             raise self.loaded.error(error) from None
 
