@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 import pickle
+import re
+from types import SimpleNamespace
 
 import pytest
 
 from sysid.bundle.effects import effect_from_entry, entry_of
+from sysid.commands.app import main
 from sysid.errors import InputError
 from sysid.estimation.linear import Estimate
-from sysid.model.effects import friction
+from sysid.model.effects import friction, linkage
 from sysid.model.effects.catalogue import catalogue
 from sysid.model.effects.linear import (
     REFERENCE_RADIUS_M,
@@ -30,6 +33,7 @@ def test_no_rotary_unit_is_left(effect: type[friction.StribeckFriction]) -> None
         words = quantity.label.split("_")
         assert not {"nm", "rad", "torque"} & set(words) and "kg_m2" not in quantity.label
         assert not {"Nm", "rad", "kg m2"} & set(quantity.unit.replace("/", " ").split())
+        assert not re.search(r"\b(Nm|rad|torque)\b", quantity.meaning)
         assert quantity.lower <= quantity.typical <= quantity.upper
     assert linear_form(effect) is form and pickle.loads(pickle.dumps(form)) is form
 
@@ -56,6 +60,31 @@ def test_sizes_come_over_at_the_reference_radius() -> None:
     assert force.typical == pytest.approx(0.12 / REFERENCE_RADIUS_M, rel=1e-3)
     assert speed.grid[0] == pytest.approx(0.02 * REFERENCE_RADIUS_M, rel=1e-3)
     assert exponent == friction.StribeckFriction.quantities[2]
+
+
+def test_sizes_whose_unit_does_not_say_their_radius() -> None:
+    """A speed per torque is r^2 as large; a torque over w^n is 1/r^(1 + n), and acts the same."""
+    r = REFERENCE_RADIUS_M
+    speed = linear_form(linkage.Backlash).quantities[1]
+    assert speed.typical == pytest.approx(2.0 * r**2, rel=1e-3)
+    assert speed.grid == pytest.approx([0.5 * r**2, 2.0 * r**2, 8.0 * r**2], rel=1e-3)
+    assert "under 1 N of motor force" in speed.meaning
+    linear = linear_form(friction.PowerLawFriction).typical()
+    rotary = friction.PowerLawFriction.typical()
+    efforts = [
+        effect.friction_effort(0.0, SimpleNamespace(velocity=v, direction=1.0))
+        for effect, v in ((linear, 0.1), (rotary, 0.1 / r))
+    ]
+    assert efforts[0] == pytest.approx(efforts[1] / r, rel=1e-3)
+
+
+@pytest.mark.parametrize("more", [[], ["--json"]])
+def test_the_command_gives_the_names_of_files(
+    more: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["effects", "--linear", *more]) == 0
+    printed = capsys.readouterr().out
+    assert "stribeck_force_n" in printed and "stribeck_torque_nm" not in printed
 
 
 def test_a_bundle_holds_linear_names() -> None:

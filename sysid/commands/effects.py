@@ -72,7 +72,7 @@ def _show_list(effects: Catalogue, as_json: bool) -> None:
         first = [effect.id, effect.title]
         for q in effect.quantities:
             last = "" if not first[0] else effect.signature
-            table.add_row(*map(Text, (*first, q.name, f"{q.typical:.3g} {q.unit}", last)))
+            table.add_row(*map(Text, (*first, q.label, f"{q.typical:.3g} {q.unit}", last)))
             first = ["", ""]
     out = console()
     out.print(table)

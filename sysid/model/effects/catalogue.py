@@ -190,7 +190,7 @@ def catalogue_entry(effect: type[CatalogueEffect]) -> dict[str, Any]:
     """An effect's entry in the catalogue, as JSON holds it."""
     parameters = [
         {
-            "name": q.name,
+            "name": q.label,
             "unit": q.unit,
             "typical": q.typical,
             "bounds": [q.lower, q.upper],

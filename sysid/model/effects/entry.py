@@ -27,6 +27,8 @@ class Quantity:
     a wave number over position (rad per unit), of which data show something only where a whole
     period lies within what they visit. `absent`: what files mean that were written before the
     quantity was there, the effect's form at that time; None: files must give it.
+    `radius_power`: the power of a pitch radius that brings it from angle and torque to path and
+    force, where its unit does not say (a speed per torque, named a speed).
     """
 
     name: str
@@ -41,6 +43,7 @@ class Quantity:
     is_wave: bool = False
     absent: float | None = None
     is_smooth: bool = False
+    radius_power: float | None = None
 
     def within(self, travel: float) -> Quantity | None:
         """It on a log that visits so much of the position: at least one period; None: none fits.

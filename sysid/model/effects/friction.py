@@ -282,7 +282,10 @@ class PowerLawFriction(CatalogueEffect):
     title = "Viscous friction that levels off with speed"
     subsystem = "friction"
     quantities = (
-        Quantity("power_law_nm", "Nm", 0.05, 0.0, 10.0, "at a speed of one unit"),
+        # A torque over a speed to the power of the typical exponent, 0.5.
+        Quantity(
+            "power_law_nm", "Nm", 0.05, 0.0, 10.0, "at a speed of one unit", radius_power=-1.5
+        ),
         Quantity(
             "power_law_exponent",
             "-",

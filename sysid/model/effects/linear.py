@@ -53,7 +53,8 @@ def for_rig(
 
 
 def _linear(quantity: Quantity) -> Quantity:
-    scale = REFERENCE_RADIUS_M ** _power(quantity.unit)
+    power = quantity.radius_power
+    scale = float(REFERENCE_RADIUS_M ** (_power(quantity.unit) if power is None else power))
     name = linear_name(quantity.name)
     if scale == 1.0 and name == quantity.name:
         return quantity
@@ -76,6 +77,7 @@ _LINEAR_WORDS = {
     "Torque": "Force",
     "angle": "position",
     "arm": "axis",
+    "Nm": "N",
 }
 _WORDS = re.compile(rf"\b({'|'.join(_LINEAR_WORDS)})\b")
 

@@ -68,6 +68,7 @@ class Backlash(CatalogueEffect):
             "speed in the gap under 1 Nm of motor torque, without inertia behind it",
             is_strength=False,
             grid=(0.5, 2.0, 8.0),
+            radius_power=2.0,
         ),
         Quantity(
             "motor_share",
