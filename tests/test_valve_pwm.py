@@ -434,6 +434,33 @@ def test_a_supply_near_the_rig_files_is_taken_as_the_tests_show_it(
     assert any("one of the two sensors" in n for n in fit.notices) == bool(logged_off)
 
 
+@pytest.mark.parametrize("declared_hz", [100.0, 192.0, 250.0])
+def test_a_pwm_period_that_the_ripple_contradicts_is_said(declared_hz: float) -> None:
+    fit = fit_valve_pwm(make_trials(), make_rig(declared_hz))
+    line = one_line(fit, "ripples with a period of 5 ms", "[pwm] period_s")
+    assert line.startswith("log.csv: pressure_a_pa")
+    assert f"{1e3 / declared_hz:.3g} ms" in line
+
+
+@pytest.mark.parametrize("hum", [0.0, 400.0])
+@pytest.mark.parametrize("noise", [NOISE, 5e3])
+@pytest.mark.parametrize("rows", [1, 4])
+def test_no_period_is_said_where_the_pulses_do_not_show_another(
+    hum: float, noise: float, rows: int
+) -> None:
+    """Right, below the noise and a mains hum, and at 4 rows' distance an alias of 20 ms."""
+
+    def thinned(t: Trial) -> Trial:
+        pressure = t["pressure_a_pa"] + hum * np.sin(2 * np.pi * 50.0 * t.time)
+        channels = {**t.channels, "pressure_a_pa": pressure}
+        kept = {name: values[::rows] for name, values in channels.items()}
+        return Trial(t.label, t.time[::rows], kept, t.source)
+
+    remarks = Remarks()
+    select_tests([thinned(t) for t in make_trials(noise=noise)], make_rig(), "a", remarks)
+    assert not any("ripples" in n for n in remarks.notices())
+
+
 @pytest.mark.parametrize("limit", [2.5e5, 2.0e5])
 @pytest.mark.parametrize("noise", [0.0, NOISE])
 def test_a_saturated_pressure_ends_the_domain(limit: float, noise: float) -> None:

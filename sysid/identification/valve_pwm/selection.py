@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from sysid import signals
+from sysid.identification.valve_pwm.pulse_line import deviating_period
 from sysid.identification.valve_pwm.remarks import Remarks
 from sysid.identification.valve_pwm.samples import PwmTest, pulse_block, settled_after
 from sysid.identification.valve_pwm.supply import (
@@ -61,6 +62,7 @@ def select_tests(trials: Sequence[Trial], rig: Rig, valve: str, remarks: Remarks
         if test is not None:
             tests.append(test)
     tests = consistent_supply(_without_clipped(tests, rig, remarks), rig, remarks)
+    remarks.lines += deviating_period(tests, _pwm_period(rig))
     return with_seen_supply(tests, rig, remarks)
 
 
