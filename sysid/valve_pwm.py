@@ -59,6 +59,8 @@ _OTHER = {"fill": "discharge", "discharge": "fill"}
 # A test that stays this close to its start, as a share of the range from atmosphere to supply,
 # shows no mean flow: duties differ there by less than the pressure's noise.
 _LEAST_TRAVEL = 0.01
+# Share of usable rows below which missing ones, not the tests' length, are what leaves few means.
+_WHOLE = 0.9
 
 
 def fit_valve_pwm(
@@ -172,6 +174,11 @@ def _measured(
     require_sign(samples, direction)
     if np.median(np.unique(samples.test, return_counts=True)[1]) < 2:
         few = "most tests are so short that they give one mean flow, at one pressure; record longer"
+        if np.mean([t.usable.mean() for t in tests]) < _WHOLE:
+            few = (
+                "most tests give one mean flow, at one pressure: so many rows are lost or left out "
+                "that few stretches are as long as the pulses' mean needs; log every row"
+            )
         raise NotIdentifiedError("; ".join((few, *unseen_regimes(samples, rig))))
     try:
         domain = Domain.from_samples(samples.duty, samples.pressure, samples.flow)

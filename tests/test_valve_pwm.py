@@ -241,6 +241,34 @@ def test_lost_samples_and_uneven_time_do_not_bend_the_flow() -> None:
     assert len(s) < len(whole)
 
 
+def thinned(share: float) -> list[Trial]:
+    """The trials without a random rest of their rows."""
+    rng = np.random.default_rng(4)
+    trials = []
+    for t in make_trials():
+        kept = rng.random(len(t)) < share
+        kept[[0, -1]] = True
+        channels = {name: values[kept] for name, values in t.channels.items()}
+        trials.append(Trial(t.label, t.time[kept], channels, t.source))
+    return trials
+
+
+def test_gaps_shorter_than_half_a_pulse_period_are_bridged() -> None:
+    found = fit_valve_pwm(thinned(0.6), make_rig()).averaged["a"].fit.estimates
+    for name, value in zip(
+        ("choked_flow_fill_kg_s", "choked_flow_dis_kg_s", "c_fill", "c_dis"),
+        VALVES["a"],
+        strict=True,
+    ):
+        assert found[name].value == pytest.approx(value, rel=0.02)
+
+
+def test_lost_rows_not_short_tests_are_named_where_few_means_are_left() -> None:
+    with pytest.raises(NotIdentifiedError, match="rows are lost or left out") as failure:
+        fit_valve_pwm(thinned(0.4), make_rig())
+    assert "record longer" not in str(failure.value)
+
+
 # --- surfaces ----------------------------------------------------------------------------
 
 

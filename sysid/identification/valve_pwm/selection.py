@@ -32,7 +32,12 @@ HELD_SHARE_OF_VOLUME = 0.005
 # Start of a test: within this share of the range from atmosphere to supply from either end.
 _START_TOLERANCE = 0.25
 _DUTY_TOLERANCE = 1e-6
+# Rows this many sampling periods apart have lost others. Where a PWM period has many rows, a gap
+# of less than half of it does not hide a pulse, if it is not so long that the spline through
+# the rows gives it up.
 _LOST_SAMPLES = 1.5
+_BRIDGED_SAMPLES = 3.0
+_BRIDGED_PERIODS = 0.5
 _FEWEST_PERIODS = 4
 _CLIPPED_START = 8
 # Change of pressure in one block next to a clipped interval, as a share of the limit.
@@ -80,7 +85,7 @@ def _prepared(
         remarks.leave_out(trial, reason)
         return None
     declared = float(air.supply_pressure_pa)
-    period, pressure, usable, supply = _on_grid(trial, name, declared)
+    period, pressure, usable, supply = _on_grid(trial, name, declared, _pwm_period(rig))
     if not usable.all():
         remarks.about(trial, "lost samples; no flow is taken across the gaps")
     start = start_pressure(pressure, float(duty[0]), period, rig)
@@ -145,7 +150,7 @@ def _volume(position: FloatArray, rig: Rig, valve: str) -> FloatArray:
 
 
 def _on_grid(
-    trial: Trial, name: str, declared: float
+    trial: Trial, name: str, declared: float, pwm_period: float
 ) -> tuple[float, FloatArray, BoolArray, FloatArray]:
     """Sampling period, pressure, usable and supply (declared where not logged) on a grid."""
     time, pressure = trial.time, trial[name]
@@ -159,7 +164,8 @@ def _on_grid(
     count = max(1, round(float(time[-1] - time[0]) / median))
     grid = time[0] + median * np.arange(count + 1)
     row = np.clip(np.searchsorted(time, grid), 1, len(time) - 1)
-    usable = steps[row - 1] < _LOST_SAMPLES * median
+    bridged = min(_BRIDGED_SAMPLES * median, _BRIDGED_PERIODS * pwm_period)
+    usable = steps[row - 1] < max(_LOST_SAMPLES * median, bridged)
     level = signals.resample(time, pressure, grid)
     logged = np.full(len(grid), declared) if supply is None else np.interp(grid, time, supply)
     return median, level, usable, logged
