@@ -249,7 +249,14 @@ def _estimates(
                 UNITS[name],
                 f"its standard error is {share:.0f} %: record more tests, or log faster",
             )
-        if scatters:
+        if name in DELAYS and estimate.identified and estimate.interval[1] < 0.0:
+            low, high = (1e3 * end for end in estimate.interval)
+            estimate = Estimate.unidentified(
+                UNITS[name],
+                f"the pressure answers before the command ({low:.3g} to {high:.3g} ms after it): "
+                "look for a command that is logged late, or an unsteady supply that is not logged",
+            )
+        if scatters and estimate.identified:
             notices.append(
                 f"{title}: {name} differs between tests by more than the noise explains; its "
                 "interval follows from the scatter of the tests"

@@ -31,24 +31,21 @@ def settled_notices(curves: CurveFit, title: str, air: Air) -> list[str]:
         shift = curves.value("supply_shift", i)
         supply = float(np.mean(piece.chamber.supply)) + shift
         declared = air.supply_pressure_pa
+        fills = bool(np.isfinite(piece.chamber.opens).any())
         if piece.supply_logged and abs(shift) > SUPPLY_TOLERANCE * declared:
             lines.append(
                 f"{piece.source}: the chamber fills to {supply:.6g} Pa, {abs(shift):.3g} Pa off "
                 "the logged supply: one of the two sensors has an offset; "
                 f"{title} is fitted to the chamber's sensor"
             )
-        elif abs(supply - declared) > SUPPLY_TOLERANCE * declared:
+        elif fills and abs(supply - declared) > SUPPLY_TOLERANCE * declared:
             seen = "logged supply is" if piece.supply_logged else "chamber fills to"
             lines.append(
                 f"{piece.source}: the {seen} {supply:.6g} Pa, the rig file's supply_pressure_pa is "
                 f"{declared:.6g} Pa: {title}'s c_fill is fitted with the former and its choked "
                 "filling flow is scaled to the latter"
             )
-        if (
-            not piece.fits_supply
-            and not piece.supply_logged
-            and np.isfinite(piece.chamber.opens).any()
-        ):
+        if fills and not piece.fits_supply and not piece.supply_logged:
             lines.append(
                 f"{piece.source}: the filling does not settle, so the supply is assumed to be the "
                 f"rig file's {declared:.6g} Pa; {title}'s c_fill depends on that"

@@ -203,9 +203,13 @@ def _cut(trial: Trial, whole: Piece, valve: str, air: Air, keep_rise: bool) -> S
             used = "fitted to its rise, at the declared supply" if keep_rise else "left out"
             notices.append(f"{trial.source}: {why}; its filling is {used}; {mend}")
             reasons += [(name, f"{why}; {mend}") for name in FILLING if not keep_rise]
-        # The rise and the last rows of an unsteady filling show no settled supply.
-        broken = keep_rise and unsteady is not None
-        plateaus.append(None if broken else _settled(whole, bad, opened, closed))
+        # Of an unsteady filling only the last rows, after the cut, are at a level of their own.
+        last = closed - _EDGE_GUARD_S
+        plateaus.append(
+            (opened, closed, _settled(whole, bad, opened, closed))
+            if unsteady is None
+            else (last, closed, _mean_level(whole, bad, last, closed))
+        )
     pieces = [_piece(whole, rows, plateaus, air) for rows in _segments(whole, bad)]
     never_still = 0 < wandering == len(whole.chamber.opens)
     return Screened(tuple(pieces), tuple(notices), tuple(reasons), never_still)
@@ -299,6 +303,12 @@ def _settled(piece: Piece, bad: BoolArray, opened: float, closed: float) -> floa
     return level
 
 
+def _mean_level(piece: Piece, bad: BoolArray, begin: float, end: float) -> float | None:
+    """Mean pressure with the valve on, between two times, Pa; None without a row."""
+    rows = _on_rows(piece, bad, begin, end)
+    return float(np.mean(piece.pressure[rows])) if len(rows) else None
+
+
 def _resting_level(pressure: FloatArray, noise: float) -> float | None:
     """Mean of the last fifth, where it equals that of the fifth before."""
     size = int(_SETTLED_SHARE * len(pressure))
@@ -333,8 +343,13 @@ def _after_guard(piece: Piece, run: slice) -> slice:
     return slice(min(start, run.stop), run.stop)
 
 
-def _piece(whole: Piece, rows: slice, plateaus: list[float | None], air: Air) -> Piece:
-    """One run of rows as a piece: valve state, initial pressure, pressures at rest."""
+def _piece(
+    whole: Piece, rows: slice, plateaus: list[tuple[float, float, float | None]], air: Air
+) -> Piece:
+    """One run of rows as a piece: valve state, initial pressure, pressures at rest.
+
+    `plateaus`: from when to when, s, the chamber is open to the supply, and its level there, Pa.
+    """
     c, p = whole.chamber, whole.pressure[rows]
     time = c.time[rows]
     later = c.closes > time[0] - 0.5 * _EDGE_GUARD_S
@@ -347,8 +362,8 @@ def _piece(whole: Piece, rows: slice, plateaus: list[float | None], air: Air) ->
     opens[begun] = -np.inf
     supplies = [
         level
-        for level, o, k in zip(plateaus, c.opens, c.closes, strict=True)
-        if level is not None and o < time[-1] and k > time[0]
+        for begin, end, level in plateaus
+        if level is not None and begin < time[-1] and end > time[0]
     ]
     inside = (c.supply_from >= time[0]) & (c.supply_from <= time[-1])
     inside[max(int(np.searchsorted(c.supply_from, time[0], side="right")) - 1, 0)] = True
