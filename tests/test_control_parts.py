@@ -153,6 +153,20 @@ def test_backstepping_types() -> None:
         backstepping_type(5, design())
 
 
+def test_the_feedforward_looks_one_pwm_period_ahead() -> None:
+    """Its flows are those of the motion's own rates, whatever the period."""
+    at = thesis_trajectory(3).sample(1e-3 * np.arange(400, 412))[:, :, None]
+    flows = {}
+    for period in (0.002, 0.005, 0.010):
+        own = design(pwm_period=period)
+        controller = backstepping_type(3, own)
+        assert controller.preview == round(1e3 * period)
+        ahead = Reference(*(at[1 : controller.preview + 1, i] for i in range(4)))
+        flows[period] = controller._feedforward(Reference(*at[0], ahead), own.model)[0][0]
+    assert flows[0.002] == pytest.approx(flows[0.005], rel=0.1)
+    assert flows[0.010] == pytest.approx(flows[0.005], rel=0.1)
+
+
 def test_printed_gains_against_the_printed_conditions() -> None:
     """Table 4.3.2 meets 4.3.50 for k1 and misses it for k2 by a factor of thirty."""
     check = BacksteppingController(design()).stability()

@@ -314,7 +314,7 @@ def in_python(
     design = design_from_bundle(bundle)
     known: Any = {"design": design, "estimator": PayloadEstimator()}
     controllers = (
-        BacksteppingController(**known, preview=5),
+        BacksteppingController(**known),
         DvmpcController(**known, horizon=HORIZON),
     )
     memories = [controller.start(1) for controller in controllers]

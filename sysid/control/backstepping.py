@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from sysid.control.cases import PERIOD_S
 from sysid.control.design_model import DesignModel
 from sysid.control.effective_law import leakage
 from sysid.control.interface import Commands, Controller, Reference, StateEstimate
@@ -54,7 +55,8 @@ class BacksteppingController(Controller):
 
     `portion`: the motor's share of the cylinder's wanted effort (4.3.20; 0 in the pneumatic
     mode). `feedforward`: the pneumatic feedforward (4.3.3.3), `compensation`: the motor's
-    feedback (4.3.3.1). `preview` ticks ahead the feedforward is taken (one PWM period).
+    feedback (4.3.3.1). `preview` ticks ahead the feedforward is taken; 0: one PWM period, as
+    its rates are over that.
     `estimator`: estimates the payload, or None.
     """
 
@@ -69,7 +71,11 @@ class BacksteppingController(Controller):
     feedforward: bool = True
     compensation: bool = True
     estimator: PayloadEstimator | None = None
-    preview: int = 5
+    preview: int = 0
+
+    def __post_init__(self) -> None:
+        if not self.preview:
+            object.__setattr__(self, "preview", _ticks_a_period(self.design))
 
     def start(self, lanes: int) -> BacksteppingMemory:
         """See `Controller`."""
@@ -206,6 +212,14 @@ class BacksteppingController(Controller):
             + sliding_friction(point, model, reference.velocity)
         )
         return self._pressures(effort, 0.0 * effort, 0.0, point, model), point
+
+
+def _ticks_a_period(design: DesignModel) -> int:
+    """Control periods in a PWM period; 1 for a rig without one."""
+    import numpy as np
+
+    period = float(np.ravel(design.parameters.pwm_period)[0])
+    return max(1, round(period / PERIOD_S)) if np.isfinite(period) else 1
 
 
 def _flow_for(side: str, rate: Array, pressure: Array, point: Point, model: Model) -> Array:
