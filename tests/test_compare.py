@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 from typing import Any
@@ -13,12 +14,15 @@ from golden_folder import golden_bundle
 
 import sysid as si
 from sysid.bundle import Bundle
+from sysid.bundle.effects import EffectEntry, entry_of
 from sysid.bundle.refinement import Refinement
 from sysid.commands.app import main
 from sysid.errors import InputError
 from sysid.estimation.linear import Estimate, mean_estimate
 from sysid.fleet.comparison import Comparison
 from sysid.fleet.parameters import degrees_of_freedom, has_error, parts_of
+from sysid.fleet.rows import effects_of
+from sysid.model.effects import AtmosphereLeakage
 
 
 @pytest.fixture(scope="module")
@@ -196,6 +200,40 @@ def test_shown_as_the_other_results_are(bundle: Bundle) -> None:
     assert "<table>" in found._repr_html_()
     assert len(found.plot().get_lines()) == 2
     json.dumps(found.to_json(), allow_nan=False)
+
+
+def test_what_moved_has_its_unit(bundle: Bundle) -> None:
+    delay = parts_of(bundle)["valves.a.discrete"].estimates["on_delay_s"]
+    content = bundle.to_json()
+    later = {"value": delay.value + 0.002, "std": delay.std, "unit": "s"}
+    content["valves"]["a"]["discrete"]["on_delay_s"] = later
+    found = si.compare(bundle, Bundle.model_validate(content))
+    moved = next(t for t in found.tables() if t.title.startswith("What moved"))
+    row = next(r for r in moved.rows if r[2] == "on_delay_s")
+    assert re.match(r"2\.0\d* ms \(", row[3])
+
+
+def test_surfaces_that_are_not_compared_are_said(bundle: Bundle) -> None:
+    said = "PWM surfaces are not compared"
+    assert any(said in line for line in si.compare(bundle, bundle).notices)
+    content = bundle.to_json()
+    for valve in content["valves"].values():
+        valve["pwm"] = {"fill": {"identified": False, "reason": "too few duties"}}
+    none = Bundle.model_validate(content)
+    for one, other in ((none, bundle), (bundle, none), (none, none)):
+        assert not any(said in line for line in si.compare(one, other).notices)
+
+
+def test_effects_of_one_name_are_kept_apart(bundle: Bundle) -> None:
+    entries = []
+    for side, p in (("a", 1e-30), ("a", 0.02), ("b", 0.04)):
+        entry = entry_of(AtmosphereLeakage(5e-17, side)).to_json()
+        entries.append(EffectEntry.model_validate({**entry, "p_value": p}))
+    several = bundle.replaced(effects=entries)
+    places = [place for place in parts_of(several) if place.startswith("effect")]
+    name = "effect atmosphere-leakage"
+    assert places == [f"{name} (a)", f"{name} (a) 2", f"{name} (b)"]
+    assert effects_of(several) == {"atmosphere-leakage": 1e-30}
 
 
 def test_of_other_rigs_and_of_one_alone(bundle: Bundle) -> None:

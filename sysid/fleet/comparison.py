@@ -219,6 +219,10 @@ class Comparison(Shown):
     def _moved_row(self, m: Movement) -> tuple[str, ...]:
         change = number(m.change)
         first = _estimate(self.parts[0], m.part, m.name or "")
+        if first is not None:
+            moved = Estimate(m.change, abs(m.change / m.z), first.unit, (math.nan, math.nan))
+            value, _, _, unit = cells_of(moved)
+            change = f"{value} {unit}".rstrip()
         if first is not None and first.value != 0.0:
             change += f" ({percent(100.0 * m.change / abs(first.value))})"
         p = "<1e-20" if m.p_adjusted < 1e-20 else number(m.p_adjusted, 2)
@@ -268,6 +272,12 @@ def _has_surfaces(bundle: Bundle) -> bool:
     return any(bundle.valve(side).pwm is not None for side in SIDES)
 
 
+def _holds_surface(bundle: Bundle) -> bool:
+    """Whether a surface was fitted, not only looked for."""
+    found = [bundle.valve(side).pwm for side in SIDES]
+    return any(one.surfaces() for pwm in found if pwm for one in pwm.directions().values())
+
+
 def _check_comparable(bundles: Sequence[Bundle], names: Sequence[str]) -> None:
     for name, bundle in zip(names[1:], bundles[1:], strict=True):
         if bundle.is_linear != bundles[0].is_linear:
@@ -294,6 +304,11 @@ def _notices(bundles: Sequence[Bundle], names: Sequence[str]) -> tuple[str, ...]
             said.append(
                 f"{name}: {len(shared)} of its {len(logs)} training logs are those of {names[0]}: "
                 "the errors of both are not independent, and movements look smaller than they are"
+            )
+        if _holds_surface(bundle) and _holds_surface(bundles[0]):
+            said.append(
+                f"{name}: its PWM surfaces are not compared with those of {names[0]}; compare what "
+                "`sysid validate` says of both"
             )
     return tuple(said)
 

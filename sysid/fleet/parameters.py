@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,7 +42,10 @@ class NumbersOfPart:
 
 
 def parts_of(bundle: Bundle) -> dict[str, NumbersOfPart]:
-    """The parts of a bundle that hold fitted numbers, by place; effects by `effect_name`."""
+    """The parts of a bundle that hold fitted numbers, by place; effects by `effect_name`.
+
+    Effects of one name are numbered from the second on, in the bundle's order.
+    """
     found = {} if bundle.friction is None else {"friction": _part("friction", bundle.friction)}
     for side in SIDES:
         valve = bundle.valve(side)
@@ -53,8 +57,11 @@ def parts_of(bundle: Bundle) -> dict[str, NumbersOfPart]:
     if bundle.component is not None:
         place = f"component {bundle.component.name}"
         found[place] = NumbersOfPart(place, bundle.component.estimates())
+    count: Counter[str] = Counter()
     for effect in bundle.effects:
         place = f"effect {effect_name(effect)}"
+        count[place] += 1
+        place += f" {count[place]}" if count[place] > 1 else ""
         found[place] = _effect(place, effect, bundle)
     return found
 

@@ -139,13 +139,13 @@ def _reading(family: Family, name: str, estimate: Estimate) -> list[FleetReading
 
 
 def effects_of(bundle: Bundle) -> dict[str, float]:
-    """The p-value of each effect of a bundle, by id; NaN is left out."""
-    known = {effect.id: effect.p_value for effect in bundle.effects}
-    return {
-        id: 1.0 if p is None else float(p)
-        for id, p in known.items()
-        if p is None or math.isfinite(float(p))
-    }
+    """The p-value of each effect of a bundle, by id, the smallest of its sides; NaN is left out."""
+    found: dict[str, float] = {}
+    for effect in bundle.effects:
+        p = 1.0 if effect.p_value is None else float(effect.p_value)
+        if math.isfinite(p):
+            found[effect.id] = min(p, found.get(effect.id, p))
+    return found
 
 
 __all__ = [
