@@ -419,6 +419,14 @@ def test_a_fleet_resumes_and_goes_on_past_a_bad_campaign(
     assert failed.exit_code == 2 and json.loads((folder / "row.json").read_text())["failure"]
 
 
+def test_a_campaign_that_fails_leaves_no_empty_folder(tmp_path: Path) -> None:
+    campaign = points(tmp_path / "2024-01-01")
+    for log in campaign.parent.glob("*.csv"):
+        log.write_text("time_s\n0\n")
+    failed = run_one(campaign, tmp_path / "out", QUICK, False)
+    assert failed.failure and not (tmp_path / "out" / failed.folder / "export").exists()
+
+
 def test_the_file_of_effects_is_found_from_any_folder(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -239,6 +239,19 @@ def test_a_bundle_simulates_as_its_model(namespace: dict[str, Any]) -> None:
         si.simulate(log, bundle, rig, valve_model="ann")
 
 
+def test_what_is_no_test_is_said(namespace: dict[str, Any]) -> None:
+    log, bundle = namespace["log"], namespace["bundle"]
+    rig = namespace["campaign"].rig
+    with pytest.raises(si.InputError, match=r"DataFrame is no log, .* si\.read_log"):
+        si.simulate(log.frame, bundle, rig)
+    with pytest.raises(si.InputError, match="str is no log"):
+        si.simulate("run.csv", bundle)
+    runs = si.simulate(log.trials[:1], bundle.model(), rig)
+    assert runs[runs[0].label] is runs[0]
+    with pytest.raises(KeyError, match=f"no test 'nope': the tests are '{runs[0].label}'"):
+        runs["nope"]
+
+
 def test_own_effects_are_classes_or_a_file(
     namespace: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from html import unescape
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -35,7 +36,7 @@ from sysid.report import concerns, render_report, svg, write_report
 from sysid.report.blocks import HtmlTable
 from sysid.report.interactive import packed
 from sysid.report.next_steps import left_open, next_section
-from sysid.report.opening import verdict
+from sysid.report.opening import _table, verdict
 from sysid.report.page import _json
 from sysid.valve_pwm import ValvePwmFit
 
@@ -439,6 +440,14 @@ def test_the_least_certain_parameters_are_worth_another_test() -> None:
     (lacking,) = (b for b in section.blocks if isinstance(b, HtmlTable))
     named = [row[0] for row in lacking.rows]
     assert "friction.coulomb_nm" in named and "friction.offset_nm" not in named
+
+
+def test_a_motor_alone_has_no_valves() -> None:
+    bundles: list[Any] = [
+        SimpleNamespace(rig=SimpleNamespace(is_motor_alone=alone)) for alone in (True, False)
+    ]
+    captions = [_table([], ["on/off law"], bundle).caption for bundle in bundles]
+    assert captions == ["Open loop", "Open loop, valves by the on/off law"]
 
 
 def test_nothing_is_left_open_only_where_it_was_looked() -> None:

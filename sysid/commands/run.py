@@ -160,7 +160,8 @@ def run_campaign(
     if effects is not None:
         catalogue_with(effects)  # an unusable file is reported before the work, not after it
     make_folder(folder)
-    make_folder(folder / "export")
+    if (folder / "export").exists():  # what cannot be a folder is reported before the work
+        make_folder(folder / "export")
     remove_leftovers(folder)
     remove_leftovers(folder / "export")
     run = PipelineRun(

@@ -24,7 +24,7 @@ from sysid.diagnosis.looked import SECONDS
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.export import export_file
 from sysid.io.campaign import Campaign
-from sysid.io.files import write_atomic
+from sysid.io.files import make_folder, write_atomic
 from sysid.model.effects.catalogue import catalogue_with
 from sysid.types import Progress
 from sysid.workflows.diagnosing import diagnose
@@ -408,6 +408,7 @@ def _report(run: PipelineRun) -> None:
 
 
 def _export(run: PipelineRun) -> None:
+    make_folder(run.path("export"))
     for kind, name in EXPORTS.items():
         said = export_file(run.path(BUNDLE_FILE), run.path(name), kind, effects=run.effects)
         run.notices += said

@@ -146,7 +146,7 @@ def _validated(bundle: Bundle, validation: ValidationResult | None) -> ReportVer
     others = list(_other_models(held or validation.logs, logs))
     found = tuple(concern for _, concern in others if concern is not None)
     notes = (*(note for note, _ in others), *notes)
-    return ReportVerdict(level, said, _table(pooled, models), notes, concerns=found)
+    return ReportVerdict(level, said, _table(pooled, models, bundle), notes, concerns=found)
 
 
 def _primary(logs: Sequence[LogResult]) -> list[LogResult]:
@@ -215,7 +215,7 @@ def _figures(pooled: Sequence[_Pooled]) -> str:
     return ", ".join(said[:-1]) + (" and " if len(said) > 1 else "") + said[-1]
 
 
-def _table(pooled: Sequence[_Pooled], models: Sequence[str]) -> HtmlTable:
+def _table(pooled: Sequence[_Pooled], models: Sequence[str], bundle: Bundle) -> HtmlTable:
     rows = [
         (
             f"{p.channel.title} ({p.channel.residual_unit})",
@@ -231,7 +231,8 @@ def _table(pooled: Sequence[_Pooled], models: Sequence[str]) -> HtmlTable:
         "Channel", "RMSE over 1 s", "RMSE, whole tests", "Largest error", "Fit, whole tests",
         "Sensor noise",
     )  # fmt: skip
-    return table(f"Open loop, valves by the {' and the '.join(models)}", columns, rows)
+    valves = "" if bundle.rig.is_motor_alone else f", valves by the {' and the '.join(models)}"
+    return table(f"Open loop{valves}", columns, rows)
 
 
 def _other_models(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 from sysid.errors import input_error
 from sysid.io.rig import Rig
@@ -31,7 +32,17 @@ def rig_of(tests: Tests, rig: Rig | None) -> Rig:
 
 
 def _parts(tests: Tests) -> list[Log | Trial]:
-    return [tests] if isinstance(tests, Log | Trial) else list(tests)
+    """Raises InputError for what is neither a log nor a test: a DataFrame, a path."""
+    given: Any = tests
+    is_one = isinstance(given, Log | Trial | str) or not isinstance(given, Iterable)
+    parts = [given] if is_one else list(given)
+    if not all(isinstance(part, Log | Trial) for part in parts):
+        raise input_error(
+            "tests",
+            f"{type(tests).__name__} is no log, nor tests of one",
+            "pass what si.read_log gives, or trials of it",
+        )
+    return parts
 
 
 def _trials(part: Log | Trial) -> tuple[Trial, ...]:

@@ -70,7 +70,11 @@ class Simulation(Shown):
     def __getitem__(self, test: int | str) -> SimulatedRun:
         if isinstance(test, int):
             return self.runs[test]
-        return {run.label: run for run in self.runs}[test]
+        for run in reversed(self.runs):
+            if run.label == test:
+                return run
+        known = ", ".join(repr(run.label) for run in self.runs)
+        raise KeyError(f"no test {test!r}: the tests are {known}")
 
     @property
     def frame(self) -> pd.DataFrame:
