@@ -9,6 +9,7 @@ from pwm_campaign import ATMOSPHERE, KRT, VALVE_A, VALVE_B, VOLUME, Valve, campa
 from sysid.errors import NotIdentifiedError
 from sysid.surfaces.averaged import AveragedLaw
 from sysid.surfaces.averaged_fit import AveragedFit, Conditions, MeanFlows, fit_averaged
+from sysid.surfaces.domain import Domain
 from sysid.types import FloatArray
 
 
@@ -47,6 +48,26 @@ def test_mean_flows_alone_give_the_law(valve: Valve) -> None:
     for estimate in estimates.values():
         assert estimate.identified
         assert estimate.interval[0] < estimate.value < estimate.interval[1]
+
+
+def test_a_valve_dead_at_most_duties_ends_the_domain_there() -> None:
+    """Dead levels rise by a little all the same, and were the scale of what is dead."""
+    levels, pressure = np.arange(0.02, 1.0, 0.08), np.linspace(1.2e5, 2.9e5, 200)
+    duty, p = (column.ravel() for column in np.meshgrid(levels, pressure))
+    # The levels that answer stay near the supply.
+    seen = (duty < 0.6) | (p > 2.0e5)
+    duty, p = duty[seen], p[seen]
+    flow = 1e-3 * (np.maximum(duty - 0.6, 0.0) + 0.002 * duty) - 3e-9 * (p - ATMOSPHERE)
+    assert Domain.from_samples(duty, p, flow).duty_range == pytest.approx((0.58, 0.98))
+
+
+def test_delays_may_differ_by_more_than_half_a_period() -> None:
+    valve = Valve(on_delay=6e-3, off_delay=3e-3)
+    found = flows(valve, 0.05)
+    found = found.select(found.duty > 0.58)
+    law = fit_averaged(found, Conditions(valve.supply, ATMOSPHERE, valve.period))
+    assert law.estimates["delay_difference_s"].identified
+    assert law.estimates["delay_difference_s"].value == pytest.approx(-3e-3, abs=6e-5)
 
 
 def test_too_few_tests_identify_nothing() -> None:

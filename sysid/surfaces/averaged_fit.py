@@ -31,7 +31,9 @@ N_PARAMETERS = 5
 _LEAST_ERROR = 0.002
 _FEWEST_TESTS = 3
 # The most by which the delays may differ, as a share of the period.
-_LARGEST_OVERHANG = 0.5
+_LARGEST_OVERHANG = 0.9
+# And by which they usually do.
+_USUAL_OVERHANG = 0.05
 _UNITS = {
     "choked_flow_fill_kg_s": "kg/s",
     "choked_flow_dis_kg_s": "kg/s",
@@ -177,8 +179,9 @@ def _start(flows: MeanFlows, conditions: Conditions) -> list[Parameter]:
     }
     parameters = [Parameter(n, v, _UNITS[n], 0.0, 30.0 * v) for n, v in values.items()]
     widest = _LARGEST_OVERHANG * conditions.period
+    scale = _USUAL_OVERHANG * conditions.period
     name = "delay_difference_s"
-    difference = Parameter(name, 0.0, _UNITS[name], -widest, widest, scale=0.1 * widest)
+    difference = Parameter(name, 0.0, _UNITS[name], -widest, widest, scale=scale)
     return [*parameters, difference]
 
 

@@ -5,12 +5,12 @@ The rule is the same for both surfaces and uses only the samples:
 1. A test has one duty. Tests of equal duty (to 1e-4) form a level; a level's flow as a
    function of pressure is its mean in each of 64 pressure bins.
 2. The local slope dm/du between levels at least 0.02 apart (median over 12 pressure bins of
-   the range that both visited), as a fraction of the typical (median) slope at the same
-   pressure, shows whether the valve still responds. From each end of the duty range inward,
-   levels are left out while that fraction is below one half: there (pulses that vanish, a
-   valve that never closes, a chamber that stays within the noise of the supply pressure)
-   flow and pressure do not determine the duty. The level at which the flat stretch
-   begins is kept.
+   the range that both visited), as a fraction of the typical slope at the same pressure
+   (median; the upper quartile where most levels are dead), shows whether the valve still
+   responds. From each end of the duty range inward, levels are left out while that fraction
+   is below one half: there (pulses that vanish, a valve that never closes, a chamber that
+   stays within the noise of the supply pressure) flow and pressure do not determine the duty.
+   The level at which the flat stretch begins is kept.
 3. The hull of the remaining levels: duty and pressure range, and as functions of pressure the
    lowest and highest duty and flow that were seen, widened by one grid step.
 """
@@ -35,6 +35,9 @@ MAX_LEVELS = 400
 PAIR_BINS = 12
 SLOPE_WINDOW = 0.02
 DEAD_FRACTION = 0.5
+# Slopes vary over pressure with the valve's open flow, by a factor of about 4. Where the typical
+# one is this share of the largest, all levels that meet there are dead and show their noise.
+_LEAST_SLOPE = 0.05
 # A duty this far beyond an edge is at the edge.
 ROUNDING = 1e-9
 
@@ -288,19 +291,28 @@ def _answering_levels(
 
 
 def _typical_slope(levels: LevelFlows) -> tuple[FloatArray, FloatArray]:
-    """Median dm/du over the levels at the pressures (B,) where enough of them meet."""
+    """Median dm/du over the levels at the pressures (B,) where enough of them meet.
+
+    Where most levels are dead the median is theirs: then the upper quartile's.
+    """
     slopes = np.diff(levels.flow, axis=0) / np.diff(levels.duty)[:, None]
     known = np.isfinite(slopes).sum(axis=0)
     # Where few levels meet, those few may all be dead and would set the scale themselves.
     wide = np.flatnonzero(known >= max(1, known.max() // 2))
-    typical = np.array([np.nanmedian(slopes[:, b]) for b in wide])
-    rising = typical > 0
+    typical = np.array([_slope_of_most(slopes[:, b]) for b in wide])
+    rising = typical > _LEAST_SLOPE * typical.max(initial=0.0)
     if rising.sum() < 0.5 * len(wide) or not rising.any():
         raise NotIdentifiedError(
             "the mean flow does not grow with the duty, so duty(flow, pressure) cannot be "
             "identified; check which valve moved and that each test holds one duty"
         )
     return levels.pressure[wide[rising]], typical[rising]
+
+
+def _slope_of_most(slopes: FloatArray) -> float:
+    """Median of the finite slopes (k,), or their upper quartile where most are dead."""
+    middle, upper = np.nanquantile(slopes, (0.5, 0.75))
+    return float(middle if middle >= DEAD_FRACTION * upper else upper)
 
 
 def _flow_difference(
