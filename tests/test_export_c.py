@@ -380,6 +380,21 @@ def test_gains_of_an_arm_are_said_on_a_linear_rig(bundle: Bundle, tmp_path: Path
     assert not any("default gains" in line for line in header(bundle, tmp_path)[1])
 
 
+def test_the_motor_has_a_share_where_there_is_one(content: dict[str, Any], tmp_path: Path) -> None:
+    """A motor without a declared limit is one."""
+    shares = []
+    for n, keys in enumerate((("max_torque_nm",), ("torque_per_volt_nm",))):
+        rig = {**content["rig"], "motor": {"torque_per_volt_nm": 0.08}}
+        if "torque_per_volt_nm" in keys:
+            del rig["motor"]
+        folder = tmp_path / str(n)
+        folder.mkdir()
+        path, _ = header(as_bundle({**content, "rig": rig}), folder)
+        defaults = path.read_text().split("sysid_backstepping_defaults = {")[1].split("}")[0]
+        shares.append("0.1" in defaults)
+    assert shares == [True, False]
+
+
 def test_negative_friction_is_said(content: dict[str, Any], tmp_path: Path) -> None:
     content["friction"]["viscous_nm_s_per_rad"]["value"] = -0.03
     _, notices = header(as_bundle(content), tmp_path)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Iterator, Mapping
 from importlib import resources
 from typing import Any
@@ -75,13 +74,15 @@ def controllers(flat: Flat, model: ControlModel, n: Names) -> str:
     return fixed.replace("@p@", n.lower).replace("@P@", n.upper)
 
 
-def gains(design: DesignModel) -> dict[str, Any]:
+def gains(design: DesignModel, has_motor: bool = True) -> dict[str, Any]:
     """The defaults of every struct of gains: instances of the Python classes."""
-    has_motor = math.isfinite(float(design.parameters.max_effort))
+    backstepping = BacksteppingController(
+        design, portion=MOTOR_SHARE if has_motor else 0.0, compensation=has_motor
+    )
     return {
         "pva": PvaController(),
         "payload_estimator": PayloadEstimator(),
-        "backstepping": BacksteppingController(design, portion=MOTOR_SHARE if has_motor else 0.0),
+        "backstepping": backstepping,
         "dvmpc": DvmpcController(design, horizon=HORIZON),
     }
 
@@ -94,7 +95,7 @@ def _gains(flat: Flat, model: ControlModel, n: Names) -> Iterator[str]:
         "\n/* The payload that the constants contain, at its lever, kg m2. */\n"
         f"static const @p@real @p@payload_inertia_kg_m2 = {literal(own, n)};\n"
     )
-    for name, defaults in gains(design).items():
+    for name, defaults in gains(design, flat.rig.motor is not None).items():
         values = _values(defaults)
         if name == "backstepping":
             yield _choices(flat)

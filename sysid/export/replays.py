@@ -208,7 +208,7 @@ def _backstepping(flat: Flat, design: DesignModel) -> Replay:
         )
         return [commands.motor, commands.valve_a, commands.valve_b, after.payload]
 
-    gains_of = gains(design)["backstepping"]
+    gains_of = gains(design, flat.rig.motor is not None)["backstepping"]
     return Replay(
         "backstepping_control",
         (*ESTIMATE, *REFERENCE, *REFERENCE, "payload", "effort", "type", "inverse", "switch"),
