@@ -553,6 +553,16 @@ def test_a_misfit_over_few_rows_a_test_is_judged_over_all_tests(rig: Rig) -> Non
     assert not any("misses" in n for n in healthy.notices), healthy.notices
 
 
+def test_no_misfit_is_said_of_flows_that_are_not_fitted(rig: Rig) -> None:
+    """A discharge in three rows a test; its flows are held at guesses."""
+    fast = dataclasses.replace(VALVE_A, choked_flow_dis_kg_s=1.0e-3, c_dis=1.0e-8)
+    result = fit_quickly(Bench(fast, period=0.05).trials(1, 12), rig)
+    assert not {"choked_flow_dis_kg_s", "c_dis"} & {
+        n for n, e in result.valves["a"].estimates.items() if e.identified
+    }
+    assert not any("misses the discharge" in n for n in result.notices), result.notices
+
+
 def test_piston_that_moved(rig: Rig) -> None:
     trials = Bench().trials(1)
     moved = trials[0]["theta_rad"].copy()

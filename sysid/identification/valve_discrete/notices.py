@@ -63,10 +63,13 @@ def settled_notices(curves: CurveFit, title: str, air: Air) -> list[str]:
 def misfit_notices(curves: CurveFit, title: str) -> list[str]:
     """Fillings and discharges that the two-regime law misses by more than the noise.
 
-    Pieces with too few rows in motion to be judged alone are judged together.
+    Pieces with too few rows in motion to be judged alone are judged together. A direction of
+    which no flow is fitted says nothing.
     """
     lines = []
     for what, names, rises in (("filling", FLOWS[:2], True), ("discharge", FLOWS[2:], False)):
+        if not set(names) & set(curves.problem.free):
+            continue
         short = []
         for i, piece in enumerate(curves.problem.pieces):
             residuals = curves.residuals(i)[_in_motion(curves, i, rises)]
