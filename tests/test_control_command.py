@@ -241,10 +241,19 @@ def _upright(content: dict[str, Any]) -> None:
     content["rig"]["inertia"] |= {"arm_mass_kg": 0.30, "arm_length_m": 0.46}
 
 
+def _motor_alone(content: dict[str, Any]) -> None:
+    content.pop("valves")
+    for section in ("air", "cylinder", "valves"):
+        content["rig"].pop(section, None)
+
+
 REFUSED: dict[str, tuple[Change, str, int, str]] = {
     "no friction": (lambda b: b.pop("friction"), "", 3, "holds no friction"),
     "no valve law": (
         lambda b: b["valves"].pop("b"), "", 3, "valves.b.discrete is missing, which a controller"
+    ),
+    "a motor alone": (
+        _motor_alone, "", 3, "the rig is a motor alone, and closed loops are of a cylinder"
     ),
     "no surfaces": (lambda b: None, "--inverse ann", 3, "holds no ann surfaces"),
     "no motor": (lambda b: b["rig"].pop("motor"), "", 2, "[motor] is missing, which mode hybrid"),

@@ -110,6 +110,11 @@ def with_bipolynomials(design: DesignModel) -> DesignModel:
 
 def _require_discrete_laws(bundle: BundleContent) -> None:
     """Refuse a bundle without both on/off laws: every controller's model has them."""
+    if bundle.rig.is_motor_alone:
+        raise NotIdentifiedError(
+            f"{bundle.source}: the rig is a motor alone, and closed loops are of a cylinder with "
+            "two valves; give the bundle of such a rig"
+        )
     for side in SIDES:
         if bundle.valve(side).discrete is None:
             raise NotIdentifiedError(
