@@ -11,7 +11,7 @@ import pytest
 from scipy.signal import lfilter
 
 from datasets.generator.campaign import LAB, GeneratedCampaign, drawn_effects, make_campaign
-from sysid.diagnosis.actuator.diagnose import is_far_off
+from sysid.diagnosis.actuator.diagnose import _of_fitted_numbers, is_far_off
 from sysid.diagnosis.actuator.equation_error import (
     BALANCES,
     CHANNELS,
@@ -20,9 +20,10 @@ from sysid.diagnosis.actuator.equation_error import (
     channels_of,
     equation_error,
 )
+from sysid.diagnosis.actuator.holdout import HeldOut
 from sysid.diagnosis.actuator.loop import Loop, close_loop
 from sysid.diagnosis.actuator.null_distribution import Null
-from sysid.diagnosis.actuator.refit import refit, with_base_refitted
+from sysid.diagnosis.actuator.refit import Refit, refit, with_base_refitted
 from sysid.diagnosis.actuator.samples import Traces, prepare, window_width, windows
 from sysid.diagnosis.actuator.screening import explained, projected
 from sysid.diagnosis.actuator.search import RefittedStep, _TwinRounds
@@ -66,6 +67,7 @@ from sysid.model.effects.valve import DutyDeadZone, SubsonicFlowShape, ValveDela
 from sysid.model.ports import Model
 from sysid.parallel import time_limit
 from sysid.types import no_progress
+from sysid.validation.motion_tests import prepare_all
 
 SEED = 900
 STEMS = (
@@ -553,6 +555,61 @@ def test_a_model_whose_every_channel_is_far_off_is_not_adequate() -> None:
     assert is_far_off(np.array([np.inf, 1480.0, 1120.0]), floor)
     assert not is_far_off(np.array([0.09, 1480.0, 300.0]), floor)
     assert not is_far_off(np.full(3, np.nan), floor)
+
+
+def test_one_channel_above_what_fitted_numbers_may_leave_is_far_off() -> None:
+    """Below it, the numbers' own errors are said to be what they may be."""
+    floor, fitted = np.array([2e-5, 163.0, 162.0]), np.array([2.35e-2, 220.0, 180.0])
+    errors = np.array([4.2e-2, 321.0, 216.0])
+    rig = make_campaign(SEED, size=LAB, stems=()).rig
+    declared = rig_from_content(rig.content, "rig.toml")
+    assert not is_far_off(errors, floor, fitted)
+    assert is_far_off(errors, floor, fitted / 20.0)
+    assert is_far_off(np.array([4.2e-2, np.nan, np.nan]), floor, fitted / 20.0)
+    assert not is_far_off(np.full(3, np.nan), floor, fitted)
+    (line,) = _of_fitted_numbers(errors, floor, fitted, declared)
+    assert line.startswith("position: 42.0 mrad") and "(23.5 mrad by" in line
+    assert list(_of_fitted_numbers(errors, floor, None, declared)) == []
+    assert list(_of_fitted_numbers(floor, floor, fitted, declared)) == []
+
+
+def test_the_floor_of_fitted_numbers_is_that_of_their_errors(
+    healthy: tuple[Tests, Rig, Model],
+) -> None:
+    """Viscous friction one per cent up and down: as far as the simulations are from the middle."""
+    tests, rig, model = healthy
+    motion = [t for stem, kind, t in tests if kind == "motion-motor"]
+    own = HeldOut(rig, tuple(prepare_all(motion, "motion-motor", rig, 1.0)[0]))
+    p = model.parameters
+    drawn = [Model(p.replace(viscous=p.viscous * f)) for f in (0.99, 1.01)]
+    floor = own.fitted_floor(drawn, model, SILENT, Scatter(), 0)
+    nominal = own.simulated(model)
+    counts = [t.counted(t.whole) for t in own.tests]
+    squares = [
+        np.sum((run - here)[:, :n] ** 2, axis=1)
+        for one in drawn
+        for run, here, n in zip(own.simulated(one), nominal, counts, strict=True)
+    ]
+    assert floor == pytest.approx(np.sqrt(np.sum(squares, axis=0) / (2 * sum(counts))))
+    assert floor[0] > 1e-4
+    assert own.fitted_floor([model], model, SILENT, Scatter(), 0) == pytest.approx(np.zeros(3))
+
+
+@pytest.mark.parametrize(("falls", "count"), [(0.2, 1), (0.05, 0)])
+def test_what_few_tests_show_is_taken_where_it_simulates_better(
+    falls: float, count: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As a limit that only the fastest tests reach: however few, the twins do not show it."""
+    tests, rig, model = made(("torque-saturation", "hard", 1.0))
+    monkeypatch.setattr(Refit, "wald", lambda *which: 3.0)
+    found = close_loop(
+        tests,
+        rig,
+        model,
+        [catalogue()["torque-saturation"]],
+        simulation_error=lambda trial: -falls * len(trial.effects),
+    )
+    assert [step.refit.id for step in found.search.steps] == ["torque-saturation"] * count
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ from benchmarks.refinement import unknown as unknown_of
 from sysid.bundle import Bundle, FittedValves, Friction, Parts
 from sysid.bundle.refinement import Refinement
 from sysid.io.rig import Rig
+from sysid.refinement.draws import drawn_models
 from sysid.refinement.estimation import Estimated, FrictionScatter, estimate
 from sysid.refinement.prior import prior_factor
 from sysid.refinement.problem import Problem
@@ -139,6 +140,28 @@ def test_unknowns_carry_what_the_bundle_keeps(rig: Rig, bundle: Bundle) -> None:
     assert found["valves.b.c_fill"].correlations == ()
     factor = prior_factor([found["friction.coulomb_nm"], found["friction.viscous_nm_s_per_rad"]])
     assert np.count_nonzero(factor) == 3
+
+
+def test_drawn_models_are_as_wrong_as_the_bundle_says(rig: Rig, bundle: Bundle) -> None:
+    model = bundle.model(rig)
+    p = model.parameters
+    drawn = [m.parameters for m in drawn_models(bundle, rig, model, 4000, seed=5)]
+    names = ("static_effort", "coulomb_effort", "viscous")
+    off = np.array([[getattr(d, n) / getattr(p, n) - 1.0 for n in names] for d in drawn])
+    assert off.std(axis=0) == pytest.approx([0.1, 0.1, 0.1], rel=0.1)  # as `written`
+    assert np.corrcoef(off.T)[1, 2] == pytest.approx(-0.9, abs=0.02)
+    assert np.corrcoef(off.T)[0, 1] == pytest.approx(0.0, abs=0.06)
+    assert {d.inertia for d in drawn} == {p.inertia}
+    same = [m.parameters for m in drawn_models(bundle, rig, model, 2, seed=5)]
+    assert [d.viscous for d in same] == [d.viscous for d in drawn[:2]]
+
+
+def test_of_numbers_without_an_error_no_model_is_drawn(rig: Rig, bundle: Bundle) -> None:
+    assert bundle.friction is not None
+    friction = {**bundle.friction.to_json(), "correlation": None}
+    friction["viscous_nm_s_per_rad"] = {"value": 0.05, "unit": "Nm s/rad"}
+    other = bundle.replaced(friction=Friction.model_validate(friction))
+    assert drawn_models(other, rig, other.model(rig), 3, seed=5) == []
 
 
 def test_of_a_refined_bundle_the_whole_matrix_counts(rig: Rig, bundle: Bundle) -> None:

@@ -19,7 +19,11 @@ from sysid.io.logs import Log
 from sysid.model.effects.catalogue import EffectSource, catalogue_from
 from sysid.model.effects.linear import for_rig
 from sysid.parallel import time_limit
+from sysid.refinement.draws import drawn_models
 from sysid.types import Progress, no_progress
+
+# Models with fitted numbers drawn by their errors; the squares of these many are averaged.
+_DRAWN = 16
 
 
 def diagnose_logs(
@@ -91,7 +95,14 @@ def _diagnose_logs(
     model = bundle.model(campaign.rig, catalogue)
     notices += assumed_friction(bundle)
     diagnosis = diagnose(
-        logs, campaign.rig, model, open_ones, seed=seed, quick=quick, progress=progress
+        logs,
+        campaign.rig,
+        model,
+        open_ones,
+        drawn=drawn_models(bundle, campaign.rig, model, _DRAWN, seed),
+        seed=seed,
+        quick=quick,
+        progress=progress,
     )
     if refine:
 

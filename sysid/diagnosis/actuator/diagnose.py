@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -21,6 +21,8 @@ from sysid.diagnosis.actuator.unexplained import (
 from sysid.diagnosis.evidence import residual
 from sysid.diagnosis.looked import why_unexplained
 from sysid.diagnosis.result import Diagnosis, Unexplained
+from sysid.display.channels import channel_of
+from sysid.display.numbers import number
 from sysid.errors import NotIdentifiedError, SimulationError
 from sysid.io.logs import Log, Trial
 from sysid.io.rig import Rig
@@ -30,14 +32,14 @@ from sysid.parallel import time_limit
 from sysid.types import FloatArray
 from sysid.validation.motion_tests import CHAMBER_PRESSURES
 
-# Times the noise floor: a base model whose every channel exceeds this lacks something.
-# On development campaigns with nothing missing the ratio is at most 1.8.
+# Times what a correct model would show: a base model whose error exceeds this lacks something.
+# On campaigns with nothing missing the ratio is at most 1.8.
 _FAR_OFF = 3.0
 _FAR_OFF_NOTICE = (
-    "the held-out tests are simulated far worse than noise and scatter explain, though no "
-    "balance shows enough structure to say why (the strongest is listed): the balances leave out "
-    "rest, reversals and pressures at the atmosphere, so check what happens there (breakaway, "
-    "friction at standstill)"
+    "the held-out tests are simulated far worse than noise, scatter and the errors of the fitted "
+    "numbers explain, though no balance shows enough structure to say why (the strongest is "
+    "listed): the balances leave out rest, reversals and pressures at the atmosphere, so check "
+    "what happens there (breakaway, friction at standstill)"
 )
 
 
@@ -47,6 +49,7 @@ def diagnose(
     model: Model,
     catalogue: Mapping[str, type[CatalogueEffect]],
     *,
+    drawn: Sequence[Model] = (),
     seed: int = 0,
     quick: bool = False,
     progress: Callable[[str], None] = lambda line: None,
@@ -54,7 +57,8 @@ def diagnose(
     """Find what a fitted model lacks, and measure what adding it gains.
 
     `logs` are (use, kind, log): those with use `fit` are diagnosed and fitted on, the motion
-    logs among those held out are only simulated, before and after. Raises InputError for
+    logs among those held out are only simulated, before and after. `drawn` are models about the
+    fitted one, as wrong as its numbers may be: what a right form may leave. Raises InputError for
     logs that cannot be used, NotIdentifiedError where the model or the logs do not suffice.
     Ends within the time limit in force (`sysid.parallel`) with what was found by then.
     """
@@ -72,7 +76,7 @@ def diagnose(
     if not tests:
         raise NotIdentifiedError('diagnosis: no log has use = "fit"; give it some')
     try:
-        return _diagnosed(tests, logs, rig, model, catalogue, seed, quick, progress)
+        return _diagnosed(tests, logs, rig, model, catalogue, drawn, seed, quick, progress)
     finally:
         forget()
 
@@ -83,6 +87,7 @@ def _diagnosed(
     rig: Rig,
     model: Model,
     catalogue: Mapping[str, type[CatalogueEffect]],
+    drawn: Sequence[Model],
     seed: int,
     quick: bool,
     progress: Callable[[str], None],
@@ -112,11 +117,14 @@ def _diagnosed(
         rests = remainders(found, rig)
         curves = (*curves, *repeating(found, rests, curves, rig))
         structured = bool(curves)
-        far_off = not found.search.steps and is_far_off(errors[-1], floor)
+        fitted = _fitted_floor(outside, model, found, drawn, seed)
+        far_off = not found.search.steps and is_far_off(errors[-1], floor, fitted)
         undecided = not found.search.steps and not found.looked.is_decided
         if (far_off or undecided) and not curves:
             curves = faintest(found)
             notices += [_FAR_OFF_NOTICE] * far_off
+        elif not (found.search.steps or curves):
+            notices += _of_fitted_numbers(errors[-1], floor, fitted, rig)
     because = why_unexplained(structured, far_off, undecided)
     evidence = TwinEvidence(found, rig, curves)
     names = (rig.position_channel, *CHAMBER_PRESSURES)
@@ -145,10 +153,31 @@ def open_loop_errors(
     return dict(zip((rig.position_channel, *CHAMBER_PRESSURES), map(float, errors), strict=True))
 
 
-def is_far_off(errors: FloatArray, floor: FloatArray) -> bool:
-    """Whether the error of every channel of the held-out tests, (3,), is far above its noise."""
+def is_far_off(errors: FloatArray, floor: FloatArray, fitted: FloatArray | None = None) -> bool:
+    """Whether the errors of the held-out tests, (3,), are far above a correct model's.
+
+    Of any channel, above what a correct model with `fitted` numbers would show, (3,); of every one,
+    above the `floor` of noise and scatter, where that is not known.
+    """
     known = ~np.isnan(errors) & ~np.isnan(floor)
-    return bool(known.any() and np.all(errors[known] > _FAR_OFF * floor[known]))
+    if fitted is None:
+        return bool(known.any() and np.all(errors[known] > _FAR_OFF * floor[known]))
+    return bool(np.any(errors[known] > _FAR_OFF * fitted[known]))
+
+
+def _of_fitted_numbers(
+    errors: FloatArray, floor: FloatArray, fitted: FloatArray | None, rig: Rig
+) -> Iterator[str]:
+    """Says which errors are of the fitted numbers, where they are far above noise and scatter."""
+    for i, name in enumerate((rig.position_channel, *CHAMBER_PRESSURES)):
+        if fitted is not None and errors[i] > _FAR_OFF * floor[i]:
+            channel = channel_of(name)
+            own, may = (number(channel.residual(float(e[i])), 3) for e in (errors, fitted))
+            yield (
+                f"{channel.title.lower()}: {own} {channel.residual_unit} on held-out tests may be "
+                f"the fitted numbers' own errors ({may} {channel.residual_unit} by their standard "
+                "errors): refine estimates them from motion"
+            )
 
 
 def _log_error(tests: HeldOut, model: Model) -> float:
@@ -181,6 +210,21 @@ def _noise_floor(outside: HeldOut, found: Loop, seed: int) -> FloatArray:
         return outside.noise_floor(found.search.model, found.noise, found.scatter_after, seed)
     except SimulationError:
         return np.full(3, math.nan)
+
+
+def _fitted_floor(
+    outside: HeldOut, model: Model, found: Loop, drawn: Sequence[Model], seed: int
+) -> FloatArray | None:
+    """RMSE (3,) of the given model, if it is correct but for its fitted numbers' own errors.
+
+    None where it is not known, and not asked for as effects were found.
+    """
+    if not outside.tests or not drawn or found.search.steps:
+        return None
+    try:
+        return outside.fitted_floor(drawn, model, found.noise, found.scatter_after, seed)
+    except SimulationError:
+        return None
 
 
 __all__ = ["diagnose", "is_far_off", "open_loop_errors"]

@@ -64,12 +64,34 @@ class HeldOut:
         """
         if scatter.static == scatter.sliding == 0.0:
             return noise.total
+        return self._root_mean_square([model] * _DRAWS, model, noise, scatter, seed)
+
+    def fitted_floor(
+        self,
+        drawn: Sequence[Model],
+        model: Model,
+        noise: SensorNoise,
+        scatter: Scatter,
+        seed: int,
+    ) -> FloatArray:
+        """The same, (3,), where the numbers are fitted: of models `drawn` by their errors."""
+        return self._root_mean_square(drawn, model, noise, scatter, seed)
+
+    def _root_mean_square(
+        self,
+        drawn: Sequence[Model],
+        model: Model,
+        noise: SensorNoise,
+        scatter: Scatter,
+        seed: int,
+    ) -> FloatArray:
+        """Of `drawn` about `model`, each test with friction of its own, with the noise (3,)."""
         rng = np.random.default_rng(seed)
         count = len(self.tests)
-        models = [scattered(model, scatter, rng) for _ in range(_DRAWS * count)]
-        nominal, drawn = self.simulated(model), self.simulated(models, _DRAWS)
+        models = [scattered(one, scatter, rng) for one in drawn for _ in range(count)]
+        nominal, runs = self.simulated(model), self.simulated(models, len(drawn))
         squares, rows = np.zeros(3), 0
-        for i, run in enumerate(drawn):
+        for i, run in enumerate(runs):
             test = self.tests[i % count]
             n = test.counted(test.whole)
             squares += np.sum((run - nominal[i % count])[:, :n] ** 2, axis=1)

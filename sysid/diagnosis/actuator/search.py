@@ -68,6 +68,8 @@ _LEAST_SIZE = 0.05
 _MOST_CHANGE = 2.5
 # By how much the logarithm of the simulation error may rise with a further effect.
 _TOLERATED_RISE = 0.01
+# By how much it falls with an effect on which the tests do not agree.
+_BETTER_BY = 0.1
 # One that only the few breakaways show has to simulate better, even as the first.
 _LEAST_FALL = -0.05
 # A rival that explains almost as much as the winner is indistinguishable from it: the real form
@@ -219,6 +221,9 @@ class _TwinRounds(Rounds[RefittedStep]):
             if r.gain > 0.0
             and r.wald(base.frame.tests) > (_CLEAR_WALD if steps else _least_wald(r, excess))
         ]
+        if not refits and not steps:
+            # Few tests may reach a limit, or rest: what these show, the simulation confirms.
+            refits = [r for r in fitted if r.gain > 0.0 and self._simulates_better(r)]
         if not refits:
             return None
         winner = max(refits, key=lambda r: r.gain - _penalty(r))
@@ -271,6 +276,11 @@ class _TwinRounds(Rounds[RefittedStep]):
             return winner
         self.progress(f"{best.id}: simulates clearly better than {winner.id}")
         return best
+
+    def _simulates_better(self, found: Refit) -> bool:
+        """Whether the fitted motion logs are simulated clearly better with an effect."""
+        model = with_base_refitted(self.first, self.base.model + found.effect)
+        return _simulates(self.simulation_error, self.base.model, model, -_BETTER_BY)
 
     def add(self, step: RefittedStep) -> None:
         self.steps.append(step)
