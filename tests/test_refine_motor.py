@@ -6,6 +6,7 @@ differs by 2 % from test to test; the held-out ones have the rig's.
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import shutil
 from dataclasses import dataclass
@@ -26,12 +27,13 @@ from sysid.commands.refine import _show
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import Campaign, read_campaign
+from sysid.io.rig import rig_from_content
 from sysid.model.effects.catalogue import catalogue
 from sysid.refinement import lengthening
 from sysid.refinement.advice import advise
 from sysid.refinement.refine import motion_tests_of, refine
 from sysid.refinement.result import RefineResult
-from sysid.refinement.unknowns import chosen, unknowns_of, without_own_data
+from sysid.refinement.unknowns import chosen, model_at, unknowns_of, without_own_data
 from sysid.validation.motion_tests import prepare
 from sysid.workflows.fitting import fit
 
@@ -146,6 +148,30 @@ def test_the_bundle_holds_what_was_found_and_its_model_is_that_of_the_result(
         channel = each.campaign.rig.effort_channel
         assert set(record.effort_errors()["holdout"]) == {channel}
         assert set(record.errors()["holdout"]) == {each.campaign.rig.position_channel}
+
+
+def test_a_payload_that_the_inertia_was_not_fitted_with_counts_once(rotary: Made) -> None:
+    """The estimate is the bundle's, without it; the model has it beside."""
+    content = rotary.campaign.rig.content
+    payload = {"arm_kg_m2": 0.01, "payload_mass_kg": 0.5, "payload_length_m": 0.1}
+    heavier = rig_from_content({**content, "inertia": payload}, "r.toml")
+    bundle = rotary.bundle
+    friction = bundle.friction
+    assert friction is not None and friction.inertia is not None
+    model = bundle.model(heavier)
+    assert model.parameters.inertia == pytest.approx(friction.inertia.value + 0.005)
+    unknowns = unknowns_of(bundle, heavier, model)
+    values = np.array([u.value for u in unknowns])
+    same = model_at(model, unknowns, values).parameters
+    assert same.inertia == pytest.approx(model.parameters.inertia)
+    place = [u.name for u in unknowns].index("friction.inertia_kg_m2")
+    values[place] += 0.001
+    estimate = dataclasses.replace(friction.inertia, value=float(values[place]))
+    refined = bundle.replaced(friction=friction.replaced(inertia_kg_m2=estimate))
+    expected = model_at(model, unknowns, values).parameters.inertia
+    assert refined.model(heavier).parameters.inertia == pytest.approx(expected)
+    (line,) = bundle.other_rig(heavier)
+    assert "([inertia] differ)" in line and "what the payloads differ by is added" in line
 
 
 def test_the_command(

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from sysid import __version__
-from sysid.bundle.assembled_model import model_from_bundle
+from sysid.bundle.assembled_model import fitted_inertia, model_from_bundle
 from sysid.bundle.base import Part
 from sysid.bundle.content import SCHEMA, BundleContent, Parts
 from sysid.bundle.effects import EffectEntry
@@ -157,6 +157,21 @@ class Bundle(Shown, BundleContent):
         """The sections in which a rig file differs from the one that it was fitted with."""
         mine, others = self.rig_content, rig.content
         return [s for s in sorted(set(mine) | set(others)) if mine.get(s) != others.get(s)]
+
+    def other_rig(self, rig: Rig) -> list[str]:
+        """A notice where the rig file in use is not the one that the bundle was fitted with."""
+        other = self.other_sections(rig)
+        if not other:
+            return []
+        payload = (
+            ", but for the fitted inertia, to which what the payloads differ by is added"
+            if "inertia" in other and fitted_inertia(self) is not None
+            else ""
+        )
+        return [
+            f"{self.source}: fitted with another rig file than {rig.source} "
+            f"({', '.join(f'[{s}]' for s in other)} differ); the campaign's is used{payload}"
+        ]
 
     def check_log(self, log: Log, kind: str, use: str) -> None:
         """InputError where a campaign's log cannot have this use beside what was fitted.

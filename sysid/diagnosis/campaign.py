@@ -93,7 +93,7 @@ def _diagnose_logs(
             )  # fmt: skip
         return found, tuple(notices)
     model = bundle.model(campaign.rig, catalogue)
-    notices += assumed_friction(bundle)
+    notices += [*bundle.other_rig(campaign.rig), *assumed_friction(bundle)]
     diagnosis = diagnose(
         logs,
         campaign.rig,

@@ -98,7 +98,8 @@ def refine(
             f'add a [[log]] of kind {", ".join(KINDS)} with use = "fit"',
         )
     model = bundle.model(campaign.rig, catalogue)
-    notices = [*campaign.notices, *campaign.rig.notices, *assumed_friction(bundle)]
+    notices = [*campaign.notices, *campaign.rig.notices]
+    notices += [*bundle.other_rig(campaign.rig), *assumed_friction(bundle)]
     check_on_off_law(bundle, model)
     every = without_own_data(unknowns_of(bundle, campaign.rig, model), bundle, notices)
     unknowns = tuple(chosen(every, free, fix, prior=prior))

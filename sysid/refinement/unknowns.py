@@ -48,7 +48,8 @@ class Unknown:
     parameter's; `scale` a typical size for one that may be 0 or of either sign. `held_at`: the
     coordinate that it keeps, for a profile. `correlations` of the prior's error with those of
     others, by their names. `sign`: the model's number is this many times the value (a friction fit
-    counts an offset against the motion, the model along it).
+    counts an offset against the motion, the model along it), and `added` to it (what the payload
+    differs by from the one that an inertia was fitted with).
     """
 
     name: str
@@ -64,6 +65,7 @@ class Unknown:
     has_prior: bool = True
     correlations: tuple[tuple[str, float], ...] = ()
     sign: float = 1.0
+    added: float = 0.0
 
     @property
     def _is_logarithm(self) -> bool:
@@ -196,9 +198,9 @@ def _fitted_beside_friction(part: Friction | None, rig: Rig, model: Model) -> li
     )
     inertia, offset = part.inertia, part.offset
     if inertia is not None and inertia.identified:
-        value = float(model.parameters.inertia)
-        name = f"friction.{inertia_key}"
-        found.append(_positive(name, (0, "inertia"), value, inertia, "friction"))
+        name, value = f"friction.{inertia_key}", inertia.value
+        own = _positive(name, (0, "inertia"), value, inertia, "friction")
+        found.append(dataclasses.replace(own, added=float(model.parameters.inertia) - value))
     if offset is not None and offset.identified:
         scale = _OFFSET_SHARE * float(model.parameters.coulomb_effort) or 1.0
         found.append(
@@ -402,7 +404,7 @@ def model_at(model: Model, unknowns: Sequence[Unknown], values: FloatArray) -> M
     for unknown, value in zip(unknowns, values, strict=True):
         part, name = unknown.direction
         if part == 0:
-            parameters[name] = unknown.sign * float(value)
+            parameters[name] = unknown.sign * float(value) + unknown.added
         else:
             effects[part - 1] = dataclasses.replace(effects[part - 1], **{name: float(value)})
     return Model(model.parameters.replace(**parameters), tuple(effects))

@@ -86,7 +86,7 @@ def validate(
     """
     tell = progress or (lambda line: None)
     rig = campaign.rig
-    notices = [*_other_rig(bundle, rig), *_offset(bundle, rig), *assumed_friction(bundle)]
+    notices = [*bundle.other_rig(rig), *_offset(bundle, rig), *assumed_friction(bundle)]
     entries = campaign.select(tuple(kinds), use=None)
     if not entries:
         raise input_error(
@@ -113,21 +113,6 @@ def _in_order(
 ) -> list[LogResult]:
     places = {(campaign.name_of(e.path), e.kind): i for i, e in reversed(list(enumerate(entries)))}
     return sorted(logs, key=lambda g: places[g.name, g.kind])
-
-
-def _other_rig(bundle: Bundle, rig: Rig) -> list[str]:
-    other = bundle.other_sections(rig)
-    if not other:
-        return []
-    payload = (
-        ", but for the fitted inertia, to which what the payloads differ by is added"
-        if "inertia" in other and fitted_inertia(bundle) is not None
-        else ""
-    )
-    return [
-        f"{bundle.source}: fitted with another rig file than {rig.source} "
-        f"({', '.join(f'[{s}]' for s in other)} differ); the campaign's is used{payload}"
-    ]
 
 
 def _offset(bundle: Bundle, rig: Rig) -> list[str]:
