@@ -19,7 +19,7 @@ from sysid.errors import input_error
 from sysid.estimation.linear import Estimate
 from sysid.io.channels import SIDES
 from sysid.io.logs import Log
-from sysid.io.rig import Rig
+from sysid.io.rig import Rig, differing_sections
 from sysid.io.source import Source
 
 if TYPE_CHECKING:
@@ -132,14 +132,12 @@ class Bundle(Shown, BundleContent):
         The existing validation and refinement are dropped. Raises InputError where the two were
         fitted for different rigs.
         """
-        mine, others = self.rig_content, other.rig_content
-        for section in sorted(set(mine) | set(others)):
-            if mine.get(section) != others.get(section):
-                raise input_error(
-                    self.source,
-                    f"was fitted with another rig file ([{section}] differs)",
-                    "fit both with the same rig file, or write a new bundle with -o",
-                )
+        if differ := differing_sections(self.rig_content, other.rig_content):
+            raise input_error(
+                self.source,
+                f"was fitted with another rig file ([{differ[0]}] differs)",
+                "fit both with the same rig file, or write a new bundle with -o",
+            )
         fields = {key: getattr(other, _field(key)) for key in other.given() if key not in _OWN}
         if self.valves is not None and other.valves is not None:
             fields["valves"] = self.valves.merged(other.valves)
@@ -155,8 +153,7 @@ class Bundle(Shown, BundleContent):
 
     def other_sections(self, rig: Rig) -> list[str]:
         """The sections in which a rig file differs from the one that it was fitted with."""
-        mine, others = self.rig_content, rig.content
-        return [s for s in sorted(set(mine) | set(others)) if mine.get(s) != others.get(s)]
+        return differing_sections(self.rig_content, rig.content)
 
     def other_rig(self, rig: Rig) -> list[str]:
         """A notice where the rig file in use is not the one that the bundle was fitted with."""

@@ -34,6 +34,7 @@ from sysid.estimation.linear import Estimate, finite_or_none, t_p_value
 from sysid.estimation.multiple_tests import SIGNIFICANCE, adjusted
 from sysid.fleet.parameters import NumbersOfPart, degrees_of_freedom, has_error, parts_of
 from sysid.io.channels import SIDES
+from sysid.io.rig import differing_sections
 from sysid.types import FloatArray
 
 if TYPE_CHECKING:
@@ -291,11 +292,8 @@ def _check_comparable(bundles: Sequence[Bundle], names: Sequence[str]) -> None:
 
 def _notices(bundles: Sequence[Bundle], names: Sequence[str]) -> tuple[str, ...]:
     said = []
-    first = bundles[0].rig_content
     for name, bundle in zip(names[1:], bundles[1:], strict=True):
-        other = bundle.rig_content
-        differ = sorted(k for k in {*first, *other} if first.get(k) != other.get(k))
-        if differ:
+        if differ := differing_sections(bundles[0].rig_content, bundle.rig_content):
             sections = ", ".join(f"[{k}]" for k in differ)
             said.append(f"{name}: another rig file than that of {names[0]}: {sections} differs")
         logs = {e.sha256 for e in bundle.provenance.logs if e.use == "fit"}

@@ -7,7 +7,7 @@ Benjamini and Yekutieli (2001), whatever their dependence; a change counts below
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +22,7 @@ from sysid.fleet.changes import LEAST_DATES, change_in
 from sysid.fleet.rows import FAMILIES, Family, FleetReading, FleetRow
 from sysid.fleet.signs import LeakSign, leak_signs
 from sysid.fleet.trend import Trend
+from sysid.io.rig import differing_sections
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -243,17 +244,13 @@ def _other_rig_files(rows: Sequence[FleetRow], trends: Sequence[Trend]) -> Itera
         if not before or not after:
             continue
         date, last = before[-1]
-        differ = sorted({k for row in after for k in _differing(last.rig, row.rig)})
+        differ = sorted({k for row in after for k in differing_sections(last.rig, row.rig)})
         if differ:
             sections = ", ".join(f"[{k}]" for k in differ)
             yield (
                 f"{rig}: the rig file differs from that of {date}: {sections}; what changed from "
                 f"{since} on may be the file, not the rig"
             )
-
-
-def _differing(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
-    return [k for k in {*one, *other} if one.get(k) != other.get(k)]
 
 
 def _shared_logs(rows: Sequence[FleetRow]) -> Iterable[str]:

@@ -9,6 +9,7 @@ import dataclasses
 import difflib
 import math
 import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -322,6 +323,11 @@ def _check_together(rig: Rig) -> None:
             )
 
 
+def differing_sections(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
+    """The sections in which two rig files' contents differ, sorted."""
+    return [s for s in sorted({*one, *other}) if one.get(s) != other.get(s)]
+
+
 def require_inertia(rig: Rig) -> float:
     """Total inertia (kg m2, or kg), or an InputError that names the key to add."""
     value = rig.total_inertia()
@@ -346,6 +352,7 @@ __all__ = [
     "Sensors",
     "Tank",
     "Valves",
+    "differing_sections",
     "find_rig_file",
     "nearest_rig_file",
     "read_rig",

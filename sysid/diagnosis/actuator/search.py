@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 from scipy.special import chdtrc
 
-from sysid.diagnosis.actuator.equation_error import BREAKAWAY, channels_of
+from sysid.diagnosis.actuator.equation_error import BREAKAWAY, CHANNELS, channels_of
 from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.refit import (
     Refit,
@@ -44,6 +44,10 @@ from sysid.types import Progress
 
 SIGNIFICANCE = 1e-3
 MOST_SUSPECTS = 5
+# So many more in balances that the first does not reach.
+_MOST_APART = 2
+# A smaller part of an effect's gain than this says nothing of the balance that it is in.
+_SMALL_PART = 0.1
 # A suspect whose signature explains less than this share of the best one's is not refitted.
 WORTH_REFITTING = 0.15
 # The twins are screened for this many effects at most, those that gain most.
@@ -195,12 +199,14 @@ class _TwinRounds(Rounds[RefittedStep]):
         best, starts = best_by_effect(screened), starting_points(screened)
         book.enter(SearchStage.COMPARISON, number)
         self.tried = suspects = tuple(_suspects(best, self.null, book))
-        passing = [s.id for s in suspects if _passes(s, suspects[0])]
+        others = base.model.effects
+        reached = {s.id: frozenset(channels_of(starts[s.id][0], others)) for s in suspects}
+        passing = _worth_refitting(suspects, reached)
         if not passing or len(self.steps) == MOST_EFFECTS:
             return None
         book.enter(SearchStage.SUSPECTS, number)
         excess = self.null.excess(base)
-        fitted = _refit(base, [starts[name] for name in passing[:MOST_SUSPECTS]], book)
+        fitted = _refit(base, [starts[name] for name in passing], book)
         # Of the first round's suspects the best that was fitted is taken, if time runs out then.
         with time_limit(None) if not self.steps else nullcontext():
             step = self._best(excess, fitted, number)
@@ -213,31 +219,62 @@ class _TwinRounds(Rounds[RefittedStep]):
     def _best(
         self, excess: Mapping[str, float], fitted: Sequence[Refit], number: int
     ) -> RefittedStep | None:
-        """The step with the fitted suspect that explains most, if it is to be added."""
-        base, steps = self.base, self.steps
-        refits = [
-            r
-            for r in fitted
-            if r.gain > 0.0
-            and r.wald(base.frame.tests) > (_CLEAR_WALD if steps else _least_wald(r, excess))
-        ]
-        if not refits and not steps:
+        """The step with the fitted suspect that explains most, if it is to be added.
+
+        Where it is not, that of those which explain other balances: what is left of one balance,
+        as by the form of an effect before, says nothing of the others.
+        """
+        clear = self._clear(fitted, excess)
+        judged = {r.id: channels_of(r.effect) for r in clear}
+        while clear:
+            winner = max(clear, key=lambda r: r.gain - _penalty(r))
+            self.progress(f"{winner.id}: tried {', '.join(r.id for r in clear)}")
+            winner = self._simulating_best(winner, clear)
+            self.book.enter(SearchStage.TOGETHER, number)
+            if step := self._step(winner, clear, excess, judged[winner.id]):
+                return step
+            judged = {r.id: _explained(r, self.base.frame) for r in clear}
+            gone = set(judged[winner.id])
+            clear = [r for r in clear if not gone.intersection(judged[r.id])]
+        return None
+
+    def _clear(self, fitted: Sequence[Refit], excess: Mapping[str, float]) -> list[Refit]:
+        """Those whose strengths the tests agree on."""
+        tests = self.base.frame.tests
+        gaining = [r for r in fitted if r.gain > 0.0]
+        refits = [r for r in gaining if r.wald(tests) > self._least_wald(r, excess)]
+        if not refits and not self.steps:
             # Few tests may reach a limit, or rest: what these show, the simulation confirms.
-            refits = [r for r in fitted if r.gain > 0.0 and self._simulates_better(r)]
-        if not refits:
-            return None
-        winner = max(refits, key=lambda r: r.gain - _penalty(r))
-        self.progress(f"{winner.id}: tried {', '.join(r.id for r in refits)}")
-        winner = self._simulating_best(winner, refits)
-        share = _share(winner, excess)
+            refits = [r for r in gaining if self._simulates_better(r)]
+        return refits
+
+    def _least_wald(self, found: Refit, excess: Mapping[str, float]) -> float:
+        """How far from 0 the tests must agree that an effect's strengths are."""
+        channels = channels_of(found.effect)
+        if self.steps:
+            channels = _explained(found, self.base.frame)
+            before = {c for step in self.steps for c in channels_of(step.effect)}
+            if before.intersection(channels):
+                return _CLEAR_WALD
+        return _MAIN_WALD if _share(found, excess, channels) > _MAIN_SHARE else _CLEAR_WALD
+
+    def _step(
+        self,
+        winner: Refit,
+        refits: Sequence[Refit],
+        excess: Mapping[str, float],
+        channels: Sequence[str],
+    ) -> RefittedStep | None:
+        """With the best of these refits, if what it explains of these channels is enough."""
+        base, steps = self.base, self.steps
+        share = _share(winner, excess, channels)
         least = _LEAST_PART if share < _WHOLE_SHARE else _LEAST_WHOLE
         # Where the effects so far do not act, nothing can be a misfit of their form.
-        gone = sum(max(self.before[c] - excess[c], 0.0) for c in channels_of(winner.effect))
+        gone = sum(max(self.before[c] - excess[c], 0.0) for c in channels)
         if share < LEAST_SHARE or winner.gain < least * gone:
             return None
         if steps and _size(winner.effect) < _LEAST_SIZE:
             return None
-        self.book.enter(SearchStage.TOGETHER, number)
         joint = _together(self.first, steps, winner)
         if joint is None:
             return None
@@ -363,6 +400,18 @@ def _passes(suspect: Suspect, best: Suspect) -> bool:
     )
 
 
+def _worth_refitting(
+    suspects: Sequence[Suspect], reached: Mapping[str, frozenset[str]]
+) -> list[str]:
+    """Those that gain most, and most of those in a balance which the first does not reach."""
+    found: list[str] = []
+    apart = [s for s in suspects if reached[s.id] - reached[suspects[0].id]]
+    for some, most in ((suspects, MOST_SUSPECTS), (apart, _MOST_APART)):
+        passing = [s.id for s in some if _passes(s, some[0])]
+        found += [name for name in passing[:most] if name not in found]
+    return found
+
+
 def _together(first: Projected, steps: Sequence[RefittedStep], winner: Refit) -> Refit | None:
     """The effects so far and another one fitted together; None where they change their size.
 
@@ -419,15 +468,16 @@ def _suspects(best: dict[str, Explained], null: Null, book: Book) -> list[Suspec
     return sorted(found, key=lambda s: -s.gain)
 
 
-def _share(found: Refit, excess: Mapping[str, float]) -> float:
-    """How much an effect explains of the excess over noise in the balances that it reaches."""
-    own = sum(max(excess[channel], 0.0) for channel in channels_of(found.effect))
+def _share(found: Refit, excess: Mapping[str, float], channels: Sequence[str]) -> float:
+    """How much an effect explains of the excess over noise in these channels."""
+    own = sum(max(excess[channel], 0.0) for channel in channels)
     return found.gain / max(own, found.gain)
 
 
-def _least_wald(found: Refit, excess: Mapping[str, float]) -> float:
-    """How far from 0 the tests must agree that an effect's strengths are."""
-    return _MAIN_WALD if _share(found, excess) > _MAIN_SHARE else _CLEAR_WALD
+def _explained(found: Refit, frame: Frame) -> tuple[str, ...]:
+    """The channels with more than a small part of an effect's gain."""
+    fell = found.before**2 - found.rest**2
+    return tuple(c for c in CHANNELS if fell[frame.rows(c)].sum() > _SMALL_PART * found.gain)
 
 
 def _refit(base: Projected, starts: Sequence[Sequence[CatalogueEffect]], book: Book) -> list[Refit]:
