@@ -26,7 +26,7 @@ from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.refit import Refit, refit, with_base_refitted
 from sysid.diagnosis.actuator.samples import Traces, prepare, window_width, windows
 from sysid.diagnosis.actuator.screening import explained, projected
-from sysid.diagnosis.actuator.search import RefittedStep, _TwinRounds
+from sysid.diagnosis.actuator.search import RefittedStep, Suspect, _TwinRounds, _worth_refitting
 from sysid.diagnosis.actuator.signatures import Candidate, Signatures, candidates
 from sysid.diagnosis.actuator.starting_friction import with_sliding_friction
 from sysid.diagnosis.actuator.twins import (
@@ -445,6 +445,37 @@ def test_of_rivals_the_one_that_simulates_better_is_named(
     weak = replace(skew, rest=lag.before)
     assert weak.gain < 0.9 * lag.gain
     assert rounds(TimeSkew)._simulating_best(lag, [lag, weak]) is lag
+
+
+def test_what_explains_another_balance_is_judged_by_that_one(
+    moving: Traces, healthy: tuple[Tests, Rig, Model]
+) -> None:
+    """Of the chambers much more is left than a leak explains; the drag explains the torque's."""
+    _, rig, model = healthy
+    twin = twin_of(model + QuadraticDrag(0.004) + AtmosphereLeakage(4e-16), moving, rig)
+    first = projected(build_frame(twin, model, noise_of(twin, model), 0.0), model)
+    leak, drag = (refit(first, [e]) for e in (AtmosphereLeakage(5e-17), QuadraticDrag(0.005)))
+    assert leak.gain > drag.gain
+    null = Null([first], [], {})
+    null._gains["quadratic-drag"] = np.ones(1)
+    rounds = _TwinRounds(first, (), null, no_progress, lambda trial: 0.0, Book())
+    excess = {"effort": 1.2 * drag.gain, "breakaway": 0.0}
+    excess |= dict.fromkeys(("rate_a", "rate_b"), 10.0 * leak.gain)
+    step = rounds._best(excess, [leak, drag], 1)
+    assert step is not None and step.id == "quadratic-drag"
+    assert "atmosphere-leakage" not in step.ambiguous
+    assert rounds._best(excess | {"effort": 10.0 * drag.gain}, [leak, drag], 1) is None
+
+
+def test_suspects_of_another_balance_are_fitted_beside_the_largest() -> None:
+    gains = {"leak": 100.0, "droop": 90.0, "lag": 80.0, "delay": 70.0, "heat": 60.0, "gain": 50.0}
+    gains |= {"gap": 8.0, "drag": 7.0, "spring": 6.0, "faint": 0.1}
+    suspects = [Suspect(name, gain, 1e-9, 9.0) for name, gain in gains.items()]
+    reached = {name: frozenset({"rate_a"}) for name in gains}
+    reached |= {name: frozenset({"rate_a", "effort"}) for name in ("gap", "drag", "spring")}
+    first = ["leak", "droop", "lag", "delay", "heat"]
+    assert _worth_refitting(suspects, reached) == [*first, "gap", "drag"]
+    assert _worth_refitting([replace(suspects[0], p_value=0.5)], reached) == []
 
 
 def test_an_effect_of_one_side_leaves_the_other_rate_alone() -> None:
