@@ -43,8 +43,9 @@ from sysid.diagnosis.actuator.equation_error import channels_of  # noqa: E402
 from sysid.diagnosis.actuator.loop import begin  # noqa: E402
 from sysid.diagnosis.actuator.null_distribution import MARGIN, Null  # noqa: E402
 from sysid.diagnosis.actuator.screening import Projected, projected  # noqa: E402
-from sysid.diagnosis.actuator.search import CLEAR_RATIO, LEAST_SHARE, SIGNIFICANCE  # noqa: E402
+from sysid.diagnosis.actuator.search import LEAST_SHARE  # noqa: E402
 from sysid.diagnosis.actuator.signatures import Signatures, candidates  # noqa: E402
+from sysid.diagnosis.actuator.suspects import CLEAR_RATIO, SIGNIFICANCE  # noqa: E402
 from sysid.diagnosis.looked import Book  # noqa: E402
 from sysid.io.campaign import KINDS, read_campaign  # noqa: E402
 from sysid.model.effects import catalogue  # noqa: E402

@@ -26,9 +26,10 @@ from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.refit import Refit, refit, with_base_refitted
 from sysid.diagnosis.actuator.samples import Traces, prepare, window_width, windows
 from sysid.diagnosis.actuator.screening import explained, projected
-from sysid.diagnosis.actuator.search import RefittedStep, Suspect, _TwinRounds, _worth_refitting
+from sysid.diagnosis.actuator.search import RefittedStep, _TwinRounds
 from sysid.diagnosis.actuator.signatures import Candidate, Signatures, candidates
 from sysid.diagnosis.actuator.starting_friction import with_sliding_friction
+from sysid.diagnosis.actuator.suspects import Suspect, worth_refitting
 from sysid.diagnosis.actuator.twins import (
     Scatter,
     SensorNoise,
@@ -474,8 +475,8 @@ def test_suspects_of_another_balance_are_fitted_beside_the_largest() -> None:
     reached = {name: frozenset({"rate_a"}) for name in gains}
     reached |= {name: frozenset({"rate_a", "effort"}) for name in ("gap", "drag", "spring")}
     first = ["leak", "droop", "lag", "delay", "heat"]
-    assert _worth_refitting(suspects, reached) == [*first, "gap", "drag"]
-    assert _worth_refitting([replace(suspects[0], p_value=0.5)], reached) == []
+    assert worth_refitting(suspects, reached) == [*first, "gap", "drag"]
+    assert worth_refitting([replace(suspects[0], p_value=0.5)], reached) == []
 
 
 def test_an_effect_of_one_side_leaves_the_other_rate_alone() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from scipy.special import ndtri
 
 from sysid.bundle import Bundle
-from sysid.diagnosis.actuator.search import SIGNIFICANCE
+from sysid.diagnosis.actuator.suspects import SIGNIFICANCE
 from sysid.display.progress import progress_or_shown
 from sysid.io.campaign import Campaign
 from sysid.model.effects.catalogue import EffectSource, catalogue_from

@@ -16,13 +16,12 @@ from sysid.diagnosis.actuator.equation_error import (
     equation_error,
 )
 from sysid.diagnosis.actuator.null_distribution import Null
-from sysid.diagnosis.actuator.search import (
+from sysid.diagnosis.actuator.search import RefittedStep, Search
+from sysid.diagnosis.actuator.suspects import (
     CLEAR_RATIO,
     MOST_SUSPECTS,
     SIGNIFICANCE,
     WORTH_REFITTING,
-    RefittedStep,
-    Search,
     Suspect,
 )
 from sysid.diagnosis.actuator.unexplained import ResidualCurve, regressors
@@ -64,7 +63,7 @@ def rounds_shown(search: Search, null: Null, looked: Looked) -> list[dict[str, A
                 "refitted": None if s.refitted is None else float(s.refitted),
                 "twins": [float(g) for g in null.gains(s.id)],
                 "p_value": float(s.p_value),
-                "fate": late.get(s.id) or _fate(s, one.added, suspects, number),  # type: ignore[arg-type]
+                "fate": late.get(s.id) or _fate(s, one.added, suspects),  # type: ignore[arg-type]
             }
             for s in suspects
         ]
@@ -74,9 +73,7 @@ def rounds_shown(search: Search, null: Null, looked: Looked) -> list[dict[str, A
     return shown
 
 
-def _fate(
-    suspect: Suspect, step: RefittedStep | None, suspects: Sequence[Suspect], number: int
-) -> str:
+def _fate(suspect: Suspect, step: RefittedStep | None, suspects: Sequence[Suspect]) -> str:
     """Why a suspect was added or not: the rules of `sysid.diagnosis.actuator.search`, in words."""
     if step is not None and suspect.id == step.id:
         return "added"
@@ -88,12 +85,11 @@ def _fate(
         return "gains no more than chance would"
     if suspect.ratio <= CLEAR_RATIO:
         return "gains too little more than on the twins"
-    if step is None and number > MOST_EFFECTS:
-        return f"not tried: at most {MOST_EFFECTS} effects are added"
-    if suspect.gain <= WORTH_REFITTING * suspects[0].gain:
-        return f"not refitted: explains far less than {suspects[0].id}"
-    clear = [s for s in suspects if s.p_value < SIGNIFICANCE and s.ratio > CLEAR_RATIO]
-    if suspect not in clear[:MOST_SUSPECTS]:
+    if not suspect.is_fitted:
+        if suspect.gain <= WORTH_REFITTING * suspects[0].gain:
+            return f"not refitted: explains far less than {suspects[0].id}"
+        if not any(s.is_fitted for s in suspects):
+            return f"not tried: at most {MOST_EFFECTS} effects are added"
         return f"not refitted: {MOST_SUSPECTS} others gain more"
     if step is None:
         return "explains too small a share of the remainder, or differs from test to test"

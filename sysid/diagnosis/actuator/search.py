@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from scipy.special import chdtrc
 
 from sysid.diagnosis.actuator.equation_error import BREAKAWAY, CHANNELS, channels_of
 from sysid.diagnosis.actuator.null_distribution import Null
@@ -23,7 +22,6 @@ from sysid.diagnosis.actuator.refit import (
     with_base_refitted,
 )
 from sysid.diagnosis.actuator.screening import (
-    Explained,
     Projected,
     best_by_effect,
     projected,
@@ -31,9 +29,10 @@ from sysid.diagnosis.actuator.screening import (
     starting_points,
 )
 from sysid.diagnosis.actuator.signatures import Candidate
+from sysid.diagnosis.actuator.suspects import Suspect, suspects_of, worth_refitting
 from sysid.diagnosis.actuator.whitening import Frame
 from sysid.diagnosis.looked import Book, SearchStage
-from sysid.diagnosis.search import MOST_EFFECTS, Round, Rounds, Step, Tried, run
+from sysid.diagnosis.search import MOST_EFFECTS, Round, Rounds, Step, run
 from sysid.errors import SimulationError
 from sysid.estimation.linear import Estimate
 from sysid.model.effects.catalogue import class_of
@@ -42,17 +41,8 @@ from sysid.model.ports import Model
 from sysid.parallel import attempt_in_threads, time_limit
 from sysid.types import Progress
 
-SIGNIFICANCE = 1e-3
-MOST_SUSPECTS = 5
-# So many more in balances that the first does not reach.
-_MOST_APART = 2
 # A smaller part of an effect's gain than this says nothing of the balance that it is in.
 _SMALL_PART = 0.1
-# A suspect whose signature explains less than this share of the best one's is not refitted.
-WORTH_REFITTING = 0.15
-# The twins are screened for this many effects at most, those that gain most.
-_CALIBRATED = 14
-CLEAR_RATIO = 2.5
 # A strength that the tests agree on differs from 0 by this many squared standard errors; of a
 # threshold that is the squared z of a sign test (`Refit.wald`).
 _CLEAR_WALD = 16.0
@@ -83,17 +73,6 @@ _RIVAL_SHARE = 0.9
 # clearly worse.
 _CLEARLY_LOWER = 0.2
 _CLEAR_BIC = 10.0
-
-
-@dataclass(frozen=True)
-class Suspect(Tried):
-    """An effect that was screened: `ratio` of its gain over the twins' largest.
-
-    `refitted`: the gain of its refit, None where it was not refitted.
-    """
-
-    ratio: float
-    refitted: float | None = None
 
 
 @dataclass(frozen=True)
@@ -198,12 +177,13 @@ class _TwinRounds(Rounds[RefittedStep]):
         screened = screen(base, open_ones, book)
         best, starts = best_by_effect(screened), starting_points(screened)
         book.enter(SearchStage.COMPARISON, number)
-        self.tried = suspects = tuple(_suspects(best, self.null, book))
+        self.tried = suspects = suspects_of(best, self.null, book)
         others = base.model.effects
         reached = {s.id: frozenset(channels_of(starts[s.id][0], others)) for s in suspects}
-        passing = _worth_refitting(suspects, reached)
+        passing = worth_refitting(suspects, reached)
         if not passing or len(self.steps) == MOST_EFFECTS:
             return None
+        self.tried = tuple(replace(s, is_fitted=s.id in passing) for s in suspects)
         book.enter(SearchStage.SUSPECTS, number)
         excess = self.null.excess(base)
         fitted = _refit(base, [starts[name] for name in passing], book)
@@ -391,27 +371,6 @@ def _size(effect: CatalogueEffect) -> float:
     return max(abs(float(getattr(effect, q.name)) / q.typical) for q in strengths)
 
 
-def _passes(suspect: Suspect, best: Suspect) -> bool:
-    """Whether a suspect gains more than the twins, and enough to be refitted."""
-    return (
-        suspect.p_value < SIGNIFICANCE
-        and suspect.ratio > CLEAR_RATIO
-        and suspect.gain > WORTH_REFITTING * best.gain
-    )
-
-
-def _worth_refitting(
-    suspects: Sequence[Suspect], reached: Mapping[str, frozenset[str]]
-) -> list[str]:
-    """Those that gain most, and most of those in a balance which the first does not reach."""
-    found: list[str] = []
-    apart = [s for s in suspects if reached[s.id] - reached[suspects[0].id]]
-    for some, most in ((suspects, MOST_SUSPECTS), (apart, _MOST_APART)):
-        passing = [s.id for s in some if _passes(s, some[0])]
-        found += [name for name in passing[:most] if name not in found]
-    return found
-
-
 def _together(first: Projected, steps: Sequence[RefittedStep], winner: Refit) -> Refit | None:
     """The effects so far and another one fitted together; None where they change their size.
 
@@ -445,27 +404,6 @@ def _simulates(
 
 def _composes(model: Model, candidate: Candidate) -> bool:
     return not set(model.state_names).intersection(candidate.neutral().states)
-
-
-def _suspects(best: dict[str, Explained], null: Null, book: Book) -> list[Suspect]:
-    """Effects whose gain noise alone is unlikely to give, judged by the twins."""
-    remarkable = [
-        name
-        for name, result in best.items()
-        if null.family * chdtrc(len(result.coefficients), result.gain) < SIGNIFICANCE
-    ][:_CALIBRATED]
-    gains = {name: best[name].gain for name in remarkable}
-    known = null.calibrate(gains, WORTH_REFITTING * max(gains.values(), default=0.0), book)
-    found = [
-        Suspect(
-            name,
-            best[name].gain,
-            null.p_value(name, best[name].gain, len(best[name].coefficients)),
-            null.ratio(name, best[name].gain),
-        )
-        for name in known
-    ]
-    return sorted(found, key=lambda s: -s.gain)
 
 
 def _share(found: Refit, excess: Mapping[str, float], channels: Sequence[str]) -> float:
