@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
@@ -41,6 +41,8 @@ from sysid.model.ports import Model
 from sysid.parallel import attempt_in_threads, time_limit
 from sysid.types import Progress
 
+# By how much an effect in them may gain more than they exceed the twins.
+_MOST_OF_EXCESS = 2.0
 # A smaller part of an effect's gain than this says nothing of the balance that it is in.
 _SMALL_PART = 0.1
 # A strength that the tests agree on differs from 0 by this many squared standard errors; of a
@@ -215,7 +217,13 @@ class _TwinRounds(Rounds[RefittedStep]):
                 return step
             judged = {r.id: _explained(r, self.base.frame) for r in clear}
             gone = set(judged[winner.id])
-            clear = [r for r in clear if not gone.intersection(judged[r.id])]
+            # What is explained has to be there: a balance that exceeds the twins' by as much.
+            clear = [
+                r
+                for r in clear
+                if not gone.intersection(judged[r.id])
+                and r.gain < _MOST_OF_EXCESS * _excess_in(judged[r.id], excess)
+            ]
         return None
 
     def _clear(self, fitted: Sequence[Refit], excess: Mapping[str, float]) -> list[Refit]:
@@ -408,8 +416,11 @@ def _composes(model: Model, candidate: Candidate) -> bool:
 
 def _share(found: Refit, excess: Mapping[str, float], channels: Sequence[str]) -> float:
     """How much an effect explains of the excess over noise in these channels."""
-    own = sum(max(excess[channel], 0.0) for channel in channels)
-    return found.gain / max(own, found.gain)
+    return found.gain / max(_excess_in(channels, excess), found.gain)
+
+
+def _excess_in(channels: Iterable[str], excess: Mapping[str, float]) -> float:
+    return sum(max(excess[channel], 0.0) for channel in channels)
 
 
 def _explained(found: Refit, frame: Frame) -> tuple[str, ...]:
