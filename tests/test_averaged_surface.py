@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from pwm_campaign import ATMOSPHERE, KRT, VALVE_A, VALVE_B, VOLUME, Valve, campaign
@@ -59,6 +61,27 @@ def test_a_valve_dead_at_most_duties_ends_the_domain_there() -> None:
     duty, p = duty[seen], p[seen]
     flow = 1e-3 * (np.maximum(duty - 0.6, 0.0) + 0.002 * duty) - 3e-9 * (p - ATMOSPHERE)
     assert Domain.from_samples(duty, p, flow).duty_range == pytest.approx((0.58, 0.98))
+
+
+def domain_of(share: Callable[[FloatArray], FloatArray]) -> tuple[float, float]:
+    """Duties of the domain of a valve that is open by that share (n,) of the time."""
+    levels, pressure = np.arange(0.02, 1.0, 0.04), np.linspace(1.0e5, 2.9e5, 200)
+    duty, p = (column.ravel() for column in np.meshgrid(levels, pressure, indexing="ij"))
+    noise = 2e-6 * np.random.default_rng(0).standard_normal(len(duty))
+    flow = 7e-4 * share(duty) * np.sqrt((3e5 - p) / 2e5) + noise
+    return Domain.from_samples(duty, p, flow).duty_range
+
+
+@pytest.mark.parametrize("dead", [0.31, 0.59, 0.79])
+def test_the_domain_ends_where_the_valve_is_dead(dead: float) -> None:
+    found = domain_of(lambda duty: np.maximum(duty - dead, 0.0) / (1.0 - dead))
+    assert found == pytest.approx((dead - 0.01, 0.98))
+
+
+def test_a_strongly_bent_valve_is_not_taken_for_dead() -> None:
+    """Its upper quartile was taken for the typical slope: the domain began at 0.50."""
+    assert domain_of(lambda duty: duty**3) == pytest.approx((0.34, 0.98))
+    assert domain_of(lambda duty: 1.0 - (1.0 - duty) ** 3) == pytest.approx((0.02, 0.66))
 
 
 def test_delays_may_differ_by_more_than_half_a_period() -> None:

@@ -6,7 +6,7 @@ The rule is the same for both surfaces and uses only the samples:
    function of pressure is its mean in each of 64 pressure bins.
 2. The local slope dm/du between levels at least 0.02 apart (median over 12 pressure bins of
    the range that both visited), as a fraction of the typical slope at the same pressure
-   (median; the upper quartile where most levels are dead), shows whether the valve still
+   (median; of the levels that are not dead where most are), shows whether the valve still
    responds. From each end of the duty range inward, levels are left out while that fraction
    is below one half: there (pulses that vanish, a valve that never closes, a chamber that
    stays within the noise of the supply pressure) flow and pressure do not determine the duty.
@@ -38,6 +38,9 @@ DEAD_FRACTION = 0.5
 # Slopes vary over pressure with the valve's open flow, by a factor of about 4. Where the typical
 # one is this share of the largest, all levels that meet there are dead and show their noise.
 _LEAST_SLOPE = 0.05
+# Dead levels' slopes lie below this share of the steepest tenth's, a bent valve's above it: the
+# median of a flow that follows the duty's n-th power is (5/9)^(n-1) of that, 0.17 for the fourth.
+_DEAD_SLOPE = 0.1
 # A duty this far beyond an edge is at the edge.
 ROUNDING = 1e-9
 
@@ -293,7 +296,7 @@ def _answering_levels(
 def _typical_slope(levels: LevelFlows) -> tuple[FloatArray, FloatArray]:
     """Median dm/du over the levels at the pressures (B,) where enough of them meet.
 
-    Where most levels are dead the median is theirs: then the upper quartile's.
+    Where most levels are dead the median would be theirs: then it is the others'.
     """
     slopes = np.diff(levels.flow, axis=0) / np.diff(levels.duty)[:, None]
     known = np.isfinite(slopes).sum(axis=0)
@@ -310,9 +313,11 @@ def _typical_slope(levels: LevelFlows) -> tuple[FloatArray, FloatArray]:
 
 
 def _slope_of_most(slopes: FloatArray) -> float:
-    """Median of the finite slopes (k,), or their upper quartile where most are dead."""
-    middle, upper = np.nanquantile(slopes, (0.5, 0.75))
-    return float(middle if middle >= DEAD_FRACTION * upper else upper)
+    """Median of the finite slopes (k,), or of those that are not dead where most are."""
+    middle, steep = np.nanquantile(slopes, (0.5, 0.9))
+    if steep <= 0.0 or middle >= _DEAD_SLOPE * steep:
+        return float(middle)
+    return float(np.median(slopes[slopes > _DEAD_SLOPE * steep]))
 
 
 def _flow_difference(
