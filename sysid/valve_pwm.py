@@ -33,6 +33,7 @@ from sysid.identification.valve_pwm.samples import (
     sample_tests,
 )
 from sysid.identification.valve_pwm.selection import moved_valves, select_tests
+from sysid.identification.valve_pwm.supply import supply_of_surfaces
 from sysid.io.channels import SIDES
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
@@ -185,9 +186,9 @@ def _measured(
     except NotIdentifiedError as error:
         raise NotIdentifiedError("; ".join((str(error), *unseen_regimes(samples, rig)))) from None
     remarks.lines += [f"{where}: {line}" for line in coverage(samples, domain, other_duties, rig)]
-    supply = float(rig.require("air", "supply").supply_pressure_pa)
+    air = rig.require("air", "boundaries")
     seen = float(np.median(samples.supply_of(samples.test)))
-    boundaries = choked_boundaries(rig.require("air", "boundaries"), seen)
+    boundaries = choked_boundaries(air, seen)
     points = surface_points(
         samples.duty,
         samples.pressure,
@@ -200,7 +201,7 @@ def _measured(
     return DirectionFit(
         valve=valve,
         direction=direction,
-        supply_pressure_pa=supply,
+        supply_pressure_pa=supply_of_surfaces(seen, float(air.supply_pressure_pa)),
         boundaries_pa=boundaries,
         pwm_period_s=float(rig.require("pwm", "period").period_s),
         samples=samples,

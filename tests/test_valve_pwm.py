@@ -459,6 +459,11 @@ def test_a_supply_near_the_rig_files_is_taken_as_the_tests_show_it(
     assert found["delay_difference_s"] == pytest.approx(OFF - ON, abs=2e-5)
     assert fit.fits["a", "discharge"].domain.duty_range[1] < 0.8
     assert one_line(fit, "305.0 kPa", "rig file's supply_pressure_pa is 300.0 kPa")
+    pwm = bundled(fit)["a"]["pwm"]
+    # Surfaces hold at the supply of their tests; the law is scaled to the rig file's.
+    assert pwm["fill"]["supply_pressure_pa"] == pytest.approx(supply, rel=1e-3)
+    assert pwm["discharge"]["supply_pressure_pa"] == pytest.approx(supply, rel=1e-3)
+    assert pwm["averaged"]["supply_pressure_pa"] == SUPPLY
     assert any("one of the two sensors" in n for n in fit.notices) == bool(logged_off)
 
 

@@ -34,8 +34,9 @@ def average_of(
     """
     air = rig.require("air", "which the averaged law needs")
     first = next(iter(directions.values()))
+    # Its choked filling flow is scaled from each test's supply to the rig file's, unlike surfaces.
     conditions = Conditions(
-        first.supply_pressure_pa, air.atmospheric_pressure_pa, first.pwm_period_s
+        float(air.supply_pressure_pa), air.atmospheric_pressure_pa, first.pwm_period_s
     )
     flows, offsets = _together(list(directions.values()))
     fit = fit_averaged(flows, conditions)

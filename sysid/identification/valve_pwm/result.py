@@ -43,7 +43,8 @@ class DirectionFit(Shown):
     error in duty by its name, on held-out tests (`held_out`) and on the training tests
     (`fitted`). `comparison`: both on the same held-out tests. `resolution`:
     Table 3.7.1, None for unevenly spaced duties. `sweep`: hidden sizes, where asked for.
-    `boundaries_pa`: the choked boundaries, at which the flow jumps.
+    `boundaries_pa`: the choked boundaries, at which the flow jumps. `supply_pressure_pa`: the
+    supply that the tests show, at which the surfaces hold.
     """
 
     valve: str

@@ -154,6 +154,11 @@ def with_seen_supply(tests: Sequence[PwmTest], rig: Rig, remarks: Remarks) -> li
     return found
 
 
+def supply_of_surfaces(seen: float, declared: float) -> float:
+    """The supply (Pa) that surfaces hold at: the tests' where they are said to show another."""
+    return seen if abs(seen - declared) > _SAID_DEVIATION * declared else declared
+
+
 def _beyond_noise(differences: FloatArray) -> float:
     """The median of the differences (n,), 0 where it is within their noise."""
     if len(differences) < _FEWEST_STARTS:
