@@ -467,6 +467,41 @@ def test_a_supply_near_the_rig_files_is_taken_as_the_tests_show_it(
     assert any("one of the two sensors" in n for n in fit.notices) == bool(logged_off)
 
 
+def in_log(trials: Sequence[Trial], name: str) -> list[Trial]:
+    return [replace(t, source=t.source.replace("log.csv", name)) for t in trials]
+
+
+@pytest.mark.parametrize("split", ["logs", "directions", "directions of one log"])
+def test_supplies_that_differ_between_logs_or_directions_are_taken_each(split: str) -> None:
+    """One supply for the whole valve moved the law by 7 to 50 %."""
+    low, high = make_trials(), make_trials(supply=SUPPLY + 5e3)
+    parts = low[::2], high[1::2]
+    if split != "logs":
+        parts = low[: len(DUTIES)], high[len(DUTIES) :]
+    one = "one.csv" if split == "directions of one log" else "two.csv"
+    fit = fit_valve_pwm([*in_log(parts[0], "one.csv"), *in_log(parts[1], one)], make_rig())
+    found = fit.averaged["a"].fit.estimates
+    for name, value in zip(
+        ("choked_flow_fill_kg_s", "choked_flow_dis_kg_s", "c_fill", "c_dis"),
+        VALVES["a"],
+        strict=True,
+    ):
+        assert found[name].value == pytest.approx(value, rel=0.02)
+    assert one_line(fit, f"{one}, discharging", "305.0 kPa")
+
+
+def test_starts_that_disagree_within_a_log_are_said() -> None:
+    pairs = zip(make_trials(), make_trials(supply=SUPPLY + 5e3), strict=True)
+    fit = fit_valve_pwm([pair[i % 2] for i, pair in enumerate(pairs)], make_rig())
+    line = one_line(fit, "the supply changed between tests", "log supply_pressure_pa")
+    assert line.startswith("log.csv: valve A")
+
+
+def test_noise_is_no_change_of_the_supply() -> None:
+    fit = fit_valve_pwm(make_trials(noise=10 * NOISE), make_rig())
+    assert not [n for n in fit.notices if "the supply changed" in n or "supply was" in n]
+
+
 @pytest.mark.parametrize("declared_hz", [100.0, 192.0, 250.0])
 def test_a_pwm_period_that_the_ripple_contradicts_is_said(declared_hz: float) -> None:
     fit = fit_valve_pwm(make_trials(), make_rig(declared_hz))

@@ -22,6 +22,7 @@ _SAID_DEVIATION = 0.003
 # Discharging tests that must agree on the supply, and by how many standard errors of their
 # median it must differ from the one that is logged or declared: fewer show only their noise.
 _FEWEST_STARTS = 3
+_FEWEST_RESTS = 2
 _STANDARD_ERRORS = 3.0
 _SAME_DUTY = 1e-3
 _REST_S = 0.05
@@ -138,20 +139,114 @@ def with_seen_supply(tests: Sequence[PwmTest], rig: Rig, remarks: Remarks) -> li
 
     A discharging test starts at the supply. The median by which those starts differ from the
     logged supply is an offset between the two sensors; without a log, they are the supply.
+    Where logs or directions disagree, each takes its own; where the starts of one log do, too.
     """
-    shift = {}
+    declared = float(rig.require("air", "which the supply is taken from").supply_pressure_pa)
+    apart = max(_SAID_DEVIATION * declared, _STANDARD_ERRORS * _sensor_noise(tests))
+    found = list(tests)
     for logged in (True, False):
-        starts = [
-            start_pressure(t.pressure, t.duty, t.period, rig) - t.supply_at_start
-            for t in tests
-            if t.supply_logged == logged and not t.filling and t.usable[0]
-        ]
-        shift[logged] = _beyond_noise(np.array(starts))
-    found = [replace(t, supply=t.supply + shift[t.supply_logged]) for t in tests]
-    for logged, by in shift.items():
-        own = [t for t in found if t.supply_logged == logged]
-        remarks.lines += _deviating_supply(own, by, logged, rig)
+        own = [i for i, t in enumerate(tests) if t.supply_logged == logged]
+        pooled = _beyond_noise(_starts([tests[i] for i in own], rig))
+        groups: dict[tuple[str, bool], list[int]] = {}
+        for i in own:
+            groups.setdefault((_log_of(tests[i]), tests[i].filling), []).append(i)
+        shifts = {key: _shift_of(key, tests, own, pooled, rig) for key in groups}
+        several = any(abs(shift - pooled) > apart for shift in shifts.values())
+        for key, rows in groups.items():
+            for i in rows:
+                by = shifts[key] if several else pooled
+                found[i] = replace(tests[i], supply=tests[i].supply + by)
+            if several:
+                where = f"{key[0]}, {'filling' if key[1] else 'discharging'}: "
+                held = [found[i] for i in rows]
+                lines = _deviating_supply(held, shifts[key], logged, rig)
+                remarks.lines += [where + line for line in lines]
+        if not several:
+            remarks.lines += _deviating_supply([found[i] for i in own], pooled, logged, rig)
+        for key, rows in groups.items():
+            if not key[1]:
+                _with_own_starts(found, tests, rows, apart, rig, remarks)
     return found
+
+
+def _log_of(test: PwmTest) -> str:
+    return test.source.removesuffix(f", test {test.label}")
+
+
+def _start_shift(test: PwmTest, rig: Rig) -> float:
+    """By how much, Pa, a test starts above the logged (else declared) supply."""
+    start = start_pressure(test.pressure, test.duty, test.period, rig)
+    return start - test.supply_at_start
+
+
+def _starts(tests: Sequence[PwmTest], rig: Rig) -> FloatArray:
+    """`_start_shift` of the discharging tests whose first row is usable, (n,)."""
+    return np.array([_start_shift(t, rig) for t in tests if not t.filling and t.usable[0]])
+
+
+def _shift_of(
+    key: tuple[str, bool], tests: Sequence[PwmTest], own: Sequence[int], pooled: float, rig: Rig
+) -> float:
+    """Shift of the supply, Pa, of one log's tests in one direction; `key`: log, filling.
+
+    Filling tests show it where they rest without the valve closing, else their log's
+    discharging ones do. What shows nothing takes the valve's `pooled` shift.
+    """
+    log, filling = key
+    held = [tests[i] for i in own if _log_of(tests[i]) == log]
+    rests = [_rest_shift(t, rig) for t in held if t.filling] if filling else []
+    seen = np.array([r for r in rests if r is not None])
+    if len(seen) >= _FEWEST_RESTS and np.ptp(seen) < _SAID_DEVIATION * held[0].supply_at_start:
+        return float(np.median(seen))
+    starts = _starts(held, rig)
+    return _beyond_noise(starts) if len(starts) >= _FEWEST_STARTS else pooled
+
+
+def _rest_shift(test: PwmTest, rig: Rig) -> float | None:
+    """By how much, Pa, a test that never closes rests above the logged (else declared) supply.
+
+    None where it closes, or where the rest is extrapolated by as much as would be said.
+    """
+    rest = rest_pressure(test) if open_share(test.duty, rig) >= 1.0 else None
+    if rest is None:
+        return None
+    last = float(test.pressure[-max(8, round(_REST_S / test.period)) :].mean())
+    extrapolated = abs(rest - last) > 0.5 * _SAID_DEVIATION * test.supply
+    return None if extrapolated else rest - test.supply_at_start
+
+
+def _sensor_noise(tests: Sequence[PwmTest]) -> float:
+    """Noise of one row, Pa: that of the test whose pulses disturb it least."""
+    found = [np.diff(t.pressure, 2) for t in tests if len(t.pressure) > 2]
+    noise = [1.4826 * float(np.median(np.abs(d))) / math.sqrt(6.0) for d in found]
+    return min(noise, default=0.0)
+
+
+def _with_own_starts(
+    found: list[PwmTest],
+    tests: Sequence[PwmTest],
+    rows: Sequence[int],
+    apart: float,
+    rig: Rig,
+    remarks: Remarks,
+) -> None:
+    """Give one log's discharging tests (`rows`) their own starts where these disagree."""
+    known = [i for i in rows if tests[i].usable[0]]
+    starts = _starts([tests[i] for i in known], rig)
+    if len(starts) < _FEWEST_STARTS:
+        return
+    if np.count_nonzero(np.abs(starts - np.median(starts)) > apart) < _FEWEST_STARTS:
+        return
+    for i, shift in zip(known, starts, strict=True):
+        found[i] = replace(tests[i], supply=tests[i].supply + float(shift))
+    low, high = (1e-3 * float(f([found[i].supply for i in known])) for f in (min, max))
+    first = tests[known[0]]
+    remarks.lines.append(
+        f"{_log_of(first)}: valve {first.valve.upper()}: discharging tests start at {low:.1f} to "
+        f"{high:.1f} kPa: the supply changed between tests; each is taken at its own start, "
+        "filling tests show none and may be off by as much, and the averaged law with them: "
+        "log supply_pressure_pa, or steady the supply and repeat"
+    )
 
 
 def supply_of_surfaces(seen: float, declared: float) -> float:
@@ -184,7 +279,8 @@ def _deviating_supply(tests: Sequence[PwmTest], shift: float, logged: bool, rig:
             "an offset, or the chamber was not at the supply; the chamber's sensor is used"
         )
     if abs(supply - declared) > _SAID_DEVIATION * declared:
-        seen = "the supply was at" if logged else "discharging tests start at"
+        by_rest = all(t.filling for t in tests)
+        seen = "the supply was at" if logged or by_rest else "discharging tests start at"
         lines.append(
             f"{valve}: {seen} {supply / 1e3:.1f} kPa, the rig file's supply_pressure_pa is "
             f"{declared / 1e3:.1f} kPa: the averaged law is fitted with the former and its choked "
