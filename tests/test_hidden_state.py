@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import sysid as si
+from sysid.control.groups import grouped
 from sysid.control.hidden_state import Watch, frozen
 from sysid.control.interface import Commands, Controller, Reference, StateEstimate
 from sysid.io.bundled import REFERENCE_BUNDLE, thesis_folder
@@ -63,6 +64,16 @@ class InClass(Integral):
     def added(self, error: Any) -> Any:
         InClass.kept = (InClass.kept[0] + error,)
         return InClass.kept[0]
+
+
+class Store:
+    total: Any = 0.0
+
+
+class InOtherClass(Integral):
+    def added(self, error: Any) -> Any:
+        Store.total = Store.total + error
+        return Store.total
 
 
 @dataclass
@@ -118,6 +129,7 @@ PLACES = {
     InDataclass: "itself",
     InGlobal: "_total",
     InClass: "InClass.kept",
+    InOtherClass: "Store.total",
     InMemory: "",
 }
 
@@ -167,3 +179,35 @@ def test_values_that_are_equal_compare_equal() -> None:
     first, second = ({"a": [1.0, (np.arange(3), "text")], "b": {2}} for _ in range(2))
     assert frozen(first) == frozen(second)
     assert frozen([0]) != frozen([0.0])  # a type tells branches apart
+
+
+def test_what_cannot_be_looked_into_is_not_taken_for_unchanged() -> None:
+    deep: list[Any] = []
+    for _ in range(5000):
+        deep = [deep]
+    watched = Slots()
+    watched.own = deep
+    assert Watch(watched).changed() == "in itself"
+
+
+def test_a_name_that_is_assigned_later_is_no_error() -> None:
+    def controller() -> type[InMemory]:
+        class Own(InMemory):
+            def gain(self) -> float:
+                return later
+
+        made = Own
+        Watch(made())  # before the name has a value
+        later = 1.0
+        return made
+
+    assert controller()().gain() == 1.0  # type: ignore[attr-defined]
+
+
+def test_one_object_serves_its_lanes_as_one() -> None:
+    plain, held = InMemory(), InDataclass()
+    for own in (plain, held):
+        groups, _ = grouped([own, own])
+        assert len(groups) == 1
+    groups, _ = grouped([held, InDataclass()])
+    assert len(groups) == 2

@@ -54,6 +54,12 @@ class _ByIdentity:
 
     value: Any
 
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _ByIdentity) and self.value is other.value
+
+    def __hash__(self) -> int:
+        return id(self.value)
+
 
 def take_apart(value: Any) -> tuple[Any, list[Array]]:
     """A hashable structure of `value` and its numbers, in order.

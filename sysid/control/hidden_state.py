@@ -1,7 +1,7 @@
 """What a user's controller keeps outside its memory: a compiled loop would freeze it at its start.
 
 Found by comparison before and after a run: in the controller itself, however deep, in its classes
-and closures, and in the globals of its file that its methods read.
+and closures, and in the globals and other classes of its file that its methods read.
 """
 
 from __future__ import annotations
@@ -34,8 +34,14 @@ class _Same:
 
 
 def frozen(value: object) -> Any:
-    """A copy of a value's whole content that compares by `==` with a later one."""
-    return _frozen(value, {})
+    """A copy of a value's whole content that compares by `==` with a later one.
+
+    One that is nested too deep to be looked into differs from any other.
+    """
+    try:
+        return _frozen(value, {})
+    except RecursionError:
+        return object()
 
 
 def _frozen(value: Any, seen: dict[int, Any]) -> Any:
@@ -98,16 +104,21 @@ def shared_by(controller: Controller) -> list[Place]:
     """Attributes of the user's classes, closures, and the globals that their methods read."""
     found: dict[tuple[int, str], Place] = {}
     functions: list[Any] = []
-    for cls in type(controller).__mro__:
-        if _is_fixed(cls) or cls.__module__ in ("abc", "builtins"):
-            continue
+    known: set[int] = set()
+
+    def look_into(cls: type) -> None:
+        if id(cls) in known or _is_fixed(cls) or cls.__module__ in ("abc", "builtins"):
+            return
+        known.add(id(cls))
         for name, value in vars(cls).items():
             inner = getattr(value, "__func__", getattr(value, "fget", value))
             if isinstance(inner, types.FunctionType):
                 functions.append(inner)
             elif not name.startswith("__"):
                 found[id(cls), name] = _attribute(cls, name)
-    known: set[int] = set()
+
+    for cls in type(controller).__mro__:
+        look_into(cls)
     while functions:
         function = functions.pop()
         if id(function) in known:
@@ -118,6 +129,8 @@ def shared_by(controller: Controller) -> list[Place]:
             if isinstance(held, types.FunctionType):
                 if held.__globals__ is function.__globals__:
                     functions.append(held)
+            elif isinstance(held, type) and held.__module__ == function.__module__:
+                look_into(held)
             elif not isinstance(held, type | types.ModuleType):
                 found[place] = one
     return list(found.values())
@@ -138,7 +151,7 @@ def _read_by(function: types.FunctionType) -> Iterator[tuple[tuple[int, str], Pl
             yield (id(space), name), _global(space, name)
     closures = zip(function.__code__.co_freevars, function.__closure__ or (), strict=True)
     for name, cell in closures:
-        if name != "__class__":
+        if name != "__class__" and cell != types.CellType():
             yield (id(cell), name), _closure(cell, name)
 
 
