@@ -52,6 +52,8 @@ FORMS: dict[str, dict[str, Any]] = {
 }
 PARTS = ("thesis", "emps", "generated", "vertical", "low-speed", "coarse")
 COARSE = (4000, 2000, 1000, 800, 500, 360, 200)
+# Of the encoder's edges, in counts.
+JITTER = (0.0, 0.05, 0.1)
 TARGETS = {"static": 3.0, "coulomb": 2.0, "viscous": 6.0}
 
 
@@ -123,12 +125,14 @@ def with_pulses(trial: Trial, factor: float) -> Trial:
 
 
 def generated_fit(
-    seed: int, *, counts: int | None = None, **form: Any
+    seed: int, *, counts: int | None = None, jitter: float = 0.0, **form: Any
 ) -> tuple[FrictionResult, dict[str, float]]:
     """One random rig's fit and its true friction; `form` as in `make_friction_tests`.
 
-    `counts` a revolution, of a rotary rig, instead of the 80,000 of the generator's encoder.
+    `counts` a revolution, of a rotary rig, instead of the 80,000 of the generator's encoder, with
+    an edge that jitters by so many counts, one standard deviation.
     """
+    rng = np.random.default_rng(seed)
     tests = make_friction_tests(seed, kinds=("friction-static", "friction-sliding"), **form)
     rig = rig_from_content(tests.rig, "generated")
     trials = [
@@ -136,7 +140,9 @@ def generated_fit(
             f"{kind} {test.label}",
             test.columns["time_s"],
             {
-                name: counted(values, counts) if counts and name == "theta_rad" else values
+                name: counted(values, counts, jitter, rng)
+                if counts and name == "theta_rad"
+                else values
                 for name, values in test.columns.items()
                 if name != "time_s"
             },
@@ -148,24 +154,27 @@ def generated_fit(
     return fit_friction(trials, rig), tests.truth["friction"]
 
 
-def counted(angle: FloatArray, counts: int) -> FloatArray:
+def counted(angle: FloatArray, counts: int, jitter: float, rng: np.random.Generator) -> FloatArray:
     """An angle (n,), rad, as an encoder of so many counts a revolution reads it."""
     count = 2.0 * np.pi / counts
-    return np.asarray(np.round(angle / count) * count)
+    noise = jitter * rng.standard_normal(len(angle))
+    return np.asarray(np.round(angle / count + noise) * count)
 
 
 def coarse(seeds: int) -> None:
     """Static friction by coarse encoders."""
-    for counts in (None, *COARSE):
-        fits = [generated_fit(seed, counts=counts) for seed in range(3000, 3000 + seeds)]
+    for counts, jitter in [(None, 0.0), *((c, j) for j in JITTER for c in COARSE)]:
+        fits = [
+            generated_fit(seed, counts=counts, jitter=jitter) for seed in range(3000, 3000 + seeds)
+        ]
         pairs = [(fit["static_nm"], truth["static_nm"]) for fit, truth in fits]
         known = [(estimate, truth) for estimate, truth in pairs if estimate.identified]
         errors = [100.0 * (estimate.value / truth - 1.0) for estimate, truth in known]
         held = 100.0 * np.mean([estimate.holds(truth) for estimate, truth in known])
         print(
-            f"6. {counts or 'all'} counts, {seeds} seeds: static friction off by "
-            f"{np.median(errors):+.2f} % (median), at most {np.max(np.abs(errors)):.1f} %; truth "
-            f"inside the 95 % interval in {held:.0f} %; none from {seeds - len(known)}",
+            f"6. {counts or 'all'} counts, jitter {jitter:g}, {seeds} seeds: static friction off "
+            f"by {np.median(errors):+.2f} % (median), at most {np.max(np.abs(errors)):.1f} %; "
+            f"truth inside the 95 % interval in {held:.0f} %; none from {seeds - len(known)}",
             flush=True,
         )
 

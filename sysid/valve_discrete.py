@@ -250,12 +250,7 @@ def _estimates(
                 f"its standard error is {share:.0f} %: record more tests, or log faster",
             )
         if name in DELAYS and estimate.identified and estimate.interval[1] < 0.0:
-            low, high = (1e3 * end for end in estimate.interval)
-            estimate = Estimate.unidentified(
-                UNITS[name],
-                f"the pressure answers before the command ({low:.3g} to {high:.3g} ms after it): "
-                "look for a command that is logged late, or an unsteady supply that is not logged",
-            )
+            estimate = Estimate.unidentified(UNITS[name], _why_early(estimate, curves))
         if scatters and estimate.identified:
             notices.append(
                 f"{title}: {name} differs between tests by more than the noise explains; its "
@@ -263,6 +258,22 @@ def _estimates(
             )
         found[name] = estimate
     return found
+
+
+def _why_early(delay: Estimate, curves: CurveFit) -> str:
+    """Why a pressure seems to answer before its command, and the mend."""
+    rows = [float(np.median(np.diff(p.chamber.time))) for p in curves.problem.pieces]
+    row = float(np.median(rows))
+    low, high = (1e3 * end for end in delay.interval)
+    if delay.value > -row:  # a command is seen at the row after it
+        return (
+            f"the command's time is known to a row of {1e3 * row:.3g} ms only, which makes it "
+            f"{low:.3g} to {high:.3g} ms: log faster"
+        )
+    return (
+        f"the pressure answers before the command ({low:.3g} to {high:.3g} ms after it): "
+        "look for a command that is logged late, or an unsteady supply that is not logged"
+    )
 
 
 def _ratios(curves: CurveFit, estimates: Mapping[str, Estimate]) -> dict[str, Estimate]:

@@ -517,6 +517,18 @@ def test_a_supply_that_drifts_in_every_test_spoils_no_discharge(rig: Rig) -> Non
     assert not any("misses the discharge" in n for n in result.notices)
 
 
+def test_slow_logging_makes_no_late_command(rig: Rig) -> None:
+    """A command is seen at the row after it, up to 12 ms late here."""
+    thin = [
+        Trial(t.label, t.time[::12], {n: v[::12] for n, v in t.channels.items()}, t.source)
+        for t in Bench().trials(1, 2)
+    ]
+    fit = fit_quickly(thin, rig).valves["a"]
+    for name in DELAYS:
+        assert not fit[name].identified
+        assert "to a row of 12 ms only" in str(fit[name].reason)
+
+
 def test_a_pressure_that_answers_before_the_command_gives_no_delay(rig: Rig) -> None:
     trials = Bench().trials(1, 2)
     late = [changed(t, valve_a=np.roll(t["valve_a"], 5)) for t in trials]

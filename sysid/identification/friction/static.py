@@ -226,12 +226,23 @@ def find_onset(trial: EvenTrial) -> Onset | str:
 def _counts(trial: EvenTrial, presliding: float) -> NDArray[np.intp]:
     """Samples (k,) after which a coarse encoder counts; none of one that counts in presliding.
 
-    Nor of one whose noise counts.
+    Nor of one whose noise counts. A count that the next one takes back is jitter at the edge of a
+    count, not motion.
     """
     noise = trial.position_noise
     if noise.noise > 0.25 * noise.quantum or presliding > 2.0 * noise.quantum:
         return np.empty(0, dtype=np.intp)
-    return np.flatnonzero(np.abs(np.diff(trial.position)) > 0.5 * noise.quantum)
+    change = np.diff(trial.position)
+    counts = np.flatnonzero(np.abs(change) > 0.5 * noise.quantum)
+    sizes = np.rint(change[counts] / noise.quantum)
+    kept, i = [], 0
+    while i < len(counts):
+        if i + 1 < len(counts) and sizes[i] == -sizes[i + 1]:
+            i += 2
+        else:
+            kept.append(counts[i])
+            i += 1
+    return np.array(kept, dtype=np.intp)
 
 
 def _rest_in_counts(counts: NDArray[np.intp]) -> int:
