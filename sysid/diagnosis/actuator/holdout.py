@@ -64,7 +64,7 @@ class HeldOut:
         """
         if scatter.static == scatter.sliding == 0.0:
             return noise.total
-        return self._root_mean_square([model] * _DRAWS, model, noise, scatter, seed)
+        return self.fitted_floor([model] * _DRAWS, model, noise, scatter, seed)
 
     def fitted_floor(
         self,
@@ -74,18 +74,7 @@ class HeldOut:
         scatter: Scatter,
         seed: int,
     ) -> FloatArray:
-        """The same, (3,), where the numbers are fitted: of models `drawn` by their errors."""
-        return self._root_mean_square(drawn, model, noise, scatter, seed)
-
-    def _root_mean_square(
-        self,
-        drawn: Sequence[Model],
-        model: Model,
-        noise: SensorNoise,
-        scatter: Scatter,
-        seed: int,
-    ) -> FloatArray:
-        """Of `drawn` about `model`, each test with friction of its own, with the noise (3,)."""
+        """The same, (3,), where the model's numbers are fitted: `drawn` are off by their errors."""
         rng = np.random.default_rng(seed)
         count = len(self.tests)
         models = [scattered(one, scatter, rng) for one in drawn for _ in range(count)]
