@@ -7,7 +7,7 @@ controller's model as in a simulation. Array-library agnostic; shapes broadcast.
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from sysid.control.design_model import DesignModel
 from sysid.control.interface import StateEstimate
@@ -111,22 +111,6 @@ def opposing_effort(point: Point, model: Model) -> Array:
     return cylinder_effort(point, model) - plant.applied_effort(still, model)
 
 
-def shared_flow(side: str, share: Array, point: Point, model: Model) -> Array:
-    """Mean flow into a chamber whose valve is open for a share of the step, kg/s.
-
-    The other valve is as open as the point says.
-    """
-    pressure = point.pressure(side)
-    on: dict[str, Any] = {f"open_{side}": 1.0 + 0.0 * pressure}
-    off: dict[str, Any] = {f"open_{side}": 0.0 * pressure}
-    opened, closed = dataclasses.replace(point, **on), dataclasses.replace(point, **off)
-    fills = pressure <= plant.filling_boundary(side, opened, model)
-    empties = pressure >= plant.exhaust_boundary(side, closed, model)
-    return share * plant.discrete_flow(side, fills, opened, model) + (
-        1.0 - share
-    ) * plant.discrete_flow(side, empties, closed, model)
-
-
 def euler_step(
     motion: Motion,
     shares: tuple[Array, Array],
@@ -148,7 +132,7 @@ def euler_step(
         point, velocity=motion.velocity, open_a=shares[0], open_b=shares[1]
     )
     rates = [
-        plant.pressure_rate(side, shared_flow(side, share, moving, model), moving, model)
+        plant.pressure_rate(side, plant.shared_flow(side, share, moving, model), moving, model)
         for side, share in zip("ab", shares, strict=True)
     ]
     velocity = motion.velocity + step * (applied - friction) / point.parameters.inertia
@@ -206,7 +190,6 @@ __all__ = [
     "opposing_effort",
     "point_at",
     "quasi_static",
-    "shared_flow",
     "sliding_friction",
     "with_payload",
 ]

@@ -123,25 +123,59 @@ def breakaway_effort(applied: Array, point: Point, model: Model) -> Array:
 def discrete_flow(side: str, choked: Array, point: Point, model: Model) -> Array:
     """Flow into a chamber by the discrete law (3.6.6, 3.6.10), kg/s; on where `is_open`."""
     xp = array_namespace(point.pressure_a, point.position)
-    valve = point.parameters.valve(side)
+    flow = xp.where(
+        point.is_open(side) > 0,
+        _filling(side, choked, point, model),
+        _exhausting(side, choked, point, model),
+    )
+    return model.through("chamber_flow", flow, side, point)
+
+
+def shared_flow(side: str, share: Array, point: Point, model: Model) -> Array:
+    """Mean flow into a chamber whose valve is on for a share (0 to 1) of the time, kg/s.
+
+    The law is taken at both; the other valve is as open as the point says.
+    """
     pressure = point.pressure(side)
-    fill = base.filling_flow(
-        pressure,
+    # A port reads both valves: where one effect couples the sides, the other keeps its share.
+    on: dict[str, Any] = {f"open_{side}": 1.0 + 0.0 * pressure}
+    off: dict[str, Any] = {f"open_{side}": 0.0 * pressure}
+    opened, closed = dataclasses.replace(point, **on), dataclasses.replace(point, **off)
+    fills = pressure <= filling_boundary(side, opened, model)
+    empties = pressure >= exhaust_boundary(side, closed, model)
+    # Of `discrete_flow` at either, the half that counts there.
+    filling = _filling(side, fills, opened, model)
+    exhausting = _exhausting(side, empties, closed, model)
+    return share * model.through("chamber_flow", filling, side, opened) + (
+        1.0 - share
+    ) * model.through("chamber_flow", exhausting, side, closed)
+
+
+def _filling(side: str, choked: Array, point: Point, model: Model) -> Array:
+    """Flow through an open valve (3.6.6), kg/s, before it reaches the chamber."""
+    valve = point.parameters.valve(side)
+    flow = base.filling_flow(
+        point.pressure(side),
         supply_pressure(side, point, model),
         valve.choked_fill,
         valve.c_fill,
         point.parameters.supply_reference,
         choked,
     )
-    exhaust = base.exhaust_flow(
-        pressure, exhaust_pressure(side, point, model), valve.choked_dis, valve.c_dis, choked
+    return model.through("filling_flow", flow, side, point)
+
+
+def _exhausting(side: str, choked: Array, point: Point, model: Model) -> Array:
+    """Flow through a valve that is off (3.6.10), kg/s, before it reaches the chamber."""
+    valve = point.parameters.valve(side)
+    flow = base.exhaust_flow(
+        point.pressure(side),
+        exhaust_pressure(side, point, model),
+        valve.choked_dis,
+        valve.c_dis,
+        choked,
     )
-    flow = xp.where(
-        point.is_open(side) > 0,
-        model.through("filling_flow", fill, side, point),
-        model.through("exhaust_flow", exhaust, side, point),
-    )
-    return model.through("chamber_flow", flow, side, point)
+    return model.through("exhaust_flow", flow, side, point)
 
 
 def knows_pulses(surfaces: tuple[Any, ...]) -> bool:
@@ -336,6 +370,7 @@ __all__ = [
     "motor_effort",
     "pitch_radius",
     "pressure_rate",
+    "shared_flow",
     "sliding_friction",
     "state_rates",
     "supply_pressure",

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -128,7 +127,9 @@ def equation_error(
             found[name] = _MECHANICAL[name](here, point, model)
             continue
         side = name[-1]
-        rate = plant.pressure_rate(side, chamber_flow(side, point, model), point, model)
+        # Each sample holds a share of filling and one of exhaust.
+        flow = plant.shared_flow(side, point.is_open(side), point, model)
+        rate = plant.pressure_rate(side, flow, point, model)
         if sensors:
             rate = _as_shown(here, side, np.asarray(rate), sensors)
         shown = getattr(traces, name)
@@ -137,25 +138,6 @@ def equation_error(
             rate = rate if gaps is own else rate[own.index]
         found[name] = np.asarray(shown - rate)
     return EquationError(**found)
-
-
-def chamber_flow(side: str, point: Point, model: Model) -> FloatArray:
-    """Mean flow into a chamber over the time around a sample, kg/s (n,).
-
-    Each sample holds a share of filling and one of exhaust; the law is taken at both.
-    """
-    share = np.asarray(point.is_open(side))
-    pressure = point.pressure(side)
-    ones = np.ones_like(share)
-    # A port reads both valves: where one effect couples the sides, the other keeps its share.
-    full: dict[str, Any] = {f"open_{side}": ones}
-    none: dict[str, Any] = {f"open_{side}": 0.0 * ones}
-    opened, closed = replace(point, **full), replace(point, **none)
-    fill_choked = pressure <= plant.filling_boundary(side, opened, model)
-    dis_choked = pressure >= plant.exhaust_boundary(side, closed, model)
-    fill = plant.discrete_flow(side, fill_choked, opened, model)
-    exhaust = plant.discrete_flow(side, dis_choked, closed, model)
-    return np.asarray(share * fill + (1.0 - share) * exhaust)
 
 
 def _effort_error(traces: Traces, point: Point, model: Model) -> FloatArray:
@@ -181,11 +163,17 @@ def _as_shown(
     The sensors are applied to the model's side: undone on the measured rate, a lag would
     raise its noise.
     """
-    nothing, name = np.zeros(len(traces)), f"pressure_{side}_pa"
+    name = f"pressure_{side}_pa"
     # The other chamber's sensor is not asked.
-    zero = {"theta_rad": traces.position, name: nothing}
-    moved = _measured(traces, sensors, {**zero, name: rate})
-    return np.asarray(moved[name] - _measured(traces, sensors, zero)[name])
+    moved = _measured(traces, sensors, {"theta_rad": traces.position, name: rate})
+    return np.asarray(moved[name] - _shown_of_none(traces, sensors, name))
+
+
+@kept_per_thread(2)
+def _shown_of_none(traces: Traces, sensors: tuple[Effect, ...], name: str) -> FloatArray:
+    """What the sensors show of a channel (n,) that is 0."""
+    none = {"theta_rad": traces.position, name: np.zeros(len(traces))}
+    return _measured(traces, sensors, none)[name]
 
 
 def _measured(
@@ -208,7 +196,7 @@ def _measured(
 
 def forget() -> None:
     """Drop the caches kept for the traces of a diagnosis, and the memory that it has freed."""
-    for kept in (_without_sensors, _with_timing, _states):
+    for kept in (_without_sensors, _with_timing, _states, _shown_of_none):
         kept.forget()
     selected.cache_clear()
     extra_states.forget()
@@ -235,7 +223,8 @@ def _with_timing(seen: Traces, traces: Traces, model: Model) -> Traces:
     return seen.with_opening(*(opening(traces.runs, model, side) for side in SIDES))
 
 
-@kept_per_thread(2)
+# Most models that are tried one after the other have the same sensors; each takes 14 channels.
+@kept_per_thread(1)
 def _without_sensors(traces: Traces, sensors: tuple[Effect, ...]) -> Traces:
     """The traces as they were before the sensors: the `measure` ports undone by iteration.
 
