@@ -182,12 +182,17 @@ class LeastSquaresFit:
         that show it (`shown_by`), less one: none where a single group shows it, as nothing is
         known of a scatter then (the matrix holds the residuals' error).
         """
-        labels = np.unique(groups)
-        moves = np.array([self._move_without(groups == g) for g in labels])
+        factors = self._group_factors(groups)
+        moves = np.zeros((len(factors), len(self.values)))
+        scale = np.linalg.norm(self.jacobian[:, self._free], axis=0)
+        for i in range(len(factors)):
+            left = _without(factors, i)
+            step, *_ = np.linalg.lstsq(left[:, :-1], -left[:, -1], rcond=_SHOWS)
+            moves[i, self._free] = step / scale
         moves -= moves.mean(axis=0)
-        count = len(labels)
+        count = len(factors)
         matrix = np.asarray((count - 1) / count * moves.T @ moves)
-        shown = self.shown_by(groups)
+        shown = self._shown_by(factors)
         alone = np.flatnonzero(shown <= 1)
         matrix[alone, :] = matrix[:, alone] = 0.0
         matrix[alone, alone] = np.diag(self.covariance)[alone]
@@ -198,26 +203,29 @@ class LeastSquaresFit:
 
         1 too where it is known by one of them alone: without that, others could make up for it.
         """
-        labels, free = np.unique(groups), np.flatnonzero(self._free)
+        return self._shown_by(self._group_factors(groups))
+
+    def _shown_by(self, factors: Sequence[FloatArray]) -> IntArray:
+        free = np.flatnonzero(self._free)
         found = np.zeros(len(self.values), dtype=np.intp)
-        scaled = self.jacobian[:, free]
-        scaled = scaled / np.linalg.norm(scaled, axis=0)
-        for group in labels:
-            own = groups == group
-            found[free] += np.linalg.norm(scaled[own], axis=0) > _SHOWS
-            _, sizes, ways = np.linalg.svd(np.linalg.qr(scaled[~own], mode="r"))
+        for i, own in enumerate(factors):
+            found[free] += np.linalg.norm(own[:, :-1], axis=0) > _SHOWS
+            left = np.linalg.qr(_without(factors, i)[:, :-1], mode="r")
+            _, sizes, ways = np.linalg.svd(left)
             lost = ways[len(sizes[sizes > _SHOWS]) :]
-            found[free[np.any(np.abs(lost) > _TAKES_PART, axis=0)]] = -len(labels)
+            found[free[np.any(np.abs(lost) > _TAKES_PART, axis=0)]] = -len(factors)
         return np.where(found < 0, 1, found)
 
-    def _move_without(self, rows: NDArray[np.bool_]) -> FloatArray:
-        """Change of the parameters (p,) when `rows` are left out."""
-        move = np.zeros(len(self.values))
-        rest = self.jacobian[~rows][:, self._free]
-        scale = np.sqrt(np.sum(self.jacobian[:, self._free] ** 2, axis=0))
-        step, *_ = np.linalg.lstsq(rest / scale, -self.residuals[~rows], rcond=_SHOWS)
-        move[self._free] = step / scale
-        return move
+    def _group_factors(self, groups: NDArray[np.intp]) -> list[FloatArray]:
+        """Of each group's equations the triangular factor, (k, free + 1): as much as they say.
+
+        Over the free parameters, their columns of unit length in all groups together, and the
+        residual.
+        """
+        columns = self.jacobian[:, self._free]
+        columns = np.column_stack([columns / np.linalg.norm(columns, axis=0), self.residuals])
+        own = [columns[groups == group] for group in np.unique(groups)]
+        return [np.asarray(np.linalg.qr(rows, mode="r")) for rows in own]
 
     def estimate(self, name: str, covariance: Covariance | None = None) -> Estimate:
         """Value, standard error and Student's 95 % interval of one parameter.
@@ -259,6 +267,11 @@ class LeastSquaresFit:
                 f"({low:.6g} to {high:.6g})"
             )
         return "\n".join(lines)
+
+
+def _without(factors: Sequence[FloatArray], i: int) -> FloatArray:
+    """The equations of all groups but one, (k, columns)."""
+    return np.vstack([factors[i][:0], *factors[:i], *factors[i + 1 :]])
 
 
 def minimise(
