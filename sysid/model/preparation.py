@@ -101,6 +101,9 @@ class Shared:
     def __init__(self) -> None:
         self._known: dict[tuple[Any, ...], tuple[Any, tuple[Any, ...]]] = {}
 
+    def __reduce__(self) -> tuple[type[Shared], tuple[()]]:
+        return Shared, ()  # an identity means nothing in another process
+
     def once(self, arrays: tuple[Any, ...], numbers: tuple[Any, ...], make: Callable[[], _T]) -> _T:
         """make(), or what it made before of the same arrays (the objects) and numbers."""
         key = (*map(id, arrays), *numbers)
@@ -111,13 +114,17 @@ class Shared:
 
 
 def open_intervals(
-    inputs: Inputs, side: str, model: Model, delays: tuple[float, float] | None = None
+    inputs: Inputs,
+    side: str,
+    model: Model,
+    delays: tuple[float, float] | None = None,
+    shared: Shared | None = None,
 ) -> valve_timing.OpenIntervals:
     """When a valve is really open, through the timing ports of the model's effects.
 
-    `delays` of opening and closing, s, in place of the model's.
+    `delays` of opening and closing, s, in place of the model's; `shared` as in `prepare`.
     """
-    edges = _edges(inputs, side, model, delays or _delays(side, model), Shared())
+    edges = _edges(inputs, side, model, delays or _delays(side, model), shared or Shared())
     return valve_timing.OpenIntervals(edges[0::2].copy(), edges[1::2].copy())
 
 

@@ -22,13 +22,12 @@ from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.io.trial_kind import is_held
 from sysid.model.ports import Model
+from sysid.model.preparation import Inputs, Shared, open_intervals
 from sysid.model.valve_timing import OpenIntervals
 from sysid.types import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
-
-    from sysid.model.simulator import Inputs
 
 
 # Smoothing of the channels before they enter the equations, Hz. The commands are not
@@ -70,6 +69,11 @@ class TestRun:
     inputs: Inputs
     moves: bool
     stamps: FloatArray | None = None
+
+    @cached_property
+    def commanded(self) -> Shared:
+        """What its commands come to, whatever the valves' delays: worked out once."""
+        return Shared()
 
 
 # Equal only to itself: results derived from traces are cached under them.
@@ -317,11 +321,9 @@ def is_slow(runs: Sequence[TestRun], velocity: FloatArray) -> BoolArray:
 
 def opening(runs: Sequence[TestRun], model: Model, side: str) -> FloatArray:
     """Share of the time around every sample in which a valve is open, (n,)."""
-    from sysid.model.simulator import open_intervals
-
     found = np.zeros(runs[-1].rows.stop)
     for run in runs:
-        intervals = open_intervals(run.inputs, side, model)
+        intervals = open_intervals(run.inputs, side, model, shared=run.commanded)
         if len(intervals.opens):
             time, half = run.inputs.time, 0.5 * run.period
             # Some edges lie at infinity.
