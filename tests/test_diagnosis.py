@@ -684,6 +684,22 @@ def test_what_no_effect_explains_is_said() -> None:
     assert repeating(found, remainders(found, rig), entries, rig) == ()
 
 
+@pytest.mark.parametrize(
+    ("effect", "named"),
+    [(("mains-hum", "sine", 1.0), []), (("link-flexibility", "arm", 1.0), ["link-flexibility"])],
+)
+def test_hum_is_no_resonance(effect: tuple[str, str, float], named: list[str]) -> None:
+    """It goes on whatever the motion does; a link rings with it."""
+    tests, rig, model = made(effect, scatter=0.02)
+    link = catalogue()["link-flexibility"]
+    found = close_loop(tests, rig, model, [link], simulation_error=lambda trial: 0.0)
+    assert [step.refit.id for step in found.search.steps] == named
+    notes = found.looked.sentences()
+    assert [line.startswith("not link-flexibility") for line in notes] == [True] * (not named)
+    assert all(" 50.0 Hz" in line for line in notes)
+    assert [entry.channel for entry in leftover(found)] == ["effort"] * (not named)
+
+
 def test_what_repeats_is_structure_where_it_is_large(
     healthy: tuple[Tests, Rig, Model],
 ) -> None:

@@ -65,11 +65,12 @@ class Missed:
 
 @dataclass(frozen=True)
 class Looked:
-    """The effects that were screened and fitted, by id, and what was missed."""
+    """The effects that were screened and fitted, by id, what was missed, and what was noted."""
 
     screened: tuple[str, ...] = ()
     fitted: tuple[str, ...] = ()
     missed: tuple[Missed, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @property
     def is_complete(self) -> bool:
@@ -90,8 +91,8 @@ class Looked:
         }
 
     def sentences(self) -> tuple[str, ...]:
-        """Notices: what was missed, stage by stage."""
-        found = []
+        """Notices: what was noted, and what was missed, stage by stage."""
+        found = list(self.notes)
         for stage, number in dict.fromkeys((m.stage, m.round) for m in self.missed):
             own = [m for m in self.missed if (m.stage, m.round) == (stage, number)]
             subjects = ", ".join(dict.fromkeys(m.subject for m in own if m.subject))
@@ -126,11 +127,17 @@ class Book:
     screened: list[str] = field(default_factory=list)
     fitted: list[str] = field(default_factory=list)
     missed: list[Missed] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
     quick: bool = False
 
     def enter(self, stage: SearchStage, number: int = 0) -> None:
         """A stage begins, of a round or (0) outside them."""
         self.stage, self.round = stage, number
+
+    def note(self, sentence: str) -> None:
+        """Note what the search came upon and no effect's numbers say."""
+        if sentence not in self.notes:
+            self.notes.append(sentence)
 
     def left_out(self, stage: SearchStage, number: int = 0, *, decides: bool = False) -> None:
         """Note that a quick search leaves a stage out."""
@@ -165,7 +172,7 @@ class Book:
     def closed(self) -> Looked:
         """What was looked at, each effect once."""
         screened, fitted = (tuple(dict.fromkeys(ids)) for ids in (self.screened, self.fitted))
-        return Looked(screened, fitted, tuple(self.missed))
+        return Looked(screened, fitted, tuple(self.missed), tuple(self.notes))
 
 
 LATE = Failure("out of time", out_of_time=True)

@@ -13,6 +13,7 @@ import numpy as np
 
 from sysid.diagnosis.actuator.equation_error import BREAKAWAY, CHANNELS, channels_of
 from sysid.diagnosis.actuator.null_distribution import Null
+from sysid.diagnosis.actuator.oscillation import steady_oscillation
 from sysid.diagnosis.actuator.refit import (
     Refit,
     has_threshold,
@@ -229,12 +230,28 @@ class _TwinRounds(Rounds[RefittedStep]):
     def _clear(self, fitted: Sequence[Refit], excess: Mapping[str, float]) -> list[Refit]:
         """Those whose strengths the tests agree on."""
         tests = self.base.frame.tests
-        gaining = [r for r in fitted if r.gain > 0.0]
+        gaining = [r for r in fitted if r.gain > 0.0 and not self._is_hum(r)]
         refits = [r for r in gaining if r.wald(tests) > self._least_wald(r, excess)]
         if not refits and not self.steps:
             # Few tests may reach a limit, or rest: what these show, the simulation confirms.
             refits = [r for r in gaining if self._simulates_better(r)]
         return refits
+
+    def _is_hum(self, found: Refit) -> bool:
+        """Whether an oscillation that goes on whatever the motion does explains clearly more."""
+        other = steady_oscillation(self.base, found)
+        if other is None:
+            return False
+        penalty = _scale(found) * other.numbers * _log_rows(found)
+        clear = _CLEAR_BIC * _scale(found)
+        if other.gain - penalty < found.gain - _penalty(found) + clear:
+            return False
+        self.book.note(
+            f"not {found.id}: in the torque balance an oscillation of {other.frequency:.1f} Hz "
+            "goes on whatever the motion does, as hum of the mains does; log a rest with the "
+            "amplifier on"
+        )
+        return True
 
     def _least_wald(self, found: Refit, excess: Mapping[str, float]) -> float:
         """How far from 0 the tests must agree that an effect's strengths are."""
