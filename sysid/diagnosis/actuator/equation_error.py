@@ -211,7 +211,7 @@ def _with_part_in_states(model: Model) -> Model:
     )
 
 
-@kept_per_thread(4)
+@kept_per_thread(2)
 def _states(traces: Traces, model: Model) -> dict[str, FloatArray]:
     owners = [e for e in model.effects if e.states]
     needs_flow = any(c not in _MECHANICAL for e in owners for c in channels_of(e))
