@@ -148,17 +148,27 @@ def _fails(*_: Any, **__: Any) -> Any:
     raise RuntimeError("the simulation does not stay finite")
 
 
+def _overflows(*_: Any, **__: Any) -> Any:
+    raise OverflowError("math range error")
+
+
 def _is_worse(*_: Any, **__: Any) -> Any:
     one = np.ones(3)
     return SimpleNamespace(fits={"fit": Fit(one, 2.0 * one, one, one)})
 
 
 @pytest.mark.parametrize(
-    ("outcome", "why"), [(_fails, "does not stay finite"), (_is_worse, "2 times worse")]
+    ("outcome", "why"),
+    [
+        (_fails, "does not stay finite"),
+        (_overflows, "math range error"),
+        (_is_worse, "2 times worse"),
+    ],
 )
 def test_a_refinement_that_does_not_hold_is_not_taken(
     ran: Ran, outcome: Callable[..., Any], why: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.delenv("SYSID_DEBUG", raising=False)
     monkeypatch.setattr("sysid.refinement.refine.refine", outcome)
     before = replace(ran.diagnosed.diagnosis, refinement=None)
     campaign, extended = read_campaign(ran.campaign), read_bundle(ran.extended)

@@ -20,7 +20,7 @@ from sysid.refinement.reduction import ReducedEquations, reduced
 from sysid.refinement.runs import Run
 from sysid.refinement.scan import scanned
 from sysid.refinement.solver import solve
-from sysid.refinement.unknowns import Unknown, chosen, model_at, numbers_of
+from sysid.refinement.unknowns import MOST_FACTOR, Unknown, chosen, model_at, numbers_of
 from sysid.refinement.whitening import Whitening
 from sysid.types import FloatArray
 from sysid.validation.motion_tests import Segment
@@ -86,6 +86,20 @@ def test_a_bound_stops_one_parameter_and_no_other(simulated: tuple[list[Run], Mo
     std = np.sqrt(np.diag(free.at.covariance()))[:2]
     assert (np.abs(free.point.shared - problem.first_point().shared)[:2] > 5.0 * std).all()
     assert (np.abs(end.point.shared - free.point.shared)[:2] < 2.0 * std).all()
+
+
+def test_no_step_takes_a_tests_friction_beyond_its_limit(found: Estimated) -> None:
+    """A step that hardly anything damps once overflowed; the other unknowns move as they did."""
+    problem, at = found.problem, found.solution.at
+    p = len(problem.unknowns)
+    far = np.zeros(p + 2 * problem.tests)
+    far[p], far[p + 1] = 1e6, -1e6
+    there = at.moved(problem, far, found.solution.counted)
+    factors = np.exp(there.friction[0] * problem.scatter)
+    np.testing.assert_allclose(factors, [MOST_FACTOR, 1.0 / MOST_FACTOR])
+    np.testing.assert_array_equal(there.friction[1:], at.point.friction[1:])
+    assert np.isfinite(there.starts).all()
+    assert all(np.isfinite(run.cost) for run in problem.linearised(there))
 
 
 def test_a_profile_asks_nothing_beyond_a_bound(found: Estimated) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
 
 from sysid.bundle import Bundle, EffectEntry
 from sysid.bundle.assembled_model import effects_from_bundle
@@ -18,8 +19,11 @@ from sysid.errors import InputError, NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import Campaign
 from sysid.model.effects.entry import Catalogue, CatalogueEffect
-from sysid.parallel import OutOfTimeError, check_time
+from sysid.parallel import Failure, attempt
 from sysid.types import Progress, no_progress
+
+if TYPE_CHECKING:
+    from sysid.refinement.result import RefineResult
 
 
 def with_refined_numbers(
@@ -38,27 +42,16 @@ def with_refined_numbers(
     """
     if not diagnosis.effects:
         return diagnosis
-    from sysid.refinement.refine import refine  # loads jax
-    from sysid.refinement.whole_tests import much_worse
-
-    try:
-        check_time()
-        result = refine(campaign, extended, catalogue=catalogue, progress=progress)
-        fit = result.fits["fit"]
-        if worse := much_worse(fit.before, fit.after):
-            why = f"the training tests would be simulated {worse}"
-            return _as_it_was(diagnosis, why)
-        after = held_out_errors(result.bundle)
-    except OutOfTimeError:
-        return _out_of_time(diagnosis)
-    except (InputError, NotIdentifiedError, RuntimeError) as error:
-        return _as_it_was(diagnosis, str(error))
+    found = attempt(lambda: _numbers(campaign, extended, catalogue, held_out_errors, progress))
+    if isinstance(found, Failure):
+        return _out_of_time(diagnosis) if found.out_of_time else _as_it_was(diagnosis, found.reason)
+    result, after = found
     count = len(diagnosis.effects)
     own = effects_from_bundle(result.bundle, catalogue)[-count:]
-    found = zip(diagnosis.effects, result.bundle.effects[-count:], own, strict=True)
+    refined = zip(diagnosis.effects, result.bundle.effects[-count:], own, strict=True)
     return dataclasses.replace(
         diagnosis,
-        effects=tuple(_refined(effect, entry, new) for effect, entry, new in found),  # type: ignore[arg-type]
+        effects=tuple(_refined(effect, entry, new) for effect, entry, new in refined),  # type: ignore[arg-type]
         residual={
             name: dataclasses.replace(error, after=after[name])
             for name, error in diagnosis.residual.items()
@@ -67,6 +60,27 @@ def with_refined_numbers(
         refinement=result,
         notices=(*diagnosis.notices, *result.notices),
     )
+
+
+def _numbers(
+    campaign: Campaign,
+    extended: Bundle,
+    catalogue: Catalogue,
+    held_out_errors: Callable[[Bundle], Mapping[str, float]],
+    progress: Progress,
+) -> tuple[RefineResult, Mapping[str, float]] | Failure:
+    """The refinement and a bundle's errors with it; why it is not to be used where it is not."""
+    from sysid.refinement.refine import refine  # loads jax
+    from sysid.refinement.whole_tests import much_worse
+
+    try:
+        result = refine(campaign, extended, catalogue=catalogue, progress=progress)
+        fit = result.fits["fit"]
+        if worse := much_worse(fit.before, fit.after):
+            return Failure(f"the training tests would be simulated {worse}")
+        return result, held_out_errors(result.bundle)
+    except (InputError, NotIdentifiedError, RuntimeError) as error:
+        return Failure(str(error))
 
 
 def _as_it_was(diagnosis: Diagnosis, why: str) -> Diagnosis:

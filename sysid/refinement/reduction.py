@@ -17,6 +17,7 @@ from scipy.special import gammaincinv
 from sysid.refinement.factors import triangular
 from sysid.refinement.problem import LOCAL, Iterate, Linearised, Problem
 from sysid.refinement.runs import STATES
+from sysid.refinement.unknowns import MOST_FACTOR
 from sysid.types import BoolArray, FloatArray
 
 _S = len(STATES)
@@ -138,13 +139,16 @@ class ReducedEquations:
         shared, friction = _parts(problem, step)
         there = np.clip(self.point.shared + shared, *problem.limits.T)
         shared = there - self.point.shared
+        widest = math.log(MOST_FACTOR) / np.array(problem.scatter)
+        tests = np.clip(self.point.friction + friction, -widest, widest)
+        friction = tests - self.point.friction
         starts = np.array(self.point.starts)
         for i, (run, head) in enumerate(zip(problem.runs, self.heads, strict=True)):
             right = np.array(head[:, -1])
             if counted[i]:
                 right += head[:, _S:LOCAL] @ friction[run.test] + head[:, LOCAL:-1] @ shared
             starts[i] -= np.linalg.solve(head[:, :_S], right)
-        return Iterate(there, self.point.friction + friction, starts)
+        return Iterate(there, tests, starts)
 
     def predicted(self, problem: Problem, to: Iterate) -> FloatArray:
         """What each run's cost (runs,) would be at a point if its equations were linear."""

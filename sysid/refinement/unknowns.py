@@ -29,7 +29,7 @@ from sysid.model.ports import Model
 from sysid.types import FloatArray
 
 Direction = tuple[int, str]
-_MOST_FACTOR = 20.0
+MOST_FACTOR = 20.0
 # Two integrations of the same equations put flows so far apart, relatively: long logs at the
 # encoder's resolution say more than that (`benchmarks/refinement.py coverage`).
 _EXACT = 1e-6
@@ -75,7 +75,7 @@ class Unknown:
     def limits(self) -> tuple[float, float]:
         """The least and the largest coordinate."""
         if self._is_logarithm:
-            return -math.log(_MOST_FACTOR), math.log(_MOST_FACTOR)
+            return -math.log(MOST_FACTOR), math.log(MOST_FACTOR)
         return (self.lower - self.value) / self.scale, (self.upper - self.value) / self.scale
 
     def coordinate(self, value: float) -> float:
