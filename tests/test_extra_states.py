@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from test_diagnosis import made
 
-from sysid.diagnosis.actuator.equation_error import EFFORT, _states_of, channels_of, forget
+from sysid.diagnosis.actuator.equation_error import EFFORT, channels_of
 from sysid.diagnosis.actuator.samples import Traces, prepare
 from sysid.diagnosis.actuator.states import integrate_states, measured_flow, point_of
 from sysid.io.channels import SIDES
 from sysid.model import plant
-from sysid.model.base import Array
 from sysid.model.effects import catalogue
-from sysid.model.effects.chamber import TemperatureDrift, TubeLag
-from sysid.model.ports import Effect, Model, Point
+from sysid.model.effects.chamber import TemperatureDrift
+from sysid.model.ports import Model
 from sysid.types import FloatArray
 
 KINDS = [kind for kind in catalogue().values() if kind.states]
@@ -103,37 +101,3 @@ def test_states_are_those_of_a_plain_loop(
                 rtol=1e-9,
                 atol=1e-10 * size,
             )
-
-
-@dataclass(frozen=True)
-class _ReadsAFlow(Effect):
-    """A state that goes to a fitted flow of the base model."""
-
-    states = ("own_flow",)
-
-    def initial_states(self, point: Point) -> dict[str, Array]:
-        return {"own_flow": 0.0 * point.position}
-
-    def state_rates(self, point: Point, flows: Mapping[str, Array]) -> dict[str, Array]:
-        return {"own_flow": 100.0 * (point.parameters.choked_fill_a - point.extra["own_flow"])}
-
-
-def test_states_are_kept_while_only_what_they_do_not_read_changes(
-    short: tuple[Traces, Model], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    traces, model = short
-    calls = []
-    monkeypatch.setattr(
-        "sysid.diagnosis.actuator.equation_error.integrate_states",
-        lambda *given: calls.append(given) or integrate_states(*given),
-    )
-    other = model.parameters.replace(choked_fill_a=2.0 * float(model.parameters.choked_fill_a))
-    pairs = [
-        [_states_of(traces, Model(p, (effect,))) for p in (model.parameters, other)]
-        for effect in (TubeLag(2e-3), _ReadsAFlow())
-    ]
-    (lag, same), (flow, twice) = pairs
-    assert lag is same and len(calls) == 4  # of which one found no number
-    np.testing.assert_allclose(twice["own_flow"], 2.0 * flow["own_flow"], rtol=1e-12)
-    assert np.max(flow["own_flow"]) > 0.0
-    forget()

@@ -7,7 +7,6 @@ sensor effects are undone before the equations use a channel.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -36,7 +35,6 @@ FLOW_PARAMETERS = tuple(
     f"{law}_{side}" for side in SIDES for law in ("choked_fill", "choked_dis", "c_fill", "c_dis")
 )
 _FITTED = FRICTION_PARAMETERS + FLOW_PARAMETERS
-_NO_NUMBER = math.nan  # the one object, as a key is equal to itself alone
 
 
 @dataclass(frozen=True)
@@ -115,7 +113,7 @@ def equation_error(
         # Fitted numbers do not affect the timing; as part of the key they would defeat the cache.
         fixed = model.parameters.replace(**dict.fromkeys(_FITTED, 0.0))
         seen = _with_timing(seen, traces, Model(fixed, timing))
-    states = _states_of(seen, model) if model.state_names else {}
+    states = _states(seen, _with_part_in_states(model)) if model.state_names else {}
     found = {name: np.zeros(len(rows[name].index) if rows else len(traces)) for name in CHANNELS}
     for name in channels:
         own = rows[name] if rows else None
@@ -203,19 +201,6 @@ def forget() -> None:
     selected.cache_clear()
     extra_states.forget()
     give_back()
-
-
-def _states_of(seen: Traces, model: Model) -> dict[str, FloatArray]:
-    """The extra states, kept where a fitted number of the base model alone has changed.
-
-    Most states do not read those: with numbers that are none they come out as numbers.
-    """
-    part = _with_part_in_states(model)
-    bare = Model(part.parameters.replace(**dict.fromkeys(_FITTED, _NO_NUMBER)), part.effects)
-    found = _states(seen, bare)
-    if all(np.isfinite(values).all() for values in found.values()):
-        return found
-    return _states(seen, part)
 
 
 def _with_part_in_states(model: Model) -> Model:
