@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sysid.diagnosis.actuator.comparison import CLEAR_BIC, noise_scale, penalty
 from sysid.diagnosis.actuator.equation_error import EFFORT, EquationError, channels_of
 from sysid.diagnosis.actuator.refit import Refit
 from sysid.diagnosis.actuator.screening import Projected
@@ -40,10 +41,10 @@ class Oscillation:
 
 
 def steady_oscillation(base: Projected, found: Refit) -> Oscillation | None:
-    """The oscillation that explains most of the torque balance, near a frequency of an effect or
-    of the mains.
+    """The oscillation, near a frequency of an effect or of the mains, that explains clearly more of
+    the torque balance than the effect does.
 
-    None for an effect that has no frequency, or does not act there.
+    None where there is none, and for an effect that has no frequency or does not act there.
     """
     effect = found.effect
     own = [float(getattr(effect, q.name)) for q in type(effect).quantities if q.unit == "Hz"]
@@ -51,7 +52,9 @@ def steady_oscillation(base: Projected, found: Refit) -> Oscillation | None:
         return None
     centres = (*own, *_MAINS_HZ)
     tried = [_of_frequency(base, f) for centre in centres for f in centre + _OFFSETS_HZ]
-    return max(tried, key=lambda one: one.gain)
+    best = max(tried, key=lambda one: one.gain)
+    ahead = (best.gain - penalty(found, best.numbers)) - (found.gain - penalty(found))
+    return best if ahead >= CLEAR_BIC * noise_scale(found) else None
 
 
 def _of_frequency(base: Projected, frequency: float) -> Oscillation:

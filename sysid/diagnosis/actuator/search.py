@@ -4,14 +4,23 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
-from sysid.diagnosis.actuator.equation_error import BREAKAWAY, CHANNELS, channels_of
+from sysid.diagnosis.actuator.comparison import (
+    RIVAL_SHARE,
+    excess_in,
+    explained_channels,
+    indistinguishable,
+    penalty,
+    relative_size,
+    share_of_excess,
+)
+from sysid.diagnosis.actuator.equation_error import BREAKAWAY, channels_of
 from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.oscillation import steady_oscillation
 from sysid.diagnosis.actuator.refit import (
@@ -36,7 +45,6 @@ from sysid.diagnosis.looked import Book, SearchStage
 from sysid.diagnosis.search import MOST_EFFECTS, Round, Rounds, Step, run
 from sysid.errors import SimulationError
 from sysid.estimation.linear import Estimate
-from sysid.model.effects.catalogue import class_of
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import Model
 from sysid.parallel import attempt_in_threads, time_limit
@@ -44,8 +52,6 @@ from sysid.types import Progress
 
 # By how much an effect in them may gain more than they exceed the twins.
 _MOST_OF_EXCESS = 2.0
-# A smaller part of an effect's gain than this says nothing of the balance that it is in.
-_SMALL_PART = 0.1
 # A strength that the tests agree on differs from 0 by this many squared standard errors; of a
 # threshold that is the squared z of a sign test (`Refit.wald`).
 _CLEAR_WALD = 16.0
@@ -69,13 +75,9 @@ _TOLERATED_RISE = 0.01
 _BETTER_BY = 0.1
 # One that only the few breakaways show has to simulate better, even as the first.
 _LEAST_FALL = -0.05
-# A rival that explains almost as much as the winner is indistinguishable from it: the real form
-# of an effect is seldom the catalogue's, which costs the right one as much.
-_RIVAL_SHARE = 0.9
 # By how much the logarithm of the simulation error of one rival is below another's that simulates
 # clearly worse.
 _CLEARLY_LOWER = 0.2
-_CLEAR_BIC = 10.0
 
 
 @dataclass(frozen=True)
@@ -210,20 +212,20 @@ class _TwinRounds(Rounds[RefittedStep]):
         clear = self._clear(fitted, excess)
         judged = {r.id: channels_of(r.effect) for r in clear}
         while clear:
-            winner = max(clear, key=lambda r: r.gain - _penalty(r))
+            winner = max(clear, key=lambda r: r.gain - penalty(r))
             self.progress(f"{winner.id}: tried {', '.join(r.id for r in clear)}")
             winner = self._simulating_best(winner, clear)
             self.book.enter(SearchStage.TOGETHER, number)
             if step := self._step(winner, clear, excess, judged[winner.id]):
                 return step
-            judged = {r.id: _explained(r, self.base.frame) for r in clear}
+            judged = {r.id: explained_channels(r, self.base.frame) for r in clear}
             gone = set(judged[winner.id])
             # What is explained has to be there: a balance that exceeds the twins' by as much.
             clear = [
                 r
                 for r in clear
                 if not gone.intersection(judged[r.id])
-                and r.gain < _MOST_OF_EXCESS * _excess_in(judged[r.id], excess)
+                and r.gain < _MOST_OF_EXCESS * excess_in(judged[r.id], excess)
             ]
         return None
 
@@ -242,10 +244,6 @@ class _TwinRounds(Rounds[RefittedStep]):
         other = steady_oscillation(self.base, found)
         if other is None:
             return False
-        penalty = _scale(found) * other.numbers * _log_rows(found)
-        clear = _CLEAR_BIC * _scale(found)
-        if other.gain - penalty < found.gain - _penalty(found) + clear:
-            return False
         self.book.note(
             f"not {found.id}: in the torque balance an oscillation of {other.frequency:.1f} Hz "
             "goes on whatever the motion does, as hum of the mains does; log a rest with the "
@@ -257,11 +255,11 @@ class _TwinRounds(Rounds[RefittedStep]):
         """How far from 0 the tests must agree that an effect's strengths are."""
         channels = channels_of(found.effect)
         if self.steps:
-            channels = _explained(found, self.base.frame)
+            channels = explained_channels(found, self.base.frame)
             before = {c for step in self.steps for c in channels_of(step.effect)}
             if before.intersection(channels):
                 return _CLEAR_WALD
-        return _MAIN_WALD if _share(found, excess, channels) > _MAIN_SHARE else _CLEAR_WALD
+        return _MAIN_WALD if share_of_excess(found, excess, channels) > _MAIN_SHARE else _CLEAR_WALD
 
     def _step(
         self,
@@ -272,13 +270,13 @@ class _TwinRounds(Rounds[RefittedStep]):
     ) -> RefittedStep | None:
         """With the best of these refits, if what it explains of these channels is enough."""
         base, steps = self.base, self.steps
-        share = _share(winner, excess, channels)
+        share = share_of_excess(winner, excess, channels)
         least = _LEAST_PART if share < _WHOLE_SHARE else _LEAST_WHOLE
         # Where the effects so far do not act, nothing can be a misfit of their form.
         gone = sum(max(self.before[c] - excess[c], 0.0) for c in channels)
         if share < LEAST_SHARE or winner.gain < least * gone:
             return None
-        if steps and _size(winner.effect) < _LEAST_SIZE:
+        if steps and relative_size(winner.effect) < _LEAST_SIZE:
             return None
         joint = _together(self.first, steps, winner)
         if joint is None:
@@ -294,7 +292,7 @@ class _TwinRounds(Rounds[RefittedStep]):
             winner.effect,
             self.null.p_value(winner.id, winner.gain, len(type(winner.effect).strengths())),
             share,
-            _ambiguous(winner, refits),
+            indistinguishable(winner, refits),
             tuple(replace(s, refitted=gains.get(s.id)) for s in self.tried),
             winner,
             extended,
@@ -305,7 +303,7 @@ class _TwinRounds(Rounds[RefittedStep]):
 
         What the balances average out, as the pulses' ripple, tells them apart there.
         """
-        near = [r for r in refits if r.gain > _RIVAL_SHARE * winner.gain]
+        near = [r for r in refits if r.gain > RIVAL_SHARE * winner.gain]
         if len(near) < 2:
             return winner
         errors = {}
@@ -348,8 +346,8 @@ class _TwinRounds(Rounds[RefittedStep]):
             return None
         lost = joint.gain - without[least.id].gain
         numbers = len(type(least.effect).quantities)
-        penalty = _scale(joint) * numbers * _log_rows(joint)
-        return least if lost < max(_LEAST_PART * without[least.id].gain, penalty) else None
+        least_lost = max(_LEAST_PART * without[least.id].gain, penalty(joint, numbers))
+        return least if lost < least_lost else None
 
     def _without(self, step: RefittedStep) -> Refit:
         """All effects but one fitted together."""
@@ -390,12 +388,6 @@ class _TwinRounds(Rounds[RefittedStep]):
         return Search(tuple(steps), model, first, last, joint, base_std, rounds)
 
 
-def _size(effect: CatalogueEffect) -> float:
-    """The largest of an effect's strengths over its usual size."""
-    strengths = type(effect).strengths()
-    return max(abs(float(getattr(effect, q.name)) / q.typical) for q in strengths)
-
-
 def _together(first: Projected, steps: Sequence[RefittedStep], winner: Refit) -> Refit | None:
     """The effects so far and another one fitted together; None where they change their size.
 
@@ -431,21 +423,6 @@ def _composes(model: Model, candidate: Candidate) -> bool:
     return not set(model.state_names).intersection(candidate.neutral().states)
 
 
-def _share(found: Refit, excess: Mapping[str, float], channels: Sequence[str]) -> float:
-    """How much an effect explains of the excess over noise in these channels."""
-    return found.gain / max(_excess_in(channels, excess), found.gain)
-
-
-def _excess_in(channels: Iterable[str], excess: Mapping[str, float]) -> float:
-    return sum(max(excess[channel], 0.0) for channel in channels)
-
-
-def _explained(found: Refit, frame: Frame) -> tuple[str, ...]:
-    """The channels with more than a small part of an effect's gain."""
-    fell = found.before**2 - found.rest**2
-    return tuple(c for c in CHANNELS if fell[frame.rows(c)].sum() > _SMALL_PART * found.gain)
-
-
 def _refit(base: Projected, starts: Sequence[Sequence[CatalogueEffect]], book: Book) -> list[Refit]:
     """Each effect from its starting points; the best of each. What fails is noted."""
     flat = [start for points in starts for start in points]
@@ -457,31 +434,3 @@ def _refit(base: Projected, starts: Sequence[Sequence[CatalogueEffect]], book: B
         if name not in best or one.gain > best[name].gain:
             best[name] = one
     return list(best.values())
-
-
-def _penalty(found: Refit) -> float:
-    """BIC's penalty for an effect's parameters, in whitened squares."""
-    count = sum(len(type(effect).quantities) for effect in found.effects)
-    return _scale(found) * count * _log_rows(found)
-
-
-def _scale(found: Refit) -> float:
-    """Mean of the whitened squares that a fit leaves, at least 1."""
-    return max(float(found.rest @ found.rest) / len(found.rest), 1.0)
-
-
-def _log_rows(found: Refit) -> float:
-    return math.log(len(found.rest))
-
-
-def _ambiguous(winner: Refit, refits: Sequence[Refit]) -> tuple[str, ...]:
-    """Members of the winner's class, and rivals that explain as much within the margins."""
-    scale = _scale(winner)
-    near = {i for i in class_of(winner.id) if i != winner.id}
-    for rival in refits:
-        if rival.id == winner.id:
-            continue
-        bic = (winner.gain - _penalty(winner) - rival.gain + _penalty(rival)) / scale
-        if bic < _CLEAR_BIC or rival.gain > _RIVAL_SHARE * winner.gain:
-            near.add(rival.id)
-    return tuple(sorted(near))
