@@ -1,13 +1,15 @@
 """Attribution measured: campaigns with and without an undeclared effect, as a user meets them.
 
-    python benchmarks/attribution.py run RESULTS.jsonl --first 5000 --count 200 [--jobs 2] [--known]
-    python benchmarks/attribution.py table RESULTS.jsonl
+    python benchmarks/attribution.py run [RESULTS] --first 5000 --count 200 [--jobs 2] [--known]
+    python benchmarks/attribution.py table [RESULTS]
 
 `run` draws a campaign for each seed (nothing missing, one effect of the catalogue, one that
 no catalogue holds, two effects), in the size of a lab's, writes it to files, and runs
 `sysid fit` and `sysid diagnose --json` on it. One line of JSON a campaign is appended to
 the results; seeds already present are skipped, so that runs accumulate and can be
-distributed over machines. With `--known` only campaigns whose effects are laws of the catalogue
+distributed over machines. `benchmarks/attribution.jsonl`, which is committed, holds those of the
+report with the commit that each was run with: a sweep takes minutes a campaign, and goes on there.
+With `--known` only campaigns whose effects are laws of the catalogue
 are diagnosed: what the figures of intervals and of errors over the true model's need. `table`
 prints the figures with Wilson's 95 % intervals and the confusion of names. Seeds 1000 to 1999 are
 for development, 5000 on for the report: nothing is tuned on the latter. The program under test
@@ -34,6 +36,7 @@ import numpy as np
 REPOSITORY = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(REPOSITORY))
 
+from benchmarks.history import commit  # noqa: E402
 from benchmarks.true_model import SAME_LAW, true_value  # noqa: E402
 from datasets.generator.effects import FORMS, OUT_OF_CATALOGUE  # noqa: E402
 from sysid.model.effects import class_of  # noqa: E402
@@ -43,6 +46,7 @@ SHARES = (0.3, 0.45, 0.125, 0.125)
 SCATTERS = (0.0, 0.02, 0.04)
 CATALOGUED = tuple(name for name in FORMS if name not in OUT_OF_CATALOGUE)
 SECONDS = 900
+RESULTS = REPOSITORY / "benchmarks" / "attribution.jsonl"
 
 
 def draw(seed: int) -> dict[str, Any]:
@@ -103,13 +107,23 @@ def one(seed: int) -> dict[str, Any]:
         if found.returncode != 0:
             return drawn | {"failed": f"diagnose: {found.stderr.strip()[-200:]}"}
         seconds = {"fit_s": middle - start, "diagnose_s": time.perf_counter() - middle}
+        drawn["commit"] = commit()
         if not set(drawn["effects"]) <= SAME_LAW.keys():
-            return drawn | {"diagnosis": json.loads(found.stdout)} | seconds
+            return drawn | {"diagnosis": judged(json.loads(found.stdout))} | seconds
         true = call("benchmarks.true_model", campaign, bundle, str(place / "truth.json"))
         if true.returncode != 0:
             return drawn | {"failed": f"true model: {true.stderr.strip()[-200:]}"}
         errors = json.loads(true.stdout)
-        return drawn | {"diagnosis": json.loads(found.stdout), "true_errors": errors} | seconds
+        diagnosis = judged(json.loads(found.stdout))
+        return drawn | {"diagnosis": diagnosis, "true_errors": errors} | seconds
+
+
+def judged(diagnosis: dict[str, Any]) -> dict[str, Any]:
+    """What of a diagnosis the figures need."""
+    names = ("id", "parameters", "ambiguous_with")
+    effects = [{name: effect[name] for name in names} for effect in diagnosis["effects"]]
+    kept = {name: diagnosis[name] for name in ("verdict", "because", "residual", "refined")}
+    return kept | {"effects": effects}
 
 
 def run(options: argparse.Namespace) -> None:
@@ -262,7 +276,9 @@ def table(options: argparse.Namespace) -> None:
             "90 to 98 %",
         ),
     ]
-    print(f"{len(everything)} campaigns, {len(everything) - len(results)} failed\n")
+    print(f"{len(everything)} campaigns, {len(everything) - len(results)} failed")
+    by_commit = Counter(r.get("commit", "unknown") for r in everything)
+    print("by commit: " + ", ".join(f"{name} {n}" for name, n in by_commit.items()) + "\n")
     print("| figure | measured | 95 % interval | asked |\n| --- | --- | --- | --- |")
     for name, hits, asked in rows:
         low, high = wilson(sum(hits), len(hits))
@@ -301,14 +317,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     commands = parser.add_subparsers(required=True)
     runner = commands.add_parser("run")
-    runner.add_argument("results", type=Path)
+    runner.add_argument("results", type=Path, nargs="?", default=RESULTS)
     runner.add_argument("--first", type=int, default=5000)
     runner.add_argument("--count", type=int, default=200)
     runner.add_argument("--jobs", type=int, default=1)
     runner.add_argument("--known", action="store_true")
     runner.set_defaults(action=run)
     printer = commands.add_parser("table")
-    printer.add_argument("results", type=Path)
+    printer.add_argument("results", type=Path, nargs="?", default=RESULTS)
     printer.set_defaults(action=table)
     options = parser.parse_args()
     options.action(options)
