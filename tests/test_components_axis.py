@@ -29,7 +29,7 @@ from sysid.diagnosis.result import Diagnosis
 from sysid.errors import NotIdentifiedError
 from sysid.friction import fit_friction
 from sysid.io.logs import Trial
-from sysid.io.rig import Cylinder, Rig
+from sysid.io.rig import Cylinder, Motor, Rig
 from sysid.model.effects.catalogue import catalogue
 from sysid.model.effects.linear import for_rig
 from sysid.types import FloatArray
@@ -127,6 +127,39 @@ def test_no_motor_gain_explains_everything_away() -> None:
     halved = Law({k: 0.5 * v for k, v in law.values.items()}, (gain(-0.5),))
     plain_error, scaled = (rmse(part.residuals(each, range(4))) for each in (law, halved))
     assert scaled == pytest.approx(plain_error, rel=1e-6)
+
+
+def slide(seed: int) -> Trial:
+    """At four constant speeds each way, as slow axes are tested: friction is most of the force."""
+    rng = np.random.default_rng(seed)
+    speeds = []
+    for level in (0.03, -0.03, 0.08, -0.08, 0.16, -0.16, 0.25, -0.25):
+        own = np.full(int(min(1.2, 0.28 / abs(level)) / 0.002), level)
+        own[:40] = np.linspace(0.0, level, 40)
+        own[-40:] = own[39::-1]
+        speeds += [own, np.zeros(50)]
+    speed = np.concatenate(speeds)
+    time = 0.002 * np.arange(len(speed))
+    position = np.concatenate([[0.0], np.cumsum(0.001 * (speed[1:] + speed[:-1]))])
+    force = 3.1 * np.gradient(speed, time) + 30.0 * np.tanh(speed / 1e-3) + 110.0 * speed
+    force += 4.0 * rng.standard_normal(len(time))
+    return Trial(f"slide {seed}", time, {"position_m": position, "motor_force_n": force}, "slides")
+
+
+@pytest.mark.parametrize("motor", [None, Motor(max_force_n=120.0)])
+def test_no_limit_below_friction_explains_everything_away(motor: Motor | None) -> None:
+    """It clips all that a log of slides holds, to what Coulomb friction alone explains."""
+    part = axis([slide(seed) for seed in (1, 2, 3, 4)], replace(RIG, motor=motor))
+    limits = {"torque-saturation": CATALOGUE["torque-saturation"]}
+    assert (limits["torque-saturation"] in part.effects(limits)) == (motor is not None)
+    selection = select(part, limits)
+    assert selection.additions == ()
+    assert selection.base.base_estimates()["mass_kg"].value == pytest.approx(3.1, rel=0.1)
+    below, above = (
+        Law(selection.base.law.values, (limits["torque-saturation"](1.0 / limit),))
+        for limit in (20.0, 50.0)
+    )
+    assert part.is_possible(above) and not part.is_possible(below)
 
 
 def test_what_no_effect_explains_has_a_curve() -> None:

@@ -30,9 +30,11 @@ from sysid.identification.friction.effort import MOTION, EvenTrial, even_trial, 
 from sysid.identification.friction.motion_samples import tells_speeds
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
+from sysid.model import plant
 from sysid.model.base import bare_parameters
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.effects.linkage import InertiaMismatch
+from sysid.model.effects.motor import TorqueSaturation
 from sysid.model.ports import Model, Point, overrides
 from sysid.types import FloatArray
 from sysid.validation.effort_balance import ImposedMotion, effort_gap, imposed_motion
@@ -41,6 +43,9 @@ from sysid.validation.effort_balance import ImposedMotion, effort_gap, imposed_m
 _FEWEST_TESTS = 3
 _STRETCHES = 6
 _LEAST_CHANGE = 1e-9
+# A command that is so much larger has to move the motor's effort by this share of that, for all but
+# so many of the samples.
+_MORE, _ANSWERS, _MOST_DEAF = 1e-3, 0.5, 0.5
 # A linear axis has no pinion, and its weight is the same everywhere: an offset.
 _ROTARY_ONLY = ("pitch-eccentricity", "mounting-tilt")
 # Motion turns at the ends of what it visits: what the filter leaves of a reversal looks like one.
@@ -100,7 +105,9 @@ class Axis(Component):
             return False
         if kind.id in _LIKE_REVERSALS or (self.rig.is_linear and kind.id in _ROTARY_ONLY):
             return False
-        if kind is InertiaMismatch and self.rig.total_inertia() is None:
+        if kind.id == TorqueSaturation.id and self.rig.motor is None:
+            return False  # the log holds the force as it was, beyond any limit of it
+        if kind.id == InertiaMismatch.id and self.rig.total_inertia() is None:
             return False  # nothing is declared, and the inertia is fitted
         values = {p.name: p.value for p in self.parameters()}
         effect = smallest_probe(kind, self.side())
@@ -114,6 +121,22 @@ class Axis(Component):
 
     def side(self) -> str:
         return "both"
+
+    def is_possible(self, law: Law) -> bool:
+        """Not if the motor would hardly answer to most of the commands that moved the axis.
+
+        As with a limit below friction: such an effect explains a log by taking away what it holds.
+        """
+        model, deaf, count = self._model(law), 0, 0
+        for case in self.cases:
+            parameters = model.at(case.point.time)
+            point = dataclasses.replace(case.point, parameters=parameters)
+            more = dataclasses.replace(point, motor=(1.0 + _MORE) * point.motor)
+            answer = plant.motor_effort(more, model) - plant.motor_effort(point, model)
+            own = np.abs(_MORE * point.motor)[case.rows]
+            deaf += int(np.count_nonzero(np.abs(answer)[case.rows] < _ANSWERS * own))
+            count += int(np.count_nonzero(own))
+        return deaf <= _MOST_DEAF * count
 
     def residuals(self, law: Law, tests: Sequence[int]) -> list[FloatArray]:
         # Stretches of one trial share its motion.

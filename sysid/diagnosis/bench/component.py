@@ -127,6 +127,10 @@ class Component(ABC):
         """The side that an effect of one chamber, valve or sensor acts on."""
         return "a"
 
+    def is_possible(self, law: Law) -> bool:
+        """Whether a part with this law could have given its tests at all."""
+        return True
+
     def noise_floor(self, law: Law) -> float:
         """RMSE of a correct law, in `unit`.
 

@@ -275,9 +275,12 @@ def _attempt(
     folds: Sequence[Sequence[int]],
     error: FloatArray,
 ) -> tuple[Attempt, LeastSquaresFit] | None:
-    """One effect together with those before it; None if these tests do not identify it."""
+    """One effect together with those before it.
+
+    None if these tests do not identify it, or a part with it could not have given them.
+    """
     fitted = fit_law(component, kinds, range(len(component.tests)), without.law)
-    if not np.isfinite(fitted.fit.sum_of_squares):
+    if not np.isfinite(fitted.fit.sum_of_squares) or not component.is_possible(fitted.law):
         return None
     p_value = fitted.p_value(without)
     if p_value >= SIGNIFICANCE:
