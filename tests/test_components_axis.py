@@ -375,6 +375,15 @@ def test_friction_that_scatters_from_test_to_test_is_no_structure() -> None:
     assert rest.rmse > 1.5 * rest.noise
 
 
+def test_errors_far_above_the_noise_are_not_adequate() -> None:
+    """As of logs that do not belong together, though they share no structure."""
+    offsets = (0.0, 40.0, -40.0, 0.0, 60.0, -60.0)
+    found = verdict_on([lambda v, o=o: plain(v) + o for o in offsets], lambda trial: 0.0)
+    assert found.verdict == "unexplained" and found.because == "held-out errors"
+    assert "a log that is not like the others" in found.notices[-1]
+    assert found.effects == () and len(found.unexplained) == 1
+
+
 # --- the commands --------------------------------------------------------------------------
 
 

@@ -29,6 +29,12 @@ _LEFT_OUT = (
 )
 # An error this close to the noise floor leaves nothing to explain.
 _AT_FLOOR = 1.1
+# One that is so many times the floor leaves a law that is not adequate, whatever the tests share.
+_FAR_OFF = 10.0
+_FAR_OFF_NOTICE = (
+    "the errors are far above the noise, though the tests share no structure: look for a log that "
+    "is not like the others (chambers exchanged, a sign, a unit, another rig)"
+)
 
 
 def diagnose_component(
@@ -75,8 +81,11 @@ def diagnose_component(
     if rest is not None:
         structured = _repeating(structured, rest, left, errors[0].get(component.channel, error))
     undecided = not selection.additions and not selection.looked.is_decided
-    because = why_unexplained(bool(structured), False, undecided)
-    if undecided:
+    far_off = not selection.additions and floor > 0.0 and error > _FAR_OFF * floor
+    because = why_unexplained(bool(structured), far_off, undecided)
+    if because == "held-out errors":
+        notices = (*notices, _FAR_OFF_NOTICE)
+    if undecided or far_off:
         structured = structured or left[:1]
     evidence = HeldOutEvidence(kind, selection, tuple(left), given, outside)
     return Diagnosis(
