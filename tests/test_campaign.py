@@ -172,3 +172,28 @@ def test_which_template_is_written(tmp_path: Path, capsys: pytest.CaptureFixture
     assert "--linear is for a rig file" in capsys.readouterr().err
     assert main(["init", str(tmp_path / "campaign.toml"), "--kind", "rig"]) == 0
     assert "[cylinder]" in (tmp_path / "campaign.toml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("words", "what", "fix"),
+    [
+        (["fit", "a.csv", "-o", "b.json"], "a.csv: is a log, not a campaign file", "fit friction"),
+        (["check", "rig.toml"], "rig.toml: is a rig file, not a campaign", "sysid init"),
+        (["fit", "friction", "c.toml", "-o", "b.json"], "c.toml: is a TOML file", "fit CAMPAIGN"),
+    ],
+)
+def test_a_file_of_another_kind_is_named(
+    words: list[str],
+    what: str,
+    fix: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("a.csv").write_text("time_s,theta_rad\n0,0\n0.1,0\n")
+    Path("c.toml").write_text('rig = "rig.toml"\n')
+    Path("rig.toml").write_text('[rig]\nname = "r"\norientation = "horizontal"\n')
+    assert main(words) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert what in line and fix in line

@@ -194,6 +194,12 @@ def read_campaign(path: Path, own: OwnKind | None = None) -> Campaign:
     source = str(path)
     notices = reject_misspelt(content, CampaignFile.model_fields, "", source)
     rig_file = content.get("rig")
+    if isinstance(rig_file, dict):
+        raise input_error(
+            path,
+            "is a rig file, not a campaign",
+            "give the path of a campaign file; sysid init campaign.toml writes a template",
+        )
     if not isinstance(rig_file, str) or not rig_file:
         raise input_error(path, "rig is missing", 'add rig = "rig.toml" at the top')
     rig_path = path.parent / rig_file

@@ -29,6 +29,7 @@ from sysid.io.rig_sections import (
     Tank,
     Valves,
 )
+from sysid.io.tables import PARQUET_SUFFIXES
 
 GRAVITY_M_PER_S2 = 9.81
 RIG_FILE_NAME = "rig.toml"
@@ -213,6 +214,13 @@ def read_rig(path: Path) -> Rig:
 
 def read_toml(path: Path, what: str) -> dict[str, Any]:
     """A TOML file's tables, or an InputError that names the line."""
+    if path.suffix.lower() in (".csv", *PARQUET_SUFFIXES):
+        raise input_error(
+            path,
+            f"is a log, not {what}",
+            f"give the path of {what}; one log is fitted by `sysid fit friction`, `valve-discrete` "
+            "or `valve-pwm`",
+        )
     try:
         raw = path.read_bytes()
         note_input(path)

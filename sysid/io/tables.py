@@ -167,6 +167,12 @@ def read_table(path: Path, wanted: Collection[str], text: Collection[str] = ()) 
             f"a {path.suffix} file is not a log",
             f"convert it first: `sysid convert {path.name} -o {path.stem}.csv --map ...`",
         )
+    if path.suffix.lower() == ".toml":
+        raise input_error(
+            path,
+            "is a TOML file, not a log",
+            "give the path of a log; all logs of a campaign are fitted by `sysid fit CAMPAIGN`",
+        )
     raw = read_bytes(path, "a log")
     digest = hashlib.sha256(raw).hexdigest()
     if path.suffix.lower() in PARQUET_SUFFIXES:
