@@ -495,3 +495,21 @@ def test_kinds_of_two_parts_do_not_mix(campaign: Path, capsys: pytest.CaptureFix
     capsys.readouterr()
     assert main(["diagnose", str(campaign), "--bundle", bundle]) == 2
     assert "give each kind its own campaign" in capsys.readouterr().err
+
+
+def test_an_axis_without_tests_in_motion_is_told_to_add_some(
+    campaign: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It was told to declare the air of a rig that has none."""
+    bundle = str(campaign.parent / "b.json")
+    assert main(["fit", str(campaign), "-o", bundle]) == 0
+    slides = slide(1)
+    table = pd.DataFrame({"time_s": slides.time, **slides.channels})
+    table.to_csv(campaign.parent / "slides.csv", index=False)
+    campaign.write_text(
+        'rig = "rig.toml"\n[[log]]\nkind = "friction-sliding"\nfile = "slides.csv"\n'
+    )
+    capsys.readouterr()
+    assert main(["diagnose", str(campaign), "--bundle", bundle]) == 3
+    (line,) = [n for n in capsys.readouterr().err.splitlines() if "error: " in n]
+    assert "tests of kind friction-motion" in line and "[air]" not in line

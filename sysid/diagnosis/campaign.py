@@ -14,6 +14,7 @@ from sysid.diagnosis.bench.registry import AXIS, part_tested
 from sysid.diagnosis.looked import SECONDS, Book, SearchStage
 from sysid.diagnosis.refined import with_refined_numbers
 from sysid.diagnosis.result import Diagnosis, FoundEffect
+from sysid.errors import NotIdentifiedError
 from sysid.io.campaign import Campaign, CampaignLog
 from sysid.io.logs import Log
 from sysid.model.effects.catalogue import EffectSource, catalogue_from
@@ -92,6 +93,11 @@ def _diagnose_logs(
                 progress,
             )  # fmt: skip
         return found, tuple(notices)
+    if campaign.rig.air is None:
+        raise NotIdentifiedError(
+            f"{campaign.path}: an axis without air is diagnosed on tests of kind friction-motion, "
+            "of which it holds none; add some (docs: how-to/part-alone)"
+        )
     model = bundle.model(campaign.rig, catalogue)
     notices += [*bundle.other_rig(campaign.rig), *assumed_friction(bundle)]
     diagnosis = diagnose(
