@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 from golden_folder import BUNDLED
@@ -18,6 +19,7 @@ from sysid.checks.consistency.campaign import (
     readings_of,
 )
 from sysid.checks.consistency.comparison import disagreements
+from sysid.checks.consistency.kinds import other_kind
 from sysid.checks.consistency.quantities import RIG, Reading, SharedQuantity
 from sysid.checks.log_check import check_campaign
 from sysid.commands.app import main
@@ -205,3 +207,107 @@ def test_check_and_report_show_contradictions(
     section = quality_section(campaign, checks)
     shown = [b for b in section.blocks if isinstance(b, Lines) and "contradict" in b.summary]
     assert [b.lines for b in shown] == [checks[1].contradicts]
+
+
+# --- the steady effort of each log, and its kind --------------------------------------------
+
+PULLED = """
+[rig]
+name = "pulled"
+motion = "linear"
+orientation = "{orientation}"
+
+[air]
+gas_constant_j_per_kg_k = 287.0
+heat_capacity_ratio = 1.4
+temperature_k = 293.15
+atmospheric_pressure_pa = 101325.0
+supply_pressure_pa = 700000.0
+
+[cylinder]
+area_a_m2 = 1.2566e-3
+area_b_m2 = 1.1027e-3
+offset_a_m = 0.12
+offset_b_m = 0.12
+stroke_m = 0.2
+
+[inertia]
+mass_kg = 3.0
+"""
+GAUGES = ((0.0, 0.0), (1e5, 3e5), (4e5, 1e5), (2e5, 2.5e5))
+
+
+def pulled(gauges: tuple[float, float], seed: int) -> pd.DataFrame:
+    """A cylinder pulled along sines under steady pressures, with a load cell in line."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(0.0, 12.0, 0.005)
+    position = 0.05 * np.sin(2.0 * np.pi * 0.4 * time) + 0.02 * np.sin(2.0 * np.pi * 0.9 * time)
+    velocity = np.gradient(position, time)
+    pushed = gauges[0] * 1.2566e-3 - gauges[1] * 1.1027e-3
+    force = 3.0 * np.gradient(velocity, time) + 30.0 * np.sign(velocity) + 100.0 * velocity - pushed
+    noise = rng.normal(size=(3, len(time)))
+    return pd.DataFrame(
+        {
+            "time_s": time,
+            "position_m": position,
+            "motor_force_n": force + noise[0],
+            "pressure_a_pa": 101325.0 + gauges[0] + 200.0 * noise[1],
+            "pressure_b_pa": 101325.0 + gauges[1] + 200.0 * noise[2],
+        }
+    )
+
+
+def pulled_campaign(folder: Path, change: Change, *, orientation: str = "horizontal") -> Campaign:
+    """Four logs, of which `change` is made to the third."""
+    (folder / "rig.toml").write_text(PULLED.format(orientation=orientation))
+    entries = ['rig = "rig.toml"\n']
+    for place, gauges in enumerate(GAUGES, start=1):
+        frame = pulled(gauges, place)
+        if orientation == "vertical":
+            frame["motor_force_n"] += 3.0 * 9.81
+        frame = change(frame) if place == 3 else frame
+        frame.to_csv(folder / f"run_{place}.csv", index=False)
+        entries.append(f'[[log]]\nkind = "friction-motion"\nfile = "run_{place}.csv"\n')
+    (folder / "campaign.toml").write_text("\n".join(entries))
+    return read_campaign(folder / "campaign.toml")
+
+
+def test_chambers_exchanged_in_one_log_of_a_pulled_cylinder_are_named(tmp_path: Path) -> None:
+    (line,) = check_consistency(pulled_campaign(tmp_path, swapped))
+    assert re.search(r"^run_3.*horizontal rig.*chambers exchanged.*are swapped in this log", line)
+
+
+@pytest.mark.parametrize("orientation", ["horizontal", "vertical"])
+def test_a_load_cell_that_was_not_zeroed_is_named(orientation: str, tmp_path: Path) -> None:
+    tared = scaled("motor_force_n", 1.0, 150.0)
+    (line,) = check_consistency(pulled_campaign(tmp_path, tared, orientation=orientation))
+    assert re.search(r"^run_3.*steady 150 N.*the zero of motor_force_n", line)
+
+
+@pytest.mark.parametrize("orientation", ["horizontal", "vertical"])
+def test_steady_pressures_alone_contradict_nothing(orientation: str, tmp_path: Path) -> None:
+    assert check_consistency(pulled_campaign(tmp_path, lambda f: f, orientation=orientation)) == ()
+
+
+def test_logs_under_each_others_kind_are_told(tmp_path: Path) -> None:
+    """Both friction kinds exchanged, and a log without the command of its kind."""
+    entries = ['rig = "rig.toml"\n']
+    kinds = {
+        "friction_static.parquet": "friction-sliding",
+        "friction_sliding.parquet": "friction-static",
+        "motion_motor.parquet": "motion-pwm",
+    }
+    for name in ("rig.toml", *kinds):
+        (tmp_path / name).write_bytes((BUNDLED / name).read_bytes())
+    entries += [f'[[log]]\nkind = "{kind}"\nfile = "{file}"\n' for file, kind in kinds.items()]
+    (tmp_path / "campaign.toml").write_text("\n".join(entries))
+    campaign = read_campaign(tmp_path / "campaign.toml")
+    said = {
+        entry.file: other_kind(campaign.read(entry).trials, entry.kind, entry.file, campaign.rig)
+        for entry in campaign.logs
+    }
+    assert "that is friction-static" in str(said["friction_static.parquet"])
+    assert "that is friction-sliding" in str(said["friction_sliding.parquet"])
+    assert "none of its tests commands duty_a or duty_b" in str(said["motion_motor.parquet"])
+    lines = check_consistency(campaign)
+    assert {line for line in said.values() if line} <= set(lines)

@@ -43,6 +43,13 @@ def friction_identified(
     what a fit would give that estimates it.
     """
     u = units_of(rig)
+    if trials and not any(rig.effort_channel in t for t in trials) and declared is None:
+        why = (
+            f"column {rig.effort_channel} is missing: map it, if the log has it under another name"
+        )
+        for parameter in (*_names(u), "inertia"):
+            yield Identification(parameter, False, why)
+        return
     found, why = _fitted(trials, rig, declared, estimate_inertia=False)
     for parameter, name in _names(u).items():
         yield _identification(parameter, found, name, why)
@@ -56,7 +63,7 @@ def _names(u: Units) -> dict[str, str]:
         "static friction": u.static,
         "Coulomb friction": u.coulomb,
         "viscous friction": u.viscous,
-        "torque offset": u.offset,
+        "force offset" if u.effort == "N" else "torque offset": u.offset,
     }
 
 

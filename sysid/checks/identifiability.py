@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from sysid.checks.friction import Identification, friction_identified
-from sysid.io.channels import SIDES
+from sysid.io.channels import DUTIES, SIDES, SWITCHES
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.io.trial_kind import is_active
@@ -25,12 +25,13 @@ _FEWEST_DUTIES = 5
 def identifications(
     by_kind: TrialsByKind, rig: Rig, declared: str | None = None
 ) -> Iterator[Identification]:
-    """Every parameter of the model in turn; a purely electric axis has no valves.
+    """Every parameter of the model in turn; those of valves where the rig or the log has some.
 
     `by_kind` holds the log's trials by kind; `declared` is the kind that a campaign gives them.
     """
     yield from friction_identified([t for group in by_kind.values() for t in group], rig, declared)
-    if rig.cylinder is None:
+    commanded = any(is_active(t, *DUTIES, *SWITCHES) for group in by_kind.values() for t in group)
+    if rig.cylinder is None or (rig.valves is None and not commanded):
         return
     for valve in SIDES:
         yield from _discrete(by_kind.get("valve-discrete", ()), rig, valve)

@@ -38,8 +38,8 @@ _STUCK_RUN = 25
 class ChannelCheck:
     """One channel over all tests of a log; noise and quantum in the channel's unit.
 
-    `noise_std` is the noise floor (one standard deviation), `quantum` the smallest step
-    between readings (0: none found). `stuck_s` is the longest time for which a dithering
+    `noise_std` is the noise before the converter (one standard deviation), `quantum` the smallest
+    step between readings (0: none found). `stuck_s` is the longest time for which a dithering
     sensor repeats one reading, `saturated_share` the share of samples in such stretches at
     the channel's highest or lowest reading.
     """
@@ -51,6 +51,13 @@ class ChannelCheck:
     noise_std: float | None
     stuck_s: float
     saturated_share: float
+
+    @property
+    def sample_std(self) -> float | None:
+        """The whole error of one sample: the noise, and the converter's rounding."""
+        if self.noise_std is None:
+            return None
+        return signals.NoiseFloor(self.noise_std, self.quantum).total
 
 
 @dataclass(frozen=True, repr=False)

@@ -41,7 +41,7 @@ def fit(
     with progress_or_shown(progress, "fitting") as tell:
         subject = subject_of(campaign)
         bundle, notices = subject.fit(surface, seed, tell)
-    for line in dict.fromkeys((*notices, *subject.contradictions())):
+    for line in dict.fromkeys((*subject.contradictions(), *notices)):
         _LOGGER.warning("%s", line)
     return bundle
 

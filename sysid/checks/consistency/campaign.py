@@ -9,16 +9,20 @@ from dataclasses import dataclass
 from sysid.checks.consistency.comparison import Contradiction, disagreements
 from sysid.checks.consistency.drive import CYLINDER, MOTOR, Gain, gains, takes_energy_out
 from sysid.checks.consistency.flow import filling_flows
+from sysid.checks.consistency.kinds import other_kind
 from sysid.checks.consistency.levels import (
     breakaway,
     filled_pressures,
     interval_of,
     rest_pressures,
+    sliding_fit,
     sliding_friction,
 )
+from sysid.checks.consistency.offsets import OffsetReading, offset_lines, offset_of
 from sysid.checks.consistency.quantities import RIG, Reading, SharedQuantity
 from sysid.errors import SysidError
 from sysid.identification.friction.effort import EvenTrial, even_trial
+from sysid.identification.friction.result import FrictionResult
 from sysid.io.campaign import MOTION_KINDS, Campaign
 from sysid.io.channels import CHAMBER_PRESSURES, SIDES
 from sysid.io.logs import Log, Trial
@@ -42,6 +46,7 @@ class LogReadings:
     """What one log contributes to the comparison, and what is wrong within it."""
 
     readings: tuple[Reading, ...] = ()
+    offset: OffsetReading | None = None
     notices: tuple[Contradiction, ...] = ()
 
 
@@ -64,12 +69,15 @@ def located_contradictions(logs: Iterable[LogReadings], rig: Rig) -> tuple[Contr
     """`contradictions`, each with the log or rig file that its line begins with."""
     by_quantity: dict[str, list[Reading]] = {}
     found: list[Contradiction] = []
+    logs = list(logs)
     for one in logs:
         found += one.notices
         for reading in one.readings:
             by_quantity.setdefault(reading.quantity.name, []).append(reading)
     for readings in by_quantity.values():
         found += disagreements([*readings, *_of_the_rig(readings[0].quantity, rig)])
+    offsets = [one.offset for one in logs if one.offset is not None]
+    found += [Contradiction(*located) for located in offset_lines(offsets, rig)]
     found += _below_coulomb(by_quantity.get(_STATIC, []), by_quantity.get(_COULOMB, []))
     return tuple(dict.fromkeys(found))
 
@@ -79,6 +87,10 @@ def readings_of(log: Log, kind: str, rig: Rig, where: str = "") -> LogReadings:
     readings: list[Reading] = []
     notices: list[Contradiction] = []
     name = where or log.path.name
+    other = other_kind(log.trials, kind, name, rig)
+    if other is not None:
+        notices.append(Contradiction(name, other))
+    offset = None
     if kind in _MOVING:
         even = [e for e in (_even(t, rig) for t in log.trials) if e is not None]
         if takes_energy_out(even):
@@ -89,10 +101,14 @@ def readings_of(log: Log, kind: str, rig: Rig, where: str = "") -> LogReadings:
     if kind == "friction-static":
         readings += _breakaway(log.trials, name, rig)
     if kind in ("friction-sliding", "friction-motion", "motion-motor"):
-        readings += _friction(log.trials, kind, name, rig)
+        fit_kind = "sliding" if kind == "friction-sliding" else "motion"
+        fit = sliding_fit(log.trials, fit_kind, rig)
+        readings += _friction(fit, name, rig)
+        if fit is not None and fit_kind == "motion":
+            offset = offset_of(fit, log.trials, name, rig)
     if rig.air is not None and rig.cylinder is not None:
         readings += _air(log.trials, name, rig)
-    return LogReadings(tuple(readings), tuple(notices))
+    return LogReadings(tuple(readings), offset, tuple(notices))
 
 
 def quantities(rig: Rig) -> tuple[SharedQuantity, ...]:
@@ -170,9 +186,8 @@ def _inertia(rig: Rig) -> SharedQuantity:
 # --- friction -----------------------------------------------------------------------------
 
 
-def _friction(trials: Sequence[Trial], kind: str, name: str, rig: Rig) -> Iterator[Reading]:
-    fit_kind = "sliding" if kind == "friction-sliding" else "motion"
-    for part, estimate in sliding_friction(trials, fit_kind, rig).items():
+def _friction(fit: FrictionResult | None, name: str, rig: Rig) -> Iterator[Reading]:
+    for part, estimate in sliding_friction(fit).items():
         low, high = estimate.interval
         if high - low > 2.0 * _WIDEST_OF_FRICTION * abs(estimate.value):
             continue

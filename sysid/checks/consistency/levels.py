@@ -10,6 +10,7 @@ import numpy as np
 from sysid.errors import SysidError
 from sysid.estimation.linear import Estimate
 from sysid.friction import fit_friction
+from sysid.identification.friction.result import FrictionResult
 from sysid.io.channels import CHAMBER_PRESSURES, VALVE_COMMANDS
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
@@ -54,20 +55,26 @@ def filled_pressures(trials: Sequence[Trial], valve: str) -> list[float]:
     return found
 
 
-def sliding_friction(trials: Sequence[Trial], kind: str, rig: Rig) -> dict[str, Estimate]:
-    """Coulomb and viscous friction of one log by these names, where both are identified.
+def sliding_fit(trials: Sequence[Trial], kind: str, rig: Rig) -> FrictionResult | None:
+    """The friction fit of one log, `kind` "sliding" or "motion"; None where there is none.
 
-    From motion the inertia is estimated too, so that a wrong one in the rig file moves neither.
+    From motion the inertia is estimated too, so that a wrong one in the rig file moves nothing.
     """
     needed = (rig.position_channel, rig.effort_channel)
     usable = [t for t in trials if all(n in t for n in needed)]
     if rig.cylinder is not None:
         usable = [t for t in usable if all(n in t for n in CHAMBER_PRESSURES)]
     if not usable:
-        return {}
+        return None
     try:
-        found = fit_friction(usable, rig, kind=kind, estimate_inertia=kind == "motion")
+        return fit_friction(usable, rig, kind=kind, estimate_inertia=kind == "motion")
     except SysidError:
+        return None
+
+
+def sliding_friction(found: FrictionResult | None) -> dict[str, Estimate]:
+    """Coulomb and viscous friction of a fit by these names, where both are identified."""
+    if found is None:
         return {}
     pairs = {"coulomb": found[found.units.coulomb], "viscous": found[found.units.viscous]}
     return pairs if all(_usable(e) for e in pairs.values()) else {}
@@ -96,4 +103,11 @@ def interval_of(values: FloatArray | Sequence[float], least: float) -> tuple[flo
     return middle, middle - reach, middle + reach
 
 
-__all__ = ["breakaway", "filled_pressures", "interval_of", "rest_pressures", "sliding_friction"]
+__all__ = [
+    "breakaway",
+    "filled_pressures",
+    "interval_of",
+    "rest_pressures",
+    "sliding_fit",
+    "sliding_friction",
+]

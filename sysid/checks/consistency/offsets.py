@@ -1,0 +1,102 @@
+"""The steady effort that a log's motion needs beside friction: none, on a rig that is level.
+
+Chambers that are exchanged, a load cell that was not zeroed, and an area or a pressure that is
+wrong all leave one. Exchanged ones are told by what is left when they are exchanged back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sysid.checks.consistency.levels import sliding_fit
+from sysid.estimation.linear import Estimate
+from sysid.identification.friction.result import FrictionResult
+from sysid.io.channels import CHAMBER_PRESSURES
+from sysid.io.logs import Trial
+from sysid.io.rig import Rig
+
+# Times the Coulomb friction: smaller offsets are effects.
+_LARGE = 2.0
+# Of an offset: what exchanging the chambers back may leave of it.
+_LEFT = 0.2
+# Fewer logs than this have no common offset that one of them could lack.
+_FEWEST = 3
+
+
+@dataclass(frozen=True)
+class OffsetReading:
+    """One log's offset, N or Nm, with its Coulomb friction, and with its chambers exchanged."""
+
+    source: str
+    offset: Estimate
+    coulomb: float
+    exchanged: float | None
+
+
+def offset_of(
+    fit: FrictionResult, trials: Sequence[Trial], name: str, rig: Rig
+) -> OffsetReading | None:
+    """From a log of motion and its fit; None where that does not tell an offset from friction."""
+    found = _read(fit)
+    if found is None:
+        return None
+    offset, coulomb = found
+    other = None
+    if abs(offset.value) > _LARGE * coulomb and all(
+        n in t for t in trials for n in CHAMBER_PRESSURES
+    ):
+        other = sliding_fit([_exchanged(t) for t in trials], "motion", rig)
+    without = None if other is None else _read(other)
+    return OffsetReading(name, offset, coulomb, None if without is None else without[0].value)
+
+
+def offset_lines(readings: Sequence[OffsetReading], rig: Rig) -> Iterator[tuple[str, str]]:
+    """Log and line of each offset that a rig cannot have in this log alone, or at all."""
+    usual = 0.0
+    if rig.is_vertical:
+        # A weight that the rig file lacks is an offset in every log.
+        if len(readings) < _FEWEST:
+            return
+        usual = float(np.median([one.offset.value for one in readings]))
+    coulomb = float(np.median([one.coulomb for one in readings])) if readings else 0.0
+    for one in readings:
+        low, high = one.offset.interval
+        off = one.offset.value - usual
+        if abs(off) <= _LARGE * coulomb or low <= usual <= high:
+            continue
+        unit = one.offset.unit
+        said = (
+            f"{one.source}: beside friction ({coulomb:.3g} {unit}) its motion needs a steady "
+            f"{off:.3g} {unit}"
+            + (" more than the other logs'" if rig.is_vertical else ", on a horizontal rig")
+        )
+        left = None if one.exchanged is None else one.exchanged - usual
+        if left is not None and abs(left) < _LEFT * abs(off):
+            mend = (
+                f"{left:.3g} {unit} with its chambers exchanged: pressure_a_pa and pressure_b_pa "
+                "are swapped in this log; exchange them in its map"
+            )
+        else:
+            mend = (
+                f"the zero of {rig.effort_channel}, or a pressure's zero, unit or area, is wrong; "
+                "compare what they read at rest"
+            )
+        yield one.source, f"{said}: {mend}"
+
+
+def _exchanged(trial: Trial) -> Trial:
+    a, b = CHAMBER_PRESSURES
+    return replace(trial, channels={**trial.channels, a: trial[b], b: trial[a]})
+
+
+def _read(fit: FrictionResult) -> tuple[Estimate, float] | None:
+    """Offset and Coulomb friction."""
+    offset, coulomb = fit[fit.units.offset], fit[fit.units.coulomb]
+    is_known = offset.identified and coulomb.identified and coulomb.value > 0.0
+    return (offset, coulomb.value) if is_known else None
+
+
+__all__ = ["OffsetReading", "offset_lines", "offset_of"]
