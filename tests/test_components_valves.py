@@ -270,7 +270,7 @@ def test_a_stretch_is_left_out_of_both_sweeps_and_knows_its_direction() -> None:
     for up, down in zip(component.stretches[:12], component.stretches[12:], strict=True):
         assert sorted(up.duty) == pytest.approx(sorted(down.duty))
         assert (up.direction == 1.0).all() and (down.direction == -1.0).all()
-        assert up.sweep == "up" and down.sweep == "down"
+        assert up.sweep == "m.csv, test up" and down.sweep == "m.csv, test down"
     acting = {kind.id for kind in component.effects(catalogue())}
     assert acting == {"valve-dead-band", "series-restriction", "valve-hysteresis"}
 

@@ -438,8 +438,10 @@ def test_the_least_certain_parameters_are_worth_another_test() -> None:
     section = next_section(bundle.replaced(friction=friction), None, "campaign.toml")
     assert section is not None
     (lacking,) = (b for b in section.blocks if isinstance(b, HtmlTable))
-    named = [row[0] for row in lacking.rows]
-    assert "friction.coulomb_nm" in named and "friction.offset_nm" not in named
+    named = {row[0]: row[1] for row in lacking.rows}
+    assert "friction.offset_nm" not in named
+    # In the parameter's unit: a share of a value about 0 says nothing.
+    assert "to 0.026 Nm" in str(named["friction.coulomb_nm"])
 
 
 def test_a_motor_alone_has_no_valves() -> None:
@@ -849,6 +851,26 @@ def test_boxes_show_what_is_wrong(browser: Any, tmp_path: Path) -> None:
     for fault in ("table cut by its frame", "texts overlap in the page", "text cut by its picture"):
         assert fault in found
     watched.close()
+
+
+def test_a_part_s_report_begins_with_its_finding_and_names_its_logs(
+    part_reports: dict[str, Path],
+) -> None:
+    """Held-out logs by name, gauge pressures, nothing of the valves that a cylinder alone lacks."""
+    text = part_reports["cylinder"].read_text()
+    box = text[text.index('id="verdict"') : text.index('id="data"')]
+    assert box.index("Effects found: seal friction") < box.index("The part was tested alone")
+    assert "PWM surfaces" not in box and "run sysid refine" not in box
+    assert "held-out test: test_4.csv" in text and "Force, test_4.csv" in text
+    assert "gauge pressure sum times direction" in text
+    assert "valve-pwm" not in text[text.index('id="provenance"') :]
+
+
+def test_what_was_asked_for_of_a_part_gives_its_colour(part_reports: dict[str, Path]) -> None:
+    """Static friction, of which there is no test, is listed, and no concern."""
+    text = part_reports["cylinder"].read_text()
+    box = text[text.index('id="verdict"') : text.index('id="data"')]
+    assert "Not identified: friction.static_n" in box and "unidentified parameter" not in box
 
 
 def test_a_section_starts_an_a4_page(part_reports: dict[str, Path], browser: Any) -> None:

@@ -27,7 +27,7 @@ from sysid.commands.options import (
 from sysid.commands.own_component import read_with
 from sysid.commands.printing import estimate_cells, notices, print_json, progress
 from sysid.diagnosis import wording
-from sysid.diagnosis.evidence import ACTUATOR
+from sysid.diagnosis.evidence import is_of_actuator
 from sysid.diagnosis.looked import SECONDS
 from sysid.diagnosis.result import Diagnosis
 from sysid.display.terminal import console, new_table
@@ -199,7 +199,7 @@ def _effect_tables(content: dict[str, Any]) -> Iterable[Table]:
 def _before_after_tables(content: dict[str, Any]) -> Iterable[Table]:
     if not content["residual"]:
         return
-    how = ", simulated open loop" if content["component"] == ACTUATOR else ""
+    how = ", simulated open loop" if is_of_actuator(content) else ""
     title = f"RMSE on held-out logs{how}"
     columns = ("channel", "original bundle", *wording.steps(content), _CORRECT)
     table = new_table(title, *columns)

@@ -7,7 +7,7 @@ from typing import Any
 
 from sysid.bundle import Bundle, Validation
 from sysid.diagnosis import wording
-from sysid.diagnosis.evidence import ACTUATOR
+from sysid.diagnosis.evidence import is_of_actuator
 from sysid.display.channels import channel_of
 from sysid.display.quality import quality_name
 
@@ -16,7 +16,8 @@ def verdict_lines(
     bundle: Bundle, diagnosis: Mapping[str, Any] | None, skipped: str = ""
 ) -> tuple[str, str, str]:
     """From the final bundle and the diagnosis; None where there was none, as one was `skipped`."""
-    none = f"not possible: {skipped}" if skipped else "none was made"
+    reason = skipped.removeprefix("diagnosis: ")
+    none = f"not possible: {reason}" if skipped else "none was made"
     found = none if diagnosis is None else wording.sentence(diagnosis)
     return (
         f"Model: {_model(bundle)}",
@@ -82,7 +83,7 @@ def _next(bundle: Bundle, diagnosis: Mapping[str, Any] | None, is_impossible: bo
         return "sysid diagnose finds what the model lacks"
     lines = wording.advice(diagnosis)
     if not lines:
-        is_advised = bundle.component is None and diagnosis.get("component", ACTUATOR) == ACTUATOR
+        is_advised = bundle.component is None and is_of_actuator(diagnosis)
         more = "; sysid advise says which test would add most"
         return f"nothing was left open{more if is_advised else ''}"
     more = f" ({len(lines) - 1} more in the report)" if len(lines) > 1 else ""

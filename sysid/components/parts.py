@@ -316,8 +316,7 @@ def stretches_of(trials: Sequence[Trial]) -> tuple[Stretch, ...]:
         count = max(1, min(pieces, len(trial) // _FEWEST_ROWS))
         edges = np.linspace(0, len(trial), count + 1).astype(int)
         for k in range(count):
-            label = trial.label if count == 1 else f"{trial.label}, part {k + 1} of {count}"
-            found.append(Stretch(label, trial, int(edges[k]), int(edges[k + 1])))
+            found.append(Stretch(trial.title, trial, int(edges[k]), int(edges[k + 1])))
     return tuple(found)
 
 

@@ -18,6 +18,11 @@ from sysid.model.effects.entry import CatalogueEffect
 ACTUATOR = "actuator"
 
 
+def is_of_actuator(content: Mapping[str, Any] | None) -> bool:
+    """Whether a diagnosis' content is of a whole actuator, as without any; else of a part alone."""
+    return content is None or content.get("component", ACTUATOR) == ACTUATOR
+
+
 class ComponentEvidence(ABC):
     """How the effects of a component were found: by twins, or by tests left out of its fit."""
 
@@ -115,4 +120,4 @@ def residual(
     }
 
 
-__all__ = ["ACTUATOR", "ComponentEvidence", "residual"]
+__all__ = ["ACTUATOR", "ComponentEvidence", "is_of_actuator", "residual"]

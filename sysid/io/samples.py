@@ -56,6 +56,12 @@ class Trial:
         return float(np.median(np.diff(self.time)))
 
     @property
+    def title(self) -> str:
+        """The log's name without its folder, and the test where the log holds several."""
+        suffix = f", test {self.label}"
+        return Path(self.source.removesuffix(suffix)).name + (suffix if self.label else "")
+
+    @property
     def stride(self) -> int:
         """Samples from one to the next whose errors are not shared: 1 where all are measured."""
         return 1 if self.row_period is None else max(1, math.ceil(self.row_period / self.period))

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from sysid.diagnosis.evidence import ACTUATOR
+from sysid.diagnosis.evidence import is_of_actuator
 from sysid.diagnosis.wording import (
     CORRECT_MODEL,
     balance_of,
@@ -45,7 +45,6 @@ class _Words:
     errors: str
     floor: str
     residuals: str
-    along: str
     how: str
 
 
@@ -57,7 +56,6 @@ _TWINS = _Words(
     "it, with the base parameters refitted{refined}. The thin line is the error that a correct "
     "model would have: sensor noise, quantisation and the rig's own scatter from test to test.",
     residuals="Residuals of the balances",
-    along="along which the effects change it most",
     how="The residuals of the fitted equations, in torque and pressure rates, were compared with "
     "those of twins: the same tests simulated with the fitted model and passed through the same "
     "filters and fits. An effect was added if it explains more than on any twin, and a fair share "
@@ -72,7 +70,6 @@ _LEFT_OUT = _Words(
     "line is the error that a correct law would have: the change from one sample to the next, "
     "which no law in the logged quantities explains.",
     residuals="Residual over its strongest regressors",
-    along="on which what is left depends most",
     how="The part was tested alone, so there is no actuator to simulate. Each effect that acts on "
     "it was fitted together with its law and had to predict tests left out of that fit; it was "
     "added if its strength differs significantly from 0 and it removes a substantial share of the "
@@ -81,7 +78,7 @@ _LEFT_OUT = _Words(
 
 
 def _words(content: Content) -> _Words:
-    return _TWINS if content.get("component", ACTUATOR) == ACTUATOR else _LEFT_OUT
+    return _TWINS if is_of_actuator(content) else _LEFT_OUT
 
 
 def diagnosis_section(content: Content, is_linear: bool) -> Section:
@@ -164,7 +161,7 @@ def _residuals(content: Content, is_linear: bool) -> list[Block]:
         "the original bundle (before) and the extended model (after)" if extended else "the bundle"
     )
     is_stretched = any(entry["fine"] for entry in drawn)
-    along = _words(content).along if extended else "on which it depends most"
+    along = "along which the effects change it most" if extended else "on which it depends most"
     caption = (
         f"Residuals on the training tests under {which}: means in bins with their "
         f"95 % band, over the regressor {along}."

@@ -63,6 +63,7 @@ _REGRESSOR_UNITS = {
     "rest": (("s", 1.0), ("s", 1.0)),
     "valve_opening": (("share", 1.0), ("share", 1.0)),
     "pressure_sum times direction": (("kPa", 1e-3), ("kPa", 1e-3)),
+    "gauge_pressure_sum times direction": (("kPa", 1e-3), ("kPa", 1e-3)),
     "pressure_a_pa": (("kPa", 1e-3), ("kPa", 1e-3)),
     "flow_a_kg_s": (("g/s", 1e3), ("g/s", 1e3)),
     "pressure_rate": (("kPa/s", 1e-3), ("kPa/s", 1e-3)),
@@ -93,7 +94,7 @@ def waterfall(
         role = "third" if after <= before else "model"
         sign = MINUS if after <= before else "+"
         change = f"{sign}{number(abs(before - after))}"
-        rows.append((_drawable(name), min(before, after), max(before, after), role, change))
+        rows.append((drawable(name), min(before, after), max(before, after), role, change))
     if steps:
         rows.append(("extended model", 0.0, shown[-1], "second", number(shown[-1])))
     rows.append(("correct model", 0.0, low, "muted", number(low)))
@@ -128,7 +129,7 @@ def suspects(place: int, look: Mapping[str, Any], titles: Mapping[str, str]) -> 
             value = max(suspect["refitted"], LEAST_GAIN)
             ax.plot(value, y, "x", color=COLOUR["model"], ms=5.5, markeredgewidth=1.5)
         mark = " (added)" if suspect["id"] == look["added"] else ""
-        _name_row(ax, i, _drawable(titles.get(suspect["id"], suspect["id"])) + mark)
+        _name_row(ax, i, drawable(titles.get(suspect["id"], suspect["id"])) + mark)
     highest = max(max(s["gain"], s["refitted"] or 0.0, *s["twins"]) for s in rows)
     ax.set_xscale("log")
     ax.set_xlim(0.6 * LEAST_GAIN, 3.0 * max(highest, 10.0))
@@ -160,7 +161,7 @@ def curve(id: str, content: Mapping[str, Any], is_linear: bool, extended: bool) 
     if content["fine"]:
         _stretch(ax, x, content["fine"] * float(x[-1]) / float(content["centres"][-1]))
     if extended:
-        svg.legend(ax)
+        svg.legend_above(ax)
     told = "; ".join(
         f"{label}, it explains {number(100.0 * part['share'], 2)} % of the residual's variance and "
         f"reaches {number(scale * max(abs(m) for m in part['means']))} {unit}"
@@ -174,7 +175,7 @@ def influence(id: str, title: str, content: Mapping[str, Any], is_linear: bool) 
     """What an effect adds to a balance, or to a part's prediction, over a regressor."""
     unit, scale, of = _unit_of(content, is_linear, content["means"])
     x, x_unit, name = _regressor(content, is_linear)
-    figure, ax = svg.panel(_drawable(title, _LONGEST_TITLE))
+    figure, ax = svg.panel(drawable(title, _LONGEST_TITLE))
     mean, low, high = (scale * np.array(content[k]) for k in ("means", "low", "high"))
     ax.fill_between(x, low, high, color=COLOUR["third"], alpha=0.2, linewidth=0)
     ax.plot(x, mean, "o-", color=COLOUR["third"], ms=3.0, linewidth=1.3)
@@ -285,7 +286,7 @@ def _name_row(ax: Axes, place: int, text: str) -> None:
     ax.text(0.005, -place + 0.3, text, transform=ax.get_yaxis_transform(), va="center", zorder=4)
 
 
-def _drawable(name: str, longest: int = _LONGEST_NAME) -> str:
+def drawable(name: str, longest: int = _LONGEST_NAME) -> str:
     """A name without unusual characters, shortened at the end of a word."""
     shown = _NAME.sub("?", name)
     if len(shown) <= longest:
@@ -297,6 +298,7 @@ __all__ = [
     "LEAST_GAIN",
     "MOST_SUSPECTS",
     "curve",
+    "drawable",
     "influence",
     "leftover",
     "regressor_axis",

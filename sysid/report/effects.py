@@ -58,7 +58,9 @@ def _refitted(content: Content) -> list[Block]:
         value, unit = float(entry["after"]), entry["unit"]
         after = Estimate(value, float(entry["std"]), unit, (math.nan, math.nan))
         before = Estimate(float(entry["before"]), math.nan, unit, (math.nan, math.nan))
-        change = number(100.0 * (value / before.value - 1.0), 2) if before.value else MISSING
+        # Across 0 a change has no size in per cent.
+        is_sized = value * before.value > 0.0
+        change = number(100.0 * (value / before.value - 1.0), 2) if is_sized else MISSING
         cells = estimate_cells(after)
         rows.append((entry["name"], estimate_cells(before)[0], *cells[:2], change, cells[3]))
     if not rows:

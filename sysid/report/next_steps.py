@@ -8,11 +8,12 @@ from typing import Any
 
 from sysid.bundle import Bundle
 from sysid.bundle.assembled_model import friction_keys
-from sysid.diagnosis.evidence import ACTUATOR
+from sysid.diagnosis.evidence import is_of_actuator
 from sysid.diagnosis.wording import advice_on_rest
 from sysid.display.numbers import number
 from sysid.estimation.linear import Estimate
 from sysid.model.effects.catalogue import catalogue
+from sysid.model.effects.entry import Quantity
 from sysid.model.effects.linear import for_rig
 from sysid.report.blocks import Block, Lines, Section, table
 from sysid.report.effects import named
@@ -38,9 +39,8 @@ def next_section(bundle: Bundle, diagnosis: Content | None, campaign: str) -> Se
     blocks += _lacking(bundle)
     if not blocks:
         return None
-    is_whole = found is None or found.get("component", ACTUATOR) == ACTUATOR
     intro = ["Ordered by what they decide: which effect it is, what remains, how large it is."]
-    if is_whole and bundle.friction is not None and bundle.valves is not None:
+    if is_of_actuator(found) and bundle.friction is not None and bundle.valves is not None:
         intro.append(
             f"`sysid advise {campaign} --bundle bundle.json` predicts for this rig what each of a "
             "list of further tests would add, and the smallest size of every effect that they "
@@ -51,7 +51,7 @@ def next_section(bundle: Bundle, diagnosis: Content | None, campaign: str) -> Se
 
 def left_open(diagnosis: Content | None, *, is_validated: bool) -> str:
     """What to do where there is no section: what was not looked at may be open."""
-    if diagnosis is not None and diagnosis.get("component", ACTUATOR) != ACTUATOR:
+    if not is_of_actuator(diagnosis):
         is_validated = True  # a part alone has no motion to be validated on
     runs = [] if is_validated else ["sysid validate"]
     if diagnosis is None:
@@ -121,19 +121,33 @@ def _wide(bundle: Bundle) -> Iterator[tuple[str, str, str]]:
             continue
         half = 0.5 * (high - low)
         # What may have either sign is not wide for being about 0: an offset, a difference.
-        has_size = name in positive or low * high > 0.0
-        if estimate.value and half > _WIDE * abs(estimate.value) and has_size:
-            share = number(100.0 * half / abs(estimate.value), 2)
-            yield name, f"95 % interval of ± {share} %", "more tests like those it was read from"
+        size = max(abs(estimate.value), positive.get(name, 0.0))
+        if half <= _WIDE * size or (low * high <= 0.0 and name not in positive):
+            continue
+        if low * high > 0.0:
+            wide = f"± {number(100.0 * half / abs(estimate.value), 2)} %"
+        else:
+            wide = f"{number(low, 2)} to {number(high, 2)}"
+            wide += f" {estimate.unit}" if estimate.unit not in ("", "-") else ""
+        yield name, f"95 % interval of {wide}", "more tests like those it was read from"
 
 
-def _positive(bundle: Bundle) -> set[str]:
-    """The parameters that cannot be below 0; of an effect of the user's own none is known."""
+def _positive(bundle: Bundle) -> dict[str, float]:
+    """The parameters that cannot be below 0, and the size at which one matters.
+
+    That of an effect's is its typical one, or its whole range; of others 0: their own. Of an effect
+    of the user's own none is known.
+    """
     known = for_rig(catalogue(), bundle.is_linear)
-    found = {f"friction.{name}" for name in friction_keys(bundle.is_linear).values()}
+    found = {f"friction.{name}": 0.0 for name in friction_keys(bundle.is_linear).values()}
     for effect in (known[e.id] for e in bundle.effects if e.id in known):
-        found |= {f"{effect.id}.{q.label}" for q in effect.quantities if q.lower >= 0.0}
+        found |= {f"{effect.id}.{q.label}": _size(q) for q in effect.quantities if q.lower >= 0.0}
     return found
+
+
+def _size(quantity: Quantity) -> float:
+    reach = quantity.upper - quantity.lower
+    return quantity.typical or (reach if math.isfinite(reach) else 0.0)
 
 
 def _estimates(bundle: Bundle) -> Sequence[tuple[str, Estimate]]:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from sysid.bundle import Bundle, ComponentRecord
 from sysid.bundle.base import Part
-from sysid.diagnosis.evidence import ACTUATOR
+from sysid.diagnosis.evidence import is_of_actuator
 from sysid.diagnosis.wording import sentence
 from sysid.display.channels import Channel
 from sysid.display.numbers import number, percent
@@ -66,17 +66,30 @@ def verdict(
     """Judged on the held-out logs; if there are none, on the training logs, and it says so."""
     judged = _validated(bundle, validation)
     if diagnosis is not None and "verdict" in diagnosis:
-        judged = replace(judged, diagnosis=sentence(diagnosis, _titles(diagnosis)))
-        if diagnosis.get("component", ACTUATOR) != ACTUATOR and validation is None:
-            judged = replace(judged, sentence=_ALONE)
+        said = sentence(diagnosis, _titles(diagnosis))
+        judged = replace(judged, diagnosis=said)
+        if not is_of_actuator(diagnosis) and validation is None:
+            judged = replace(judged, sentence=said, diagnosis=_ALONE)
+    asked = _asked(diagnosis)
+    missing = [name for name, _ in unidentified(bundle) if asked is None or _last(name) in asked]
     found = (
         *judged.concerns,
-        *concerns.of_bundle(bundle, list(_unidentified(bundle))),
+        *concerns.of_bundle(bundle, missing),
         *concerns.of_diagnosis(diagnosis),
     )
     level = concerns.worst((judged.level, *(c.level for c in found)))
     held_back = concerns.sentence(level, found, judged.level)
     return replace(judged, level=level, concerns=found, held_back=held_back)
+
+
+def _asked(diagnosis: Mapping[str, Any] | None) -> Collection[str] | None:
+    """The parameters that the tests of a part alone are for; None where all are asked for."""
+    found: Collection[str] | None = (diagnosis or {}).get("figures", {}).get("law")
+    return found
+
+
+def _last(name: str) -> str:
+    return name.rpartition(".")[2]
 
 
 def _titles(diagnosis: Mapping[str, Any]) -> Mapping[str, str]:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sysid.bundle import Bundle, FittedValves
+from sysid.diagnosis.evidence import is_of_actuator
 from sysid.errors import input_error
 from sysid.io.campaign import FRICTION_KINDS, MOTION_KINDS
 from sysid.io.files import write_atomic
@@ -122,12 +123,12 @@ def _sections(
         sections.append(fits)
     left_out: list[str] = []
     for title, lacks, build in parts:
-        tell(f"drawing: {title}")
         section = build()
-        if section is None:
-            left_out.append(f"{title}: {lacks}.")
-        else:
+        if section is not None:
+            tell(f"drawn: {title}")
             sections.append(section)
+        elif lacks:
+            left_out.append(f"{title}: {lacks}.")
     sections.append(provenance_section(bundle))
     return sections, left_out
 
@@ -138,7 +139,7 @@ def _parts(
     validation: ValidationResult | None,
     diagnosis: Mapping[str, Any] | None,
 ) -> list[_Part]:
-    """Of each section in turn: title, the line if it is missing, and its builder."""
+    """Of each section in turn: title, the line if it is missing ("": none), and its builder."""
     from sysid.report.next_steps import left_open
 
     valves = bundle.valves or FittedValves()
@@ -206,16 +207,29 @@ def _parts(
         alone = [("Measured and modelled", "no test is drawn", part_alone)]
     if bundle.component is not None:
         return [("Component", "no component was fitted", own), diagnosed_part, following]
+    # A part tested alone lacks nothing of what only a whole actuator has.
+    moves = is_of_actuator(diagnosis) or campaign.rig.is_motor_alone
+    switches = is_of_actuator(diagnosis) and not campaign.rig.is_motor_alone
     not_validated = f"the model was not validated (motion logs: {', '.join(MOTION_KINDS)})"
+    absent = {
+        "Friction": f"no friction was fitted (tests: {', '.join(FRICTION_KINDS)})",
+        "On/off valves": "no on/off law was fitted (tests: valve-discrete)" if switches else "",
+        "PWM surfaces": "no surface was fitted (tests: valve-pwm)" if switches else "",
+        "Open-loop validation": not_validated if moves else "",
+        "Refinement on motion": _NOT_REFINED if moves else "",
+    }
+    built = {
+        "Friction": friction,
+        "On/off valves": discrete,
+        "PWM surfaces": surfaces,
+        "Open-loop validation": motion,
+    }
     return [
-        ("Friction", f"no friction was fitted (tests: {', '.join(FRICTION_KINDS)})", friction),
-        ("On/off valves", "no on/off law was fitted (tests: valve-discrete)", discrete),
-        ("PWM surfaces", "no surface was fitted (tests: valve-pwm)", surfaces),
-        ("Open-loop validation", not_validated, motion),
-        ("Residuals", not_validated, residuals),
+        *((title, absent[title], build) for title, build in built.items()),
+        ("Residuals", "", residuals),  # missing where the validation is
         *alone,
         diagnosed_part,
-        ("Refinement on motion", _NOT_REFINED, refined),
+        ("Refinement on motion", absent["Refinement on motion"], refined),
         following,
     ]
 

@@ -11,7 +11,7 @@ from sysid.display.channels import channel_of
 from sysid.display.numbers import number
 from sysid.report import svg
 from sysid.report.blocks import Block, Figure, FigureGroup, Section
-from sysid.report.diagnosis_panels import regressor_axis
+from sysid.report.diagnosis_panels import drawable, regressor_axis
 from sysid.report.svg import COLOUR
 from sysid.types import FloatArray
 
@@ -61,7 +61,8 @@ def part_section(content: Content, is_linear: bool) -> Section | None:
 
 def _over_caption(figures: Content) -> str:
     less = (
-        " An axis' inertia is taken off, so that friction and what acts beside it remain."
+        f"{_what(figures)} Its share for the inertia is taken off, so that friction and what acts "
+        "beside it remain."
         if figures["channel"].startswith("motor_")
         else ""
     )
@@ -77,9 +78,22 @@ def _tests_caption(figures: Content, tests: Sequence[Content]) -> str:
     many = len(tests) > 1
     names = "; ".join(entry["test"] for entry in tests if entry["test"])
     listed = f": {names}" if names else ""
+    of = int(figures.get("count") or len(tests))
+    count = f"{len(tests)} of {of}" if of > len(tests) else str(len(tests)) if many else "a"
     return (
-        f"Measured and modelled over {len(tests) if many else 'a'} {used} "
-        f"test{'s' * many}{listed}. Below each: measured less modelled."
+        f"Measured and modelled over {count} {used} test{'s' * (many or of > 1)}{listed}. Below "
+        f"each: measured less modelled.{_what(figures)}"
+    )
+
+
+def _what(figures: Content) -> str:
+    """What is drawn where the channel is not drawn as it was logged."""
+    if not figures["channel"].startswith("motor_"):
+        return ""
+    of = "force" if figures["channel"].endswith("_n") else "torque"
+    return (
+        f" The {of} is what moved the axis: the motor's and, where pressures were logged, the "
+        "cylinder's, less the weight."
     )
 
 
@@ -99,21 +113,23 @@ def _over(
     figure, ax = svg.panel(f"{title} over {name}")
     points = x_scale * np.array(entry["x"]), scale * np.array(entry["measured"])
     ax.plot(
-        *points, ".", color=_CLOUD_COLOUR, markersize=4.5, alpha=0.6, markeredgewidth=0,
-        rasterized=True,
+        *points, ".", color=_CLOUD_COLOUR, markersize=6.0, alpha=0.6, markeredgewidth=0,
+        rasterized=True, label="measured",
     )  # fmt: skip
     centres = x_scale * np.array(entry["centres"])
     lines = named if entry["share"] >= _LEAST_BETWEEN else {}
     if not lines:
         fitted = scale * np.array(entry["fitted"])
-        label, colour = named["after"], COLOUR["second"]
-        ax.plot(points[0], fitted, ".", color=colour, markersize=1.8, alpha=0.8, label=label)
+        colour = COLOUR["second"]
+        ax.plot(
+            points[0], fitted, ".", color=colour, markersize=1.8, alpha=0.8, label=named["after"]
+        )
     for key, label in lines.items():
         role, style = _STYLES[key]
         values = scale * np.array(entry[key])
         ax.plot(centres, values, color=COLOUR[role], linestyle=style, label=label, linewidth=1.4)
     _label(ax, name, x_unit, f"{title}{_in(unit)}")
-    svg.legend(ax)
+    svg.legend_above(ax)
     off = {k: _rms(scale * (np.array(entry["mean"]) - np.array(entry[k]))) for k in named}
     told = ", ".join(f"{label} {number(off[key])} {unit}".rstrip() for key, label in named.items())
     description = f"Means of the measurements in bins of {name} less the law's, RMS: {told}."
@@ -132,7 +148,8 @@ def _test(
     name, x_unit, x_scale = regressor_axis(entry["along"], is_linear, is_own=figures["own"])
     x = x_scale * np.array(entry["x"])
     measured = scale * np.array(entry["measured"])
-    figure, (above, below) = svg.panels(f"{title}, test {place + 1}", (2.0, 1.0), svg.TALL_PANEL)
+    shown = drawable(entry["test"]) or f"test {place + 1}"
+    figure, (above, below) = svg.panels(f"{title}, {shown}", (2.0, 1.0), svg.TALL_PANEL)
     above.plot(x, measured, color=COLOUR["measured"], linewidth=2.2, label="measured")
     told = []
     for key, label in named.items():
@@ -144,11 +161,12 @@ def _test(
     below.axhline(0.0, color=COLOUR["muted"], linewidth=0.7)
     above.set_ylabel(f"{title}{_in(unit)}")
     _label(below, name, x_unit, f"Residual{_in(unit)}")
-    low, high = above.get_ylim()
-    above.set_ylim(low, high + 0.3 * (high - low))
-    svg.legend(above, loc="upper right", ncols=len(named) + 1, columnspacing=0.8, handlelength=1.2)
-    description = f"{title} of a test over {name}; RMSE of the samples drawn: {', '.join(told)}."
-    whole = f"{title} of test {place + 1}, measured and modelled"
+    svg.legend_above(above)
+    description = (
+        f"{title} of {entry['test'] or 'a test'} over {name}; RMSE of the samples drawn: "
+        f"{', '.join(told)}."
+    )
+    whole = f"{title} of {entry['test'] or f'test {place + 1}'}, measured and modelled"
     return svg.to_figure(figure, f"fig-part-test-{place}", whole, description)
 
 

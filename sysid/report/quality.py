@@ -55,7 +55,7 @@ def _logs_table(pairs: Sequence[tuple[CampaignLog, LogCheck | None]]) -> HtmlTab
     for entry, check in pairs:
         head = (
             entry.file,
-            entry.kind,
+            entry.kind if check is None or check.declared else _kinds(check),
             entry.valve.upper() if entry.valve else MISSING,
             "held out" if entry.use == "holdout" else "fit",
         )
@@ -76,6 +76,13 @@ def _logs_table(pairs: Sequence[tuple[CampaignLog, LogCheck | None]]) -> HtmlTab
         "Log", "Kind", "Valve", "Use", "Tests", "Rows", "Duration (s)", "Period (ms)", "Remarks",
     )  # fmt: skip
     return table("Logs", columns, rows, text=(1, 2, 3, 8))
+
+
+def _kinds(check: LogCheck) -> str:
+    """The kinds of a log's tests, which no campaign declares."""
+    if len(check.kinds) == 1:
+        return next(iter(check.kinds))
+    return ", ".join(f"{count} {kind}" for kind, count in check.kinds.items())
 
 
 def _remarks(check: LogCheck) -> str:
@@ -105,7 +112,7 @@ def _channels_table(pairs: Sequence[tuple[CampaignLog, LogCheck]]) -> HtmlTable:
                     number(scale * channel.low, 4),
                     number(scale * channel.high, 4),
                     number(scale * channel.quantum) if channel.quantum else MISSING,
-                    MISSING if channel.noise_std is None else number(scale * channel.noise_std),
+                    MISSING if channel.sample_std is None else number(scale * channel.sample_std),
                     unit,
                 )
             )

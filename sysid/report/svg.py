@@ -41,6 +41,7 @@ TALL_PANEL = (3.5, 3.35)
 SMALL_PANEL = (2.62, 2.3)  # four in a row
 _MARGIN = {"left": 0.64, "right": 0.21, "top": 0.31, "bottom": 0.48}  # inches
 _FONT_PT = 8.6
+_LEGEND_ROOM = 0.2  # of the height
 _STYLE: Any = {
     "svg.fonttype": "none",
     "svg.hashsalt": "sysid",
@@ -147,6 +148,16 @@ def legend(ax: Axes, **options: Any) -> None:
     """A legend that does not hide the data beneath it, if there is anything to label."""
     if ax.get_legend_handles_labels()[0]:
         ax.legend(**{"loc": "best", **options})
+
+
+def legend_above(ax: Axes, **options: Any) -> None:
+    """A legend in a row of its own above all that is drawn in linear axes."""
+    labels = ax.get_legend_handles_labels()[1]
+    if labels:
+        low, high = ax.get_ylim()
+        ax.set_ylim(low, high + _LEGEND_ROOM * (high - low))
+        row = {"loc": "upper right", "ncols": len(labels), "columnspacing": 0.8}
+        ax.legend(**{**row, "handlelength": 1.2, **options})
 
 
 def to_figure(figure: MatplotlibFigure, id: str, title: str, description: str) -> Figure:

@@ -72,7 +72,7 @@ def imposed_motion(trial: Trial, even: EvenTrial, rig: Rig) -> ImposedMotion:
     )
     acceleration = signals.second_derivative(position, even.period)
     return ImposedMotion(
-        trial.label, point, acceleration, even.period, cutoff, rows[::thin], even.cylinder
+        trial.title, point, acceleration, even.period, cutoff, rows[::thin], even.cylinder
     )
 
 

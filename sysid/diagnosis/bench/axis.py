@@ -33,6 +33,7 @@ from sysid.io.rig import Rig
 from sysid.model import plant
 from sysid.model.base import bare_parameters
 from sysid.model.effects.entry import CatalogueEffect
+from sysid.model.effects.linear import ROTARY_ONLY
 from sysid.model.effects.linkage import InertiaMismatch
 from sysid.model.effects.motor import TorqueSaturation
 from sysid.model.ports import Model, Point, overrides
@@ -46,8 +47,6 @@ _LEAST_CHANGE = 1e-9
 # A command that is so much larger has to move the motor's effort by this share of that, for all but
 # so many of the samples.
 _MORE, _ANSWERS, _MOST_DEAF = 1e-3, 0.5, 0.5
-# A linear axis has no pinion, and its weight is the same everywhere: an offset.
-_ROTARY_ONLY = ("pitch-eccentricity", "mounting-tilt")
 # Motion turns at the ends of what it visits: what the filter leaves of a reversal looks like one.
 _LIKE_REVERSALS = ("end-cushion",)
 _PORTS = ("parameters", "motor_effort", "friction_effort", "external_effort", "pitch_radius")
@@ -61,6 +60,8 @@ class Axis(Component):
     cases: tuple[ImposedMotion, ...]
     trials: tuple[Trial, ...]
     has_speeds: bool
+    # Filters and derivatives leave as much of an exact law on logs without noise.
+    precision = 0.0025
     channel: str = field(default="", init=False)
     unit: str = field(default="", init=False)
 
@@ -103,7 +104,7 @@ class Axis(Component):
     def _feels(self, kind: type[CatalogueEffect]) -> bool:
         if not overrides(kind, *_PORTS):
             return False
-        if kind.id in _LIKE_REVERSALS or (self.rig.is_linear and kind.id in _ROTARY_ONLY):
+        if kind.id in _LIKE_REVERSALS or (self.rig.is_linear and kind.id in ROTARY_ONLY):
             return False
         if kind.id == TorqueSaturation.id and self.rig.motor is None:
             return False  # the log holds the force as it was, beyond any limit of it
@@ -182,7 +183,9 @@ class Axis(Component):
                 "time": p.time,
             }
             if self.rig.cylinder is not None:
-                own["pressure_sum times direction"] = (p.pressure_a + p.pressure_b) * p.direction
+                atmosphere = float(p.parameters.atmosphere)
+                gauge = p.pressure_a + p.pressure_b - 2.0 * atmosphere
+                own["gauge_pressure_sum times direction"] = gauge * p.direction
             for name, values in own.items():
                 found.setdefault(name, []).append(np.asarray(values)[case.rows])
         return {name: np.concatenate(parts) for name, parts in found.items()}
@@ -283,9 +286,8 @@ def _cases(trial: Trial, even: EvenTrial, rig: Rig, pieces: int) -> list[Imposed
     found = []
     for k in range(pieces):
         own = rows[(rows >= edges[k]) & (rows < edges[k + 1])]
-        label = trial.label if pieces == 1 else f"{trial.label}, part {k + 1} of {pieces}"
         if len(own):
-            found.append(dataclasses.replace(whole, label=label, rows=own))
+            found.append(dataclasses.replace(whole, rows=own))
     return found
 
 

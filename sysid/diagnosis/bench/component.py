@@ -42,13 +42,23 @@ class Component(ABC):
     unit: str
     has_own_columns = False
     """Whether the regressors are columns that a user named, in units of the user's."""
+    precision = 0.0
+    """Share of the signal's RMS below which nothing is structure, however little noise there is."""
     has_constant = True
     """Whether the law has a constant of its own: the signal's spread is about its mean then."""
 
     @property
     @abstractmethod
     def tests(self) -> tuple[str, ...]:
-        """Names of the tests."""
+        """Names of the tests; stretches of one recording have the same."""
+
+    @property
+    def recordings(self) -> dict[str, list[int]]:
+        """The tests (indices) of each recording, by its name."""
+        found: dict[str, list[int]] = {}
+        for place, name in enumerate(self.tests):
+            found.setdefault(name, []).append(place)
+        return found
 
     @abstractmethod
     def parameters(self) -> list[Parameter]:

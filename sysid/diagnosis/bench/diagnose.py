@@ -80,6 +80,8 @@ def diagnose_component(
     structured = [c for c in left[:1] if c.share > LEAST_SHARE and error > _AT_FLOOR * floor]
     if rest is not None:
         structured = _repeating(structured, rest, left, errors[0].get(component.channel, error))
+    if error < component.precision * _size_of(component):
+        structured = []
     undecided = not selection.additions and not selection.looked.is_decided
     far_off = not selection.additions and floor > 0.0 and error > _FAR_OFF * floor
     because = why_unexplained(bool(structured), far_off, undecided)
@@ -123,6 +125,11 @@ def _repeating(
         return structured
     # Over several quantities together more repeats than over the strongest alone.
     return [replace(curve, share=max(curve.share, rest.share)) for curve in left[:1]]
+
+
+def _size_of(component: Component) -> float:
+    """RMS of what the law has to follow."""
+    return rmse(component.measured(range(len(component.tests))))
 
 
 def _cross_validated(selection: Selection) -> list[float]:

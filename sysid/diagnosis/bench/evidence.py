@@ -10,7 +10,7 @@ from sysid.bundle import Bundle
 from sysid.diagnosis.bench import pictures
 from sysid.diagnosis.bench.component import Component, Law
 from sysid.diagnosis.bench.selection import Addition, Selection
-from sysid.diagnosis.bench.unexplained import BinnedResidual
+from sysid.diagnosis.bench.unexplained import MOST_CURVES, BinnedResidual
 from sysid.diagnosis.evidence import ComponentEvidence
 from sysid.diagnosis.looked import Looked
 from sysid.diagnosis.search import Round, Tried, mark_removed
@@ -21,7 +21,7 @@ from sysid.model.effects.entry import CatalogueEffect
 
 @dataclass(frozen=True)
 class HeldOutEvidence(ComponentEvidence):
-    """A selection of a part's effects; `curves` over the regressors it depends on most.
+    """A selection of a part's effects; `curves` over every regressor, the strongest first.
 
     `given`: the bundle's law, before; `outside`: the part on held-out tests, None without any.
     """
@@ -69,22 +69,33 @@ class HeldOutEvidence(ComponentEvidence):
 
         `shows`: what each effect adds; `over`, `tests` (of `use`): the signal, measured and
         modelled, over regressors and along tests (`sysid.diagnosis.bench.pictures`).
-        `refitted`: the law's parameters from what to what.
+        `law`: the law's parameters; `refitted`: those from what to what.
         """
         final = self.selection.final
         part, law = final.component, final.law
         own = {"own": part.has_own_columns}
         return {
-            "curves": [c.shown() | own for c in self.curves],
+            "curves": [c.shown() | own for c in self._drawn()],
+            "law": [p.name for p in part.parameters()],
             "unit": part.unit,
             "channel": part.channel,
             "own": part.has_own_columns,
             "shows": [shown | own for shown in pictures.influences(part, law)],
             "over": pictures.over_regressors(part, self.given, law),
             "tests": pictures.tests_shown(self.outside or part, self.given, law),
+            "count": len((self.outside or part).recordings),
             "use": "holdout" if self.outside else "fit",
             "refitted": self._refitted(),
         }
+
+    def _drawn(self) -> list[BinnedResidual]:
+        """Over the regressors along which the effects change the residual most.
+
+        Without effects, over those that it depends on most.
+        """
+        if not self.steps:
+            return list(self.curves[:MOST_CURVES])
+        return sorted(self.curves, key=lambda curve: -curve.removed)[:MOST_CURVES]
 
     def _refitted(self) -> list[dict[str, Any]]:
         """The law's own parameters, estimated again beside the effects: before and after."""
@@ -111,7 +122,7 @@ class HeldOutEvidence(ComponentEvidence):
         """Curves, and the effects that parts of the tests name though all of them do not."""
         return {
             "undecided": [{"id": u.id, **u.to_json()} for u in self.selection.undecided],
-            "curves": [curve.to_json() for curve in self.curves],
+            "curves": [curve.to_json() for curve in self.curves[:MOST_CURVES]],
         }
 
 
@@ -120,7 +131,7 @@ def _fate(tried: Tried, one: Round) -> str:
     if one.added is not None and tried.id == one.added.id:
         return "added"
     if tried.p_value * len(one.tried) >= SIGNIFICANCE:
-        return "fits no better than chance would"
+        return f"the best of {len(one.tried)} fits as well by chance"
     if tried.gain <= LEAST_GAIN:
         return "does not predict tests left out well enough"
     if one.added is not None and tried.id in one.added.ambiguous:

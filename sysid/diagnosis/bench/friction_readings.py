@@ -299,7 +299,7 @@ def friction_points(trials: Sequence[Trial], rig: Rig) -> FrictionPoints:
     return FrictionPoints(
         base_parameters=bare_parameters(rig),
         units=units_of(rig),
-        labels=tuple(f"{t.label or t.source}/{i}" for t in trials for i in range(1, len(t) + 1)),
+        labels=tuple(t.title for t in trials for _ in range(len(t))),
         angle=np.concatenate([t[channel] if channel in t else np.zeros(len(t)) for t in trials]),
         velocity=velocity,
         torque=torque,

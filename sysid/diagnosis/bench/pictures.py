@@ -25,15 +25,18 @@ _NOT_DRAWN = (*_ALONG[:2], "acceleration", "motor", "direction of the duty", _AL
 
 
 def tests_shown(part: Component, before: Law, after: Law) -> list[dict[str, Any]]:
-    """Some tests whole: the signal as measured, and as modelled by the two laws.
+    """Some recordings whole: the signal as measured, and as modelled by the two laws.
 
-    Each: `test`, `along` (a regressor's name), and by it `x`, `measured`, `before`, `after`.
+    The first, the last and one between. Each: `test`, `along` (a regressor's name), and by it `x`,
+    `measured`, `before`, `after`.
     """
     found = []
-    for place in range(min(len(part.tests), _MOST_TESTS)):
-        columns = part.regressors([place])
+    recordings = list(part.recordings.items())
+    chosen = np.unique(np.linspace(0, len(recordings) - 1, _MOST_TESTS).round().astype(int))
+    for name, tests in (recordings[i] for i in chosen):
+        columns = part.regressors(tests)
         along = next((name for name in _ALONG if name in columns), next(iter(columns), ""))
-        measured = part.measured([place])[0]
+        measured = np.concatenate(part.measured(tests))
         if not along or len(columns[along]) != len(measured):
             continue
         x = columns[along]
@@ -41,9 +44,9 @@ def tests_shown(part: Component, before: Law, after: Law) -> list[dict[str, Any]
         rows = rows if along == "time" else rows[np.argsort(x[rows], kind="stable")]
         curves = {"x": x, "measured": measured}
         for key, law in (("before", before), ("after", after)):
-            curves[key] = measured - part.residuals(law, [place])[0]
+            curves[key] = measured - np.concatenate(part.residuals(law, tests))
         shown = {key: rounded(values[rows]) for key, values in curves.items()}
-        found.append({"test": part.tests[place].lstrip(", "), "along": along, **shown})
+        found.append({"test": name, "along": along, **shown})
     return found
 
 

@@ -265,7 +265,7 @@ def _discharge(trial: Trial, atmosphere: float) -> Discharge:
         np.bincount(place[inside], values[inside], count)[filled] / rows[filled]
         for values in (time, pressure)
     ]
-    return Discharge(trial.label, means[0], means[1], start)
+    return Discharge(trial.title, means[0], means[1], start)
 
 
 def _true_start(shown: float, model: Model) -> float:

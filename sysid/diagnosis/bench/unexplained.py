@@ -19,7 +19,8 @@ BINS = 16
 LEAST_SHARE = 0.1
 """Share of the residual's variance that a curve must predict to count as structure."""
 _LEAST_IN_BIN = 4
-_CURVES = 3
+MOST_CURVES = 3
+"""Curves of a diagnosis that are written and drawn."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,11 @@ class BinnedResidual:
     share: float
     centres: FloatArray
     parts: Mapping[str, Mapping[str, Any]]
+
+    @property
+    def removed(self) -> float:
+        """How much less of the residual's mean square lies in the curve after than before."""
+        return float(self.parts["before"]["power"] - self.parts["after"]["power"])
 
     @property
     def before(self) -> FloatArray:
@@ -73,7 +79,7 @@ class BinnedResidual:
 
 
 def curves(component: Component, before: Law, after: Law) -> list[BinnedResidual]:
-    """Those over which the remaining residual is most predictable, at most three."""
+    """Over every regressor, first that over which the remaining residual is most predictable."""
     everything = range(len(component.tests))
     residuals = component.residuals(after, everything)
     left = np.concatenate(residuals)
@@ -90,7 +96,7 @@ def curves(component: Component, before: Law, after: Law) -> list[BinnedResidual
         pairs = (("before", given), ("after", left))
         parts = {key: binned_means(place, values, test) for key, values in pairs}
         found.append(BinnedResidual(component.channel, component.unit, name, share, centres, parts))
-    return sorted(found, key=lambda curve: -curve.share)[:_CURVES]
+    return sorted(found, key=lambda curve: -curve.share)
 
 
 def _bins(regressor: FloatArray) -> tuple[NDArray[np.intp], int]:
@@ -141,4 +147,4 @@ def _table(component: Component, law: Law) -> ResidualTable:
     return ResidualTable.of(component.regressors(every), np.concatenate(parts), test)
 
 
-__all__ = ["BINS", "LEAST_SHARE", "BinnedResidual", "curves", "left_over"]
+__all__ = ["BINS", "LEAST_SHARE", "MOST_CURVES", "BinnedResidual", "curves", "left_over"]

@@ -58,7 +58,6 @@ class DutyStretch:
     value, -1 where it fell; `sweep` names the test that it was cut from.
     """
 
-    label: str
     sweep: str
     duty: FloatArray
     flow: FloatArray
@@ -78,7 +77,7 @@ class ValveFlow(Component):
 
     @property
     def tests(self) -> tuple[str, ...]:
-        return tuple(s.label for s in self.stretches)
+        return tuple(s.sweep for s in self.stretches)
 
     def parameters(self) -> list[Parameter]:
         duty, flow = self._pooled("duty"), self._pooled("flow")
@@ -244,12 +243,10 @@ def _stretches(trial: Trial) -> list[DutyStretch]:
     last = moves[np.maximum(np.searchsorted(moves, np.arange(len(duty)) - 1, "right") - 1, 0)]
     direction = np.sign(steps[last])
     order = np.argsort(duty, kind="stable")
-    found, name = [], trial.label or trial.source
-    for number, rows in enumerate(np.array_split(order, _STRETCHES), start=1):
+    found = []
+    for rows in np.array_split(order, _STRETCHES):
         taken = np.sort(rows)
-        found.append(
-            DutyStretch(f"{name}/{number}", name, duty[taken], flow[taken], direction[taken])
-        )
+        found.append(DutyStretch(trial.title, duty[taken], flow[taken], direction[taken]))
     return found
 
 

@@ -267,7 +267,7 @@ def _sweep(trial: Trial) -> Sweep:
     if not used.any():
         raise NotIdentifiedError(f"{trial.source}: no reading with a duty above 0")
     fills = bool(trial["valve_a"][0] > 0.5)
-    return Sweep(trial.label, trial["duty_a"][used], seconds[used], period, fills)
+    return Sweep(trial.title, trial["duty_a"][used], seconds[used], period, fills)
 
 
 __all__ = ["KIND", "Sweep", "ValveTime", "open_share", "valve_time"]

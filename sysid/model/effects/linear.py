@@ -16,6 +16,8 @@ from typing import Any
 from sysid.model.effects.entry import CatalogueEffect, Quantity
 
 REFERENCE_RADIUS_M = 0.0375
+ROTARY_ONLY = ("pitch-eccentricity", "mounting-tilt")
+"""A linear axis has no pinion, and its weight is the same everywhere: an offset."""
 
 # Power of the pitch radius by which a unit is converted from rotary to linear.
 _POWERS = {"Nm": -1, "rad": 1, "rad2": 2, "kg m2": -2}
