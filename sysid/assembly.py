@@ -113,12 +113,14 @@ def fit_campaign(
     _add_bench(assembly)
     if not assembly.parts:
         raise NotIdentifiedError(_nothing(assembly))
+    used = [s for s in sources if _is_used(s, assembly)]
+    has_surfaces = any(s.kind == "valve-pwm" for s in used)
     bundle = Bundle.new(
         campaign.rig,
         assembly.parts,
-        [s for s in sources if _is_used(s, assembly)],
-        seeds={"valve-pwm": seed},
-        options={"valve-pwm": {"surface": surface}},
+        used,
+        seeds={"valve-pwm": seed} if has_surfaces else {},
+        options={"valve-pwm": {"surface": surface}} if has_surfaces else {},
     )
     return CampaignFit(bundle, tuple(assembly.remarks), tuple(assembly.notices))
 
@@ -148,7 +150,10 @@ def _add_friction(assembly: _Assembly) -> None:
     own, why = _friction_of(tests, rig)
     if own is not None:
         # What cannot be friction alone is for the diagnosis to name, not a reason to stop.
-        assembly.notices += [f"friction tests: {line}" for line in own.impossible]
+        assembly.notices += [
+            f"friction tests: {line}: kept for `sysid diagnose`, not to be used as it is"
+            for line in own.impossible
+        ]
     if own is not None and own.has_sliding:
         assembly.merge(own)
         return

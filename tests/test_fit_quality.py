@@ -133,7 +133,7 @@ def test_what_cannot_be_tested_says_so() -> None:
     assert scatter_test(1.0, 0.0) == NOT_TESTABLE
     assert runs_test([ones]) == NOT_TESTABLE
     assert repeated_scatter(ones, np.arange(5)) is None
-    assert lack_of_fit_text(NOT_TESTABLE.to_json()) == "no repeats, so not testable"
+    assert lack_of_fit_text(NOT_TESTABLE.to_json()) == "not testable from these tests"
     assert lack_of_fit_text(scatter_test(3.0, 2.0).to_json()) == "residual 1.5 times the scatter"
 
 
@@ -373,5 +373,5 @@ def test_a_record_and_its_table_say_the_same() -> None:
     record = QualityRecord.of(judged(0.2))
     table = quality_table({"valves.b.pwm.fill.ann": record})
     assert table.rows[0][0] == "Valve B, PWM, filling, network"
-    assert table.rows[0][3:] == ("20", "0.9600", "no repeats, so not testable", "usable")
+    assert table.rows[0][3:] == ("20", "0.9600", "not testable from these tests", "usable")
     assert not record.is_doubtful

@@ -143,10 +143,8 @@ def parameters_from_bundle(bundle: BundleContent, rig: Rig) -> Parameters:
         viscous=values["viscous"],
         valve_a=_discrete_law(bundle, "a"),
         valve_b=_discrete_law(bundle, "b"),
+        inertia=_inertia(bundle, rig),
     )
-    inertia = fitted_inertia(bundle)
-    if inertia is not None:
-        parameters = parameters.replace(inertia=inertia + _payload_change(bundle, rig))
     return parameters.replace(supply_reference=_supply_of_fit(bundle, rig))
 
 
@@ -154,20 +152,26 @@ def _motor_alone(
     bundle: BundleContent, friction: Friction, rig: Rig, values: Mapping[str, float]
 ) -> Parameters:
     """Of a rig without pneumatics: its mechanics alone; `values` of friction by short name."""
-    inertia, offset = fitted_inertia(bundle), friction.offset
+    offset = friction.offset
     return bare_parameters(rig).replace(
         static_effort=values["static"],
         coulomb_effort=values["coulomb"],
         viscous=values["viscous"],
-        inertia=require_inertia(rig) if inertia is None else inertia + _payload_change(bundle, rig),
+        inertia=_inertia(bundle, rig),
         # A friction fit counts it against the motion, the model along it.
         offset=-offset.value if offset is not None and offset.identified else 0.0,
     )
 
 
-def _payload_change(bundle: BundleContent, rig: Rig) -> float:
-    """What a rig's payload adds to the inertia that was fitted with the bundle's, kg m2 or kg."""
-    return rig.payload_inertia() - bundle.rig.payload_inertia()
+def _inertia(bundle: BundleContent, rig: Rig) -> float:
+    """The inertia (kg m2, or kg) that was fitted, with another payload if `rig`'s is; else `rig`'s.
+
+    Raises InputError where there is neither.
+    """
+    inertia = fitted_inertia(bundle)
+    if inertia is None:
+        return require_inertia(rig)
+    return inertia + rig.payload_inertia() - bundle.rig.payload_inertia()
 
 
 def _supply_of_fit(bundle: BundleContent, rig: Rig) -> float:

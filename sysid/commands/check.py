@@ -108,13 +108,17 @@ def _blocks(check: LogCheck) -> Iterable[Any]:
             remark.append(f"stuck for {channel.stuck_s:.3g} s")
         if channel.saturated_share:
             remark.append(f"saturated {100 * channel.saturated_share:.2g} %")
-        numbers = (channel.low, channel.high, channel.quantum or None, channel.noise_std)
+        numbers = (channel.low, channel.high, channel.quantum or None, channel.sample_std)
         cells = ("-" if n is None else f"{n:.5g}" for n in numbers)
         table.add_row(channel.name, *cells, ", ".join(remark))
     yield table
     for line in check.excitation:
         yield Text(f"excitation: {line}")
     table = new_table("Identifies", "parameter", "", "reason, or test needed")
+    # What has one reason is one row: the reason is read once.
+    rows: dict[tuple[bool, str], list[str]] = {}
     for item in check.identifies:
-        table.add_row(item.parameter, "yes" if item.identified else "no", Text(item.reason))
+        rows.setdefault((item.identified, item.reason), []).append(item.parameter)
+    for (identified, reason), names in rows.items():
+        table.add_row("\n".join(names), "yes" if identified else "no", Text(reason))
     yield table

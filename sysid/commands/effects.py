@@ -16,7 +16,7 @@ from sysid.io.files import write_atomic
 from sysid.model.effects.catalogue import catalogue, catalogue_entry, catalogue_with, effect_named
 from sysid.model.effects.demonstration import Demonstration, demonstrate, demonstrate_own
 from sysid.model.effects.entry import Catalogue, CatalogueEffect
-from sysid.model.effects.linear import for_rig
+from sysid.model.effects.linear import ROTARY_ONLY, for_rig
 from sysid.model.effects.picture import PICTURES, picture
 
 
@@ -34,7 +34,8 @@ def effects(
         _check_picture(name, output)
     known = for_rig(catalogue_with(effects), linear)
     if name is None:
-        _show_list(known, as_json)
+        absent = ROTARY_ONLY if linear else ()
+        _show_list({id: effect for id, effect in known.items() if id not in absent}, as_json)
         return
     effect = effect_named(name, known)
     progress("simulating ")(effect.id)

@@ -24,6 +24,7 @@ from sysid.commands.options import (
     map_option,
 )
 from sysid.commands.printing import notices, print_json, print_written
+from sysid.display.numbers import number
 from sysid.display.terminal import console, new_table
 from sysid.io.logs import Trial, read_log
 from sysid.io.tables import write_table
@@ -63,6 +64,7 @@ class Simulated:
     trials: tuple[Trial, ...]
     channels: tuple[Mapping[str, FloatArray], ...]
     position: str
+    has_chambers: bool
     valve_model: str
     notices: tuple[str, ...]
     written: Path
@@ -84,13 +86,15 @@ def _show(simulated: Simulated, as_json: bool) -> None:
     if as_json:
         print_json(simulated.to_json())
         return
-    table = new_table(
-        f"Simulated, {simulated.valve_model} valves", "test", "s", "position", "A, Pa", "B, Pa"
-    )
-    names = (simulated.position, "pressure_a_pa", "pressure_b_pa")
+    names = [simulated.position]
+    title = "Simulated"
+    if simulated.has_chambers:
+        names += ["pressure_a_pa", "pressure_b_pa"]
+        title += f", {simulated.valve_model} valves"
+    table = new_table(title, "test", "s", *names)
     for trial, channels in zip(simulated.trials, simulated.channels, strict=True):
         ranges = [channels[name] for name in names]
-        cells = [f"{float(r.min()):.4g} to {float(r.max()):.4g}" for r in ranges]
+        cells = [f"{number(float(r.min()), 4)} to {number(float(r.max()), 4)}" for r in ranges]
         table.add_row(Text(trial.label or "-"), f"{trial.time[-1] - trial.time[0]:.3g}", *cells)
     console().print(table)
     print_written([simulated.written])
@@ -141,6 +145,7 @@ def simulate_log(
         log.trials,
         tuple(channels),
         rig.position_channel,
+        rig.cylinder is not None,
         chosen,
         tuple(dict.fromkeys(notices)),
         output,

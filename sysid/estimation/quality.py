@@ -54,7 +54,7 @@ class LackOfFit:
     `repeats`: F test of the law against the means of repeated conditions (pure error).
     `scatter`: the residual's RMSE over the measurement's own scatter (`statistic`; no p-value).
     `runs`: Wald and Wolfowitz' test of the residual's signs in their order (`statistic` is
-    normal; negative: too few changes). `none`: no repeats, so not testable.
+    normal; negative: too few changes). `none`: not testable from these tests.
     """
 
     method: str
@@ -262,7 +262,7 @@ def lack_of_fit_text(found: Mapping[str, Any]) -> str:
     if found.get("method") == SCATTER and statistic is not None:
         return f"residual {statistic:.3g} times the scatter"
     if statistic is None or p_value is None:
-        return "no repeats, so not testable"
+        return "not testable from these tests"
     seen = "significant" if p_value < SIGNIFICANT else "none"
     p = f"p = {p_value:.2g}" if p_value >= 1e-20 else "p < 1e-20"
     name = "repeats" if found.get("method") == REPEATS else "runs"

@@ -87,8 +87,14 @@ class Flat:
     notices: tuple[str, ...]
 
     def absences(self, stands_as: str) -> list[str]:
-        """One notice for each missing number or part, which the file shows as `stands_as`."""
-        return [f"{name}: {stands_as}, {why}" for name, why in self.missing.items()]
+        """One notice for each reason that numbers or parts are missing for.
+
+        The file shows these as `stands_as`.
+        """
+        by_reason: dict[str, list[str]] = {}
+        for name, why in self.missing.items():
+            by_reason.setdefault(why, []).append(name)
+        return [f"{', '.join(names)}: {stands_as}, {why}" for why, names in by_reason.items()]
 
 
 def flatten(bundle: Bundle, sha256: str) -> Flat:

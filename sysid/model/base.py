@@ -133,8 +133,11 @@ def parameters_from_rig(
     valve_a: ValveParameters = _NO_VALVE,
     valve_b: ValveParameters = _NO_VALVE,
     offset: float = 0.0,
+    inertia: float | None = None,
 ) -> Parameters:
     """Parameters of a rig: constants from its file, the rest as given (fitted or assumed).
+
+    `inertia` (kg m2, or kg) in place of the file's.
 
     Raises InputError where the rig file lacks what the model needs ([air], [cylinder], an
     inertia). Without `[pwm]` or `[valves]` the period is 1 s and the delays 0.
@@ -148,7 +151,7 @@ def parameters_from_rig(
         static_effort=static_effort,
         coulomb_effort=coulomb_effort,
         viscous=viscous,
-        inertia=require_inertia(rig),
+        inertia=require_inertia(rig) if inertia is None else inertia,
         offset=offset,
         choked_fill_a=valve_a.choked_fill,
         choked_dis_a=valve_a.choked_dis,

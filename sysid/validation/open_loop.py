@@ -43,6 +43,7 @@ from sysid.validation.simulation import simulate_segments
 
 VALIDATED_KINDS = (*MOTION_KINDS, "friction-motion")
 _OFFSET_EFFECT = "torque-offset"
+_ALONE = "; a cylinder without valves is judged by `sysid diagnose`, on its held-out tests"
 _NO_VALVES = "fit valve-discrete tests of both valves, or valve-pwm tests, into the bundle"
 
 
@@ -157,7 +158,7 @@ def _valve_models(
     if len(missing) == len({e.file for e in entries}):
         raise NotIdentifiedError(
             f"{bundle.source}: holds no valve model of both valves to simulate {missing[0]} with; "
-            f"{_NO_VALVES}"
+            f"{_NO_VALVES}{'' if rig.valves else _ALONE}"
         )
     absent = [name for name in VALVE_MODELS if name not in {m.name for m in found}]
     if any(e.kind == "motion-pwm" for e in entries) and absent:

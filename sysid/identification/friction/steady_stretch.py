@@ -228,7 +228,10 @@ def _keep_one_method(uses: Sequence[TrialUse], notices: list[str]) -> bool:
     )
     for use in used:
         if use.values["steady"]:
-            use.leave_out("its speed is steady, but most others' are not")
+            use.leave_out(
+                "its speed is steady: friction is taken from the change of speed, as most tests "
+                "are not steady"
+            )
     return True
 
 
