@@ -124,9 +124,9 @@ def test_a_suspect_that_cannot_be_fitted_is_named(monkeypatch: pytest.MonkeyPatc
 
     broken: set[str] = set()
 
-    def fails(base: Any, starts: Any) -> Any:
+    def fails(base: Any, starts: Any, held: Any = ()) -> Any:
         if starts[-1].id == "seal-friction":
-            return refit(base, starts)
+            return refit(base, starts, held)
         broken.add(starts[-1].id)
         raise np.linalg.LinAlgError("Singular matrix")
 
@@ -147,11 +147,11 @@ def test_out_of_time_the_best_that_was_fitted_is_kept(monkeypatch: pytest.Monkey
     refit = actuator_search.refit
     ended: list[str] = []
 
-    def only_one(base: Any, starts: Any) -> Any:
+    def only_one(base: Any, starts: Any, held: Any = ()) -> Any:
         if ended:
             raise OutOfTimeError
         ended.append(starts[-1].id)
-        return refit(base, starts)
+        return refit(base, starts, held)
 
     monkeypatch.setattr(actuator_search, "refit", only_one)
     found = loop(*made(SEAL, scatter=0.02))

@@ -60,7 +60,7 @@ from sysid.model.base import ValveParameters, parameters_from_rig
 from sysid.model.effects import catalogue, class_of
 from sysid.model.effects.chamber import AtmosphereLeakage, PistonLeakage, TubeLag, WallHeatTransfer
 from sysid.model.effects.entry import CatalogueEffect
-from sysid.model.effects.friction import QuadraticDrag, SealFriction
+from sysid.model.effects.friction import QuadraticDrag, SealFriction, StribeckFriction
 from sysid.model.effects.motor import AmplifierLag, TorqueConstantError
 from sysid.model.effects.sensor import PressureLag, PressureOffset, TimeSkew
 from sysid.model.effects.supply import ExhaustBackPressure, SupplyDroop
@@ -325,6 +325,23 @@ def test_a_refit_finds_the_number(traces: Traces, healthy: tuple[Tests, Rig, Mod
     found = refit(base, [AmplifierLag(0.001)])
     assert found.fit["amplifier-lag/amplifier_lag_s"] == pytest.approx(0.003, rel=0.05)
     assert found.gain > 100.0
+
+
+def test_a_shape_that_is_held_stays(traces: Traces, healthy: tuple[Tests, Rig, Model]) -> None:
+    """And the others are fitted to it."""
+    _, rig, model = healthy
+    twin = twin_of(model + StribeckFriction(0.12, 0.06, 1.0), traces, rig)
+    base = projected(build_frame(twin, model, noise_of(twin, model), 0.0), model)
+    start = StribeckFriction(0.1, 0.1, 2.0)
+    free, held = (
+        refit(base, [start], names)
+        for names in (frozenset(), frozenset({"stribeck-friction/stribeck_exponent"}))
+    )
+    shape = held.effect
+    assert isinstance(shape, StribeckFriction)
+    assert shape.stribeck_exponent == pytest.approx(2.0, abs=1e-4)
+    assert shape.stribeck_torque_nm != pytest.approx(0.1, rel=1e-3)
+    assert 0.0 < held.gain < free.gain
 
 
 def twin_of(model: Model, traces: Traces, rig: Rig) -> Traces:

@@ -6,7 +6,7 @@ The base parameters are fitted along, each in the balance that it belongs to.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,6 +34,8 @@ _FORM_SHARE = 0.05
 _BASE_STEPS = 6
 _MOST_STEP = 0.5
 _SMALL_STEP = 1e-4
+# Of its size: how far a number that is held may move.
+_HELD = 1e-6
 # Share of its column's length without effects that a base parameter must keep to be refitted.
 _LEAST_REACH = 0.02
 
@@ -97,18 +99,21 @@ class Refit:
         return float(strengths @ inverse @ strengths) / len(places)
 
 
-def refit(base: Projected, starts: Sequence[CatalogueEffect]) -> Refit:
+def refit(base: Projected, starts: Sequence[CatalogueEffect], held: Collection[str] = ()) -> Refit:
     """Fit the effects' strengths and shapes from a start, in addition to the model's effects.
 
-    The base parameters of the balances that the effects reach are fitted along: an effect
-    that replaces a law changes their role.
+    Those `held`, by "id/name", stay where they start. The base parameters of the balances that the
+    effects reach are fitted along: an effect that replaces a law changes their role.
     """
     others = (*base.model.effects, *starts)
     channels = tuple(c for c in CHANNELS if any(c in channels_of(e, others) for e in starts))
     touched = base.frame.belongs(channels)
     names = [n for n in base_parameters(base.model) if channel_of(n) in channels]
     parameters = [
-        *_own_parameters(starts, base.frame.traces.travel),
+        *(
+            _held(p) if p.name in held else p
+            for p in _own_parameters(starts, base.frame.traces.travel)
+        ),
         *(_relative(n) for n in names),
     ]
     count = len(parameters) - len(names)
@@ -185,6 +190,12 @@ def _own_parameters(effects: Sequence[CatalogueEffect], travel: float) -> list[P
         for e in effects
         for q in type(e).within(travel) or type(e).quantities
     ]
+
+
+def _held(parameter: Parameter) -> Parameter:
+    """A parameter that stays at its start, and is still one of the fit's."""
+    low, high = (parameter.value + sign * _HELD * parameter.size for sign in (-1.0, 1.0))
+    return replace(parameter, lower=max(low, parameter.lower), upper=min(high, parameter.upper))
 
 
 def _relative(name: str) -> Parameter:

@@ -73,6 +73,8 @@ _MOST_CHANGE = 2.5
 _TOLERATED_RISE = 0.01
 # By how much it falls with an effect on which the tests do not agree.
 _BETTER_BY = 0.1
+# Forms of an effect with a shape held that are simulated.
+_MOST_FORMS = 3
 # One that only the few breakaways show has to simulate better, even as the first.
 _LEAST_FALL = -0.05
 # By how much the logarithm of the simulation error of one rival is below another's that simulates
@@ -84,12 +86,14 @@ _CLEARLY_LOWER = 0.2
 class RefittedStep(Step):
     """An effect that was added: its fit beside the effects before it, which `model` holds too.
 
-    With the base parameters refitted; `tried` are suspects.
+    With the base parameters refitted; `tried` are suspects. `held`: its shapes, by "id/name", that
+    stay as they are, since fitted ones simulate worse.
     """
 
     refit: Refit
     model: Model
     tried: tuple[Suspect, ...]
+    held: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -234,10 +238,20 @@ class _TwinRounds(Rounds[RefittedStep]):
         tests = self.base.frame.tests
         gaining = [r for r in fitted if r.gain > 0.0 and not self._is_hum(r)]
         refits = [r for r in gaining if r.wald(tests) > self._least_wald(r, excess)]
-        if not refits and not self.steps:
+        if not refits:
             # Few tests may reach a limit, or rest: what these show, the simulation confirms.
-            refits = [r for r in gaining if self._simulates_better(r)]
+            refits = [r for r in gaining if self._shows_in_few(r) and self._simulates_better(r)]
         return refits
+
+    def _shows_in_few(self, found: Refit) -> bool:
+        """Whether an effect may be real though not many tests show it.
+
+        Beside others only one with a threshold, which so many tests may hardly have as a campaign
+        does: those that tell have to agree.
+        """
+        if not self.steps:
+            return True
+        return has_threshold(found.effect) and found.wald(self.base.frame.tests) > _MAIN_WALD
 
     def _is_hum(self, found: Refit) -> bool:
         """Whether an oscillation that goes on whatever the motion does explains clearly more."""
@@ -257,7 +271,8 @@ class _TwinRounds(Rounds[RefittedStep]):
         if self.steps:
             channels = explained_channels(found, self.base.frame)
             before = {c for step in self.steps for c in channels_of(step.effect)}
-            if before.intersection(channels):
+            # A threshold's tests vote, one each, and a campaign has few.
+            if before.intersection(channels) and not has_threshold(found.effect):
                 return _CLEAR_WALD
         return _MAIN_WALD if share_of_excess(found, excess, channels) > _MAIN_SHARE else _CLEAR_WALD
 
@@ -269,34 +284,76 @@ class _TwinRounds(Rounds[RefittedStep]):
         channels: Sequence[str],
     ) -> RefittedStep | None:
         """With the best of these refits, if what it explains of these channels is enough."""
-        base, steps = self.base, self.steps
-        share = share_of_excess(winner, excess, channels)
-        least = _LEAST_PART if share < _WHOLE_SHARE else _LEAST_WHOLE
-        # Where the effects so far do not act, nothing can be a misfit of their form.
-        gone = sum(max(self.before[c] - excess[c], 0.0) for c in channels)
-        if share < LEAST_SHARE or winner.gain < least * gone:
+        if not self._is_enough(winner, excess, channels):
             return None
-        if steps and relative_size(winner.effect) < _LEAST_SIZE:
+        held: frozenset[str] = frozenset()
+        extended = self._extended(winner, held)
+        if extended is None and self.steps:
+            for form, fixed in self._held_forms(winner):
+                if self._is_enough(form, excess, channels):
+                    extended = self._extended(form, fixed, -_BETTER_BY)
+                if extended is not None:
+                    winner, held = form, fixed
+                    break
+        if extended is None:
             return None
-        joint = _together(self.first, steps, winner)
-        if joint is None:
-            return None
-        extended = with_base_refitted(self.first, base.model + winner.effect)
-        rise = _LEAST_FALL if channels_of(winner.effect) == (BREAKAWAY,) else _TOLERATED_RISE
-        judged = bool(steps) or rise < 0.0
-        if judged and not _simulates(self.simulation_error, base.model, extended, rise):
-            return None
-        self._proposed = joint
         gains = {r.id: r.gain for r in refits}
         return RefittedStep(
             winner.effect,
             self.null.p_value(winner.id, winner.gain, len(type(winner.effect).strengths())),
-            share,
+            share_of_excess(winner, excess, channels),
             indistinguishable(winner, refits),
             tuple(replace(s, refitted=gains.get(s.id)) for s in self.tried),
             winner,
             extended,
+            held,
         )
+
+    def _is_enough(
+        self, found: Refit, excess: Mapping[str, float], channels: Sequence[str]
+    ) -> bool:
+        """Whether an effect explains a fair share of what is left of these channels."""
+        share = share_of_excess(found, excess, channels)
+        least = _LEAST_PART if share < _WHOLE_SHARE else _LEAST_WHOLE
+        # Where the effects so far do not act, nothing can be a misfit of their form.
+        gone = sum(max(self.before[c] - excess[c], 0.0) for c in channels)
+        if share < LEAST_SHARE or found.gain < least * gone:
+            return False
+        return not self.steps or relative_size(found.effect) >= _LEAST_SIZE
+
+    def _extended(
+        self, winner: Refit, held: frozenset[str], rise: float = _TOLERATED_RISE
+    ) -> Model | None:
+        """The model with an effect too; None where it does not go with the others, or simulates
+        worse: where the logarithm of the error rises by more than `rise`."""
+        joint = _together(self.first, self.steps, winner, held)
+        if joint is None:
+            return None
+        given = self.first.model
+        together = Model(given.parameters, (*given.effects, *joint.effects))
+        extended = with_base_refitted(self.first, together)
+        if channels_of(winner.effect) == (BREAKAWAY,):
+            rise = min(rise, _LEAST_FALL)
+        judged = bool(self.steps) or rise < 0.0
+        if judged and not _simulates(self.simulation_error, self.base.model, extended, rise):
+            return None
+        self._proposed = joint
+        return extended
+
+    def _held_forms(self, winner: Refit) -> list[tuple[Refit, frozenset[str]]]:
+        """An effect with one of its shapes held at a usual value, the best of these first.
+
+        What a balance sees of a law may be its tail alone: a shape that is fitted to it may then
+        lead anywhere else, as friction that falls with speed does at rest.
+        """
+        found = []
+        for q in type(winner.effect).shapes():
+            for value in q.grid:
+                start = replace(winner.effect, **{q.name: value})  # type: ignore[type-var]
+                held = frozenset({f"{winner.id}/{q.name}"})
+                found.append((refit(self.base, [start], held), held))
+        best = sorted(found, key=lambda pair: -pair[0].gain)
+        return best[:_MOST_FORMS]
 
     def _simulating_best(self, winner: Refit, refits: Sequence[Refit]) -> Refit:
         """Of effects that explain as much in the balances, the one that simulates clearly better.
@@ -352,7 +409,8 @@ class _TwinRounds(Rounds[RefittedStep]):
     def _without(self, step: RefittedStep) -> Refit:
         """All effects but one fitted together."""
         assert self.joint is not None
-        return refit(self.first, [e for e in self.joint.effects if e.id != step.id])
+        others = [e for e in self.joint.effects if e.id != step.id]
+        return refit(self.first, others, _held_by([s for s in self.steps if s is not step]))
 
     def remove(self, step: RefittedStep) -> None:
         place = self.steps.index(step)
@@ -388,7 +446,14 @@ class _TwinRounds(Rounds[RefittedStep]):
         return Search(tuple(steps), model, first, last, joint, base_std, rounds)
 
 
-def _together(first: Projected, steps: Sequence[RefittedStep], winner: Refit) -> Refit | None:
+def _held_by(steps: Sequence[RefittedStep]) -> frozenset[str]:
+    """The shapes that stay as they are."""
+    return frozenset().union(*(step.held for step in steps))
+
+
+def _together(
+    first: Projected, steps: Sequence[RefittedStep], winner: Refit, held: frozenset[str]
+) -> Refit | None:
     """The effects so far and another one fitted together; None where they change their size.
 
     Two effects that grow against each other are not real: together they imitate a curve.
@@ -396,7 +461,7 @@ def _together(first: Projected, steps: Sequence[RefittedStep], winner: Refit) ->
     if not steps:
         return winner
     before = [step.effect for step in steps]
-    joint = refit(first, [*before, winner.effect])
+    joint = refit(first, [*before, winner.effect], _held_by(steps) | held)
     for old, new in zip(before, joint.effects, strict=False):
         names = [q.name for q in type(old).quantities if q.is_strength]
         was = np.array([getattr(old, n) for n in names])
