@@ -224,7 +224,7 @@ def _bench_fit(kind: str, trials: list[Trial], rig: Rig) -> _BenchFit:
     # A missing effect may cause it, which the diagnosis then names from this number.
     asks = "sysid diagnose names what the law lacks, if the data are right"
     short = [f"{kind}: {judged.shortfall}; {asks}"] if judged.explains_too_little else []
-    return _BenchFit(fitted.part(), notices=tuple(short))
+    return _BenchFit(fitted.part(), notices=(*component.left_out, *short))
 
 
 @dataclass(frozen=True)

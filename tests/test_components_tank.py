@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -12,13 +13,14 @@ from numpy.typing import NDArray
 
 from sysid.bundle import Bundle, FittedValves, Valve
 from sysid.bundle.files import shipped_schema
+from sysid.checks.log_check import check_log
 from sysid.diagnosis.bench.component import Law, rmse
 from sysid.diagnosis.bench.fitting import fit_law
 from sysid.diagnosis.bench.selection import select
 from sysid.diagnosis.bench.tank import TankComponent, tank
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.io.conversion import convert
-from sysid.io.logs import Trial, read_log
+from sysid.io.logs import Log, Trial, read_log
 from sysid.io.rig import Rig, read_rig, rig_from_content
 from sysid.model.effects.catalogue import catalogue
 
@@ -257,6 +259,42 @@ def test_what_a_test_lacks_is_said() -> None:
     without = rig_from_content({k: v for k, v in RIG.items() if k != "tank"}, "rig.toml")
     with pytest.raises(InputError, match=r"rig.toml: section \[tank\] is missing"):
         tank([trial], without)
+
+
+def test_a_test_without_a_discharge_is_left_out() -> None:
+    """And says so; only where no test has one is nothing identified."""
+    empty, full = discharge(10.0, 1), [discharge(level, 2) for level in LEVELS_PA]
+    part = tank([empty, *full], rig())
+    assert len(part.tests) == len(full)
+    (line,) = part.left_out
+    assert line.startswith("left out: tank 10: c_dis is not identified")
+    with pytest.raises(NotIdentifiedError, match="tank 10: c_dis"):
+        tank([empty], rig())
+
+
+def test_check_says_what_a_tank_identifies() -> None:
+    trials = [discharge(level, 3) for level in LEVELS_PA]
+    log = Log(Path("tank.csv"), "", tuple(trials), (), rig())
+    check = check_log(log, rig(), "tank")
+    assert check.kinds == {"tank": len(trials)}
+    found = {item.parameter: item for item in check.identifies}
+    assert found["c_dis"].identified and f"of {len(trials)} tank tests" in found["c_dis"].reason
+    assert not any("friction" in name for name in found)
+    # Undeclared, it is known by its columns.
+    assert check_log(log, rig()).kinds == check.kinds
+
+
+def test_numbers_that_differ_between_tests_have_wide_intervals() -> None:
+    """Each test its own coefficient: the interval is that of their scatter, not of the noise."""
+    same = [discharge(level, 4) for level in LEVELS_PA]
+    stretch = (0.9, 1.0, 1.1, 0.95)
+    other = [dataclasses.replace(t, time=f * t.time) for t, f in zip(same, stretch, strict=False)]
+    widths = []
+    for trials in (same, other):
+        part = tank(trials, rig())
+        estimate = fit_law(part, (), range(len(part.tests))).base_estimates()["c_dis"]
+        widths.append(float(np.ptp(estimate.interval)) / estimate.value)
+    assert widths[0] < 0.01 and widths[1] > 0.1
 
 
 def test_a_valve_command_serves_as_the_pump() -> None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid import signals
+from sysid.checks.bench import BENCH_LAWS, COLUMNS, bench_identified, bench_kind
 from sysid.checks.consistency.campaign import located_contradictions, readings_of
 from sysid.checks.friction import Identification
 from sysid.checks.identifiability import excitation, identifications
@@ -175,10 +176,11 @@ def check_log(log: Log, rig: Rig, declared: str | None = None) -> LogCheck:
     kinds: dict[str, int] = {}
     by_kind: dict[str, list[Trial]] = {}
     for trial in log.trials:
-        kind = kind_of(trial, rig) or "nothing commanded"
+        kind = _kind_in(trial, rig, declared)
         kinds[kind] = kinds.get(kind, 0) + 1
         by_kind.setdefault(kind, []).append(trial)
     channels = _measured_channels(log, rig)
+    bench = next(iter(by_kind)) if set(by_kind) & {*BENCH_LAWS} else None
     return LogCheck(
         file=str(log.path),
         kinds=kinds,
@@ -191,15 +193,26 @@ def check_log(log: Log, rig: Rig, declared: str | None = None) -> LogCheck:
         longest_gap_s=float(np.max(steps)) if late.any() else 0.0,
         channels=tuple(check_channel(log, name, rig) for name in channels),
         excitation=tuple(excitation(by_kind, rig)),
-        identifies=tuple(identifications(by_kind, rig, declared)),
+        identifies=tuple(
+            identifications(by_kind, rig, declared)
+            if bench is None
+            else bench_identified(bench, log.trials, rig)
+        ),
         notices=log.notices,
         declared=declared,
     )
 
 
+def _kind_in(trial: Trial, rig: Rig, declared: str | None) -> str:
+    """A trial's kind: of a bench as declared, else by its content."""
+    if declared in BENCH_LAWS:
+        return declared
+    return bench_kind(trial) or kind_of(trial, rig) or "nothing commanded"
+
+
 def _measured_channels(log: Log, rig: Rig) -> list[str]:
     present = log.trials[0].channels
-    names = [rig.position_channel, *PRESSURES, "temperature_k", rig.effort_channel]
+    names = [rig.position_channel, *PRESSURES, "temperature_k", rig.effort_channel, *COLUMNS]
     return [n for n in names if n in present]
 
 
@@ -208,7 +221,12 @@ def check_channel(log: Log, name: str, rig: Rig) -> ChannelCheck:
     parts = [t[name] for t in log.trials]
     values = np.concatenate(parts)
     quantum = signals.quantum(values)
-    noise = _noise([c for t in log.trials for c in _combs(t, name, rig)], quantum)
+    is_command = name in COLUMNS
+    noise = (
+        None
+        if is_command
+        else _noise([c for t in log.trials for c in _combs(t, name, rig)], quantum)
+    )
     stuck_s, saturated = 0.0, 0
     dithers = noise is not None and noise > 0.5 * quantum
     if name in PRESSURES and (dithers or np.ptp(values) == 0.0):

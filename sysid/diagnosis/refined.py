@@ -71,13 +71,11 @@ def _numbers(
 ) -> tuple[RefineResult, Mapping[str, float]] | Failure:
     """The refinement and a bundle's errors with it; why it is not to be used where it is not."""
     from sysid.refinement.refine import refine  # loads jax
-    from sysid.refinement.whole_tests import much_worse
 
     try:
         result = refine(campaign, extended, catalogue=catalogue, progress=progress)
-        fit = result.fits["fit"]
-        if worse := much_worse(fit.before, fit.after):
-            return Failure(f"the training tests would be simulated {worse}")
+        if result.worse:
+            return Failure(f"the training tests would be simulated {result.worse}")
         return result, held_out_errors(result.bundle)
     except (InputError, NotIdentifiedError, RuntimeError) as error:
         return Failure(str(error))

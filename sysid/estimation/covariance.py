@@ -27,6 +27,18 @@ class Covariance:
             return math.inf
         return math.sqrt(max(float(self.matrix[index, index]), 0.0))
 
+    def at_least(self, other: Covariance) -> Covariance:
+        """With the larger of both standard errors of each estimate, and its degrees of freedom.
+
+        Where `other` has none, it says nothing.
+        """
+        own, theirs = np.diag(self.matrix), np.diag(other.matrix)
+        larger = (other.dof > 0.0) & (theirs > own) & (own > 0.0)
+        scale = np.ones(len(own))
+        scale[larger] = np.sqrt(theirs[larger] / own[larger])
+        dof = np.where(larger, np.minimum(self.dof, other.dof), self.dof)
+        return Covariance(self.matrix * np.outer(scale, scale), dof)
+
 
 @dataclass(frozen=True)
 class JointCovariance:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import itertools
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from sysid.errors import NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import Parameter
 from sysid.estimation.quality import FitQuality
+from sysid.io.logs import Trial
 from sysid.model.effects.entry import CatalogueEffect, Quantity
 from sysid.types import FloatArray, IntArray
 
@@ -42,6 +44,8 @@ class Component(ABC):
     unit: str
     has_own_columns = False
     """Whether the regressors are columns that a user named, in units of the user's."""
+    left_out: tuple[str, ...] = ()
+    """Why tests that were given are not among its own, a line each."""
     precision = 0.0
     """Share of the signal's RMS below which nothing is structure, however little noise there is."""
     has_constant = True
@@ -182,6 +186,25 @@ def law_held(
     return Law({name: values[name] for name in names})
 
 
+Read = TypeVar("Read")
+
+
+def usable(trials: Sequence[Trial], read: Callable[[Trial], Read]) -> tuple[list[Read], list[str]]:
+    """What is read of the trials that show something, and why others do not, a line each.
+
+    Raises NotIdentifiedError where none does.
+    """
+    found, left_out = [], []
+    for trial in trials:
+        try:
+            found.append(read(trial))
+        except NotIdentifiedError as error:
+            left_out.append(str(error))
+    if not found:
+        raise NotIdentifiedError(left_out[0])
+    return found, [f"left out: {line}" for line in left_out]
+
+
 PROBE = 0.3
 """Share of a strength's usual size at which an effect is probed, unless a grid gives others."""
 
@@ -238,4 +261,5 @@ __all__ = [
     "rmse",
     "shapes",
     "smallest_probe",
+    "usable",
 ]

@@ -63,7 +63,8 @@ def diagnose_component(
     ambiguous = [a.repeats.sentence for a in selection.additions if a.repeats.sentence]
     ambiguous += [effect.undecided_sentence for effect in selection.undecided]
     looked = selection.looked.sentences()
-    notices = (*(() if outside else (_LEFT_OUT,)), *ambiguous, *looked)
+    left_out = (*component.left_out, *(outside.left_out if outside else ()))
+    notices = (*left_out, *(() if outside else (_LEFT_OUT,)), *ambiguous, *looked)
     laws = [given, *(a.fitted.law for a in selection.additions)]
     progress("predicting the held-out tests, before and after")
     floor = (outside or component).noise_floor(laws[-1])

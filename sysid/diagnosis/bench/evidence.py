@@ -77,14 +77,8 @@ class HeldOutEvidence(ComponentEvidence):
         return {
             "curves": [c.shown() | own for c in self._drawn()],
             "law": [p.name for p in part.parameters()],
-            "unit": part.unit,
-            "channel": part.channel,
-            "own": part.has_own_columns,
+            **pictures.drawn(part, self.outside, self.given, law),
             "shows": [shown | own for shown in pictures.influences(part, law)],
-            "over": pictures.over_regressors(part, self.given, law),
-            "tests": pictures.tests_shown(self.outside or part, self.given, law),
-            "count": len((self.outside or part).recordings),
-            "use": "holdout" if self.outside else "fit",
             "refitted": self._refitted(),
         }
 

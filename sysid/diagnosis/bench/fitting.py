@@ -54,16 +54,25 @@ class FittedLaw:
         return FittedLaw(component, tuple(tests), law, fit)
 
     def estimates(self, effect: CatalogueEffect) -> dict[str, Estimate]:
-        """An effect's numbers by field, intervals that allow for correlated residuals."""
-        return {
-            q.name: self.fit.estimate(_key(type(effect), q), self._covariance)
-            for q in type(effect).quantities
-        }
+        """An effect's numbers by field.
+
+        Intervals allow for correlated residuals, and for numbers that differ from test to test.
+        """
+        return {q.name: self._estimate(_key(type(effect), q)) for q in type(effect).quantities}
 
     def base_estimates(self) -> dict[str, Estimate]:
         """The law's own parameters by name, likewise."""
         own = self.component.parameters()
-        return {p.name: self.fit.estimate(p.name, self._covariance) for p in own}
+        return {p.name: self._estimate(p.name) for p in own}
+
+    def _estimate(self, name: str) -> Estimate:
+        """A number with its interval, which ends where the number cannot be."""
+        found = self.fit.estimate(name, self._covariance)
+        own = next(p for p in self.fit.parameters if p.name == name)
+        if not found.identified:
+            return found
+        low, high = found.interval
+        return replace(found, interval=(max(low, own.lower), min(high, own.upper)))
 
     def part(self) -> Parts:
         """The law's section of a bundle, with how well it follows its tests."""
@@ -118,7 +127,9 @@ class FittedLaw:
 
     @cached_property
     def _covariance(self) -> Covariance:
-        return self.fit.correlated_covariance(self._groups)
+        """By the correlation within tests, or by what the numbers differ between them if more."""
+        within = self.fit.correlated_covariance(self._groups)
+        return within.at_least(self.fit.jackknife_covariance(self._groups))
 
     @cached_property
     def _groups(self) -> NDArray[np.intp]:

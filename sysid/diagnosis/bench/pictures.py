@@ -24,6 +24,23 @@ _ALONG = ("time", "time since the pump's stop (s)", "duty_a", "number of the rea
 _NOT_DRAWN = (*_ALONG[:2], "acceleration", "motor", "direction of the duty", _ALONG[-1])
 
 
+def drawn(part: Component, outside: Component | None, before: Law, after: Law) -> dict[str, Any]:
+    """The part's signal, measured and modelled, over regressors and along tests (`use`).
+
+    Those of `outside`, the part on held-out tests, where there are some; `count` of all.
+    """
+    shown = outside or part
+    return {
+        "unit": part.unit,
+        "channel": part.channel,
+        "own": part.has_own_columns,
+        "over": over_regressors(part, before, after),
+        "tests": tests_shown(shown, before, after),
+        "count": len(shown.recordings),
+        "use": "holdout" if outside else "fit",
+    }
+
+
 def tests_shown(part: Component, before: Law, after: Law) -> list[dict[str, Any]]:
     """Some recordings whole: the signal as measured, and as modelled by the two laws.
 
@@ -117,4 +134,4 @@ def influences(part: Component, law: Law) -> list[dict[str, Any]]:
     return found
 
 
-__all__ = ["influences", "over_regressors", "tests_shown"]
+__all__ = ["drawn", "influences", "over_regressors", "tests_shown"]

@@ -16,7 +16,7 @@ import numpy as np
 
 from sysid.bundle import Bundle, DiscreteLaw, FittedValves, Parts, Valve
 from sysid.bundle.quality import quality_field
-from sysid.diagnosis.bench.component import Component, Law, law_held, smallest_probe
+from sysid.diagnosis.bench.component import Component, Law, law_held, smallest_probe, usable
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import Parameter
@@ -68,6 +68,7 @@ class TankComponent(Component):
 
     base_parameters: Parameters
     discharges: tuple[Discharge, ...]
+    left_out: tuple[str, ...] = ()
 
     channel = "pressure_a_pa"
     unit = "Pa"
@@ -195,7 +196,7 @@ def tank(trials: Sequence[Trial], rig: Rig) -> TankComponent:
 
     Trials hold `pressure_a_pa`, and `pump_volts` or `valve_a`, which is not 0 while the tank
     is filled. Raises InputError where a section of the rig file or a column is missing, and
-    NotIdentifiedError where a trial shows no discharge.
+    NotIdentifiedError where no trial shows a discharge; others are left out, and say why.
     """
     air = rig.require("air", "which a tank's discharge needs")
     volume = rig.require("tank", "which a tank's discharge needs").volume_m3
@@ -219,9 +220,8 @@ def tank(trials: Sequence[Trial], rig: Rig) -> TankComponent:
     )
     if not trials:
         raise NotIdentifiedError("no tank test to fit; give a fill and its discharge")
-    return TankComponent(
-        fixed, tuple(_discharge(trial, air.atmospheric_pressure_pa) for trial in trials)
-    )
+    found, left_out = usable(trials, lambda trial: _discharge(trial, air.atmospheric_pressure_pa))
+    return TankComponent(fixed, tuple(found), tuple(left_out))
 
 
 def _discharge(trial: Trial, atmosphere: float) -> Discharge:

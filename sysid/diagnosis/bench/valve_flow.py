@@ -18,7 +18,15 @@ from numpy.typing import ArrayLike
 from sysid.bundle import Bundle, FittedValves, Parts, Valve
 from sysid.bundle.quality import quality_field
 from sysid.bundle.valves import SteadyLaw
-from sysid.diagnosis.bench.component import Component, Law, bends, law_held, probes, rmse
+from sysid.diagnosis.bench.component import (
+    Component,
+    Law,
+    bends,
+    law_held,
+    probes,
+    rmse,
+    usable,
+)
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import Parameter
@@ -70,6 +78,7 @@ class ValveFlow(Component):
 
     base_parameters: Parameters
     stretches: tuple[DutyStretch, ...]
+    left_out: tuple[str, ...] = ()
 
     channel = "flow_a_kg_s"
     unit = "kg/s"
@@ -226,7 +235,8 @@ def valve_flow(trials: Sequence[Trial], rig: Rig) -> ValveFlow:
         supply_reference=high,
         pwm_period=rig.pwm.period_s if rig.pwm else 1.0,
     )
-    return ValveFlow(fixed, tuple(s for trial in trials for s in _stretches(trial)))
+    found, left_out = usable(trials, _stretches)
+    return ValveFlow(fixed, tuple(s for own in found for s in own), tuple(left_out))
 
 
 def _stretches(trial: Trial) -> list[DutyStretch]:

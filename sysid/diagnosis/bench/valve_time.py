@@ -17,7 +17,15 @@ import numpy as np
 from sysid.bundle import Bundle, FittedValves, Parts, Valve
 from sysid.bundle.quality import quality_field
 from sysid.bundle.valves import TimingLaw
-from sysid.diagnosis.bench.component import Component, Law, bends, law_held, probes, rmse
+from sysid.diagnosis.bench.component import (
+    Component,
+    Law,
+    bends,
+    law_held,
+    probes,
+    rmse,
+    usable,
+)
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import Parameter
@@ -69,6 +77,7 @@ class ValveTime(Component):
 
     base_parameters: Parameters
     sweeps: tuple[Sweep, ...]
+    left_out: tuple[str, ...] = ()
 
     channel = "log_time_to_pressure"
     unit = "-"
@@ -245,7 +254,8 @@ def valve_time(trials: Sequence[Trial], rig: Rig) -> ValveTime:
         off_delay_a=rig.valves.off_delay_s if rig.valves else 0.0,
         pwm_period=rig.pwm.period_s if rig.pwm else 1.0,
     )
-    return ValveTime(fixed, tuple(_sweep(trial) for trial in trials))
+    found, left_out = usable(trials, _sweep)
+    return ValveTime(fixed, tuple(found), tuple(left_out))
 
 
 def _sweep(trial: Trial) -> Sweep:
