@@ -16,7 +16,7 @@ from datasets.generator.rigs import rig_toml
 from sysid.bundle import Bundle, Parts, read_bundle, write_bundle
 from sysid.bundle.effects import entry_of
 from sysid.bundle.friction import Friction
-from sysid.bundle.refinement import Refinement
+from sysid.bundle.refinement import RefinedValue, Refinement
 from sysid.bundle.valves import FittedValves
 from sysid.commands.app import main
 from sysid.errors import InputError, NotIdentifiedError
@@ -241,3 +241,22 @@ def test_a_refined_bundle_counts_its_motion_logs_once(
     assert any("not counted again" in line for line in found.notices)
     assert (found.now > 2.0 * advice.now).any()
     np.testing.assert_allclose(found.now, [p.std for p in found.parameters], rtol=1e-6)
+
+
+def test_a_bundle_as_refine_writes_it_tells_the_sizes_of_effects(
+    campaign: Campaign, bundle: Bundle, advice: AdviceResult
+) -> None:
+    """What was known before, and the logs: much as of the bundle that was not refined."""
+    before = [
+        RefinedValue(
+            name=p.name, origin=p.origin, before=p.value, before_std=p.std if p.has_prior else None,
+            after=Estimate.symmetric(p.value, 0.1 * abs(p.std), p.unit, 10.0), movement=0.0,
+            informed_by_motion=True,
+        )
+        for p in advice.parameters
+    ]  # fmt: skip
+    refined = bundle.replaced(refinement=Refinement(converged=True, parameters=before))
+    effects = {name: catalogue()[name] for name in ("stribeck-friction", "quadratic-drag")}
+    found = advise(campaign, refined, threshold=4.0, catalogue=effects)
+    assert found.sizes and all(math.isfinite(size.now) for size in found.sizes)
+    np.testing.assert_allclose(found.now, advice.now, rtol=0.5)

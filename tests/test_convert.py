@@ -342,3 +342,17 @@ def test_valve_files(tmp_path: Path, shared_data: Path) -> None:
         period_s=1.0,
     )
     np.testing.assert_allclose(frame["duty_a"], np.arange(101) / 100.0, atol=1e-12)
+
+
+def test_times_of_day_count_from_the_first(tmp_path: Path) -> None:
+    """Over midnight too; a cell that is no time is named."""
+    cells = ["23:59:59.998", "23:59:59.999", "00:00:00.000", "00:00:00.001"]
+    path = tmp_path / "clock.csv"
+    path.write_text("zeit;x\n" + "".join(f"{cell};{i}.5\n" for i, cell in enumerate(cells)))
+    words = ["convert", str(path), "-o", str(tmp_path / "out.csv")]
+    words += ["--map", "time_s=zeit", "--map", "position_m=x:mm"]
+    assert main(words) == 0
+    read = pd.read_csv(tmp_path / "out.csv", comment="#")
+    assert read["time_s"].tolist() == pytest.approx([0.0, 0.001, 0.002, 0.003], abs=1e-9)
+    path.write_text("zeit;x\n23:59:59;1.5\nnoon;2.5\n")
+    assert main(words) == 2

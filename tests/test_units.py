@@ -15,6 +15,7 @@ from sysid.io.units import (
     find_column,
     parse_map,
     parse_map_table,
+    parse_unit,
     to_si,
 )
 
@@ -198,3 +199,14 @@ def test_pint_is_imported_only_where_a_unit_needs_it() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["False", "True"]
+
+
+@pytest.mark.parametrize("text", ["V/341.33", "1/341.33 V", "1 / 341.33 * V"])
+def test_a_unit_may_be_a_part_of_one(text: str) -> None:
+    """As a converter's counts are given: so many a volt."""
+    assert parse_unit(text, "V", "--map")[1] == pytest.approx(1.0 / 341.33, rel=1e-12)
+
+
+def test_a_rate_is_no_part_of_a_unit() -> None:
+    with pytest.raises(InputError, match="is 1 / second"):
+        parse_unit("1/s", "Pa", "--map")

@@ -55,6 +55,9 @@ def read_bundle(path: Path) -> Bundle:
     except UnicodeDecodeError:
         raise input_error(path, "is not UTF-8 text", "a bundle is JSON in UTF-8") from None
     except json.JSONDecodeError as error:
+        if path.suffix == ".toml":
+            said = "is a campaign or rig file, not a bundle"
+            raise input_error(path, said, "give the JSON file that sysid fit wrote") from None
         raise input_error(
             f"{path}, line {error.lineno}", f"is not JSON ({error.msg})", "write the bundle again"
         ) from None

@@ -351,6 +351,8 @@ def _was_cut_short(run: PipelineRun) -> bool:
 def _refine(run: PipelineRun) -> None:
     """A campaign whose motion cannot be simulated continues unrefined; a notice says why.
 
+    So does one that refined numbers would simulate much worse.
+
     A part tested alone, save an axis with a motor, has no motion to simulate: its bundle continues
     as it is, and so does one that the diagnosis refined, or tried to refine and could not.
     """
@@ -362,8 +364,13 @@ def _refine(run: PipelineRun) -> None:
         except (InputError, NotIdentifiedError) as error:
             run.notices.append(f"not refined: {error}")
         else:
-            run.notices += result.notices
-            bundle = result.bundle
+            if result.worse:
+                run.notices.append(
+                    f"not refined: the training tests would be simulated {result.worse}"
+                )
+            else:
+                run.notices += result.notices
+                bundle = result.bundle
     write_bundle(bundle, run.path(_REFINED_FILE))
 
 

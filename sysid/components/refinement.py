@@ -41,6 +41,8 @@ class OwnRefinement(Shown):
     before: dict[str, float]
     after: dict[str, float]
     notices: tuple[str, ...] = ()
+    worse = ""
+    """In words how much worse tests are simulated: the numbers are those that simulate best."""
 
     def headline(self) -> str:
         """What was done."""

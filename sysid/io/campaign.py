@@ -204,8 +204,9 @@ def read_campaign(path: Path, own: OwnKind | None = None) -> Campaign:
         raise input_error(path, "rig is missing", 'add rig = "rig.toml" at the top')
     rig_path = path.parent / rig_file
     if not rig_path.is_file():
+        what = "is a directory" if rig_path.is_dir() else "no such file"
         raise input_error(
-            path, f"rig = {rig_file!r}: no such file", "paths are relative to the campaign file"
+            path, f"rig = {rig_file!r}: {what}", "paths are relative to the campaign file"
         )
     entries = content.get("log")
     if not isinstance(entries, list) or not entries:
@@ -244,6 +245,8 @@ def _entry(
     where = f"{where} ({file})"
     chosen = _choices(path, where, table, own_kind)
     log_path = path.parent / file
+    if log_path.is_dir():
+        raise input_error(path, f"{where}: is a directory", "name a log in it")
     if not log_path.exists():
         raise input_error(path, f"{where}: no such file", "paths are relative to the campaign file")
     maps = table.get("map", {})

@@ -95,6 +95,10 @@ _COMMON_UNITS = (
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 _REFERENCE = re.compile(r"\s*\(\s*([ga]|gauge|gage|abs|absolute)\s*\)\s*$", re.IGNORECASE)
+_OVER_NUMBER = re.compile(r"(?P<unit>[^\d\s/][^/]*)/(?P<number>\d+\.?\d*(?:[eE][+-]?\d+)?)")
+_ONE_OVER = re.compile(
+    r"1\s*/\s*(?P<number>\d+\.?\d*(?:[eE][+-]?\d+)?)\s*\*?\s*(?P<unit>[^\d\s/].*)"
+)
 _COLUMN_NUMBER = re.compile(r"#(\d{1,6})")
 _MAX_UNIT_LENGTH = 80
 # In SI: no time, pressure, angle, count, force, voltage, flow or temperature of a log is larger.
@@ -209,7 +213,7 @@ def parse_unit(text: str, si: str, where: str) -> tuple[bool | None, float, floa
     """
     if len(text) > _MAX_UNIT_LENGTH:
         raise _unknown_unit(text[:20] + "...", si, where)
-    multiple, unit = _split_multiple(text, where)
+    multiple, unit = _split_multiple(_per_number(text), where)
     unit, gauge = _split_reference(unit)
     if gauge is not None and si != "Pa":
         said = "gauge" if gauge else "absolute"
@@ -235,6 +239,14 @@ def check_unit(unit: str, where: str) -> None:
         close = _closest(unit)
         mend = f"did you mean {close}?" if close else "write it as N*m or kg/s; a ratio has none"
         raise input_error(where, f"{unit!r} is not a known unit", mend) from None
+
+
+def _per_number(text: str) -> str:
+    """`V/341.33` and `1/341.33 V`, of a converter's counts, as `0.0029297 V`."""
+    over = _OVER_NUMBER.fullmatch(text) or _ONE_OVER.fullmatch(text)
+    if over is None or not float(over["number"]):
+        return text
+    return f"{1.0 / float(over['number'])!r} {over['unit']}"
 
 
 def _split_multiple(text: str, where: str) -> tuple[float | None, str]:

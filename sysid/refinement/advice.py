@@ -82,12 +82,13 @@ def advise(
     progress("refining the motion logs")
     with threadpool_limits(1, user_api="blas"):
         setting = with_expected_errors(setting, logged, scatter, progress)
-    is_refined = bundle.refinement is not None
-    if is_refined:
+    # Where it says what was known before its motion logs, these are counted as of any other.
+    holds_logs = bundle.refinement is not None and not bundle.refinement.values()
+    if holds_logs:
         notices.append(_REFINED.format(bundle.source))
     progress("drawing tests that the rig can do")
     motions = candidate_motions(rig, model)
-    tests = runs_of_tests(setting, motions, count_logs=not is_refined)
+    tests = runs_of_tests(setting, motions, count_logs=not holds_logs)
     known = for_rig(own_catalogue() if catalogue is None else catalogue, rig.is_linear)
     rivals = _rivals(bundle, known)
     probes = probes_of(model, [known[r] for own in rivals.values() for r in own])
@@ -124,13 +125,23 @@ _REFINED = (
 def _known_without(bundle: Bundle, unknowns: Sequence[Unknown]) -> list[Unknown]:
     """The unknowns with what is known of them beside the motion logs that are counted.
 
-    Of a refined bundle none is counted: what its errors say of an effect is not in it twice.
+    Of a refined bundle that is what it held before. One that does not say so has its errors, which
+    hold the logs: then none is counted.
     """
     if bundle.refinement is None:
         return without_own_data(unknowns, bundle, [])
-    return [
-        replace(u, has_prior=True) if u.origin == "effect" and u.std > 0.0 else u for u in unknowns
+    held = bundle.refinement.values()
+    if not held:
+        return [
+            replace(u, has_prior=True) if u.origin == "effect" and u.std > 0.0 else u
+            for u in unknowns
+        ]
+    bench = {v.name: v.before_std for v in held if v.origin != "effect" and v.before_std}
+    known = [
+        replace(u, std=bench.get(u.name, math.nan), correlations=(), has_prior=u.name in bench)
+        for u in unknowns
     ]
+    return without_own_data(known, bundle.replaced(refinement=None), [])
 
 
 # --- standard errors -------------------------------------------------------------------

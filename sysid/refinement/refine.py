@@ -55,7 +55,7 @@ from sysid.refinement.unknowns import (
 )
 from sysid.refinement.updating import updated
 from sysid.refinement.whitening import Whitening
-from sysid.refinement.whole_tests import correlation, much_worse, rmse, whole_residuals
+from sysid.refinement.whole_tests import correlation, rmse, whole_residuals
 from sysid.types import FloatArray, Progress, no_progress
 from sysid.validation.effort_balance import effort_rmse
 from sysid.validation.motion_tests import CHAMBER_PRESSURES, MotionTest, prepare_all
@@ -143,8 +143,6 @@ def refine(
         for use, some in (("fit", tests), ("holdout", held_out))
         if some
     }
-    if worse := much_worse(fits["fit"].before, fits["fit"].after):
-        notices.append(_worse_notice(worse))
     profiles = _profiles(found, profile, progress)
     result = RefineResult(
         parameters=parameters,
@@ -166,6 +164,8 @@ def refine(
         },
     )
     options: dict[str, Any] = {"free": free, "fix": fix, "prior": prior, "robust": robust}
+    if result.worse:
+        notices.append(_worse_notice(result.worse))
     made = updated(bundle, campaign, result, KINDS, options)
     if made.refinement is not None:
         wrong = contradictions(made.refinement.values(), campaign.rig)

@@ -15,6 +15,7 @@ from sysid.display.tables import Shown, ShownTable
 from sysid.estimation.linear import Estimate, finite_or_none
 from sysid.refinement.profiles import Profile
 from sysid.refinement.unknowns import Unknown
+from sysid.refinement.whole_tests import much_worse
 from sysid.types import FloatArray
 
 
@@ -97,6 +98,11 @@ class RefineResult(Shown):
     profiles: Mapping[str, Profile] = field(default_factory=dict)
     notices: tuple[str, ...] = ()
     effort: Mapping[str, Mapping[str, tuple[float, float]]] = field(default_factory=dict)
+
+    @property
+    def worse(self) -> str:
+        """In words how much worse the tests to fit on are simulated; empty if they are not."""
+        return much_worse(self.fits["fit"].before, self.fits["fit"].after)
 
     def headline(self) -> str:
         state = "converged" if self.converged else "not converged"

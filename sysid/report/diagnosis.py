@@ -64,7 +64,7 @@ _TWINS = _Words(
 )
 _LEFT_OUT = _Words(
     share="Share of the prediction error, %",
-    std="allow for correlated residuals",
+    std="by correlated residuals, or by leaving out one test at a time if that gives more",
     errors="RMSE on the held-out tests",
     floor="error on the held-out tests, and how much each effect reduces it{refined}. The thin "
     "line is the error that a correct law would have: the change from one sample to the next, "

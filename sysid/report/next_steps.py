@@ -37,10 +37,15 @@ def next_section(bundle: Bundle, diagnosis: Content | None, campaign: str) -> Se
         said = advice_on_rest(found)
         blocks += [Lines(said)] if said else []
     blocks += _lacking(bundle)
-    if not blocks:
+    is_advised = is_of_actuator(found) and bundle.friction is not None and bundle.valves is not None
+    if not blocks and not (found is not None and is_advised):
         return None
-    intro = ["Ordered by what they decide: which effect it is, what remains, how large it is."]
-    if is_of_actuator(found) and bundle.friction is not None and bundle.valves is not None:
+    intro = (
+        ["Ordered by what they decide: which effect it is, what remains, how large it is."]
+        if blocks
+        else ["Nothing was left open: an effect too small for these tests may still be there."]
+    )
+    if is_advised:
         intro.append(
             f"`sysid advise {campaign} --bundle bundle.json` predicts for this rig what each of a "
             "list of further tests would add, and the smallest size of every effect that they "

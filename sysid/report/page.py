@@ -168,9 +168,13 @@ def _parts(
         return diagnosis_section(diagnosis, campaign.rig.is_linear)
 
     def part_alone() -> Section | None:
-        from sysid.report.part import part_section
+        from sysid.report.part import fitted_axis, part_section
 
-        return part_section(diagnosis or {}, campaign.rig.is_linear)
+        shown = (diagnosis or {}).get("figures", {}).get("tests")
+        content = diagnosis if shown else fitted_axis(campaign, bundle)
+        if content is None:
+            return None
+        return part_section(content, campaign.rig.is_linear, is_alone=bool(shown))
 
     def next_steps() -> Section | None:
         from sysid.report.next_steps import next_section
@@ -202,9 +206,6 @@ def _parts(
     diagnosed_part = ("Diagnosis", (diagnosis or {}).get("skipped", _NOT_DIAGNOSED), diagnosed)
     is_open = left_open(diagnosis, is_validated=validation is not None)
     following = ("What to do next", is_open, next_steps)
-    alone: list[_Part] = []
-    if (diagnosis or {}).get("figures", {}).get("tests"):
-        alone = [("Measured and modelled", "no test is drawn", part_alone)]
     if bundle.component is not None:
         return [("Component", "no component was fitted", own), diagnosed_part, following]
     # A part tested alone lacks nothing of what only a whole actuator has.
@@ -227,7 +228,7 @@ def _parts(
     return [
         *((title, absent[title], build) for title, build in built.items()),
         ("Residuals", "", residuals),  # missing where the validation is
-        *alone,
+        ("Measured and modelled", "", part_alone),
         diagnosed_part,
         ("Refinement on motion", absent["Refinement on motion"], refined),
         following,

@@ -9,6 +9,7 @@ import numpy as np
 
 from sysid.display.channels import channel_of
 from sysid.display.numbers import number
+from sysid.errors import InputError, NotIdentifiedError
 from sysid.report import svg
 from sysid.report.blocks import Block, Figure, FigureGroup, Section
 from sysid.report.diagnosis_panels import drawable, regressor_axis
@@ -18,6 +19,9 @@ from sysid.types import FloatArray
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from sysid.bundle import Bundle
+    from sysid.io.campaign import Campaign
+
 Content = Mapping[str, Any]
 
 _CLOUD_COLOUR = "#8a96a3"  # drawn into a bitmap: it must work on light and dark backgrounds
@@ -26,7 +30,33 @@ _LEAST_BETWEEN = 0.6
 _STYLES = {"before": ("model", (0, (4, 2))), "after": ("second", "-")}
 
 
-def part_section(content: Content, is_linear: bool) -> Section | None:
+def fitted_axis(campaign: Campaign, bundle: Bundle) -> Content | None:
+    """Pictures of friction that was fitted to general motion, as `part_section` takes them.
+
+    None where it came from other tests, or these cannot be used.
+    """
+    from sysid.diagnosis.bench import pictures
+    from sysid.diagnosis.bench.registry import AXIS, component_of
+
+    if bundle.friction is None or bundle.friction.source != AXIS or bundle.effects:
+        return None
+    try:
+        trials = {
+            use: [t for e in campaign.select((AXIS,), use) for t in campaign.read(e).trials]
+            for use in ("fit", "holdout")
+        }
+        part, outside = (
+            component_of(AXIS, own, campaign.rig) if own else None for own in trials.values()
+        )
+        if part is None:
+            return None
+        law = part.law_of(bundle)
+        return {"effects": [], "figures": pictures.drawn(part, outside, law, law)}
+    except (InputError, NotIdentifiedError):
+        return None
+
+
+def part_section(content: Content, is_linear: bool, *, is_alone: bool = True) -> Section | None:
     """From a diagnosis' content; None where it is not of a part, or holds no pictures.
 
     To be called within `sysid.report.svg.styled()`.
@@ -47,9 +77,10 @@ def part_section(content: Content, is_linear: bool) -> Section | None:
             _test(place, entry, figures, named, is_linear) for place, entry in enumerate(tests)
         )
         blocks.append(FigureGroup(_tests_caption(figures, tests), shown))
+    alone = "The part was tested alone. " if is_alone else ""
     intro = (
-        "The part was tested alone. Its signal as it was measured, next to what the fitted law "
-        "makes of the same conditions"
+        f"{alone}The signal as it was measured, next to what the fitted law makes "
+        "of the same conditions"
         + (
             ": the base law, and the law extended by the effects that the diagnosis added."
             if content["effects"]
@@ -179,4 +210,4 @@ def _label(ax: Axes, name: str, x_unit: str, y_label: str) -> None:
     ax.set_ylabel(y_label)
 
 
-__all__ = ["part_section"]
+__all__ = ["fitted_axis", "part_section"]

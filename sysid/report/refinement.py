@@ -115,9 +115,9 @@ def _intro(refinement: Refinement, values: list[RefinedValue]) -> tuple[str, ...
     scatter = refinement.friction_scatter
     if isinstance(scatter, ScatterOfFriction):
         lines.append(
-            "Friction differs from test to test: each test has its own, and its standard "
-            f"deviation is {percent(100.0 * scatter.sliding, 2)} for sliding and "
-            f"{percent(100.0 * scatter.static, 2)} for static friction."
+            "Friction differs from test to test: each test has its own, with a standard deviation "
+            f"of {percent(100.0 * scatter.sliding, 2)} for sliding and "
+            f"{percent(100.0 * scatter.static, 2)} for static friction (2 % where none shows it)."
         )
     return tuple(lines)
 

@@ -66,6 +66,22 @@ class _Measured:
         return made if isinstance(made, SurfaceChoice) else None
 
     @property
+    def obeys_averaged_law(self) -> bool | None:
+        """Whether the averaged law follows as well as the network; None without both."""
+        errors = {kind: held for kind, held, _ in self.errors}
+        law, network = errors.get("averaged"), errors.get("ann")
+        if law is None or network is None:
+            return None
+        return obeys_averaged_law(law.rmse, network.rmse, _figure(self.choice, "noise_rmse"))
+
+    @property
+    def best(self) -> str | None:
+        """The kind to use: the averaged law where it is obeyed, else the better surface."""
+        if self.obeys_averaged_law:
+            return "averaged"
+        return None if self.choice is None else self.choice.recommended
+
+    @property
     def tag(self) -> str:
         return f"{self.side}-{self.direction}"
 
@@ -102,8 +118,7 @@ def _obedience(parts: Sequence[_Measured]) -> Iterator[str]:
         law, network = errors.get("averaged"), errors.get("ann")
         if law is None or network is None:
             continue
-        noise = _figure(part.choice, "noise_rmse")
-        if obeys_averaged_law(law.rmse, network.rmse, noise):
+        if part.obeys_averaged_law:
             obeyed.append(part.title[0].lower() + part.title[1:])
             continue
         yield (
@@ -171,7 +186,7 @@ def _comparison(parts: Sequence[_Measured]) -> HtmlTable:
     """Errors of every surface in duty: tables 3.7.2 to 3.7.4 of the thesis for these data."""
     rows = []
     for part in parts:
-        choice = part.choice
+        choice, best = part.choice, part.best
         for kind, held, fitted in part.errors:
             judged = held or fitted
             rows.append(
@@ -184,7 +199,7 @@ def _comparison(parts: Sequence[_Measured]) -> HtmlTable:
                     number(_figure(judged, "max_error_points")),
                     number(_figure(judged, "max_relative_error_percent")),
                     number(_points(_figure(choice, "noise_rmse"))),
-                    "use this" if choice and choice.recommended == kind else "",
+                    "use this" if kind == best else "",
                 )
             )
     columns = (

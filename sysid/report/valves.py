@@ -63,7 +63,8 @@ def discrete_section(
     fitted = valves.discrete_laws()
     if not fitted:
         return None
-    blocks: list[Block] = [_fit_table(fitted)]
+    held = {side: law for side, law in fitted.items() if isinstance(law.tests, list) and law.tests}
+    blocks: list[Block] = [_fit_table(held)] if held else []
     for side, law in fitted.items():
         blocks.append(
             parameters_table(f"Valve {side.upper()}", law.estimates(), lambda k: _NAMES.get(k, k))
@@ -73,7 +74,10 @@ def discrete_section(
             blocks.append(_figures(side, curves))
     intro = (
         "The piston is held, and the valve is switched on and off again; flows, coefficients and "
-        "delays are those whose simulated pressure is closest to the measured one.",
+        "delays are those whose simulated pressure is closest to the measured one."
+        if held
+        else "Coefficients are those whose simulated pressure is closest to the measured one while "
+        "a tank of constant volume empties through the valve or port.",
     )
     return Section("valves", "On/off valves", intro, tuple(blocks))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,6 +18,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Column = NDArray[Any]
+
+_CLOCK = re.compile(r"\s*(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d+)?)\s*")
+_DAY_S = 86400.0
 
 _LISTED = 24
 
@@ -108,7 +112,7 @@ class ForeignTable:
         """
         import pandas as pd
 
-        values = self.columns[name]
+        values = values_given = self.columns[name]
         if values.dtype.kind not in "fiub":
             series = pd.Series(values).infer_objects()
             if series.dtype.kind in "mM":
@@ -119,6 +123,11 @@ class ForeignTable:
                 stamps = pd.to_datetime(series, format="ISO8601", errors="coerce", utc=True)
                 if not stamps.isna().any():
                     return self._seconds(name, target, stamps)
+                if (clock := _clock_seconds(values_given)) is not None:
+                    self.stamped.add(name)
+                    first = str(values_given[0]).strip()
+                    self.notices.append(f"{self.path}: {name}: time counts from {first}")
+                    return clock
             if bad.size:
                 row = int(bad[0])
                 raise input_error(
@@ -211,3 +220,19 @@ def take_names(table: ForeignTable, names: Sequence[str] | None, columns: Iterab
     for name, its in numbers.items():
         more = " ..." if len(its) > _LISTED else ""
         table.skipped[name] = f"it names {' and '.join(its[:_LISTED])}{more}"
+
+
+def _clock_seconds(cells: Column) -> NDArray[np.float64] | None:
+    """Seconds (n,) from the first of times of day, 14:59:58.001, over midnight too.
+
+    None where a cell is anything else.
+    """
+    found = [_CLOCK.fullmatch(str(cell)) for cell in cells]
+    if not all(found):
+        return None
+    hours, minutes, seconds = (
+        np.array([float(match[i].replace(",", ".")) for match in found if match]) for i in (1, 2, 3)
+    )
+    time = 3600.0 * hours + 60.0 * minutes + seconds
+    days = np.cumsum(np.diff(time, prepend=time[:1]) < -0.5 * _DAY_S)
+    return np.asarray(np.round(time + _DAY_S * days - time[0], 9))
