@@ -174,6 +174,27 @@ class LeastSquaresFit:
         matrix[place], dof[free] = found.matrix, found.dof
         return Covariance(matrix, dof)
 
+    def clustered_covariance(self, groups: NDArray[np.intp]) -> Covariance:
+        """For residuals that are alike within each of few groups (tests), of any correlation there.
+
+        The sandwich of each group's score (Liang, Zeger 1986), times groups / (groups - 1), with as
+        many degrees of freedom as groups less one. Unlike `jackknife_covariance` it does not ask
+        what the others would say alone: of tests each at a condition of its own, nothing.
+        """
+        free = np.flatnonzero(self._free)
+        place = np.ix_(free, free)
+        scores = self.jacobian[:, free] * self.residuals[:, None]
+        _, own = np.unique(groups, return_inverse=True)
+        count = int(own.max()) + 1
+        sums = np.zeros((count, len(free)))
+        np.add.at(sums, own, scores)
+        bread = self._unscaled[place]
+        matrix, dof = np.zeros((len(self.values),) * 2), np.zeros(len(self.values))
+        if count > 1:
+            matrix[place] = count / (count - 1) * bread @ (sums.T @ sums) @ bread
+            dof[free] = count - 1.0
+        return Covariance(matrix, dof)
+
     def jackknife_covariance(self, groups: NDArray[np.intp]) -> Covariance:
         """For parameters that differ from group to group (trial to trial).
 

@@ -115,6 +115,11 @@ class Rig:
         return self.cylinder.stroke_m / self.cylinder.pitch_radius_m
 
     @property
+    def is_tank_alone(self) -> bool:
+        """Whether it is a tank, with nothing that moves."""
+        return self.tank is not None and self.cylinder is None and self.motor is None
+
+    @property
     def is_motor_alone(self) -> bool:
         """Whether a motor alone drives it: neither air nor a cylinder nor valves are declared."""
         return self.air is None and self.cylinder is None and self.valves is None

@@ -64,7 +64,7 @@ _TWINS = _Words(
 )
 _LEFT_OUT = _Words(
     share="Share of the prediction error, %",
-    std="by correlated residuals, or by leaving out one test at a time if that gives more",
+    std="by the residuals' correlation within tests, or by what differs between tests if more",
     errors="RMSE on the held-out tests",
     floor="error on the held-out tests, and how much each effect reduces it{refined}. The thin "
     "line is the error that a correct law would have: the change from one sample to the next, "
@@ -137,6 +137,12 @@ def waterfall(content: Content) -> FigureGroup:
         )
         for name, errors in errors_by_step(content).items()
     ]
+    if not content["effects"]:
+        caption = (
+            "Error of the bundle on the held-out tests, and that which a correct model would have "
+            "(thin line)."
+        )
+        return FigureGroup(caption, tuple(figures))
     refined = ", and then their refinement" if is_refined(content) else ""
     caption = "From the original bundle to the extended model: " + _words(content).floor.format(
         refined=refined

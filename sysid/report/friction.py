@@ -62,9 +62,9 @@ def friction_section(friction: Friction, linear: bool) -> Section:
     figures = _figures(friction, units)
     if figures:
         caption = (
-            "Friction over speed, one point per constant-effort test, with the fit and its 95 % "
-            "band (jackknife over the tests); breakaway by starting position, with each "
-            "position's mean and its 95 % interval."
+            "Friction over speed, one point per constant-effort test, with the fit to these tests "
+            "alone and its 95 % band (jackknife over the tests); breakaway by starting position, "
+            "with each position's mean and its 95 % interval."
         )
         blocks.append(FigureGroup(caption, tuple(figures)))
     blocks += _position_table(friction, units)

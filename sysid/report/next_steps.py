@@ -36,7 +36,8 @@ def next_section(bundle: Bundle, diagnosis: Content | None, campaign: str) -> Se
         blocks += _rivals(found)
         said = advice_on_rest(found)
         blocks += [Lines(said)] if said else []
-    blocks += _lacking(bundle)
+    if not bundle.rig.is_tank_alone:  # no other test of a tank gives what its discharge does not
+        blocks += _lacking(bundle)
     is_advised = is_of_actuator(found) and bundle.friction is not None and bundle.valves is not None
     if not blocks and not (found is not None and is_advised):
         return None

@@ -297,7 +297,9 @@ def _doubtful(bundle: Bundle) -> Iterator[str]:
 
 
 def _unidentified(bundle: Bundle) -> Iterator[str]:
-    """One line a parameter of the bundle that the data do not identify."""
+    """One line a parameter of the bundle that the data do not identify; of a tank none would."""
+    if bundle.rig.is_tank_alone:
+        return
     for name, reason in unidentified(bundle):
         yield f"Not identified: {name} ({reason})"
 

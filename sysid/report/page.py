@@ -262,7 +262,7 @@ def _fill(
         "report.html",
         rig=rig,
         campaign=campaign.path.name,
-        orientation=f"{rig.orientation}, {rig.motion}",
+        orientation="tank" if rig.is_tank_alone else f"{rig.orientation}, {rig.motion}",
         fitted=_moment(bundle.created),
         verdict=judged,
         sections=sections,

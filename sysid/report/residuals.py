@@ -48,8 +48,9 @@ def residuals_section(validation: ValidationResult) -> Section:
     intro = (
         f"Measured less simulated, over the whole of {len(held)} {used}, under the {model} valve "
         "model. Line: median; shaded: the middle 90 %; dots: a sample of the data; dashed: the "
-        "95 % band of the sensor noise. A median that varies systematically is an effect that the "
-        "model lacks.",
+        "95 % band of the sensor noise. A median that varies systematically may be an effect that "
+        "the model lacks, or small errors of its numbers, which add up in open loop: the diagnosis "
+        "judges which.",
     )
     return Section("residuals", "Residuals", intro, tuple(blocks))
 

@@ -127,9 +127,9 @@ class FittedLaw:
 
     @cached_property
     def _covariance(self) -> Covariance:
-        """By the correlation within tests, or by what the numbers differ between them if more."""
+        """By the correlation within tests, or by what differs between them if that gives more."""
         within = self.fit.correlated_covariance(self._groups)
-        return within.at_least(self.fit.jackknife_covariance(self._groups))
+        return within.at_least(self.fit.clustered_covariance(self._groups))
 
     @cached_property
     def _groups(self) -> NDArray[np.intp]:
