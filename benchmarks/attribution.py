@@ -275,6 +275,7 @@ def table(options: argparse.Namespace) -> None:
             [held for r in results for held in intervals_hold(r)],
             "90 to 98 %",
         ),
+        ("the same, of one effect alone", [h for r in by["one"] for h in intervals_hold(r)], "-"),
     ]
     print(f"{len(everything)} campaigns, {len(everything) - len(results)} failed")
     by_commit = Counter(r.get("commit", "unknown") for r in everything)

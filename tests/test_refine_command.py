@@ -29,6 +29,7 @@ from sysid.commands.run import RunReport, run_campaign
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import read_campaign
 from sysid.refinement.refine import refine
+from sysid.refinement.result import RefineResult
 from sysid.refinement.unknowns import unknowns_of, without_own_data
 
 SEED = 5
@@ -262,6 +263,8 @@ def pipeline(made: Made, tmp_path_factory: pytest.TempPathFactory) -> tuple[RunR
     with pytest.MonkeyPatch.context() as patch:
         first = read_bundle(made.bundle)
         patch.setattr(stages, "_fit", lambda run: write_bundle(first, run.path("fitted.json")))
+        # Its few short tests are simulated worse with refined numbers, which a run does not take.
+        patch.setattr(RefineResult, "worse", "")
         folder = tmp_path_factory.mktemp("results")
         with_stage = run_campaign(made.campaign, folder, diagnose=False)
         without = run_campaign(made.campaign, folder, diagnose=False, refine=False)
@@ -282,6 +285,17 @@ def test_the_pipeline_refines_what_it_fitted(made: Made, pipeline: tuple[RunRepo
     }
     assert run.bundle.refinement is not None and run.bundle.validation is not None
     assert run.bundle.friction == refined.friction
+
+
+def test_a_run_keeps_the_bundle_where_refined_numbers_simulate_much_worse(
+    made: Made, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = read_bundle(made.bundle)
+    monkeypatch.setattr(stages, "_fit", lambda run: write_bundle(first, run.path("fitted.json")))
+    run = run_campaign(made.campaign, tmp_path / "results", diagnose=False)
+    assert run.bundle.refinement is None and run.bundle.friction == first.friction
+    (line,) = (n for n in run.notices if n.startswith("not refined: "))
+    assert "the training tests would be simulated" in line and "times worse" in line
 
 
 def test_motion_by_motor_informs_friction_and_not_the_flows(
