@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from sysid.bundle import Bundle
+from sysid.diagnosis.evidence import is_of_actuator
 from sysid.display.quality import quality_name
 
 LEVELS = ("good", "fair", "poor")
@@ -14,6 +15,8 @@ LEVELS = ("good", "fair", "poor")
 WELL, ROUGHLY = 90.0, 70.0
 """Least fit percentages over whole open-loop tests of a good and of a fair level."""
 _MOST_NAMED = 5
+# Times the noise floor.
+_FAR = 10.0
 
 
 @dataclass(frozen=True)
@@ -55,6 +58,12 @@ def of_diagnosis(diagnosis: Mapping[str, Any] | None) -> Iterator[Concern]:
         yield Concern("poor" if is_far_off else "fair", "the diagnosis, unexplained")
     else:
         yield Concern("good", "the diagnosis")
+    if not is_of_actuator(diagnosis):
+        # Of a part the floor is what no law could explain; a motion's adds up small errors.
+        for errors in diagnosis.get("residual", {}).values():
+            if errors["noise_floor"] > 0.0 and errors["after"] > _FAR * errors["noise_floor"]:
+                times = errors["after"] / errors["noise_floor"]
+                yield Concern("fair", f"errors {times:.0f} times the noise")
 
 
 def sentence(level: str, concerns: Sequence[Concern], own: str) -> str:

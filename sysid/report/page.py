@@ -213,7 +213,9 @@ def _parts(
     switches = is_of_actuator(diagnosis) and not campaign.rig.is_motor_alone
     not_validated = f"the model was not validated (motion logs: {', '.join(MOTION_KINDS)})"
     absent = {
-        "Friction": f"no friction was fitted (tests: {', '.join(FRICTION_KINDS)})",
+        "Friction": ""
+        if campaign.rig.is_tank_alone
+        else f"no friction was fitted (tests: {', '.join(FRICTION_KINDS)})",
         "On/off valves": "no on/off law was fitted (tests: valve-discrete)" if switches else "",
         "PWM surfaces": "no surface was fitted (tests: valve-pwm)" if switches else "",
         "Open-loop validation": not_validated if moves else "",

@@ -31,6 +31,8 @@ _LEFT_OUT = (
 _AT_FLOOR = 1.1
 # One that is so many times the floor leaves a law that is not adequate, whatever the tests share.
 _FAR_OFF = 10.0
+# From here on what is left is misfit, which no interval of the law's own numbers knows of.
+_MISFIT = 3.0
 _FAR_OFF_NOTICE = (
     "the errors are far above the noise, though the tests share no structure: look for a log that "
     "is not like the others (chambers exchanged, a sign, a unit, another rig)"
@@ -88,6 +90,12 @@ def diagnose_component(
     because = why_unexplained(bool(structured), far_off, undecided)
     if because == "held-out errors":
         notices = (*notices, _FAR_OFF_NOTICE)
+    if selection.additions and floor > 0.0 and error > _MISFIT * floor:
+        notices = (
+            *notices,
+            f"the errors left are {error / floor:.2g} times the noise: intervals are those of the "
+            "law as it stands, and other tests may give numbers further apart",
+        )
     if undecided or far_off:
         structured = structured or left[:1]
     evidence = HeldOutEvidence(kind, selection, tuple(left), given, outside)
