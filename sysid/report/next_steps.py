@@ -48,7 +48,7 @@ def next_section(bundle: Bundle, diagnosis: Content | None, campaign: str) -> Se
     )
     if is_advised:
         intro.append(
-            f"`sysid advise {campaign} --bundle bundle.json` predicts for this rig what each of a "
+            f"sysid advise {campaign} --bundle bundle.json predicts for this rig what each of a "
             "list of further tests would add, and the smallest size of every effect that they "
             "would show; it takes a minute or more and is not part of this report."
         )

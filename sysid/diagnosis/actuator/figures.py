@@ -16,6 +16,7 @@ from sysid.diagnosis.actuator.equation_error import (
     equation_error,
 )
 from sysid.diagnosis.actuator.null_distribution import Null
+from sysid.diagnosis.actuator.samples import Traces
 from sysid.diagnosis.actuator.search import RefittedStep, Search
 from sysid.diagnosis.actuator.suspects import (
     CLEAR_RATIO,
@@ -29,6 +30,7 @@ from sysid.diagnosis.binning import binned_means
 from sysid.diagnosis.influence import strongest
 from sysid.diagnosis.looked import Looked, SearchStage
 from sysid.diagnosis.search import MOST_EFFECTS, mark_removed
+from sysid.model.ports import Model
 from sysid.types import FloatArray, IntArray
 
 # Of each channel's regressors, those that the residual depends on most.
@@ -177,11 +179,23 @@ def influences(search: Search) -> list[dict[str, Any]]:
             continue
         _, channel, change = max(ranked, key=lambda item: item[0])
         view = frame.windows[channel]
-        columns = regressors(frame.traces, channel)
+        columns = _in_gauge(regressors(frame.traces, channel), frame.traces, model)
         curve = strongest(change, {name: view.average(x) for name, x in columns.items()})
         if curve is not None:
             found.append({"id": type(effect).id, "channel": channel, **curve})  # type: ignore[attr-defined]
     return found
+
+
+def _in_gauge(
+    columns: dict[str, FloatArray], traces: Traces, model: Model
+) -> dict[str, FloatArray]:
+    """Regressors with the gauge pressures' sum, which seals feel, in place of the absolute's."""
+    gauge = traces.pressure_a + traces.pressure_b - 2.0 * float(model.parameters.atmosphere)
+    own = {"pressure_sum times direction": "gauge_pressure_sum times direction"}
+    return {
+        own.get(name, name): gauge * traces.direction if name in own else values
+        for name, values in columns.items()
+    }
 
 
 def shown_curve(curve: ResidualCurve) -> dict[str, Any]:
