@@ -152,12 +152,17 @@ def _ratio(channel: ChannelCheck, size: float | None) -> float:
     return (channel.high - channel.low) / size if size else math.nan
 
 
-def check_campaign(campaign: Campaign) -> list[LogCheck]:
-    """Check every log of a campaign, with its rig and maps, and all together. Raises InputError."""
+def check_campaign(campaign: Campaign, *, by_content: bool = False) -> list[LogCheck]:
+    """Check every log of a campaign, with its rig and maps, and all together.
+
+    `by_content`: what a log identifies goes by each test, not by the kind that is declared. Raises
+    InputError.
+    """
     checks, read = [], []
     for entry in campaign.logs:
         log = campaign.read(entry)
-        checks.append(replace(check_log(log, campaign.rig, entry.kind), use=entry.use))
+        declared = None if by_content else entry.kind
+        checks.append(replace(check_log(log, campaign.rig, declared), use=entry.use))
         read.append(readings_of(log, entry.kind, campaign.rig, entry.file))
     names = [entry.file for entry in campaign.logs]
     lines: list[list[str]] = [[] for _ in checks]

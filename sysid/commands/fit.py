@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -274,7 +274,8 @@ def _fit_part(
         write_bundle(bundle, target)
     if files.report is not None:
         given = _as_campaign(rig, logs, kind, files.maps, options or {})
-        _write_report(files.report, given, bundle, () if (options or {}).get("kind") else logs)
+        is_forced = bool((options or {}).get("kind"))
+        _write_report(files.report, given, bundle, by_content=not is_forced)
     notices = (*rig.notices, *(n for log in logs for n in log.notices), *result.notices)
     return Fitted(bundle, tuple(result.remarks), notices, target, files.report)
 
@@ -303,24 +304,23 @@ def _kind_of(log: Log, rig: Rig, kind: str) -> str:
 
 
 def _write_report(
-    path: Path | None, campaign: Campaign, bundle: Bundle, by_content: Sequence[Log] = ()
+    path: Path | None, campaign: Campaign, bundle: Bundle, *, by_content: bool = False
 ) -> None:
     """The page of a fit, with a check of every log; nothing without a path.
 
-    The logs `by_content` may hold tests of several kinds: what they identify goes by each test.
+    `by_content`: logs that no campaign declares may hold tests of several kinds.
     """
     if path is None:
         return
-    from sysid.checks.log_check import check_log
+    from sysid.checks.log_check import check_campaign
     from sysid.report import write_report
     from sysid.workflows.subject import subject_of
 
     tell = progress()
-    checks = subject_of(campaign).checks()
     if by_content:
-        own = (check_log(log, campaign.rig) for log in by_content)
-        pairs = zip(own, checks, strict=True)
-        checks = [replace(check, contradicts=one.contradicts) for check, one in pairs]
+        checks = check_campaign(campaign, by_content=True)
+    else:
+        checks = subject_of(campaign).checks()
     write_report(path, campaign=campaign, bundle=bundle, checks=checks, progress=tell)
 
 

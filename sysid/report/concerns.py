@@ -8,6 +8,7 @@ from typing import Any
 
 from sysid.bundle import Bundle
 from sysid.diagnosis.evidence import is_of_actuator
+from sysid.diagnosis.thresholds import FAR_OFF
 from sysid.display.quality import quality_name
 
 LEVELS = ("good", "fair", "poor")
@@ -15,8 +16,6 @@ LEVELS = ("good", "fair", "poor")
 WELL, ROUGHLY = 90.0, 70.0
 """Least fit percentages over whole open-loop tests of a good and of a fair level."""
 _MOST_NAMED = 5
-# Times the noise floor.
-_FAR = 10.0
 
 
 @dataclass(frozen=True)
@@ -61,7 +60,7 @@ def of_diagnosis(diagnosis: Mapping[str, Any] | None) -> Iterator[Concern]:
     if not is_of_actuator(diagnosis):
         # Of a part the floor is what no law could explain; a motion's adds up small errors.
         for errors in diagnosis.get("residual", {}).values():
-            if errors["noise_floor"] > 0.0 and errors["after"] > _FAR * errors["noise_floor"]:
+            if errors["noise_floor"] > 0.0 and errors["after"] > FAR_OFF * errors["noise_floor"]:
                 times = errors["after"] / errors["noise_floor"]
                 yield Concern("fair", f"errors {times:.0f} times the noise")
 

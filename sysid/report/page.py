@@ -209,30 +209,22 @@ def _parts(
     if bundle.component is not None:
         return [("Component", "no component was fitted", own), diagnosed_part, following]
     # A part tested alone lacks nothing of what only a whole actuator has.
-    moves = is_of_actuator(diagnosis) or campaign.rig.is_motor_alone
-    switches = is_of_actuator(diagnosis) and not campaign.rig.is_motor_alone
+    rig = campaign.rig
+    moves = is_of_actuator(diagnosis) or rig.is_motor_alone
+    switches = is_of_actuator(diagnosis) and not rig.is_motor_alone
+    no_friction = f"no friction was fitted (tests: {', '.join(FRICTION_KINDS)})"
+    no_law = "no on/off law was fitted (tests: valve-discrete)"
+    no_surface = "no surface was fitted (tests: valve-pwm)"
     not_validated = f"the model was not validated (motion logs: {', '.join(MOTION_KINDS)})"
-    absent = {
-        "Friction": ""
-        if campaign.rig.is_tank_alone
-        else f"no friction was fitted (tests: {', '.join(FRICTION_KINDS)})",
-        "On/off valves": "no on/off law was fitted (tests: valve-discrete)" if switches else "",
-        "PWM surfaces": "no surface was fitted (tests: valve-pwm)" if switches else "",
-        "Open-loop validation": not_validated if moves else "",
-        "Refinement on motion": _NOT_REFINED if moves else "",
-    }
-    built = {
-        "Friction": friction,
-        "On/off valves": discrete,
-        "PWM surfaces": surfaces,
-        "Open-loop validation": motion,
-    }
     return [
-        *((title, absent[title], build) for title, build in built.items()),
+        ("Friction", "" if rig.is_tank_alone else no_friction, friction),
+        ("On/off valves", no_law if switches else "", discrete),
+        ("PWM surfaces", no_surface if switches else "", surfaces),
+        ("Open-loop validation", not_validated if moves else "", motion),
         ("Residuals", "", residuals),  # missing where the validation is
         ("Measured and modelled", "", part_alone),
         diagnosed_part,
-        ("Refinement on motion", absent["Refinement on motion"], refined),
+        ("Refinement on motion", _NOT_REFINED if moves else "", refined),
         following,
     ]
 

@@ -66,12 +66,18 @@ class _Measured:
         return made if isinstance(made, SurfaceChoice) else None
 
     @property
-    def obeys_averaged_law(self) -> bool | None:
-        """Whether the averaged law follows as well as the network; None without both."""
+    def rivals(self) -> tuple[DutyErrors, DutyErrors] | None:
+        """Held-out errors of the averaged law and of the network; None without both."""
         errors = {kind: held for kind, held, _ in self.errors}
         law, network = errors.get("averaged"), errors.get("ann")
-        if law is None or network is None:
-            return None
+        return None if law is None or network is None else (law, network)
+
+    @property
+    def obeys_averaged_law(self) -> bool:
+        """Whether both are there, and the averaged law follows as well as the network."""
+        if self.rivals is None:
+            return False
+        law, network = self.rivals
         return obeys_averaged_law(law.rmse, network.rmse, _figure(self.choice, "noise_rmse"))
 
     @property
@@ -114,10 +120,9 @@ def _obedience(parts: Sequence[_Measured]) -> Iterator[str]:
     """In which direction a valve obeys the averaged law, by error in duty on held-out tests."""
     obeyed = []
     for part in parts:
-        errors = {kind: held for kind, held, _ in part.errors}
-        law, network = errors.get("averaged"), errors.get("ann")
-        if law is None or network is None:
+        if part.rivals is None:
             continue
+        law, network = part.rivals
         if part.obeys_averaged_law:
             obeyed.append(part.title[0].lower() + part.title[1:])
             continue

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
@@ -286,28 +286,31 @@ class _TwinRounds(Rounds[RefittedStep]):
         """With the best of these refits, if what it explains of these channels is enough."""
         if not self._is_enough(winner, excess, channels):
             return None
-        held: frozenset[str] = frozenset()
-        extended = self._extended(winner, held)
-        if extended is None and self.steps:
-            for form, fixed in self._held_forms(winner):
-                if self._is_enough(form, excess, channels):
-                    extended = self._extended(form, fixed, -_BETTER_BY)
-                if extended is not None:
-                    winner, held = form, fixed
-                    break
-        if extended is None:
-            return None
         gains = {r.id: r.gain for r in refits}
-        return RefittedStep(
-            winner.effect,
-            self.null.p_value(winner.id, winner.gain, len(type(winner.effect).strengths())),
-            share_of_excess(winner, excess, channels),
-            indistinguishable(winner, refits),
-            tuple(replace(s, refitted=gains.get(s.id)) for s in self.tried),
-            winner,
-            extended,
-            held,
-        )
+        for form, held, rise in self._forms(winner):
+            if not self._is_enough(form, excess, channels):
+                continue
+            extended = self._extended(form, held, rise)
+            if extended is not None:
+                return RefittedStep(
+                    form.effect,
+                    self.null.p_value(form.id, form.gain, len(type(form.effect).strengths())),
+                    share_of_excess(form, excess, channels),
+                    indistinguishable(form, refits),
+                    tuple(replace(s, refitted=gains.get(s.id)) for s in self.tried),
+                    form,
+                    extended,
+                    held,
+                )
+        return None
+
+    def _forms(self, winner: Refit) -> Iterator[tuple[Refit, frozenset[str], float]]:
+        """The effect as it was fitted, then beside others with a shape held; with each, by how
+        much the logarithm of the simulation error may rise."""
+        yield winner, frozenset(), _TOLERATED_RISE
+        if self.steps:
+            for form, held in self._held_forms(winner):
+                yield form, held, -_BETTER_BY
 
     def _is_enough(
         self, found: Refit, excess: Mapping[str, float], channels: Sequence[str]
@@ -321,9 +324,7 @@ class _TwinRounds(Rounds[RefittedStep]):
             return False
         return not self.steps or relative_size(found.effect) >= _LEAST_SIZE
 
-    def _extended(
-        self, winner: Refit, held: frozenset[str], rise: float = _TOLERATED_RISE
-    ) -> Model | None:
+    def _extended(self, winner: Refit, held: frozenset[str], rise: float) -> Model | None:
         """The model with an effect too; None where it does not go with the others, or simulates
         worse: where the logarithm of the error rises by more than `rise`."""
         joint = _together(self.first, self.steps, winner, held)

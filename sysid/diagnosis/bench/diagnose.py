@@ -19,6 +19,7 @@ from sysid.diagnosis.evidence import residual
 from sysid.diagnosis.looked import why_unexplained
 from sysid.diagnosis.remainder import Remainder
 from sysid.diagnosis.result import Diagnosis, Unexplained
+from sysid.diagnosis.thresholds import FAR_OFF
 from sysid.errors import NotIdentifiedError
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
@@ -29,8 +30,6 @@ _LEFT_OUT = (
 )
 # An error this close to the noise floor leaves nothing to explain.
 _AT_FLOOR = 1.1
-# One that is so many times the floor leaves a law that is not adequate, whatever the tests share.
-_FAR_OFF = 10.0
 # From here on what is left is misfit, which no interval of the law's own numbers knows of.
 _MISFIT = 3.0
 _FAR_OFF_NOTICE = (
@@ -86,7 +85,7 @@ def diagnose_component(
     if error < component.precision * _size_of(component):
         structured = []
     undecided = not selection.additions and not selection.looked.is_decided
-    far_off = not selection.additions and floor > 0.0 and error > _FAR_OFF * floor
+    far_off = not selection.additions and floor > 0.0 and error > FAR_OFF * floor
     because = why_unexplained(bool(structured), far_off, undecided)
     if because == "held-out errors":
         notices = (*notices, _FAR_OFF_NOTICE)

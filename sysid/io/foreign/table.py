@@ -112,7 +112,7 @@ class ForeignTable:
         """
         import pandas as pd
 
-        values = values_given = self.columns[name]
+        values = cells = self.columns[name]
         if values.dtype.kind not in "fiub":
             series = pd.Series(values).infer_objects()
             if series.dtype.kind in "mM":
@@ -123,10 +123,9 @@ class ForeignTable:
                 stamps = pd.to_datetime(series, format="ISO8601", errors="coerce", utc=True)
                 if not stamps.isna().any():
                     return self._seconds(name, target, stamps)
-                if (clock := _clock_seconds(values_given)) is not None:
+                if (clock := _clock_seconds(cells)) is not None:
                     self.stamped.add(name)
-                    first = str(values_given[0]).strip()
-                    self.notices.append(f"{self.path}: {name}: time counts from {first}")
+                    self._counts_from(name, str(cells[0]).strip())
                     return clock
             if bad.size:
                 row = int(bad[0])
@@ -142,6 +141,9 @@ class ForeignTable:
             raise self._not_finite(name, target, int(np.flatnonzero(~finite)[0]), array)
         return array
 
+    def _counts_from(self, name: str, first: str) -> None:
+        self.notices.append(f"{self.path}: {name}: time counts from {first}")
+
     def _seconds(self, name: str, target: str, series: pd.Series) -> NDArray[np.float64]:
         """Seconds (n,) from the first time stamp, or of each duration; for `time_s` only."""
         if target != "time_s":
@@ -155,7 +157,7 @@ class ForeignTable:
         if series.dtype.kind == "m":
             return np.asarray(series.dt.total_seconds(), dtype=np.float64)
         self.origin = series.iloc[0]
-        self.notices.append(f"{self.path}: {name}: time counts from {series.iloc[0]}")
+        self._counts_from(name, str(series.iloc[0]))
         return np.asarray((series - series.iloc[0]).dt.total_seconds(), dtype=np.float64)
 
     def labels(self, name: str) -> list[str]:
