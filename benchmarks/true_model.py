@@ -38,6 +38,12 @@ SAME_LAW: dict[str, dict[str, str | float]] = {
         "cushion_start_rad": "cushion_start_rad",
         "cushion_exponent": 1.0,
     },
+    "end-cushion:damped": {
+        "cushion_nm_per_rad": "cushion_nm_per_rad",
+        "cushion_start_rad": "cushion_start_rad",
+        "cushion_exponent": 1.0,
+        "cushion_damping_s_per_rad": "cushion_damping_s_per_rad",
+    },
     "inertia-mismatch:balanced": {"inertia_change_kg_m2": "added_inertia_kg_m2"},
     "torque-constant-error:gain": {"torque_gain_error": "torque_gain"},
     "amplifier-lag:first-order": {"amplifier_lag_s": "motor_lag_s"},

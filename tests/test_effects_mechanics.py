@@ -298,8 +298,24 @@ def test_a_cushion_pushes_back_at_its_own_end_only() -> None:
         (0.5, "both", 0.0),
         (-0.2, "both", 0.0),
     ):
-        effect = stroke.EndCushion(0.6, 0.5, 1.5, side)
+        effect = stroke.EndCushion(0.6, 0.5, 1.5, 0.0, side)
         added = effect.external_effort(0.5, moving(position=place)) - 0.5
+        assert added == pytest.approx(expected, abs=1e-12)
+
+
+def test_a_damped_cushion_pushes_harder_on_the_way_in_and_never_pulls() -> None:
+    """Hunt and Crossley: the elastic torque times 1 + c times the speed into the cushion."""
+    elastic = 0.6 * 0.5 * (0.4 / 0.5) ** 1.5
+    for place, speed, side, expected in (
+        (0.9, 1.0, "both", -elastic * 1.4),
+        (0.9, -1.0, "both", -elastic * 0.6),
+        (-0.9, -1.0, "both", elastic * 1.4),
+        (-0.9, 1.0, "a", elastic * 0.6),
+        (0.9, -4.0, "both", 0.0),
+        (-0.9, -1.0, "b", 0.0),
+    ):
+        effect = stroke.EndCushion(0.6, 0.5, 1.5, 0.4, side)
+        added = effect.external_effort(0.5, moving(position=place, velocity=speed)) - 0.5
         assert added == pytest.approx(expected, abs=1e-12)
 
 

@@ -78,15 +78,17 @@ class StrokeDependentSeals(CatalogueEffect):
 
 @dataclass(frozen=True)
 class EndCushion(CatalogueEffect):
-    """A cushion pushes back near an end of the stroke: - d s (depth / s)^n, depth = |theta| - s.
+    """A cushion near an end of the stroke: - d s (depth / s)^n (1 + c speed), depth = |theta| - s.
 
-    It begins at s from the middle; d is its stiffness where it is as deep as s. A cushion of side
-    "a" is at the end where chamber A is smallest, at negative theta.
+    It begins at s from the middle; d is its stiffness where it is as deep as s. Damping c makes it
+    push harder on the way in than on the way out; it never pulls. A cushion of side "a" is at the
+    end where chamber A is smallest, at negative theta.
     """
 
     cushion_nm_per_rad: Array = 0.0
     cushion_start_rad: Array = 0.5
     cushion_exponent: Array = 2.0
+    cushion_damping_s_per_rad: Array = 0.0
     side: str = "both"
 
     id = "end-cushion"
@@ -116,11 +118,22 @@ class EndCushion(CatalogueEffect):
             is_strength=False,
             grid=(1.0, 2.0, 3.0),
         ),
+        Quantity(
+            "cushion_damping_s_per_rad",
+            "s/rad",
+            0.0,
+            0.0,
+            5.0,
+            "share by which it pushes harder, per speed into the cushion",
+            is_strength=False,
+            grid=(0.0, 0.3),
+            absent=0.0,
+        ),
     )
     signature = "torque against angle near an end, towards the middle, at rest too"
     rivals = ("cable-spring", "mounting-tilt")
     tie_breaker = "breakaway in both directions at several angles, some close to the end"
-    source = "Hunt, Crossley, ASME Journal of Applied Mechanics 42(2), 1975 (without damping)"
+    source = "Hunt, Crossley, ASME Journal of Applied Mechanics 42(2), 1975"
 
     def external_effort(self, effort: Array, point: Point) -> Array:
         xp = array_namespace(point.position, self.cushion_nm_per_rad)
@@ -129,7 +142,10 @@ class EndCushion(CatalogueEffect):
         depth = xp.maximum(xp.abs(point.position) - start, 0.0) / start + 1e-12
         upper, lower = (1.0 * of_side(side, self.side) for side in "ba")
         way = xp.where(point.position > 0, upper, -lower)
-        return effort - way * (self.cushion_nm_per_rad * start * depth**self.cushion_exponent)
+        push = xp.maximum(1.0 + self.cushion_damping_s_per_rad * way * point.velocity, 0.0)
+        return effort - way * (
+            self.cushion_nm_per_rad * start * depth**self.cushion_exponent * push
+        )
 
 
 EFFECTS: tuple[type[CatalogueEffect], ...] = (
