@@ -30,7 +30,14 @@ SAME_LAW: dict[str, dict[str, str | float]] = {
     "asymmetric-coulomb-friction:constant": {"asymmetry_nm": "asymmetry_nm"},
     "seal-friction:sum": {"seal_torque_nm_per_pa": "seal_sum_nm_per_pa", "difference_share": 0.0},
     "stroke-dependent-seals:linear": {"seal_slope_nm_per_pa_rad": "seal_slope_nm_per_pa_rad"},
-    "stroke-dependent-area:taper": {"area_slope_per_rad": "taper_per_rad"},
+    "stroke-dependent-area:taper": {
+        "area_slope_per_rad": "taper_per_rad",
+        "area_curvature_per_rad2": 0.0,
+    },
+    "stroke-dependent-area:barrel": {
+        "area_curvature_per_rad2": "barrel_per_rad2",
+        "area_slope_per_rad": 0.0,
+    },
     "quadratic-drag:quadratic": {"drag_nm_s2_per_rad2": "drag"},
     "cable-spring:linear": {"stiffness_nm_per_rad": "cable_nm_per_rad"},
     "end-cushion:linear": {

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from scipy.integrate import simpson, solve_ivp
 
 from benchmarks.rigs import REFERENCE, random_runs
 from sysid.model import base
@@ -334,18 +334,18 @@ def test_a_mass_on_a_cushion_swings_as_on_a_spring() -> None:
 
 def test_an_area_along_the_stroke_gives_the_work_that_its_volume_takes() -> None:
     """In a closed chamber at slow motion the torque's work is what the volume's change takes."""
-    slope, angle = 0.08, np.linspace(-1.5, 1.5, 3001)
-    effect = stroke.StrokeDependentArea(slope)
+    slope, curvature, angle = 0.08, 0.11, np.linspace(-1.5, 1.5, 3001)
+    effect = stroke.StrokeDependentArea(slope, curvature)
     point = moving(position=angle)
     p = REFERENCE
     radius = effect.pitch_radius(np.full_like(angle, p.pitch_radius), point)
-    areas = p.area_a * (1.0 + slope * angle)  # the entry's law
+    areas = p.area_a * (1.0 + slope * angle + curvature * angle**2)  # the entry's law
     torque = base.cylinder_effort(2e5, 1e5, p.area_a, p.area_b, 1e5, radius)
     np.testing.assert_allclose(torque, 1e5 * areas * p.pitch_radius, rtol=1e-12)
     y = effect.displacement(p.pitch_radius * angle, point)
     volume = base.chamber_volume_a(y, p.area_a, p.offset_a, 1.0)
     work = 1e5 * (volume[-1] - volume[0])
-    assert np.trapezoid(torque, angle) == pytest.approx(work, rel=1e-9)
+    assert simpson(torque, x=angle) == pytest.approx(work, rel=1e-9)
     assert volume[1500] == pytest.approx(p.area_a * p.offset_a, rel=1e-12)
 
 

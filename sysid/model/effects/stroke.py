@@ -11,33 +11,45 @@ from sysid.model.ports import Point
 
 @dataclass(frozen=True)
 class StrokeDependentArea(CatalogueEffect):
-    """The piston's areas vary along the stroke, as in a tapered bore: A_a and A_b (1 + d theta).
+    """The piston's areas vary along the stroke: A_a and A_b (1 + d theta + c theta^2).
 
-    Force and rate of the volumes vary alike, so that no energy is lost; the volumes in the middle
-    of the stroke are the declared ones.
+    A tapered bore has a slope d, a barrelled one a curvature c. Force and rate of the volumes vary
+    alike, so that no energy is lost; the volumes in the middle of the stroke are the declared ones.
     """
 
     area_slope_per_rad: Array = 0.0
+    area_curvature_per_rad2: Array = 0.0
 
     id = "stroke-dependent-area"
     title = "Piston area that varies along the stroke"
     subsystem = "mechanics"
     quantities = (
         Quantity("area_slope_per_rad", "1/rad", 0.05, -0.2, 0.2, "relative change per angle"),
+        Quantity(
+            "area_curvature_per_rad2",
+            "1/rad2",
+            0.1,
+            -0.4,
+            0.4,
+            "relative change per square of the angle",
+            absent=0.0,
+        ),
     )
-    signature = "torque against the cylinder's torque times angle, the same in both directions"
+    signature = "torque against the cylinder's torque times angle or its square, the same both ways"
     rivals = ("pitch-eccentricity", "area-error", "cable-spring")
     tie_breaker = "static torque at two pressures, at both ends of the stroke"
     source = "thesis 3.3.3, with an area that is a function of the position"
 
     def pitch_radius(self, radius: Array, point: Point) -> Array:
         # The areas count times the radius only: dV/dtheta and torque per pressure.
-        nominal = point.parameters.pitch_radius
-        return radius + nominal * (self.area_slope_per_rad * point.position)
+        nominal, angle = point.parameters.pitch_radius, point.position
+        change = self.area_slope_per_rad + self.area_curvature_per_rad2 * angle
+        return radius + nominal * (change * angle)
 
     def displacement(self, displacement: Array, point: Point) -> Array:
         nominal, angle = point.parameters.pitch_radius, point.position
-        return displacement + nominal * (0.5 * self.area_slope_per_rad * angle * angle)
+        change = self.area_slope_per_rad / 2.0 + self.area_curvature_per_rad2 * angle / 3.0
+        return displacement + nominal * (change * angle * angle)
 
 
 @dataclass(frozen=True)
