@@ -2,6 +2,7 @@
 
     python benchmarks/detectable.py table [--seed 4000]
     python benchmarks/detectable.py check RESULTS.jsonl [--seeds 4000 4001] [--times 3] [--jobs 2]
+    python benchmarks/detectable.py pairs [RESULTS] [--attribution ATTRIBUTION]
 
 `table`, on a generated campaign of a lab's size with nothing missing: the size at which an
 effect would be added, that is, its gain passes the twins' test and is a fair share of the
@@ -14,6 +15,12 @@ strengths have a grid (thresholds) are given in the form with the largest gain.
 catalogue's own law, at `--times` its smallest detectable size there, runs `sysid fit` and
 `sysid diagnose`, and prints which of them were detected. One line of JSON per campaign is
 appended to the results; those already present are skipped.
+
+`pairs`: how many times its smallest detectable size each effect of the pairs of
+`attribution.py` has. Its rig is generated with nothing missing and with either effect alone; the
+size is the root of what the effect, refitted, gains on the latter, over what it would take to be
+added to the former. One line of JSON per pair is appended to `benchmarks/pair_sizes.jsonl`;
+`attribution.py table` reads them.
 """
 
 from __future__ import annotations
@@ -35,14 +42,30 @@ from scipy.stats import norm
 REPOSITORY = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(REPOSITORY))
 
-from benchmarks.attribution import call, found_names, is_detected, read, wilson  # noqa: E402
+from benchmarks.attribution import (  # noqa: E402
+    PAIR_SIZES,
+    RESULTS,
+    call,
+    found_names,
+    is_detected,
+    options_of,
+    read,
+    true_names,
+    wilson,
+)
 from benchmarks.true_model import SAME_LAW, true_effects  # noqa: E402
 from datasets.generator.campaign import drawn_effects  # noqa: E402
 from sysid.bundle import read_bundle  # noqa: E402
 from sysid.diagnosis.actuator.equation_error import channels_of  # noqa: E402
-from sysid.diagnosis.actuator.loop import begin  # noqa: E402
+from sysid.diagnosis.actuator.loop import Start, begin  # noqa: E402
 from sysid.diagnosis.actuator.null_distribution import MARGIN, Null  # noqa: E402
-from sysid.diagnosis.actuator.screening import Projected, projected  # noqa: E402
+from sysid.diagnosis.actuator.refit import refit  # noqa: E402
+from sysid.diagnosis.actuator.screening import (  # noqa: E402
+    Projected,
+    projected,
+    screen,
+    starting_points,
+)
 from sysid.diagnosis.actuator.search import LEAST_SHARE  # noqa: E402
 from sysid.diagnosis.actuator.signatures import Signatures, candidates  # noqa: E402
 from sysid.diagnosis.actuator.suspects import CLEAR_RATIO, SIGNIFICANCE  # noqa: E402
@@ -53,6 +76,8 @@ from sysid.model.effects import catalogue  # noqa: E402
 EFFECTS = {name: effect for name, effect in catalogue().items() if not effect.averaged_only}
 # Share of the usual size at which an injected law's signature is computed.
 PROBE = 0.1
+# Effects that are none, to stand before another.
+_NOTHING = ("torque-offset:constant*1e-9", "area-error:area*1e-9")
 
 
 @dataclass(frozen=True)
@@ -90,11 +115,18 @@ def command(*words: str) -> str:
     return done.stdout
 
 
-def standard(seed: int) -> Standard:
+def standard(seed: int, *options: str) -> Standard:
     """The campaign of a seed, generated, fitted and looked at."""
+    start = started(seed, *options)
+    start.null.calibrate(dict.fromkeys(EFFECTS, math.inf), 0.0, Book())
+    return Standard(projected(start.frame(start.traces), start.model), start.null)
+
+
+def started(seed: int, *options: str, quick: bool = False) -> Start:
+    """What the search in a seed's campaign begins with; `quick`: with one twin and few forms."""
     with tempfile.TemporaryDirectory() as folder:
         path, bundle = Path(folder) / "campaign.toml", Path(folder) / "bundle.json"
-        generate(seed, Path(folder))
+        generate(seed, Path(folder), *options)
         command("sysid", "fit", str(path), "-o", str(bundle))
         campaign = read_campaign(path)
         model = read_bundle(bundle).model(campaign.rig)
@@ -103,9 +135,7 @@ def standard(seed: int) -> Standard:
             for entry in campaign.select(KINDS)
             for trial in campaign.read(entry).trials
         ]
-    start = begin(tests, campaign.rig, model, EFFECTS.values(), Book())
-    start.null.calibrate(dict.fromkeys(EFFECTS, math.inf), 0.0, Book())
-    return Standard(projected(start.frame(start.traces), model), start.null)
+    return begin(tests, campaign.rig, model, EFFECTS.values(), Book(quick=quick))
 
 
 def generate(seed: int, folder: Path, *options: str) -> None:
@@ -208,8 +238,44 @@ def diagnosed(seed: int, form: str, smallest: float, times: float) -> dict[str, 
     return {**drawn, "diagnosis": json.loads(found)}
 
 
+# --- pairs -------------------------------------------------------------------------------
+
+
+def pairs(options: argparse.Namespace) -> None:
+    """Append the sizes of each pair's effects that the results do not hold yet."""
+    path: Path = options.results
+    known = {r["seed"] for r in read(path)} if path.exists() else set()
+    drawn = [r for r in read(options.attribution) if r["kind"] == "two" and "diagnosis" in r]
+    with path.open("a") as file:
+        for pair in (r for r in drawn if r["seed"] not in known):
+            result = {"seed": pair["seed"], "sizes": sizes_of(pair)}
+            file.write(json.dumps(result) + "\n")
+            file.flush()
+            print(pair["seed"], pair["effects"], result["sizes"], flush=True)
+
+
+def sizes_of(pair: dict[str, Any]) -> list[float]:
+    """How many times its smallest detectable size each effect of a pair has on its rig."""
+    words = options_of(pair)
+    seen = standard(pair["seed"], *words)
+    found = []
+    for place, name in enumerate(true_names(pair)):
+        # In its own place, since that says what sign and shape are drawn.
+        nothing = next(form for form in _NOTHING if form.split(":")[0] != name)
+        alone = [nothing] * place + [pair["effects"][place]]
+        chosen = [word for form in alone for word in ("--effect", form)]
+        start = started(pair["seed"], *words, *chosen, quick=True)
+        base = projected(start.frame(start.traces), start.model)
+        travel = start.traces.travel
+        screened = screen(base, list(candidates([EFFECTS[name]], travel)), Book())
+        refits = [refit(base, [effect]) for effect in starting_points(screened)[name]]
+        gain = max([r.gain for r in screened] + [r.gain for r in refits])
+        found.append(round(math.sqrt(max(gain, 0.0)) / seen.length_to_pass(name), 2))
+    return found
+
+
 def main() -> None:
-    """Print the table, or check it."""
+    """Print the table, check it, or say how large the effects of pairs are."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     commands = parser.add_subparsers(required=True)
     printer = commands.add_parser("table")
@@ -221,6 +287,10 @@ def main() -> None:
     checker.add_argument("--times", type=float, default=3.0)
     checker.add_argument("--jobs", type=int, default=1)
     checker.set_defaults(action=check)
+    sizes = commands.add_parser("pairs")
+    sizes.add_argument("results", type=Path, nargs="?", default=PAIR_SIZES)
+    sizes.add_argument("--attribution", type=Path, default=RESULTS)
+    sizes.set_defaults(action=pairs)
     options = parser.parse_args()
     options.action(options)
 
