@@ -1,6 +1,7 @@
 """Attribution measured: campaigns with and without an undeclared effect, as a user meets them.
 
     python benchmarks/attribution.py run [RESULTS] --first 5000 --count 200 [--jobs 2] [--known]
+                                         [--kinds two]
     python benchmarks/attribution.py table [RESULTS]
 
 `run` draws a campaign for each seed (nothing missing, one effect of the catalogue, one that
@@ -9,11 +10,12 @@ no catalogue holds, two effects), in the size of a lab's, writes it to files, an
 the results; seeds already present are skipped, so that runs accumulate and can be
 distributed over machines. `benchmarks/attribution.jsonl`, which is committed, holds those of the
 report with the commit that each was run with: a sweep takes minutes a campaign, and goes on there.
-With `--known` only campaigns whose effects are laws of the catalogue
-are diagnosed: what the figures of intervals and of errors over the true model's need. `table`
-prints the figures with Wilson's 95 % intervals and the confusion of names. Seeds 1000 to 1999 are
-for development, 5000 on for the report: nothing is tuned on the latter. The program under test
-sees the campaign's files only; the model with the true parameters is simulated afterwards
+With `--known` only campaigns whose effects are laws of the catalogue are diagnosed: what the
+figures of intervals and of errors over the true model's need; with `--kinds` only those of these
+kinds (only `confidently wrong` mixes kinds). `table` prints the figures with Wilson's 95 %
+intervals and the confusion of names. Seeds 1000 to 1999 are for development, 5000 on for the
+report: nothing is tuned on the latter. The program under test sees the campaign's files only;
+the model with the true parameters is simulated afterwards
 (`true_model.py`).
 """
 
@@ -140,6 +142,8 @@ def run(options: argparse.Namespace) -> None:
     path: Path = options.results
     known = {r["seed"] for r in read(path)} if path.exists() else set()
     seeds = [s for s in range(options.first, options.first + options.count) if s not in known]
+    if options.kinds:
+        seeds = [s for s in seeds if draw(s)["kind"] in options.kinds]
     if options.known:
         drawn = {s: set(draw(s)["effects"]) for s in seeds}
         seeds = [s for s in seeds if drawn[s] and drawn[s] <= SAME_LAW.keys()]
@@ -344,6 +348,7 @@ def main() -> None:
     runner.add_argument("--count", type=int, default=200)
     runner.add_argument("--jobs", type=int, default=1)
     runner.add_argument("--known", action="store_true")
+    runner.add_argument("--kinds", nargs="+", choices=KINDS)
     runner.set_defaults(action=run)
     printer = commands.add_parser("table")
     printer.add_argument("results", type=Path, nargs="?", default=RESULTS)
