@@ -224,12 +224,10 @@ class _TwinRounds(Rounds[RefittedStep]):
                 return step
             judged = {r.id: explained_channels(r, self.base.frame) for r in clear}
             gone = set(judged[winner.id])
-            # What is explained has to be there: a balance that exceeds the twins' by as much.
             clear = [
                 r
                 for r in clear
-                if not gone.intersection(judged[r.id])
-                and r.gain < _MOST_OF_EXCESS * excess_in(judged[r.id], excess)
+                if not gone.intersection(judged[r.id]) and _is_there(r, judged[r.id], excess)
             ]
         return None
 
@@ -317,7 +315,8 @@ class _TwinRounds(Rounds[RefittedStep]):
     ) -> bool:
         """Whether an effect explains a fair share of what is left of these channels."""
         share = share_of_excess(found, excess, channels)
-        least = _LEAST_PART if share < _WHOLE_SHARE else _LEAST_WHOLE
+        is_whole = share >= _WHOLE_SHARE and _is_there(found, channels, excess)
+        least = _LEAST_WHOLE if is_whole else _LEAST_PART
         # Where the effects so far do not act, nothing can be a misfit of their form.
         gone = sum(max(self.before[c] - excess[c], 0.0) for c in channels)
         if share < LEAST_SHARE or found.gain < least * gone:
@@ -450,6 +449,11 @@ class _TwinRounds(Rounds[RefittedStep]):
 def _held_by(steps: Sequence[RefittedStep]) -> frozenset[str]:
     """The shapes that stay as they are."""
     return frozenset().union(*(step.held for step in steps))
+
+
+def _is_there(found: Refit, channels: Sequence[str], excess: Mapping[str, float]) -> bool:
+    """Whether what an effect explains is there: these channels exceed the twins' by as much."""
+    return found.gain < _MOST_OF_EXCESS * excess_in(channels, excess)
 
 
 def _together(
