@@ -27,6 +27,7 @@ from sysid.bundle.refinement import Refinement
 from sysid.bundle.validation import Validation
 from sysid.bundle.valves import PwmDirections
 from sysid.checks.log_check import check_log
+from sysid.commands import printing
 from sysid.display import numbers
 from sysid.errors import InputError
 from sysid.estimation.linear import Estimate
@@ -666,6 +667,8 @@ def test_estimates_show_two_digits_of_their_error() -> None:
         "6.5163 × 10⁻⁴", "0.0042 × 10⁻⁴", "(6.5080 to 6.5246) × 10⁻⁴", "kg/s",
     )  # fmt: skip
     delay = Estimate(0.00151, 2.1e-5, "s", (-math.inf, 0.00155))
+    narrow = Estimate(0.1000000716, 9.4e-7, "1/rad2", (0.09999823, 0.10000191))
+    assert printing.estimate_cells(narrow)[:2] == ("0.10000", "0.099998 to 0.10000")
     assert numbers.estimate_cells(delay) == ("1.510", "0.021", "−∞ to 1.550", "ms")
     missing = Estimate.unidentified("Nm", "no test")
     assert numbers.estimate_cells(missing)[::2] == ("not identified", "no test")

@@ -29,6 +29,9 @@ from sysid.errors import one_line
 from sysid.estimation.linear import Estimate
 from sysid.types import Progress, no_progress
 
+# Digits of a parameter, and how many it takes at most to tell an interval's ends apart.
+_FOUR, _MOST_DIGITS = ".4g", 9
+
 
 def notices(lines: Iterable[str]) -> None:
     """Each notice once, on standard error."""
@@ -126,8 +129,17 @@ def estimate_cells(estimate: Estimate) -> tuple[str, str, str]:
     if estimate.reason is not None:
         return "not identified", estimate.reason, ""
     low, high = estimate.interval
-    known = math.isfinite(low) and math.isfinite(high)
-    return f"{estimate.value:.4g}", f"{low:.4g} to {high:.4g}" if known else "", estimate.unit
+    if not (math.isfinite(low) and math.isfinite(high)):
+        return f"{estimate.value:.4g}", "", estimate.unit
+    form = _form(low, high)
+    interval = f"{low:{form}} to {high:{form}}"
+    return f"{estimate.value:{form}}", interval, estimate.unit
+
+
+def _form(low: float, high: float) -> str:
+    """How numbers are written so that an interval's ends differ: with four digits, or more."""
+    forms = (_FOUR, *(f"#.{digits}g" for digits in range(5, _MOST_DIGITS)))
+    return next((f for f in forms if f"{low:{f}}" != f"{high:{f}}"), _FOUR)
 
 
 def parameter_table(title: str, parameters: Mapping[str, Estimate]) -> Table:
