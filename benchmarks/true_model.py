@@ -39,7 +39,11 @@ SAME_LAW: dict[str, dict[str, str | float]] = {
         "area_slope_per_rad": 0.0,
     },
     "quadratic-drag:quadratic": {"drag_nm_s2_per_rad2": "drag"},
-    "cable-spring:linear": {"stiffness_nm_per_rad": "cable_nm_per_rad"},
+    "cable-spring:linear": {"stiffness_nm_per_rad": "cable_nm_per_rad", "spring_rest_rad": 0.0},
+    "cable-spring:preloaded": {
+        "stiffness_nm_per_rad": "cable_nm_per_rad",
+        "spring_rest_rad": "cable_rest_rad",
+    },
     "end-cushion:linear": {
         "cushion_nm_per_rad": "cushion_nm_per_rad",
         "cushion_start_rad": "cushion_start_rad",

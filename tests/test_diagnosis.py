@@ -662,6 +662,22 @@ def test_what_few_tests_show_is_taken_where_it_simulates_better(
 
 
 @pytest.mark.parametrize(
+    ("size", "falls", "count"), [(0.04, 0.2, 1), (0.04, 0.0, 0), (0.2, 0.0, 1)]
+)
+def test_a_tiny_effect_has_to_simulate_better(size: float, falls: float, count: int) -> None:
+    """What the balances show of it may be the misfit of another, which the tests hardly show."""
+    tests, rig, model = made(("torque-offset", "constant", size))
+    found = close_loop(
+        tests,
+        rig,
+        model,
+        [catalogue()["torque-offset"]],
+        simulation_error=lambda trial: -falls * len(trial.effects),
+    )
+    assert len(found.search.steps) == count
+
+
+@pytest.mark.parametrize(
     ("effect", "is_right"),
     [
         (("seal-friction", "sum", 1.0), lambda step: step.refit.id == "seal-friction"),

@@ -239,6 +239,7 @@ BACK: dict[str, Any] = {"velocity": -0.07, "direction": -1.0}
             -2e-7 * 1.0 * 1.5e5,
         ),
         (linkage.CableSpring(0.05), "external_effort", -0.05, -0.05),
+        (linkage.CableSpring(0.05, -0.4), "external_effort", -0.07, -0.07),
         (
             linkage.MountingTilt(0.012, 0.02),
             "external_effort",

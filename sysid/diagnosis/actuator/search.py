@@ -65,7 +65,8 @@ LEAST_SHARE = 0.35
 _LEAST_PART = 0.05
 _WHOLE_SHARE = 0.8
 _LEAST_WHOLE = 0.004
-# Beside others a strength below this share of its usual size is a misfit of their forms.
+# A strength below this share of its usual size is beside others a misfit of their forms; alone it
+# has to simulate better.
 _LEAST_SIZE = 0.05
 # An effect whose size changes by this factor when the next is added was not what it seemed.
 _MOST_CHANGE = 2.5
@@ -282,11 +283,11 @@ class _TwinRounds(Rounds[RefittedStep]):
         channels: Sequence[str],
     ) -> RefittedStep | None:
         """With the best of these refits, if what it explains of these channels is enough."""
-        if not self._is_enough(winner, excess, channels):
-            return None
         gains = {r.id: r.gain for r in refits}
         for form, held, rise in self._forms(winner):
             if not self._is_enough(form, excess, channels):
+                if form is winner:
+                    return None
                 continue
             extended = self._extended(form, held, rise)
             if extended is not None:
@@ -321,7 +322,9 @@ class _TwinRounds(Rounds[RefittedStep]):
         gone = sum(max(self.before[c] - excess[c], 0.0) for c in channels)
         if share < LEAST_SHARE or found.gain < least * gone:
             return False
-        return not self.steps or relative_size(found.effect) >= _LEAST_SIZE
+        if relative_size(found.effect) >= _LEAST_SIZE:
+            return True
+        return not self.steps and self._simulates_better(found)
 
     def _extended(self, winner: Refit, held: frozenset[str], rise: float) -> Model | None:
         """The model with an effect too; None where it does not go with the others, or simulates

@@ -296,21 +296,35 @@ class LinkFlexibility(CatalogueEffect):
 
 @dataclass(frozen=True)
 class CableSpring(CatalogueEffect):
-    """Cables and hoses pull the shaft back: - d theta."""
+    """Cables and hoses pull the shaft back to where they are slack: - d (theta - rest)."""
 
     stiffness_nm_per_rad: Array = 0.0
+    spring_rest_rad: Array = 0.0
 
     id = "cable-spring"
     title = "Spring of cables and hoses"
     subsystem = "mechanics"
-    quantities = (Quantity("stiffness_nm_per_rad", "Nm/rad", 0.05, -0.5, 5.0, "towards theta = 0"),)
+    quantities = (
+        Quantity("stiffness_nm_per_rad", "Nm/rad", 0.05, -0.5, 5.0, "torque per angle"),
+        Quantity(
+            "spring_rest_rad",
+            "rad",
+            0.0,
+            -1.0,
+            1.0,
+            "angle at which the spring is slack",
+            is_strength=False,
+            grid=(-0.4, 0.0, 0.4),
+            absent=0.0,
+        ),
+    )
     signature = "torque against angle"
     rivals = ("mounting-tilt", "position-dependent-friction")
     tie_breaker = "large angles: a spring's torque keeps growing, gravity's sine does not"
     source = "thesis 3.3.7, a term of the torque balance"
 
     def external_effort(self, effort: Array, point: Point) -> Array:
-        return effort - self.stiffness_nm_per_rad * point.position
+        return effort - self.stiffness_nm_per_rad * (point.position - self.spring_rest_rad)
 
 
 @dataclass(frozen=True)
