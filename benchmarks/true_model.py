@@ -103,7 +103,7 @@ SAME_LAW: dict[str, dict[str, str | float]] = {
     "valve-delay:on": {"on_delay_s": "on_delay_s", "off_delay_s": 0.0},
     "valve-delay:off": {"off_delay_s": "off_delay_s", "on_delay_s": 0.0},
     "pressure-offset:constant": {"pressure_offset_pa": "pressure_offset_pa"},
-    "pressure-gain:absolute": {"pressure_gain_error": "pressure_gain"},
+    "pressure-gain:absolute": {"pressure_gain_error": "pressure_gain", "gain_zero_pa": 0.0},
     "pressure-lag:first-order": {"pressure_lag_s": "pressure_lag_s"},
     "time-skew:delay": {"time_skew_s": "skew_s"},
     "lost-counts:beyond": {

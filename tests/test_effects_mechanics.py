@@ -299,7 +299,7 @@ def test_a_cushion_pushes_back_at_its_own_end_only() -> None:
         (0.5, "both", 0.0),
         (-0.2, "both", 0.0),
     ):
-        effect = stroke.EndCushion(0.6, 0.5, 1.5, 0.0, side)
+        effect = stroke.EndCushion(0.6, 0.5, 1.5, side)
         added = effect.external_effort(0.5, moving(position=place)) - 0.5
         assert added == pytest.approx(expected, abs=1e-12)
 
@@ -315,7 +315,7 @@ def test_a_damped_cushion_pushes_harder_on_the_way_in_and_never_pulls() -> None:
         (0.9, -4.0, "both", 0.0),
         (-0.9, -1.0, "b", 0.0),
     ):
-        effect = stroke.EndCushion(0.6, 0.5, 1.5, 0.4, side)
+        effect = stroke.EndCushion(0.6, 0.5, 1.5, side, 0.4)
         added = effect.external_effort(0.5, moving(position=place, velocity=speed)) - 0.5
         assert added == pytest.approx(expected, abs=1e-12)
 

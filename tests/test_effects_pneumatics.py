@@ -112,7 +112,7 @@ def test_the_entry_is_whole(effect: type[CatalogueEffect]) -> None:
     for q in effect.quantities:
         assert fields[q.name] == (0.0 if q.is_strength else q.typical)
         assert q.lower <= (0.0 if q.is_strength else q.typical) <= q.upper
-        assert q.lower <= q.typical <= q.upper and q.typical != 0.0
+        assert q.lower <= q.typical <= q.upper and (q.typical != 0.0 or not q.is_strength)
         assert all(q.lower <= g <= q.upper for g in q.grid)
         assert q.is_strength or len(q.grid) >= 2
     assert effect.signature and effect.source and effect.title
@@ -787,6 +787,8 @@ def test_offset_and_gain_and_ambient_pressure() -> None:
     np.testing.assert_array_equal(found["pressure_a_pa"], [1.017e5, 2.017e5, 3.017e5])
     found = sensor.PressureGain(5e-3, "a").measure(channels, time)
     np.testing.assert_allclose(found["pressure_a_pa"], [1.005e5, 2.01e5, 3.015e5])
+    found = sensor.PressureGain(5e-3, "a", 1e5).measure(channels, time)
+    np.testing.assert_allclose(found["pressure_a_pa"], [1e5, 2.005e5, 3.01e5])
     np.testing.assert_array_equal(channels["pressure_a_pa"], [1e5, 2e5, 3e5])
     assert sensor.AmbientPressureError(1e3).parameters(HELD, 0.0).atmosphere == 1.01e5
 

@@ -381,7 +381,8 @@ def test_a_users_own_effect_is_exported(tmp_path: Path) -> None:
     assert [line for line in notices if "branching;" in line] == notices
     assert "a branch on a value has no C form" in (tmp_path / "controller.h").read_text()
     theta, zero = np.linspace(-1.6, 1.6, N), np.zeros(N)
-    c = Compiled(tmp_path, {"external_with_effects": 2}, ())
+    c = Compiled(tmp_path, {"external_with_effects": 3}, ())
     point: dict[str, Any] = {f.name: zero for f in fields(Point)} | {"position": theta}
     exact = effects[0].external_effort(zero + 0.1, Point(**point))
-    np.testing.assert_allclose(c("external_with_effects", 0.1, theta)[0], exact, rtol=0, atol=1e-15)
+    got = c("external_with_effects", 0.1, theta, zero)[0]
+    np.testing.assert_allclose(got, exact, rtol=0, atol=1e-15)

@@ -28,6 +28,7 @@ from sysid.model.effects.friction import (
 from sysid.model.effects.linkage import CableSpring, GearMeshRipple, MountingTilt
 from sysid.model.effects.motor import TorqueConstantError, TorqueOffset
 from sysid.model.effects.sensor import PressureGain, PressureOffset
+from sysid.model.effects.stroke import EndCushion
 from sysid.model.effects.valve import ValveDelay
 from sysid.model.ports import Model, Point
 from sysid.model.sensors import through_sensors
@@ -38,7 +39,7 @@ HELD: tuple[CatalogueEffect, ...] = (
     PistonLeakage(5e-15),
     PressureOffset(2e3, "a"),
     AtmosphereLeakage(4e-15, "b"),
-    PressureGain(0.03, "both"),
+    PressureGain(0.03, "both", 2e4),
     AtmosphereLeakage(3e-15, "both"),
     PressureOffset(-3e3, "both"),
     ValveDelay(5e-4, -2e-4, "both"),
@@ -52,7 +53,8 @@ MECHANICS: tuple[CatalogueEffect, ...] = (
     QuadraticDrag(0.01),
     StribeckFriction(0.05, 0.3, 2.0),
     GearMeshRipple(0.02, -0.03, 17.0),
-    CableSpring(0.2),
+    CableSpring(0.2, -0.3),
+    EndCushion(0.5, 0.3, 1.5, "b", 0.4),
     MountingTilt(0.03, -0.02),
     TorqueOffset(0.04),
     TorqueConstantError(-0.1),
@@ -108,7 +110,7 @@ def test_the_laws_of_mechanics_agree_with_the_ports(
     bundle = with_effects(rig_text, effects)
     path, notices = header(bundle, tmp_path)
     assert notices == []
-    counts = {"sliding_friction": 5, "external": 2, "motor": 1}
+    counts = {"sliding_friction": 5, "external": 3, "motor": 1}
     functions = {f"{name}_with_effects": count for name, count in counts.items()}
     acting = {name: count for name, count in functions.items() if f"{name}(" in path.read_text()}
     c = Compiled(tmp_path, acting, ())
@@ -122,7 +124,7 @@ def test_the_laws_of_mechanics_agree_with_the_ports(
     point = Point(zero, theta, w, pa, pb, zero, zero, zero, np.sign(w), model.parameters)
     for name, port, inputs in (
         ("sliding_friction", "friction_effort", (theta, w, pa, pb)),
-        ("external", "external_effort", (theta,)),
+        ("external", "external_effort", (theta, w)),
         ("motor", "motor_effort", ()),
     ):
         wanted = model.through(port, value, point)

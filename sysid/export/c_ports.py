@@ -65,7 +65,7 @@ def ports() -> Iterator[Port]:
     yield Port(
         "external",
         "external_effort",
-        ("effort", "position"),
+        ("effort", "position", "velocity"),
         "Effort in the positive direction, Nm (linear rig: N), from that without effects",
     )
     yield Port(

@@ -96,10 +96,11 @@ class PressureOffset(CatalogueEffect):
 
 @dataclass(frozen=True)
 class PressureGain(CatalogueEffect):
-    """A pressure sensor shows P (1 + d), P absolute."""
+    """A pressure sensor shows P + d (P - zero), P absolute; a gauge's zero is the ambient's."""
 
     pressure_gain_error: Array = 0.0
     side: str = "both"
+    gain_zero_pa: Array = 0.0
 
     id = "pressure-gain"
     forgets_in_gaps = True
@@ -107,6 +108,17 @@ class PressureGain(CatalogueEffect):
     subsystem = "sensor"
     quantities = (
         Quantity("pressure_gain_error", "-", 5e-3, -0.1, 0.1, "relative error of the gain"),
+        Quantity(
+            "gain_zero_pa",
+            "Pa",
+            0.0,
+            0.0,
+            1.1e5,
+            "absolute pressure that the sensor shows rightly",
+            is_strength=False,
+            grid=(0.0, 101_325.0),
+            absent=0.0,
+        ),
     )
     signature = "difference proportional to a pressure"
     rivals = ("pressure-offset",)
@@ -114,8 +126,8 @@ class PressureGain(CatalogueEffect):
     source = "textbook: static errors of a sensor"
 
     def measure(self, channels: Mapping[str, Array], time: Array) -> dict[str, Array]:
-        gain = 1.0 + self.pressure_gain_error
-        return _changed_pressures(channels, self.side, lambda p: p * gain)
+        gain, zero = self.pressure_gain_error, self.gain_zero_pa
+        return _changed_pressures(channels, self.side, lambda p: p + gain * (p - zero))
 
 
 @dataclass(frozen=True)

@@ -100,8 +100,8 @@ class EndCushion(CatalogueEffect):
     cushion_nm_per_rad: Array = 0.0
     cushion_start_rad: Array = 0.5
     cushion_exponent: Array = 2.0
-    cushion_damping_s_per_rad: Array = 0.0
     side: str = "both"
+    cushion_damping_s_per_rad: Array = 0.0
 
     id = "end-cushion"
     title = "Cushion at an end of the stroke"
