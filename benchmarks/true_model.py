@@ -121,6 +121,7 @@ SAME_LAW: dict[str, dict[str, str | float]] = {
         "threshold_pa": "relief_pa",
     },
     "duty-dead-zone:vanish": {"dead_time_s": "dead_s"},
+    "duty-dead-zone:on-pulses": {"dead_time_s": "dead_s", "pause_ratio": 0.0},
     "duty-dead-zone:partial": {"dead_time_s": "dead_s", "whole_ratio": "dead_whole_ratio"},
 }
 

@@ -125,10 +125,11 @@ def test_the_dead_zone_forgets_short_pulses_and_short_pauses() -> None:
     assert later[0, 0] == np.inf
 
 
-def test_a_closed_loop_opens_partly_as_the_whole_log_does() -> None:
+@pytest.mark.parametrize("pause", [1.0, 0.4, 0.0])
+def test_a_closed_loop_opens_partly_as_the_whole_log_does(pause: float) -> None:
     rng = np.random.default_rng(8)
     edges = np.cumsum(rng.uniform(3e-4, 4e-3, 60)).reshape(-1, 2)
-    zone = DutyDeadZone(1e-3, "both", 2.2)
+    zone = DutyDeadZone(1e-3, "both", 2.2, pause)
     whole = np.column_stack(zone.pulses(edges[:, 0], edges[:, 1], "a"))
     until = np.array([edges[-1, 1] + 0.1])
     shown = zone.recent_pulses(edges[::-1, :1], edges[::-1, 1:], until, "a")
@@ -137,8 +138,9 @@ def test_a_closed_loop_opens_partly_as_the_whole_log_does() -> None:
     np.testing.assert_allclose(recent[np.isfinite(recent[:, 0])], whole, rtol=1e-12)
 
 
-def test_the_law_of_a_partial_opening_is_that_of_its_pulses_and_inverts() -> None:
-    zone = DutyDeadZone(1e-3, "both", 2.2)
+@pytest.mark.parametrize("pause", [1.0, 0.4, 0.0])
+def test_the_law_of_a_partial_opening_is_that_of_its_pulses_and_inverts(pause: float) -> None:
+    zone = DutyDeadZone(1e-3, "both", 2.2, pause)
     own, plain = averaged_law(plant() + zone, "a"), AveragedLaw.of(plant().parameters, "a")
     period = float(plant().parameters.pwm_period)
     starts = np.arange(6) * period

@@ -517,6 +517,17 @@ def test_a_valve_that_opens_partly_follows_late(pulses: Any, kept: Any) -> None:
     np.testing.assert_allclose(found, np.array(kept) * 1e-3, rtol=1e-12, atol=1e-15)
 
 
+def test_a_valve_that_closes_in_any_pause_loses_short_pulses_only() -> None:
+    on, off = np.array([0.0, 4.8, 7.0, 9.0]) * 1e-3, np.array([4.5, 6.8, 7.9, 9.0]) * 1e-3
+    for ratio, kept in (
+        (0.0, [(0.0, 4.5), (4.8, 6.8)]),
+        (0.25, [(0.0, 4.5), (4.8, 7.9)]),
+        (0.35, [(0.0, 7.9)]),
+    ):
+        found = np.column_stack(valve.DutyDeadZone(1e-3, "a", 1.0, ratio).pulses(on, off, "a"))
+        np.testing.assert_allclose(found, np.array(kept) * 1e-3, rtol=1e-12)
+
+
 def test_partial_opening_makes_the_open_time_continuous_in_the_duty() -> None:
     zone = valve.DutyDeadZone(1e-3, "both", 1.7)
     lengths = np.linspace(0.0, 3e-3, 3001)

@@ -36,7 +36,7 @@ def leakage(side: str, point: Point, model: Model) -> Array:
 class EffectiveLaw(AveragedLaw):
     """The law with the flows of `model` and its delays.
 
-    `dead_time` s and `whole_ratio` as in `duty-dead-zone`.
+    `dead_time` s, `whole_ratio` and `pause_ratio` as in `duty-dead-zone`.
 
     The other valve counts as off, and its chamber as at the same pressure.
     """
@@ -45,6 +45,7 @@ class EffectiveLaw(AveragedLaw):
     side: str
     dead_time: Array
     whole_ratio: Array
+    pause_ratio: Array
 
     def _point(self, pressure: Array, is_open: float) -> Point:
         none = 0.0 * pressure
@@ -68,23 +69,29 @@ class EffectiveLaw(AveragedLaw):
     def open_share(self, duty: Array) -> Array:
         """See `AveragedLaw`; pulses and pauses below the dead time vanish, longer ones partly."""
         xp = array_namespace(duty, self.dead_time)
-        least = (self.dead_time - TIME_TOLERANCE) / self.period
-        partly = duty - self._lost(duty) + self._lost(1.0 - duty)
-        obeyed = xp.where(duty < least, 0.0, xp.where(1.0 - duty < least, 1.0, partly))
-        return super().open_share(obeyed)
+        pulse, pause = self._dead_shares()
+        tolerance = TIME_TOLERANCE / self.period
+        partly = duty - self._lost(duty, pulse) + self._lost(1.0 - duty, pause)
+        closed, opened = duty < pulse - tolerance, 1.0 - duty < pause - tolerance
+        return super().open_share(xp.where(closed, 0.0, xp.where(opened, 1.0, partly)))
 
     def duty_of_share(self, share: Array) -> Array:
         """See `AveragedLaw`; within the dead time the nearer end of the gap."""
         duty = super().duty_of_share(share)
         xp = array_namespace(duty, self.dead_time)
-        least = self.dead_time / self.period
-        whole = self.whole_ratio * least
-        low, high = self._command(duty, least), 1.0 - self._command(1.0 - duty, least)
-        return xp.where(duty < whole, low, xp.where(1.0 - duty < whole, high, duty))
+        pulse, pause = self._dead_shares()
+        low, high = self._command(duty, pulse), 1.0 - self._command(1.0 - duty, pause)
+        is_low, is_high = duty < self.whole_ratio * pulse, 1.0 - duty < self.whole_ratio * pause
+        return xp.where(is_low, low, xp.where(is_high, high, duty))
 
-    def _lost(self, share: Array) -> Array:
+    def _dead_shares(self) -> tuple[Array, Array]:
+        """Dead time of pulses, and of pauses, over the period."""
+        pulse = self.dead_time / self.period
+        return pulse, self.pause_ratio * pulse
+
+    def _lost(self, share: Array, dead: Array) -> Array:
         """What a pulse or pause of this share of the period loses by opening partly."""
-        return partly_lost(share, self.dead_time / self.period, self.whole_ratio)
+        return partly_lost(share, dead, self.whole_ratio)
 
     def _command(self, share: Array, least: Array) -> Array:
         """The shortest command that has a pulse (or pause) of this share, or the nearer end."""
@@ -109,6 +116,7 @@ def averaged_law(model: Model, side: str) -> AveragedLaw:
     values["off_delay"] = edge_delay(side, False, model, 0.0)
     own = Model(model.parameters, flows)
     values |= {"dead_time": dead.dead_time_s, "whole_ratio": dead.whole_ratio}
+    values["pause_ratio"] = dead.pause_ratio
     return EffectiveLaw(**values, model=own, side=side)
 
 

@@ -179,7 +179,8 @@ def partly_lost(length: Array, dead_time: Array, whole_ratio: Array) -> Array:
 class DutyDeadZone(CatalogueEffect):
     """Pulses shorter than d vanish, and so do the pauses between pulses.
 
-    A valve follows a command only if the command lasts for d. A valve that opens (or closes)
+    A valve follows a command only if the command lasts for d; to close, for `pause_ratio` times d
+    (0: it closes in any pause). A valve that opens (or closes)
     only partly under one that lasts little longer obeys all of it from `whole_ratio` times d on:
     in between it passes what it would if it were open for (length - d) / (1 - 1 / ratio). At
     a ratio of 1 there is nothing in between.
@@ -188,6 +189,7 @@ class DutyDeadZone(CatalogueEffect):
     dead_time_s: Array = 0.0
     side: str = "both"
     whole_ratio: Array = 1.0
+    pause_ratio: Array = 1.0
 
     id = "duty-dead-zone"
     title = "Dead zone of the duty"
@@ -210,7 +212,18 @@ class DutyDeadZone(CatalogueEffect):
             4.0,
             "shortest pulse that opens the valve fully over the dead time; 1: no partial opening",
             is_strength=False,
-            grid=(1.0, 1.6, 2.5),
+            grid=(1.0, 1.8),
+            absent=1.0,
+        ),
+        Quantity(
+            "pause_ratio",
+            "-",
+            1.0,
+            0.0,
+            2.0,
+            "dead time of pauses over that of pulses; 0: no pause vanishes",
+            is_strength=False,
+            grid=(0.0, 1.0),
             absent=1.0,
         ),
     )
@@ -223,21 +236,27 @@ class DutyDeadZone(CatalogueEffect):
         edges = np.column_stack((on, off)).ravel()
         # Segment 0 is the pause before the first edge, 1 the first pulse, and so on.
         segment = np.arange(len(edges) + 1)
-        within = np.diff(edges) >= self.dead_time_s - TIME_TOLERANCE
+        dead = self._dead(segment[1:-1] % 2 == 1)
+        within = np.diff(edges) >= dead - TIME_TOLERANCE
         lasts = np.concatenate(([True], within, [True]))
         obeyed = np.maximum.accumulate(np.where(lasts, segment, 0))
         state = obeyed % 2
         moves = state[1:] != state[:-1]
         kept, rises = edges[moves], state[1:][moves] == 1
-        kept[:-1] += self._lost(np.diff(kept))
+        kept[:-1] += self._lost(np.diff(kept), rises[:-1])
         return kept[rises], kept[~rises]
+
+    def _dead(self, is_pulse: Array) -> Array:
+        """Dead time of pulses, and of the pauses between them, s."""
+        xp = array_namespace(is_pulse, self.dead_time_s)
+        return xp.where(is_pulse, self.dead_time_s, self.pause_ratio * self.dead_time_s)
 
     def recent_pulses(self, on: Array, off: Array, until: Array, side: str) -> tuple[Array, Array]:
         """See `Effect`; a pause up to `until` counts as one that a pulse ends."""
         if not of_side(side, self.side):
             return on, off
         xp = array_namespace(on, self.dead_time_s)
-        least = self.dead_time_s - TIME_TOLERANCE
+        pulse, pause = self._dead(True), self._dead(False)
         follows = [until]
         for i in range(len(on) - 1):
             follows.append(xp.where(on[i] > -xp.inf, on[i], follows[i]))
@@ -245,10 +264,10 @@ class DutyDeadZone(CatalogueEffect):
         rows: list[tuple[Array, Array]] = []
         for i in reversed(range(len(on))):
             real = on[i] > -xp.inf
-            obeyed = real & (off[i] >= on[i] + least)
+            obeyed = real & (off[i] >= on[i] + pulse - TIME_TOLERANCE)
             start = xp.where(obeyed & ~holding, on[i], start)
             holding = holding | obeyed
-            ends = real & holding & (follows[i] >= off[i] + least)
+            ends = real & holding & (follows[i] >= off[i] + pause - TIME_TOLERANCE)
             rows.insert(0, (xp.where(ends, start, -xp.inf), xp.where(ends, off[i], -xp.inf)))
             holding = holding & ~ends
         # Still on: whether it closes is decided by the next pulse.
@@ -265,15 +284,16 @@ class DutyDeadZone(CatalogueEffect):
         for start, end in rows:
             real = start > -xp.inf
             begun, ended = xp.where(real, start, 0.0), xp.where(real, end, 0.0)
-            opens = start + xp.where(real, self._lost(ended - begun), 0.0)
+            opens = start + xp.where(real, self._lost(ended - begun, True), 0.0)
             # One that has not ended yet ends at infinity, whatever is added.
-            closes = end + xp.where(real, self._lost(until - ended), 0.0)
+            closes = end + xp.where(real, self._lost(until - ended, False), 0.0)
             found.append((opens, closes))
             until = xp.where(real, start, until)
         return found
 
-    def _lost(self, length: Array) -> Array:
-        return partly_lost(length, self.dead_time_s, self.whole_ratio)
+    def _lost(self, length: Array, is_pulse: Array) -> Array:
+        """What a pulse, or a pause, of some length loses by its valve moving only partly, s."""
+        return partly_lost(length, self._dead(is_pulse), self.whole_ratio)
 
 
 @dataclass(frozen=True)
