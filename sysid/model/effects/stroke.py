@@ -128,7 +128,7 @@ class EndCushion(CatalogueEffect):
             4.0,
             "1 a spring, 1.5 a contact of round bodies, above it stiffens further",
             is_strength=False,
-            grid=(1.0, 2.0, 3.0),
+            grid=(1.0, 2.5),
         ),
         Quantity(
             "cushion_damping_s_per_rad",
