@@ -15,8 +15,7 @@ figures of intervals and of errors over the true model's need; with `--kinds` on
 kinds (only `confidently wrong` mixes kinds). `table` prints the figures with Wilson's 95 %
 intervals and the confusion of names. Seeds 1000 to 1999 are for development, 5000 on for the
 report: nothing is tuned on the latter. The program under test sees the campaign's files only;
-the model with the true parameters is simulated afterwards
-(`true_model.py`).
+the model with the true parameters is simulated afterwards (`true_model.py`).
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ import time
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 
@@ -140,7 +139,7 @@ def judged(diagnosis: dict[str, Any]) -> dict[str, Any]:
 def run(options: argparse.Namespace) -> None:
     """Append a line for every seed that the results do not hold yet."""
     path: Path = options.results
-    known = {r["seed"] for r in read(path)} if path.exists() else set()
+    known = {r["seed"] for r in kept(path)}
     seeds = [s for s in range(options.first, options.first + options.count) if s not in known]
     if options.kinds:
         seeds = [s for s in seeds if draw(s)["kind"] in options.kinds]
@@ -149,8 +148,7 @@ def run(options: argparse.Namespace) -> None:
         seeds = [s for s in seeds if drawn[s] and drawn[s] <= SAME_LAW.keys()]
     with ThreadPoolExecutor(options.jobs) as pool, path.open("a") as file:
         for result in pool.map(guarded, seeds):
-            file.write(json.dumps(result) + "\n")
-            file.flush()
+            keep(file, result)
             print(result["seed"], result["effects"], verdict(result), flush=True)
 
 
@@ -173,6 +171,17 @@ def verdict(result: dict[str, Any]) -> str:
 def read(path: Path) -> list[dict[str, Any]]:
     """The results of a file."""
     return [json.loads(line) for line in path.read_text().splitlines()]
+
+
+def kept(path: Path) -> list[dict[str, Any]]:
+    """The results of a file so far; none before the first."""
+    return read(path) if path.exists() else []
+
+
+def keep(file: TextIO, result: dict[str, Any]) -> None:
+    """Append a result to its file at once: what ends a sweep loses nothing."""
+    file.write(json.dumps(result) + "\n")
+    file.flush()
 
 
 def wilson(hits: int, count: int) -> tuple[float, float]:
@@ -265,7 +274,7 @@ def table(options: argparse.Namespace) -> None:
     results = [r for r in everything if "diagnosis" in r]
     by = {kind: [r for r in results if r["kind"] == kind] for kind in KINDS}
     detected = [r for r in by["one"] if is_detected(r)]
-    sizes = {r["seed"]: r["sizes"] for r in read(PAIR_SIZES)} if PAIR_SIZES.exists() else {}
+    sizes = {r["seed"]: r["sizes"] for r in kept(PAIR_SIZES)}
     rows = [
         ("false alarms, nothing missing", [is_detected(r) for r in by["none"]], "at most 1 %"),
         ("detected, typical size", [is_detected(r) for r in by["one"]], "95 %"),

@@ -30,7 +30,7 @@ import json
 import math
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -48,6 +48,8 @@ from benchmarks.attribution import (  # noqa: E402
     call,
     found_names,
     is_detected,
+    keep,
+    kept,
     options_of,
     read,
     true_names,
@@ -115,10 +117,10 @@ def command(*words: str) -> str:
     return done.stdout
 
 
-def standard(seed: int, *options: str) -> Standard:
-    """The campaign of a seed, generated, fitted and looked at."""
+def standard(seed: int, *options: str, names: Iterable[str] = EFFECTS) -> Standard:
+    """The campaign of a seed, generated, fitted and looked at; `names` can pass then."""
     start = started(seed, *options)
-    start.null.calibrate(dict.fromkeys(EFFECTS, math.inf), 0.0, Book())
+    start.null.calibrate(dict.fromkeys(names, math.inf), 0.0, Book())
     return Standard(projected(start.frame(start.traces), start.model), start.null)
 
 
@@ -187,13 +189,12 @@ def smallest_scale(seen: Standard, seed: int, form: str) -> float:
 def check(options: argparse.Namespace) -> None:
     """Append a line for every seed and law missing from the results, then print the table."""
     path: Path = options.results
-    known = {(r["seed"], r["form"], r["times"]) for r in read(path)} if path.exists() else set()
+    known = {(r["seed"], r["form"], r["times"]) for r in kept(path)}
     with ThreadPoolExecutor(options.jobs) as pool, path.open("a") as file:
         for seed in options.seeds:
             jobs = list(jobs_of(seed, options.times, known))
             for result in pool.map(lambda job: diagnosed(*job), jobs):
-                file.write(json.dumps(result) + "\n")
-                file.flush()
+                keep(file, result)
     everything = [
         r for r in read(path) if r["times"] == options.times and r["seed"] in options.seeds
     ]
@@ -244,30 +245,28 @@ def diagnosed(seed: int, form: str, smallest: float, times: float) -> dict[str, 
 def pairs(options: argparse.Namespace) -> None:
     """Append the sizes of each pair's effects that the results do not hold yet."""
     path: Path = options.results
-    known = {r["seed"] for r in read(path)} if path.exists() else set()
+    known = {r["seed"] for r in kept(path)}
     drawn = [r for r in read(options.attribution) if r["kind"] == "two" and "diagnosis" in r]
     with path.open("a") as file:
         for pair in (r for r in drawn if r["seed"] not in known):
             result = {"seed": pair["seed"], "sizes": sizes_of(pair)}
-            file.write(json.dumps(result) + "\n")
-            file.flush()
+            keep(file, result)
             print(pair["seed"], pair["effects"], result["sizes"], flush=True)
 
 
 def sizes_of(pair: dict[str, Any]) -> list[float]:
     """How many times its smallest detectable size each effect of a pair has on its rig."""
-    words = options_of(pair)
-    seen = standard(pair["seed"], *words)
+    words, names = options_of(pair), true_names(pair)
+    seen = standard(pair["seed"], *words, names=names)
     found = []
-    for place, name in enumerate(true_names(pair)):
+    for place, name in enumerate(names):
         # In its own place, since that says what sign and shape are drawn.
         nothing = next(form for form in _NOTHING if form.split(":")[0] != name)
         alone = [nothing] * place + [pair["effects"][place]]
         chosen = [word for form in alone for word in ("--effect", form)]
         start = started(pair["seed"], *words, *chosen, quick=True)
         base = projected(start.frame(start.traces), start.model)
-        travel = start.traces.travel
-        screened = screen(base, list(candidates([EFFECTS[name]], travel)), Book())
+        screened = screen(base, candidates([EFFECTS[name]], start.traces.travel), Book())
         refits = [refit(base, [effect]) for effect in starting_points(screened)[name]]
         gain = max([r.gain for r in screened] + [r.gain for r in refits])
         found.append(round(math.sqrt(max(gain, 0.0)) / seen.length_to_pass(name), 2))

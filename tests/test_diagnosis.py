@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -644,21 +644,24 @@ def test_the_floor_of_fitted_numbers_is_that_of_their_errors(
     assert own.fitted_floor([model], model, SILENT, Scatter(), 0) == pytest.approx(np.zeros(3))
 
 
+def added(campaign: tuple[Tests, Rig, Model], names: Sequence[str], rises: float) -> list[str]:
+    """Ids of what the loop adds of these effects, each of which raises the simulation error."""
+    effects = [catalogue()[name] for name in names]
+    found = close_loop(
+        *campaign, effects, simulation_error=lambda trial: rises * len(trial.effects)
+    )
+    return [step.refit.id for step in found.search.steps]
+
+
 @pytest.mark.parametrize(("falls", "count"), [(0.2, 1), (0.05, 0)])
 def test_what_few_tests_show_is_taken_where_it_simulates_better(
     falls: float, count: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As a limit that only the fastest tests reach: however few, the twins do not show it."""
-    tests, rig, model = made(("torque-saturation", "hard", 1.0))
+    campaign = made(("torque-saturation", "hard", 1.0))
     monkeypatch.setattr(Refit, "wald", lambda *which: 3.0)
-    found = close_loop(
-        tests,
-        rig,
-        model,
-        [catalogue()["torque-saturation"]],
-        simulation_error=lambda trial: -falls * len(trial.effects),
-    )
-    assert [step.refit.id for step in found.search.steps] == ["torque-saturation"] * count
+    found = added(campaign, ["torque-saturation"], -falls)
+    assert found == ["torque-saturation"] * count
 
 
 @pytest.mark.parametrize(
@@ -666,15 +669,8 @@ def test_what_few_tests_show_is_taken_where_it_simulates_better(
 )
 def test_a_tiny_effect_has_to_simulate_better(size: float, falls: float, count: int) -> None:
     """What the balances show of it may be the misfit of another, which the tests hardly show."""
-    tests, rig, model = made(("torque-offset", "constant", size))
-    found = close_loop(
-        tests,
-        rig,
-        model,
-        [catalogue()["torque-offset"]],
-        simulation_error=lambda trial: -falls * len(trial.effects),
-    )
-    assert len(found.search.steps) == count
+    campaign = made(("torque-offset", "constant", size))
+    assert len(added(campaign, ["torque-offset"], -falls)) == count
 
 
 @pytest.mark.parametrize(
@@ -699,12 +695,9 @@ def test_an_effect_is_found_and_named(
 
 @pytest.mark.parametrize(("rises", "count"), [(0.0, 2), (1.0, 1)])
 def test_a_second_effect_must_not_simulate_worse(rises: float, count: int) -> None:
-    tests, rig, model = made(("seal-friction", "sum", 1.0), ("piston-leakage", "quadratic", 1.0))
-    effects = [catalogue()[name] for name in ("seal-friction", "torque-offset", "piston-leakage")]
-    found = close_loop(
-        tests, rig, model, effects, simulation_error=lambda trial: rises * len(trial.effects)
-    )
-    assert len(found.search.steps) == count
+    campaign = made(("seal-friction", "sum", 1.0), ("piston-leakage", "quadratic", 1.0))
+    names = ["seal-friction", "torque-offset", "piston-leakage"]
+    assert len(added(campaign, names, rises)) == count
 
 
 def test_what_no_effect_explains_is_said() -> None:

@@ -34,18 +34,14 @@ def leakage(side: str, point: Point, model: Model) -> Array:
 
 @dataclass(frozen=True)
 class EffectiveLaw(AveragedLaw):
-    """The law with the flows of `model` and its delays.
-
-    `dead_time` s, `whole_ratio` and `pause_ratio` as in `duty-dead-zone`.
+    """The law with the flows of `model`, its delays, and the dead `zone` of the valve's pulses.
 
     The other valve counts as off, and its chamber as at the same pressure.
     """
 
     model: Model
     side: str
-    dead_time: Array
-    whole_ratio: Array
-    pause_ratio: Array
+    zone: DutyDeadZone
 
     def _point(self, pressure: Array, is_open: float) -> Point:
         none = 0.0 * pressure
@@ -68,7 +64,7 @@ class EffectiveLaw(AveragedLaw):
 
     def open_share(self, duty: Array) -> Array:
         """See `AveragedLaw`; pulses and pauses below the dead time vanish, longer ones partly."""
-        xp = array_namespace(duty, self.dead_time)
+        xp = array_namespace(duty, self.zone.dead_time_s)
         pulse, pause = self._dead_shares()
         tolerance = TIME_TOLERANCE / self.period
         partly = duty - self._lost(duty, pulse) + self._lost(1.0 - duty, pause)
@@ -78,27 +74,28 @@ class EffectiveLaw(AveragedLaw):
     def duty_of_share(self, share: Array) -> Array:
         """See `AveragedLaw`; within the dead time the nearer end of the gap."""
         duty = super().duty_of_share(share)
-        xp = array_namespace(duty, self.dead_time)
+        xp = array_namespace(duty, self.zone.dead_time_s)
         pulse, pause = self._dead_shares()
         low, high = self._command(duty, pulse), 1.0 - self._command(1.0 - duty, pause)
-        is_low, is_high = duty < self.whole_ratio * pulse, 1.0 - duty < self.whole_ratio * pause
+        is_low = duty < self.zone.whole_ratio * pulse
+        is_high = 1.0 - duty < self.zone.whole_ratio * pause
         return xp.where(is_low, low, xp.where(is_high, high, duty))
 
     def _dead_shares(self) -> tuple[Array, Array]:
         """Dead time of pulses, and of pauses, over the period."""
-        pulse = self.dead_time / self.period
-        return pulse, self.pause_ratio * pulse
+        pulse = self.zone.dead_time_s / self.period
+        return pulse, self.zone.pause_ratio * pulse
 
     def _lost(self, share: Array, dead: Array) -> Array:
         """What a pulse or pause of this share of the period loses by opening partly."""
-        return partly_lost(share, dead, self.whole_ratio)
+        return partly_lost(share, dead, self.zone.whole_ratio)
 
     def _command(self, share: Array, least: Array) -> Array:
         """The shortest command that has a pulse (or pause) of this share, or the nearer end."""
-        xp = array_namespace(share, self.whole_ratio)
+        xp = array_namespace(share, self.zone.whole_ratio)
         nearer = xp.where(share < 0.5 * least, 0.0, least)
-        partly = least + share * (1.0 - 1.0 / self.whole_ratio)
-        return xp.where(self.whole_ratio > 1.0, xp.where(share > 0.0, partly, 0.0), nearer)
+        partly = least + share * (1.0 - 1.0 / self.zone.whole_ratio)
+        return xp.where(self.zone.whole_ratio > 1.0, xp.where(share > 0.0, partly, 0.0), nearer)
 
 
 def averaged_law(model: Model, side: str) -> AveragedLaw:
@@ -110,14 +107,12 @@ def averaged_law(model: Model, side: str) -> AveragedLaw:
     if not flows and not timed:
         return plain
     zones = [e for e in timed if isinstance(e, DutyDeadZone) and of_side(side, e.side)]
-    dead = zones[-1] if zones else DutyDeadZone()
+    zone = zones[-1] if zones else DutyDeadZone()
     values = {f.name: getattr(plain, f.name) for f in dataclasses.fields(plain)}
     values["on_delay"] = edge_delay(side, True, model, 0.0)
     values["off_delay"] = edge_delay(side, False, model, 0.0)
     own = Model(model.parameters, flows)
-    values |= {"dead_time": dead.dead_time_s, "whole_ratio": dead.whole_ratio}
-    values["pause_ratio"] = dead.pause_ratio
-    return EffectiveLaw(**values, model=own, side=side)
+    return EffectiveLaw(**values, model=own, side=side, zone=zone)
 
 
 __all__ = ["EffectiveLaw", "averaged_law", "edge_delay", "leakage"]

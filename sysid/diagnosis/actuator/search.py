@@ -284,11 +284,7 @@ class _TwinRounds(Rounds[RefittedStep]):
     ) -> RefittedStep | None:
         """With the best of these refits, if what it explains of these channels is enough."""
         gains = {r.id: r.gain for r in refits}
-        for form, held, rise in self._forms(winner):
-            if not self._is_enough(form, excess, channels):
-                if form is winner:
-                    return None
-                continue
+        for form, held, rise in self._forms(winner, excess, channels):
             extended = self._extended(form, held, rise)
             if extended is not None:
                 return RefittedStep(
@@ -303,13 +299,18 @@ class _TwinRounds(Rounds[RefittedStep]):
                 )
         return None
 
-    def _forms(self, winner: Refit) -> Iterator[tuple[Refit, frozenset[str], float]]:
-        """The effect as it was fitted, then beside others with a shape held; with each, by how
-        much the logarithm of the simulation error may rise."""
+    def _forms(
+        self, winner: Refit, excess: Mapping[str, float], channels: Sequence[str]
+    ) -> Iterator[tuple[Refit, frozenset[str], float]]:
+        """The effect as it was fitted, then beside others with a shape held, as far as they explain
+        enough; with each, by how much the logarithm of the simulation error may rise."""
+        if not self._is_enough(winner, excess, channels):
+            return
         yield winner, frozenset(), _TOLERATED_RISE
         if self.steps:
             for form, held in self._held_forms(winner):
-                yield form, held, -_BETTER_BY
+                if self._is_enough(form, excess, channels):
+                    yield form, held, -_BETTER_BY
 
     def _is_enough(
         self, found: Refit, excess: Mapping[str, float], channels: Sequence[str]

@@ -180,10 +180,9 @@ class DutyDeadZone(CatalogueEffect):
     """Pulses shorter than d vanish, and so do the pauses between pulses.
 
     A valve follows a command only if the command lasts for d; to close, for `pause_ratio` times d
-    (0: it closes in any pause). A valve that opens (or closes)
-    only partly under one that lasts little longer obeys all of it from `whole_ratio` times d on:
-    in between it passes what it would if it were open for (length - d) / (1 - 1 / ratio). At
-    a ratio of 1 there is nothing in between.
+    (0: it closes in any pause). A valve that opens (or closes) only partly under one that lasts
+    little longer obeys all of it from `whole_ratio` times d on: in between it passes what it would
+    if it were open for (length - d) / (1 - 1 / ratio). At a ratio of 1 there is nothing in between.
     """
 
     dead_time_s: Array = 0.0
