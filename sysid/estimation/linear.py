@@ -87,6 +87,11 @@ class Estimate:
         """Whether an interval is known, be it open on one side."""
         return self.identified and not math.isnan(self.interval[0])
 
+    def times(self, factor: float) -> Estimate:
+        """The estimate of the number times a factor above 0 (unit as it was)."""
+        limits = (factor * self.interval[0], factor * self.interval[1])
+        return Estimate(factor * self.value, factor * self.std, self.unit, limits, self.reason)
+
     def holds(self, value: float) -> bool:
         """Whether the interval holds `value`."""
         return self.interval[0] <= value <= self.interval[1]

@@ -15,6 +15,7 @@ from sysid.model.ports import Model, overrides
 from sysid.model.preparation import Inputs
 from sysid.model.sensors import VELOCITY_CHANNELS, through_sensors
 from sysid.model.simulator import MAX_STEP, Trajectory, simulate
+from sysid.model.static_reading import static_ratio
 from sysid.model.tangents import Direction, Tangents, number_of, simulate_tangents
 from sysid.parallel import check_time
 from sysid.refinement.factors import triangular
@@ -37,6 +38,9 @@ _FAR = 1e8
 # Width of a coordinate that is held: far below any standard error.
 _HELD = 1e-9
 _SIZES = np.array([1.0, 10.0, 1e5, 1e5])
+# Of an effect's coordinate, where static friction follows its motor; a motor gives so much of what
+# it is told at least.
+_RATIO_STEP, _LEAST_RATIO = 1e-4, 0.1
 # Of a number's value at least, and of one without any.
 _LEAST_SIZE = 1e-3
 
@@ -371,15 +375,58 @@ class Problem:
 
     def prior(self, shared: FloatArray) -> FloatArray:
         """Rows (p, p + 1) of the unknowns' joint prior and their misfit; zero without one."""
-        starts = np.array([u.start for u in self.unknowns])
+        centre, slopes = self._prior_centre(shared)
         factor = self._prior_factor
-        rows = np.column_stack([factor, factor @ (shared - starts)])
+        rows = np.column_stack(
+            [factor @ (np.eye(len(shared)) - slopes), factor @ (shared - centre)]
+        )
         for i, unknown in enumerate(self.unknowns):
             if unknown.held_at is not None:
                 rows[i] = 0.0
                 rows[i, i] = 1.0 / _HELD
                 rows[i, -1] = (shared[i] - unknown.held_at) / _HELD
         return rows
+
+    def prior_misfit(self, shared: FloatArray, number: int) -> float:
+        """How far one unknown is from what the bench tests say of it alone, in their errors."""
+        centre, _ = self._prior_centre(shared)
+        return float(shared[number] - centre[number]) / self.unknowns[number].prior_std
+
+    def _prior_centre(self, shared: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """What the bench tests say (p,), and its slopes (p, p) over the unknowns.
+
+        Static friction is read in the effort that the motor is told, so that it moves with the
+        effects of the motor.
+        """
+        centre = np.array([u.start for u in self.unknowns])
+        slopes = np.zeros((len(centre), len(centre)))
+        own, motor = self.static_number, self._motor_numbers
+        if own is None or not motor:
+            return centre, slopes
+        ratio = self._static_ratio(shared)
+        centre[own] += math.log(ratio / self._static_ratio(centre))
+        for i in motor:
+            sign = -1.0 if shared[i] + _RATIO_STEP > self.limits[i, 1] else 1.0
+            moved = np.array(shared)
+            moved[i] += sign * _RATIO_STEP
+            slopes[own, i] = sign * math.log(self._static_ratio(moved) / ratio) / _RATIO_STEP
+        return centre, slopes
+
+    @functools.cached_property
+    def _motor_numbers(self) -> list[int]:
+        """The unknowns of effects of the motor."""
+        effects = self.model.effects
+        return [
+            i
+            for i, (part, _) in enumerate(u.direction for u in self.unknowns)
+            if part and overrides(effects[part - 1], "motor_effort")
+        ]
+
+    def _static_ratio(self, shared: FloatArray) -> float:
+        values = np.array([u.at(c) for u, c in zip(self.unknowns, shared, strict=True)])
+        model = model_at(self.model, self.unknowns, values)
+        told = float(self.model.parameters.static_effort)
+        return max(static_ratio(model, told), _LEAST_RATIO)
 
     @functools.cached_property
     def _prior_factor(self) -> FloatArray:

@@ -76,10 +76,10 @@ def _cost_at(found: Estimated, number: int, coordinate: float, start: Iterate) -
     unknowns[number] = dataclasses.replace(own, held_at=coordinate)
     problem = dataclasses.replace(found.problem, unknowns=tuple(unknowns))
     solution = solve(problem, start, _MOST, _NEAR, least=_LEAST)
-    prior = (coordinate - own.start) / own.prior_std
     # The same runs as in the smallest cost, whichever are set aside here.
     pairs = zip(solution.at.runs, found.solution.counted, strict=True)
     cost = sum(run.cost for run, counted in pairs if counted) + problem.prior_cost(solution.point)
+    prior = found.problem.prior_misfit(solution.point.shared, number)
     return cost + (prior**2 if prior == prior else 0.0)
 
 

@@ -18,6 +18,7 @@ from sysid.diagnosis.actuator.signatures import base_parameters
 from sysid.diagnosis.actuator.whitening import Frame
 from sysid.model.effects.entry import with_values
 from sysid.model.ports import Model
+from sysid.model.static_reading import as_read
 from sysid.types import FloatArray
 
 # A correction beyond this share of a number means that the twins' fits went elsewhere.
@@ -48,6 +49,7 @@ def corrected(search: Search, twins: Sequence[Frame]) -> Search:
     }
     found = with_values(joint.effects, values)
     model = Model(parameters.replace(**changes), (*given, *found))
+    model = as_read(search.first.model, model)
     steps = (*search.steps[:-1], replace(search.steps[-1], model=model))
     fit = replace(joint.fit, values=np.concatenate((values, joint.fit.values[count:])))
     return replace(search, steps=steps, model=model, joint=replace(joint, effects=found, fit=fit))

@@ -38,6 +38,8 @@ _FAR_OFF = 3.0
 # Times what a correct model with fitted numbers would show: one channel is enough. At most 2.4 on
 # 27 campaigns with nothing missing.
 _FAR_OFF_FITTED = 4.0
+# Per cent of static friction that is worth saying.
+_LEAST_CHANGE = 0.1
 _FAR_OFF_NOTICE = (
     "the held-out tests are simulated far worse than noise, scatter and the errors of the fitted "
     "numbers explain, though no balance shows enough structure to say why (the strongest is "
@@ -143,7 +145,7 @@ def _diagnosed(
         evidence=evidence,
         because=because,
         seed=seed,
-        notices=(*notices, *found.looked.sentences()),
+        notices=(*notices, *_of_static_friction(found), *found.looked.sentences()),
     )
 
 
@@ -181,6 +183,20 @@ def _of_fitted_numbers(
                 f"the fitted numbers' own errors ({may} {channel.residual_unit} by their standard "
                 "errors): refine estimates them from motion"
             )
+
+
+def _of_static_friction(found: Loop) -> Iterator[str]:
+    """Says that static friction was read through a motor that the effects correct."""
+    before, after = (
+        m.parameters.static_effort for m in (found.search.first.model, found.search.model)
+    )
+    change = 100.0 * (float(after) / float(before) - 1.0) if float(before) else 0.0
+    if abs(change) >= _LEAST_CHANGE:
+        size = f"{number(abs(change), 2)} % {'more' if change > 0.0 else 'less'}"
+        yield (
+            "static friction was read in the effort that the motor was told to give: with the "
+            f"effects found the same readings are {size}"
+        )
 
 
 def _log_error(tests: HeldOut, model: Model) -> float:

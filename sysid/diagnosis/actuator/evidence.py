@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 from sysid.bundle import Bundle
 from sysid.bundle.assembled_model import friction_keys
 from sysid.bundle.base import Part
+from sysid.bundle.friction import Friction
 from sysid.bundle.valves import LAW_KEYS
 from sysid.diagnosis.actuator.figures import influences, residual_curves, rounds_shown, shown_curve
 from sysid.diagnosis.actuator.loop import Loop
@@ -105,7 +106,8 @@ class TwinEvidence(ComponentEvidence):
         friction = {"coulomb_effort": keys["coulomb"], "viscous": keys["viscous"]}
         fields: dict[str, Any] = {}
         if bundle.friction is not None:
-            fields["friction"] = self._renewed(bundle.friction, friction)
+            moving = self._renewed(bundle.friction, friction)
+            fields["friction"] = self._with_static(moving, keys["static"])
         if bundle.valves is not None:
             sides = {}
             for side in SIDES:
@@ -126,6 +128,15 @@ class TwinEvidence(ComponentEvidence):
                 value = float(getattr(search.model.parameters, name))
                 fields[key] = Estimate.symmetric(value, std, old.unit, search.base_dof)
         return part.replaced(**fields)
+
+    def _with_static(self, part: Friction, key: str) -> Friction:
+        """Static friction as the bench read it, with the motor's effects."""
+        before, after = self.loop.search.first.model, self.loop.search.model
+        was, now = (float(m.parameters.static_effort) for m in (before, after))
+        read = getattr(part, key)
+        if read is None or not read.identified or now == was:
+            return part
+        return part.replaced(**{key: read.times(now / was)})
 
     def to_json(self) -> dict[str, Any]:
         """Friction's scatter from test to test, one relative standard deviation."""

@@ -18,6 +18,7 @@ from sysid.diagnosis.actuator.whitening import Frame
 from sysid.estimation.nonlinear import LeastSquaresFit, Parameter, minimise
 from sysid.model.effects.entry import CatalogueEffect, Quantity, with_values
 from sysid.model.ports import Model
+from sysid.model.static_reading import as_read
 from sysid.types import FloatArray, IntArray
 
 _EVALUATIONS = 20
@@ -209,8 +210,10 @@ def with_base_refitted(base: Projected, model: Model) -> Model:
     `base` is the Jacobian without effects. Steps go on as long as they lower the residual, and
     stay within a factor of 5 of the original values. A parameter that keeps hardly any
     influence beside an effect is not moved: its step would be arbitrary, and where the effect
-    does not act (a flow that runs backwards) it still counts.
+    does not act (a flow that runs backwards) it still counts. Static friction, which no balance
+    shows, is what the bench read, as the effects have it.
     """
+    model = as_read(base.model, model)
     names = base_parameters(model)
     given = np.array([float(getattr(model.parameters, n)) for n in names])
     factors, best, least = np.ones(len(names)), model, math.inf
