@@ -11,6 +11,7 @@ import pytest
 from scipy.signal import lfilter
 
 from datasets.generator.campaign import LAB, GeneratedCampaign, drawn_effects, make_campaign
+from sysid.diagnosis.actuator.comparison import gain_in
 from sysid.diagnosis.actuator.diagnose import _of_fitted_numbers, is_far_off
 from sysid.diagnosis.actuator.equation_error import (
     BALANCES,
@@ -26,7 +27,7 @@ from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.refit import Refit, refit, with_base_refitted
 from sysid.diagnosis.actuator.samples import Traces, prepare, window_width, windows
 from sysid.diagnosis.actuator.screening import explained, projected
-from sysid.diagnosis.actuator.search import RefittedStep, _TwinRounds
+from sysid.diagnosis.actuator.search import RefittedStep, _likeliest, _TwinRounds
 from sysid.diagnosis.actuator.signatures import Candidate, Signatures, candidates
 from sysid.diagnosis.actuator.starting_friction import with_sliding_friction
 from sysid.diagnosis.actuator.suspects import Suspect, worth_refitting
@@ -58,9 +59,16 @@ from sysid.io.logs import Trial
 from sysid.io.rig import Rig, rig_from_content
 from sysid.model.base import ValveParameters, parameters_from_rig
 from sysid.model.effects import catalogue, class_of
-from sysid.model.effects.chamber import AtmosphereLeakage, PistonLeakage, TubeLag, WallHeatTransfer
+from sysid.model.effects.chamber import (
+    AtmosphereLeakage,
+    PistonLeakage,
+    ThresholdLeakage,
+    TubeLag,
+    WallHeatTransfer,
+)
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.effects.friction import QuadraticDrag, SealFriction, StribeckFriction
+from sysid.model.effects.linkage import AreaError
 from sysid.model.effects.motor import AmplifierLag, TorqueConstantError
 from sysid.model.effects.sensor import PressureLag, PressureOffset, TimeSkew
 from sysid.model.effects.supply import ExhaustBackPressure, SupplyDroop
@@ -483,6 +491,66 @@ def test_what_explains_another_balance_is_judged_by_that_one(
     assert step is not None and step.id == "quadratic-drag"
     assert "atmosphere-leakage" not in step.ambiguous
     assert rounds._best(excess | {"effort": 10.0 * drag.gain}, [leak, drag], 1) is None
+
+
+def test_where_no_effect_acts_yet_nothing_is_a_misfit_of_its_form(
+    moving: Traces, healthy: tuple[Tests, Rig, Model]
+) -> None:
+    """An area shows in the torque, beside a leak whose form leaves much of the chambers'."""
+    _, rig, model = healthy
+    twin = twin_of(model + AreaError(4e-6), moving, rig)
+    first = projected(build_frame(twin, model, noise_of(twin, model), 0.0), model)
+    area = refit(first, [AreaError(3e-6)])
+    torque = gain_in(("effort",), area, first.frame)
+    assert 0.0 < torque < area.gain
+    channels = channels_of(area.effect)
+    excess = {"breakaway": 0.0, "rate_a": 0.0, "rate_b": 10.0 * area.gain}
+
+    def enough(effect: CatalogueEffect, effort: float, before: float) -> bool:
+        rounds = _TwinRounds(first, (), Null([first], [], {}), no_progress, lambda m: 0.0, Book())
+        rounds.before = dict.fromkeys(CHANNELS, 1e4 * area.gain) | {"effort": before}
+        step = RefittedStep(effect, 1e-9, 1.0, (), (), area, model)
+        rounds.steps = [step]
+        return rounds._is_enough(area, excess | {"effort": effort}, channels)
+
+    assert enough(AtmosphereLeakage(5e-17), 1.2 * torque, 1.2 * torque)
+    assert not enough(AtmosphereLeakage(5e-17), 10.0 * torque, 10.0 * torque)
+    assert not enough(QuadraticDrag(0.004), 1.2 * torque, 1e4 * torque)
+
+
+def test_of_effects_that_explain_as_much_one_of_usual_size_is_likeliest(
+    moving: Traces, healthy: tuple[Tests, Rig, Model]
+) -> None:
+    _, rig, model = healthy
+    twin = twin_of(model + AtmosphereLeakage(4e-16), moving, rig)
+    first = projected(build_frame(twin, model, noise_of(twin, model), 0.0), model)
+    leak = refit(first, [AtmosphereLeakage(5e-17)])
+    faint = replace(leak, effects=(ThresholdLeakage(2e-11, 1.5e5),), rest=0.999 * leak.rest)
+    assert faint.gain > leak.gain > 0.95 * faint.gain
+    assert _likeliest([faint, leak]) is leak
+    weaker = replace(leak, rest=leak.before - 0.5 * (leak.before - leak.rest))
+    assert _likeliest([faint, weaker]) is faint
+    plain = replace(faint, effects=(ThresholdLeakage(1e-9, 1.5e5),))
+    assert _likeliest([plain, leak]) is plain
+
+
+def test_a_threshold_is_fitted_from_the_best_of_a_finer_grid(
+    traces: Traces, healthy: tuple[Tests, Rig, Model]
+) -> None:
+    """A fit from a shape and size far off ends between the steps."""
+    _, rig, model = healthy
+    twin = twin_of(model + DutyDeadZone(8e-4), traces, rig)
+    base = projected(build_frame(twin, model, noise_of(twin, model), 0.0), model)
+    far = refit(base, [DutyDeadZone(4e-4, "both", 1.8, 0.0)])
+    rounds = _TwinRounds(base, (), Null([base], [], {}), no_progress, lambda m: 0.0, Book())
+    near = rounds._on_finer_grid(far)
+    found = near.effect
+    assert isinstance(found, DutyDeadZone) and found.side == "both"
+    assert near.gain > 1.05 * far.gain
+    assert found.dead_time_s == pytest.approx(8e-4, rel=0.08)
+    assert found.whole_ratio == pytest.approx(1.0, abs=0.1)
+    drag = refit(base, [QuadraticDrag(0.004)])
+    assert rounds._on_finer_grid(drag) is drag
 
 
 def test_suspects_of_another_balance_are_fitted_beside_the_largest() -> None:

@@ -164,18 +164,13 @@ def refit(base: Projected, starts: Sequence[CatalogueEffect], held: Collection[s
 
 def _steps(quantities: Sequence[Quantity]) -> list[float]:
     """Relative steps of an effect's numbers; beside a threshold a shape has no slope either."""
-    in_steps = any(is_threshold(q) for q in quantities)
+    in_steps = any(q.is_threshold for q in quantities)
     return [THRESHOLD_STEP if in_steps else _STEP] * len(quantities)
 
 
 def has_threshold(effect: CatalogueEffect) -> bool:
     """Whether one of an effect's strengths is a threshold."""
-    return any(is_threshold(q) for q in type(effect).quantities)
-
-
-def is_threshold(quantity: Quantity) -> bool:
-    """Whether it acts in steps: screening tries a grid of sizes, and it has no slope."""
-    return quantity.is_strength and bool(quantity.grid) and not quantity.is_smooth
+    return any(q.is_threshold for q in type(effect).quantities)
 
 
 def _own_parameters(effects: Sequence[CatalogueEffect], travel: float) -> list[Parameter]:
@@ -284,7 +279,7 @@ def own_columns(frame: Frame, model: Model) -> FloatArray:
         assert isinstance(effect, CatalogueEffect)
         for q in type(effect).quantities:
             value = float(getattr(effect, q.name))
-            share = THRESHOLD_STEP if is_threshold(q) else 0.01
+            share = THRESHOLD_STEP if q.is_threshold else 0.01
             move = share * (abs(value) or abs(q.typical) or 1.0)
             move = -move if value + move > q.upper else move
             changed = list(model.effects)

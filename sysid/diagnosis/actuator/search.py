@@ -15,6 +15,7 @@ from sysid.diagnosis.actuator.comparison import (
     RIVAL_SHARE,
     excess_in,
     explained_channels,
+    gain_in,
     indistinguishable,
     penalty,
     relative_size,
@@ -36,9 +37,10 @@ from sysid.diagnosis.actuator.screening import (
     best_by_effect,
     projected,
     screen,
+    screen_group,
     starting_points,
 )
-from sysid.diagnosis.actuator.signatures import Candidate
+from sysid.diagnosis.actuator.signatures import Candidate, finer
 from sysid.diagnosis.actuator.suspects import Suspect, suspects_of, worth_refitting
 from sysid.diagnosis.actuator.whitening import Frame
 from sysid.diagnosis.looked import Book, SearchStage
@@ -217,9 +219,9 @@ class _TwinRounds(Rounds[RefittedStep]):
         clear = self._clear(fitted, excess)
         judged = {r.id: channels_of(r.effect) for r in clear}
         while clear:
-            winner = max(clear, key=lambda r: r.gain - penalty(r))
+            winner = _likeliest(clear)
             self.progress(f"{winner.id}: tried {', '.join(r.id for r in clear)}")
-            winner = self._simulating_best(winner, clear)
+            winner = self._on_finer_grid(self._simulating_best(winner, clear))
             self.book.enter(SearchStage.TOGETHER, number)
             if step := self._step(winner, clear, excess, judged[winner.id]):
                 return step
@@ -228,7 +230,7 @@ class _TwinRounds(Rounds[RefittedStep]):
             clear = [
                 r
                 for r in clear
-                if not gone.intersection(judged[r.id]) and _is_there(r, judged[r.id], excess)
+                if not gone.intersection(judged[r.id]) and _is_there(r.gain, judged[r.id], excess)
             ]
         return None
 
@@ -315,17 +317,30 @@ class _TwinRounds(Rounds[RefittedStep]):
     def _is_enough(
         self, found: Refit, excess: Mapping[str, float], channels: Sequence[str]
     ) -> bool:
-        """Whether an effect explains a fair share of what is left of these channels."""
-        share = share_of_excess(found, excess, channels)
-        is_whole = share >= _WHOLE_SHARE and _is_there(found, channels, excess)
-        least = _LEAST_WHOLE if is_whole else _LEAST_PART
-        # Where the effects so far do not act, nothing can be a misfit of their form.
-        gone = sum(max(self.before[c] - excess[c], 0.0) for c in channels)
-        if share < LEAST_SHARE or found.gain < least * gone:
+        """Whether an effect explains a fair share of what is left of these channels.
+
+        Or of those of them where the effects so far do not act: nothing there can be a misfit of
+        their form.
+        """
+        before = [step.effect for step in self.steps]
+        acting = {c for effect in before for c in channels_of(effect, before)}
+        others = tuple(c for c in channels if c not in acting)
+        if not (
+            self._explains(found.gain, excess, channels)
+            or self._explains(gain_in(others, found, self.base.frame), excess, others)
+        ):
             return False
         if relative_size(found.effect) >= _LEAST_SIZE:
             return True
         return not self.steps and self._simulates_better(found)
+
+    def _explains(self, gain: float, excess: Mapping[str, float], channels: Sequence[str]) -> bool:
+        """Whether a gain in these channels is a fair share of their excess, and not too small."""
+        share = gain / max(excess_in(channels, excess), gain) if gain > 0.0 else 0.0
+        is_whole = share >= _WHOLE_SHARE and _is_there(gain, channels, excess)
+        least = _LEAST_WHOLE if is_whole else _LEAST_PART
+        gone = sum(max(self.before[c] - excess[c], 0.0) for c in channels)
+        return share >= LEAST_SHARE and gain >= least * gone
 
     def _extended(self, winner: Refit, held: frozenset[str], rise: float) -> Model | None:
         """The model with an effect too; None where it does not go with the others, or simulates
@@ -377,6 +392,13 @@ class _TwinRounds(Rounds[RefittedStep]):
             return winner
         self.progress(f"{best.id}: simulates clearly better than {winner.id}")
         return best
+
+    def _on_finer_grid(self, winner: Refit) -> Refit:
+        """An effect with a threshold refitted from the best on a finer grid, if it is better."""
+        if not has_threshold(winner.effect):
+            return winner
+        starts = starting_points(screen_group(self.base, finer(winner.effect)))[winner.id]
+        return max(winner, *(refit(self.base, [s]) for s in starts), key=lambda r: r.gain)
 
     def _simulates_better(self, found: Refit) -> bool:
         """Whether the fitted motion logs are simulated clearly better with an effect."""
@@ -455,9 +477,17 @@ def _held_by(steps: Sequence[RefittedStep]) -> frozenset[str]:
     return frozenset().union(*(step.held for step in steps))
 
 
-def _is_there(found: Refit, channels: Sequence[str], excess: Mapping[str, float]) -> bool:
+def _likeliest(refits: Sequence[Refit]) -> Refit:
+    """Of effects the one that explains most; of those which explain as much, one of usual size."""
+    winner = max(refits, key=lambda r: r.gain - penalty(r))
+    near = [r for r in refits if r.gain > RIVAL_SHARE * winner.gain]
+    usual = [r for r in near if relative_size(r.effect) >= _LEAST_SIZE]
+    return max(usual or [winner], key=lambda r: r.gain - penalty(r))
+
+
+def _is_there(gain: float, channels: Sequence[str], excess: Mapping[str, float]) -> bool:
     """Whether what an effect explains is there: these channels exceed the twins' by as much."""
-    return found.gain < _MOST_OF_EXCESS * excess_in(channels, excess)
+    return gain < _MOST_OF_EXCESS * excess_in(channels, excess)
 
 
 def _together(

@@ -18,13 +18,15 @@ from sysid.diagnosis.actuator.equation_error import (
 )
 from sysid.diagnosis.actuator.whitening import Frame
 from sysid.io.channels import SIDES
-from sysid.model.effects.entry import SIDE_CHOICES, CatalogueEffect
+from sysid.model.effects.entry import SIDE_CHOICES, CatalogueEffect, Quantity
 from sysid.model.ports import Model
 from sysid.types import FloatArray
 
 _BASE_STEP = 0.01
 # A strength whose effect is proportional to it is probed at this share of its usual size.
 _PROBE = 0.3
+# Sizes of a threshold on a finer grid: so far beyond those screened, and each over the one before.
+_BEYOND, _FINE = 1.5, 1.08
 
 
 @dataclass(frozen=True)
@@ -84,6 +86,35 @@ def candidates(
             for shape in itertools.product(*axes)
             for steps in itertools.product(*strengths)
         ]
+    return found
+
+
+def finer(effect: CatalogueEffect) -> list[Candidate]:
+    """The usual shapes of an effect on its side, its thresholds at more sizes than are screened.
+
+    What acts in steps has no slope that a fit could follow from one of the few to another.
+    """
+    own = type(effect)
+    shape: list[list[tuple[str, Any]]] = []
+    if own.has_side():
+        shape.append([("side", effect.side)])  # type: ignore[attr-defined]
+    shape += [[(q.name, v) for v in q.grid or (q.typical,)] for q in own.shapes()]
+    steps = [
+        [(q.name, s) for s in (_sizes(q) if q.is_threshold else (_PROBE * q.typical,))]
+        for q in own.strengths()
+    ]
+    return [
+        Candidate(own, chosen, strengths)
+        for chosen in itertools.product(*shape)
+        for strengths in itertools.product(*steps)
+    ]
+
+
+def _sizes(threshold: Quantity) -> list[float]:
+    low, high = threshold.grid[0] / _BEYOND, threshold.grid[-1] * _BEYOND
+    count = math.ceil(math.log(high / low) / math.log(_FINE)) + 1
+    sizes = np.geomspace(low, high, count)
+    found: list[float] = sizes[(sizes >= threshold.lower) & (sizes <= threshold.upper)].tolist()
     return found
 
 

@@ -45,6 +45,11 @@ class Quantity:
     is_smooth: bool = False
     radius_power: float | None = None
 
+    @property
+    def is_threshold(self) -> bool:
+        """Whether it acts in steps: screening tries a grid of sizes, and it has no slope."""
+        return self.is_strength and bool(self.grid) and not self.is_smooth
+
     def within(self, travel: float) -> Quantity | None:
         """It on a log that visits so much of the position: at least one period; None: none fits.
 
