@@ -11,7 +11,6 @@ import pytest
 from scipy.signal import lfilter
 
 from datasets.generator.campaign import LAB, GeneratedCampaign, drawn_effects, make_campaign
-from sysid.diagnosis.actuator.comparison import gain_in
 from sysid.diagnosis.actuator.diagnose import _of_fitted_numbers, is_far_off
 from sysid.diagnosis.actuator.equation_error import (
     BALANCES,
@@ -68,9 +67,9 @@ from sysid.model.effects.chamber import (
 )
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.effects.friction import QuadraticDrag, SealFriction, StribeckFriction
-from sysid.model.effects.linkage import AreaError
 from sysid.model.effects.motor import AmplifierLag, TorqueConstantError
 from sysid.model.effects.sensor import PressureLag, PressureOffset, TimeSkew
+from sysid.model.effects.stroke import EndCushion
 from sysid.model.effects.supply import ExhaustBackPressure, SupplyDroop
 from sysid.model.effects.valve import DutyDeadZone, SubsonicFlowShape, ValveDelay
 from sysid.model.ports import Model
@@ -493,29 +492,32 @@ def test_what_explains_another_balance_is_judged_by_that_one(
     assert rounds._best(excess | {"effort": 10.0 * drag.gain}, [leak, drag], 1) is None
 
 
-def test_where_no_effect_acts_yet_nothing_is_a_misfit_of_its_form(
+def test_where_no_effect_acts_nothing_is_a_misfit_of_its_form(
     moving: Traces, healthy: tuple[Tests, Rig, Model]
 ) -> None:
-    """An area shows in the torque, beside a leak whose form leaves much of the chambers'."""
+    """Drag beside a cushion that explained far more, but near the ends alone; beside friction of
+    the seals, which acts wherever drag does."""
     _, rig, model = healthy
-    twin = twin_of(model + AreaError(4e-6), moving, rig)
-    first = projected(build_frame(twin, model, noise_of(twin, model), 0.0), model)
-    area = refit(first, [AreaError(3e-6)])
-    torque = gain_in(("effort",), area, first.frame)
-    assert 0.0 < torque < area.gain
-    channels = channels_of(area.effect)
-    excess = {"breakaway": 0.0, "rate_a": 0.0, "rate_b": 10.0 * area.gain}
+    drag = QuadraticDrag(0.01)
+    healthy_twin = twin_of(model, moving, rig)
+    frame = build_frame(healthy_twin, model, noise_of(healthy_twin, model), 0.0)
+    null = Null([projected(frame, model)], [], {})
 
-    def enough(effect: CatalogueEffect, effort: float, before: float) -> bool:
-        rounds = _TwinRounds(first, (), Null([first], [], {}), no_progress, lambda m: 0.0, Book())
-        rounds.before = dict.fromkeys(CHANNELS, 1e4 * area.gain) | {"effort": before}
-        step = RefittedStep(effect, 1e-9, 1.0, (), (), area, model)
-        rounds.steps = [step]
-        return rounds._is_enough(area, excess | {"effort": effort}, channels)
+    def tolerated(before: CatalogueEffect, missing: CatalogueEffect) -> float | None:
+        twin = twin_of(model + before + missing, moving, rig)
+        frame = build_frame(twin, model, noise_of(twin, model), 0.0)
+        base = projected(frame, model + before)
+        rounds = _TwinRounds(base, (), null, no_progress, lambda m: 0.0, Book())
+        rounds.first = projected(frame, model)
+        found = refit(base, [drag])
+        rounds.before = dict.fromkeys(CHANNELS, 1e5 * found.gain)
+        rounds.steps = [RefittedStep(before, 1e-9, 1.0, (), (), found, base.model)]
+        return rounds._tolerated_rise(found, null.excess(base), channels_of(drag))
 
-    assert enough(AtmosphereLeakage(5e-17), 1.2 * torque, 1.2 * torque)
-    assert not enough(AtmosphereLeakage(5e-17), 10.0 * torque, 10.0 * torque)
-    assert not enough(QuadraticDrag(0.004), 1.2 * torque, 1e4 * torque)
+    cushion = EndCushion(0.3, 1.5)
+    assert tolerated(cushion, drag) == pytest.approx(-0.01)
+    assert tolerated(SealFriction(3e-6), drag) is None
+    assert tolerated(cushion, QuadraticDrag(1e-7)) is None
 
 
 def test_of_effects_that_explain_as_much_one_of_usual_size_is_likeliest(

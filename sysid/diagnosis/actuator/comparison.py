@@ -36,13 +36,8 @@ def excess_in(channels: Iterable[str], excess: Mapping[str, float]) -> float:
 
 def explained_channels(found: Refit, frame: Frame) -> tuple[str, ...]:
     """The channels with more than a small part of an effect's gain."""
-    return tuple(c for c in CHANNELS if gain_in((c,), found, frame) > _SMALL_PART * found.gain)
-
-
-def gain_in(channels: Iterable[str], found: Refit, frame: Frame) -> float:
-    """The part of an effect's gain that is in these channels."""
     fell = found.before**2 - found.rest**2
-    return float(sum(fell[frame.rows(c)].sum() for c in channels))
+    return tuple(c for c in CHANNELS if fell[frame.rows(c)].sum() > _SMALL_PART * found.gain)
 
 
 def penalty(found: Refit, numbers: int | None = None) -> float:
@@ -74,7 +69,6 @@ __all__ = [
     "RIVAL_SHARE",
     "excess_in",
     "explained_channels",
-    "gain_in",
     "indistinguishable",
     "noise_scale",
     "penalty",

@@ -100,13 +100,16 @@ class Null:
 
     def excess(self, base: Projected) -> dict[str, float]:
         """Each channel's sum of squares beyond any twin's; negative where below."""
-        found = {}
+        left = base.rest**2 - self.expected(base)
+        return {name: float(np.sum(left[base.frame.rows(name)])) for name in CHANNELS}
+
+    def expected(self, base: Projected) -> FloatArray:
+        """The whitened square of each row, (rows,), in the twin with most."""
+        found = np.zeros(len(base.rest))
         for name in CHANNELS:
-            own = base.rest[base.frame.rows(name)]
             level = max(1.0, typical_square(base, name) / float(np.median(self.typical[name])))
             expected = float(np.max(self.sums[name])) * min(level, _NOISIEST)
-            expected = max(expected, self.sensors.get(name, 0.0))
-            found[name] = float(own @ own) - len(own) * expected
+            found[base.frame.rows(name)] = max(expected, self.sensors.get(name, 0.0))
         return found
 
     def spread(self, base: Projected, channel: str) -> float:

@@ -15,7 +15,6 @@ from sysid.diagnosis.actuator.comparison import (
     RIVAL_SHARE,
     excess_in,
     explained_channels,
-    gain_in,
     indistinguishable,
     penalty,
     relative_size,
@@ -70,9 +69,12 @@ _LEAST_WHOLE = 0.004
 # A strength below this share of its usual size is beside others a misfit of their forms; alone it
 # has to simulate better.
 _LEAST_SIZE = 0.05
+# An effect does not act on a row that it changes by less than this, in its noise.
+_NOT_ACTING = 1.0
 # An effect whose size changes by this factor when the next is added was not what it seemed.
 _MOST_CHANGE = 2.5
-# By how much the logarithm of the simulation error may rise with a further effect.
+# By how much the logarithm of the simulation error may rise with a further effect; by as much it
+# has to fall with one that shows only where the others do not act.
 _TOLERATED_RISE = 0.01
 # By how much it falls with an effect on which the tests do not agree.
 _BETTER_BY = 0.1
@@ -230,7 +232,7 @@ class _TwinRounds(Rounds[RefittedStep]):
             clear = [
                 r
                 for r in clear
-                if not gone.intersection(judged[r.id]) and _is_there(r.gain, judged[r.id], excess)
+                if not gone.intersection(judged[r.id]) and _is_there(r, judged[r.id], excess)
             ]
         return None
 
@@ -306,41 +308,59 @@ class _TwinRounds(Rounds[RefittedStep]):
     ) -> Iterator[tuple[Refit, frozenset[str], float]]:
         """The effect as it was fitted, then beside others with a shape held, as far as they explain
         enough; with each, by how much the logarithm of the simulation error may rise."""
-        if not self._is_enough(winner, excess, channels):
+        rise = self._tolerated_rise(winner, excess, channels)
+        if rise is None:
             return
-        yield winner, frozenset(), _TOLERATED_RISE
+        yield winner, frozenset(), rise
         if self.steps:
             for form, held in self._held_forms(winner):
-                if self._is_enough(form, excess, channels):
+                if self._tolerated_rise(form, excess, channels) is not None:
                     yield form, held, -_BETTER_BY
+
+    def _tolerated_rise(
+        self, found: Refit, excess: Mapping[str, float], channels: Sequence[str]
+    ) -> float | None:
+        """By how much the logarithm of the simulation error may rise with an effect.
+
+        None where it does not explain a fair share of what is left of these channels, nor of what
+        is left there where the effects so far do not act.
+        """
+        if self._is_enough(found, excess, channels):
+            rise = _TOLERATED_RISE
+        elif self._shows_where_none_acts(found, channels):
+            rise = -_TOLERATED_RISE
+        else:
+            return None
+        if relative_size(found.effect) >= _LEAST_SIZE:
+            return rise
+        return rise if not self.steps and self._simulates_better(found) else None
 
     def _is_enough(
         self, found: Refit, excess: Mapping[str, float], channels: Sequence[str]
     ) -> bool:
-        """Whether an effect explains a fair share of what is left of these channels.
-
-        Or of those of them where the effects so far do not act: nothing there can be a misfit of
-        their form.
-        """
-        before = [step.effect for step in self.steps]
-        acting = {c for effect in before for c in channels_of(effect, before)}
-        others = tuple(c for c in channels if c not in acting)
-        if not (
-            self._explains(found.gain, excess, channels)
-            or self._explains(gain_in(others, found, self.base.frame), excess, others)
-        ):
-            return False
-        if relative_size(found.effect) >= _LEAST_SIZE:
-            return True
-        return not self.steps and self._simulates_better(found)
-
-    def _explains(self, gain: float, excess: Mapping[str, float], channels: Sequence[str]) -> bool:
-        """Whether a gain in these channels is a fair share of their excess, and not too small."""
-        share = gain / max(excess_in(channels, excess), gain) if gain > 0.0 else 0.0
-        is_whole = share >= _WHOLE_SHARE and _is_there(gain, channels, excess)
+        """Whether an effect explains a fair share of what is left of these channels."""
+        share = share_of_excess(found, excess, channels)
+        is_whole = share >= _WHOLE_SHARE and _is_there(found, channels, excess)
         least = _LEAST_WHOLE if is_whole else _LEAST_PART
+        # Where the effects so far do not act, nothing can be a misfit of their form.
         gone = sum(max(self.before[c] - excess[c], 0.0) for c in channels)
-        return share >= LEAST_SHARE and gain >= least * gone
+        return share >= LEAST_SHARE and found.gain >= least * gone
+
+    def _shows_where_none_acts(self, found: Refit, channels: Sequence[str]) -> bool:
+        """Whether an effect explains a fair share of the rows where the effects so far do not act.
+
+        No row there is a misfit of their form; a fair share of what it explains has to be there.
+        """
+        if not self.steps:
+            return False
+        base = self.base
+        without = Model(base.model.parameters, self.first.model.effects)
+        acting = np.abs(base.frame.residual(base.model) - base.frame.residual(without))
+        rows = (acting < _NOT_ACTING) & base.frame.belongs(tuple(channels))
+        squares = found.before[rows] ** 2
+        gain = float(np.sum(squares - found.rest[rows] ** 2))
+        left = float(np.sum(squares - self.null.expected(base)[rows]))
+        return LEAST_SHARE * max(found.gain, left) <= gain < _MOST_OF_EXCESS * left
 
     def _extended(self, winner: Refit, held: frozenset[str], rise: float) -> Model | None:
         """The model with an effect too; None where it does not go with the others, or simulates
@@ -485,9 +505,9 @@ def _likeliest(refits: Sequence[Refit]) -> Refit:
     return max(usual or [winner], key=lambda r: r.gain - penalty(r))
 
 
-def _is_there(gain: float, channels: Sequence[str], excess: Mapping[str, float]) -> bool:
+def _is_there(found: Refit, channels: Sequence[str], excess: Mapping[str, float]) -> bool:
     """Whether what an effect explains is there: these channels exceed the twins' by as much."""
-    return gain < _MOST_OF_EXCESS * excess_in(channels, excess)
+    return found.gain < _MOST_OF_EXCESS * excess_in(channels, excess)
 
 
 def _together(
