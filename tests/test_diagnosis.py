@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 from scipy.signal import lfilter
 
 from datasets.generator.campaign import LAB, GeneratedCampaign, drawn_effects, make_campaign
-from sysid.diagnosis.actuator.diagnose import _of_fitted_numbers, is_far_off
+from sysid.diagnosis.actuator.diagnose import _is_beyond_draws, _of_fitted_numbers, is_far_off
 from sysid.diagnosis.actuator.equation_error import (
     BALANCES,
     CHANNELS,
@@ -712,6 +713,25 @@ def test_the_floor_of_fitted_numbers_is_that_of_their_errors(
     assert floor == pytest.approx(np.sqrt(np.sum(squares, axis=0) / (2 * sum(counts))))
     assert floor[0] > 1e-4
     assert own.fitted_floor([model], model, SILENT, Scatter(), 0) == pytest.approx(np.zeros(3))
+    draws = own.draws(drawn, model, SILENT, Scatter(), 0)
+    single = [own.fitted_floor([one], model, SILENT, Scatter(), 0) for one in drawn]
+    np.testing.assert_allclose(draws, single)
+
+
+def test_an_error_that_one_of_many_draws_shows_is_no_structure(
+    healthy: tuple[Tests, Rig, Model],
+) -> None:
+    """Friction that scatters may send one test elsewhere, seldom, and far."""
+    tests, rig, model = healthy
+    motion = [t for stem, kind, t in tests if kind == "motion-motor"]
+    own = HeldOut(rig, tuple(prepare_all(motion, "motion-motor", rig, 1.0)[0]))
+    loop: Any = SimpleNamespace(noise=SILENT, scatter_after=Scatter(0.02, 0.02))
+    draws = own.draws([model] * 128, model, SILENT, loop.scatter_after, 1)
+    largest = draws.max(axis=0)
+    assert not _is_beyond_draws(1.4 * largest, own, model, loop, [], 0)
+    assert not _is_beyond_draws(1.4 * largest, own, model, loop, [model] * 16, 0)
+    assert _is_beyond_draws(1.6 * largest, own, model, loop, [], 0)
+    assert _is_beyond_draws(np.array([np.nan, 1.6 * largest[1], np.nan]), own, model, loop, [], 0)
 
 
 def added(campaign: tuple[Tests, Rig, Model], names: Sequence[str], rises: float) -> list[str]:

@@ -75,17 +75,29 @@ class HeldOut:
         seed: int,
     ) -> FloatArray:
         """The same, (3,), where the model's numbers are fitted: `drawn` are off by their errors."""
+        draws = self.draws(drawn, model, noise, scatter, seed)
+        return np.asarray(np.sqrt(np.mean(draws**2, axis=0)))
+
+    def draws(
+        self,
+        drawn: Sequence[Model],
+        model: Model,
+        noise: SensorNoise,
+        scatter: Scatter,
+        seed: int,
+    ) -> FloatArray:
+        """RMSE, (draws, 3), of each of the `drawn` models with friction of each test's own."""
         rng = np.random.default_rng(seed)
         count = len(self.tests)
         models = [scattered(one, scatter, rng) for one in drawn for _ in range(count)]
         nominal, runs = self.simulated(model), self.simulated(models, len(drawn))
-        squares, rows = np.zeros(3), 0
+        counted = [test.counted(test.whole) for test in self.tests]
+        squares = np.zeros((len(drawn), 3))
         for i, run in enumerate(runs):
-            test = self.tests[i % count]
-            n = test.counted(test.whole)
-            squares += np.sum((run - nominal[i % count])[:, :n] ** 2, axis=1)
-            rows += n
-        return np.asarray(np.sqrt(squares / rows + noise.total**2))
+            n = counted[i % count]
+            gap = (run - nominal[i % count])[:, :n]
+            squares[i // count] += np.sum(gap**2, axis=1)
+        return np.asarray(np.sqrt(squares / sum(counted) + noise.total**2))
 
 
 def held_out(rig: Rig, logs: Sequence[tuple[str, Log]]) -> HeldOut:
