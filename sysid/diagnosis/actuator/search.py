@@ -329,6 +329,8 @@ class _TwinRounds(Rounds[RefittedStep]):
             rise = _TOLERATED_RISE
         elif self._shows_where_none_acts(found, channels):
             rise = -_TOLERATED_RISE
+        elif self.steps and self._is_whole(found, excess, channels):
+            rise = -_CLEARLY_LOWER
         else:
             return None
         if relative_size(found.effect) >= _LEAST_SIZE:
@@ -340,11 +342,16 @@ class _TwinRounds(Rounds[RefittedStep]):
     ) -> bool:
         """Whether an effect explains a fair share of what is left of these channels."""
         share = share_of_excess(found, excess, channels)
-        is_whole = share >= _WHOLE_SHARE and _is_there(found, channels, excess)
-        least = _LEAST_WHOLE if is_whole else _LEAST_PART
+        least = _LEAST_WHOLE if self._is_whole(found, excess, channels) else _LEAST_PART
         # Where the effects so far do not act, nothing can be a misfit of their form.
         gone = sum(max(self.before[c] - excess[c], 0.0) for c in channels)
         return share >= LEAST_SHARE and found.gain >= least * gone
+
+    @staticmethod
+    def _is_whole(found: Refit, excess: Mapping[str, float], channels: Sequence[str]) -> bool:
+        """Whether an effect explains nearly all of what is left of these channels."""
+        share = share_of_excess(found, excess, channels)
+        return share >= _WHOLE_SHARE and _is_there(found, channels, excess)
 
     def _shows_where_none_acts(self, found: Refit, channels: Sequence[str]) -> bool:
         """Whether an effect explains a fair share of the rows where the effects so far do not act.
