@@ -21,7 +21,7 @@ sys.path.insert(0, str(REPOSITORY))
 
 # Forms that are the catalogue's own law: its parameters, by the truth's key or as a number.
 # The first of each is its strength.
-SAME_LAW: dict[str, dict[str, str | float]] = {
+SAME_LAW: dict[str, dict[str, str | float | tuple[str, float]]] = {
     "stribeck-friction:gaussian": {
         "stribeck_torque_nm": "stribeck_torque_nm",
         "stribeck_velocity_rad_per_s": "stribeck_speed_rad_s",
@@ -29,7 +29,14 @@ SAME_LAW: dict[str, dict[str, str | float]] = {
     },
     "asymmetric-coulomb-friction:constant": {"asymmetry_nm": "asymmetry_nm"},
     "seal-friction:sum": {"seal_torque_nm_per_pa": "seal_sum_nm_per_pa", "difference_share": 0.0},
-    "stroke-dependent-seals:linear": {"seal_slope_nm_per_pa_rad": "seal_slope_nm_per_pa_rad"},
+    "stroke-dependent-seals:linear": {
+        "seal_slope_nm_per_pa_rad": "seal_slope_nm_per_pa_rad",
+        "seal_bend_nm_per_pa_rad": 0.0,
+    },
+    "stroke-dependent-seals:one-half": {
+        "seal_slope_nm_per_pa_rad": ("seal_half_nm_per_pa_rad", 0.5),
+        "seal_bend_nm_per_pa_rad": ("seal_half_nm_per_pa_rad", 0.5),
+    },
     "stroke-dependent-area:taper": {
         "area_slope_per_rad": "taper_per_rad",
         "area_curvature_per_rad2": 0.0,
@@ -61,6 +68,10 @@ SAME_LAW: dict[str, dict[str, str | float]] = {
     "torque-offset:constant": {"offset_nm": "torque_offset_nm"},
     "polytropic-exponent:exponent": {"exponent_change": "exponent"},
     "wall-heat-transfer:mass-state": {"wall_conductance_w_per_k": "conductance_w_per_k"},
+    "wall-heat-transfer:turbulent": {
+        "wall_conductance_w_per_k": "conductance_w_per_k",
+        "density_exponent": "use_heat_exponent",
+    },
     "dead-volume-error:offset": {"dead_length_m": "offset_m"},
     "tube-lag:first-order": {"tube_lag_s": "tube_lag_s"},
     "subsonic-flow-shape:iso6358": {
@@ -82,6 +93,10 @@ SAME_LAW: dict[str, dict[str, str | float]] = {
         "subsonic_exponent": "use_iso_exponent",
     },
     "supply-droop:coupled": {"droop_pa_s_per_kg": "droop_pa_s_per_kg"},
+    "supply-droop:reservoir": {
+        "droop_pa_s_per_kg": "droop_pa_s_per_kg",
+        "line_time_s": "reservoir_s",
+    },
     "exhaust-back-pressure:separate": {
         "back_pressure_pa_s_per_kg": "back_pa_s_per_kg",
         "common_share": 0.0,
@@ -127,8 +142,13 @@ SAME_LAW: dict[str, dict[str, str | float]] = {
 
 
 def true_value(form: str, parameter: str, values: dict[str, float]) -> float:
-    """A parameter of the catalogue's law from the true values of the same form."""
+    """A parameter of the catalogue's law from the true values of the same form.
+
+    That of the same name there, a share of one, or a number that the form does not vary.
+    """
     key = SAME_LAW[form][parameter]
+    if isinstance(key, tuple):
+        return values[key[0]] * key[1]
     return values[key] if isinstance(key, str) else key
 
 

@@ -277,6 +277,29 @@ def test_saturation_clips_at_the_reciprocal() -> None:
     np.testing.assert_allclose(found, np.clip(efforts, -0.55, 0.55), rtol=1e-12)
 
 
+def test_a_soft_saturation_bends_towards_the_same_limit() -> None:
+    """u / (1 + |u d|^(1/s))^s: at a half a hyperbola; hard at nothing; never beyond 1/d."""
+    efforts = np.linspace(-4.0, 4.0, 41)
+    half = motor.TorqueSaturation(1 / 0.55, 0.5).motor_effort(efforts, moving())
+    np.testing.assert_allclose(half, efforts / np.sqrt(1 + (efforts / 0.55) ** 2), rtol=1e-12)
+    nearly = motor.TorqueSaturation(1 / 0.55, 1e-9).motor_effort(efforts, moving())
+    np.testing.assert_allclose(nearly, np.clip(efforts, -0.55, 0.55), rtol=1e-3)
+    like_tanh = motor.TorqueSaturation(1 / 0.55, 0.38).motor_effort(efforts, moving())
+    np.testing.assert_allclose(like_tanh, 0.55 * np.tanh(efforts / 0.55), atol=0.03 * 0.55)
+    absent = motor.TorqueSaturation(0.0, 0.4).motor_effort(efforts, moving())
+    np.testing.assert_array_equal(absent, efforts)
+
+
+def test_seals_of_one_end_do_not_act_beyond_the_middle() -> None:
+    """A slope and a bend of the same size cancel at negative positions, and double at others."""
+    effect = stroke.StrokeDependentSeals(2e-7, 2e-7)
+    for place, expected in ((0.4, 4e-7 * 0.4 * 1.5e5), (-0.4, 0.0)):
+        for way in (1.0, -1.0):
+            point = moving(position=place, velocity=0.1 * way, direction=way)
+            added = effect.friction_effort(0.5, point) - 0.5
+            assert added == pytest.approx(way * expected, abs=1e-12)
+
+
 def test_displacement_is_the_integral_of_the_eccentric_radius() -> None:
     effect = linkage.PitchEccentricity(0.05, -0.03)
     angle = np.linspace(-1.6, 1.6, 3201)

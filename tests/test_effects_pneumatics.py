@@ -343,6 +343,18 @@ def test_compressed_gas_heats_up_as_an_adiabat() -> None:
         np.testing.assert_allclose(rates[f"wall_log_temperature_{side}"], -0.4 * stretch)
 
 
+def test_a_turbulent_wall_warms_denser_gas_more() -> None:
+    """Its conductance grows by a power of the pressure over the atmosphere's."""
+    ratio = np.array([1.0, 2.0, 3.0])
+    states = {f"wall_log_temperature_{side}": np.full(3, -0.1) for side in "ab"}
+    point = dataclasses.replace(at_pressure(ratio * HELD.atmosphere, 0.0), extra=states)
+    heats = [
+        chamber.WallHeatTransfer(0.4, density_exponent=e).pressure_rate(0.0, "a", 0.0, point)
+        for e in (0.0, 0.8)
+    ]
+    np.testing.assert_allclose(heats[1] / heats[0], ratio**0.8, rtol=1e-12)
+
+
 @pytest.mark.parametrize("lag", [1.5e-3, 6e-3])
 def test_tube_lag_is_a_first_order_lag_of_the_flow(lag: float) -> None:
     run = one(pulse(0.4), whole(HELD, chamber.TubeLag(lag)))
@@ -627,6 +639,45 @@ def test_a_pulsating_supply_fills_by_its_wave() -> None:
     share = (integral(TIME[early]) - integral(begin)) / 3e5
     expected = 1e5 + PER_FLOW * HELD.choked_fill_a * share
     np.testing.assert_allclose(run.pressure_a[early], expected, atol=0.5)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.6, -0.6])
+def test_a_supply_pulsates_in_strokes_by_its_harmonics(share: float) -> None:
+    """The n-th harmonic is k^(n-1) / n of the first, in the phase of a wave that is shifted."""
+    turns = np.arange(64) / 64
+    point = dataclasses.replace(at_pressure(2e5 + 0 * turns, 1.0), time=turns / 4.0)
+    shift = 0.7
+    effect = supply.SupplyPulsation(8e3 * np.cos(shift), 8e3 * np.sin(shift), 4.0, share)
+    wave = effect.supply_pressure(3e5, "a", point) - 3e5
+    order = np.arange(1, 41)
+    size = 8e3 * share ** (order - 1.0) / order
+    expected = size @ np.sin(order[:, None] * (2.0 * np.pi * turns + shift))
+    np.testing.assert_allclose(wave, expected, atol=0.1)
+
+
+def test_a_droop_behind_a_volume_comes_with_its_time_constant() -> None:
+    """Choked flow is nearly constant: the loss rises as 1 - exp(-t / tau), and lasts as long."""
+    tau, droop = 0.02, 1e6
+    effect = supply.SupplyDroop(droop, 0.0, tau)
+    assert effect.states == ("line_flow_a", "line_flow_b")
+    point = dataclasses.replace(at_pressure([1.2e5], 1.0), open_b=np.zeros(1))
+    still = float(supply.SupplyDroop(droop, 0.0).supply_pressure(3e5, "a", point)[0])
+    passing, step = {name: np.zeros(1) for name in effect.states}, 1e-4
+    for _ in range(400):
+        rates = effect.state_rates(dataclasses.replace(point, extra=passing), {})
+        passing = {name: value + step * rates[name] for name, value in passing.items()}
+    here = dataclasses.replace(point, extra=passing)
+    lost = 3e5 - float(effect.supply_pressure(3e5, "a", here)[0])
+    assert lost == pytest.approx((3e5 - still) * (1.0 - np.exp(-400 * step / tau)), rel=5e-3)
+    assert effect.supply_pressure(3e5, "b", here)[0] == 3e5
+
+
+def test_a_droop_without_a_volume_has_no_state() -> None:
+    """So that controllers and exports take it as before; nor does one need a state to be traced."""
+    effect = supply.SupplyDroop(1e6)
+    assert effect.states == () and Model(HELD, (effect,)).state_names == ()
+    point = at_pressure([1.2e5], 1.0)
+    assert dataclasses.replace(effect, line_time_s=np.zeros(1)).state_rates(point, {}) == {}
 
 
 def test_a_full_chamber_follows_a_pulsating_supply() -> None:

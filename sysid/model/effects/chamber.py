@@ -11,11 +11,9 @@ from dataclasses import dataclass
 from sysid.io.channels import SIDES
 from sysid.model import base
 from sysid.model.base import Array, Parameters, array_namespace
-from sysid.model.effects.entry import CatalogueEffect, Quantity, of_side
+from sysid.model.effects.entry import SHORTEST_LAG_S, CatalogueEffect, Quantity, of_side
 from sysid.model.ports import Point
 
-# The shortest time constant that the simulator's explicit steps of 1 ms follow, s.
-_SHORTEST_LAG_S = 1e-3
 # Longer than any test: a temperature that settles so slowly drifts on, s.
 NEVER_SETTLES_S = 1e4
 
@@ -113,28 +111,49 @@ class DeadVolumeError(CatalogueEffect):
 class WallHeatTransfer(CatalogueEffect):
     """The cylinder's wall, at ambient temperature, warms or cools the gas.
 
-    Heat Q = d (T - Tg) adds (k-1) Q / V to dP/dt. The gas temperature Tg = P V / (m R)
-    follows from the base model's own pressure and mass balances, and is kept as
-    z = ln(Tg / T), which stays bounded:
+    Heat Q = d (P / P0)^e (T - Tg) adds (k-1) Q / V to dP/dt: at e = 0 its conductance is constant,
+    turbulent gas carries more where it is denser (e = 0.8, P0 the atmosphere). The gas
+    temperature Tg = P V / (m R) follows from the base model's own pressure and mass balances, and
+    is kept as z = ln(Tg / T), which stays bounded:
     dz/dt = (R flow (k T - Tg) - (k-1) P dV/dt + (k-1) Q) / (P V).
     Without heat a fill from vacuum tends to Tg = k T, as charging does.
     """
 
     wall_conductance_w_per_k: Array = 0.0
     side: str = "both"
+    density_exponent: Array = 0.0
 
     id = "wall-heat-transfer"
     title = "Heat transfer through the cylinder wall"
     subsystem = "chamber"
     quantities = (
         Quantity(
-            "wall_conductance_w_per_k", "W/K", 0.4, 0.0, 4.0, "heat per kelvin from wall to gas"
+            "wall_conductance_w_per_k",
+            "W/K",
+            0.4,
+            0.0,
+            4.0,
+            "heat per kelvin from wall to gas at atmospheric pressure",
+        ),
+        Quantity(
+            "density_exponent",
+            "-",
+            0.0,
+            0.0,
+            1.0,
+            "power of the pressure by which the conductance grows: 0 constant, 0.8 turbulent",
+            is_strength=False,
+            grid=(0.0, 0.8),
+            absent=0.0,
         ),
     )
     signature = "pressure that decays over about 0.2 s after each valve edge"
     rivals = ("piston-leakage", "atmosphere-leakage")
     tie_breaker = "hold the chamber closed for two different lengths of time"
-    source = "energy balance of an open volume; Beater, Pneumatic Drives, 2007"
+    source = (
+        "energy balance of an open volume; Beater, Pneumatic Drives, 2007; Dittus, Boelter, "
+        "1930 (turbulent: the Nusselt number grows as the Reynolds number^0.8)"
+    )
     states = ("wall_log_temperature_a", "wall_log_temperature_b")
 
     def __post_init__(self) -> None:
@@ -143,9 +162,15 @@ class WallHeatTransfer(CatalogueEffect):
 
     def _heat(self, side: str, point: Point) -> Array:
         """Heat into the gas, W."""
+        p = point.parameters
         z = bounded(point.extra[f"wall_log_temperature_{side}"])
-        warmer = array_namespace(z).expm1(z)
-        return -self.wall_conductance_w_per_k * point.parameters.temperature * warmer
+        xp = array_namespace(z)
+        conductance = self.wall_conductance_w_per_k
+        if not base.is_zero(self.density_exponent):
+            # A sensor's noise may reach below a vacuum.
+            ratio = xp.maximum(point.pressure(side) / p.atmosphere, 1e-3)
+            conductance = conductance * ratio**self.density_exponent
+        return -conductance * p.temperature * xp.expm1(z)
 
     def pressure_rate(self, rate: Array, side: str, flow: Array, point: Point) -> Array:
         if not of_side(side, self.side):
@@ -202,7 +227,7 @@ class TubeLag(CatalogueEffect):
         object.__setattr__(self, "states", _states_of("tube_flow", self.side))
 
     def _state_lag(self) -> Array:
-        return array_namespace(self.tube_lag_s).maximum(self.tube_lag_s, _SHORTEST_LAG_S)
+        return array_namespace(self.tube_lag_s).maximum(self.tube_lag_s, SHORTEST_LAG_S)
 
     def chamber_flow(self, flow: Array, side: str, point: Point) -> Array:
         if not of_side(side, self.side):

@@ -12,6 +12,8 @@ from sysid.model.ports import Effect
 
 Subsystem = Literal["friction", "mechanics", "motor", "chamber", "valve", "supply", "sensor"]
 SIDE_CHOICES = ("a", "b", "both")
+# The shortest time constant that the simulator's explicit steps of 1 ms follow, s.
+SHORTEST_LAG_S = 1e-3
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from sysid.model import base
 from sysid.model.base import Array, array_namespace, limit_effort
-from sysid.model.effects.entry import CatalogueEffect, Quantity
+from sysid.model.effects.entry import SHORTEST_LAG_S, CatalogueEffect, Quantity
 from sysid.model.ports import Point
 
-# The shortest time constant that the simulator's explicit steps of 1 ms follow, s.
-_SHORTEST_LAG_S = 1e-3
+# A saturation that is harder is clipped, but for 0.1 % at the limit itself.
+_LEAST_SOFTNESS = 1e-3
 
 
 def _command(point: Point) -> Array:
@@ -58,9 +59,13 @@ class TorqueRipple(CatalogueEffect):
 
 @dataclass(frozen=True)
 class TorqueSaturation(CatalogueEffect):
-    """The motor gives less than the declared limit: clipped at 1/d."""
+    """The motor gives less than the declared limit: u / (1 + |d u|^(1/s))^s, never beyond 1/d.
+
+    At a softness s of 0 it is clipped; iron that saturates bends before (near 0.4 much as a tanh).
+    """
 
     inverse_limit_per_nm: Array = 0.0
+    saturation_softness: Array = 0.0
 
     id = "torque-saturation"
     title = "Motor torque that saturates early"
@@ -75,6 +80,17 @@ class TorqueSaturation(CatalogueEffect):
             "1 over the torque at which the motor saturates",
             grid=(1.3, 1.5, 1.8, 2.1, 2.5, 3.2, 4.5),
         ),
+        Quantity(
+            "saturation_softness",
+            "-",
+            0.0,
+            0.0,
+            0.6,
+            "0 clips; above it what is given bends before the limit, 0.5 as a hyperbola",
+            is_strength=False,
+            grid=(0.0, 0.4),
+            absent=0.0,
+        ),
     )
     signature = "torque missing at high command, on one side of it"
     rivals = ("torque-constant-error",)
@@ -85,8 +101,13 @@ class TorqueSaturation(CatalogueEffect):
         xp = array_namespace(effort, self.inverse_limit_per_nm)
         # In units of the limit, so that 0 clips nothing: the excess over 1 is divided out again.
         used = xp.abs(effort) * self.inverse_limit_per_nm
-        over = xp.where(used > 1.0, 1.0 - 1.0 / xp.maximum(used, 1.0), 0.0)
-        return effort - effort * over
+        clipped = 1.0 / xp.maximum(used, 1.0)
+        if not base.is_zero(self.saturation_softness):
+            softness = xp.maximum(self.saturation_softness, _LEAST_SOFTNESS)
+            # (1 + used^n)^-s, with no power of what is above 1. Never zero: its logarithm counts.
+            ratio = xp.maximum(xp.minimum(used, 1.0) * clipped, 1e-12)
+            clipped = clipped * (1.0 + ratio ** (1.0 / softness)) ** -softness
+        return effort - effort * (1.0 - clipped)
 
 
 @dataclass(frozen=True)
@@ -130,7 +151,7 @@ class AmplifierLag(CatalogueEffect):
 
     def _time_constant(self) -> Array:
         xp = array_namespace(self.amplifier_lag_s)
-        return xp.maximum(self.amplifier_lag_s, _SHORTEST_LAG_S)
+        return xp.maximum(self.amplifier_lag_s, SHORTEST_LAG_S)
 
     def motor_effort(self, effort: Array, point: Point) -> Array:
         command = _command(point)

@@ -54,12 +54,14 @@ class StrokeDependentArea(CatalogueEffect):
 
 @dataclass(frozen=True)
 class StrokeDependentSeals(CatalogueEffect):
-    """Friction by pressure varies along the stroke: + d theta (gauge Pa + Pb) sign w.
+    """Friction by pressure varies along the stroke: + (d theta + c |theta|) (gauge Pa + Pb) sign w.
 
-    Beside seal friction, which is its mean: seals press harder where the bore is narrower.
+    Beside seal friction, which is its value in the middle: seals press harder where the bore is
+    narrower. A tapered bore has d alone, one that is narrow at both ends c, at one end both.
     """
 
     seal_slope_nm_per_pa_rad: Array = 0.0
+    seal_bend_nm_per_pa_rad: Array = 0.0
 
     id = "stroke-dependent-seals"
     title = "Seal friction that varies along the stroke"
@@ -73,8 +75,19 @@ class StrokeDependentSeals(CatalogueEffect):
             2e-6,
             "change of the friction per pressure on the seals and angle",
         ),
+        Quantity(
+            "seal_bend_nm_per_pa_rad",
+            "Nm/(Pa rad)",
+            2e-7,
+            -2e-6,
+            2e-6,
+            "change of the friction per pressure on the seals and angle from the middle",
+            absent=0.0,
+        ),
     )
-    signature = "torque against the sum of the pressures times angle, against the motion"
+    signature = (
+        "torque against the sum of the pressures times angle, or its amount, against the motion"
+    )
     rivals = ("seal-friction", "position-dependent-friction", "stroke-dependent-area")
     tie_breaker = "reversals at the same angle, at several common-mode pressures"
     source = (
@@ -84,8 +97,10 @@ class StrokeDependentSeals(CatalogueEffect):
 
     def friction_effort(self, effort: Array, point: Point) -> Array:
         gauge = point.pressure_a + point.pressure_b - 2.0 * point.parameters.atmosphere
-        slope = self.seal_slope_nm_per_pa_rad * point.position
-        return effort + slope * gauge * point.direction
+        angle = point.position
+        change = self.seal_slope_nm_per_pa_rad * angle
+        change = change + self.seal_bend_nm_per_pa_rad * abs(angle)
+        return effort + change * gauge * point.direction
 
 
 @dataclass(frozen=True)

@@ -9,17 +9,19 @@ never both or neither. Flows are kg/s.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from sysid.io.channels import SIDES
 from sysid.model import base
 from sysid.model.base import Array, array_namespace
-from sysid.model.effects.entry import CatalogueEffect, Quantity
+from sysid.model.effects.entry import SHORTEST_LAG_S, CatalogueEffect, Quantity
 from sysid.model.ports import Point
 
 # Iterations that adapt the flows of both chambers to each other.
 _SWEEPS = 2
+# Strokes below it are a sine, but for so much of the amplitude: with a slope there, too.
+_LEAST_STROKE = 1e-6
 # A resistance that grows with the flow is given at this one, kg/s: that of spec/effects.md.
 REFERENCE_FLOW_KG_PER_S = 3.5e-4
 
@@ -101,12 +103,15 @@ class SupplyDroop(CatalogueEffect):
 
     At a common share of 1; at 0 each valve has a line of its own. Each chamber's flow is
     solved with its own droop and with the other's flow, in turn, twice; the other counts for
-    the share of the time that its valve is open. Surfaces of mean flow have no supply
-    pressure, and so no droop; the averaged law has one.
+    the share of the time that its valve is open. Behind a resistance the line may have a
+    volume: what passes the resistance then follows the flow with a time constant, dx/dt =
+    (flow - x) / T, T = max(tau, 1 ms), and the loss is d (flow + (tau/T) (x - flow)). Surfaces of
+    mean flow have no supply pressure, and so no droop; the averaged law has one.
     """
 
     droop_pa_s_per_kg: Array = 0.0
     common_share: Array = 1.0
+    line_time_s: Array = 0.0
 
     id = "supply-droop"
     title = "Supply pressure that droops with flow"
@@ -130,11 +135,31 @@ class SupplyDroop(CatalogueEffect):
             is_strength=False,
             grid=(0.0, 0.5, 1.0),
         ),
+        Quantity(
+            "line_time_s",
+            "s",
+            0.0,
+            0.0,
+            0.2,
+            "time constant of the line's volume behind its resistance",
+            is_strength=False,
+            grid=(0.0, 0.02),
+            absent=0.0,
+        ),
     )
     signature = "onset of filling; flow into A while B fills"
     rivals = ("subsonic-flow-shape", "atmosphere-leakage", "choked-exhaust-scaling")
     tie_breaker = "log the supply pressure"
-    source = "textbook: source with an internal resistance; base law of thesis 3.6.6"
+    source = (
+        "textbook: source with an internal resistance, and a volume behind it; base law of thesis "
+        "3.6.6"
+    )
+    states = ("line_flow_a", "line_flow_b")
+
+    def __post_init__(self) -> None:
+        # Without a volume there is no state: controllers and exports take the law as it is.
+        if base.is_zero(self.line_time_s):
+            object.__setattr__(self, "states", ())
 
     def supply_pressure(self, pressure: Array, side: str, point: Point) -> Array:
         flow = _adapted(
@@ -143,7 +168,36 @@ class SupplyDroop(CatalogueEffect):
             self.common_share,
             point.is_open,
         )
+        passing = point.extra.get(f"line_flow_{side}")
+        if passing is not None:
+            flow = flow + self.line_time_s / self._time_constant() * (passing - flow)
         return pressure - self.droop_pa_s_per_kg * flow
+
+    def _time_constant(self) -> Array:
+        return array_namespace(self.line_time_s).maximum(self.line_time_s, SHORTEST_LAG_S)
+
+    def initial_states(self, point: Point) -> dict[str, Array]:
+        return dict.fromkeys(self.states, 0.0 * point.position)
+
+    def state_rates(self, point: Point, flows: Mapping[str, Array]) -> dict[str, Array]:
+        if "line_flow_a" not in point.extra:  # traced, the time constant is no known 0
+            return {}
+        taken = {side: self._taken(side, point) for side in SIDES}
+        rates = {}
+        for side, other in (SIDES, SIDES[::-1]):
+            flow = taken[side] + self.common_share * taken[other]
+            passing = point.extra[f"line_flow_{side}"]
+            rates[f"line_flow_{side}"] = (flow - passing) / self._time_constant()
+        return rates
+
+    def _taken(self, side: str, point: Point) -> Array:
+        """Flow out of a valve's line by the base law, kg/s; 0 where that is not known (NaN)."""
+        p = point.parameters
+        valve, supply = p.valve(side), self.supply_pressure(p.supply, side, point)
+        flow = point.is_open(side) * base.filling_flow(
+            point.pressure(side), supply, valve.choked_fill, valve.c_fill, p.supply_reference
+        )
+        return array_namespace(flow).where(flow == flow, flow, 0.0)
 
     def _flow(self, side: str, supply: Array, beside: Array, point: Point) -> Array:
         p, droop = point.parameters, self.droop_pa_s_per_kg
@@ -248,14 +302,18 @@ class ExhaustBackPressure(CatalogueEffect):
 class SupplyPulsation(CatalogueEffect):
     """The supply pulsates, as a compressor or a hunting regulator makes it: Ps + a wave in time.
 
-    s sin(2 pi f t) + c cos(2 pi f t) with t from the start of a test: of tests that do not begin
-    in phase with the source only those of one phase are described. Surfaces of mean flow have no
+    A wave u = s sin(2 pi f t) + c cos(2 pi f t), and v a quarter period before, is bent to strokes
+    by k: (A/k) atan(k u / (A - k v)) with A its amplitude, whose harmonics are k^(n-1) / n of it: a
+    sine at 0, a sawtooth towards 1 (a jump up, then an even fall; towards -1 the other way round).
+    t is from the start of a test: of tests that do not begin in phase with the source only those of
+    one phase are described. Surfaces of mean flow have no
     supply pressure, and so no pulsation; the averaged law has one.
     """
 
     pulsation_sine_pa: Array = 0.0
     pulsation_cosine_pa: Array = 0.0
     pulsation_hz: Array = 2.0
+    stroke_share: Array = 0.0
 
     id = "supply-pulsation"
     title = "Supply pressure that pulsates"
@@ -274,6 +332,17 @@ class SupplyPulsation(CatalogueEffect):
             # As close as a test of some seconds tells frequencies apart.
             grid=tuple(0.125 * n for n in range(2, 41)),
         ),
+        Quantity(
+            "stroke_share",
+            "-",
+            0.0,
+            -0.98,
+            0.98,
+            "0 a sine, towards 1 strokes that jump up and fall evenly",
+            is_strength=False,
+            grid=(0.0, 0.7),
+            absent=0.0,
+        ),
     )
     signature = "filling flow of both chambers, periodic in time whatever they do"
     rivals = ("supply-droop",)
@@ -283,7 +352,14 @@ class SupplyPulsation(CatalogueEffect):
     def supply_pressure(self, pressure: Array, side: str, point: Point) -> Array:
         xp = array_namespace(point.time, self.pulsation_hz)
         phase = (2.0 * math.pi) * self.pulsation_hz * point.time
-        wave = self.pulsation_sine_pa * xp.sin(phase) + self.pulsation_cosine_pa * xp.cos(phase)
+        sine, cosine, k = self.pulsation_sine_pa, self.pulsation_cosine_pa, self.stroke_share
+        wave = sine * xp.sin(phase) + cosine * xp.cos(phase)
+        if not base.is_zero(k):
+            k = xp.where(xp.abs(k) < _LEAST_STROKE, k + 2.0 * _LEAST_STROKE, k)
+            quarter = sine * xp.cos(phase) - cosine * xp.sin(phase)
+            # Never zero: a wave without amplitude has a slope.
+            amplitude = xp.sqrt(sine * sine + cosine * cosine + 1e-6)
+            wave = amplitude / k * xp.arctan(k * wave / (amplitude - k * quarter))
         return pressure + wave
 
 
