@@ -193,7 +193,8 @@ class SupplyDroop(CatalogueEffect):
     def _taken(self, side: str, point: Point) -> Array:
         """Flow out of a valve's line by the base law, kg/s; 0 where that is not known (NaN)."""
         p = point.parameters
-        valve, supply = p.valve(side), self.supply_pressure(p.supply, side, point)
+        valve = p.valve(side)
+        supply = p.supply - self.droop_pa_s_per_kg * point.extra[f"line_flow_{side}"]
         flow = point.is_open(side) * base.filling_flow(
             point.pressure(side), supply, valve.choked_fill, valve.c_fill, p.supply_reference
         )
@@ -340,7 +341,8 @@ class SupplyPulsation(CatalogueEffect):
             0.98,
             "0 a sine, towards 1 strokes that jump up and fall evenly",
             is_strength=False,
-            grid=(0.0, 0.7),
+            # A sine shows most of a sawtooth, at any of many frequencies; a fit bends it then.
+            grid=(0.0,),
             absent=0.0,
         ),
     )
