@@ -20,7 +20,7 @@ from sysid.control.modes import Mode
 from sysid.control.prediction import Motion, corrected, loaded, motor_command, point_at
 from sysid.control.sensing import SensorSuite
 from sysid.control.trajectories import thesis_trajectory
-from sysid.errors import InputError
+from sysid.errors import InputError, SimulationError
 from sysid.model import plant as model_plant
 from sysid.model.base import Array
 from sysid.model.effects.catalogue import catalogue
@@ -86,6 +86,8 @@ USUAL: dict[str, dict[str, Any]] = {
     # A loop keeps the last pulses only; of those that a dead zone forgets none may be left.
     "duty-dead-zone": {"side": "a"},
     "sticking-valve": {"side": "b"},
+    # With it friction of all kinds at once is more than what starts the shaft.
+    "stroke-dependent-seals": {"seal_bend_nm_per_pa_rad": 0.0},
 }
 
 
@@ -106,6 +108,16 @@ def test_the_loop_has_every_effect_of_the_catalogue() -> None:
         # The mean-flow effects cannot act on single pulses, and the run says so.
         idle = [line.split()[1] for line in run.faults if line.startswith("plant: ")]
         assert idle == [name for name, kind in catalogue().items() if kind.averaged_only]
+
+
+def test_a_plant_that_switches_without_end_is_said() -> None:
+    """As all kinds of friction at once do: a loop ends with one line, as a simulation does."""
+    names = ("presliding", "stribeck-friction", "seal-friction", "stroke-dependent-seals")
+    model = plant()
+    for name, kind in catalogue().items():
+        model = model + kind.typical(**(USUAL.get(name, {}) if name not in names else {}))
+    with pytest.raises(SimulationError, match="switches without end"):
+        runs_on(model)
 
 
 def test_the_dead_zone_forgets_short_pulses_and_short_pauses() -> None:

@@ -673,6 +673,13 @@ def test_a_droop_behind_a_volume_comes_with_its_time_constant() -> None:
     assert effect.supply_pressure(3e5, "b", here)[0] == 3e5
 
 
+def test_what_states_leave_where_they_have_settled() -> None:
+    """A tube's lag is gone; a line's loss stays: controllers count with it."""
+    model = Model(HELD) + supply.SupplyDroop(1e6, 0.5, 0.02) + chamber.TubeLag(1e-3, "both")
+    assert model.state_names
+    assert model.settled() == Model(HELD) + supply.SupplyDroop(1e6, 0.5)
+
+
 def test_a_droop_without_a_volume_has_no_state() -> None:
     """So that controllers and exports take it as before; nor does one need a state to be traced."""
     effect = supply.SupplyDroop(1e6)

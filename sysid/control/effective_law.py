@@ -101,7 +101,7 @@ class EffectiveLaw(AveragedLaw):
 def averaged_law(model: Model, side: str) -> AveragedLaw:
     """The averaged law of valve "a" or "b" of a model, with what its effects do to it."""
     plain = AveragedLaw.of(model.at(0.0), side)
-    flows = tuple(e for e in model.effects if overrides(e, *_FLOW_PORTS) and not e.states)
+    flows = tuple(e for e in model.settled().effects if overrides(e, *_FLOW_PORTS))
     flows = tuple(e for e in flows if not overrides(e, "chamber_flow"))
     timed = [e for e in model.effects if overrides(e, "delays", "pulses")]
     if not flows and not timed:

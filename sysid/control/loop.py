@@ -35,7 +35,7 @@ from sysid.control.sensing import (
     start_sensing,
 )
 from sysid.control.trajectories import DURATION_S
-from sysid.errors import NotIdentifiedError, input_error
+from sysid.errors import NotIdentifiedError, SimulationError, input_error
 from sysid.model import plant
 from sysid.model.base import Array, array_namespace
 from sysid.model.period_step import (
@@ -48,6 +48,7 @@ from sysid.model.period_step import (
     no_intervals,
 )
 from sysid.model.ports import Model, Point, stack_models
+from sysid.model.simulator import ENDLESS
 from sysid.model.stepper import Lanes
 from sysid.types import FloatArray
 
@@ -378,6 +379,8 @@ def _results(
     runs = []
     for lane, case in enumerate(cases):
         own = {name: column[:, lane] for name, column in columns.items()}
+        if np.isnan(carry.lanes.velocity[lane]):
+            raise SimulationError(ENDLESS)
         reference = np.asarray(batch.reference[: fixed.ticks, :, lane])
         counts = float(carry.sensing.rejected[lane]), float(carry.invalid[lane])
         lines = idle_effects(case.plant) + faults_of(case, time, reference[:, 0], own, counts)

@@ -148,15 +148,10 @@ def euler_step(
 def loaded(design: DesignModel, payload_inertia: Array) -> Model:
     """What a controller computes with: its model with a payload of this inertia (kg m2).
 
-    It takes the place of the model's own. Effects with states that no controller measures are
-    left out (`quasi_static`).
+    It takes the place of the model's own. Effects have no states, which no controller measures:
+    they are as where these have settled.
     """
-    return quasi_static(with_payload(design, payload_inertia))
-
-
-def quasi_static(model: Model) -> Model:
-    """The model without the effects that have states, which are gone where they settle."""
-    return Model(model.parameters, tuple(e for e in model.effects if not e.states))
+    return with_payload(design, payload_inertia).settled()
 
 
 def with_payload(design: DesignModel, payload_inertia: Array) -> Model:
@@ -189,7 +184,6 @@ __all__ = [
     "motor_command",
     "opposing_effort",
     "point_at",
-    "quasi_static",
     "sliding_friction",
     "with_payload",
 ]

@@ -19,6 +19,8 @@ from sysid.model.valve_timing import TIME_TOLERANCE
 
 # On-intervals that may still act: with delays shorter than the shortest command no more do.
 KEPT_INTERVALS = 4
+# No tick needs nearly as many steps for its events: more would be an endless loop.
+_MOST_STEPS = 5000
 
 
 class ValveIntervals(NamedTuple):
@@ -124,7 +126,8 @@ def advance_period(
 
     The step ends at every valve edge and event of the plant in between; the valves follow
     the discrete law. Delays are those of the model's parameters and effects; span[2], (lanes,)
-    or a number, is when the next pulse may start.
+    or a number, is when the next pulse may start. The velocity of a lane that switches without end
+    is NaN from there on.
     """
     start, end, until = span
     edges = tuple(
@@ -132,11 +135,11 @@ def advance_period(
     )
     zero = jnp.zeros_like(lanes.time)
 
-    def unfinished(carry: tuple[Lanes, Array]) -> Array:
+    def unfinished(carry: tuple[Lanes, Array, Array]) -> Array:
         return jnp.any(carry[1] < end - TIME_TOLERANCE)
 
-    def once(carry: tuple[Lanes, Array]) -> tuple[Lanes, Array]:
-        lanes, since = carry
+    def once(carry: tuple[Lanes, Array, Array]) -> tuple[Lanes, Array, Array]:
+        lanes, since, steps = carry
         until = jnp.minimum(jnp.minimum(*(e.next_after(since) for e in edges)), end)
         table = EventTable(
             duration=(until - since)[:, None],
@@ -147,9 +150,12 @@ def advance_period(
             count=jnp.where(since < end - TIME_TOLERANCE, 1, 0),
         )
         lanes = advance(lanes._replace(index=jnp.zeros_like(lanes.index)), table, model, ())
-        return lanes, jnp.where(lanes.index > 0, until, since)
+        since = jnp.where(lanes.index > 0, until, since)
+        endless = (since < end - TIME_TOLERANCE) & (steps >= _MOST_STEPS)
+        lanes = lanes._replace(velocity=jnp.where(endless, jnp.nan, lanes.velocity))
+        return lanes, jnp.where(jnp.isnan(lanes.velocity), end, since), steps + 1
 
-    lanes, _ = jax.lax.while_loop(unfinished, once, (lanes, zero + start))
+    lanes, _, _ = jax.lax.while_loop(unfinished, once, (lanes, zero + start, jnp.asarray(0)))
     return lanes
 
 

@@ -127,6 +127,10 @@ class Effect:
         """Time derivatives of the extra states; `flows` holds kg/s by side."""
         return {}
 
+    def settled(self) -> Effect | None:
+        """The effect where its states have settled, without them; None where it is gone then."""
+        return None if self.states else self
+
     def pulses(self, on: Array, off: Array, side: str) -> tuple[Array, Array]:
         """Commanded on-intervals of a valve, start and end times in s (numpy only)."""
         return on, off
@@ -208,6 +212,11 @@ class Model:
         for effect in self.effects:
             value = getattr(effect, port)(value, *context)
         return value
+
+    def settled(self) -> Model:
+        """The model where the states of its effects have settled, without them."""
+        left = (effect.settled() for effect in self.effects)
+        return Model(self.parameters, tuple(effect for effect in left if effect is not None))
 
     def at(self, time: Array) -> Parameters:
         """The parameters in force at a time."""

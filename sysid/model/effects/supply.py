@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from sysid.io.channels import SIDES
 from sysid.model import base
@@ -160,6 +160,9 @@ class SupplyDroop(CatalogueEffect):
         # Without a volume there is no state: controllers and exports take the law as it is.
         if base.is_zero(self.line_time_s):
             object.__setattr__(self, "states", ())
+
+    def settled(self) -> SupplyDroop:
+        return replace(self, line_time_s=0.0)
 
     def supply_pressure(self, pressure: Array, side: str, point: Point) -> Array:
         flow = _adapted(
