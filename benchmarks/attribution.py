@@ -239,7 +239,8 @@ def intervals_hold(result: dict[str, Any]) -> list[bool]:
     for drawn, truth in zip(result["effects"], result["truth"], strict=True):
         parameter = next(iter(SAME_LAW.get(drawn, {})), "")
         estimate = found.get(truth["id"], {}).get(parameter)
-        if estimate is not None and estimate["value"] is not None:
+        # What acts in steps may have no error, and so no interval.
+        if estimate is not None and estimate.get("interval") is not None:
             low, high = estimate["interval"]
             true = true_value(drawn, parameter, truth["values"])
             held.append((low is None or low <= true) and (high is None or true <= high))

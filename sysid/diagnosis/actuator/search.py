@@ -41,13 +41,14 @@ from sysid.diagnosis.actuator.screening import (
 )
 from sysid.diagnosis.actuator.signatures import Candidate, finer
 from sysid.diagnosis.actuator.suspects import Suspect, suspects_of, worth_refitting
+from sysid.diagnosis.actuator.threshold_steps import best_near, with_steps
 from sysid.diagnosis.actuator.whitening import Frame
 from sysid.diagnosis.looked import Book, SearchStage
 from sysid.diagnosis.search import MOST_EFFECTS, Round, Rounds, Step, run
 from sysid.errors import SimulationError
 from sysid.estimation.linear import Estimate
 from sysid.model.effects.entry import CatalogueEffect
-from sysid.model.ports import Model
+from sysid.model.ports import Model, overrides
 from sysid.parallel import attempt_in_threads, time_limit
 from sysid.types import Progress
 
@@ -130,10 +131,15 @@ class Search:
         fit = self.joint.fit
         effect = self.joint.effects[place]
         covariance = fit.jackknife_covariance(self.first.frame.tests)
-        return {
+        found = {
             q.name: fit.estimate(f"{effect.id}/{q.name}", covariance)
             for q in type(effect).quantities
         }
+        for q in type(effect).quantities:
+            if q.is_threshold:
+                own = found[q.name]
+                found[q.name] = with_steps(own, q, self.first, self.model, self.joint, place)
+        return found
 
 
 def search(
@@ -425,6 +431,8 @@ class _TwinRounds(Rounds[RefittedStep]):
         if not has_threshold(winner.effect):
             return winner
         starts = starting_points(screen_group(self.base, finer(winner.effect)))[winner.id]
+        if overrides(winner.effect, "pulses"):
+            starts = [best_near(start, self.base) for start in starts]
         return max(winner, *(refit(self.base, [s]) for s in starts), key=lambda r: r.gain)
 
     def _simulates_better(self, found: Refit) -> bool:

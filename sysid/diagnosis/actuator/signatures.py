@@ -90,14 +90,15 @@ def candidates(
 
 
 def finer(effect: CatalogueEffect) -> list[Candidate]:
-    """The usual shapes of an effect on its side, its thresholds at more sizes than are screened.
+    """The usual shapes of an effect on every side, its thresholds at more sizes than are screened.
 
     What acts in steps has no slope that a fit could follow from one of the few to another.
     """
     own = type(effect)
     shape: list[list[tuple[str, Any]]] = []
     if own.has_side():
-        shape.append([("side", effect.side)])  # type: ignore[attr-defined]
+        # Of a size that is a little off one side alone may seem better than both.
+        shape.append([("side", side) for side in SIDE_CHOICES])
     shape += [[(q.name, v) for v in q.grid or (q.typical,)] for q in own.shapes()]
     steps = [
         [(q.name, s) for s in (_sizes(q) if q.is_threshold else (_PROBE * q.typical,))]

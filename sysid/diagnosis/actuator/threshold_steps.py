@@ -1,0 +1,112 @@
+"""What acts in steps: where it fits, and the sizes that the balances cannot tell apart.
+
+A dead time forgets the pulses that are shorter; between one length that was commanded and the next
+nothing changes, so that a slope says nothing, or what the step of a difference met by chance.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from sysid.diagnosis.actuator.comparison import noise_scale
+from sysid.diagnosis.actuator.equation_error import channels_of
+from sysid.diagnosis.actuator.refit import Refit
+from sysid.diagnosis.actuator.screening import Projected
+from sysid.estimation.linear import Estimate
+from sysid.model.effects.entry import CatalogueEffect, Quantity
+from sysid.model.ports import Model
+
+# Rise of the whitened squares, over their mean, at the ends of a 95 % interval of one number.
+_RISE = 3.84
+# Of the size: the first step from it, and how closely an end is found.
+_FIRST_STEP, _CLOSELY = 1e-4, 1e-4
+# Sizes that are tried around one of a grid: so far from it, and so many.
+_AROUND, _TRIED = 1.15, 57
+# Sums of squares that differ by less are the same.
+_ALIKE = 1e-6
+
+
+def best_near(effect: CatalogueEffect, base: Projected) -> CatalogueEffect:
+    """An effect with its threshold where the balances are smallest, near the size that it has."""
+    name = next(q.name for q in type(effect).strengths() if q.is_threshold)
+    channels = channels_of(effect, base.model.effects)
+    rows = base.frame.belongs(channels)
+
+    def squares(tried: CatalogueEffect) -> float:
+        rest = base.frame.residual(base.model + tried, channels)[rows]
+        return float(rest @ rest)
+
+    sizes = float(getattr(effect, name)) * np.geomspace(1.0 / _AROUND, _AROUND, _TRIED)
+    forms = [dataclasses.replace(effect, **{name: float(size)}) for size in sizes]  # type: ignore[type-var]
+    found = [squares(form) for form in forms]
+    # In the middle of those that are alike.
+    alike = np.flatnonzero(np.array(found) <= min(found) * (1.0 + _ALIKE))
+    return forms[int(alike[len(alike) // 2])]
+
+
+def with_steps(
+    estimate: Estimate, quantity: Quantity, base: Projected, model: Model, joint: Refit, place: int
+) -> Estimate:
+    """A threshold's estimate, at least as wide as the sizes between which the balances cannot tell.
+
+    Of the effect at `place` of those fitted together in `model`; all other numbers stay as they
+    are.
+    """
+    if not estimate.identified:
+        return estimate
+    effects, count = list(model.effects), len(base.model.effects)
+    effect = effects[count + place]
+    channels = channels_of(effect, model.effects)
+    size, limit = float(estimate.value), _RISE * noise_scale(joint)
+    rows = base.frame.belongs(channels)
+
+    def squares(value: float) -> float:
+        effects[count + place] = dataclasses.replace(effect, **{quantity.name: value})  # type: ignore[type-var]
+        rest = base.frame.residual(Model(model.parameters, tuple(effects)), channels)[rows]
+        return float(rest @ rest)
+
+    most = squares(size) + limit
+    ends = [
+        _end(lambda value: squares(value) <= most, size, bound)
+        for bound in (quantity.lower, quantity.upper)
+    ]
+    low, high = (
+        _wider(own, end, way)
+        for own, end, way in zip(estimate.interval, ends, (min, max), strict=True)
+    )
+    std = max(
+        estimate.std if math.isfinite(estimate.std) else 0.0, (ends[1] - ends[0]) / math.sqrt(12.0)
+    )
+    return Estimate(size, std, estimate.unit, (low, high))
+
+
+def _wider(own: float, end: float, which: Callable[[float, float], float]) -> float:
+    return which(own, end) if math.isfinite(own) else end
+
+
+def _end(holds: Callable[[float], bool], size: float, bound: float) -> float:
+    """The value farthest from `size` towards a bound up to which a condition holds."""
+    inside, step = size, _FIRST_STEP * size
+    way = 1.0 if bound > size else -1.0
+    outside = bound
+    while True:
+        tried = size + way * step
+        if way * (tried - bound) >= 0.0:
+            if holds(bound):
+                return bound
+            break
+        if not holds(tried):
+            outside = tried
+            break
+        inside, step = tried, 2.0 * step
+    while abs(outside - inside) > _CLOSELY * size:
+        middle = 0.5 * (inside + outside)
+        inside, outside = (middle, outside) if holds(middle) else (inside, middle)
+    return float(np.clip(inside, min(size, bound), max(size, bound)))
+
+
+__all__ = ["best_near", "with_steps"]
