@@ -39,7 +39,7 @@ _DUTY_DIRECTIONS = ("duty_direction_a", "duty_direction_b")
 _NO_EFFECT = "its entry is not that of a known effect"
 _PORTS = tuple(name for name in vars(Effect) if callable(getattr(Effect, name)))
 # What belongs to states alone.
-_OF_STATES = {"initial_states", "state_rates"}
+_OF_STATES = {"initial_states", "state_rates", "settled"}
 
 
 class _NotContainedError(Exception):

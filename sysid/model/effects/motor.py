@@ -106,7 +106,8 @@ class TorqueSaturation(CatalogueEffect):
             softness = xp.maximum(self.saturation_softness, _LEAST_SOFTNESS)
             # (1 + used^n)^-s, with no power of what is above 1. Never zero: its logarithm counts.
             ratio = xp.maximum(xp.minimum(used, 1.0) * clipped, 1e-12)
-            clipped = clipped * (1.0 + ratio ** (1.0 / softness)) ** -softness
+            bent = clipped * (1.0 + ratio ** (1.0 / softness)) ** -softness
+            clipped = xp.where(self.saturation_softness > 0.0, bent, clipped)
         return effort - effort * (1.0 - clipped)
 
 

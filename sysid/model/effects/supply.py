@@ -20,7 +20,7 @@ from sysid.model.ports import Point
 
 # Iterations that adapt the flows of both chambers to each other.
 _SWEEPS = 2
-# Strokes below it are a sine, but for so much of the amplitude: with a slope there, too.
+# Below it strokes are those to first order: a sine at 0, which has a slope there.
 _LEAST_STROKE = 1e-6
 # A resistance that grows with the flow is given at this one, kg/s: that of spec/effects.md.
 REFERENCE_FLOW_KG_PER_S = 3.5e-4
@@ -360,11 +360,13 @@ class SupplyPulsation(CatalogueEffect):
         sine, cosine, k = self.pulsation_sine_pa, self.pulsation_cosine_pa, self.stroke_share
         wave = sine * xp.sin(phase) + cosine * xp.cos(phase)
         if not base.is_zero(k):
-            k = xp.where(xp.abs(k) < _LEAST_STROKE, k + 2.0 * _LEAST_STROKE, k)
             quarter = sine * xp.cos(phase) - cosine * xp.sin(phase)
             # Never zero: a wave without amplitude has a slope.
             amplitude = xp.sqrt(sine * sine + cosine * cosine + 1e-6)
-            wave = amplitude / k * xp.arctan(k * wave / (amplitude - k * quarter))
+            hardly = xp.abs(k) < _LEAST_STROKE
+            bent = xp.where(hardly, _LEAST_STROKE, k)
+            strokes = amplitude / bent * xp.arctan(bent * wave / (amplitude - bent * quarter))
+            wave = xp.where(hardly, wave + k * wave * quarter / amplitude, strokes)
         return pressure + wave
 
 
