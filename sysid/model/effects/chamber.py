@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from sysid.io.channels import SIDES
 from sysid.model import base
 from sysid.model.base import Array, Parameters, array_namespace
-from sysid.model.effects.entry import SHORTEST_LAG_S, CatalogueEffect, Quantity, of_side
+from sysid.model.effects.entry import CatalogueEffect, Quantity, of_side, state_lag
 from sysid.model.ports import Point
 
 # Longer than any test: a temperature that settles so slowly drifts on, s.
@@ -226,21 +226,19 @@ class TubeLag(CatalogueEffect):
         # An instance has the states of its own side only.
         object.__setattr__(self, "states", _states_of("tube_flow", self.side))
 
-    def _state_lag(self) -> Array:
-        return array_namespace(self.tube_lag_s).maximum(self.tube_lag_s, SHORTEST_LAG_S)
-
     def chamber_flow(self, flow: Array, side: str, point: Point) -> Array:
         if not of_side(side, self.side):
             return flow
         behind = point.extra[f"tube_flow_{side}"] - base_valve_flow(side, point)
-        return flow + (self.tube_lag_s / self._state_lag()) * behind
+        return flow + (self.tube_lag_s / state_lag(self.tube_lag_s)) * behind
 
     def initial_states(self, point: Point) -> dict[str, Array]:
         return {name: base_valve_flow(name[-1], point) for name in self.states}
 
     def state_rates(self, point: Point, flows: Mapping[str, Array]) -> dict[str, Array]:
+        lag = state_lag(self.tube_lag_s)
         return {
-            name: (base_valve_flow(name[-1], point) - point.extra[name]) / self._state_lag()
+            name: (base_valve_flow(name[-1], point) - point.extra[name]) / lag
             for name in self.states
         }
 

@@ -8,12 +8,21 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal, Self
 
+from sysid.model.base import Array, array_namespace
 from sysid.model.ports import Effect
 
 Subsystem = Literal["friction", "mechanics", "motor", "chamber", "valve", "supply", "sensor"]
 SIDE_CHOICES = ("a", "b", "both")
 # The shortest time constant that the simulator's explicit steps of 1 ms follow, s.
-SHORTEST_LAG_S = 1e-3
+_SHORTEST_LAG_S = 1e-3
+
+
+def state_lag(lag: Array) -> Array:
+    """Time constant of the state that stands for a lag, s: the lag itself, but never too short.
+
+    A shorter lag counts by the share lag / state_lag(lag) of what the state is behind.
+    """
+    return array_namespace(lag).maximum(lag, _SHORTEST_LAG_S)
 
 
 @dataclass(frozen=True)

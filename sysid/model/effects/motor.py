@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from sysid.model import base
 from sysid.model.base import Array, array_namespace, limit_effort
-from sysid.model.effects.entry import SHORTEST_LAG_S, CatalogueEffect, Quantity
+from sysid.model.effects.entry import CatalogueEffect, Quantity, state_lag
 from sysid.model.ports import Point
 
 # A saturation that is harder is clipped, but for 0.1 % at the limit itself.
@@ -150,21 +150,17 @@ class AmplifierLag(CatalogueEffect):
     tie_breaker = "steps of motor torque with the arm held"
     source = "thesis 3.3.4; Krishnan, Electric Motor Drives, 2001"
 
-    def _time_constant(self) -> Array:
-        xp = array_namespace(self.amplifier_lag_s)
-        return xp.maximum(self.amplifier_lag_s, SHORTEST_LAG_S)
-
     def motor_effort(self, effort: Array, point: Point) -> Array:
         command = _command(point)
         behind = point.extra.get("amplifier_effort", command) - command
-        return effort + self.amplifier_lag_s / self._time_constant() * behind
+        return effort + self.amplifier_lag_s / state_lag(self.amplifier_lag_s) * behind
 
     def initial_states(self, point: Point) -> dict[str, Array]:
         return {"amplifier_effort": _command(point)}
 
     def state_rates(self, point: Point, flows: Mapping[str, Array]) -> dict[str, Array]:
         behind = _command(point) - point.extra["amplifier_effort"]
-        return {"amplifier_effort": behind / self._time_constant()}
+        return {"amplifier_effort": behind / state_lag(self.amplifier_lag_s)}
 
 
 @dataclass(frozen=True)

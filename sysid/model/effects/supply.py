@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from sysid.io.channels import SIDES
 from sysid.model import base
 from sysid.model.base import Array, array_namespace
-from sysid.model.effects.entry import SHORTEST_LAG_S, CatalogueEffect, Quantity
+from sysid.model.effects.entry import CatalogueEffect, Quantity, state_lag
 from sysid.model.ports import Point
 
 # Iterations that adapt the flows of both chambers to each other.
@@ -173,11 +173,8 @@ class SupplyDroop(CatalogueEffect):
         )
         passing = point.extra.get(f"line_flow_{side}")
         if passing is not None:
-            flow = flow + self.line_time_s / self._time_constant() * (passing - flow)
+            flow = flow + self.line_time_s / state_lag(self.line_time_s) * (passing - flow)
         return pressure - self.droop_pa_s_per_kg * flow
-
-    def _time_constant(self) -> Array:
-        return array_namespace(self.line_time_s).maximum(self.line_time_s, SHORTEST_LAG_S)
 
     def initial_states(self, point: Point) -> dict[str, Array]:
         return dict.fromkeys(self.states, 0.0 * point.position)
@@ -190,7 +187,7 @@ class SupplyDroop(CatalogueEffect):
         for side, other in (SIDES, SIDES[::-1]):
             flow = taken[side] + self.common_share * taken[other]
             passing = point.extra[f"line_flow_{side}"]
-            rates[f"line_flow_{side}"] = (flow - passing) / self._time_constant()
+            rates[f"line_flow_{side}"] = (flow - passing) / state_lag(self.line_time_s)
         return rates
 
     def _taken(self, side: str, point: Point) -> Array:
@@ -310,8 +307,8 @@ class SupplyPulsation(CatalogueEffect):
     by k: (A/k) atan(k u / (A - k v)) with A its amplitude, whose harmonics are k^(n-1) / n of it: a
     sine at 0, a sawtooth towards 1 (a jump up, then an even fall; towards -1 the other way round).
     t is from the start of a test: of tests that do not begin in phase with the source only those of
-    one phase are described. Surfaces of mean flow have no
-    supply pressure, and so no pulsation; the averaged law has one.
+    one phase are described. Surfaces of mean flow have no supply pressure, and so no pulsation; the
+    averaged law has one.
     """
 
     pulsation_sine_pa: Array = 0.0
