@@ -59,19 +59,24 @@ def profile_interval(
 
         bound = fit.parameters[i].upper if sign > 0 else fit.parameters[i].lower
         room = abs(bound - float(fit.values[i]))
-        return float(fit.values[i]) + sign * _first_root(excess, limit * std, room)
+        return float(fit.values[i]) + sign * first_root(excess, limit * std, room)
 
     return side(-1.0), side(1.0)
 
 
-def _first_root(excess: Callable[[float], float], guess: float, room: float) -> float:
-    """Distance at which `excess` (negative at 0) turns positive; `room` where it never does."""
+def first_root(
+    excess: Callable[[float], float], guess: float, room: float, precision: float = 1e-6
+) -> float:
+    """Distance at which `excess` (negative at 0) turns positive; `room` where it never does.
+
+    To a relative `precision`; it is looked for from the distance `guess` on.
+    """
     from scipy import optimize
 
     near, far = 0.0, min(guess, room)
     for _ in range(40):
         if excess(far) > 0.0:
-            return float(optimize.brentq(excess, near, far, rtol=1e-6))
+            return float(optimize.brentq(excess, near, far, rtol=precision))
         if far >= room:
             return room
         near, far = far, min(1.5 * far, room)

@@ -135,10 +135,8 @@ class Search:
             q.name: fit.estimate(f"{effect.id}/{q.name}", covariance)
             for q in type(effect).quantities
         }
-        for q in type(effect).quantities:
-            if q.is_threshold:
-                own = found[q.name]
-                found[q.name] = with_steps(own, q, self.first, self.model, self.joint, place)
+        for q in (q for q in type(effect).strengths() if q.is_threshold):
+            found[q.name] = with_steps(found[q.name], q, self.first, self.model, self.joint, place)
         return found
 
 
@@ -430,7 +428,7 @@ class _TwinRounds(Rounds[RefittedStep]):
         """An effect with a threshold refitted from the best on a finer grid, if it is better."""
         if not has_threshold(winner.effect):
             return winner
-        starts = starting_points(screen_group(self.base, finer(winner.effect)))[winner.id]
+        starts = starting_points(screen_group(self.base, finer(type(winner.effect))))[winner.id]
         if overrides(winner.effect, "pulses"):
             starts = [best_near(start, self.base) for start in starts]
         return max(winner, *(refit(self.base, [s]) for s in starts), key=lambda r: r.gain)

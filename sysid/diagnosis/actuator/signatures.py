@@ -89,23 +89,22 @@ def candidates(
     return found
 
 
-def finer(effect: CatalogueEffect) -> list[Candidate]:
+def finer(effect: type[CatalogueEffect]) -> list[Candidate]:
     """The usual shapes of an effect on every side, its thresholds at more sizes than are screened.
 
     What acts in steps has no slope that a fit could follow from one of the few to another.
     """
-    own = type(effect)
     shape: list[list[tuple[str, Any]]] = []
-    if own.has_side():
+    if effect.has_side():
         # Of a size that is a little off one side alone may seem better than both.
         shape.append([("side", side) for side in SIDE_CHOICES])
-    shape += [[(q.name, v) for v in q.grid or (q.typical,)] for q in own.shapes()]
+    shape += [[(q.name, v) for v in q.grid or (q.typical,)] for q in effect.shapes()]
     steps = [
         [(q.name, s) for s in (_sizes(q) if q.is_threshold else (_PROBE * q.typical,))]
-        for q in own.strengths()
+        for q in effect.strengths()
     ]
     return [
-        Candidate(own, chosen, strengths)
+        Candidate(effect, chosen, strengths)
         for chosen in itertools.product(*shape)
         for strengths in itertools.product(*steps)
     ]

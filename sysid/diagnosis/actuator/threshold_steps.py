@@ -17,13 +17,14 @@ from sysid.diagnosis.actuator.equation_error import channels_of
 from sysid.diagnosis.actuator.refit import Refit
 from sysid.diagnosis.actuator.screening import Projected
 from sysid.estimation.linear import Estimate
+from sysid.estimation.profile import first_root
 from sysid.model.effects.entry import CatalogueEffect, Quantity
 from sysid.model.ports import Model
 
 # Rise of the whitened squares, over their mean, at the ends of a 95 % interval of one number.
 _RISE = 3.84
-# Of the size: the first step from it, and how closely an end is found.
-_FIRST_STEP, _CLOSELY = 1e-4, 1e-4
+# The first step from a size, of it; and how closely an end is found, of its distance.
+_FIRST_STEP, _CLOSELY = 1e-4, 1e-3
 # Sizes that are tried around one of a grid: so far from it, and so many.
 _AROUND, _TRIED = 1.15, 57
 # Sums of squares that differ by less are the same.
@@ -34,15 +35,9 @@ def best_near(effect: CatalogueEffect, base: Projected) -> CatalogueEffect:
     """An effect with its threshold where the balances are smallest, near the size that it has."""
     name = next(q.name for q in type(effect).strengths() if q.is_threshold)
     channels = channels_of(effect, base.model.effects)
-    rows = base.frame.belongs(channels)
-
-    def squares(tried: CatalogueEffect) -> float:
-        rest = base.frame.residual(base.model + tried, channels)[rows]
-        return float(rest @ rest)
-
     sizes = float(getattr(effect, name)) * np.geomspace(1.0 / _AROUND, _AROUND, _TRIED)
     forms = [dataclasses.replace(effect, **{name: float(size)}) for size in sizes]  # type: ignore[type-var]
-    found = [squares(form) for form in forms]
+    found = [_squares(base, base.model + form, channels) for form in forms]
     # In the middle of those that are alike.
     alike = np.flatnonzero(np.array(found) <= min(found) * (1.0 + _ALIKE))
     return forms[int(alike[len(alike) // 2])]
@@ -62,18 +57,20 @@ def with_steps(
     effect = effects[count + place]
     channels = channels_of(effect, model.effects)
     size, limit = float(estimate.value), _RISE * noise_scale(joint)
-    rows = base.frame.belongs(channels)
 
     def squares(value: float) -> float:
         effects[count + place] = dataclasses.replace(effect, **{quantity.name: value})  # type: ignore[type-var]
-        rest = base.frame.residual(Model(model.parameters, tuple(effects)), channels)[rows]
-        return float(rest @ rest)
+        return _squares(base, Model(model.parameters, tuple(effects)), channels)
 
     most = squares(size) + limit
-    ends = [
-        _end(lambda value: squares(value) <= most, size, bound)
-        for bound in (quantity.lower, quantity.upper)
-    ]
+
+    def end(way: float, bound: float) -> float:
+        def excess(distance: float) -> float:
+            return squares(size + way * distance) - most
+
+        return size + way * first_root(excess, _FIRST_STEP * size, abs(bound - size), _CLOSELY)
+
+    ends = end(-1.0, quantity.lower), end(1.0, quantity.upper)
     low, high = (
         _wider(own, end, way)
         for own, end, way in zip(estimate.interval, ends, (min, max), strict=True)
@@ -88,25 +85,10 @@ def _wider(own: float, end: float, which: Callable[[float, float], float]) -> fl
     return which(own, end) if math.isfinite(own) else end
 
 
-def _end(holds: Callable[[float], bool], size: float, bound: float) -> float:
-    """The value farthest from `size` towards a bound up to which a condition holds."""
-    inside, step = size, _FIRST_STEP * size
-    way = 1.0 if bound > size else -1.0
-    outside = bound
-    while True:
-        tried = size + way * step
-        if way * (tried - bound) >= 0.0:
-            if holds(bound):
-                return bound
-            break
-        if not holds(tried):
-            outside = tried
-            break
-        inside, step = tried, 2.0 * step
-    while abs(outside - inside) > _CLOSELY * size:
-        middle = 0.5 * (inside + outside)
-        inside, outside = (middle, outside) if holds(middle) else (inside, middle)
-    return float(np.clip(inside, min(size, bound), max(size, bound)))
+def _squares(base: Projected, model: Model, channels: tuple[str, ...]) -> float:
+    """Sum of the whitened squares of a model in these channels."""
+    rest = base.frame.residual(model, channels)[base.frame.belongs(channels)]
+    return float(rest @ rest)
 
 
 __all__ = ["best_near", "with_steps"]
