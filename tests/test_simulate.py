@@ -21,8 +21,10 @@ from sysid.io.logs import Trial, with_channels
 from sysid.io.rig import rig_from_content
 from sysid.model import simulator, tables, valve_timing
 from sysid.model.base import Parameters
+from sysid.model.effects.sensor import PressureLag, TimeSkew
 from sysid.model.ports import Effect, Model, stack_models
-from sysid.model.preparation import prepare
+from sysid.model.preparation import prepare, with_edges
+from sysid.model.sensors import measured_channels
 from sysid.model.simulator import Inputs, Trajectory, ValveCommand, simulate
 from sysid.model.stepper import advance
 from sysid.model.trials import inputs_from_trial, simulate_trials, starts_on_supply
@@ -548,6 +550,43 @@ class Scaled(Effect):
 
     def measure(self, channels: Any, time: Any) -> dict[str, Any]:
         return {**channels, "pressure_a_pa": channels["pressure_a_pa"] * (1.0 + self.gain)}
+
+
+@pytest.mark.parametrize("effect", [PressureLag(2e-3), TimeSkew(2.3e-3)], ids=lambda e: e.id)
+def test_a_sensor_that_remembers_sees_what_is_between_the_rows(effect: Effect) -> None:
+    """Pressures turn at the valves' edges: a line from row to row is no measure of them."""
+    inputs, models = random_runs(seed=3, count=1, seconds=1.0, motor=False)
+    stride = 25
+    duties = [np.repeat(i.values[::20], 20)[: len(inputs[0].time)] for i in _valves(inputs[0])]
+    log = _with_duties(inputs[0], duties, 1)
+    time = np.linspace(log.time[0], log.time[-1], stride * (len(log.time) - 1) + 1)
+    row = np.arange(len(time)) // stride
+    a, b = (ValveCommand(d[row], is_duty=True) for d in duties)
+    close = dataclasses.replace(log, time=time, motor=log.motor[row], valve_a=a, valve_b=b)
+    bare = models[0].parameters
+    model = Model(bare, (effect,))
+    run = simulate([log], [model])[0]
+    plain, reference = one(log, bare), one(close, bare)
+    for name in ("pressure_a", "pressure_b"):
+        np.testing.assert_allclose(getattr(run, name), getattr(plain, name), atol=1e-2)
+
+    def shown(of: Trajectory) -> Any:
+        return measured_channels(of, "theta_rad", model)["pressure_a_pa"]
+
+    expected = shown(reference)[::stride]
+    assert rms(shown(run) - expected) < 0.1 * rms(shown(plain) - expected)
+
+
+def test_rows_between_hold_the_commands_and_leave_the_logs_rows() -> None:
+    inputs, models = random_runs(seed=3, count=1, seconds=1.0, motor=False)
+    sparse = _with_duties(inputs[0], [v.values for v in _valves(inputs[0])], 5)
+    closer, rows = with_edges(sparse, models[0], 1e-3)
+    np.testing.assert_array_equal(closer.time[rows], sparse.time)
+    assert np.diff(closer.time).min() > 0.0 and np.diff(closer.time).max() < 1.001e-3
+    for given, held in zip(_valves(sparse), _valves(closer), strict=True):
+        np.testing.assert_array_equal(held.values[rows], given.values)
+        between = np.searchsorted(rows, np.arange(len(closer.time)), side="right") - 1
+        np.testing.assert_array_equal(held.values, given.values[between])
 
 
 # --- processes -------------------------------------------------------------------------

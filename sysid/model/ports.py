@@ -203,6 +203,11 @@ class Model:
         return Model(self.parameters, (*self.effects, effect))
 
     @property
+    def has_remembering_sensor(self) -> bool:
+        """Whether a sensor shows at a row what was before it (a lag, a delay)."""
+        return any(overrides(effect, "start_sensing") for effect in self.effects)
+
+    @property
     def state_names(self) -> tuple[str, ...]:
         """Names of the extra states, in order."""
         return tuple(name for effect in self.effects for name in effect.states)

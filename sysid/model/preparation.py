@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -12,7 +12,7 @@ from sysid.io.channels import SIDES
 from sysid.model import plant, valve_timing
 from sysid.model.ports import Model, overrides
 from sysid.model.pulse_means import pulse_means
-from sysid.types import FloatArray
+from sysid.types import FloatArray, IntArray
 
 _T = TypeVar("_T")
 
@@ -207,6 +207,27 @@ def prepare(
     return SwitchedRun(time, motor, (a, b))
 
 
+def with_edges(inputs: Inputs, model: Model, max_step: float) -> tuple[Inputs, IntArray]:
+    """A run with rows also at its valves' edges, none further apart than `max_step` s; and which
+    of its rows (n,) are the run's own. The commands are held between these.
+    """
+    shared = Shared()
+    edges = [_edges(inputs, side, model, _delays(side, model), shared) for side in SIDES]
+    time = np.asarray(inputs.time, dtype=float)
+    grid = valve_timing.split_at(time, np.concatenate(edges), max_step)
+    rows = np.concatenate(([0], np.flatnonzero(grid.ends_sample) + 1))
+    closer = np.append(grid.start + time[0], time[-1])
+    closer[rows] = time
+    held = np.append(grid.row, len(time) - 1)
+    valves = (
+        None if command is None else replace(command, values=np.asarray(command.values)[held])
+        for command in (inputs.valve_a, inputs.valve_b)
+    )
+    valve_a, valve_b = valves
+    motor = np.asarray(inputs.motor)[held]
+    return replace(inputs, time=closer, motor=motor, valve_a=valve_a, valve_b=valve_b), rows
+
+
 def _prepare_averaged(inputs: Inputs, model: Model, max_step: float) -> PreparedRun:
     """Sub-steps for an averaged valve model: split where a PWM period starts, not at edges."""
     time = np.asarray(inputs.time, dtype=float)
@@ -271,4 +292,5 @@ __all__ = [
     "ValveCommand",
     "open_intervals",
     "prepare",
+    "with_edges",
 ]

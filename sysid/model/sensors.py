@@ -64,9 +64,12 @@ def measured_channels(
 
     By name; `position` is the log's position channel. `elapsed` as in the run's `Inputs`.
     """
-    states = [getattr(run, name) for name in _STATE]
-    channels = dict(zip(_names(position), states, strict=True))
-    return through_sensors(channels, run.time - run.time[0] + elapsed, model)
+    seen = run.between or run
+    channels = dict(zip(_names(position), seen.states, strict=True))
+    shown = through_sensors(channels, seen.time - run.time[0] + elapsed, model)
+    if run.between is None:
+        return shown
+    return {name: values[run.between.rows] for name, values in shown.items()}
 
 
 def true_start(inputs: Inputs, position: str, model: Model) -> Inputs:

@@ -7,7 +7,7 @@ import math
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -19,10 +19,17 @@ from sysid.model import plant
 from sysid.model.jax_setup import jax, jnp
 from sysid.model.lanes import Lanes, Table
 from sysid.model.ports import Model, Point, Structure, join, split, stack_models
-from sysid.model.preparation import Inputs, Shared, ValveCommand, open_intervals, prepare
+from sysid.model.preparation import (
+    Inputs,
+    Shared,
+    ValveCommand,
+    open_intervals,
+    prepare,
+    with_edges,
+)
 from sysid.model.stepper import advance
 from sysid.model.tables import Block, block_of
-from sysid.types import FloatArray
+from sysid.types import FloatArray, IntArray
 
 MAX_STEP = 1e-3
 """Longest step, s: samples further apart are split (accuracy: `benchmarks/simulation.py`)."""
@@ -45,14 +52,30 @@ ENDLESS = (
 
 
 @dataclass(frozen=True)
+class Between:
+    """A run at its `rows` (n,) and between them, where a pressure's slope may change.
+
+    `time` (m,) s, `states` (4, m) as in `Trajectory`: what a sensor that remembers has seen.
+    """
+
+    time: FloatArray
+    states: FloatArray
+    rows: IntArray
+
+
+@dataclass(frozen=True)
 class Trajectory:
-    """A simulated run at its input's rows; arrays (n,): s, rad or m, rad/s or m/s, Pa."""
+    """A simulated run at its input's rows; arrays (n,): s, rad or m, rad/s or m/s, Pa.
+
+    `between` is known where a sensor of the model remembers.
+    """
 
     time: FloatArray
     position: FloatArray
     velocity: FloatArray
     pressure_a: FloatArray
     pressure_b: FloatArray
+    between: Between | None = field(default=None, kw_only=True)
 
     @property
     def states(self) -> FloatArray:
@@ -315,8 +338,34 @@ def simulate(
     """
     if not inputs:
         return []
-    pairs = list(zip(inputs, models, strict=True))
     check_runs(inputs, models, bool(surfaces))
+    if not surfaces and models[0].has_remembering_sensor:
+        return _simulated_between(inputs, models, max_step, nan_if_endless)
+    found = _simulated(inputs, models, surfaces, max_step, nan_if_endless)
+    return [Trajectory(np.asarray(i.time), *own) for i, own in zip(inputs, found, strict=True)]
+
+
+def _simulated_between(
+    inputs: Sequence[Inputs], models: Sequence[Model], max_step: float, nan_if_endless: bool
+) -> list[Trajectory]:
+    """Every run, also at its steps between the rows."""
+    closer = [with_edges(i, m, MAX_STEP) for i, m in zip(inputs, models, strict=True)]
+    found = _simulated([i for i, _ in closer], models, (), max_step, nan_if_endless)
+    return [
+        Trajectory(np.asarray(one.time), *own[:, rows], between=Between(given.time, own, rows))
+        for one, own, (given, rows) in zip(inputs, found, closer, strict=True)
+    ]
+
+
+def _simulated(
+    inputs: Sequence[Inputs],
+    models: Sequence[Model],
+    surfaces: tuple[Any, ...],
+    max_step: float,
+    nan_if_endless: bool,
+) -> list[FloatArray]:
+    """(4, samples) of every run."""
+    pairs = list(zip(inputs, models, strict=True))
     workers = cores()
     share = -(-len(pairs) // workers)
     width = next((w for w in _WIDTHS if w >= share), _WIDTHS[-1])
@@ -348,7 +397,7 @@ def simulate(
         for members, found in zip(blocks, results, strict=True)
         for i, s in zip(members, found, strict=True)
     }
-    return [Trajectory(np.asarray(one.time), *states[i]) for i, (one, _) in enumerate(pairs)]
+    return [states[i] for i in range(len(pairs))]
 
 
 __all__ = ["MAX_STEP", "Inputs", "Trajectory", "ValveCommand", "open_intervals", "simulate"]

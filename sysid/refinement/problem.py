@@ -13,7 +13,7 @@ import numpy as np
 from sysid.model.differences import simulate_differences
 from sysid.model.ports import Model, overrides
 from sysid.model.preparation import Inputs
-from sysid.model.sensors import VELOCITY_CHANNELS, through_sensors
+from sysid.model.sensors import VELOCITY_CHANNELS, measured_channels, through_sensors
 from sysid.model.simulator import MAX_STEP, Trajectory, simulate
 from sysid.model.static_reading import static_ratio
 from sysid.model.tangents import Direction, Tangents, number_of, simulate_tangents
@@ -177,14 +177,17 @@ class Problem:
             found = simulate_differences(inputs, models, directions, sizes, self.max_step)
         else:
             found = simulate_tangents(inputs, models, directions, max_step=self.max_step)
-        if self.fine_step is not None:
-            # Slopes cost many times a simulation and need not be as exact.
-            runs = simulate(inputs, models, max_step=self.fine_step, nan_if_endless=True)
-            found = [_with_states(own, run) for own, run in zip(found, runs, strict=True)]
         errors = [
             self._errors(run, own, model, point, directions)
             for run, own, model in zip(self.runs, found, models, strict=True)
         ]
+        if self.fine_step is not None or self.model.has_remembering_sensor:
+            # Slopes cost many times a simulation and need not be as exact.
+            exact = self._measured(inputs, models)
+            errors = [
+                RunErrors(shown - run.measured, own.slopes).kept(run)
+                for run, own, shown in zip(self.runs, errors, exact, strict=True)
+            ]
         return self.equations(errors, point)
 
     def equations(self, errors: Sequence[RunErrors], point: Iterate) -> list[Linearised]:
@@ -197,17 +200,28 @@ class Problem:
         return self._residuals(self.inputs(point), self.models(point))
 
     def _residuals(self, inputs: Sequence[Inputs], models: Sequence[Model]) -> list[FloatArray]:
+        exact = self._measured(inputs, models)
+        return [
+            _without_slopes(run, shown).residual
+            for run, shown in zip(self.runs, exact, strict=True)
+        ]
+
+    def _measured(self, inputs: Sequence[Inputs], models: Sequence[Model]) -> list[FloatArray]:
+        """Every run as the sensors show it, (3, n)."""
         step = self.fine_step or self.max_step
         found = simulate(inputs, models, max_step=step, nan_if_endless=True)
         return [
-            self.errors_alone(run, own, model).residual
+            self._seen(run, own, model)
             for run, own, model in zip(self.runs, found, models, strict=True)
         ]
 
+    def _seen(self, run: Run, found: Trajectory, model: Model) -> FloatArray:
+        channels = measured_channels(found, self.position, model, run.inputs.elapsed)
+        return np.array([channels[n] for n in (self.position, *CHAMBER_PRESSURES)])
+
     def errors_alone(self, run: Run, found: Trajectory, model: Model) -> RunErrors:
         """A run's errors, simulated less measured, without slopes."""
-        left = self._shown(run, found.states, model) - run.measured
-        return RunErrors(left, np.zeros((0, *left.shape))).kept(run)
+        return _without_slopes(run, self._seen(run, found, model))
 
     def inputs(self, point: Iterate) -> list[Inputs]:
         """Every run's inputs from its start at a point."""
@@ -437,8 +451,9 @@ def _has_sensors(model: Model) -> bool:
     return any(overrides(e, "measure") for e in model.effects)
 
 
-def _with_states(found: Tangents, run: Trajectory) -> Tangents:
-    return found._replace(states=run.states)
+def _without_slopes(run: Run, shown: FloatArray) -> RunErrors:
+    left = shown - run.measured
+    return RunErrors(left, np.zeros((0, *left.shape))).kept(run)
 
 
 def _sensor_moved(model: Model, direction: Direction, step: float) -> tuple[float, Model]:

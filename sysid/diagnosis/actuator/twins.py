@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,7 +20,11 @@ from sysid.io.channels import CHAMBER_PRESSURES
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.model.ports import Model
+from sysid.model.sensors import measured_channels
 from sysid.types import FloatArray
+
+if TYPE_CHECKING:
+    from sysid.model.simulator import Trajectory
 
 # Noise is estimated from blocks of this many rows, those within this factor of the calmest fifth.
 _BLOCK = 128
@@ -144,16 +149,14 @@ def simulate_twins(
     rng = np.random.default_rng(seed)
     moving = [run for run in traces.runs if run.moves]
     held = [run for run in traces.runs if not run.moves]
-    still = [_channels(t) for t in simulate([r.inputs for r in held], [_held(model)] * len(held))]
+    still = simulate([r.inputs for r in held], [_held(model)] * len(held))
     models = [scattered(model, scatter, rng) for _ in range(count * len(moving))]
     inputs = [run.inputs for _ in range(count) for run in moving]
-    moved = [_channels(t) for t in simulate(inputs, models)]
+    moved = simulate(inputs, models)
     for i in range(count):
         own = moved[i * len(moving) : (i + 1) * len(moving)]
         found = dict(zip((r.rows.start for r in [*held, *moving]), [*still, *own], strict=True))
-        true = _through_sensors(
-            traces.runs, [found[run.rows.start] for run in traces.runs], model, rig
-        )
+        true = _through_sensors([found[run.rows.start] for run in traces.runs], model, rig)
         measured = noise.on(true, rng)
         for run in traces.runs:
             if run.stamps is not None:
@@ -189,11 +192,6 @@ def _at_stamps(
     return np.array([signals.resample(stamps, channel, grid) for channel in noisy])
 
 
-def _channels(trajectory: object) -> FloatArray:
-    names = ("position", "pressure_a", "pressure_b")
-    return np.array([getattr(trajectory, name) for name in names])
-
-
 def _held(model: Model) -> Model:
     """The model with a fixed shaft, as in the valve tests."""
     p = model.parameters
@@ -211,15 +209,8 @@ def scattered(model: Model, scatter: Scatter, rng: np.random.Generator) -> Model
     return Model(changed, model.effects)
 
 
-def _through_sensors(
-    runs: Sequence[TestRun], simulated: Sequence[FloatArray], model: Model, rig: Rig
-) -> FloatArray:
+def _through_sensors(simulated: Sequence[Trajectory], model: Model, rig: Rig) -> FloatArray:
     """(3, n) position and pressures of all tests end to end, as the sensors show them."""
     names = (rig.position_channel, "pressure_a_pa", "pressure_b_pa")
-    parts = []
-    for run, values in zip(runs, simulated, strict=True):
-        channels = dict(zip(names, values, strict=True))
-        for effect in model.effects:
-            channels = effect.measure(channels, run.inputs.time - run.inputs.time[0])
-        parts.append(np.array([channels[name] for name in names]))
-    return np.concatenate(parts, axis=1)
+    shown = [measured_channels(run, rig.position_channel, model) for run in simulated]
+    return np.array([np.concatenate([channels[n] for channels in shown]) for n in names])
