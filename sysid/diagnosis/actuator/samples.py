@@ -152,8 +152,9 @@ class Traces:
         return replace(self, open_a=open_a, open_b=open_b)
 
 
-# All threads share the few that are kept: most look at the same traces, and one is large.
-@lru_cache(maxsize=4)
+# All threads share the few that are kept: most look at the same traces, one is large, and where
+# sensors or delays are fitted their traces are gone with the next numbers.
+@lru_cache(maxsize=2)
 def selected(traces: Traces, rows: Rows) -> Traces:
     """`Traces.at`; `equation_error.forget` ends what is kept."""
     names = [f.name for f in fields(traces) if f.name != "runs"]
