@@ -21,7 +21,6 @@ from sysid.estimation.nonlinear import (
     central_jacobian,
     minimise,
 )
-from sysid.estimation.profile import profile_interval
 from sysid.types import FloatArray
 
 Model = Callable[[FloatArray, FloatArray], FloatArray]
@@ -257,47 +256,6 @@ def test_what_one_group_alone_shows_has_no_scatter_between_groups() -> None:
         assert fit.shown_by(groups).tolist() == [5 + (columns[0][0] == 1.0), 1]
         assert fit.estimate("p1", covariance).interval == (-math.inf, math.inf)
         assert fit.estimate("p0", covariance).holds(1.0)
-
-
-def test_profile_interval_is_asymmetric_and_holds_the_truth() -> None:
-    rng = np.random.default_rng(5)
-    t = np.linspace(0.1, 2.0, 12)
-    held = 0
-    longer_above = 0
-    for _ in range(60):
-        y = 4.0 * (1.0 - exp(-t / 2.0)) + 0.08 * rng.standard_normal(len(t))
-
-        def residuals(b: FloatArray, y: FloatArray = y) -> FloatArray:
-            return b[0] * (1.0 - exp(-t / b[1])) - y
-
-        start = (Parameter("gain", 3.0, lower=0.0), Parameter("tau", 1.0, "s", lower=1e-3))
-        fit = minimise(residuals, start)
-        low, high = profile_interval(residuals, fit, "tau")
-        held += low <= 2.0 <= high
-        longer_above += high - fit["tau"] > fit["tau"] - low
-    assert 51 <= held <= 60
-    assert longer_above == 60
-
-
-def test_profile_and_student_agree_on_a_linear_model() -> None:
-    rng = np.random.default_rng(6)
-    y = 1.0 + 2.0 * TIME + 0.1 * rng.standard_normal(len(TIME))
-
-    def residuals(b: FloatArray) -> FloatArray:
-        return b[0] + b[1] * TIME - y
-
-    fit = minimise(residuals, (Parameter("a", 0.0), Parameter("b", 0.0)))
-    assert profile_interval(residuals, fit, "b") == pytest.approx(
-        fit.estimate("b").interval, rel=1e-6
-    )
-
-
-def test_profile_ends_at_the_bound_where_no_value_is_rejected() -> None:
-    def residuals(b: FloatArray) -> FloatArray:
-        return 0.01 * b[0] + np.array([1.0, -1.0, 0.5, -0.5])
-
-    fit = minimise(residuals, (Parameter("weak", 0.5, lower=-10.0, upper=10.0),))
-    assert profile_interval(residuals, fit, "weak") == (-10.0, 10.0)
 
 
 # --- what the data do not identify ---------------------------------------------------------

@@ -1,8 +1,7 @@
 """Bounded nonlinear least squares whose parameters carry their uncertainty.
 
 Named, bounded parameters (lmfit's vocabulary) around `scipy.optimize.least_squares`; standard
-errors for white, for autocorrelated and for trial-wise errors; Student's intervals (profile
-intervals: `sysid.estimation.profile`);
+errors for white, for autocorrelated and for trial-wise errors; Student's intervals;
 and a diagnosis that names the parameter that is stuck at a bound or that the data do not
 identify. Standard errors are those of Bates, Watts (1988), Nonlinear Regression Analysis.
 """

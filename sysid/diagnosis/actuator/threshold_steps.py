@@ -17,7 +17,6 @@ from sysid.diagnosis.actuator.equation_error import channels_of
 from sysid.diagnosis.actuator.refit import Refit
 from sysid.diagnosis.actuator.screening import Projected
 from sysid.estimation.linear import Estimate
-from sysid.estimation.profile import first_root
 from sysid.model.effects.entry import CatalogueEffect, Quantity
 from sysid.model.ports import Model
 
@@ -68,7 +67,7 @@ def with_steps(
         def excess(distance: float) -> float:
             return squares(size + way * distance) - most
 
-        return size + way * first_root(excess, _FIRST_STEP * size, abs(bound - size), _CLOSELY)
+        return size + way * _first_root(excess, _FIRST_STEP * size, abs(bound - size))
 
     ends = end(-1.0, quantity.lower), end(1.0, quantity.upper)
     low, high = (
@@ -79,6 +78,23 @@ def with_steps(
         estimate.std if math.isfinite(estimate.std) else 0.0, (ends[1] - ends[0]) / math.sqrt(12.0)
     )
     return Estimate(size, std, estimate.unit, (low, high))
+
+
+def _first_root(excess: Callable[[float], float], guess: float, room: float) -> float:
+    """Distance at which `excess` (negative at 0) turns positive; `room` where it never does.
+
+    It is looked for from the distance `guess` on.
+    """
+    from scipy import optimize
+
+    near, far = 0.0, min(guess, room)
+    for _ in range(40):
+        if excess(far) > 0.0:
+            return float(optimize.brentq(excess, near, far, rtol=_CLOSELY))
+        if far >= room:
+            return room
+        near, far = far, min(1.5 * far, room)
+    return math.inf if math.isinf(room) else room
 
 
 def _wider(own: float, end: float, which: Callable[[float, float], float]) -> float:
