@@ -169,11 +169,6 @@ def _correlations(bundle: Bundle) -> Iterator[tuple[list[str], list[list[float]]
             yield [f"{place}.{name}" for name in found.names], found.array().tolist()
 
 
-def fitted_names(unknowns: Iterable[Unknown]) -> list[str]:
-    """Those that a fit put into the bundle, not the rig file."""
-    return [u.name for u in unknowns if u.origin != "rig"]
-
-
 def _friction(bundle: Bundle, rig: Rig, model: Model) -> list[Unknown]:
     part = bundle.friction
     found = []
