@@ -69,7 +69,7 @@ from sysid.diagnosis.actuator.screening import (  # noqa: E402
     screen,
     starting_points,
 )
-from sysid.diagnosis.actuator.search import LEAST_SHARE  # noqa: E402
+from sysid.diagnosis.actuator.search import LEAST_SHARE, LEAST_SIZE  # noqa: E402
 from sysid.diagnosis.actuator.signatures import Signatures, candidates  # noqa: E402
 from sysid.diagnosis.actuator.suspects import CLEAR_RATIO, SIGNIFICANCE  # noqa: E402
 from sysid.diagnosis.looked import Book  # noqa: E402
@@ -178,13 +178,16 @@ def table(options: argparse.Namespace) -> None:
 
 
 def smallest_scale(seen: Standard, seed: int, form: str) -> float:
-    """The share of its usual size at which an injected law is just detectable."""
+    """The share of its usual size at which an injected law is just detectable.
+
+    Not below that at which the search asks simulations as well, whatever the balances show.
+    """
     name, _, law = form.partition(":")
     injected = [e.content() for e in drawn_effects(seed, [(name, law, PROBE)])]
     base = seen.base
     changed = base.frame.residual(base.model + true_effects(injected)[0]) - base.residual
     length = float(np.linalg.norm(base.project(changed[:, None])))
-    return PROBE * seen.length_to_pass(name) / max(length, 1e-12)
+    return max(PROBE * seen.length_to_pass(name) / max(length, 1e-12), LEAST_SIZE)
 
 
 def check(options: argparse.Namespace) -> None:

@@ -69,7 +69,7 @@ _WHOLE_SHARE = 0.8
 _LEAST_WHOLE = 0.004
 # A strength below this share of its usual size is beside others a misfit of their forms; alone it
 # has to simulate better.
-_LEAST_SIZE = 0.05
+LEAST_SIZE = 0.05
 # An effect does not act on a row that it changes by less than this, in its noise.
 _NOT_ACTING = 1.0
 # An effect whose size changes by this factor when the next is added was not what it seemed.
@@ -337,7 +337,7 @@ class _TwinRounds(Rounds[RefittedStep]):
             rise = -_CLEARLY_LOWER
         else:
             return None
-        if relative_size(found.effect) >= _LEAST_SIZE:
+        if relative_size(found.effect) >= LEAST_SIZE:
             return rise
         return rise if not self.steps and self._simulates_better(found) else None
 
@@ -514,7 +514,7 @@ def _likeliest(refits: Sequence[Refit]) -> Refit:
     """Of effects the one that explains most; of those which explain as much, one of usual size."""
     winner = max(refits, key=lambda r: r.gain - penalty(r))
     near = [r for r in refits if r.gain > RIVAL_SHARE * winner.gain]
-    usual = [r for r in near if relative_size(r.effect) >= _LEAST_SIZE]
+    usual = [r for r in near if relative_size(r.effect) >= LEAST_SIZE]
     return max(usual or [winner], key=lambda r: r.gain - penalty(r))
 
 
