@@ -156,7 +156,10 @@ class Effect:
         return on, off
 
     def start_sensing(self, channels: Mapping[str, Array], step: float) -> tuple[Array, ...]:
-        """Memory of `sense` at rest at these true channels; none if rows are independent."""
+        """Memory of `sense` at rest at these true channels; none if rows are independent.
+
+        Where it is overridden, `measure` gets simulated channels between a log's rows as well.
+        """
         return ()
 
     def sense(
