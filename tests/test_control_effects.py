@@ -70,10 +70,13 @@ def runs_on(model: Model, duration: float = 0.6) -> list[ClosedLoopRun]:
 
 
 def open_loop(run: ClosedLoopRun, model: Model) -> dict[str, Array]:
-    """The same commands through the open-loop simulation: what its sensors show."""
+    """The same commands through the open-loop simulation: what its sensors show of its samples.
+
+    A loop's sensors see one pressure a sample, those of a simulation what is between them too.
+    """
     a, b = (ValveCommand(c, run.is_duty) for c in (run.command_a, run.command_b))
     inputs = Inputs(run.time, run.motor, a, b, position=float(run.position[0]))
-    found = simulate([inputs], [model])[0]
+    found = dataclasses.replace(simulate([inputs], [model])[0], between=None)
     return {"position": found.position, **measured_channels(found, "theta_rad", model)}
 
 
