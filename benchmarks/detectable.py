@@ -43,9 +43,9 @@ REPOSITORY = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(REPOSITORY))
 
 from benchmarks.attribution import (  # noqa: E402
+    LIMIT,
     PAIR_SIZES,
     RESULTS,
-    SECONDS,
     call,
     found_names,
     is_detected,
@@ -237,9 +237,7 @@ def diagnosed(seed: int, form: str, smallest: float, times: float) -> dict[str, 
         try:
             generate(seed, Path(folder), "--effect", f"{form}*{times * smallest:.6g}")
             command("sysid", "fit", campaign, "-o", bundle)
-            # Results do not depend on what else the machine does.
-            limit = ("--budget", str(SECONDS))
-            found = command("sysid", "diagnose", campaign, "--bundle", bundle, "--json", *limit)
+            found = command("sysid", "diagnose", campaign, "--bundle", bundle, "--json", *LIMIT)
         except CommandFailedError as error:
             return {**drawn, "failed": str(error)}
     return {**drawn, "diagnosis": json.loads(found)}

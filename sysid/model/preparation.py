@@ -207,23 +207,25 @@ def prepare(
     return SwitchedRun(time, motor, (a, b))
 
 
-def with_edges(inputs: Inputs, model: Model, max_step: float) -> tuple[Inputs, IntArray]:
+def with_edges(
+    inputs: Inputs, model: Model, max_step: float, shared: Shared | None = None
+) -> tuple[Inputs, IntArray]:
     """A run with rows also at its valves' edges, none further apart than `max_step` s; and which
-    of its rows (n,) are the run's own. The commands are held between these.
+    of its rows (n,) are the run's own. The commands are held between these; `shared` as in
+    `prepare`.
     """
-    shared = Shared()
-    edges = [_edges(inputs, side, model, _delays(side, model), shared) for side in SIDES]
+    known = shared or Shared()
+    edges = [_edges(inputs, side, model, _delays(side, model), known) for side in SIDES]
     time = np.asarray(inputs.time, dtype=float)
     grid = valve_timing.split_at(time, np.concatenate(edges), max_step)
     rows = np.concatenate(([0], np.flatnonzero(grid.ends_sample) + 1))
     closer = np.append(grid.start + time[0], time[-1])
     closer[rows] = time
     held = np.append(grid.row, len(time) - 1)
-    valves = (
+    valve_a, valve_b = (
         None if command is None else replace(command, values=np.asarray(command.values)[held])
         for command in (inputs.valve_a, inputs.valve_b)
     )
-    valve_a, valve_b = valves
     motor = np.asarray(inputs.motor)[held]
     return replace(inputs, time=closer, motor=motor, valve_a=valve_a, valve_b=valve_b), rows
 

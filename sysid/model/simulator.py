@@ -349,7 +349,8 @@ def _simulated_between(
     inputs: Sequence[Inputs], models: Sequence[Model], max_step: float, nan_if_endless: bool
 ) -> list[Trajectory]:
     """Every run, also at its steps between the rows."""
-    closer = [with_edges(i, m, max_step) for i, m in zip(inputs, models, strict=True)]
+    shared = Shared()
+    closer = [with_edges(i, m, max_step, shared) for i, m in zip(inputs, models, strict=True)]
     found = _simulated([i for i, _ in closer], models, (), max_step, nan_if_endless)
     return [
         Trajectory(np.asarray(one.time), *own[:, rows], between=Between(given.time, own, rows))

@@ -13,7 +13,7 @@ import numpy as np
 from sysid.model.differences import simulate_differences
 from sysid.model.ports import Model, overrides
 from sysid.model.preparation import Inputs
-from sysid.model.sensors import VELOCITY_CHANNELS, measured_channels, through_sensors
+from sysid.model.sensors import measured_channels
 from sysid.model.simulator import MAX_STEP, Trajectory, simulate
 from sysid.model.static_reading import static_ratio
 from sysid.model.tangents import Direction, Tangents, number_of, simulate_tangents
@@ -216,6 +216,7 @@ class Problem:
         ]
 
     def _seen(self, run: Run, found: Trajectory, model: Model) -> FloatArray:
+        """A run's position and pressures (3, n) as the sensors show them."""
         channels = measured_channels(found, self.position, model, run.inputs.elapsed)
         return np.array([channels[n] for n in (self.position, *CHAMBER_PRESSURES)])
 
@@ -303,13 +304,8 @@ class Problem:
         return here, np.array(slopes)
 
     def _shown(self, run: Run, states: FloatArray, model: Model) -> FloatArray:
-        """Position and pressures (3, n) as the sensors show states (4, n)."""
-        if not _has_sensors(model):
-            return np.asarray(states[[0, 2, 3]])
-        names = (self.position, VELOCITY_CHANNELS[self.position], *CHAMBER_PRESSURES)
-        time = run.inputs.time - run.inputs.time[0] + run.inputs.elapsed
-        channels = through_sensors(dict(zip(names, states, strict=True)), time, model)
-        return np.array([channels[n] for n in (self.position, *CHAMBER_PRESSURES)])
+        """Position and pressures (3, n) as the sensors show states (4, n) at the run's rows."""
+        return self._seen(run, Trajectory(run.inputs.time, *states), model)
 
     def _equations(self, number: int, errors: RunErrors, point: Iterate) -> Linearised:
         """A run's equations: its start's prior, and each logged channel's whitened errors.
