@@ -91,10 +91,12 @@ SILENT = SensorNoise((np.zeros(1), np.zeros(1), np.zeros(1)), np.zeros(3))
 Tests = list[tuple[str, str, Trial]]
 
 
-def made(*effects: tuple[str, str, float], scatter: float = 0.0) -> tuple[Tests, Rig, Model]:
+def made(
+    *effects: tuple[str, str, float], scatter: float = 0.0, seed: int = SEED
+) -> tuple[Tests, Rig, Model]:
     """Tests to fit on of a generated rig, the rig as declared, and its true base model."""
     campaign: GeneratedCampaign = make_campaign(
-        SEED, size=LAB, stems=STEMS, scatter=scatter, effects=drawn_effects(SEED, effects)
+        seed, size=LAB, stems=STEMS, scatter=scatter, effects=drawn_effects(seed, effects)
     )
     rig = rig_from_content(campaign.rig.content, "rig.toml")
     truth = campaign.truth
@@ -860,3 +862,11 @@ def test_friction_that_the_bench_has_far_off_is_begun_with_as_motion_shows_it(
     assert found.coulomb_effort == without.parameters.coulomb_effort
     far = with_sliding_friction(moving, Model(p.replace(coulomb_effort=4.0 * p.coulomb_effort)))
     assert far.parameters.coulomb_effort == pytest.approx(p.coulomb_effort, rel=0.1)
+
+
+def test_an_effect_that_imitates_two_gives_way_to_them() -> None:
+    """Valves that close sooner and do not follow short pulses: one that sticks explains more than
+    either alone."""
+    campaign = made(("valve-delay", "off", 1.0), ("duty-dead-zone", "partial", 1.0), seed=1023)
+    tried = ["sticking-valve", "valve-delay", "duty-dead-zone"]
+    assert added(campaign, tried, -0.3) == ["valve-delay", "duty-dead-zone"]

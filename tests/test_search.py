@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from test_components_repeats import KINDS, Curved, line
 
+from sysid.diagnosis.actuator.search import _exchanged
 from sysid.diagnosis.bench.selection import select
-from sysid.diagnosis.looked import Book, SearchStage
+from sysid.diagnosis.looked import LATE, QUICK, Book, SearchStage
 from sysid.diagnosis.search import MOST_EFFECTS, Rounds, Step, Tried, mark_removed, run
 from sysid.model.base import Array
 from sysid.model.effects.entry import CatalogueEffect
@@ -135,3 +136,73 @@ def test_an_imitation_goes_when_what_it_imitates_is_found(bent: float) -> None:
     for place, addition in enumerate(found.additions):
         assert addition.fitted.law.effects[place].id == addition.id
         assert len(addition.fitted.law.effects) == place + 1
+
+
+@dataclass
+class Exchangeable(Scripted):
+    """A search in which a rival of the first effect, with what follows it, may leave far less."""
+
+    book: Book = field(default_factory=Book)
+    rival: str | None = None
+    after: tuple[str, ...] = ()
+    less: bool = True
+
+    def with_rival_first(self, book: Book) -> Exchangeable | None:
+        if self.rival == "late":
+            raise OutOfTimeError
+        if self.rival is None:
+            return None
+        other = Exchangeable(list(self.after), book=book)
+        other.add(Step(named(self.rival), 1e-9, 0.9, (), ()))
+        return other
+
+    def leaves_far_less_than(self, other: Exchangeable) -> bool:
+        return other.less
+
+
+def exchanged(rounds: Exchangeable) -> tuple[Exchangeable, list[str | None]]:
+    history = run(rounds, rounds.book, no_progress)
+    found, rows = _exchanged(rounds, history, no_progress)  # type: ignore[arg-type]
+    return found, [r.added.id if r.added else None for r in rows]  # type: ignore[return-value]
+
+
+def test_a_rival_takes_the_first_effects_place_where_it_leaves_far_less() -> None:
+    start = Exchangeable(["imitation"], rival="one", after=("imitation", "two"))
+    found, added = exchanged(start)
+    assert added == ["one", "two", None]  # the imitation is not tried again
+    assert [s.id for s in found.steps] == ["one", "two"]
+    (note,) = start.book.notes
+    assert note.startswith("imitation alone explains more than one,") and "one and two" in note
+
+
+def test_the_first_effect_stays_where_a_rival_leaves_as_much() -> None:
+    start = Exchangeable(["first"], rival="one", after=("two",), less=False)
+    found, added = exchanged(start)
+    assert found is start and added == ["first", None]
+    assert start.book.notes == [] and start.book.missed == []
+
+
+def test_the_first_effect_stays_where_there_is_no_rival() -> None:
+    start = Exchangeable(["first"])
+    assert exchanged(start)[0] is start and start.book.notes == []
+
+
+def test_an_exchange_that_runs_out_of_time_leaves_the_effects_and_says_so() -> None:
+    start = Exchangeable(["first"], rival="late")
+    assert exchanged(start)[0] is start
+    (missed,) = start.book.closed().missed
+    assert missed.stage == SearchStage.EXCHANGE and missed.out_of_time and not missed.decides
+    assert missed.round == 0
+
+
+def test_what_a_search_aside_missed_counts_only_where_it_is_taken() -> None:
+    book = Book()
+    book.enter(SearchStage.SUSPECTS, 1)
+    book.miss(QUICK, "one")
+    aside = book.aside()
+    aside.enter(SearchStage.SUSPECTS, 2)
+    aside.miss(LATE, "two")
+    aside.note("noted")
+    assert [m.subject for m in book.missed] == ["one"] and book.notes == []
+    book.take(aside)
+    assert [m.subject for m in book.missed] == ["one", "two"] and book.notes == ["noted"]

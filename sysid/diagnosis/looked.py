@@ -30,6 +30,7 @@ class SearchStage(StrEnum):
     COMPARISON = "comparison with twins"
     SUSPECTS = "fit of suspects"
     TOGETHER = "fit with the effects added before"
+    EXCHANGE = "search with a rival of the first effect"
     EFFECTS = "fit of effects"
     REMOVAL = "removal of superfluous effects"
     REPETITION = "repetition on parts of the tests"
@@ -118,6 +119,9 @@ def stage_text(stage: str, number: int | None) -> str:
     return f"{stage}, round {number}" if number else stage
 
 
+_ENTRIES = ("screened", "fitted", "missed", "notes")
+
+
 @dataclass
 class Book:
     """A `Looked` in the making; `quick`: only a first look is asked for (`QUICK`)."""
@@ -138,6 +142,16 @@ class Book:
         """Note what the search came upon and no effect's numbers say."""
         if sentence not in self.notes:
             self.notes.append(sentence)
+
+    def aside(self) -> Book:
+        """A book of its own for what may not count, with what is noted in this one."""
+        own = {name: list(getattr(self, name)) for name in _ENTRIES}
+        return Book(self.stage, self.round, **own, quick=self.quick)
+
+    def take(self, other: Book) -> None:
+        """Have the entries of a book that went on `aside`."""
+        for name in _ENTRIES:
+            getattr(self, name)[:] = getattr(other, name)
 
     def left_out(self, stage: SearchStage, number: int = 0, *, decides: bool = False) -> None:
         """Note that a quick search leaves a stage out."""

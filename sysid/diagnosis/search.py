@@ -9,7 +9,7 @@ removed, and not tried again.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
@@ -115,14 +115,21 @@ class Rounds(ABC, Generic[StepT]):
         """Take a step out of the model, and fit the others without it."""
 
 
-def run(rounds: Rounds[StepT], book: Book, progress: Progress) -> tuple[Round, ...]:
+def run(
+    rounds: Rounds[StepT],
+    book: Book,
+    progress: Progress,
+    earlier: Sequence[Round] = (),
+    given_up: Collection[str] = (),
+) -> tuple[Round, ...]:
     """Add effects, and remove what they make superfluous, until no round adds one.
 
-    Ends within the time limit in force (`sysid.parallel`); what failed is in the book. A quick
-    search ends with the first effect.
+    Goes on after the `earlier` rounds, without the effects `given_up`. Ends within the time limit
+    in force (`sysid.parallel`); what failed is in the book. A quick search ends with the first
+    effect.
     """
-    history: list[Round] = []
-    removed: set[str] = set()
+    history = list(earlier)
+    removed = set(given_up)
     while True:
         number = len(history) + 1
         barred = frozenset({step.id for step in rounds.steps} | removed)

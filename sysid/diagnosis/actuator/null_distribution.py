@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 from scipy.special import ndtr
 
-from sysid.diagnosis.actuator.equation_error import CHANNELS
+from sysid.diagnosis.actuator.equation_error import BALANCES, CHANNELS
 from sysid.diagnosis.actuator.screening import Projected, screen_group
 from sysid.diagnosis.actuator.signatures import Candidate
 from sysid.diagnosis.looked import Book
@@ -23,6 +23,10 @@ _NOISIEST = 1.6
 _ASK_AGAIN = 2.0
 # A rig's numerics may bias a gain's root by this factor against its twins'.
 MARGIN = 1.3
+# A balance's excess is structure beyond this many of the twins' spreads, and beyond this share of
+# what the effects explained there.
+_SPREADS = 8.0
+_TOLERATED = 0.2
 
 
 class Null:
@@ -110,6 +114,21 @@ class Null:
             level = max(1.0, typical_square(base, name) / float(np.median(self.typical[name])))
             expected = float(np.max(self.sums[name])) * min(level, _NOISIEST)
             found[base.frame.rows(name)] = max(expected, self.sensors.get(name, 0.0))
+        return found
+
+    def structured(self, first: Projected, last: Projected) -> list[str]:
+        """The balances that still hold structure beside effects (`last`).
+
+        The real form of an effect is seldom the catalogue's: a remainder that is small against
+        what the effects explained (from `first` on) is that difference, and not another effect.
+        The few breakaways are for what acts on them alone.
+        """
+        before, after = self.excess(first), self.excess(last)
+        found = []
+        for channel in BALANCES:
+            tolerated = _TOLERATED * (before[channel] - after[channel])
+            if after[channel] >= max(_SPREADS * self.spread(last, channel), tolerated):
+                found.append(channel)
         return found
 
     def spread(self, base: Projected, channel: str) -> float:

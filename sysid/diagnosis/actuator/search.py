@@ -43,13 +43,13 @@ from sysid.diagnosis.actuator.signatures import Candidate, finer
 from sysid.diagnosis.actuator.suspects import Suspect, suspects_of, worth_refitting
 from sysid.diagnosis.actuator.threshold_steps import best_near, with_steps
 from sysid.diagnosis.actuator.whitening import Frame
-from sysid.diagnosis.looked import Book, SearchStage
+from sysid.diagnosis.looked import LATE, Book, SearchStage
 from sysid.diagnosis.search import MOST_EFFECTS, Round, Rounds, Step, run
 from sysid.errors import SimulationError
 from sysid.estimation.linear import Estimate
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import Model, overrides
-from sysid.parallel import attempt_in_threads, time_limit
+from sysid.parallel import Failure, attempt, attempt_in_threads, time_limit
 from sysid.types import Progress
 
 # By how much an effect in them may gain more than they exceed the twins.
@@ -86,6 +86,10 @@ _LEAST_FALL = -0.05
 # By how much the logarithm of the simulation error of one rival is below another's that simulates
 # clearly worse.
 _CLEARLY_LOWER = 0.2
+# A rival of the first effect is tried in its place from this part of what that explains on, and
+# stays where less than that part of what was left is left then.
+_RIVAL_PART = 0.5
+_HARDLY = 0.2
 
 
 @dataclass(frozen=True)
@@ -159,8 +163,42 @@ def search(
         first = projected(frame, model)
     rounds = _TwinRounds(first, candidates, null, progress, simulation_error, book)
     history = run(rounds, book, progress)
+    rounds, history = _exchanged(rounds, history, progress)
     with time_limit(None):
         return rounds.finished(history)
+
+
+def _exchanged(
+    rounds: _TwinRounds, history: tuple[Round, ...], progress: Progress
+) -> tuple[_TwinRounds, tuple[Round, ...]]:
+    """The search, or another one that begins with a rival of the first effect, if that leaves
+    hardly anything of what is left.
+
+    Of two effects in one balance a third may imitate most: beside it neither of them fits.
+    """
+    book, aside = rounds.book, rounds.book.aside()
+    book.enter(SearchStage.EXCHANGE)
+    other = attempt(lambda: rounds.with_rival_first(aside))
+    if isinstance(other, Failure):
+        book.miss(other, decides=False)
+    if other is None or isinstance(other, Failure):
+        return rounds, history
+    (step,), first = other.steps, history[0].added
+    assert first is not None
+    progress(f"{step.id} in place of {first.id}: what is left is searched again")
+    begun = (Round(step.tried, step),)
+    later = run(other, aside, progress, begun, {first.id})
+    if not other.leaves_far_less_than(rounds):
+        if len(aside.missed) > len(book.missed):
+            book.miss(LATE, decides=False)
+        return rounds, history
+    book.take(aside)
+    others = " and ".join(s.id for s in other.steps)
+    book.note(
+        f"{first.id} alone explains more than {step.id}, but leaves what no further effect "
+        f"explains; with {others} hardly anything is left"
+    )
+    return other, later
 
 
 class _TwinRounds(Rounds[RefittedStep]):
@@ -187,6 +225,34 @@ class _TwinRounds(Rounds[RefittedStep]):
         self._proposed: Refit | None = None
         # Without each step that might be superfluous, the others fitted together.
         self._others: dict[str, Refit] = {}
+        # The first round's suspects as they were fitted.
+        self._rivals: list[Refit] = []
+
+    def with_rival_first(self, book: Book) -> _TwinRounds | None:
+        """Rounds that begin with the best rival of the first effect, where structure is left.
+
+        None where there is none of either.
+        """
+        if not self._rivals or book.quick or not self.null.structured(self.first, self.base):
+            return None
+        other = _TwinRounds(
+            self.first, self.candidates, self.null, self.progress, self.simulation_error, book
+        )
+        other.tried = self.steps[0].tried
+        step = other._best(other.before, self._rivals, 1)
+        if step is None:
+            return None
+        other.add(replace(step, tried=other.tried))
+        return other
+
+    def leaves_far_less_than(self, other: _TwinRounds) -> bool:
+        """Whether hardly anything is left of what another search leaves, and the fitted motion
+        logs are simulated clearly better."""
+        channels = self.null.structured(self.first, other.base)
+        left, before = (excess_in(channels, self.null.excess(r.base)) for r in (self, other))
+        return left < _HARDLY * before and _simulates(
+            self.simulation_error, other.base.model, self.base.model, -_CLEARLY_LOWER
+        )
 
     def proposal(self, number: int, barred: frozenset[str]) -> RefittedStep | None:
         """The effect that explains most of what is left."""
@@ -210,6 +276,9 @@ class _TwinRounds(Rounds[RefittedStep]):
             step = self._best(excess, fitted, number)
         if step is None:
             return None
+        if number == 1:
+            enough = _RIVAL_PART * step.refit.gain
+            self._rivals = [r for r in fitted if r.id != step.id and r.gain > enough]
         unfitted = book.unfinished(SearchStage.SUSPECTS, number)
         near = tuple(sorted({*step.ambiguous, *unfitted} - {step.id}))
         return replace(step, ambiguous=near)
@@ -473,6 +542,8 @@ class _TwinRounds(Rounds[RefittedStep]):
 
     def remove(self, step: RefittedStep) -> None:
         place = self.steps.index(step)
+        if place == 0:  # it has given way already
+            self._rivals = []
         self.joint = self._others[step.id]
         before, after = self.steps[:place], self.steps[place + 1 :]
         effects = [s.effect for s in before]

@@ -35,10 +35,6 @@ _LEAST_IN_BIN = 8
 # Training tests are left out in so many folds, to say what repeats.
 _FOLDS = 4
 _RATE = "Pa/s"
-# A channel's excess counts beyond this many of the twins' spreads, and beyond this share of
-# what the effects explained there.
-_SPREADS = 8.0
-_TOLERATED = 0.2
 
 
 @dataclass(frozen=True)
@@ -59,20 +55,9 @@ class ResidualCurve:
 
 
 def leftover(found: Loop) -> tuple[ResidualCurve, ...]:
-    """Channels whose residual still holds structure, each with its strongest regressor.
-
-    The real form of an effect is seldom the catalogue's: a remainder that is small against
-    what the effects explained is that difference, and not another effect.
-    """
-    search, null = found.search, found.null
-    before, after = null.excess(search.first), null.excess(search.last)
-    left = []
-    for channel in BALANCES:  # the few breakaways are for what acts on them alone
-        excess = after[channel]
-        spread = null.spread(search.last, channel)
-        if excess >= max(_SPREADS * spread, _TOLERATED * (before[channel] - excess)):
-            left.append(channel)
-    return _strongest(found, left)
+    """Channels whose residual still holds structure, each with its strongest regressor."""
+    search = found.search
+    return _strongest(found, found.null.structured(search.first, search.last))
 
 
 def faintest(found: Loop) -> tuple[ResidualCurve, ...]:
