@@ -12,7 +12,12 @@ import pytest
 from scipy.signal import lfilter
 
 from datasets.generator.campaign import LAB, GeneratedCampaign, drawn_effects, make_campaign
-from sysid.diagnosis.actuator.diagnose import _is_beyond_draws, _of_fitted_numbers, is_far_off
+from sysid.diagnosis.actuator.diagnose import (
+    _is_beyond_draws,
+    _of_fitted_numbers,
+    is_far_off,
+    with_errors_after_judged,
+)
 from sysid.diagnosis.actuator.equation_error import (
     BALANCES,
     CHANNELS,
@@ -21,6 +26,7 @@ from sysid.diagnosis.actuator.equation_error import (
     channels_of,
     equation_error,
 )
+from sysid.diagnosis.actuator.evidence import TwinEvidence
 from sysid.diagnosis.actuator.holdout import HeldOut
 from sysid.diagnosis.actuator.loop import Loop, close_loop
 from sysid.diagnosis.actuator.null_distribution import Null
@@ -53,7 +59,9 @@ from sysid.diagnosis.actuator.whitening import (
     friction_scatter,
     noise_of,
 )
+from sysid.diagnosis.evidence import residual
 from sysid.diagnosis.looked import Book
+from sysid.diagnosis.result import Diagnosis
 from sysid.io.channels import VALVE_COMMANDS
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig, rig_from_content
@@ -682,6 +690,26 @@ def test_a_model_whose_every_channel_is_far_off_is_not_adequate() -> None:
     assert is_far_off(np.array([np.inf, 1480.0, 1120.0]), floor)
     assert not is_far_off(np.array([0.09, 1480.0, 300.0]), floor)
     assert not is_far_off(np.full(3, np.nan), floor)
+
+
+def test_effects_that_leave_every_channel_far_off_do_not_explain() -> None:
+    """As an exhaust that ices was imitated by three effects; without pressures nothing is said."""
+    tests, rig, model = made(("seal-friction", "sum", 1.0))
+    evidence = TwinEvidence(loop(tests, rig, model), rig, ())
+    errors = [{"theta_rad": 0.21, "pressure_a_pa": 2678.0, "pressure_b_pa": 2508.0}]
+    errors += [{"theta_rad": 0.051, "pressure_a_pa": 924.0, "pressure_b_pa": 963.0}]
+    floor = {"theta_rad": 0.0074, "pressure_a_pa": 217.0, "pressure_b_pa": 222.0}
+    effects = evidence.found(errors)
+    found = Diagnosis("effects-found", effects, residual(errors, floor), (), (), evidence)
+    judged = with_errors_after_judged(found)
+    assert judged.verdict == "unexplained" and judged.because == "held-out errors"
+    assert [e.id for e in judged.effects] == ["seal-friction"]
+    assert len(judged.unexplained) == 1 and "imitate an effect" in judged.notices[-1]
+    assert with_errors_after_judged(judged) is judged
+    near = residual([errors[0], errors[1] | {"pressure_b_pa": 600.0}], floor)
+    position = {"theta_rad": found.residual["theta_rad"]}
+    for other in (replace(found, residual=near), replace(found, residual=position)):
+        assert with_errors_after_judged(other) is other
 
 
 def test_one_channel_above_what_fitted_numbers_may_leave_is_far_off() -> None:

@@ -8,7 +8,11 @@ from typing import Any
 from sysid.bundle import Bundle, EffectEntry, HeldOutError
 from sysid.bundle.assembled_model import assumed_friction
 from sysid.bundle.effects import entry_of
-from sysid.diagnosis.actuator.diagnose import diagnose, open_loop_errors
+from sysid.diagnosis.actuator.diagnose import (
+    diagnose,
+    open_loop_errors,
+    with_errors_after_judged,
+)
 from sysid.diagnosis.bench.diagnose import diagnose_component, held_out_errors
 from sysid.diagnosis.bench.registry import AXIS, part_tested
 from sysid.diagnosis.looked import SECONDS, Book, SearchStage
@@ -119,7 +123,7 @@ def _diagnose_logs(
         diagnosis = with_refined_numbers(
             diagnosis, campaign, extended, catalogue, of_actuator, progress
         )
-    return diagnosis, tuple(notices)
+    return with_errors_after_judged(diagnosis), tuple(notices)
 
 
 def _unrefined(found: Diagnosis) -> Diagnosis:
@@ -151,7 +155,8 @@ def extended_bundle(bundle: Bundle, diagnosis: Diagnosis, campaign: Campaign) ->
     entries = [_entry(effect) for effect in diagnosis.effects]
     if diagnosis.refinement is not None:
         refined = diagnosis.refinement.bundle
-        return refined.replaced(effects=[*refined.effects[: -len(entries)], *entries])
+        found = refined.replaced(effects=[*refined.effects[: -len(entries)], *entries])
+        return _recorded(found, diagnosis)
     return _recorded(diagnosis.evidence.with_base(found.with_effects(entries)), diagnosis)
 
 
