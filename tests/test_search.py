@@ -152,7 +152,7 @@ class Exchangeable(Scripted):
             raise OutOfTimeError
         if self.rival is None:
             return None
-        other = Exchangeable(list(self.after), book=book)
+        other = Exchangeable(list(self.after), self.without, book=book)
         other.add(Step(named(self.rival), 1e-9, 0.9, (), ()))
         return other
 
@@ -180,6 +180,13 @@ def test_the_first_effect_stays_where_a_rival_leaves_as_much() -> None:
     found, added = exchanged(start)
     assert found is start and added == ["first", None]
     assert start.book.notes == [] and start.book.missed == []
+
+
+def test_of_a_rival_that_ran_out_of_time_it_is_said() -> None:
+    start = Exchangeable(["first"], {"two": "late"}, rival="one", after=("two",), less=False)
+    assert exchanged(start)[0] is start
+    (missed,) = start.book.missed
+    assert missed.stage == SearchStage.EXCHANGE and missed.out_of_time and not missed.decides
 
 
 def test_the_first_effect_stays_where_there_is_no_rival() -> None:

@@ -189,7 +189,7 @@ def _exchanged(
     begun = (Round(step.tried, step),)
     later = run(other, aside, progress, begun, {first.id})
     if not other.leaves_far_less_than(rounds):
-        if len(aside.missed) > len(book.missed):
+        if any(miss.out_of_time for miss in aside.missed[len(book.missed) :]):
             book.miss(LATE, decides=False)
         return rounds, history
     book.take(aside)
