@@ -16,7 +16,7 @@ from sysid.diagnosis.search import MOST_EFFECTS, Rounds, Step, Tried, mark_remov
 from sysid.model.base import Array
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import Point
-from sysid.parallel import OutOfTimeError
+from sysid.parallel import OutOfTimeError, time_limit
 from sysid.types import no_progress
 
 
@@ -147,11 +147,15 @@ class Exchangeable(Scripted):
     after: tuple[str, ...] = ()
     less: bool = True
 
+    def may_give_way(self) -> bool:
+        return self.rival is not None
+
     def with_rival_first(self, book: Book) -> Exchangeable | None:
         if self.rival == "late":
             raise OutOfTimeError
-        if self.rival is None:
+        if self.rival == "doubtful":
             return None
+        assert self.rival is not None
         other = Exchangeable(list(self.after), self.without, book=book)
         other.add(Step(named(self.rival), 1e-9, 0.9, (), ()))
         return other
@@ -189,9 +193,15 @@ def test_of_a_rival_that_ran_out_of_time_it_is_said() -> None:
     assert missed.stage == SearchStage.EXCHANGE and missed.out_of_time and not missed.decides
 
 
-def test_the_first_effect_stays_where_there_is_no_rival() -> None:
-    start = Exchangeable(["first"])
-    assert exchanged(start)[0] is start and start.book.notes == []
+@pytest.mark.parametrize("rival", [None, "doubtful"])
+def test_the_first_effect_stays_where_there_is_no_rival(rival: str | None) -> None:
+    start = Exchangeable(["first"], rival=rival)
+    with time_limit(1e-9):
+        history = run(start, start.book, no_progress)
+        before = list(start.book.missed)
+        assert _exchanged(start, history, no_progress)[0] is start  # type: ignore[arg-type,comparison-overlap]
+    assert start.book.notes == []
+    assert (start.book.missed == before) == (rival is None)  # what need not be done is not missed
 
 
 def test_an_exchange_that_runs_out_of_time_leaves_the_effects_and_says_so() -> None:

@@ -176,6 +176,8 @@ def _exchanged(
 
     Of two effects in one balance a third may imitate most: beside it neither of them fits.
     """
+    if not rounds.may_give_way():
+        return rounds, history
     book, aside = rounds.book, rounds.book.aside()
     book.enter(SearchStage.EXCHANGE)
     other = attempt(lambda: rounds.with_rival_first(aside))
@@ -228,13 +230,13 @@ class _TwinRounds(Rounds[RefittedStep]):
         # The first round's suspects as they were fitted.
         self._rivals: list[Refit] = []
 
-    def with_rival_first(self, book: Book) -> _TwinRounds | None:
-        """Rounds that begin with the best rival of the first effect, where structure is left.
+    def may_give_way(self) -> bool:
+        """Whether the first effect has rivals, and structure is left in the end."""
+        has_rivals = bool(self._rivals) and not self.book.quick
+        return has_rivals and bool(self.null.structured(self.first, self.base))
 
-        None where there is none of either.
-        """
-        if not self._rivals or book.quick or not self.null.structured(self.first, self.base):
-            return None
+    def with_rival_first(self, book: Book) -> _TwinRounds | None:
+        """Rounds that begin with the best rival of the first effect; None: none is to be added."""
         other = _TwinRounds(
             self.first, self.candidates, self.null, self.progress, self.simulation_error, book
         )
