@@ -12,12 +12,14 @@ import json
 import math
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 from sysid.errors import InputError, NotIdentifiedError
+from sysid.identification.valve_discrete.curve import CurveFit, fit_curves
 from sysid.identification.valve_discrete.held_chamber import (
     DiscreteValve,
     HeldChamber,
@@ -433,6 +435,23 @@ def test_the_critical_ratio_is_that_of_the_deepest_valley(rig: Rig) -> None:
     fit = fit_valve_discrete(Bench(VALVE_B, period=0.02).trials(2, 2), rig).valves["a"]
     low, high = fit["critical_ratio_dis"].interval
     assert low < CRITICAL_RATIO < high and high - low < 0.02
+
+
+def test_a_profile_whose_sums_depend_on_the_fits_before_has_a_ratio_all_the_same(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A fit begins where the nearest one ended: made again it ends elsewhere, here ever higher."""
+    calls = itertools.count()
+
+    def drifting(*arguments: Any) -> CurveFit:
+        found = fit_curves(*arguments)
+        higher = found.fit.residuals * (1.0 + 0.02 * next(calls))
+        return dataclasses.replace(found, fit=dataclasses.replace(found.fit, residuals=higher))
+
+    monkeypatch.setattr("sysid.identification.valve_discrete.ratio.fit_curves", drifting)
+    fit = fit_valve_discrete(Bench(VALVE_B, period=0.02).trials(2, 2), rig).valves["a"]
+    assert next(calls) > 51
+    assert fit["critical_ratio_fill"].unit == "-"
 
 
 def test_a_declared_delay_that_is_off_is_noticed(rig: Rig) -> None:

@@ -82,15 +82,22 @@ def critical_ratio(curves: CurveFit, direction: Direction) -> Estimate:
 def _profile(
     curves: CurveFit, pieces: Sequence[Piece], direction: Direction
 ) -> Callable[[float], float]:
-    """Sum of squares, Pa^2, over the ratio; each fit starts from the nearest earlier one."""
+    """Sum of squares, Pa^2, over the ratio; each fit starts from the nearest earlier one.
+
+    A ratio is fitted once: from another start its sum would be another, and a bracket of where the
+    sums cross a limit be none.
+    """
     known = {0.53: fitted_valve(curves)}
+    totals: dict[float, float] = {}
 
     def sums(ratio: float) -> float:
+        if ratio in totals:
+            return totals[ratio]
         near = known[min(known, key=lambda r: abs(r - ratio))]
         start = dataclasses.replace(near, **{direction.ratio: float(ratio)})
         refit = fit_curves(pieces, start, direction.free, _TOLERANCE)
         known[float(ratio)] = fitted_valve(refit)
-        return refit.fit.sum_of_squares
+        return totals.setdefault(ratio, refit.fit.sum_of_squares)
 
     return sums
 
