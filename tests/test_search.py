@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from test_components_repeats import KINDS, Curved, line
 
-from sysid.diagnosis.actuator.search import _exchanged
+from sysid.diagnosis.actuator.equation_error import CHANNELS
+from sysid.diagnosis.actuator.refit import Refit
+from sysid.diagnosis.actuator.search import _exchanged, _TwinRounds
 from sysid.diagnosis.bench.selection import select
 from sysid.diagnosis.looked import LATE, QUICK, Book, SearchStage
 from sysid.diagnosis.search import MOST_EFFECTS, Rounds, Step, Tried, mark_removed, run
 from sysid.model.base import Array
+from sysid.model.effects import catalogue
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import Point
 from sysid.parallel import OutOfTimeError, time_limit
@@ -223,3 +228,73 @@ def test_what_a_search_aside_missed_counts_only_where_it_is_taken() -> None:
     assert [m.subject for m in book.missed] == ["one"] and book.notes == []
     book.take(aside)
     assert [m.subject for m in book.missed] == ["one", "two"] and book.notes == ["noted"]
+
+
+def refitted(id: str, **gains: float) -> Refit:
+    """An effect that explains so much in each channel, of one row each."""
+    before = np.sqrt([gains.get(channel, 0.0) for channel in CHANNELS])
+    return Refit((catalogue()[id].neutral(),), before, np.zeros(len(CHANNELS)), None)  # type: ignore[arg-type]
+
+
+class Judging(_TwinRounds):
+    """A round beside a tube's lag, which acts on the pressures' rates alone; adds what is given."""
+
+    def __init__(self, added: Sequence[tuple[str, bool]] = ()) -> None:
+        self.added, self.asked = added, list[tuple[str, tuple[str, ...], bool]]()
+        frame = SimpleNamespace(rows=lambda c: slice(CHANNELS.index(c), CHANNELS.index(c) + 1))
+        self.base: Any = SimpleNamespace(frame=frame)
+        self.steps = [SimpleNamespace(effect=catalogue()["tube-lag"].neutral())]  # type: ignore[list-item]
+        self.book, self.progress = Book(), no_progress
+
+    def _clear(self, fitted: Any, _: Any) -> list[Refit]:
+        return list(fitted)
+
+    def _simulating_best(self, winner: Refit, _: Any) -> Refit:
+        return winner
+
+    def _on_finer_grid(self, winner: Refit) -> Refit:
+        return winner
+
+    def _step(self, winner: Refit, _: Any, __: Any, channels: Any, *, again: bool) -> Any:
+        self.asked.append((winner.id, tuple(channels), again))
+        return winner.id if (winner.id, again) in self.added else None
+
+    def best(self, *suspects: Refit, rates: float = 0.0) -> Any:
+        excess = {"effort": 1000.0, "rate_a": rates, "rate_b": rates, "breakaway": 0.0}
+        return self._best(excess, suspects, 2)
+
+
+LINK = refitted("link-flexibility", effort=5000.0)
+STRIBECK = refitted("stribeck-friction", effort=1200.0)
+EVERYWHERE = ("effort", "rate_a", "rate_b")
+
+
+def test_what_may_act_where_an_effect_does_is_asked_again_where_none_does() -> None:
+    rounds = Judging([("link-flexibility", True)])
+    assert rounds.best(LINK, STRIBECK) == "link-flexibility"
+    assert rounds.asked == [
+        ("link-flexibility", EVERYWHERE, False),
+        ("link-flexibility", ("effort",), True),
+    ]
+
+
+def test_after_one_that_is_refused_the_next_of_its_balance_has_to_simulate_better() -> None:
+    drag = refitted("quadratic-drag", effort=1100.0)
+    rounds = Judging([("stribeck-friction", True)])
+    assert rounds.best(LINK, STRIBECK, drag) == "stribeck-friction"
+    assert rounds.asked[2:] == [("stribeck-friction", ("effort",), True)]
+    rounds = Judging([("quadratic-drag", True)])
+    assert rounds.best(LINK, STRIBECK, drag) is None  # a third imitates what was refused
+    assert [id for id, *_ in rounds.asked] == ["link-flexibility"] * 2 + ["stribeck-friction"]
+
+
+@pytest.mark.parametrize("gain", [700.0, 2100.0])
+def test_the_next_of_its_balance_explains_nearly_all_that_is_there(gain: float) -> None:
+    rounds = Judging([("stribeck-friction", True)])
+    assert rounds.best(LINK, refitted("stribeck-friction", effort=gain)) is None
+
+
+def test_of_another_balance_the_next_is_judged_as_if_nothing_was_refused() -> None:
+    rounds = Judging([("wall-heat-transfer", False)])
+    heat = refitted("wall-heat-transfer", rate_a=300.0, rate_b=300.0)
+    assert rounds.best(LINK, heat, rates=400.0) == "wall-heat-transfer"

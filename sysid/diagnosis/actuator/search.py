@@ -290,26 +290,43 @@ class _TwinRounds(Rounds[RefittedStep]):
     ) -> RefittedStep | None:
         """The step with the fitted suspect that explains most, if it is to be added.
 
-        Where it is not, that of those which explain other balances: what is left of one balance,
-        as by the form of an effect before, says nothing of the others.
+        Where it is not, that of the others. What is left of a balance may be due to the form of an
+        effect before: of those that explain the same balances as one that was refused only the
+        next is tried, and has to explain nearly all of them and to simulate better. So has one that
+        may act where an effect does, but explains what none of them reaches.
         """
         clear = self._clear(fitted, excess)
         judged = {r.id: channels_of(r.effect) for r in clear}
+        refused: set[str] = set()
         while clear:
             winner = _likeliest(clear)
             self.progress(f"{winner.id}: tried {', '.join(r.id for r in clear)}")
             winner = self._on_finer_grid(self._simulating_best(winner, clear))
             self.book.enter(SearchStage.TOGETHER, number)
-            if step := self._step(winner, clear, excess, judged[winner.id]):
+            reached, own = judged[winner.id], explained_channels(winner, self.base.frame)
+            again = bool(refused.intersection(reached))
+            step = self._step(winner, clear, excess, reached, again=again)
+            if step is None and set(own) != set(reached) and self._none_acts(own):
+                step = self._step(winner, clear, excess, own, again=True)
+            if step is not None:
                 return step
             judged = {r.id: explained_channels(r, self.base.frame) for r in clear}
-            gone = set(judged[winner.id])
+            refused.update(own)
+            rest = [r for r in clear if r.id != winner.id]
+            same = [r for r in rest if refused.intersection(judged[r.id])]
+            later = [] if again or not same else [_likeliest(same)]
             clear = [
                 r
-                for r in clear
-                if not gone.intersection(judged[r.id]) and _is_there(r, judged[r.id], excess)
+                for r in rest
+                if _is_there(r, judged[r.id], excess)
+                and (r not in same or (r in later and self._is_whole(r, excess, judged[r.id])))
             ]
         return None
+
+    def _none_acts(self, channels: Sequence[str]) -> bool:
+        """Whether there are effects, and none of them reaches these balances."""
+        reached = {c for step in self.steps for c in channels_of(step.effect)}
+        return bool(self.steps) and not reached.intersection(channels)
 
     def _clear(self, fitted: Sequence[Refit], excess: Mapping[str, float]) -> list[Refit]:
         """Those whose strengths the tests agree on."""
@@ -348,9 +365,8 @@ class _TwinRounds(Rounds[RefittedStep]):
         channels = channels_of(found.effect)
         if self.steps:
             channels = explained_channels(found, self.base.frame)
-            before = {c for step in self.steps for c in channels_of(step.effect)}
             # A threshold's tests vote, one each, and a campaign has few.
-            if before.intersection(channels) and not has_threshold(found.effect):
+            if not self._none_acts(channels) and not has_threshold(found.effect):
                 return _CLEAR_WALD
         return _MAIN_WALD if share_of_excess(found, excess, channels) > _MAIN_SHARE else _CLEAR_WALD
 
@@ -360,11 +376,17 @@ class _TwinRounds(Rounds[RefittedStep]):
         refits: Sequence[Refit],
         excess: Mapping[str, float],
         channels: Sequence[str],
+        *,
+        again: bool,
     ) -> RefittedStep | None:
-        """With the best of these refits, if what it explains of these channels is enough."""
+        """With the best of these refits, if what it explains of these channels is enough.
+
+        `again`: it was refused for other channels, or another one for these.
+        """
         gains = {r.id: r.gain for r in refits}
         for form, held, rise in self._forms(winner, excess, channels):
-            extended = self._extended(form, held, rise)
+            most = min(rise, -_BETTER_BY) if again else rise
+            extended = self._extended(form, held, most)
             if extended is not None:
                 return RefittedStep(
                     form.effect,
@@ -465,14 +487,21 @@ class _TwinRounds(Rounds[RefittedStep]):
         """An effect with one of its shapes held at a usual value, the best of these first.
 
         What a balance sees of a law may be its tail alone: a shape that is fitted to it may then
-        lead anywhere else, as friction that falls with speed does at rest.
+        lead anywhere else, as friction that falls with speed does at rest. So may the other shapes
+        as they were fitted: each form begins at the best usual ones as well.
         """
+        side = getattr(winner.effect, "side", None)
+        own = [c for c in self.candidates if c.id == winner.id]
+        usual = screen_group(self.base, [c for c in own if dict(c.shape).get("side") == side])
         found = []
         for q in type(winner.effect).shapes():
             for value in q.grid:
-                start = replace(winner.effect, **{q.name: value})  # type: ignore[type-var]
+                like = [f for f in usual if dict(f.candidate.shape)[q.name] == value]
+                starts = [replace(winner.effect, **{q.name: value})]  # type: ignore[type-var]
+                starts += starting_points(like).get(winner.id, [])
                 held = frozenset({f"{winner.id}/{q.name}"})
-                found.append((refit(self.base, [start], held), held))
+                forms = [refit(self.base, [start], held) for start in starts]
+                found.append((max(forms, key=lambda form: form.gain), held))
         best = sorted(found, key=lambda pair: -pair[0].gain)
         return best[:_MOST_FORMS]
 
