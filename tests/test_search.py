@@ -269,6 +269,34 @@ STRIBECK = refitted("stribeck-friction", effort=1200.0)
 EVERYWHERE = ("effort", "rate_a", "rate_b")
 
 
+@pytest.mark.parametrize(
+    ("gain", "lower", "named"),
+    [
+        (1200.0, 0.05, "torque-offset"),  # one signature: simulation alone tells them apart
+        (1200.0, 0.005, "stribeck-friction"),
+        (1150.0, 0.05, "stribeck-friction"),
+        (1150.0, 0.3, "torque-offset"),
+    ],
+)
+def test_of_effects_that_explain_as_much_the_one_that_simulates_better(
+    gain: float, lower: float, named: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "sysid.diagnosis.actuator.search.with_base_refitted", lambda _, model: model
+    )
+
+    class Sum:
+        def __add__(self, effect: CatalogueEffect) -> Any:
+            return effect
+
+    rounds = Judging()
+    rounds.first, rounds.base.model = rounds.base, Sum()
+    errors = {"stribeck-friction": 3.0, "torque-offset": 3.0 - lower}
+    rounds.simulation_error = lambda effect: errors[effect.id]  # type: ignore[attr-defined]
+    rival = refitted("torque-offset", effort=gain)
+    assert _TwinRounds._simulating_best(rounds, STRIBECK, [STRIBECK, rival]).id == named
+
+
 def test_what_may_act_where_an_effect_does_is_asked_again_where_none_does() -> None:
     rounds = Judging([("link-flexibility", True)])
     assert rounds.best(LINK, STRIBECK) == "link-flexibility"

@@ -86,6 +86,8 @@ _LEAST_FALL = -0.05
 # By how much the logarithm of the simulation error of one rival is below another's that simulates
 # clearly worse.
 _CLEARLY_LOWER = 0.2
+# Whitened squares: effects that gain the same to within this are one signature in the balances.
+_SAME_GAIN = 1.0
 # A rival of the first effect is tried in its place from this part of what that explains on, and
 # stays where less than that part of what was left is left then.
 _RIVAL_PART = 0.5
@@ -518,11 +520,17 @@ class _TwinRounds(Rounds[RefittedStep]):
             model = with_base_refitted(self.first, self.base.model + rival.effect)
             with contextlib.suppress(SimulationError):
                 errors[rival.id] = self.simulation_error(model)
-        best = min(near, key=lambda r: errors.get(r.id, math.inf))
-        if len(errors) < 2 or errors[best.id] > errors.get(winner.id, math.inf) - _CLEARLY_LOWER:
+        if len(errors) < 2:
             return winner
-        self.progress(f"{best.id}: simulates clearly better than {winner.id}")
-        return best
+        best = min(near, key=lambda r: errors.get(r.id, math.inf))
+        if errors[best.id] <= errors.get(winner.id, math.inf) - _CLEARLY_LOWER:
+            self.progress(f"{best.id}: simulates clearly better than {winner.id}")
+            return best
+        # The balances do not tell these apart at all.
+        same = [r for r in near if r.gain > winner.gain - _SAME_GAIN]
+        best = min(same, key=lambda r: errors.get(r.id, math.inf))
+        lower = errors.get(best.id, math.inf) < errors.get(winner.id, math.inf) - _TOLERATED_RISE
+        return best if lower else winner
 
     def _on_finer_grid(self, winner: Refit) -> Refit:
         """An effect with a threshold refitted from the best on a finer grid, if it is better."""
