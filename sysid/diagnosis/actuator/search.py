@@ -316,13 +316,12 @@ class _TwinRounds(Rounds[RefittedStep]):
             refused.update(own)
             rest = [r for r in clear if r.id != winner.id]
             same = [r for r in rest if refused.intersection(judged[r.id])]
-            later = [] if again or not same else [_likeliest(same)]
-            clear = [
-                r
-                for r in rest
-                if _is_there(r, judged[r.id], excess)
-                and (r not in same or (r in later and self._is_whole(r, excess, judged[r.id])))
-            ]
+            other = [r for r in rest if not refused.intersection(judged[r.id])]
+            clear = [r for r in other if _is_there(r, judged[r.id], excess)]
+            if same and not again:
+                later = _likeliest(same)
+                if self._is_whole(later, excess, judged[later.id]):
+                    clear.append(later)
         return None
 
     def _none_acts(self, channels: Sequence[str]) -> bool:
@@ -510,7 +509,8 @@ class _TwinRounds(Rounds[RefittedStep]):
     def _simulating_best(self, winner: Refit, refits: Sequence[Refit]) -> Refit:
         """Of effects that explain as much in the balances, the one that simulates clearly better.
 
-        What the balances average out, as the pulses' ripple, tells them apart there.
+        What the balances average out, as the pulses' ripple, tells them apart there; of those that
+        are one signature in the balances a little better will do.
         """
         near = [r for r in refits if r.gain > RIVAL_SHARE * winner.gain]
         if len(near) < 2:
@@ -522,15 +522,13 @@ class _TwinRounds(Rounds[RefittedStep]):
                 errors[rival.id] = self.simulation_error(model)
         if len(errors) < 2:
             return winner
-        best = min(near, key=lambda r: errors.get(r.id, math.inf))
-        if errors[best.id] <= errors.get(winner.id, math.inf) - _CLEARLY_LOWER:
-            self.progress(f"{best.id}: simulates clearly better than {winner.id}")
-            return best
-        # The balances do not tell these apart at all.
         same = [r for r in near if r.gain > winner.gain - _SAME_GAIN]
-        best = min(same, key=lambda r: errors.get(r.id, math.inf))
-        lower = errors.get(best.id, math.inf) < errors.get(winner.id, math.inf) - _TOLERATED_RISE
-        return best if lower else winner
+        for some, margin in ((near, _CLEARLY_LOWER), (same, _TOLERATED_RISE)):
+            best = min(some, key=lambda r: errors.get(r.id, math.inf))
+            if errors.get(best.id, math.inf) < errors.get(winner.id, math.inf) - margin:
+                self.progress(f"{best.id}: simulates better than {winner.id}")
+                return best
+        return winner
 
     def _on_finer_grid(self, winner: Refit) -> Refit:
         """An effect with a threshold refitted from the best on a finer grid, if it is better."""

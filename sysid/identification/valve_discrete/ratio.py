@@ -9,6 +9,7 @@ flows and the delay refitted at each ratio.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -88,16 +89,14 @@ def _profile(
     sums cross a limit be none.
     """
     known = {0.53: fitted_valve(curves)}
-    totals: dict[float, float] = {}
 
+    @functools.cache
     def sums(ratio: float) -> float:
-        if ratio in totals:
-            return totals[ratio]
         near = known[min(known, key=lambda r: abs(r - ratio))]
         start = dataclasses.replace(near, **{direction.ratio: float(ratio)})
         refit = fit_curves(pieces, start, direction.free, _TOLERANCE)
         known[float(ratio)] = fitted_valve(refit)
-        return totals.setdefault(ratio, refit.fit.sum_of_squares)
+        return refit.fit.sum_of_squares
 
     return sums
 
