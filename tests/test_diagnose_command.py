@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import json
+import math
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -12,6 +13,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 import sysid.commands.diagnose
@@ -25,9 +27,12 @@ from sysid.diagnosis import content as findings
 from sysid.diagnosis.actuator.evidence import TwinEvidence
 from sysid.diagnosis.actuator.signatures import base_parameters
 from sysid.diagnosis.campaign import extended_bundle
-from sysid.diagnosis.refined import with_refined_numbers
+from sysid.diagnosis.refined import with_refined_numbers, without_contradicted
+from sysid.diagnosis.result import Diagnosis
+from sysid.estimation.linear import Estimate
 from sysid.io.campaign import read_campaign
 from sysid.model.effects.catalogue import catalogue
+from sysid.model.effects.entry import Catalogue, CatalogueEffect
 from sysid.report import svg
 from sysid.report.diagnosis import diagnosis_section
 
@@ -173,6 +178,83 @@ def test_a_refinement_that_does_not_hold_is_not_taken(
     assert found.effects == before.effects and found.residual == before.residual
     assert why in found.not_refined and why in found.notices[-1]
     assert found.to_json()["refined"] is False
+
+
+class _Looks:
+    """A diagnosis made by hand: the first with the effects given, the next without any."""
+
+    def __init__(self, first: Diagnosis) -> None:
+        self.first, self.tried = first, []  # type: ignore[var-annotated]
+
+    def __call__(self, effects: Catalogue) -> Diagnosis:
+        self.tried.append(set(effects))
+        if len(self.tried) == 1:
+            return self.first
+        return replace(self.first, verdict="adequate", effects=(), refinement=None, notices=())
+
+
+def test_an_effect_that_motion_confirms_stays(ran: Ran) -> None:
+    look = _Looks(ran.diagnosed.diagnosis)
+    found = without_contradicted(look, catalogue())
+    assert found == look.first
+    assert look.tried == [set(catalogue())]
+
+
+def _with_strengths(
+    found: Diagnosis, effect: CatalogueEffect, over_std: tuple[float, ...], correlation: float
+) -> Diagnosis:
+    """As if the effect had been found, and its strengths were so many standard errors from 0."""
+    names = [q.name for q in type(effect).strengths()]
+    parameters = [
+        SimpleNamespace(
+            unknown=SimpleNamespace(direction=(1, name)),
+            estimate=Estimate.symmetric(1e-4 * z, 1e-4, "s", math.inf),
+            informed=True,
+        )
+        for name, z in zip(names, over_std, strict=True)
+    ]
+    other = SimpleNamespace(
+        unknown=SimpleNamespace(direction=(0, "viscous")),
+        estimate=Estimate.symmetric(1.0, 1e-3, "", math.inf),
+        informed=True,
+    )
+    refinement: Any = SimpleNamespace(
+        bundle=SimpleNamespace(effects=[None]),
+        parameters=(other, *parameters),
+        correlation=np.array([[1, 0, 0], [0, 1, correlation], [0, correlation, 1]]),
+    )
+    estimates = dict(zip(names, (p.estimate for p in parameters), strict=True))
+    one = replace(found.effects[0], effect=effect, estimates=estimates)
+    return replace(found, effects=(one,), refinement=refinement)
+
+
+@pytest.mark.parametrize(
+    ("over_std", "correlation", "stays"),
+    [
+        ((0.1, -0.3), 0.0, False),
+        ((0.1, -9.0), 0.0, True),
+        # Neither is told from 0, their difference is.
+        ((1.5, -1.5), 0.9, True),
+        ((1.5, 1.5), 0.9, False),
+    ],
+)
+def test_the_search_is_made_again_without_an_effect_to_which_motion_gives_no_strength(
+    ran: Ran, over_std: tuple[float, float], correlation: float, stays: bool
+) -> None:
+    delay = catalogue()["valve-delay"].typical()
+    look = _Looks(_with_strengths(ran.diagnosed.diagnosis, delay, over_std, correlation))
+    lines: list[str] = []
+    found = without_contradicted(look, catalogue(), lines.append)
+    if stays:
+        assert found == look.first
+        return
+    assert look.tried == [set(catalogue()), set(catalogue()) - {"valve-delay"}]
+    assert found.verdict == "adequate" and not found.effects
+    assert found.contradicted == ("valve-delay",)
+    assert found.to_json()["removed"] == ["valve-delay"]
+    (notice,) = found.notices
+    assert notice.startswith("valve-delay") and "on_delay_s" in notice and "off_delay_s" in notice
+    assert "valve-delay" in lines[0]
 
 
 def test_summary_says_verdict_effects_errors_and_what_was_tried(

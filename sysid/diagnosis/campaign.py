@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -16,12 +17,13 @@ from sysid.diagnosis.actuator.diagnose import (
 from sysid.diagnosis.bench.diagnose import diagnose_component, held_out_errors
 from sysid.diagnosis.bench.registry import AXIS, part_tested
 from sysid.diagnosis.looked import SECONDS, Book, SearchStage
-from sysid.diagnosis.refined import with_refined_numbers
+from sysid.diagnosis.refined import Look, with_refined_numbers, without_contradicted
 from sysid.diagnosis.result import Diagnosis, FoundEffect
 from sysid.errors import NotIdentifiedError
 from sysid.io.campaign import Campaign, CampaignLog
 from sysid.io.logs import Log
 from sysid.model.effects.catalogue import EffectSource, catalogue_from
+from sysid.model.effects.entry import Catalogue
 from sysid.model.effects.linear import for_rig
 from sysid.parallel import time_limit
 from sysid.refinement.draws import drawn_models
@@ -78,52 +80,78 @@ def _diagnose_logs(
         logs.append((entry.use, entry.kind, log))
         notices += log.notices
     kind = part_tested([entry.kind for entry in campaign.logs], bundle)
-    if kind is not None:
-        trials = {
-            wanted: [t for use, of, log in logs if (use, of) == (wanted, kind) for t in log.trials]
-            for wanted in ("fit", "holdout")
-        }
-        found = diagnose_component(
-            kind, trials["fit"], trials["holdout"], campaign.rig, bundle, open_ones, progress,
-            quick=quick,
-        )  # fmt: skip
-        if refine and kind == AXIS and campaign.rig.is_motor_alone and trials["holdout"]:
-
-            def of_part(other: Bundle) -> dict[str, float]:
-                return held_out_errors(kind, trials["holdout"], campaign.rig, other, catalogue)
-
-            found = with_refined_numbers(
-                found, campaign, extended_bundle(bundle, found, campaign), catalogue, of_part,
-                progress,
-            )  # fmt: skip
-        return found, tuple(notices)
-    if campaign.rig.air is None:
+    if kind is None and campaign.rig.air is None:
         raise NotIdentifiedError(
             f"{campaign.path}: an axis without air is diagnosed on tests of kind friction-motion, "
             "of which it holds none; add some (docs: how-to/part-alone)"
         )
+    if kind is not None:
+        look = _look_at_part(kind, campaign, bundle, logs, catalogue, refine, quick, progress)
+    else:
+        notices += [*bundle.other_rig(campaign.rig), *assumed_friction(bundle)]
+        look = _look_at_actuator(campaign, bundle, logs, catalogue, refine, seed, quick, progress)
+    return without_contradicted(look, open_ones, progress), tuple(notices)
+
+
+def _look_at_part(
+    kind: str,
+    campaign: Campaign,
+    bundle: Bundle,
+    logs: Sequence[tuple[str, str, Log]],
+    catalogue: Catalogue,
+    refine: bool,
+    quick: bool,
+    progress: Progress,
+) -> Look:
+    trials = {
+        wanted: [t for use, of, log in logs if (use, of) == (wanted, kind) for t in log.trials]
+        for wanted in ("fit", "holdout")
+    }
+    refine = refine and kind == AXIS and campaign.rig.is_motor_alone and bool(trials["holdout"])
+
+    def errors_of(other: Bundle) -> dict[str, float]:
+        return held_out_errors(kind, trials["holdout"], campaign.rig, other, catalogue)
+
+    def look(effects: Catalogue) -> Diagnosis:
+        found = diagnose_component(
+            kind, trials["fit"], trials["holdout"], campaign.rig, bundle, effects, progress,
+            quick=quick,
+        )  # fmt: skip
+        if not refine:
+            return found
+        extended = extended_bundle(bundle, found, campaign)
+        return with_refined_numbers(found, campaign, extended, catalogue, errors_of, progress)
+
+    return look
+
+
+def _look_at_actuator(
+    campaign: Campaign,
+    bundle: Bundle,
+    logs: Sequence[tuple[str, str, Log]],
+    catalogue: Catalogue,
+    refine: bool,
+    seed: int,
+    quick: bool,
+    progress: Progress,
+) -> Look:
     model = bundle.model(campaign.rig, catalogue)
-    notices += [*bundle.other_rig(campaign.rig), *assumed_friction(bundle)]
-    diagnosis = diagnose(
-        logs,
-        campaign.rig,
-        model,
-        open_ones,
-        drawn=drawn_models(bundle, campaign.rig, model, _DRAWN, seed),
-        seed=seed,
-        quick=quick,
-        progress=progress,
-    )
-    if refine:
+    drawn = drawn_models(bundle, campaign.rig, model, _DRAWN, seed)
 
-        def of_actuator(other: Bundle) -> dict[str, float]:
-            return open_loop_errors(logs, campaign.rig, other.model(campaign.rig, catalogue))
+    def errors_of(other: Bundle) -> dict[str, float]:
+        return open_loop_errors(logs, campaign.rig, other.model(campaign.rig, catalogue))
 
-        extended = extended_bundle(bundle, diagnosis, campaign)
-        diagnosis = with_refined_numbers(
-            diagnosis, campaign, extended, catalogue, of_actuator, progress
-        )
-    return with_errors_after_judged(diagnosis), tuple(notices)
+    def look(effects: Catalogue) -> Diagnosis:
+        found = diagnose(
+            logs, campaign.rig, model, effects, drawn=drawn, seed=seed, quick=quick,
+            progress=progress,
+        )  # fmt: skip
+        if refine:
+            extended = extended_bundle(bundle, found, campaign)
+            found = with_refined_numbers(found, campaign, extended, catalogue, errors_of, progress)
+        return with_errors_after_judged(found)
+
+    return look
 
 
 def _unrefined(found: Diagnosis) -> Diagnosis:

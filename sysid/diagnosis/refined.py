@@ -1,20 +1,25 @@
 """The last step of a diagnosis: the numbers of the model found, estimated by simulation error.
 
 The balances that find an effect give its numbers with the bias of their approximations. Where the
-model that was found is simulated, the motion tests say them without (design, step 4).
+model that was found is simulated, the motion tests say them without (design, step 4). An effect to
+which they give no strength is not there: the search is made again without it.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Mapping
 from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.special import gammaincinv
 
 from sysid.bundle import Bundle, EffectEntry
 from sysid.bundle.assembled_model import effects_from_bundle
 from sysid.diagnosis.looked import LATE, Book, SearchStage
 from sysid.diagnosis.result import Diagnosis, FoundEffect
+from sysid.display.numbers import number
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import Campaign
@@ -24,6 +29,73 @@ from sysid.types import Progress, no_progress
 
 if TYPE_CHECKING:
     from sysid.refinement.result import RefineResult
+    from sysid.refinement.unknowns import Direction
+
+Look = Callable[[Catalogue], Diagnosis]
+"""A diagnosis by the effects of a catalogue, its numbers refined."""
+
+# The chance with which an effect that is not there has a strength other than 0.
+_LEVEL = 0.05
+
+
+def without_contradicted(
+    look: Look, catalogue: Catalogue, progress: Progress = no_progress
+) -> Diagnosis:
+    """The diagnosis of which every refined effect has a strength other than 0.
+
+    Where one has none, the next is made without the one that is the most surely absent.
+    """
+    found, gone, notices = look(catalogue), [], []
+    while (absent := _contradicted(found)) is not None:
+        progress(f"{absent.id}: motion gives it no strength, searching without it")
+        gone.append(absent.id)
+        notices.append(_notice(absent))
+        found = look({name: effect for name, effect in catalogue.items() if name not in gone})
+    notices += found.notices
+    return dataclasses.replace(found, contradicted=tuple(gone), notices=tuple(notices))
+
+
+def _contradicted(found: Diagnosis) -> FoundEffect | None:
+    """The effect whose refined strengths are nearest to 0, by their errors, if they may be 0."""
+    if found.refinement is None:
+        return None
+    count = len(found.effects)
+    first = len(found.refinement.bundle.effects) - count + 1
+    over_chance = [
+        _over_chance(found.refinement, {(place, q.name) for q in type(one.effect).strengths()})
+        for place, one in enumerate(found.effects, start=first)
+    ]
+    least = int(np.argmin(over_chance))
+    return found.effects[least] if over_chance[least] < 1.0 else None
+
+
+def _over_chance(refinement: RefineResult, strengths: Container[Direction]) -> float:
+    """Wald's statistic of an effect's strengths over that which chance gives them, were there none;
+    infinite where none is known.
+    """
+    places, z = [], []
+    for place, parameter in enumerate(refinement.parameters):
+        if parameter.unknown.direction in strengths and parameter.informed:
+            places.append(place)
+            z.append(parameter.estimate.value / parameter.estimate.std)
+    if not places:
+        return math.inf
+    inverse = np.linalg.pinv(refinement.correlation[np.ix_(places, places)])
+    return float(np.array(z) @ inverse @ z) / (
+        2.0 * float(gammaincinv(len(places) / 2.0, 1.0 - _LEVEL))
+    )
+
+
+def _notice(absent: FoundEffect) -> str:
+    sizes = ", ".join(
+        f"{q.label} {number(e.value, 2)} +- {number(e.std, 1)} {q.unit}".rstrip(" -")
+        for q in type(absent.effect).strengths()
+        if (e := absent.estimates.get(q.name)) is not None
+    )
+    return (
+        f"{absent.id} was found in the balances, but motion, simulated with it, gives it no "
+        f"strength ({sizes}): it was left out, and the search made again"
+    )
 
 
 def with_refined_numbers(
@@ -104,4 +176,4 @@ def _refined(found: FoundEffect, entry: EffectEntry, effect: CatalogueEffect) ->
     return dataclasses.replace(found, effect=effect, estimates={**found.estimates, **estimates})
 
 
-__all__ = ["with_refined_numbers"]
+__all__ = ["Look", "with_refined_numbers", "without_contradicted"]

@@ -36,7 +36,8 @@ class Diagnosis:
     `because`: why the verdict is `unexplained`, None where it is not. `refinement`: of the numbers
     by simulation error, where they are from it; the errors after each effect are those before it.
     `not_refined`: why its numbers were not taken, empty where they were or none was asked for.
-    `missed`: what was not done after the search.
+    `missed`: what was not done after the search. `contradicted`: ids of effects that an earlier
+    search found and motion gives no strength, without which this one was made.
     """
 
     verdict: Verdict
@@ -51,6 +52,7 @@ class Diagnosis:
     not_refined: str = ""
     notices: tuple[str, ...] = ()
     missed: tuple[Missed, ...] = ()
+    contradicted: tuple[str, ...] = ()
 
     @property
     def component(self) -> str:
@@ -77,7 +79,10 @@ class Diagnosis:
             "residual": {name: errors.to_json() for name, errors in self.residual.items()},
             "unexplained": [entry.to_json() for entry in self.unexplained],
             "because": self.because,
-            "removed": [name for one in self.evidence.rounds for name in one.removed],
+            "removed": [
+                *self.contradicted,
+                *(name for one in self.evidence.rounds for name in one.removed),
+            ],
             "rejected": [tried.to_json() for tried in self.rejected],
             "search": self.looked.to_json(),
             "remainder": [rest.to_json() for rest in self.remainder],
