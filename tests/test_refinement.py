@@ -10,6 +10,7 @@ from scipy.optimize import least_squares
 
 from benchmarks.refinement import rig_runs, unknown
 from sysid.errors import InputError
+from sysid.model.effects.chamber import TubeLag
 from sysid.model.ports import Model
 from sysid.model.simulator import simulate
 from sysid.refinement.estimation import Estimated, FrictionScatter, estimate
@@ -405,6 +406,27 @@ def test_where_no_test_is_followed_their_breakaway_is_scanned(
     said: list[str] = []
     estimate(problem, SCATTER, progress=said.append)
     assert "round 1: breakaway of 1 tests" in said
+
+
+def test_runs_remember_what_goes_before_them_as_the_unknowns_have_it(
+    simulated: tuple[list[Run], Model],
+) -> None:
+    runs, model = simulated
+    before, after = runs[:2]
+    own = [before, dataclasses.replace(after, run_up=before.inputs)]
+    bare = problem_of(own, model)
+    point = bare.first_point()
+    assert not any(run.inputs.remembered for run in bare.after_run_ups(point).runs)
+    flows = []
+    for lag in (2e-3, 6e-3):
+        problem = dataclasses.replace(bare, model=bare.model + TubeLag(lag))
+        first, second = problem.after_run_ups(point).runs
+        assert not first.inputs.remembered
+        assert set(second.inputs.remembered) == {"tube_flow_a", "tube_flow_b"}
+        again = problem.after_run_ups(point).after_run_ups(point).runs[1]
+        assert again.inputs.remembered == second.inputs.remembered
+        flows.append(second.inputs.remembered["tube_flow_a"])
+    assert flows[0] != flows[1]
 
 
 def test_a_segment_that_was_left_out_is_not_joined_in() -> None:

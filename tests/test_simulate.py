@@ -21,11 +21,18 @@ from sysid.io.logs import Trial, with_channels
 from sysid.io.rig import rig_from_content
 from sysid.model import simulator, tables, valve_timing
 from sysid.model.base import Parameters
+from sysid.model.effects.catalogue import catalogue
 from sysid.model.effects.sensor import PressureLag, TimeSkew
 from sysid.model.ports import Effect, Model, stack_models
 from sysid.model.preparation import prepare, with_edges
 from sysid.model.sensors import measured_channels
-from sysid.model.simulator import Inputs, Trajectory, ValveCommand, simulate
+from sysid.model.simulator import (
+    Inputs,
+    Trajectory,
+    ValveCommand,
+    remembered_after,
+    simulate,
+)
 from sysid.model.stepper import advance
 from sysid.model.trials import inputs_from_trial, simulate_trials, starts_on_supply
 from tests.test_model import Everywhere
@@ -97,6 +104,43 @@ def test_solve_ivp_with_events_agrees(seed: int) -> None:
     position, pressure = errors(simulate(inputs, models, max_step=1e-3 / 64)[0], reference)
     assert position < 1e-7
     assert pressure < 0.1
+
+
+@pytest.mark.parametrize("name", ["tube-lag", "wall-heat-transfer", "supply-droop"])
+def test_a_run_that_remembers_goes_on_as_if_it_had_not_been_cut(name: str) -> None:
+    """A valve has just opened where it is cut, so that the effect's states are on their way."""
+    effect: Any = catalogue()[name].typical()
+    if name == "supply-droop":
+        effect = dataclasses.replace(effect, line_time_s=0.02)
+    model = Model(held(), (effect,))
+    time = seconds(0.2)
+    command = ((time > 0.0999) & (time < 0.15)).astype(float)
+    whole = Inputs(time, np.zeros(len(time)), ValveCommand(command))
+    cut = 108
+    before = dataclasses.replace(
+        whole,
+        time=time[: cut + 1],
+        motor=whole.motor[: cut + 1],
+        valve_a=ValveCommand(command[: cut + 1]),
+    )
+    run = simulate([whole], [model])[0]
+    rest = Inputs(
+        time[cut:],
+        whole.motor[cut:],
+        ValveCommand(command[cut:], starts_on=True),
+        **{n: float(getattr(run, n)[cut]) for n in simulator.STATE},
+        elapsed=float(time[cut]),
+    )
+    longer = dataclasses.replace(before, time=seconds(0.3), motor=np.zeros(301), valve_a=None)
+    (remembered, _) = remembered_after([before, longer], [model, model])
+    assert remembered == remembered_after([before], [model])[0]
+    without, on = simulate(
+        [rest, dataclasses.replace(rest, remembered=remembered)], [model, model], max_step=1e-4
+    )
+    exact = simulate([whole], [model], max_step=1e-4)[0]
+    expected = [values[cut:] for values in states(exact)]
+    lost, left = errors(without, expected)[1], errors(on, expected)[1]
+    assert left < 0.1 * lost and left < PRESSURE_PA < lost
 
 
 def test_a_run_does_not_depend_on_its_batch() -> None:

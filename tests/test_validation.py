@@ -14,7 +14,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from datasets.generator.campaign import SMALL, GeneratedCampaign, make_campaign
+from datasets.generator.campaign import (
+    SMALL,
+    GeneratedCampaign,
+    drawn_effects,
+    make_campaign,
+)
 from datasets.generator.files import write_log
 from datasets.generator.rigs import rig_toml
 from datasets.generator.runs import Commands, GeneratedTest, at_atmosphere, simulated
@@ -41,6 +46,7 @@ from sysid.io.campaign import MOTION_KINDS, Campaign, read_campaign
 from sysid.io.logs import Trial, with_channels
 from sysid.io.rig import Rig, rig_from_content
 from sysid.model.base import filling_flow
+from sysid.model.effects.chamber import TubeLag
 from sysid.report import shown_tests
 from sysid.report.opening import verdict
 from sysid.surfaces import Bipolynomial
@@ -594,6 +600,38 @@ def test_pulses_are_no_noise(made: GeneratedCampaign) -> None:
 
 
 # --- refusals -----------------------------------------------------------------------------
+
+
+def test_segments_begin_with_what_the_effects_remember() -> None:
+    """A tube still passes what its valve let through before: without it the air is missing."""
+    seed = 4  # a rig whose pressures do not slide where the law jumps
+    effects = drawn_effects(seed, [("tube-lag", "first-order", 1.0)])
+    made = make_campaign(
+        seed,
+        size=SMALL,
+        scatter=0.0,
+        kinds=("motion-pwm",),
+        stems=("motion_pwm_2",),
+        effects=effects,
+    )
+    rig = rig_from_content(made.rig.content, "rig.toml")
+    test = prepared(trial_of(made.logs[0].tests[0]), rig)
+    first, *others = test.segments
+    assert first.run_up is not None and first.run_up.start == 0
+    for segment in others:
+        assert segment.run_up is not None and segment.run_up.stop == segment.start + 1
+        assert 0.3 < test.time[segment.start] - test.time[segment.run_up.start] < 0.5
+    model = true_bundle(made, rig).model(rig) + TubeLag(effects[0].values["tube_lag_s"])
+    missing = [dataclasses.replace(s, run_up=None) for s in test.segments]
+    errors = []
+    for segments in (test.segments, missing):
+        runs = simulate_segments([(test, s) for s in segments], model)
+        pairs = zip(runs, segments, strict=True)
+        left = [run - test.measured[:, s.start : s.stop] for run, s in pairs]
+        own = [np.sqrt(np.mean(r**2, axis=1)) / test.noise.total for r in left]
+        errors.append(np.median(own, axis=0))
+    assert (errors[0][1:] < 1.1).all()
+    assert (errors[1][1:] > 1.3).all() and errors[1][0] > 3.0 * errors[0][0]
 
 
 @pytest.fixture

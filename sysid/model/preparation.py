@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -35,7 +35,9 @@ class Inputs:
 
     A valve that is None stays off. The state at the first row: rad or m, rad/s or m/s, Pa;
     a pressure that is None is the atmosphere. `elapsed`: s from the test's start to the first
-    row, as effects count time from the test's start, and a run may start within it.
+    row, as effects count time from the test's start, and a run may start within it. `remembered`:
+    what the effects' states have there beyond those with which they begin, by name and in their
+    units; 0 for one that is not given.
     """
 
     time: FloatArray
@@ -47,6 +49,7 @@ class Inputs:
     pressure_a: float | None = None
     pressure_b: float | None = None
     elapsed: float = 0.0
+    remembered: Mapping[str, float] = field(default_factory=dict)
 
     def valve(self, side: str) -> ValveCommand | None:
         """Valve A's or B's command."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import math
 import os
@@ -167,8 +168,10 @@ def _advance_block(
     models: list[Model],
     surfaces: tuple[Any, ...],
     nan_if_endless: bool,
-) -> list[FloatArray]:
-    """(4, samples) of every run: position, velocity, pressures at its rows."""
+) -> tuple[list[FloatArray], FloatArray]:
+    """(4, samples) of every run: position, velocity, pressures at its rows; and the effects' states
+    (k, runs) at its last.
+    """
     model = stack_models(models)
     structure, numbers = split((model.parameters, *model.effects, *surfaces))
     layout, packed = _pack(numbers, len(inputs))
@@ -195,7 +198,9 @@ def _advance_block(
             rows.collect(states, np.asarray(reached))
     for i in np.flatnonzero(endless[: len(block.runs)]):
         rows.runs[i][:, rows.filled[i] :] = math.nan
-    return rows.runs
+    extra = np.array(lanes.extra).reshape(-1, len(inputs))
+    extra[:, endless] = math.nan
+    return rows.runs, extra
 
 
 def at_first_row(lanes: Lanes) -> Lanes:
@@ -269,7 +274,10 @@ def start_lanes(inputs: list[Inputs], model: Model) -> Lanes:
         velocity=velocity,
         pressure_a=pressure_a,
         pressure_b=pressure_b,
-        extra=tuple(zero + extra[name] for name in model.state_names),
+        extra=tuple(
+            extra[name] + np.array([i.remembered.get(name, 0.0) for i in inputs])
+            for name in model.state_names
+        ),
         loose=zero,
         index=np.zeros(n, dtype=int),
         elapsed=zero,
@@ -341,8 +349,39 @@ def simulate(
     check_runs(inputs, models, bool(surfaces))
     if not surfaces and models[0].has_remembering_sensor:
         return _simulated_between(inputs, models, max_step, nan_if_endless)
-    found = _simulated(inputs, models, surfaces, max_step, nan_if_endless)
+    found, _ = _simulated(inputs, models, surfaces, max_step, nan_if_endless)
     return [Trajectory(np.asarray(i.time), *own) for i, own in zip(inputs, found, strict=True)]
+
+
+def remembered_after(
+    inputs: Sequence[Inputs], models: Sequence[Model], surfaces: tuple[Any, ...] = ()
+) -> list[dict[str, float]]:
+    """What the effects' states have at each run's last row beyond those with which they would begin
+    there, for the `remembered` of a run that goes on from it.
+
+    Nothing of a run that does not stay finite. Raises as `simulate`.
+    """
+    names = models[0].state_names if models else ()
+    if not names:
+        return [{} for _ in inputs]
+    check_runs(inputs, models, bool(surfaces))
+    states, extra = _simulated(inputs, models, surfaces, MAX_STEP, nan_if_endless=True)
+    last = [
+        dataclasses.replace(
+            one,
+            **dict(zip(STATE, map(float, own[:, -1]), strict=True)),  # type: ignore[arg-type]
+            motor=np.asarray(one.motor)[-1:],
+            elapsed=one.elapsed + float(np.ptp(one.time)),
+            remembered={},
+        )
+        for one, own in zip(inputs, states, strict=True)
+    ]
+    begun = np.array(start_lanes(last, stack_models(list(models))).extra)
+    beyond = np.array(extra).T - begun
+    return [
+        dict(zip(names, own.tolist(), strict=True)) if np.isfinite(own).all() else {}
+        for own in beyond.T
+    ]
 
 
 def _simulated_between(
@@ -351,7 +390,7 @@ def _simulated_between(
     """Every run, also at its steps between the rows."""
     shared = Shared()
     closer = [with_edges(i, m, max_step, shared) for i, m in zip(inputs, models, strict=True)]
-    found = _simulated([i for i, _ in closer], models, (), max_step, nan_if_endless)
+    found, _ = _simulated([i for i, _ in closer], models, (), max_step, nan_if_endless)
     return [
         Trajectory(np.asarray(one.time), *own[:, rows], between=Between(given.time, own, rows))
         for one, own, (given, rows) in zip(inputs, found, closer, strict=True)
@@ -364,8 +403,8 @@ def _simulated(
     surfaces: tuple[Any, ...],
     max_step: float,
     nan_if_endless: bool,
-) -> list[FloatArray]:
-    """(4, samples) of every run."""
+) -> tuple[list[FloatArray], list[FloatArray]]:
+    """(4, samples) of every run, and the effects' states (k,) at its last row."""
     pairs = list(zip(inputs, models, strict=True))
     workers = cores()
     share = -(-len(pairs) // workers)
@@ -376,7 +415,7 @@ def _simulated(
 
     shared = Shared()
 
-    def block(members: list[int]) -> list[FloatArray]:
+    def block(members: list[int]) -> tuple[list[FloatArray], FloatArray]:
         own = [pairs[i] for i in members]
         runs = [prepare(one, model, surfaces, max_step, shared) for one, model in own]
         filled = own + [own[0]] * (width - len(own))
@@ -393,12 +432,20 @@ def _simulated(
     else:
         with ThreadPoolExecutor(min(workers, len(blocks))) as pool:
             results = list(pool.map(block, blocks))
-    states = {
-        i: s
-        for members, found in zip(blocks, results, strict=True)
-        for i, s in zip(members, found, strict=True)
+    found = {
+        i: own
+        for members, (states, extra) in zip(blocks, results, strict=True)
+        for i, *own in zip(members, states, extra.T, strict=False)
     }
-    return [states[i] for i in range(len(pairs))]
+    return [found[i][0] for i in range(len(pairs))], [found[i][1] for i in range(len(pairs))]
 
 
-__all__ = ["MAX_STEP", "Inputs", "Trajectory", "ValveCommand", "open_intervals", "simulate"]
+__all__ = [
+    "MAX_STEP",
+    "Inputs",
+    "Trajectory",
+    "ValveCommand",
+    "open_intervals",
+    "remembered_after",
+    "simulate",
+]

@@ -107,6 +107,7 @@ def estimate(
     """
     problem = dataclasses.replace(problem, by_differences=True)
     point, evaluations = point or problem.first_point(), 0
+    problem = problem.after_run_ups(point)
     if problem.has_unknown_breakaway:
         # The other parameters would make up for it, and every segment be as wrong as all others.
         progress("breakaway of all tests, of which no test says where it is")
@@ -124,6 +125,7 @@ def estimate(
             roughly=True,
         )
         evaluations += solution.evaluations
+        problem = problem.after_run_ups(solution.point)
         left = solution.at.residuals
         follows = followed(problem, left, solution.counted)
         # Where every test breaks away at the wrong moment, none is worse than the others.
@@ -205,13 +207,9 @@ def _final(
     )
     # Friction keeps its size: its coordinates are in units of the scatter.
     friction = rough.point.friction * (np.array(problem.scatter) / np.array(found.pair))
+    start = Iterate(rough.point.shared, friction, rough.point.starts[numbers])
     left_out = tuple(run for run, f in zip(problem.runs, follows, strict=True) if not f)
-    return (
-        final,
-        Iterate(rough.point.shared, friction, rough.point.starts[numbers]),
-        left_out,
-        found,
-    )
+    return final, start, left_out, found
 
 
 def whitening_of(runs: Sequence[Run], residuals: Sequence[FloatArray]) -> tuple[Whitening, ...]:

@@ -173,7 +173,8 @@ def _problem_of(
         if run.inputs.elapsed < old.runs[piece.members[0]].inputs.elapsed:
             starts[i] = 0.0  # the test's first row: a start of its own
     longer = dataclasses.replace(old, runs=tuple(runs), whitening=(old.whitening[0],) * len(runs))
-    return longer, Iterate(point.shared, point.friction, starts)
+    start = Iterate(point.shared, point.friction, starts)
+    return longer.after_run_ups(start), start
 
 
 def _run_of(

@@ -25,6 +25,7 @@ from sysid.refinement.unknowns import Unknown, model_at
 from sysid.refinement.whitening import Whitening
 from sysid.types import BoolArray, FloatArray, IntArray
 from sysid.validation.motion_tests import CHAMBER_PRESSURES
+from sysid.validation.simulation import after_run_ups
 
 LOCAL = len(STATES) + 2
 """Unknowns of a run that it does not share with all: its start, its test's friction."""
@@ -117,6 +118,17 @@ class Problem:
         """The bundle's values, the model's friction, the estimated starts."""
         shared = np.array([u.start for u in self.unknowns])
         return Iterate(shared, np.zeros((self.tests, 2)), np.zeros((len(self.runs), 4)))
+
+    def after_run_ups(self, point: Iterate) -> Problem:
+        """The problem of the same runs, with what the effects' states remember of what goes before
+        them where the unknowns are at a point.
+        """
+        run_ups = [run.run_up for run in self.runs]
+        if not any(run_ups):
+            return self
+        inputs = after_run_ups([run.inputs for run in self.runs], run_ups, self.models(point))
+        runs = [dataclasses.replace(r, inputs=i) for r, i in zip(self.runs, inputs, strict=True)]
+        return dataclasses.replace(self, runs=tuple(runs))
 
     def members(self, test: int) -> list[int]:
         """The runs of a test, by number."""

@@ -15,7 +15,7 @@ from sysid.model.preparation import Inputs
 from sysid.model.sensors import true_start
 from sysid.types import FloatArray, IntArray
 from sysid.validation.motion_tests import MotionTest, Segment
-from sysid.validation.simulation import inputs_of
+from sysid.validation.simulation import inputs_of, run_up_of
 
 STATES = ("position", "velocity", "pressure_a", "pressure_b")
 LEAST_ROWS = 50
@@ -37,7 +37,8 @@ class Run:
 
     `measured` (3, rows) position and pressures, NaN where not logged; `inputs` begin at the
     estimated start state, about which it may move by `start_std` (4,); `noise` (3,) of a sample.
-    `test` numbers the test among all, `name` says where the run is.
+    `test` numbers the test among all, `name` says where the run is. `run_up`: what goes before it,
+    for a model whose effects have states of their own (`Problem.after_run_ups`).
     """
 
     test: int
@@ -46,6 +47,7 @@ class Run:
     measured: FloatArray
     start_std: FloatArray
     noise: FloatArray
+    run_up: Inputs | None = None
 
     @property
     def start(self) -> FloatArray:
@@ -113,6 +115,7 @@ def run_of(number: int, test: MotionTest, segment: Segment, model: Model, positi
         measured=test.measured[:, segment.start : segment.start + rows],
         start_std=np.where(moves & (std > _KNOWN), _START_PRIOR * std, std),
         noise=np.fmax(test.noise.total, _LEAST_NOISE),  # not NaN where it is not logged
+        run_up=run_up_of(test, segment, position, model),
     )
 
 

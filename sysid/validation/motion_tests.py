@@ -45,6 +45,8 @@ Commands = tuple[FloatArray | None, FloatArray | None]
 
 # A segment may start this share of its length after its place on the even grid.
 _SLACK = 0.25
+# As long as the diagnosis' run-up along measured motion: flows and pressures forget in that.
+_RUN_UP_S = 0.35
 _MOVING = "{0}: starts while moving ({1}): its first samples give the velocity that it starts with"
 
 
@@ -53,7 +55,8 @@ class Segment:
     """Rows [start, stop) of a test, the state at its start, and which valves were open there.
 
     `settled`: no valve had an edge under way at the start, so that the commands from there
-    on determine the valves.
+    on determine the valves. `run_up`: what goes before it, up to its first row; there an effect's
+    states of its own forget how they began. None for a test's first row.
     """
 
     start: int
@@ -61,6 +64,7 @@ class Segment:
     state: InitialState
     starts_on: tuple[bool, bool] = (False, False)
     settled: bool = True
+    run_up: Segment | None = None
 
 
 @dataclass(frozen=True)
@@ -264,13 +268,38 @@ def _segments(
         start = _best_start(test, edges, near, half * test.period)
         if start is None:
             continue
-        at = float(test.time[start])
-        part = slice(start - half, start + half + 1)
-        state = state_within(at, test.time[part], test.measured[:, part], test.noise, edges, stride)
-        starts_on = (edges[0].was_open(at), edges[1].was_open(at))
-        settled = not any(e.pending(at) for e in edges)
-        segments.append(Segment(start, start + rows, state, starts_on, settled))
+        segment = _segment(test, edges, slice(start, start + rows), stride)
+        segments.append(replace(segment, run_up=_run_up(test, edges, start, allowed, stride)))
     return tuple(segments)
+
+
+def _segment(
+    test: MotionTest, edges: tuple[ValveEdges, ValveEdges], rows: slice, stride: int | None
+) -> Segment:
+    """These rows, from the state estimated at the first."""
+    half, at = half_window(test.period, stride), float(test.time[rows.start])
+    part = slice(rows.start - half, rows.start + half + 1)
+    state = state_within(at, test.time[part], test.measured[:, part], test.noise, edges, stride)
+    starts_on = (edges[0].was_open(at), edges[1].was_open(at))
+    settled = not any(e.pending(at) for e in edges)
+    return Segment(rows.start, rows.stop, state, starts_on, settled)
+
+
+def _run_up(
+    test: MotionTest,
+    edges: tuple[ValveEdges, ValveEdges],
+    start: int,
+    allowed: IntArray,
+    stride: int | None,
+) -> Segment | None:
+    """The rows before a segment up to its first, or from the test's start on."""
+    half = half_window(test.period, stride)
+    first = start - round(_RUN_UP_S / test.period)
+    if first < half:
+        return replace(test.whole, stop=start + 1)
+    near = allowed[(allowed >= max(first - half, half)) & (allowed <= first)]
+    row = _best_start(test, edges, near[::-1], half * test.period)
+    return None if row is None else _segment(test, edges, slice(row, start + 1), stride)
 
 
 def _allowed_starts(test: MotionTest, rig: Rig) -> IntArray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -43,6 +44,10 @@ def simulate_segments(
         true_start(inputs_of(test, s), position, own)
         for (test, s), own in zip(segments, models, strict=True)
     ]
+    run_ups = [
+        run_up_of(test, s, position, own) for (test, s), own in zip(segments, models, strict=True)
+    ]
+    inputs = after_run_ups(inputs, run_ups, models, surfaces)
     # Runs of similar length share a call: a short one would wait for the longest.
     order = sorted(range(len(inputs)), key=lambda i: len(inputs[i].time))
     found: dict[int, FloatArray] = {}
@@ -83,4 +88,29 @@ def inputs_of(test: MotionTest, segment: Segment) -> Inputs:
     )
 
 
-__all__ = ["inputs_of", "simulate_segments"]
+def run_up_of(test: MotionTest, segment: Segment, position: str, model: Model) -> Inputs | None:
+    """What goes before a segment as a run, for a model whose effects have states of their own."""
+    if segment.run_up is None or not segment.run_up.settled or not model.state_names:
+        return None
+    return true_start(inputs_of(test, segment.run_up), position, model)
+
+
+def after_run_ups(
+    inputs: Sequence[Inputs],
+    run_ups: Sequence[Inputs | None],
+    models: Sequence[Model],
+    surfaces: tuple[Any, ...] = (),
+) -> list[Inputs]:
+    """Runs with what the effects' states remember of their run-ups, if they have one."""
+    from sysid.model.simulator import remembered_after
+
+    found = list(inputs)
+    known = [i for i, run_up in enumerate(run_ups) if run_up is not None]
+    before = [one for one in run_ups if one is not None]
+    remembered = remembered_after(before, [models[i] for i in known], surfaces)
+    for i, own in zip(known, remembered, strict=True):
+        found[i] = replace(found[i], remembered=own)
+    return found
+
+
+__all__ = ["after_run_ups", "inputs_of", "run_up_of", "simulate_segments"]
