@@ -365,6 +365,37 @@ def test_errors_are_enlarged_by_what_the_runs_show_beyond_chance(found: Estimate
     assert np.sqrt(np.mean(np.square(larger))) == pytest.approx(6.0, rel=0.25)
 
 
+def test_errors_have_as_many_degrees_of_freedom_as_runs_speak_of_them(found: Estimated) -> None:
+    """Runs that say the same of two unknowns, one of which the prior knows as well as they do."""
+    count = 5
+    run = np.column_stack([np.eye(2), np.zeros(2)])
+    at = dataclasses.replace(
+        found.solution.at,
+        jacobian=np.sqrt(count * np.diag([1.0, 2.0])),
+        own=(run,) * count,
+    )
+    assert at.degrees_of_freedom() == pytest.approx([count, 4 * count])
+    alone = dataclasses.replace(at, jacobian=np.eye(2), own=(run,))
+    assert alone.degrees_of_freedom() == pytest.approx([1.0, 1.0])
+
+
+def test_few_long_runs_have_the_freedom_of_the_runs_whose_scatter_counts(found: Estimated) -> None:
+    """The scatter of the shorter runs, where it is larger, and then their number too."""
+    rng, flow = np.random.default_rng(1), 2
+    steady, scattered = (with_errors_of(s, found.solution.at, rng) for s in (0.5, 6.0))
+    two = dataclasses.replace(steady, own=steady.own[:2])
+
+    def with_at(at: ReducedEquations) -> Estimated:
+        return dataclasses.replace(found, solution=dataclasses.replace(found.solution, at=at))
+
+    joined = dataclasses.replace(with_at(two), shorter=with_at(scattered))
+    assert joined.enlargement()[flow] == scattered.enlargement()[flow] > 1.0
+    assert joined.degrees_of_freedom()[flow] == scattered.degrees_of_freedom()[flow]
+    joined = dataclasses.replace(with_at(two), shorter=with_at(steady))
+    assert joined.enlargement()[flow] == 1.0
+    assert joined.degrees_of_freedom()[flow] == two.degrees_of_freedom()[flow]
+
+
 def test_where_a_descent_ends_its_errors_are_those_of_the_least(found: Estimated) -> None:
     """A tenth of a standard error off, not six times as uncertain by what no other run says."""
     problem, least = found.problem, found.solution

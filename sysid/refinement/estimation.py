@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.refinement.problem import Iterate, Problem
-from sysid.refinement.reduction import reduced
+from sysid.refinement.reduction import ReducedEquations, reduced
 from sysid.refinement.runs import Run
 from sysid.refinement.scan import scanned
 from sysid.refinement.solver import Solution, solve
@@ -86,9 +86,23 @@ class Estimated:
         own scatter, and then it is at least that of the `shorter` runs.
         """
         found = self.solution.at.enlargement()
-        if self.shorter is not None and len(self.problem.runs) < _FEW_RUNS:
-            return np.maximum(found, self.shorter.solution.at.enlargement())
+        if self._shorter_at is not None:
+            return np.maximum(found, self._shorter_at.enlargement())
         return found
+
+    def degrees_of_freedom(self) -> FloatArray:
+        """Of these errors (m,): as many as the runs from which they are."""
+        at, before = self.solution.at, self._shorter_at
+        if before is None:
+            return at.degrees_of_freedom()
+        larger = before.enlargement() > at.enlargement()
+        return np.where(larger, before.degrees_of_freedom(), at.degrees_of_freedom())
+
+    @property
+    def _shorter_at(self) -> ReducedEquations | None:
+        """Where the shorter runs were least, if the runs are too few to show their scatter."""
+        few = self.shorter is not None and len(self.problem.runs) < _FEW_RUNS
+        return self.shorter.solution.at if few and self.shorter is not None else None
 
 
 def estimate(

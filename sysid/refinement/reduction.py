@@ -106,21 +106,35 @@ class ReducedEquations:
         1946). The gradients are those where the equations are least: a run that alone says
         something of an unknown leaves a difference to that, however small, only there.
         """
+        if not self.own:
+            return np.ones(self.jacobian.shape[1])
         inverse = self.covariance()
         there = np.append(-np.linalg.lstsq(self.jacobian, self.r, rcond=None)[0], 1.0)
         known = np.maximum(np.diag(inverse), np.finfo(float).tiny)
-        shares = np.array([np.sum((rows[:, :-1] @ inverse) ** 2, axis=0) for rows in self.own])
-        if not len(shares):
-            return np.ones(len(known))
-        shares = np.maximum(shares / known, _LEAST_SHARE)
         steps = np.array([_step_alone(rows[:, :-1], rows @ there, inverse) for rows in self.own])
-        total = shares.sum(axis=0)
-        runs = total**2 / np.sum(shares**2, axis=0)
+        total, runs = self._spoken_of(inverse)
         ratio = np.sum(steps**2, axis=0) / known / total
         chance = 2.0 * gammaincinv(runs / 2.0, _SURE) / runs  # chi-squared's quantile
         # The prior's share of what is known scatters as it says.
         found = 1.0 + np.minimum(total, 1.0) * np.where(ratio > chance, ratio - 1.0, 0.0)
         return np.asarray(np.sqrt(np.maximum(found, 1.0)))
+
+    def degrees_of_freedom(self) -> FloatArray:
+        """Of the errors (m,): as many as runs speak of an unknown, more where the prior knows it
+        (Satterthwaite 1946; Bell, McCaffrey 2002).
+        """
+        if not self.own:
+            return np.full(self.jacobian.shape[1], math.inf)
+        total, runs = self._spoken_of(self.covariance())
+        return np.asarray(np.maximum(runs / np.minimum(total, 1.0) ** 2, 1.0))
+
+    def _spoken_of(self, inverse: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The runs' share of what is known of each unknown (m,), and how many runs it is from."""
+        known = np.maximum(np.diag(inverse), np.finfo(float).tiny)
+        shares = np.array([np.sum((rows[:, :-1] @ inverse) ** 2, axis=0) for rows in self.own])
+        shares = np.maximum(shares / known, _LEAST_SHARE)
+        total = shares.sum(axis=0)
+        return total, total**2 / np.sum(shares**2, axis=0)
 
     def _enlarged(self, inverse: FloatArray, steps: Sequence[FloatArray]) -> FloatArray:
         """A covariance (m, m), no smaller than what steps (m,) of the runs add up to."""

@@ -241,11 +241,13 @@ def _parameters(found: Estimated) -> tuple[tuple[RefinedParameter, ...], FloatAr
     p = len(unknowns)
     covariance = found.error_covariance()[:p, :p]
     std = np.sqrt(np.diag(covariance))
+    freedom = found.degrees_of_freedom()
     parameters = []
     for i, unknown in enumerate(unknowns):
-        at = float(solution.point.shared[i])
-        # A test's friction is one draw: so many tests, so many degrees of freedom.
-        dof = max(found.scatter.tests - 1.0, 1.0) if unknown.varies_by_test else math.inf
+        at, dof = float(solution.point.shared[i]), float(freedom[i])
+        if unknown.varies_by_test:
+            # A test's friction is one draw: so many tests, so many degrees of freedom.
+            dof = max(found.scatter.tests - 1.0, 1.0)
         if not std[i] > NO_INFORMATION:
             # Nothing depends on it and no bench test spoke of it: it stays as it was.
             former = Estimate.symmetric(unknown.value, unknown.std, unknown.unit, math.inf)
