@@ -11,6 +11,7 @@ from scipy.optimize import least_squares
 from benchmarks.refinement import rig_runs, unknown
 from sysid.errors import InputError
 from sysid.model.effects.chamber import TubeLag
+from sysid.model.effects.sensor import PressureLag
 from sysid.model.ports import Model
 from sysid.model.simulator import simulate
 from sysid.refinement.estimation import Estimated, FrictionScatter, estimate
@@ -458,6 +459,12 @@ def test_runs_remember_what_goes_before_them_as_the_unknowns_have_it(
         assert again.inputs.remembered == second.inputs.remembered
         flows.append(second.inputs.remembered["tube_flow_a"])
     assert flows[0] != flows[1]
+    own[1] = dataclasses.replace(own[1], as_measured=after.inputs)
+    problem = dataclasses.replace(bare, runs=tuple(own), model=bare.model + PressureLag(5e-3))
+    once = problem.after_run_ups(point)
+    twice = once.after_run_ups(point)
+    assert once.runs[1].inputs.pressure_a != after.inputs.pressure_a
+    assert twice.runs[1].inputs.pressure_a == once.runs[1].inputs.pressure_a
 
 
 def test_a_segment_that_was_left_out_is_not_joined_in() -> None:

@@ -25,7 +25,7 @@ from sysid.model.effects.catalogue import catalogue
 from sysid.model.effects.sensor import PressureLag, TimeSkew
 from sysid.model.ports import Effect, Model, stack_models
 from sysid.model.preparation import prepare, with_edges
-from sysid.model.sensors import measured_channels
+from sysid.model.sensors import after_seeing, measured_channels
 from sysid.model.simulator import (
     Inputs,
     Trajectory,
@@ -141,6 +141,42 @@ def test_a_run_that_remembers_goes_on_as_if_it_had_not_been_cut(name: str) -> No
     expected = [values[cut:] for values in states(exact)]
     lost, left = errors(without, expected)[1], errors(on, expected)[1]
     assert left < 0.1 * lost and left < PRESSURE_PA < lost
+
+
+@pytest.mark.parametrize("sensor", [PressureLag(3e-3), TimeSkew(2e-3)], ids=["lag", "skew"])
+def test_sensors_of_a_run_that_goes_on_have_seen_what_was_before(sensor: Any) -> None:
+    """Cut where a pressure rises: its sensor is some kPa behind, and so is the measured start."""
+    model = Model(held(), (sensor,))
+    time = seconds(0.2)
+    command = ((time > 0.0999) & (time < 0.15)).astype(float)
+    whole = Inputs(time, np.zeros(len(time)), ValveCommand(command))
+    cut = 108
+    run = simulate([whole], [model])[0]
+    shown = measured_channels(run, "theta_rad", model)
+    before = dataclasses.replace(
+        whole,
+        time=time[: cut + 1],
+        motor=whole.motor[: cut + 1],
+        valve_a=ValveCommand(command[: cut + 1]),
+    )
+    rest = Inputs(
+        time[cut:],
+        whole.motor[cut:],
+        ValveCommand(command[cut:], starts_on=True),
+        pressure_a=float(shown["pressure_a_pa"][cut]),
+        pressure_b=float(shown["pressure_b_pa"][cut]),
+        elapsed=float(time[cut]),
+    )
+    behind = float(run.pressure_a[cut]) - float(shown["pressure_a_pa"][cut])
+    assert behind > 1e3
+    goes_on = after_seeing(rest, simulate([before], [model])[0], "theta_rad", model)
+    assert goes_on.pressure_a == pytest.approx(run.pressure_a[cut], abs=1e-3 * behind)
+    errors = []
+    for one in (goes_on, rest):
+        (found,) = simulate([one], [model])
+        own = measured_channels(found, "theta_rad", model, one.elapsed, one.seen)
+        errors.append(np.abs(own["pressure_a_pa"] - shown["pressure_a_pa"][cut:]).max())
+    assert errors[0] < 1e-3 * errors[1] and errors[1] > 0.5 * behind
 
 
 def test_a_run_does_not_depend_on_its_batch() -> None:

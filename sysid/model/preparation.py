@@ -30,6 +30,17 @@ class ValveCommand:
 
 
 @dataclass(frozen=True)
+class History:
+    """What sensors that remember saw before a run: `time` (m,) s from its first row, negative, and
+    `states` (4, m) as a `Trajectory` has them; `end` (4,) at that row.
+    """
+
+    time: FloatArray
+    states: FloatArray
+    end: FloatArray
+
+
+@dataclass(frozen=True)
 class Inputs:
     """One run: rows as in a log. `time` (n,) s increasing; `motor` (n,) Nm or N.
 
@@ -37,7 +48,7 @@ class Inputs:
     a pressure that is None is the atmosphere. `elapsed`: s from the test's start to the first
     row, as effects count time from the test's start, and a run may start within it. `remembered`:
     what the effects' states have there beyond those with which they begin, by name and in their
-    units; 0 for one that is not given.
+    units; 0 for one that is not given. `seen`: what its sensors saw before; None: the first row.
     """
 
     time: FloatArray
@@ -50,6 +61,7 @@ class Inputs:
     pressure_b: float | None = None
     elapsed: float = 0.0
     remembered: Mapping[str, float] = field(default_factory=dict)
+    seen: History | None = None
 
     def valve(self, side: str) -> ValveCommand | None:
         """Valve A's or B's command."""

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.model.ports import Model
+from sysid.model.preparation import History
 from sysid.types import FloatArray
 
 if TYPE_CHECKING:
@@ -58,18 +59,51 @@ def before_sensors(
 
 
 def measured_channels(
-    run: Trajectory, position: str, model: Model, elapsed: float = 0.0
+    run: Trajectory,
+    position: str,
+    model: Model,
+    elapsed: float = 0.0,
+    before: History | None = None,
 ) -> dict[str, FloatArray]:
     """A simulated run's position, velocity and pressures (n,) as the sensors show them.
 
-    By name; `position` is the log's position channel. `elapsed` as in the run's `Inputs`.
+    By name; `position` is the log's position channel. `elapsed`, and `before` what was seen, as in
+    the run's `Inputs`.
     """
     seen = run.between or run
-    channels = dict(zip(_names(position), seen.states, strict=True))
-    shown = through_sensors(channels, seen.time - run.time[0] + elapsed, model)
-    if run.between is None:
-        return shown
-    return {name: values[run.between.rows] for name, values in shown.items()}
+    time, states = seen.time - run.time[0], seen.states
+    rows = None if run.between is None else run.between.rows
+    if before is not None:
+        # A run may begin elsewhere than what was before it ends: nothing jumps there.
+        leading = before.states + (states[:, 0] - before.end)[:, None]
+        rows = len(before.time) + (np.arange(len(run.time)) if rows is None else rows)
+        time, states = np.append(before.time, time), np.hstack([leading, states])
+    channels = dict(zip(_names(position), states, strict=True))
+    shown = through_sensors(channels, time + elapsed, model)
+    return shown if rows is None else {name: values[rows] for name, values in shown.items()}
+
+
+def after_seeing(inputs: Inputs, before: Trajectory, position: str, model: Model) -> Inputs:
+    """A run's inputs, its start measured, with what its sensors saw of the run that ends there.
+
+    What they are behind at that end is added to the start. A run before it that does not stay
+    finite changes nothing.
+    """
+    names, seen = _names(position), before.between or before
+    end, time = before.states[:, -1], before.time
+    begun = inputs.elapsed - float(time[-1] - time[0])
+    shown = measured_channels(before, position, model, begun)
+    measured = {name: float(shown[name][-1]) for name in names}
+    taken = before_sensors(measured, model, inputs.elapsed)
+    if not np.isfinite([*end, *taken.values()]).all():
+        return inputs
+    changes: dict[str, Any] = {
+        field: value + float(true) - taken[name]
+        for name, field, true in zip(names, _STATE, end, strict=True)
+        if (value := getattr(inputs, field)) is not None and field != "velocity"
+    }
+    history = History(seen.time[:-1] - time[-1], seen.states[:, :-1], end)
+    return dataclasses.replace(inputs, seen=history, **changes)
 
 
 def true_start(inputs: Inputs, position: str, model: Model) -> Inputs:
@@ -96,6 +130,7 @@ def _names(position: str) -> tuple[str, str, str, str]:
 
 __all__ = [
     "VELOCITY_CHANNELS",
+    "after_seeing",
     "before_sensors",
     "measured_channels",
     "through_sensors",

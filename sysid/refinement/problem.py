@@ -120,13 +120,14 @@ class Problem:
         return Iterate(shared, np.zeros((self.tests, 2)), np.zeros((len(self.runs), 4)))
 
     def after_run_ups(self, point: Iterate) -> Problem:
-        """The problem of the same runs, with what the effects' states remember of what goes before
+        """The problem of the same runs, with what effects and sensors remember of what goes before
         them where the unknowns are at a point.
         """
         run_ups = [run.run_up for run in self.runs]
         if not any(run_ups):
             return self
-        inputs = after_run_ups([run.inputs for run in self.runs], run_ups, self.models(point))
+        measured = [run.as_measured or run.inputs for run in self.runs]
+        inputs = after_run_ups(measured, run_ups, self.models(point), self.position)
         runs = [dataclasses.replace(r, inputs=i) for r, i in zip(self.runs, inputs, strict=True)]
         return dataclasses.replace(self, runs=tuple(runs))
 
@@ -229,7 +230,8 @@ class Problem:
 
     def _seen(self, run: Run, found: Trajectory, model: Model) -> FloatArray:
         """A run's position and pressures (3, n) as the sensors show them."""
-        channels = measured_channels(found, self.position, model, run.inputs.elapsed)
+        inputs = run.inputs
+        channels = measured_channels(found, self.position, model, inputs.elapsed, inputs.seen)
         return np.array([channels[n] for n in (self.position, *CHAMBER_PRESSURES)])
 
     def errors_alone(self, run: Run, found: Trajectory, model: Model) -> RunErrors:

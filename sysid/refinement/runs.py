@@ -38,7 +38,8 @@ class Run:
     `measured` (3, rows) position and pressures, NaN where not logged; `inputs` begin at the
     estimated start state, about which it may move by `start_std` (4,); `noise` (3,) of a sample.
     `test` numbers the test among all, `name` says where the run is. `run_up`: what goes before it,
-    for a model whose effects have states of their own (`Problem.after_run_ups`).
+    for a model whose effects or sensors remember, and `as_measured` the inputs without that
+    (`Problem.after_run_ups`).
     """
 
     test: int
@@ -48,6 +49,7 @@ class Run:
     start_std: FloatArray
     noise: FloatArray
     run_up: Inputs | None = None
+    as_measured: Inputs | None = None
 
     @property
     def start(self) -> FloatArray:
@@ -107,15 +109,17 @@ def run_of(number: int, test: MotionTest, segment: Segment, model: Model, positi
     atmosphere = float(model.parameters.atmosphere)
     unknown: dict[str, Any] = {n: atmosphere for n in STATES[2:] if getattr(inputs, n) is None}
     moves = np.array([True, segment.state.values[1] != 0.0, True, True])
+    inputs = dataclasses.replace(inputs, **unknown)
     std = np.maximum(np.nan_to_num(segment.state.std, nan=_NOT_LOGGED), _LEAST_START_STD)
     return Run(
         test=number,
         name=f"{PurePath(test.source).name} at {inputs.elapsed:.1f} s",
-        inputs=dataclasses.replace(inputs, **unknown),
+        inputs=inputs,
         measured=test.measured[:, segment.start : segment.start + rows],
         start_std=np.where(moves & (std > _KNOWN), _START_PRIOR * std, std),
         noise=np.fmax(test.noise.total, _LEAST_NOISE),  # not NaN where it is not logged
         run_up=run_up_of(test, segment, position, model),
+        as_measured=inputs,
     )
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from sysid.errors import SimulationError
 from sysid.model.ports import Model
-from sysid.model.sensors import measured_channels, true_start
+from sysid.model.sensors import after_seeing, measured_channels, true_start
 from sysid.types import FloatArray
 from sysid.validation.motion_tests import CHAMBER_PRESSURES, MotionTest, Segment
 
@@ -47,7 +47,7 @@ def simulate_segments(
     run_ups = [
         run_up_of(test, s, position, own) for (test, s), own in zip(segments, models, strict=True)
     ]
-    inputs = after_run_ups(inputs, run_ups, models, surfaces)
+    inputs = after_run_ups(inputs, run_ups, models, position, surfaces)
     # Runs of similar length share a call: a short one would wait for the longest.
     order = sorted(range(len(inputs)), key=lambda i: len(inputs[i].time))
     found: dict[int, FloatArray] = {}
@@ -56,7 +56,8 @@ def simulate_segments(
         padded = [*group, *[group[0]] * (_LANES - len(group))]
         runs = simulate([inputs[i] for i in padded], [models[i] for i in padded], surfaces)
         for i, run in zip(group, runs, strict=False):
-            shown = measured_channels(run, position, models[i], inputs[i].elapsed)
+            one = inputs[i]
+            shown = measured_channels(run, position, models[i], one.elapsed, one.seen)
             found[i] = np.array([shown[name] for name in (position, *CHAMBER_PRESSURES)])
             if not np.isfinite(found[i]).all():
                 why = "the simulation does not stay finite"
@@ -89,8 +90,9 @@ def inputs_of(test: MotionTest, segment: Segment) -> Inputs:
 
 
 def run_up_of(test: MotionTest, segment: Segment, position: str, model: Model) -> Inputs | None:
-    """What goes before a segment as a run, for a model whose effects have states of their own."""
-    if segment.run_up is None or not segment.run_up.settled or not model.state_names:
+    """What goes before a segment as a run, for a model whose effects or sensors remember."""
+    remembers = bool(model.state_names) or model.has_remembering_sensor
+    if segment.run_up is None or not segment.run_up.settled or not remembers:
         return None
     return true_start(inputs_of(test, segment.run_up), position, model)
 
@@ -99,17 +101,24 @@ def after_run_ups(
     inputs: Sequence[Inputs],
     run_ups: Sequence[Inputs | None],
     models: Sequence[Model],
+    position: str,
     surfaces: tuple[Any, ...] = (),
 ) -> list[Inputs]:
-    """Runs with what the effects' states remember of their run-ups, if they have one."""
-    from sysid.model.simulator import remembered_after
+    """Runs as measured, with what effects and sensors remember of their run-ups, if they have one.
+
+    `position`: the log's position channel.
+    """
+    from sysid.model.simulator import remembered_after, simulate
 
     found = list(inputs)
     known = [i for i, run_up in enumerate(run_ups) if run_up is not None]
     before = [one for one in run_ups if one is not None]
-    remembered = remembered_after(before, [models[i] for i in known], surfaces)
-    for i, own in zip(known, remembered, strict=True):
-        found[i] = replace(found[i], remembered=own)
+    own = [models[i] for i in known]
+    for i, remembered in zip(known, remembered_after(before, own, surfaces), strict=True):
+        found[i] = replace(found[i], remembered=remembered)
+    if own and own[0].has_remembering_sensor:
+        for i, run in zip(known, simulate(before, own, surfaces, nan_if_endless=True), strict=True):
+            found[i] = after_seeing(found[i], run, position, models[i])
     return found
 
 
