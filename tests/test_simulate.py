@@ -179,6 +179,14 @@ def test_sensors_of_a_run_that_goes_on_have_seen_what_was_before(sensor: Any) ->
     assert errors[0] < 1e-3 * errors[1] and errors[1] > 0.5 * behind
 
 
+def test_a_run_at_its_rows_alone_is_the_same() -> None:
+    inputs, models = random_runs(seed=5, count=1, seconds=0.5)
+    model = models[0] + PressureLag(2e-3)
+    seen, alone = (simulate(inputs, [model], rows_alone=flag)[0] for flag in (False, True))
+    assert seen.between is not None and alone.between is None
+    np.testing.assert_allclose(alone.states, seen.states, rtol=1e-12, atol=1e-12)
+
+
 def test_a_run_does_not_depend_on_its_batch() -> None:
     inputs, models = random_runs(seed=2, count=5, seconds=0.5)
     short = dataclasses.replace(

@@ -91,7 +91,7 @@ def _differences(
 
 def _simulated(lanes: Sequence[tuple[Inputs, Model]], max_step: float) -> list[Trajectory]:
     inputs, models = [one for one, _ in lanes], [model for _, model in lanes]
-    return simulate(inputs, models, max_step=max_step, nan_if_endless=True)
+    return simulate(inputs, models, max_step=max_step, nan_if_endless=True, rows_alone=True)
 
 
 def _jumps(slopes: FloatArray, steps: FloatArray) -> FloatArray:

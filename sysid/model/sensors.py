@@ -23,6 +23,8 @@ _STATE = ("position", "velocity", "pressure_a", "pressure_b")
 # Each iteration multiplies the error by the slope of the sensor's error, about 1e-2 or less.
 _ROUNDS = 2
 _ROW_S = 1e-3
+# Sensors remember shorter than effects' states: of a lag of 20 ms less than a hundredth is left.
+_HISTORY_S = 0.1
 
 
 def through_sensors(
@@ -102,7 +104,8 @@ def after_seeing(inputs: Inputs, before: Trajectory, position: str, model: Model
         for name, field, true in zip(names, _STATE, end, strict=True)
         if (value := getattr(inputs, field)) is not None and field != "velocity"
     }
-    history = History(seen.time[:-1] - time[-1], seen.states[:, :-1], end)
+    late = slice(int(np.searchsorted(seen.time, time[-1] - _HISTORY_S)), -1)
+    history = History(seen.time[late] - time[-1], seen.states[:, late], end)
     return dataclasses.replace(inputs, seen=history, **changes)
 
 

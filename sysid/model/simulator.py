@@ -329,6 +329,7 @@ def simulate(
     max_step: float = MAX_STEP,
     *,
     nan_if_endless: bool = False,
+    rows_alone: bool = False,
 ) -> list[Trajectory]:
     """Simulate every run open loop, each with its own model, all at once.
 
@@ -339,6 +340,7 @@ def simulate(
     law) or a `span` (open less closed flow, kg/s) too, a period's flow begins when its pulse can,
     and the pressures ripple with the pulses (`pulse_means`). Runs may differ in length and
     sampling. The result at the rows of `inputs` does not depend on which runs share a batch.
+    `rows_alone`: also where a sensor remembers, which else sees what is between them.
 
     Raises NotIdentifiedError for a parameter that is NaN, ValueError for malformed inputs,
     SimulationError where a run switches without end at one instant: it is NaN from there on, and
@@ -347,7 +349,7 @@ def simulate(
     if not inputs:
         return []
     check_runs(inputs, models, bool(surfaces))
-    if not surfaces and models[0].has_remembering_sensor:
+    if not (surfaces or rows_alone) and models[0].has_remembering_sensor:
         return _simulated_between(inputs, models, max_step, nan_if_endless)
     found, _ = _simulated(inputs, models, surfaces, max_step, nan_if_endless)
     return [Trajectory(np.asarray(i.time), *own) for i, own in zip(inputs, found, strict=True)]
