@@ -13,7 +13,6 @@ from collections.abc import Callable, Container, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import gammaincinv
 
 from sysid.bundle import Bundle, EffectEntry
 from sysid.bundle.assembled_model import effects_from_bundle
@@ -21,7 +20,7 @@ from sysid.diagnosis.looked import LATE, Book, SearchStage
 from sysid.diagnosis.result import Diagnosis, FoundEffect
 from sysid.display.numbers import number
 from sysid.errors import InputError, NotIdentifiedError
-from sysid.estimation.linear import Estimate
+from sysid.estimation.linear import Estimate, chi_squared_quantile
 from sysid.io.campaign import Campaign
 from sysid.model.effects.entry import Catalogue, CatalogueEffect
 from sysid.parallel import Failure, attempt
@@ -81,9 +80,7 @@ def _over_chance(refinement: RefineResult, strengths: Container[Direction]) -> f
     if not places:
         return math.inf
     inverse = np.linalg.pinv(refinement.correlation[np.ix_(places, places)])
-    return float(np.array(z) @ inverse @ z) / (
-        2.0 * float(gammaincinv(len(places) / 2.0, 1.0 - _LEVEL))
-    )
+    return float(np.array(z) @ inverse @ z / chi_squared_quantile(len(places), 1.0 - _LEVEL))
 
 
 def _notice(absent: FoundEffect) -> str:

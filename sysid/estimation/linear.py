@@ -149,6 +149,13 @@ def t_quantile(dof: float, level: float = LEVEL) -> float:
     return float(ndtri(share) if math.isinf(dof) else stdtrit(dof, share))
 
 
+def chi_squared_quantile(dof: FloatArray | float, level: float) -> FloatArray:
+    """What chi-squared with these degrees of freedom, (n,) or one, stays below in this share."""
+    from scipy.special import gammaincinv
+
+    return np.asarray(2.0 * gammaincinv(np.asarray(dof) / 2.0, level))
+
+
 def t_p_value(statistic: float, dof: float) -> float:
     """Two-sided p-value of Student's t."""
     from scipy.special import stdtr

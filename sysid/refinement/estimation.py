@@ -85,10 +85,10 @@ class Estimated:
         """By how much errors (m,) exceed those of the information; few runs say little of their
         own scatter, and then it is at least that of the `shorter` runs.
         """
-        found = self.solution.at.enlargement()
-        if self._shorter_at is not None:
-            return np.maximum(found, self._shorter_at.enlargement())
-        return found
+        at, before = self.solution.at, self._shorter_at
+        if before is None:
+            return at.enlargement()
+        return np.maximum(at.enlargement(), before.enlargement())
 
     def degrees_of_freedom(self) -> FloatArray:
         """Of these errors (m,): as many as the runs from which they are."""
@@ -101,8 +101,9 @@ class Estimated:
     @property
     def _shorter_at(self) -> ReducedEquations | None:
         """Where the shorter runs were least, if the runs are too few to show their scatter."""
-        few = self.shorter is not None and len(self.problem.runs) < _FEW_RUNS
-        return self.shorter.solution.at if few and self.shorter is not None else None
+        if self.shorter is None or len(self.problem.runs) >= _FEW_RUNS:
+            return None
+        return self.shorter.solution.at
 
 
 def estimate(

@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import gammaincinv
 
+from sysid.estimation.linear import chi_squared_quantile
 from sysid.refinement.factors import triangular
 from sysid.refinement.problem import LOCAL, Iterate, Linearised, Problem
 from sysid.refinement.runs import STATES
@@ -114,7 +114,7 @@ class ReducedEquations:
         steps = np.array([_step_alone(rows[:, :-1], rows @ there, inverse) for rows in self.own])
         total, runs = self._spoken_of(inverse)
         ratio = np.sum(steps**2, axis=0) / known / total
-        chance = 2.0 * gammaincinv(runs / 2.0, _SURE) / runs  # chi-squared's quantile
+        chance = chi_squared_quantile(runs, _SURE) / runs
         # The prior's share of what is known scatters as it says.
         found = 1.0 + np.minimum(total, 1.0) * np.where(ratio > chance, ratio - 1.0, 0.0)
         return np.asarray(np.sqrt(np.maximum(found, 1.0)))
