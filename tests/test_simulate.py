@@ -132,8 +132,9 @@ def test_a_run_that_remembers_goes_on_as_if_it_had_not_been_cut(name: str) -> No
         elapsed=float(time[cut]),
     )
     longer = dataclasses.replace(before, time=seconds(0.3), motor=np.zeros(301), valve_a=None)
-    (remembered, _) = remembered_after([before, longer], [model, model])
-    assert remembered == remembered_after([before], [model])[0]
+    both, alone = (simulate(runs, [model] * len(runs)) for runs in ([before, longer], [before]))
+    (remembered, _) = remembered_after([before, longer], both, [model, model])
+    assert remembered == remembered_after([before], alone, [model])[0]
     without, on = simulate(
         [rest, dataclasses.replace(rest, remembered=remembered)], [model, model], max_step=1e-4
     )

@@ -68,7 +68,8 @@ class Between:
 class Trajectory:
     """A simulated run at its input's rows; arrays (n,): s, rad or m, rad/s or m/s, Pa.
 
-    `between` is known where a sensor of the model remembers.
+    `between` is known where a sensor of the model remembers; `extra` (k,) are the effects' states
+    at the last row, in the order of the model's `state_names`.
     """
 
     time: FloatArray
@@ -77,6 +78,7 @@ class Trajectory:
     pressure_a: FloatArray
     pressure_b: FloatArray
     between: Between | None = field(default=None, kw_only=True)
+    extra: FloatArray | None = field(default=None, kw_only=True)
 
     @property
     def states(self) -> FloatArray:
@@ -351,38 +353,39 @@ def simulate(
     check_runs(inputs, models, bool(surfaces))
     if not (surfaces or rows_alone) and models[0].has_remembering_sensor:
         return _simulated_between(inputs, models, max_step, nan_if_endless)
-    found, _ = _simulated(inputs, models, surfaces, max_step, nan_if_endless)
-    return [Trajectory(np.asarray(i.time), *own) for i, own in zip(inputs, found, strict=True)]
+    found = _simulated(inputs, models, surfaces, max_step, nan_if_endless)
+    return [
+        Trajectory(np.asarray(one.time), *own, extra=extra)
+        for one, (own, extra) in zip(inputs, found, strict=True)
+    ]
 
 
 def remembered_after(
-    inputs: Sequence[Inputs], models: Sequence[Model], surfaces: tuple[Any, ...] = ()
+    inputs: Sequence[Inputs], runs: Sequence[Trajectory], models: Sequence[Model]
 ) -> list[dict[str, float]]:
     """What the effects' states have at each run's last row beyond those with which they would begin
     there, for the `remembered` of a run that goes on from it.
 
-    Nothing of a run that does not stay finite. Raises as `simulate`.
+    `runs` as simulated from the `inputs`. Nothing of one that does not stay finite.
     """
     names = models[0].state_names if models else ()
     if not names:
         return [{} for _ in inputs]
-    check_runs(inputs, models, bool(surfaces))
-    states, extra = _simulated(inputs, models, surfaces, MAX_STEP, nan_if_endless=True)
     last = [
         dataclasses.replace(
             one,
-            **dict(zip(STATE, map(float, own[:, -1]), strict=True)),  # type: ignore[arg-type]
+            **dict(zip(STATE, map(float, run.states[:, -1]), strict=True)),  # type: ignore[arg-type]
             motor=np.asarray(one.motor)[-1:],
             elapsed=one.elapsed + float(np.ptp(one.time)),
             remembered={},
         )
-        for one, own in zip(inputs, states, strict=True)
+        for one, run in zip(inputs, runs, strict=True)
     ]
     begun = np.array(start_lanes(last, stack_models(list(models))).extra)
-    beyond = np.array(extra).T - begun
+    beyond = np.array([run.extra for run in runs]) - begun.T
     return [
         dict(zip(names, own.tolist(), strict=True)) if np.isfinite(own).all() else {}
-        for own in beyond.T
+        for own in beyond
     ]
 
 
@@ -392,10 +395,15 @@ def _simulated_between(
     """Every run, also at its steps between the rows."""
     shared = Shared()
     closer = [with_edges(i, m, max_step, shared) for i, m in zip(inputs, models, strict=True)]
-    found, _ = _simulated([i for i, _ in closer], models, (), max_step, nan_if_endless)
+    found = _simulated([i for i, _ in closer], models, (), max_step, nan_if_endless)
     return [
-        Trajectory(np.asarray(one.time), *own[:, rows], between=Between(given.time, own, rows))
-        for one, own, (given, rows) in zip(inputs, found, closer, strict=True)
+        Trajectory(
+            np.asarray(one.time),
+            *own[:, rows],
+            between=Between(given.time, own, rows),
+            extra=extra,
+        )
+        for one, (own, extra), (given, rows) in zip(inputs, found, closer, strict=True)
     ]
 
 
@@ -405,7 +413,7 @@ def _simulated(
     surfaces: tuple[Any, ...],
     max_step: float,
     nan_if_endless: bool,
-) -> tuple[list[FloatArray], list[FloatArray]]:
+) -> list[tuple[FloatArray, FloatArray]]:
     """(4, samples) of every run, and the effects' states (k,) at its last row."""
     pairs = list(zip(inputs, models, strict=True))
     workers = cores()
@@ -435,11 +443,11 @@ def _simulated(
         with ThreadPoolExecutor(min(workers, len(blocks))) as pool:
             results = list(pool.map(block, blocks))
     found = {
-        i: own
+        i: (own, last)
         for members, (states, extra) in zip(blocks, results, strict=True)
-        for i, *own in zip(members, states, extra.T, strict=False)
+        for i, own, last in zip(members, states, extra.T, strict=False)
     }
-    return [found[i][0] for i in range(len(pairs))], [found[i][1] for i in range(len(pairs))]
+    return [found[i] for i in range(len(pairs))]
 
 
 __all__ = [

@@ -114,10 +114,10 @@ def after_run_ups(
     known = [i for i, run_up in enumerate(run_ups) if run_up is not None]
     before = [one for one in run_ups if one is not None]
     own = [models[i] for i in known]
-    for i, remembered in zip(known, remembered_after(before, own, surfaces), strict=True):
+    runs = simulate(before, own, surfaces, nan_if_endless=True)
+    for i, run, remembered in zip(known, runs, remembered_after(before, runs, own), strict=True):
         found[i] = replace(found[i], remembered=remembered)
-    if own and own[0].has_remembering_sensor:
-        for i, run in zip(known, simulate(before, own, surfaces, nan_if_endless=True), strict=True):
+        if models[i].has_remembering_sensor:
             found[i] = after_seeing(found[i], run, position, models[i])
     return found
 
