@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -271,6 +271,23 @@ def test_a_parameter_stuck_at_its_bound_is_named() -> None:
     assert "stuck at its bound, 0.5 s" in str(estimate.reason)
     assert "time_constant is stuck" in fit.report()
     assert fit.estimate("gain").identified
+
+
+def test_the_next_step_takes_nothing_at_the_minimum_and_what_a_bound_leaves() -> None:
+    y = response(TRUTH) + 0.01 * np.sin(40.0 * TIME)
+    fit = minimise(lambda b: response(b) - y, STARTS)
+    assert abs(fit.next_fall()) < 1e-9
+    # A line through the origin, of which a quarter of the slope is known.
+    line = replace(
+        fit,
+        parameters=(Parameter("slope", 0.25),),
+        values=np.array([0.25]),
+        residuals=-0.75 * TIME,
+        jacobian=TIME[:, None],
+    )
+    assert line.next_fall() == pytest.approx(1.0)
+    half = replace(line, parameters=(Parameter("slope", 0.25, upper=0.5),))
+    assert half.next_fall() == pytest.approx(1.0 - (0.5 / 0.75) ** 2)
 
 
 def test_a_parameter_without_influence_is_named() -> None:

@@ -118,6 +118,19 @@ class LeastSquaresFit:
         """Standard deviation of a residual; infinite without degrees of freedom."""
         return math.sqrt(self.sum_of_squares / self.dof) if self.dof > 0 else math.inf
 
+    def next_fall(self) -> float:
+        """The share of the sum of squares that a Gauss-Newton step inside the bounds would take."""
+        size, total = np.linalg.norm(self.jacobian, axis=0), self.sum_of_squares
+        if not np.isfinite(size).all() or total == 0.0:
+            return 0.0
+        size[size == 0.0] = np.inf
+        scaled = self.jacobian / size
+        step = -np.linalg.lstsq(scaled, self.residuals, rcond=_RANK_TOLERANCE)[0] / size
+        bounds = np.array([(p.lower, p.upper) for p in self.parameters]).T
+        inside = np.clip(self.values + step, *bounds) - self.values
+        left = self.residuals + self.jacobian @ inside
+        return 1.0 - float(left @ left) / total
+
     @cached_property
     def _free(self) -> NDArray[np.bool_]:
         """(p,): whether each parameter is off its bounds and has an influence."""
@@ -344,11 +357,12 @@ def minimise(
         x = found.x
         if polish:
             x = _polished(scaled, scaled_jacobian, x, lower / sizes, upper / sizes)
+    here, slopes = (scaled(x), scaled_jacobian(x)) if polish else (found.fun, found.jac)
     return LeastSquaresFit(
         tuple(parameters),
         x * sizes,
-        scaled(x),
-        scaled_jacobian(x) / sizes,
+        here,
+        slopes / sizes,
         bool(found.status > 0),
         str(found.message),
         int(found.nfev),

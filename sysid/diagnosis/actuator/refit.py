@@ -22,6 +22,8 @@ from sysid.model.static_reading import as_read
 from sysid.types import FloatArray, IntArray
 
 _EVALUATIONS = 20
+# Slopes predict to within this share of what changes.
+_PREDICTED = 0.3
 _TOLERANCE = 1e-4
 # One-sided differences: half the evaluations, and accurate enough for a fit to 1e-4.
 _STEP = 1e-5
@@ -106,60 +108,118 @@ def refit(base: Projected, starts: Sequence[CatalogueEffect], held: Collection[s
     Those `held`, by "id/name", stay where they start. The base parameters of the balances that the
     effects reach are fitted along: an effect that replaces a law changes their role.
     """
-    others = (*base.model.effects, *starts)
-    channels = tuple(c for c in CHANNELS if any(c in channels_of(e, others) for e in starts))
-    touched = base.frame.belongs(channels)
-    names = [n for n in base_parameters(base.model) if channel_of(n) in channels]
-    parameters = [
-        *(
-            _held(p) if p.name in held else p
-            for p in _own_parameters(starts, base.frame.traces.travel)
-        ),
-        *(_relative(n) for n in names),
-    ]
-    count = len(parameters) - len(names)
-    shares = [share for e in starts for share in _steps(type(e).quantities)]
-    shares += [_STEP] * len(names)
+    equations = _Equations(base, starts, held)
+    parameters, left = equations.parameters, _EVALUATIONS
+    while True:
+        fit = minimise(
+            equations.residuals,
+            parameters,
+            jacobian=equations.slopes,
+            tolerance=_TOLERANCE,
+            max_evaluations=left,
+            polish=False,
+        )
+        fit, left = (
+            replace(fit, jacobian=equations.exact_slopes(fit.values)),
+            left - fit.evaluations,
+        )
+        if left <= 0 or fit.next_fall() < _TOLERANCE:
+            break
+        parameters = [
+            replace(p, value=float(v)) for p, v in zip(parameters, fit.values, strict=True)
+        ]
+    return Refit(equations.effects(fit.values), base.rest, fit.residuals, fit)
 
-    def model_of(values: FloatArray) -> Model:
-        given = base.model
-        factors = zip(names, values[count:], strict=True)
-        changes = {n: getattr(given.parameters, n) * f for n, f in factors}
-        effects = (*given.effects, *with_values(starts, values[:count]))
-        return Model(given.parameters.replace(**changes), effects)
 
-    def whitened(values: FloatArray, some: tuple[str, ...] = channels) -> FloatArray:
-        return base.frame.residual(model_of(values), some)
+class _Equations:
+    """The whitened errors of effects' numbers, with those of the base parameters along.
 
-    # The solver asks for slopes where it asked for the residual last.
-    last: list[tuple[bytes, FloatArray]] = []
+    `parameters` (k + p): the effects' numbers, then factors of the base parameters.
+    """
 
-    def residuals(values: FloatArray) -> FloatArray:
-        here = whitened(values)
-        last[:] = [(values.tobytes(), here)]
-        return base.beside_extra(np.where(touched, here, base.rest))
+    def __init__(
+        self, base: Projected, starts: Sequence[CatalogueEffect], held: Collection[str]
+    ) -> None:
+        others = (*base.model.effects, *starts)
+        self._base, self._starts = base, starts
+        self._channels = tuple(
+            c for c in CHANNELS if any(c in channels_of(e, others) for e in starts)
+        )
+        self._touched = base.frame.belongs(self._channels)
+        self._names = [n for n in base_parameters(base.model) if channel_of(n) in self._channels]
+        own = _own_parameters(starts, base.frame.traces.travel)
+        self._count = len(own)
+        # Those that are held keep their size.
+        self.parameters = [
+            *(_held(p) if p.name in held else p for p in own),
+            *(_relative(n) for n in self._names),
+        ]
+        self._shares = [share for e in starts for share in _steps(type(e).quantities)]
+        self._shares += [_STEP] * len(self._names)
+        # The last point with its errors, whitened and beside the extra columns; one with slopes.
+        self._last: tuple[FloatArray, FloatArray, FloatArray] | None = None
+        self._known: tuple[FloatArray, FloatArray, FloatArray] | None = None
 
-    def jacobian(values: FloatArray) -> FloatArray:
-        known = bool(last) and last[0][0] == values.tobytes()
-        here, columns = last[0][1] if known else whitened(values), []
-        for i, parameter in enumerate(parameters):
-            step = shares[i] * max(abs(values[i]), 1e-2 * parameter.size)
+    def effects(self, values: FloatArray) -> tuple[CatalogueEffect, ...]:
+        """The effects with their numbers."""
+        return with_values(self._starts, values[: self._count])
+
+    def residuals(self, values: FloatArray) -> FloatArray:
+        """(rows,)."""
+        return self._at(values)[1]
+
+    def slopes(self, values: FloatArray) -> FloatArray:
+        """(rows, k + p): those of the base parameters are a former point's while they predict.
+
+        A rate is nearly proportional to them, and they are many.
+        """
+        if self._known is None:
+            return self.exact_slopes(values)
+        before, errors, columns = self._known
+        here = self._at(values)[1]
+        change = here - errors
+        missed = change - columns @ (values - before)
+        if not np.linalg.norm(missed) < _PREDICTED * np.linalg.norm(change):
+            return self.exact_slopes(values)
+        own = self._columns(values, range(self._count))
+        self._known = (values.copy(), here, np.hstack([own, columns[:, self._count :]]))
+        return self._known[2]
+
+    def exact_slopes(self, values: FloatArray) -> FloatArray:
+        """(rows, k + p)."""
+        columns = self._columns(values, range(len(self.parameters)))
+        self._known = (values.copy(), self._at(values)[1], columns)
+        return columns
+
+    def _at(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The errors of a point, whitened and beside the extra columns, kept for its slopes."""
+        if self._last is None or not np.array_equal(self._last[0], values):
+            here = self._whitened(values, self._channels)
+            errors = self._base.beside_extra(np.where(self._touched, here, self._base.rest))
+            self._last = (values.copy(), here, errors)
+        return self._last[1:]
+
+    def _columns(self, values: FloatArray, some: Sequence[int]) -> FloatArray:
+        here, columns = self._at(values)[0], []
+        for i in some:
+            parameter = self.parameters[i]
+            step = self._shares[i] * max(abs(values[i]), 1e-2 * parameter.size)
             moved = np.array(values)
             moved[i] += step if values[i] + step <= parameter.upper else -step
-            some = channels if i < count else (channel_of(names[i - count]),)
-            change = np.where(base.frame.belongs(some), whitened(moved, some) - here, 0.0)
+            name = None if i < self._count else self._names[i - self._count]
+            channels = self._channels if name is None else (channel_of(name),)
+            change = self._whitened(moved, channels) - here
+            change = np.where(self._base.frame.belongs(channels), change, 0.0)
             columns.append(change / (moved[i] - values[i]))
-        return base.beside_extra(np.column_stack(columns))
+        return self._base.beside_extra(np.column_stack(columns))
 
-    fit = minimise(
-        residuals,
-        parameters,
-        jacobian=jacobian,
-        tolerance=_TOLERANCE,
-        max_evaluations=_EVALUATIONS,
-        polish=False,
-    )
-    return Refit(with_values(starts, fit.values[:count]), base.rest, fit.residuals, fit)
+    def _whitened(self, values: FloatArray, channels: tuple[str, ...]) -> FloatArray:
+        given = self._base.model
+        factors = zip(self._names, values[self._count :], strict=True)
+        changes = {n: getattr(given.parameters, n) * f for n, f in factors}
+        effects = (*given.effects, *self.effects(values))
+        model = Model(given.parameters.replace(**changes), effects)
+        return self._base.frame.residual(model, channels)
 
 
 def _steps(quantities: Sequence[Quantity]) -> list[float]:
