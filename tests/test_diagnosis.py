@@ -83,7 +83,7 @@ from sysid.model.effects.supply import ExhaustBackPressure, SupplyDroop
 from sysid.model.effects.valve import DutyDeadZone, SubsonicFlowShape, ValveDelay
 from sysid.model.ports import Model
 from sysid.parallel import time_limit
-from sysid.types import no_progress
+from sysid.types import FloatArray, no_progress
 from sysid.validation.motion_tests import prepare_all
 
 SEED = 900
@@ -383,6 +383,48 @@ def test_a_law_is_found_beside_base_parameters_that_were_fitted_without_it(
     assert isinstance(shape, SubsonicFlowShape)
     assert shape.critical_ratio == pytest.approx(0.3, abs=0.04)
     assert shape.exhaust_blend == pytest.approx(1.0, abs=0.05)
+
+
+def test_slopes_of_the_base_parameters_are_kept_while_they_predict(
+    traces: Traces, healthy: tuple[Tests, Rig, Model], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The numbers are those of slopes that are computed at every step."""
+    _, rig, model = healthy
+    twin = twin_of(model + AtmosphereLeakage(4e-16), traces, rig)
+    base = projected(build_frame(twin, model, noise_of(twin, model), 0.0), model)
+    counted: list[Model] = []
+    original = Frame.residual
+
+    def counting(self: Frame, tried: Model, *channels: Any) -> FloatArray:
+        counted.append(tried)
+        return original(self, tried, *channels)
+
+    monkeypatch.setattr(Frame, "residual", counting)
+    kept = refit(base, [AtmosphereLeakage(1e-16)])
+    few = len(counted)
+    monkeypatch.setattr("sysid.diagnosis.actuator.refit._PREDICTED", 0.0)
+    fresh = refit(base, [AtmosphereLeakage(1e-16)])
+    assert few < 0.8 * (len(counted) - few)
+    np.testing.assert_allclose(kept.fit.values, fresh.fit.values, rtol=1e-3)
+    assert kept.gain == pytest.approx(fresh.gain, rel=1e-4)
+    assert kept.fit.next_fall() < 1e-4
+
+
+def test_what_gains_far_beyond_the_first_twin_is_not_asked_of_the_others(
+    traces: Traces, healthy: tuple[Tests, Rig, Model]
+) -> None:
+    _, rig, model = healthy
+    twins = []
+    for seed in (3, 4):
+        noise = SensorNoise((np.array([1e-5]), np.array([150.0]), np.array([150.0])), np.zeros(3))
+        twin = next(simulate_twins(traces, model, noise, Scatter(), 1, seed, rig))
+        twins.append(projected(build_frame(twin, model, noise_of(twin, model), 0.0), model))
+    forms = candidates([QuadraticDrag])
+    for gain, asked in ((30.0, 2), (1e5, 1)):
+        null = Null(twins, forms, {})
+        assert null.calibrate({"quadratic-drag": gain}, 0.0, Book()) == ["quadratic-drag"]
+        assert len(null.gains("quadratic-drag")) == asked
+        assert null.p_value("quadratic-drag", 1e5, 1) < 1e-20
 
 
 def test_a_threshold_is_clear_where_many_tests_gain(

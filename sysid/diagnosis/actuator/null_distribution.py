@@ -21,6 +21,10 @@ _SMALLEST_P = 1e-300
 _NOISIEST = 1.6
 # Only a gain beyond this many times the first twin's warrants screening the others.
 _ASK_AGAIN = 2.0
+# Of one beyond so many times that the others would say the same.
+_BEYOND_DOUBT = 100.0
+# A gain that noise alone may give.
+_NOISE_ALONE = 10.0
 # A rig's numerics may bias a gain's root by this factor against its twins'.
 MARGIN = 1.3
 # A balance's excess is structure beyond this many of the twins' spreads, and beyond this share of
@@ -58,13 +62,20 @@ class Null:
     def calibrate(self, gains: Mapping[str, float], least: float, book: Book) -> list[str]:
         """Screen the twins for these effects, given with their gains on the logs.
 
-        Where the first twin gains as much, or the gain is below `least`, the others are not
-        screened. Returns those that could be screened. Raises OutOfTimeError.
+        Where the first twin gains as much, or next to nothing against it, or the gain is below
+        `least`, the others are not screened. Returns those that could be screened. Raises
+        OutOfTimeError.
         """
         self._screen(gains, self._twins[:1], book)
         known = [e for e in gains if e in self._gains]
-        clear = [e for e in known if gains[e] > max(_ASK_AGAIN * self._gains[e][0], least)]
-        self._screen(clear, self._twins[1:], book)
+        first = {e: float(self._gains[e][0]) for e in known}
+        open_ones = [
+            e
+            for e in known
+            if gains[e] > max(_ASK_AGAIN * first[e], least)
+            and not gains[e] > _BEYOND_DOUBT * max(first[e], _NOISE_ALONE)
+        ]
+        self._screen(open_ones, self._twins[1:], book)
         return known
 
     def release(self) -> None:
@@ -99,8 +110,8 @@ class Null:
         return min(1.0, max(self.family * float(ndtr(-distance)), _SMALLEST_P))
 
     def ratio(self, effect: str, gain: float) -> float:
-        """A gain over the largest that a twin shows (at least 10: noise alone)."""
-        return gain / max(float(np.max(self.gains(effect))), 10.0)
+        """A gain over the largest that a twin shows, or over that of noise alone."""
+        return gain / max(float(np.max(self.gains(effect))), _NOISE_ALONE)
 
     def excess(self, base: Projected) -> dict[str, float]:
         """Each channel's sum of squares beyond any twin's; negative where below."""
