@@ -142,7 +142,9 @@ def _numbers(
     from sysid.refinement.refine import refine  # loads jax
 
     try:
-        result = refine(campaign, extended, catalogue=catalogue, progress=progress)
+        result = refine(
+            campaign, extended, catalogue=catalogue, progress=progress, by_differences=True
+        )
         if result.worse:
             return Failure(f"the training tests would be simulated {result.worse}")
         return result, held_out_errors(result.bundle)

@@ -167,13 +167,12 @@ def estimate(
     return Estimated(final, solution, left_out, scatter, evaluations + solution.evaluations)
 
 
-def with_derivatives(found: Estimated) -> Estimated:
-    """The estimate with slopes by forward mode through the simulator, of which its errors are.
-
-    On the way differences of neighbouring simulations do. Raises OutOfTimeError.
+def with_slopes(found: Estimated, by_differences: bool) -> Estimated:
+    """The estimate with slopes at the solution, of which its errors are: by forward mode through
+    the simulator, or as on the way by differences of neighbours. Raises OutOfTimeError.
     """
     solution, problem = found.solution, found.problem
-    exact = dataclasses.replace(problem, by_differences=False)
+    exact = dataclasses.replace(problem, by_differences=by_differences)
     runs = exact.linearised(solution.point)
     none = np.zeros(len(runs))
     at = reduced(problem, solution.point, runs, none, solution.counted)
@@ -270,5 +269,5 @@ __all__ = [
     "estimate",
     "followed",
     "whitening_of",
-    "with_derivatives",
+    "with_slopes",
 ]

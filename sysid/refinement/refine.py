@@ -38,7 +38,7 @@ from sysid.refinement.estimation import (
     Estimated,
     FrictionScatter,
     estimate,
-    with_derivatives,
+    with_slopes,
 )
 from sysid.refinement.lengthening import lengthened
 from sysid.refinement.problem import Problem
@@ -80,12 +80,15 @@ def refine(
     profile: Iterable[str] = (),
     catalogue: Catalogue | None = None,
     progress: Progress = no_progress,
+    by_differences: bool = False,
 ) -> RefineResult:
     """Estimate a bundle's parameters, and its effects', on a campaign's motion logs to fit on.
 
     `free`: constants of the rig file, and others, that are estimated too; `fix`: parameters that
     stay; without `prior` the bench tests count for the start only; `robust`: each
-    segment's errors count by their own size; `profile`: parameters with a profile. Raises
+    segment's errors count by their own size; `profile`: parameters with a profile;
+    `by_differences`: standard errors are of differences of neighbouring simulations (to some 1e-5
+    the same), for which nothing is compiled, not of derivatives by forward mode. Raises
     InputError for a name that is no parameter or a campaign without such logs, NotIdentifiedError
     where the bundle does not hold the on/off law of both valves, or nothing can be simulated.
     """
@@ -119,7 +122,7 @@ def refine(
     white = tuple(tuple(Whitening.white(float(n)) for n in run.noise) for run in runs)
     problem = Problem(tuple(runs), unknowns, model, position, white, scatter.pair, len(tests))
     progress(f"estimating {len(unknowns)} parameters on {len(runs)} segments")
-    found = _estimated(problem, scatter, tests, robust, progress)
+    found = _estimated(problem, scatter, tests, robust, progress, by_differences)
     if found.left_out:
         notices.append(_left_out_notice(found.left_out))
     if not found.solution.converged:
@@ -179,6 +182,7 @@ def _estimated(
     tests: Sequence[MotionTest],
     robust: bool,
     progress: Progress,
+    by_differences: bool,
 ) -> Estimated:
     """From segments to the longest runs of these tests that the data allow."""
     # Small matrices: more threads only wait for each other.
@@ -186,9 +190,9 @@ def _estimated(
         found = estimate(problem, scatter, robust=robust, progress=progress)
         found = lengthened(found, tests, progress)
         progress("derivatives of the solution")
-        # Differences tell the errors as well.
+        # Those of the last steps tell the errors as well.
         with contextlib.suppress(OutOfTimeError, SimulationError):
-            return with_derivatives(found)
+            return with_slopes(found, by_differences)
     return found
 
 
