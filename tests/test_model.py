@@ -445,6 +445,18 @@ def test_open_fraction_of_a_sample_is_exact() -> None:
     np.testing.assert_allclose(fraction, [0.0, 0.3, 1.0, 1.0, 0.5, 0.0], atol=1e-9)
 
 
+def test_time_open_between_bounds_is_that_of_each_pair() -> None:
+    rng = np.random.default_rng(2)
+    edges = np.sort(rng.uniform(-0.1, 1.1, 60))
+    found = valve_timing.OpenIntervals(edges[::2], edges[1::2])
+    # Some bounds lie on edges.
+    bounds = np.sort(np.concatenate([rng.uniform(0.0, 1.0, 200), edges[5:15]]))
+    each = found.open_time(bounds[:-1], bounds[1:])
+    np.testing.assert_allclose(found.between(bounds), each, atol=1e-12)
+    never = valve_timing.OpenIntervals(np.zeros(0), np.zeros(0))
+    np.testing.assert_array_equal(never.between(bounds), np.zeros(len(bounds) - 1))
+
+
 def test_the_grid_splits_samples_at_edges_and_at_the_longest_step() -> None:
     time = np.arange(4) / 250.0
     grid = valve_timing.split_at(time, np.array([0.0005, 0.004, 0.00402]), 1e-3)

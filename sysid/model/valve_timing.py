@@ -37,6 +37,13 @@ class OpenIntervals:
         """Share of each [starts, ends] in which the valve is open, 0 to 1."""
         return self.open_time(starts, ends) / (ends - starts)
 
+    def between(self, bounds: FloatArray) -> FloatArray:
+        """Time open between each two of the rising `bounds` (n + 1,), (n,) s; exact."""
+        # Pulses are fewer than bounds: each is looked for, not each bound.
+        begun = np.searchsorted(bounds, self.opens)
+        count = np.cumsum(np.bincount(begun, minlength=len(bounds) + 1)[: len(bounds)])
+        return np.diff(self._open_before(bounds, count))
+
     def is_open(self, times: FloatArray) -> BoolArray:
         """Whether the valve is open just after each time."""
         opened = np.searchsorted(self.opens, times, side="right")
@@ -44,13 +51,16 @@ class OpenIntervals:
         return opened > closed
 
     def _cumulative(self, times: FloatArray) -> FloatArray:
+        return self._open_before(times, np.searchsorted(self.opens, times, side="right"))
+
+    def _open_before(self, times: FloatArray, count: NDArray[np.intp]) -> FloatArray:
+        """Time open before each of `times`, at which `count` intervals have begun."""
         if len(self.opens) == 0:
             return np.zeros_like(times)
         total = np.concatenate(([0.0], np.cumsum(self.closes - self.opens)))
-        i = np.searchsorted(self.opens, times, side="right")
-        before = np.maximum(i - 1, 0)
+        before = np.maximum(count - 1, 0)
         running = np.minimum(times, self.closes[before]) - self.opens[before]
-        return np.where(i > 0, total[before] + running, 0.0)
+        return np.where(count > 0, total[before] + running, 0.0)
 
 
 def switched_intervals(

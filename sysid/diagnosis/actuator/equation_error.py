@@ -108,20 +108,23 @@ def equation_error(
     """
     sensors = tuple(e for e in model.effects if overrides(e, "measure"))
     timing = tuple(e for e in model.effects if overrides(e, *_TIMING_PORTS))
-    seen = _without_sensors(traces, sensors)
+    seen = whole = _without_sensors(traces, sensors)
     if timing:
         # Fitted numbers do not affect the timing; as part of the key they would defeat the cache.
         fixed = model.parameters.replace(**dict.fromkeys(_FITTED, 0.0))
-        seen = _with_timing(seen, traces, Model(fixed, timing))
-    states = _states(seen, _with_part_in_states(model)) if model.state_names else {}
+        whole = _with_timing(seen, traces, Model(fixed, timing))
+    states = _states(whole, _with_part_in_states(model)) if model.state_names else {}
     found = {name: np.zeros(len(rows[name].index) if rows else len(traces)) for name in CHANNELS}
     for name in channels:
         own = rows[name] if rows else None
         # A sensor with memory needs its input without gaps.
         gaps = None if sensors and name not in _MECHANICAL else own
-        here, extra = seen, states
+        here, extra = whole, states
         if gaps is not None:
+            # What does not depend on the timing is the same for all that are tried.
             here, extra = seen.at(gaps), {n: v[gaps.index] for n, v in states.items()}
+            if timing:
+                here = here.with_opening(whole.open_a[gaps.index], whole.open_b[gaps.index])
         point = replace(point_of(here, model), extra=extra)
         if name in _MECHANICAL:
             found[name] = _MECHANICAL[name](here, point, model)

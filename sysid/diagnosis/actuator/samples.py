@@ -152,9 +152,9 @@ class Traces:
         return replace(self, open_a=open_a, open_b=open_b)
 
 
-# All threads share the few that are kept: most look at the same traces, one is large, and where
-# sensors or delays are fitted their traces are gone with the next numbers.
-@lru_cache(maxsize=2)
+# All threads share the few that are kept, those of each channel: most look at the same traces, one
+# is large, and where sensors are fitted their traces are gone with the next numbers.
+@lru_cache(maxsize=4)
 def selected(traces: Traces, rows: Rows) -> Traces:
     """`Traces.at`; `equation_error.forget` ends what is kept."""
     names = [f.name for f in fields(traces) if f.name != "runs"]
@@ -332,7 +332,8 @@ def opening(runs: Sequence[TestRun], model: Model, side: str) -> FloatArray:
             bounded = OpenIntervals(
                 np.clip(intervals.opens, low, high), np.clip(intervals.closes, low, high)
             )
-            found[run.rows] = bounded.open_fraction(time - half, time + half)
+            bounds = np.concatenate(([time[0] - half], time + half))
+            found[run.rows] = bounded.between(bounds) / run.period
     return found
 
 

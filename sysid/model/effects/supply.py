@@ -355,7 +355,8 @@ class SupplyPulsation(CatalogueEffect):
         xp = array_namespace(point.time, self.pulsation_hz)
         phase = (2.0 * math.pi) * self.pulsation_hz * point.time
         sine, cosine, k = self.pulsation_sine_pa, self.pulsation_cosine_pa, self.stroke_share
-        wave = sine * xp.sin(phase) + cosine * xp.cos(phase)
+        parts = ((sine, xp.sin), (cosine, xp.cos))
+        wave = sum(size * f(phase) for size, f in parts if not base.is_zero(size))
         if not base.is_zero(k):
             quarter = sine * xp.cos(phase) - cosine * xp.sin(phase)
             # Never zero: a wave without amplitude has a slope.
