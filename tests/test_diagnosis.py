@@ -12,6 +12,7 @@ import pytest
 from scipy.signal import lfilter
 
 from datasets.generator.campaign import LAB, GeneratedCampaign, drawn_effects, make_campaign
+from sysid.diagnosis.actuator.choked_boundaries import near_boundaries
 from sysid.diagnosis.actuator.diagnose import (
     _is_beyond_draws,
     _of_fitted_numbers,
@@ -29,6 +30,7 @@ from sysid.diagnosis.actuator.equation_error import (
 from sysid.diagnosis.actuator.evidence import TwinEvidence
 from sysid.diagnosis.actuator.holdout import HeldOut
 from sysid.diagnosis.actuator.loop import Loop, close_loop
+from sysid.diagnosis.actuator.moving_boundaries import moving_boundaries
 from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.refit import Refit, refit, with_base_refitted
 from sysid.diagnosis.actuator.samples import Traces, prepare, window_width, windows
@@ -65,6 +67,7 @@ from sysid.diagnosis.result import Diagnosis
 from sysid.io.channels import VALVE_COMMANDS
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig, rig_from_content
+from sysid.model import base as base_law
 from sysid.model.base import ValveParameters, parameters_from_rig
 from sysid.model.effects import catalogue, class_of
 from sysid.model.effects.chamber import (
@@ -79,7 +82,7 @@ from sysid.model.effects.friction import QuadraticDrag, SealFriction, StribeckFr
 from sysid.model.effects.motor import AmplifierLag, TorqueConstantError
 from sysid.model.effects.sensor import PressureLag, PressureOffset, TimeSkew
 from sysid.model.effects.stroke import EndCushion
-from sysid.model.effects.supply import ExhaustBackPressure, SupplyDroop
+from sysid.model.effects.supply import ExhaustBackPressure, SupplyDroop, SupplyPulsation
 from sysid.model.effects.valve import DutyDeadZone, SubsonicFlowShape, ValveDelay
 from sysid.model.ports import Model
 from sysid.parallel import time_limit
@@ -940,3 +943,40 @@ def test_an_effect_that_imitates_two_gives_way_to_them() -> None:
     campaign = made(("valve-delay", "off", 1.0), ("duty-dead-zone", "partial", 1.0), seed=1023)
     tried = ["sticking-valve", "valve-delay", "duty-dead-zone"]
     assert added(campaign, tried, -0.3) == ["valve-delay", "duty-dead-zone"]
+
+
+def test_what_may_move_a_choked_boundary_leaves_out_what_is_between(
+    moving: Traces, healthy: tuple[Tests, Rig, Model]
+) -> None:
+    """At the boundary the base law jumps: a droop that moves it is found only without that."""
+    _, rig, model = healthy
+    droop = SupplyDroop(1.3e7, 0.0)
+    twin = twin_of(model + droop, moving, rig)
+    plain = near_boundaries(twin, model, "a", ())
+    wide = near_boundaries(twin, model, "a", (SupplyDroop(3e7, 0.0),))
+    fill = base_law.filling_boundary(twin.supply)
+    lost = np.asarray(drooped_filling_flow_at(twin, model, 3e7)) * 3e7
+    between = (twin.pressure_a > base_law.filling_boundary(twin.supply - lost)) & (
+        twin.pressure_a < fill
+    )
+    assert np.all(wide[between & (twin.open_a > 0.0)])
+    assert np.all(wide[plain]) and 0 < np.count_nonzero(wide & ~plain) < 0.2 * len(wide)
+
+    forms = candidates([SupplyDroop, ExhaustBackPressure, SupplyPulsation])
+    bare = projected(build_frame(twin, model, noise_of(twin, model), 0.0), model)
+    found = moving_boundaries(bare, forms)
+    assert "supply-droop" in [e.id for e in found]
+    assert all(isinstance(e, SupplyDroop | ExhaustBackPressure) for e in found)
+    (largest,) = (e.droop_pa_s_per_kg for e in found if isinstance(e, SupplyDroop))
+    assert 1.3e7 < largest < 6e7
+    sound = twin_of(model, moving, rig)
+    bare = projected(build_frame(sound, model, noise_of(sound, model), 0.0), model)
+    assert moving_boundaries(bare, forms) == ()
+
+
+def drooped_filling_flow_at(traces: Traces, model: Model, droop: float) -> FloatArray:
+    """Choked flow of valve A at a drooped supply, kg/s (n,)."""
+    p = model.parameters
+    return np.asarray(
+        p.choked_fill_a * traces.supply / (p.supply_reference + droop * p.choked_fill_a)
+    )

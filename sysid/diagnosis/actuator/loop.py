@@ -9,6 +9,7 @@ import numpy as np
 
 from sysid.diagnosis.actuator.bias_correction import corrected
 from sysid.diagnosis.actuator.equation_error import BALANCES, forget
+from sysid.diagnosis.actuator.moving_boundaries import moving_boundaries
 from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.samples import Traces, prepare
 from sysid.diagnosis.actuator.screening import Projected, projected
@@ -66,7 +67,8 @@ class Loop:
 class Start:
     """What a search begins with: the tests, the noise in each balance, and what the twins show.
 
-    `forms`: those of the catalogue that are tried.
+    `forms`: those of the catalogue that are tried; `moving`: effects that may move a choked
+    boundary.
     """
 
     traces: Traces
@@ -75,11 +77,12 @@ class Start:
     scatter: Scatter
     colour: ResidualNoise
     forms: list[Candidate]
+    moving: tuple[CatalogueEffect, ...]
     null: Null
 
     def frame(self, traces: Traces) -> Frame:
         """The weighted balances of these tests, or of twins of them."""
-        return build_frame(traces, self.model, self.colour, self.scatter.sliding)
+        return build_frame(traces, self.model, self.colour, self.scatter.sliding, self.moving)
 
 
 def begin(
@@ -106,13 +109,16 @@ def begin(
         # The noise's colour in the residuals comes from a twin; scatter does not affect it.
         colour = noise_of(pilot, model)
         bare = projected(build_frame(traces, model, colour, 0.0), model)
+        moving = moving_boundaries(bare, forms)
+        if moving:
+            bare = projected(build_frame(traces, model, colour, 0.0, moving), model)
         spread = min(friction_scatter(bare.frame, bare.rest), _SCATTER_LIMIT)
         sensors = _sensor_squares(replace(bare.frame, scatter=spread), model, noise, seed + 3)
     scatter = Scatter(spread, spread)
     progress(f"friction scatters by {100 * spread:.1f} % from test to test")
 
     def twin_frame(twin: Traces) -> Projected:
-        return projected(build_frame(twin, model, colour, spread), model)
+        return projected(build_frame(twin, model, colour, spread, moving), model)
 
     count = _QUICK_TWINS if book.quick else TWINS
     if book.quick:
@@ -130,7 +136,7 @@ def begin(
         book.miss(ended, decides=False)
     with time_limit(None):
         null = Null(judged or [twin_frame(pilot)], forms, sensors)
-    return Start(traces, model, noise, scatter, colour, forms, null)
+    return Start(traces, model, noise, scatter, colour, forms, moving, null)
 
 
 def close_loop(
@@ -171,7 +177,7 @@ def close_loop(
         else:
             found = better
     with time_limit(None):
-        after = build_frame(traces, found.model, start.colour, 0.0)
+        after = build_frame(traces, found.model, start.colour, 0.0, start.moving)
         left = friction_scatter(after, projected(after, found.model).rest)
         left = min(left, start.scatter.sliding)
     return Loop(

@@ -9,12 +9,14 @@ from test to test into the covariance, so that sums of squares can be compared.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from sysid.diagnosis.actuator.breakaways import breakaways
+from sysid.diagnosis.actuator.choked_boundaries import near_boundaries
 from sysid.diagnosis.actuator.equation_error import (
     BREAKAWAY,
     CHANNELS,
@@ -24,7 +26,7 @@ from sysid.diagnosis.actuator.equation_error import (
 )
 from sysid.diagnosis.actuator.samples import Rows, Traces, Windows, windows
 from sysid.io.channels import SIDES
-from sysid.model import base
+from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import Model
 from sysid.parallel import check_time
 from sysid.types import BoolArray, FloatArray, IntArray
@@ -36,7 +38,6 @@ _END_SHARE = 0.01
 _NEAR_SUPPLY = 0.01
 _NEAR_ATMOSPHERE = 0.01
 _RUNAWAY = 1e4
-_NEAR_BOUNDARY = 0.02
 # Tests that determine their own friction to 3 %, and how many of them a spread needs.
 _LEAST_POWER = 1e3
 _LEAST_TESTS = 4
@@ -147,18 +148,22 @@ def _less(spread: float, direction: FloatArray, values: FloatArray) -> FloatArra
     return np.asarray(values - (share * float(direction @ values) / power) * direction)
 
 
-def build_windows(traces: Traces, model: Model) -> dict[str, Windows]:
+def build_windows(
+    traces: Traces, model: Model, moving: Sequence[CatalogueEffect] = ()
+) -> dict[str, Windows]:
     """Windows of every channel.
 
     Effort: where the shaft moves, away from its end stops. Rates: away from the stops, and
-    where the flow law is not uncertain. Breakaways: one row each.
+    where the flow law is not uncertain: nor where effects that are `moving` its boundaries may
+    make it so. Breakaways: one row each.
     """
     period, free = float(model.parameters.pwm_period), _off_the_stops(traces, model)
     found = {EFFORT: sliding_windows(traces, model), BREAKAWAY: breakaways(traces, model, free)}
     for run in traces.runs:
         free[run.rows] |= not run.moves
     for side in SIDES:
-        found[f"rate_{side}"] = windows(traces, free & ~_in_doubt(traces, model, side), period)
+        doubt = _in_doubt(traces, model, side) | near_boundaries(traces, model, side, moving)
+        found[f"rate_{side}"] = windows(traces, free & ~doubt, period)
     return found
 
 
@@ -177,25 +182,13 @@ def _in_doubt(traces: Traces, model: Model, side: str) -> BoolArray:
     """Samples at which noise determines the result of the valve's law, (n,).
 
     Flow near the supply pressure or the atmosphere may go with the root of a difference that
-    is mostly noise; at the choked boundaries the law jumps.
+    is mostly noise.
     """
-    pressure = traces.pressure(side)
-    share = traces.open_a if side == "a" else traces.open_b
-    filling, exhausting = share > 0.0, share < 1.0
+    pressure, share = traces.pressure(side), traces.opening(side)
     to_supply = np.abs(traces.supply - pressure) < _NEAR_SUPPLY * traces.supply
     atmosphere = float(model.parameters.atmosphere)
     to_atmosphere = np.abs(pressure - atmosphere) < _NEAR_ATMOSPHERE * atmosphere
-    fill, exhaust = (
-        base.filling_boundary(traces.supply),
-        base.exhaust_boundary(atmosphere),
-    )
-    # A boundary crossed between two samples is uncertain at both.
-    travel = np.abs(np.gradient(pressure))
-    at_fill = np.abs(pressure - fill) < _NEAR_BOUNDARY * fill + travel
-    at_exhaust = np.abs(pressure - exhaust) < _NEAR_BOUNDARY * exhaust + travel
-    return np.asarray(
-        (filling & (to_supply | at_fill)) | (exhausting & (to_atmosphere | at_exhaust))
-    )
+    return np.asarray(((share > 0.0) & to_supply) | ((share < 1.0) & to_atmosphere))
 
 
 def noise_of(traces: Traces, model: Model) -> ResidualNoise:
@@ -220,9 +213,15 @@ def _of_tests(late: dict[int, float], view: Windows) -> FloatArray:
     return np.array([late.get(int(run), other) for run in view.run])
 
 
-def build_frame(traces: Traces, model: Model, noise: ResidualNoise, scatter: float) -> Frame:
+def build_frame(
+    traces: Traces,
+    model: Model,
+    noise: ResidualNoise,
+    scatter: float,
+    moving: Sequence[CatalogueEffect] = (),
+) -> Frame:
     """The frame of some traces: windows, whitening and friction of its own."""
-    views = build_windows(traces, model)
+    views = build_windows(traces, model, moving)
     whitening = {name: _whitening(noise.covariance[name], view) for name, view in views.items()}
     p = model.parameters
     friction = p.coulomb_effort * traces.direction + p.viscous * traces.velocity

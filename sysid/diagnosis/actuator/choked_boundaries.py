@@ -1,0 +1,54 @@
+"""Samples at which it is not known on which side of a valve's choked boundary they are.
+
+There the base law jumps, by a third of the flow or more. An effect that lowers the supply
+pressure, or raises that of the exhaust, moves the boundary: what is near where it may be says
+nothing of any effect, and a fit is trapped there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import reduce
+from typing import Any
+
+import numpy as np
+
+from sysid.diagnosis.actuator.samples import Traces
+from sysid.diagnosis.actuator.states import point_of
+from sysid.model import base, plant
+from sysid.model.effects.entry import CatalogueEffect
+from sysid.model.ports import Model
+from sysid.types import BoolArray, FloatArray
+
+_NEAR_BOUNDARY = 0.02
+
+
+def near_boundaries(
+    traces: Traces, model: Model, side: str, moving: Sequence[CatalogueEffect]
+) -> BoolArray:
+    """Samples (n,) near a choked boundary, or where one of the effects `moving` may take it."""
+    share, pressure = traces.opening(side), traces.pressure(side)
+    atmosphere = float(model.parameters.atmosphere)
+    fill = base.filling_boundary(traces.supply)
+    exhaust = np.asarray(base.exhaust_boundary(atmosphere))
+    fills, exhausts = [fill], [exhaust]
+    for effect in moving:
+        moved = model + effect
+        point = point_of(traces, moved)
+        on: dict[str, Any] = {f"open_{side}": np.ones(len(traces))}
+        off: dict[str, Any] = {f"open_{side}": np.zeros(len(traces))}
+        fills.append(np.asarray(plant.filling_boundary(side, replace(point, **on), moved)))
+        exhausts.append(np.asarray(plant.exhaust_boundary(side, replace(point, **off), moved)))
+    # A boundary crossed between two samples is uncertain at both.
+    travel = np.abs(np.gradient(pressure))
+
+    def within(bounds: Sequence[FloatArray], at: FloatArray) -> BoolArray:
+        margin = _NEAR_BOUNDARY * at + travel
+        low, high = reduce(np.minimum, bounds), reduce(np.maximum, bounds)
+        return np.asarray((pressure > low - margin) & (pressure < high + margin))
+
+    return ((share > 0.0) & within(fills, fill)) | ((share < 1.0) & within(exhausts, exhaust))
+
+
+__all__ = ["near_boundaries"]
