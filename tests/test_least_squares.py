@@ -14,7 +14,7 @@ import pytest
 from nist_linear import LINEAR
 from numpy.typing import NDArray
 
-from sysid.estimation.linear import linear_fit
+from sysid.estimation.linear import Estimate, linear_fit
 from sysid.estimation.nonlinear import (
     LeastSquaresFit,
     Parameter,
@@ -271,6 +271,15 @@ def test_a_parameter_stuck_at_its_bound_is_named() -> None:
     assert "stuck at its bound, 0.5 s" in str(estimate.reason)
     assert "time_constant is stuck" in fit.report()
     assert fit.estimate("gain").identified
+
+
+def test_the_interval_of_a_number_within_bounds_is_within_them() -> None:
+    wide = Estimate.symmetric(0.2, 1.0, "s", math.inf)
+    assert wide.within(0.0, 1.0).interval == (0.0, 1.0)
+    assert wide.within(0.0, math.inf).interval == (0.0, wide.interval[1])
+    assert wide.within(-9.0, 9.0) == wide
+    none = Estimate.unidentified("s", "nothing depends on it")
+    assert none.within(0.0, 1.0) is none
 
 
 def test_the_next_step_takes_nothing_at_the_minimum_and_what_a_bound_leaves() -> None:

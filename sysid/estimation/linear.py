@@ -92,6 +92,13 @@ class Estimate:
         limits = (factor * self.interval[0], factor * self.interval[1])
         return Estimate(factor * self.value, factor * self.std, self.unit, limits, self.reason)
 
+    def within(self, lower: float, upper: float) -> Estimate:
+        """The estimate of a number that lies within bounds: so does its interval."""
+        if not self.has_interval:
+            return self
+        low, high = (min(max(limit, lower), upper) for limit in self.interval)
+        return Estimate(self.value, self.std, self.unit, (low, high), self.reason)
+
     def holds(self, value: float) -> bool:
         """Whether the interval holds `value`."""
         return self.interval[0] <= value <= self.interval[1]

@@ -255,6 +255,7 @@ def _parameters(found: Estimated) -> tuple[tuple[RefinedParameter, ...], FloatAr
         if not std[i] > NO_INFORMATION:
             # Nothing depends on it and no bench test spoke of it: it stays as it was.
             former = Estimate.symmetric(unknown.value, unknown.std, unknown.unit, math.inf)
+            former = former.within(unknown.lower, unknown.upper)
             parameters.append(RefinedParameter(unknown, former, informed=False))
             continue
         # Symmetric where the parameter has no bounds: a positive one has a positive interval.

@@ -138,7 +138,7 @@ class Search:
         effect = self.joint.effects[place]
         covariance = fit.jackknife_covariance(self.first.frame.tests)
         found = {
-            q.name: fit.estimate(f"{effect.id}/{q.name}", covariance)
+            q.name: fit.estimate(f"{effect.id}/{q.name}", covariance).within(q.lower, q.upper)
             for q in type(effect).quantities
         }
         for q in (q for q in type(effect).strengths() if q.is_threshold):
