@@ -923,7 +923,7 @@ def test_effects_that_the_bundle_holds_stay_in_the_model() -> None:
 
 
 def test_friction_that_the_bench_has_far_off_is_begun_with_as_motion_shows_it(
-    moving: Traces, healthy: Any
+    moving: Traces, healthy: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Below 0 by an effect, and so 0 in the model: a power law would be found in its place."""
     model = healthy[2]
@@ -935,6 +935,15 @@ def test_friction_that_the_bench_has_far_off_is_begun_with_as_motion_shows_it(
     assert found.coulomb_effort == without.parameters.coulomb_effort
     far = with_sliding_friction(moving, Model(p.replace(coulomb_effort=4.0 * p.coulomb_effort)))
     assert far.parameters.coulomb_effort == pytest.approx(p.coulomb_effort, rel=0.1)
+    # Where an effect hides it from motion too, it begins where a refit reaches what it may be.
+    hidden = Model(p.replace(viscous=0.0), (QuadraticDrag(0.1),))
+    begun = with_sliding_friction(moving, hidden)
+    assert begun.effects == hidden.effects
+    assert 0.2 * p.viscous < float(begun.parameters.viscous) < 5.0 * p.viscous
+    given = ("sysid.diagnosis.actuator.starting_friction._VISCOUS_SHARE", 0.6)
+    monkeypatch.setattr(*given)
+    more = with_sliding_friction(moving, hidden)
+    assert float(more.parameters.viscous) == pytest.approx(2.0 * float(begun.parameters.viscous))
 
 
 def test_an_effect_that_imitates_two_gives_way_to_them() -> None:

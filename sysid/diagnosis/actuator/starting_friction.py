@@ -11,13 +11,16 @@ from sysid.model.ports import Model
 
 # Friction of the bench that is this many times that of motion, or less than one over it.
 _FAR_OFF = 3.0
+# Viscous friction over Coulomb's at a speed that is exceeded a tenth of the time.
+_VISCOUS_SHARE, _FAST = 0.3, 0.9
 
 
 def with_sliding_friction(traces: Traces, model: Model) -> Model:
     """The model, with Coulomb and viscous friction as motion shows them where its are far off.
 
     Friction tests that an effect distorts may give less than none, which a model takes for 0;
-    another effect would then be found in its place, as a refit does not reach so far.
+    another effect would then be found in its place, as a refit does not reach so far. Where motion
+    shows no viscous friction either, it begins at a usual size, from which a refit reaches others.
     """
     view = sliding_windows(traces, model)
     error = equation_error(traces, model, (EFFORT,))[EFFORT]
@@ -31,7 +34,13 @@ def with_sliding_friction(traces: Traces, model: Model) -> Model:
         shown = given + change
         if shown > 0.0 and not shown / _FAR_OFF < given < shown * _FAR_OFF:
             changes[name] = shown
-    return Model(model.parameters.replace(**changes), model.effects) if changes else model
+    changed = Model(model.parameters.replace(**changes), model.effects) if changes else model
+    p = changed.parameters
+    if float(p.viscous) > 0.0 or not float(p.coulomb_effort) > 0.0:
+        return changed
+    fast = float(np.quantile(np.abs(view.average(traces.velocity)), _FAST))
+    usual = _VISCOUS_SHARE * float(p.coulomb_effort) / fast
+    return Model(p.replace(viscous=usual), changed.effects)
 
 
 __all__ = ["with_sliding_friction"]
