@@ -33,6 +33,7 @@ from sysid.estimation.linear import Estimate
 from sysid.io.campaign import read_campaign
 from sysid.model.effects.catalogue import catalogue
 from sysid.model.effects.entry import Catalogue, CatalogueEffect
+from sysid.model.effects.friction import StictionAfterRest
 from sysid.report import svg
 from sysid.report.diagnosis import diagnosis_section
 
@@ -255,6 +256,25 @@ def test_the_search_is_made_again_without_an_effect_to_which_motion_gives_no_str
     (notice,) = found.notices
     assert notice.startswith("valve-delay") and "on_delay_s" in notice and "off_delay_s" in notice
     assert "valve-delay" in lines[0]
+
+
+@pytest.mark.parametrize(
+    ("loss", "position_after", "stays"), [(2.0, 0.02, False), (2.0, 0.005, True), (0.1, 0.02, True)]
+)
+def test_the_search_is_made_again_without_an_effect_at_its_limit_that_makes_errors_larger(
+    ran: Ran, loss: float, position_after: float, stays: bool
+) -> None:
+    given = ran.diagnosed.diagnosis
+    one = replace(given.effects[0], effect=StictionAfterRest(loss, 0.25))
+    error = replace(given.residual["theta_rad"], before=0.01, after=position_after)
+    smaller = {name: replace(e, before=2.0 * e.after) for name, e in given.residual.items()}
+    look = _Looks(replace(given, effects=(one,), residual={**smaller, "theta_rad": error}))
+    found = without_contradicted(look, catalogue())
+    if stays:
+        assert found == look.first
+        return
+    assert found.contradicted == ("stiction-after-rest",)
+    assert "limit of its range (fresh_loss_nm 2.00 Nm)" in found.notices[0]
 
 
 def test_summary_says_verdict_effects_errors_and_what_was_tried(

@@ -35,18 +35,21 @@ Look = Callable[[Catalogue], Diagnosis]
 
 # The chance with which an effect that is not there has a strength other than 0.
 _LEVEL = 0.05
+# As a share of a strength: at a limit of its range.
+_AT_LIMIT = 1e-6
 
 
 def without_contradicted(
     look: Look, catalogue: Catalogue, progress: Progress = no_progress
 ) -> Diagnosis:
-    """The diagnosis of which every refined effect has a strength other than 0.
+    """The diagnosis of which every refined effect has a strength other than 0, within its range.
 
-    Where one has none, the next is made without the one that is the most surely absent.
+    Where one has none, the next is made without the one that is the most surely absent; so it is
+    without one that grows to the limit of its range and makes a held-out error larger.
     """
     found, gone, notices = look(catalogue), [], []
-    while (absent := _contradicted(found)) is not None:
-        progress(f"{absent.id}: motion gives it no strength, searching without it")
+    while (absent := _contradicted(found) or _beyond_its_range(found)) is not None:
+        progress(f"{absent.id}: motion contradicts it, searching without it")
         gone.append(absent.id)
         notices.append(_notice(absent))
         found = look({name: effect for name, effect in catalogue.items() if name not in gone})
@@ -68,6 +71,26 @@ def _contradicted(found: Diagnosis) -> FoundEffect | None:
     return found.effects[least] if over_chance[least] < 1.0 else None
 
 
+def _beyond_its_range(found: Diagnosis) -> FoundEffect | None:
+    """An effect that a refinement takes to a limit other than 0, where held-out errors rise.
+
+    As friction after rest grows without bound where it only has to be gone.
+    """
+    if found.refinement is None or not any(e.after > e.before for e in found.residual.values()):
+        return None
+    return next((one for one in found.effects if _limits(one.effect)), None)
+
+
+def _limits(effect: CatalogueEffect) -> list[str]:
+    """The strengths at a limit of their range other than 0, with their values."""
+    values = {q: float(getattr(effect, q.name)) for q in type(effect).strengths()}
+    return [
+        f"{q.label} {number(value, 3)} {q.unit}".rstrip(" -")
+        for q, value in values.items()
+        if value and min(value - q.lower, q.upper - value) <= _AT_LIMIT * abs(value)
+    ]
+
+
 def _over_chance(refinement: RefineResult, strengths: Container[Direction]) -> float:
     """Wald's statistic of an effect's strengths over that which chance gives them, were there none;
     infinite where none is known.
@@ -84,6 +107,12 @@ def _over_chance(refinement: RefineResult, strengths: Container[Direction]) -> f
 
 
 def _notice(absent: FoundEffect) -> str:
+    if limits := _limits(absent.effect):
+        return (
+            f"{absent.id} was found in the balances, but motion, simulated with it, takes it to "
+            f"the limit of its range ({', '.join(limits)}) and held-out tests are simulated worse: "
+            "it was left out, and the search made again"
+        )
     sizes = ", ".join(
         f"{q.label} {number(e.value, 2)} +- {number(e.std, 1)} {q.unit}".rstrip(" -")
         for q in type(absent.effect).strengths()
