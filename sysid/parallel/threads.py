@@ -9,7 +9,7 @@ from functools import lru_cache
 from typing import Generic, ParamSpec, TypeVar
 
 from sysid.parallel.limits import Failure, Limit, attempt, limit_in_force, within
-from sysid.parallel.memory import share_one_heap
+from sysid.parallel.memory import give_back, share_one_heap
 from sysid.parallel.processes import job_count
 
 Given = ParamSpec("Given")
@@ -40,6 +40,8 @@ def attempt_in_threads(jobs: Iterable[Callable[[], Result]]) -> list[Result | Fa
         except BaseException:
             own.is_stopped = True
             raise
+        finally:
+            give_back()
 
 
 class PerThread(Generic[Given, Result]):

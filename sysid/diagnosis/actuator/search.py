@@ -20,7 +20,7 @@ from sysid.diagnosis.actuator.comparison import (
     relative_size,
     share_of_excess,
 )
-from sysid.diagnosis.actuator.equation_error import BREAKAWAY, channels_of
+from sysid.diagnosis.actuator.equation_error import BREAKAWAY, channels_of, forget
 from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.oscillation import steady_oscillation
 from sysid.diagnosis.actuator.refit import (
@@ -261,10 +261,12 @@ class _TwinRounds(Rounds[RefittedStep]):
     def proposal(self, number: int, barred: frozenset[str]) -> RefittedStep | None:
         """The effect that explains most of what is left."""
         base, book = self.base, self.book
+        forget()  # what one stage computed the next hardly asks for, and it is much
         open_ones = [c for c in self.candidates if c.id not in barred and _composes(base.model, c)]
         screened = screen(base, open_ones, book)
         best, starts = best_by_effect(screened), starting_points(screened)
         book.enter(SearchStage.COMPARISON, number)
+        forget()
         self.tried = suspects = suspects_of(best, self.null, book)
         others = base.model.effects
         reached = {s.id: frozenset(channels_of(starts[s.id][0], others)) for s in suspects}
@@ -274,6 +276,7 @@ class _TwinRounds(Rounds[RefittedStep]):
         self.tried = tuple(replace(s, is_fitted=s.id in passing) for s in suspects)
         book.enter(SearchStage.SUSPECTS, number)
         excess = self.null.excess(base)
+        forget()
         fitted = _refit(base, [starts[name] for name in passing], book)
         # Of the first round's suspects the best that was fitted is taken, if time runs out then.
         with time_limit(None) if not self.steps else nullcontext():

@@ -108,9 +108,11 @@ def integrate_states(traces: Traces, model: Model, needs_flow: bool) -> dict[str
 
 
 def forget() -> None:
-    """Drop what is kept for the traces of a diagnosis."""
+    """Drop what is kept for the traces of a diagnosis, and what is compiled for its models."""
     _signals.cache_clear()
     _all_pieces.cache_clear()
+    if _compiled.cache_info().currsize:
+        _compiled().clear_cache()
 
 
 @dataclass(frozen=True)
