@@ -21,6 +21,7 @@ from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import Model
 from sysid.types import BoolArray, FloatArray
 
+# As a share of the boundary: what noise and smoothing may hide.
 _NEAR_BOUNDARY = 0.02
 
 

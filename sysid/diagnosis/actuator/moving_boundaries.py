@@ -17,8 +17,9 @@ from sysid.parallel import Failure, attempt_in_threads
 
 # A balance whose mean whitened square is larger holds more than noise.
 _MORE_THAN_NOISE = 1.5
-# Whitened squares that an effect which moves a boundary explains, more than noise may.
-_CLEAR_GAIN = 500.0
+# Whitened squares that an effect which moves a boundary explains: more than noise may, and this
+# share of all, which another effect's seldom leave to it.
+_CLEAR_GAIN, _CLEAR_SHARE = 500.0, 0.02
 # A boundary may be so many times as far off as the effect is estimated, or is usual.
 _WIDER, _MOST_USUAL = 1.5, 3.0
 
@@ -26,8 +27,8 @@ _WIDER, _MOST_USUAL = 1.5, 3.0
 def moving_boundaries(bare: Projected, forms: Iterable[Candidate]) -> tuple[CatalogueEffect, ...]:
     """Effects that may move a choked boundary in these logs, each as far as it may move it.
 
-    Of those that move it one way, the ones that explain more of the balances than noise may; none
-    where the balances hold no more than noise.
+    Of those that move it one way, the ones that explain a clear part of the balances; none where
+    these hold no more than noise.
     """
     frame = bare.frame
     rates = [name for name in BALANCES if name != EFFORT]
@@ -38,12 +39,13 @@ def moving_boundaries(bare: Projected, forms: Iterable[Candidate]) -> tuple[Cata
     for form in forms:
         if _moves_one_way(form.neutral()):
             groups.setdefault(form.id, []).append(form)
+    least = max(_CLEAR_GAIN, _CLEAR_SHARE * sum(float(np.sum(own)) for own in squares))
     found = []
     for results in attempt_in_threads(partial(screen_group, bare, own) for own in groups.values()):
         if isinstance(results, Failure):
             continue
         best = max(results, key=lambda r: r.gain)
-        if best.gain > _CLEAR_GAIN:
+        if best.gain > least:
             found.append(_as_far_as_it_may(best.candidate.with_strengths(list(best.coefficients))))
     return tuple(found)
 
