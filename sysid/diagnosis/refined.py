@@ -48,17 +48,23 @@ def without_contradicted(
     without one that grows to the limit of its range and makes a held-out error larger.
     """
     found, gone, notices = look(catalogue), [], []
-    while (absent := _contradicted(found) or _beyond_its_range(found)) is not None:
+    while (contradiction := _absent(found) or _beyond_its_range(found)) is not None:
+        absent, why = contradiction
         progress(f"{absent.id}: motion contradicts it, searching without it")
         gone.append(absent.id)
-        notices.append(_notice(absent))
+        notices.append(
+            f"{absent.id} was found in the balances, but motion, simulated with it, {why}: it was "
+            "left out, and the search made again"
+        )
         found = look({name: effect for name, effect in catalogue.items() if name not in gone})
     notices += found.notices
     return dataclasses.replace(found, contradicted=tuple(gone), notices=tuple(notices))
 
 
-def _contradicted(found: Diagnosis) -> FoundEffect | None:
-    """The effect whose refined strengths are nearest to 0, by their errors, if they may be 0."""
+def _absent(found: Diagnosis) -> tuple[FoundEffect, str] | None:
+    """The effect whose refined strengths are nearest to 0, by their errors, if they may be 0; and
+    what motion does with it.
+    """
     if found.refinement is None:
         return None
     count = len(found.effects)
@@ -68,17 +74,25 @@ def _contradicted(found: Diagnosis) -> FoundEffect | None:
         for place, one in enumerate(found.effects, start=first)
     ]
     least = int(np.argmin(over_chance))
-    return found.effects[least] if over_chance[least] < 1.0 else None
+    if not over_chance[least] < 1.0:
+        return None
+    one = found.effects[least]
+    return one, f"gives it no strength ({_sizes(one)})"
 
 
-def _beyond_its_range(found: Diagnosis) -> FoundEffect | None:
-    """An effect that a refinement takes to a limit other than 0, where held-out errors rise.
+def _beyond_its_range(found: Diagnosis) -> tuple[FoundEffect, str] | None:
+    """An effect that a refinement takes to a limit other than 0, where held-out errors rise; and
+    what motion does with it.
 
     As friction after rest grows without bound where it only has to be gone.
     """
     if found.refinement is None or not any(e.after > e.before for e in found.residual.values()):
         return None
-    return next((one for one in found.effects if _limits(one.effect)), None)
+    for one in found.effects:
+        if limits := ", ".join(_limits(one.effect)):
+            worse = "and held-out tests are simulated worse"
+            return one, f"takes it to the limit of its range ({limits}) {worse}"
+    return None
 
 
 def _limits(effect: CatalogueEffect) -> list[str]:
@@ -106,21 +120,12 @@ def _over_chance(refinement: RefineResult, strengths: Container[Direction]) -> f
     return float(np.array(z) @ inverse @ z / chi_squared_quantile(len(places), 1.0 - _LEVEL))
 
 
-def _notice(absent: FoundEffect) -> str:
-    if limits := _limits(absent.effect):
-        return (
-            f"{absent.id} was found in the balances, but motion, simulated with it, takes it to "
-            f"the limit of its range ({', '.join(limits)}) and held-out tests are simulated worse: "
-            "it was left out, and the search made again"
-        )
-    sizes = ", ".join(
+def _sizes(found: FoundEffect) -> str:
+    """An effect's strengths with their standard errors."""
+    return ", ".join(
         f"{q.label} {number(e.value, 2)} +- {number(e.std, 1)} {q.unit}".rstrip(" -")
-        for q in type(absent.effect).strengths()
-        if (e := absent.estimates.get(q.name)) is not None
-    )
-    return (
-        f"{absent.id} was found in the balances, but motion, simulated with it, gives it no "
-        f"strength ({sizes}): it was left out, and the search made again"
+        for q in type(found.effect).strengths()
+        if (e := found.estimates.get(q.name)) is not None
     )
 
 
