@@ -29,7 +29,7 @@ def near_boundaries(
     traces: Traces, model: Model, side: str, moving: Sequence[CatalogueEffect]
 ) -> BoolArray:
     """Samples (n,) near a choked boundary, or where one of the effects `moving` may take it."""
-    share, pressure = traces.opening(side), traces.pressure(side)
+    share, pressure = traces.is_open(side), traces.pressure(side)
     atmosphere = float(model.parameters.atmosphere)
     fill = base.filling_boundary(traces.supply)
     exhaust = np.asarray(base.exhaust_boundary(atmosphere))

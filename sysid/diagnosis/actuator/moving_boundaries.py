@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
 from sysid.diagnosis.actuator.equation_error import BALANCES, EFFORT
-from sysid.diagnosis.actuator.screening import Projected, screen_group
+from sysid.diagnosis.actuator.screening import Projected, best_by_effect, screen
 from sysid.diagnosis.actuator.signatures import Candidate
+from sysid.diagnosis.looked import Book
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import overrides
-from sysid.parallel import Failure, attempt_in_threads
 
 # A balance whose mean whitened square is larger holds more than noise.
 _MORE_THAN_NOISE = 1.5
@@ -35,19 +34,15 @@ def moving_boundaries(bare: Projected, forms: Iterable[Candidate]) -> tuple[Cata
     squares = [bare.rest[frame.rows(name)] ** 2 for name in rates]
     if not any(len(own) and float(np.mean(own)) > _MORE_THAN_NOISE for own in squares):
         return ()
-    groups: dict[str, list[Candidate]] = {}
-    for form in forms:
-        if _moves_one_way(form.neutral()):
-            groups.setdefault(form.id, []).append(form)
     least = max(_CLEAR_GAIN, _CLEAR_SHARE * sum(float(np.sum(own)) for own in squares))
-    found = []
-    for results in attempt_in_threads(partial(screen_group, bare, own) for own in groups.values()):
-        if isinstance(results, Failure):
-            continue
-        best = max(results, key=lambda r: r.gain)
-        if best.gain > least:
-            found.append(_as_far_as_it_may(best.candidate.with_strengths(list(best.coefficients))))
-    return tuple(found)
+    moving = [form for form in forms if _moves_one_way(form.neutral())]
+    # Not in the search's book: what cannot be screened here it comes to itself.
+    best = best_by_effect(screen(bare, moving, Book()))
+    return tuple(
+        _as_far_as_it_may(found.candidate.with_strengths(list(found.coefficients)))
+        for found in best.values()
+        if found.gain > least
+    )
 
 
 def _moves_one_way(effect: CatalogueEffect) -> bool:

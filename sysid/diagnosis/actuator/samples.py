@@ -120,7 +120,7 @@ class Traces:
         """Chamber pressure, Pa."""
         return self.pressure_a if side == "a" else self.pressure_b
 
-    def opening(self, side: str) -> FloatArray:
+    def is_open(self, side: str) -> FloatArray:
         """Share of the time around every sample in which a valve is open, 0 to 1."""
         return self.open_a if side == "a" else self.open_b
 

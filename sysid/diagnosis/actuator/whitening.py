@@ -184,7 +184,7 @@ def _in_doubt(traces: Traces, model: Model, side: str) -> BoolArray:
     Flow near the supply pressure or the atmosphere may go with the root of a difference that
     is mostly noise.
     """
-    pressure, share = traces.pressure(side), traces.opening(side)
+    pressure, share = traces.pressure(side), traces.is_open(side)
     to_supply = np.abs(traces.supply - pressure) < _NEAR_SUPPLY * traces.supply
     atmosphere = float(model.parameters.atmosphere)
     to_atmosphere = np.abs(pressure - atmosphere) < _NEAR_ATMOSPHERE * atmosphere
