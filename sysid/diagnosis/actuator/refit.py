@@ -119,10 +119,8 @@ def refit(base: Projected, starts: Sequence[CatalogueEffect], held: Collection[s
             max_evaluations=left,
             polish=False,
         )
-        fit, left = (
-            replace(fit, jacobian=equations.exact_slopes(fit.values)),
-            left - fit.evaluations,
-        )
+        fit = replace(fit, jacobian=equations.exact_slopes(fit.values))
+        left -= fit.evaluations
         if left <= 0 or fit.next_fall() < _TOLERANCE:
             break
         parameters = [
@@ -149,16 +147,17 @@ class _Equations:
         self._names = [n for n in base_parameters(base.model) if channel_of(n) in self._channels]
         own = _own_parameters(starts, base.frame.traces.travel)
         self._count = len(own)
-        # Those that are held keep their size.
         self.parameters = [
             *(_held(p) if p.name in held else p for p in own),
             *(_relative(n) for n in self._names),
         ]
         self._shares = [share for e in starts for share in _steps(type(e).quantities)]
         self._shares += [_STEP] * len(self._names)
-        # The last point with its errors, whitened and beside the extra columns; one with slopes.
+        # The last point with its errors, whitened and beside the extra columns; one with slopes,
+        # and whether those of the base parameters are its own.
         self._last: tuple[FloatArray, FloatArray, FloatArray] | None = None
         self._known: tuple[FloatArray, FloatArray, FloatArray] | None = None
+        self._is_exact = False
 
     def effects(self, values: FloatArray) -> tuple[CatalogueEffect, ...]:
         """The effects with their numbers."""
@@ -183,12 +182,15 @@ class _Equations:
             return self.exact_slopes(values)
         own = self._columns(values, range(self._count))
         self._known = (values.copy(), here, np.hstack([own, columns[:, self._count :]]))
+        self._is_exact = False
         return self._known[2]
 
     def exact_slopes(self, values: FloatArray) -> FloatArray:
         """(rows, k + p)."""
+        if self._is_exact and self._known and np.array_equal(self._known[0], values):
+            return self._known[2]
         columns = self._columns(values, range(len(self.parameters)))
-        self._known = (values.copy(), self._at(values)[1], columns)
+        self._known, self._is_exact = (values.copy(), self._at(values)[1], columns), True
         return columns
 
     def _at(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
