@@ -1,8 +1,8 @@
 """Slopes of simulated runs by differences of neighbours, simulated in one batch with them.
 
 The same slopes as those of `tangents`, to some 1e-6, in less time, and nothing is compiled for
-them (`benchmarks/tangents.py`): what a descent or a scan needs. Where a neighbour breaks away at
-another sample of the command, the difference is a jump and no slope.
+them (`benchmarks/tangents.py`): what a descent, a scan or the errors of a diagnosis need. Where a
+neighbour breaks away at another sample of the command, the difference is a jump and no slope.
 """
 
 from __future__ import annotations

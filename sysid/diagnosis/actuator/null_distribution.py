@@ -69,13 +69,14 @@ class Null:
         self._screen(gains, self._twins[:1], book)
         known = [e for e in gains if e in self._gains]
         first = {e: float(self._gains[e][0]) for e in known}
-        open_ones = [
+        in_doubt = [
             e
             for e in known
-            if gains[e] > max(_ASK_AGAIN * first[e], least)
-            and not gains[e] > _BEYOND_DOUBT * max(first[e], _NOISE_ALONE)
+            if max(_ASK_AGAIN * first[e], least)
+            < gains[e]
+            <= _BEYOND_DOUBT * max(first[e], _NOISE_ALONE)
         ]
-        self._screen(open_ones, self._twins[1:], book)
+        self._screen(in_doubt, self._twins[1:], book)
         return known
 
     def release(self) -> None:

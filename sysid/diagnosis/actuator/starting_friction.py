@@ -34,13 +34,11 @@ def with_sliding_friction(traces: Traces, model: Model) -> Model:
         shown = given + change
         if shown > 0.0 and not shown / _FAR_OFF < given < shown * _FAR_OFF:
             changes[name] = shown
-    changed = Model(model.parameters.replace(**changes), model.effects) if changes else model
-    p = changed.parameters
-    if float(p.viscous) > 0.0 or not float(p.coulomb_effort) > 0.0:
-        return changed
-    fast = float(np.quantile(np.abs(view.average(traces.velocity)), _FAST))
-    usual = _VISCOUS_SHARE * float(p.coulomb_effort) / fast
-    return Model(p.replace(viscous=usual), changed.effects)
+    p = model.parameters.replace(**changes)
+    if not float(p.viscous) > 0.0 and float(p.coulomb_effort) > 0.0:
+        fast = float(np.quantile(np.abs(columns[:, 1]), _FAST))
+        changes["viscous"] = _VISCOUS_SHARE * float(p.coulomb_effort) / fast
+    return Model(p.replace(**changes), model.effects) if changes else model
 
 
 __all__ = ["with_sliding_friction"]
