@@ -38,6 +38,7 @@ from sysid.diagnosis.actuator.screening import explained, projected
 from sysid.diagnosis.actuator.search import RefittedStep, _likeliest, _TwinRounds
 from sysid.diagnosis.actuator.signatures import Candidate, Signatures, candidates
 from sysid.diagnosis.actuator.starting_friction import with_sliding_friction
+from sysid.diagnosis.actuator.states import point_of
 from sysid.diagnosis.actuator.suspects import Suspect, worth_refitting
 from sysid.diagnosis.actuator.twins import (
     Scatter,
@@ -981,6 +982,28 @@ def test_what_may_move_a_choked_boundary_leaves_out_what_is_between(
     sound = twin_of(model, moving, rig)
     bare = projected(build_frame(sound, model, noise_of(sound, model), 0.0), model)
     assert moving_boundaries(bare, forms) == ()
+
+
+def test_a_wave_may_move_a_choked_boundary_to_either_side_at_any_time(
+    moving: Traces, healthy: tuple[Tests, Rig, Model]
+) -> None:
+    _, rig, model = healthy
+    wave = SupplyPulsation(9e3, -6e3, 1.3)
+    twin = twin_of(model + wave, moving, rig)
+    forms = candidates([SupplyDroop, ExhaustBackPressure, SupplyPulsation])
+    bare = projected(build_frame(twin, model, noise_of(twin, model), 0.0), model)
+    found = [e for e in moving_boundaries(bare, forms) if isinstance(e, SupplyPulsation)]
+    assert len(found) == 4
+    point: Any = point_of(twin, model)
+    supplies = [e.supply_pressure(twin.supply, "a", point) for e in found]  # type: ignore[arg-type]
+    true = np.asarray(wave.supply_pressure(twin.supply, "a", point))  # type: ignore[arg-type]
+    moved = np.abs(true - twin.supply)
+    assert np.all(np.max(supplies, axis=0) > twin.supply + moved)
+    assert np.all(np.min(supplies, axis=0) < twin.supply - moved)
+    low, high = np.sort(base_law.filling_boundary(np.array([twin.supply, true])), axis=0)
+    between = (twin.pressure_a > low) & (twin.pressure_a < high)
+    wide = near_boundaries(twin, model, "a", found)
+    assert np.any(between) and np.all(wide[between & (twin.open_a > 0.0)])
 
 
 def drooped_filling_flow_at(traces: Traces, model: Model, droop: float) -> FloatArray:

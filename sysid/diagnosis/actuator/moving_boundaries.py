@@ -13,6 +13,7 @@ from sysid.diagnosis.actuator.signatures import Candidate
 from sysid.diagnosis.looked import Book
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import overrides
+from sysid.types import FloatArray
 
 # A balance whose mean whitened square is larger holds more than noise.
 _MORE_THAN_NOISE = 1.5
@@ -26,8 +27,8 @@ _WIDER, _MOST_USUAL = 1.5, 3.0
 def moving_boundaries(bare: Projected, forms: Iterable[Candidate]) -> tuple[CatalogueEffect, ...]:
     """Effects that may move a choked boundary in these logs, each as far as it may move it.
 
-    Of those that move it one way, the ones that explain a clear part of the balances; none where
-    these hold no more than noise.
+    Those that explain a clear part of the balances, and of those that move it both ways, as a wave
+    does that may imitate any, the one that explains most; none where there is no more than noise.
     """
     frame = bare.frame
     rates = [name for name in BALANCES if name != EFFORT]
@@ -35,30 +36,50 @@ def moving_boundaries(bare: Projected, forms: Iterable[Candidate]) -> tuple[Cata
     if not any(len(own) and float(np.mean(own)) > _MORE_THAN_NOISE for own in squares):
         return ()
     least = max(_CLEAR_GAIN, _CLEAR_SHARE * sum(float(np.sum(own)) for own in squares))
-    moving = [form for form in forms if _moves_one_way(form.neutral())]
+    moving = [form for form in forms if _moves(form.neutral())]
     # Not in the search's book: what cannot be screened here it comes to itself.
     best = best_by_effect(screen(bare, moving, Book()))
+    most = max((found.gain for found in best.values()), default=0.0)
     return tuple(
-        _as_far_as_it_may(found.candidate.with_strengths(list(found.coefficients)))
+        far
         for found in best.values()
-        if found.gain > least
+        if found.gain > least and (_is_one_way(found.candidate.neutral()) or found.gain == most)
+        for far in _as_far_as_it_may(found.candidate.with_strengths(list(found.coefficients)))
     )
 
 
-def _moves_one_way(effect: CatalogueEffect) -> bool:
-    """Whether an effect moves a boundary, and always to the same side; without a state, which
-    costs more to follow and moves it less far.
+def _moves(effect: CatalogueEffect) -> bool:
+    """Whether an effect moves a boundary; without a state, which costs more to follow and moves it
+    less far.
     """
-    moves = overrides(effect, "supply_pressure", "exhaust_pressure") and not effect.states
-    return moves and all(q.lower >= 0.0 for q in type(effect).strengths())
+    return overrides(effect, "supply_pressure", "exhaust_pressure") and not effect.states
 
 
-def _as_far_as_it_may(effect: CatalogueEffect) -> CatalogueEffect:
-    """The effect with strengths of usual size, or as estimated, and more."""
-    sizes = {}
-    for q in type(effect).strengths():
-        usual, own = abs(q.typical), abs(float(getattr(effect, q.name)))
-        sizes[q.name] = min(_WIDER * min(max(own, usual), _MOST_USUAL * usual), q.upper)
+def _is_one_way(effect: CatalogueEffect) -> bool:
+    """Whether a moved boundary is always to the same side."""
+    return all(q.lower >= 0.0 for q in type(effect).strengths())
+
+
+def _as_far_as_it_may(effect: CatalogueEffect) -> list[CatalogueEffect]:
+    """The effect with strengths as estimated, and more.
+
+    Of usual size at least, where it moves a boundary one way. Where it moves it both ways, to
+    either side and by each of its strengths alone: of a wave, whatever its phase is at a time.
+    """
+    strengths = type(effect).strengths()
+    usual = np.array([abs(q.typical) for q in strengths])
+    own = np.abs([float(getattr(effect, q.name)) for q in strengths])
+    if _is_one_way(effect):
+        return [_with(effect, _WIDER * np.clip(own, usual, _MOST_USUAL * usual))]
+    size = _WIDER * min(float(np.linalg.norm(own / usual)), _MOST_USUAL)
+    alone = np.diag(size * usual)
+    return [_with(effect, sign * row) for row in alone for sign in (1.0, -1.0)]
+
+
+def _with(effect: CatalogueEffect, strengths: FloatArray) -> CatalogueEffect:
+    """The effect with these strengths, within their range."""
+    pairs = zip(type(effect).strengths(), strengths, strict=True)
+    sizes = {q.name: float(np.clip(value, q.lower, q.upper)) for q, value in pairs}
     return replace(effect, **sizes)  # type: ignore[type-var]
 
 
