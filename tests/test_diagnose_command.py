@@ -204,8 +204,8 @@ def test_an_effect_that_motion_confirms_stays(ran: Ran) -> None:
 def _with_strengths(
     found: Diagnosis, effect: CatalogueEffect, over_std: tuple[float, ...], correlation: float
 ) -> Diagnosis:
-    """As if the effect had been found, and its strengths were so many standard errors from 0."""
-    names = [q.name for q in type(effect).strengths()]
+    """As if the effect had been found, its first numbers so many standard errors from 0."""
+    names = [q.name for q in type(effect).quantities][: len(over_std)]
     parameters = [
         SimpleNamespace(
             unknown=SimpleNamespace(direction=(1, name)),
@@ -256,6 +256,17 @@ def test_the_search_is_made_again_without_an_effect_to_which_motion_gives_no_str
     (notice,) = found.notices
     assert notice.startswith("valve-delay") and "on_delay_s" in notice and "off_delay_s" in notice
     assert "valve-delay" in lines[0]
+
+
+@pytest.mark.parametrize(("correlation", "stays"), [(0.99, True), (-0.99, True), (0.0, False)])
+def test_a_strength_is_told_from_none_with_the_shape_as_it_is(
+    ran: Ran, correlation: float, stays: bool
+) -> None:
+    """A gap that is crossed so fast: motion tells the time alone."""
+    backlash = catalogue()["backlash"].typical()
+    look = _Looks(_with_strengths(ran.diagnosed.diagnosis, backlash, (0.6, 0.7), correlation))
+    found = without_contradicted(look, catalogue())
+    assert found.contradicted == (() if stays else ("backlash",))
 
 
 @pytest.mark.parametrize(

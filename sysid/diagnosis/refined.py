@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Container, Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,7 +28,6 @@ from sysid.types import Progress, no_progress
 
 if TYPE_CHECKING:
     from sysid.refinement.result import RefineResult
-    from sysid.refinement.unknowns import Direction
 
 Look = Callable[[Catalogue], Diagnosis]
 """A diagnosis by the effects of a catalogue, its numbers refined."""
@@ -70,7 +69,7 @@ def _absent(found: Diagnosis) -> tuple[FoundEffect, str] | None:
     count = len(found.effects)
     first = len(found.refinement.bundle.effects) - count + 1
     over_chance = [
-        _over_chance(found.refinement, {(place, q.name) for q in type(one.effect).strengths()})
+        _over_chance(found.refinement, place, type(one.effect))
         for place, one in enumerate(found.effects, start=first)
     ]
     least = int(np.argmin(over_chance))
@@ -105,19 +104,31 @@ def _limits(effect: CatalogueEffect) -> list[str]:
     ]
 
 
-def _over_chance(refinement: RefineResult, strengths: Container[Direction]) -> float:
-    """Wald's statistic of an effect's strengths over that which chance gives them, were there none;
-    infinite where none is known.
+def _over_chance(refinement: RefineResult, place: int, kind: type[CatalogueEffect]) -> float:
+    """Wald's statistic of the strengths of the effect at a place over that which chance gives them,
+    were there none; infinite where none is known.
+
+    Its shapes stay as they are: without an effect they have no meaning, and a gap may be told from
+    none where it is not told from the speed at which it is crossed.
     """
-    places, z = [], []
-    for place, parameter in enumerate(refinement.parameters):
-        if parameter.unknown.direction in strengths and parameter.informed:
-            places.append(place)
-            z.append(parameter.estimate.value / parameter.estimate.std)
-    if not places:
+    of = {
+        parameter.unknown.direction: i
+        for i, parameter in enumerate(refinement.parameters)
+        if parameter.informed
+    }
+    strengths, shapes = (
+        [of[place, q.name] for q in some if (place, q.name) in of]
+        for some in (kind.strengths(), kind.shapes())
+    )
+    if not strengths:
         return math.inf
-    inverse = np.linalg.pinv(refinement.correlation[np.ix_(places, places)])
-    return float(np.array(z) @ inverse @ z / chi_squared_quantile(len(places), 1.0 - _LEVEL))
+    estimates = [refinement.parameters[i].estimate for i in strengths]
+    z = np.array([estimate.value / estimate.std for estimate in estimates])
+    of_both = refinement.correlation[np.ix_(strengths, shapes)]
+    of_shapes = np.linalg.pinv(refinement.correlation[np.ix_(shapes, shapes)])
+    left = refinement.correlation[np.ix_(strengths, strengths)] - of_both @ of_shapes @ of_both.T
+    chance = chi_squared_quantile(len(strengths), 1.0 - _LEVEL)
+    return float(z @ np.linalg.pinv(left) @ z / chance)
 
 
 def _sizes(found: FoundEffect) -> str:
