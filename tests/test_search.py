@@ -326,3 +326,28 @@ def test_of_another_balance_the_next_is_judged_as_if_nothing_was_refused() -> No
     rounds = Judging([("wall-heat-transfer", False)])
     heat = refitted("wall-heat-transfer", rate_a=300.0, rate_b=300.0)
     assert rounds.best(LINK, heat, rates=400.0) == "wall-heat-transfer"
+
+
+@pytest.mark.parametrize(
+    ("tests", "gain", "simulates", "shows"),
+    [
+        (4, 5000.0, False, True),  # nearly all that is left
+        (4, 2000.0, True, True),
+        (4, 2000.0, False, False),
+        (3, 5000.0, True, False),  # as many may agree by chance
+    ],
+)
+def test_a_threshold_that_few_tests_show_explains_all_that_is_left_or_simulates_better(
+    tests: int, gain: float, simulates: bool, shows: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rounds = Judging()
+    rows = {channel: slice(0, 0) for channel in CHANNELS} | {"effort": slice(0, tests)}
+    rounds.base = SimpleNamespace(
+        frame=SimpleNamespace(rows=lambda c: rows[c], tests=np.arange(tests))
+    )
+    fit: Any = SimpleNamespace(diagnosis=SimpleNamespace(at_bound=()))
+    each = np.full(tests, np.sqrt(gain / tests))
+    found = Refit((catalogue()["backlash"].typical(),), each, np.zeros(tests), fit)
+    monkeypatch.setattr(rounds, "_simulates_better", lambda _: simulates)
+    excess = {"effort": 5200.0, "rate_a": 0.0, "rate_b": 0.0, "breakaway": 0.0}
+    assert rounds._shows_in_few(found, excess) is shows

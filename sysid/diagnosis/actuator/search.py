@@ -337,20 +337,22 @@ class _TwinRounds(Rounds[RefittedStep]):
         tests = self.base.frame.tests
         gaining = [r for r in fitted if r.gain > 0.0 and not self._is_hum(r)]
         refits = [r for r in gaining if r.wald(tests) > self._least_wald(r, excess)]
-        if not refits:
-            # Few tests may reach a limit, or rest: what these show, the simulation confirms.
-            refits = [r for r in gaining if self._shows_in_few(r) and self._simulates_better(r)]
-        return refits
+        # Few tests may reach a limit, or rest.
+        return refits or [r for r in gaining if self._shows_in_few(r, excess)]
 
-    def _shows_in_few(self, found: Refit) -> bool:
-        """Whether an effect may be real though not many tests show it.
+    def _shows_in_few(self, found: Refit, excess: Mapping[str, float]) -> bool:
+        """Whether an effect is real though not many tests show it, as the simulation confirms.
 
         Beside others only one with a threshold, which so many tests may hardly have as a campaign
-        does: those that tell have to agree.
+        does: those that tell have to agree, and be four at least. One that explains nearly all that
+        is left hardly changes the sum over all logs, where few show it.
         """
         if not self.steps:
-            return True
-        return has_threshold(found.effect) and found.wald(self.base.frame.tests) > _MAIN_WALD
+            return self._simulates_better(found)
+        if not (has_threshold(found.effect) and found.wald(self.base.frame.tests) >= _MAIN_WALD):
+            return False
+        own = explained_channels(found, self.base.frame)
+        return self._is_whole(found, excess, own) or self._simulates_better(found)
 
     def _is_hum(self, found: Refit) -> bool:
         """Whether an oscillation that goes on whatever the motion does explains clearly more."""
