@@ -14,7 +14,7 @@ from sysid.diagnosis.actuator.states import integrate_states, measured_flow, poi
 from sysid.io.channels import SIDES
 from sysid.model import plant
 from sysid.model.effects import catalogue
-from sysid.model.effects.chamber import TemperatureDrift
+from sysid.model.effects.chamber import TemperatureDrift, WallHeatTransfer
 from sysid.model.ports import Model
 from sysid.types import FloatArray
 
@@ -54,9 +54,9 @@ def plainly(traces: Traces, model: Model, low: int, stop: int) -> dict[str, Floa
 
     def rates(row: int, state: dict[str, FloatArray]) -> dict[str, FloatArray]:
         here = at(row)
-        point = point_of(here, model)
+        point = replace(point_of(here, model), extra=state)
         flows = {side: measured_flow(side, here, point, model) for side in SIDES}
-        found = plant.state_rates(replace(point, extra=state), flows, model)
+        found = plant.state_rates(point, flows, model)
         return {name: np.asarray(value) for name, value in found.items()}
 
     state = {
@@ -103,3 +103,18 @@ def test_states_are_those_of_a_plain_loop(
                 rtol=1e-9,
                 atol=1e-10 * size,
             )
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_what_an_effect_adds_to_a_pressures_rate_is_no_flow(
+    side: str, short: tuple[Traces, Model]
+) -> None:
+    """Heat from the wall: the flow that makes a rate is found from that rate."""
+    traces, model = short
+    model = model + WallHeatTransfer(0.3, "both", 0.8)
+    warmer = {f"wall_log_temperature_{s}": np.full(len(traces), 0.1) for s in SIDES}
+    point = replace(point_of(traces, model), extra=warmer)
+    flow = 1e-4 * np.sin(np.arange(len(traces)))
+    rate = np.asarray(plant.pressure_rate(side, flow, point, model))
+    seen = replace(traces, **{f"rate_{side}": rate})
+    np.testing.assert_allclose(measured_flow(side, seen, point, model), flow, atol=1e-12)

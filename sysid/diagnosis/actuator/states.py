@@ -19,7 +19,7 @@ from sysid.diagnosis.actuator.samples import Traces
 from sysid.io.channels import SIDES
 from sysid.model import base, plant
 from sysid.model.base import Array
-from sysid.model.ports import Model, Point, Structure, join, split
+from sysid.model.ports import Model, Point, Structure, join, overrides, split
 from sysid.types import BoolArray, FloatArray, IntArray
 
 _PIECE_S = 0.25
@@ -67,18 +67,19 @@ def point_of(traces: Traces, model: Model) -> Point:
 def measured_flow(side: str, traces: Traces, point: Point, model: Model) -> Array:
     """Mass flow into a chamber that follows from its measured pressure, kg/s (n,).
 
-    Unlike the valve's law it does not jump with noise near a boundary.
+    Unlike the valve's law it does not jump with noise near a boundary. What effects add to the rate
+    is no flow.
     """
     p = point.parameters
-    return base.flow_from_pressure_rate(
-        traces.rate_a if side == "a" else traces.rate_b,
-        point.pressure(side),
-        plant.chamber_volume(side, plant.displacement(point, model), p),
-        plant.volume_rate(side, point, model),
-        p.heat_capacity_ratio,
-        p.gas_constant,
-        p.temperature,
-    )
+    rate = traces.rate_a if side == "a" else traces.rate_b
+    pressure, moving = point.pressure(side), plant.volume_rate(side, point, model)
+    volume = plant.chamber_volume(side, plant.displacement(point, model), p)
+    gas = (p.heat_capacity_ratio, p.gas_constant, p.temperature)
+    flow = base.flow_from_pressure_rate(rate, pressure, volume, moving, *gas)
+    if not any(overrides(effect, "pressure_rate") for effect in model.effects):
+        return flow
+    added = rate - plant.pressure_rate(side, flow, point, model)
+    return flow + base.flow_from_pressure_rate(added, pressure, volume, 0.0 * moving, *gas)
 
 
 def integrate_states(traces: Traces, model: Model, needs_flow: bool) -> dict[str, FloatArray]:
@@ -201,11 +202,11 @@ def _histories(
     def rates_at(sampled: dict[str, Any]) -> Callable[[Any], list[Any]]:
         here: Any = SimpleNamespace(**sampled)
         point = point_of(here, model)
-        flows = {side: measured_flow(side, here, point, model) for side in SIDES}
 
         def rates(state: Any) -> list[Any]:
-            extra = dict(zip(names, state, strict=True))
-            found = plant.state_rates(replace(point, extra=extra), flows, model)
+            now = replace(point, extra=dict(zip(names, state, strict=True)))
+            flows = {side: measured_flow(side, here, now, model) for side in SIDES}
+            found = plant.state_rates(now, flows, model)
             return [found[name] for name in names]
 
         return rates
