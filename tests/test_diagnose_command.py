@@ -24,10 +24,15 @@ from sysid.bundle import read_bundle
 from sysid.commands.app import main
 from sysid.commands.diagnose import Diagnosed
 from sysid.diagnosis import content as findings
+from sysid.diagnosis.actuator.diagnose import rivals_of
 from sysid.diagnosis.actuator.evidence import TwinEvidence
 from sysid.diagnosis.actuator.signatures import base_parameters
 from sysid.diagnosis.campaign import extended_bundle
-from sysid.diagnosis.refined import with_refined_numbers, without_contradicted
+from sysid.diagnosis.refined import (
+    simulating_best,
+    with_refined_numbers,
+    without_contradicted,
+)
 from sysid.diagnosis.result import Diagnosis
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import read_campaign
@@ -179,6 +184,50 @@ def test_a_refinement_that_does_not_hold_is_not_taken(
     assert found.effects == before.effects and found.residual == before.residual
     assert why in found.not_refined and why in found.notices[-1]
     assert found.to_json()["refined"] is False
+
+
+def _simulated(found: Diagnosis, *after: float) -> Diagnosis:
+    """As if a refinement had left these errors of the tests to fit on; without any, none."""
+    fit = SimpleNamespace(after=np.array(after))
+    refinement: Any = SimpleNamespace(fits={"fit": fit}) if after else None
+    return replace(found, refinement=refinement)
+
+
+@pytest.mark.parametrize(
+    ("own", "rival", "is_rival"),
+    [
+        ((0.02, 300.0, 300.0), (0.01, 300.0, 310.0), True),
+        ((0.01, 300.0, 310.0), (0.02, 300.0, 300.0), False),
+        ((), (0.02, 300.0, 300.0), True),
+        ((0.02, 300.0, 300.0), (), False),
+        ((), (), False),
+    ],
+)
+def test_of_what_the_balances_do_not_tell_apart_the_better_simulating_is_taken(
+    ran: Ran, own: tuple[float, ...], rival: tuple[float, ...], is_rival: bool
+) -> None:
+    found, other = (_simulated(ran.diagnosed.diagnosis, *one) for one in (own, rival))
+    assert (simulating_best(found, other) is other) is is_rival
+
+
+def test_a_rival_diagnosis_has_its_own_effects_and_errors(ran: Ran) -> None:
+    given = ran.diagnosed.diagnosis
+    evidence: Any = given.evidence
+    search = evidence.loop.search
+    named = replace(search.steps[0], ambiguous=("presliding",))
+    loop = replace(evidence.loop, search=replace(search, rivals=(replace(search, steps=(named,)),)))
+    campaign, bundle = read_campaign(ran.campaign), read_bundle(ran.bundle)
+    logs = [(entry.use, entry.kind, campaign.read(entry)) for entry in campaign.logs]
+    model = bundle.model(campaign.rig)
+    given = replace(given, evidence=replace(evidence, loop=loop))
+    (rival,) = rivals_of(given, logs, campaign.rig, model)
+    assert [e.id for e in rival.effects] == [e.id for e in given.effects]
+    assert rival.effects[0].ambiguous_with == ("presliding",)
+    assert set(rival.residual) == set(given.residual)
+    for name, error in rival.residual.items():
+        assert error.before == pytest.approx(given.residual[name].before)
+        assert error.noise_floor == given.residual[name].noise_floor
+        assert error.after == pytest.approx(rival.effects[0].holdout[name].after)
 
 
 class _Looks:

@@ -824,6 +824,25 @@ def added(campaign: tuple[Tests, Rig, Model], names: Sequence[str], rises: float
     return [step.refit.id for step in found.search.steps]
 
 
+def test_a_rival_that_the_balances_do_not_tell_apart_is_found_too() -> None:
+    """An offset of the torque is an asymmetry of friction wherever the shaft moves."""
+    campaign = made(("torque-offset", "constant", 1.0), ("pressure-offset", "constant", 1.0))
+    names = ["torque-offset", "asymmetric-coulomb-friction", "pressure-offset"]
+    effects = [catalogue()[name] for name in names]
+    found = close_loop(*campaign, effects, simulation_error=lambda trial: -len(trial.effects))
+    (rival,) = found.search.rivals
+    pairs = list(zip(found.search.steps, rival.steps, strict=True))
+    (named,) = [pair for pair in pairs if pair[0].id != pair[1].id]
+    assert {step.id for step in named} == set(names[:2])
+    assert named[0].id in named[1].ambiguous and named[1].id not in named[1].ambiguous
+    assert rival.joint and found.search.joint
+    assert [e.id for e in rival.joint.effects] == [step.id for step in rival.steps]
+    assert [r.added.id for r in rival.rounds if r.added] == [step.id for step in rival.steps]
+    assert rival.joint.gain == pytest.approx(found.search.joint.gain, rel=1e-3)
+    assert all(s.model.effects for s in rival.steps)
+    assert {e.id for e in rival.model.effects} == {step.id for step in rival.steps}
+
+
 @pytest.mark.parametrize(("falls", "count"), [(0.2, 1), (0.05, 0)])
 def test_what_few_tests_show_is_taken_where_it_simulates_better(
     falls: float, count: int, monkeypatch: pytest.MonkeyPatch

@@ -12,12 +12,18 @@ from sysid.bundle.effects import entry_of
 from sysid.diagnosis.actuator.diagnose import (
     diagnose,
     open_loop_errors,
+    rivals_of,
     with_errors_after_judged,
 )
 from sysid.diagnosis.bench.diagnose import diagnose_component, held_out_errors
 from sysid.diagnosis.bench.registry import AXIS, part_tested
 from sysid.diagnosis.looked import SECONDS, Book, SearchStage
-from sysid.diagnosis.refined import Look, with_refined_numbers, without_contradicted
+from sysid.diagnosis.refined import (
+    Look,
+    simulating_best,
+    with_refined_numbers,
+    without_contradicted,
+)
 from sysid.diagnosis.result import Diagnosis, FoundEffect
 from sysid.errors import NotIdentifiedError
 from sysid.io.campaign import Campaign, CampaignLog
@@ -147,9 +153,15 @@ def _look_at_actuator(
             progress=progress,
         )  # fmt: skip
         if refine:
-            extended = extended_bundle(bundle, found, campaign)
-            found = with_refined_numbers(found, campaign, extended, catalogue, errors_of, progress)
+            rivals = rivals_of(found, logs, campaign.rig, model)
+            found = refined(found)
+            for rival in rivals:
+                found = simulating_best(found, refined(rival), progress)
         return with_errors_after_judged(found)
+
+    def refined(found: Diagnosis) -> Diagnosis:
+        extended = extended_bundle(bundle, found, campaign)
+        return with_refined_numbers(found, campaign, extended, catalogue, errors_of, progress)
 
     return look
 

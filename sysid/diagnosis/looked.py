@@ -31,6 +31,7 @@ class SearchStage(StrEnum):
     SUSPECTS = "fit of suspects"
     TOGETHER = "fit with the effects added before"
     EXCHANGE = "search with a rival of the first effect"
+    RIVALS = "fit of rivals that the balances do not tell apart"
     EFFECTS = "fit of effects"
     REMOVAL = "removal of superfluous effects"
     REPETITION = "repetition on parts of the tests"

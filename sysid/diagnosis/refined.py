@@ -176,6 +176,24 @@ def with_refined_numbers(
     )
 
 
+def simulating_best(
+    found: Diagnosis, rival: Diagnosis, progress: Progress = no_progress
+) -> Diagnosis:
+    """Of two diagnoses that the balances do not tell apart, the one whose refined model simulates
+    the tests to fit on better, or whose refinement holds; the first where neither's does.
+    """
+    from sysid.refinement.whole_tests import times  # loads jax
+
+    own, other = found.refinement, rival.refinement
+    if other is None:
+        return found
+    if own is not None and not times(own.fits["fit"].after, other.fits["fit"].after) < 1.0:
+        return found
+    names = " and ".join(one.id for one in rival.effects)
+    progress(f"{names}: the same in the balances, and motion is simulated better")
+    return rival
+
+
 def _numbers(
     campaign: Campaign,
     extended: Bundle,
@@ -220,4 +238,4 @@ def _refined(found: FoundEffect, entry: EffectEntry, effect: CatalogueEffect) ->
     return dataclasses.replace(found, effect=effect, estimates={**found.estimates, **estimates})
 
 
-__all__ = ["Look", "with_refined_numbers", "without_contradicted"]
+__all__ = ["Look", "simulating_best", "with_refined_numbers", "without_contradicted"]

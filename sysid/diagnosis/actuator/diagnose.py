@@ -142,8 +142,7 @@ def _diagnosed(
             notices += _of_fitted_numbers(errors[-1], floor, fitted, rig)
     because = why_unexplained(structured, far_off, undecided)
     evidence = TwinEvidence(found, rig, curves)
-    names = (rig.position_channel, *CHAMBER_PRESSURES)
-    by_channel = [dict(zip(names, map(float, one), strict=True)) for one in (*errors, floor)]
+    by_channel = _by_channel([*errors, floor], rig)
     return Diagnosis(
         verdict=evidence.verdict(because),
         effects=evidence.found(by_channel[:-1]),
@@ -155,6 +154,29 @@ def _diagnosed(
         seed=seed,
         notices=(*notices, *_of_static_friction(found), *found.looked.sentences()),
     )
+
+
+def rivals_of(
+    found: Diagnosis, logs: Sequence[tuple[str, str, Log]], rig: Rig, model: Model
+) -> Iterator[Diagnosis]:
+    """The same diagnosis of a model, with another effect in the place of one from which the
+    balances do not tell it."""
+    evidence = cast(TwinEvidence, found.evidence)
+    outside = held_out(rig, [(kind, log) for use, kind, log in logs if use == "holdout"])
+    floor = {name: one.noise_floor or math.nan for name, one in found.residual.items()}
+    for search in evidence.loop.search.rivals:
+        other = replace(evidence, loop=replace(evidence.loop, search=search))
+        with time_limit(None):
+            errors = _by_channel(_errors(outside, model, other.loop), rig)
+        yield replace(
+            found, effects=other.found(errors), residual=residual(errors, floor), evidence=other
+        )
+
+
+def _by_channel(errors: Sequence[FloatArray], rig: Rig) -> list[dict[str, float]]:
+    """Errors (3,) each, by the logs' channels."""
+    names = (rig.position_channel, *CHAMBER_PRESSURES)
+    return [dict(zip(names, map(float, one), strict=True)) for one in errors]
 
 
 def with_errors_after_judged(found: Diagnosis) -> Diagnosis:
@@ -310,4 +332,10 @@ def _is_beyond_draws(
     return bool(np.any(errors[known] > _BEYOND * np.max(draws, axis=0)[known]))
 
 
-__all__ = ["diagnose", "is_far_off", "open_loop_errors", "with_errors_after_judged"]
+__all__ = [
+    "diagnose",
+    "is_far_off",
+    "open_loop_errors",
+    "rivals_of",
+    "with_errors_after_judged",
+]

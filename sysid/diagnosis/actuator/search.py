@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import copy
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
@@ -99,13 +100,15 @@ class RefittedStep(Step):
     """An effect that was added: its fit beside the effects before it, which `model` holds too.
 
     With the base parameters refitted; `tried` are suspects. `held`: its shapes, by "id/name", that
-    stay as they are, since fitted ones simulate worse.
+    stay as they are, since fitted ones simulate worse. `alike`: rivals that are the same signature
+    in the balances, as they were fitted.
     """
 
     refit: Refit
     model: Model
     tried: tuple[Suspect, ...]
     held: frozenset[str] = frozenset()
+    alike: tuple[Refit, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -114,7 +117,8 @@ class Search:
 
     `joint` holds all effects fitted together, None where there are none; `base_std` the
     standard errors of the base parameters with them, in the parameters' units; `rounds` what
-    each round tried.
+    each round tried. `rivals`: the same with another effect in the place of one from which the
+    balances do not tell it.
     """
 
     steps: tuple[RefittedStep, ...]
@@ -124,6 +128,7 @@ class Search:
     joint: Refit | None
     base_std: Mapping[str, float]
     rounds: tuple[Round, ...]
+    rivals: tuple[Search, ...] = ()
 
     @property
     def base_dof(self) -> int:
@@ -167,7 +172,15 @@ def search(
     history = run(rounds, book, progress)
     rounds, history = _exchanged(rounds, history, progress)
     with time_limit(None):
-        return rounds.finished(history)
+        found = rounds.finished(history)
+    if book.quick:
+        return found
+    book.enter(SearchStage.RIVALS)
+    rivals = attempt(lambda: tuple(other.finished(own) for other, own in rounds.renamed(history)))
+    if isinstance(rivals, Failure):
+        book.miss(rivals, decides=False)
+        return found
+    return replace(found, rivals=rivals)
 
 
 def _exchanged(
@@ -403,6 +416,7 @@ class _TwinRounds(Rounds[RefittedStep]):
                     form,
                     extended,
                     held,
+                    tuple(r for r in refits if _is_alike(r, form)),
                 )
         return None
 
@@ -478,9 +492,7 @@ class _TwinRounds(Rounds[RefittedStep]):
         joint = _together(self.first, self.steps, winner, held)
         if joint is None:
             return None
-        given = self.first.model
-        together = Model(given.parameters, (*given.effects, *joint.effects))
-        extended = with_base_refitted(self.first, together)
+        extended = self._all_of(joint)
         if channels_of(winner.effect) == (BREAKAWAY,):
             rise = min(rise, _LEAST_FALL)
         judged = bool(self.steps) or rise < 0.0
@@ -527,7 +539,7 @@ class _TwinRounds(Rounds[RefittedStep]):
                 errors[rival.id] = self.simulation_error(model)
         if len(errors) < 2:
             return winner
-        same = [r for r in near if r.gain > winner.gain - _SAME_GAIN]
+        same = [winner, *(r for r in near if _is_alike(r, winner))]
         for some, margin in ((near, _CLEARLY_LOWER), (same, _TOLERATED_RISE)):
             best = min(some, key=lambda r: errors.get(r.id, math.inf))
             if errors.get(best.id, math.inf) < errors.get(winner.id, math.inf) - margin:
@@ -587,7 +599,11 @@ class _TwinRounds(Rounds[RefittedStep]):
         if place == 0:  # it has given way already
             self._rivals = []
         self.joint = self._others[step.id]
-        before, after = self.steps[:place], self.steps[place + 1 :]
+        self._follow(self.steps[:place], self.steps[place + 1 :])
+        self._look_beside(self.steps[-1].model)
+
+    def _follow(self, before: list[RefittedStep], after: Sequence[RefittedStep]) -> None:
+        """Have these steps, those `after` with the models that they are with behind the others."""
         effects = [s.effect for s in before]
         given = self.first.model
         self.steps = before
@@ -597,7 +613,53 @@ class _TwinRounds(Rounds[RefittedStep]):
                 model = Model(given.parameters, (*given.effects, *effects))
                 model = with_base_refitted(self.first, model)
                 self.steps.append(replace(later, model=model))
-        self._look_beside(self.steps[-1].model)
+
+    def renamed(
+        self, history: tuple[Round, ...]
+    ) -> Iterator[tuple[_TwinRounds, tuple[Round, ...]]]:
+        """These rounds with a rival in the place of an effect from which the balances do not tell
+        it, hardly beside the others either; with their history. Raises OutOfTimeError."""
+        for step in self.steps:
+            others = [s for s in self.steps if s is not step]
+            for rival in step.alike:
+                if rival.id in {s.id for s in others}:
+                    continue
+                assert self.joint is not None
+                effects = [rival.effect if e.id == step.id else e for e in self.joint.effects]
+                joint = refit(self.first, effects, _held_by(others))
+                if self.joint.gain - joint.gain < (1.0 - RIVAL_SHARE) * step.refit.gain:
+                    other, named = self._with_rival(step, rival, joint)
+                    rounds = (
+                        replace(r, added=named) if r.added and r.added.id == step.id else r
+                        for r in history
+                    )
+                    yield other, tuple(rounds)
+
+    def _with_rival(
+        self, step: RefittedStep, rival: Refit, joint: Refit
+    ) -> tuple[_TwinRounds, RefittedStep]:
+        """A copy with a rival in a step's place, and its step; `joint`: all fitted together."""
+        strengths = len(type(rival.effect).strengths())
+        named = replace(
+            step,
+            effect=rival.effect,
+            refit=rival,
+            p_value=self.null.p_value(rival.id, rival.gain, strengths),
+            ambiguous=tuple(sorted({*step.ambiguous, step.id} - {rival.id})),
+            held=frozenset(),
+            alike=(),
+        )
+        other, place = copy.copy(self), self.steps.index(step)
+        other.joint = joint
+        other._follow(self.steps[:place], [named, *self.steps[place + 1 :]])
+        other._look_beside(other._all_of(joint))
+        return other, other.steps[place]
+
+    def _all_of(self, joint: Refit) -> Model:
+        """The model with effects that were fitted together."""
+        given = self.first.model
+        model = Model(given.parameters, (*given.effects, *joint.effects))
+        return with_base_refitted(self.first, model)
 
     def _look_beside(self, model: Model) -> None:
         with time_limit(None):
@@ -609,8 +671,7 @@ class _TwinRounds(Rounds[RefittedStep]):
         first, steps, joint = self.first, self.steps, self.joint
         if joint is None:
             return Search((), first.model, first, self.base, None, {}, rounds)
-        extended = Model(first.model.parameters, (*first.model.effects, *joint.effects))
-        model = with_base_refitted(first, extended)
+        model = self._all_of(joint)
         own = own_columns(first.frame, model)
         last = projected(first.frame, model, extra=own)
         base_std = standard_errors(last, own)
@@ -629,6 +690,11 @@ def _likeliest(refits: Sequence[Refit]) -> Refit:
     near = [r for r in refits if r.gain > RIVAL_SHARE * winner.gain]
     usual = [r for r in near if relative_size(r.effect) >= LEAST_SIZE]
     return max(usual or [winner], key=lambda r: r.gain - penalty(r))
+
+
+def _is_alike(rival: Refit, winner: Refit) -> bool:
+    """Whether another effect is the same signature in the balances."""
+    return rival.id != winner.id and rival.gain > winner.gain - _SAME_GAIN
 
 
 def _is_there(found: Refit, channels: Sequence[str], excess: Mapping[str, float]) -> bool:
