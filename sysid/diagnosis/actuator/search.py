@@ -539,7 +539,7 @@ class _TwinRounds(Rounds[RefittedStep]):
                 errors[rival.id] = self.simulation_error(model)
         if len(errors) < 2:
             return winner
-        same = [winner, *(r for r in near if _is_alike(r, winner))]
+        same = [r for r in near if r.gain > winner.gain - _SAME_GAIN]
         for some, margin in ((near, _CLEARLY_LOWER), (same, _TOLERATED_RISE)):
             best = min(some, key=lambda r: errors.get(r.id, math.inf))
             if errors.get(best.id, math.inf) < errors.get(winner.id, math.inf) - margin:
@@ -694,7 +694,7 @@ def _likeliest(refits: Sequence[Refit]) -> Refit:
 
 def _is_alike(rival: Refit, winner: Refit) -> bool:
     """Whether another effect is the same signature in the balances."""
-    return rival.id != winner.id and rival.gain > winner.gain - _SAME_GAIN
+    return rival.id != winner.id and abs(rival.gain - winner.gain) < _SAME_GAIN
 
 
 def _is_there(found: Refit, channels: Sequence[str], excess: Mapping[str, float]) -> bool:
