@@ -228,6 +228,10 @@ def test_a_rival_diagnosis_has_its_own_effects_and_errors(ran: Ran) -> None:
         assert error.before == pytest.approx(given.residual[name].before)
         assert error.noise_floor == given.residual[name].noise_floor
         assert error.after == pytest.approx(rival.effects[0].holdout[name].after)
+    # Without a log held out no error is known, before nor after.
+    fitted = [log for log in logs if log[0] == "fit"]
+    (rival,) = rivals_of(replace(given, residual={}), fitted, campaign.rig, model)
+    assert rival.residual == {} and rival.effects[0].holdout == {}
 
 
 class _Looks:

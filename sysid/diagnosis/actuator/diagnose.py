@@ -163,14 +163,12 @@ def rivals_of(
     balances do not tell it."""
     evidence = cast(TwinEvidence, found.evidence)
     outside = held_out(rig, [(kind, log) for use, kind, log in logs if use == "holdout"])
-    floor = {name: one.noise_floor or math.nan for name, one in found.residual.items()}
     for search in evidence.loop.search.rivals:
         other = replace(evidence, loop=replace(evidence.loop, search=search))
         with time_limit(None):
             errors = _by_channel(_errors(outside, model, other.loop), rig)
-        yield replace(
-            found, effects=other.found(errors), residual=residual(errors, floor), evidence=other
-        )
+        after = {name: replace(one, after=errors[-1][name]) for name, one in found.residual.items()}
+        yield replace(found, effects=other.found(errors), residual=after, evidence=other)
 
 
 def _by_channel(errors: Sequence[FloatArray], rig: Rig) -> list[dict[str, float]]:
