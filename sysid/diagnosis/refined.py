@@ -124,11 +124,11 @@ def _over_chance(refinement: RefineResult, place: int, kind: type[CatalogueEffec
         return math.inf
     estimates = [refinement.parameters[i].estimate for i in strengths]
     z = np.array([estimate.value / estimate.std for estimate in estimates])
-    of_both = refinement.correlation[np.ix_(strengths, shapes)]
-    of_shapes = np.linalg.pinv(refinement.correlation[np.ix_(shapes, shapes)])
-    left = refinement.correlation[np.ix_(strengths, strengths)] - of_both @ of_shapes @ of_both.T
-    chance = chi_squared_quantile(len(strengths), 1.0 - _LEVEL)
-    return float(z @ np.linalg.pinv(left) @ z / chance)
+    together = [*strengths, *shapes]
+    inverse = np.linalg.pinv(refinement.correlation[np.ix_(together, together)])
+    # Of the strengths with the shapes as they are: a block of the inverse of both.
+    given_shapes = inverse[: len(z), : len(z)]
+    return float(z @ given_shapes @ z / chi_squared_quantile(len(z), 1.0 - _LEVEL))
 
 
 def _sizes(found: FoundEffect) -> str:

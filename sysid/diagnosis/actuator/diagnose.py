@@ -107,11 +107,11 @@ def _diagnosed(
     progress: Callable[[str], None],
 ) -> Diagnosis:
     """The diagnosis from the training tests, (file, kind, trial) each, and all logs."""
-    outside = held_out(rig, [(kind, log) for use, kind, log in logs if use == "holdout"])
+    outside = _tests_of(logs, "holdout", rig)
     notices = []
     if not outside.tests:
         notices.append("no held-out motion log: errors before and after are unknown")
-    inside = held_out(rig, [(kind, log) for use, kind, log in logs if use == "fit"])
+    inside = _tests_of(logs, "fit", rig)
     notices += [*outside.notices, *inside.notices]
     found = close_loop(
         tests,
@@ -162,13 +162,18 @@ def rivals_of(
     """The same diagnosis of a model, with another effect in the place of one from which the
     balances do not tell it."""
     evidence = cast(TwinEvidence, found.evidence)
-    outside = held_out(rig, [(kind, log) for use, kind, log in logs if use == "holdout"])
     for search in evidence.loop.search.rivals:
+        outside = _tests_of(logs, "holdout", rig)
         other = replace(evidence, loop=replace(evidence.loop, search=search))
         with time_limit(None):
             errors = _by_channel(_errors(outside, model, other.loop), rig)
         after = {name: replace(one, after=errors[-1][name]) for name, one in found.residual.items()}
         yield replace(found, effects=other.found(errors), residual=after, evidence=other)
+
+
+def _tests_of(logs: Sequence[tuple[str, str, Log]], use: str, rig: Rig) -> HeldOut:
+    """The motion tests of the logs with this use, to be simulated only."""
+    return held_out(rig, [(kind, log) for own, kind, log in logs if own == use])
 
 
 def _by_channel(errors: Sequence[FloatArray], rig: Rig) -> list[dict[str, float]]:
@@ -216,9 +221,9 @@ def open_loop_errors(
     logs: Sequence[tuple[str, str, Log]], rig: Rig, model: Model
 ) -> dict[str, float]:
     """RMSE of a model by channel, in its unit, on the motion logs held out; NaN without one."""
-    outside = held_out(rig, [(kind, log) for use, kind, log in logs if use == "holdout"])
+    outside = _tests_of(logs, "holdout", rig)
     errors = outside.rmse(model) if outside.tests else np.full(3, math.nan)
-    return dict(zip((rig.position_channel, *CHAMBER_PRESSURES), map(float, errors), strict=True))
+    return _by_channel([errors], rig)[0]
 
 
 def is_far_off(errors: FloatArray, floor: FloatArray, fitted: FloatArray | None = None) -> bool:
