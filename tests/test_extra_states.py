@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from test_diagnosis import made
 
-from sysid.diagnosis.actuator.equation_error import EFFORT, channels_of
-from sysid.diagnosis.actuator.samples import Traces, prepare
+from sysid.diagnosis.actuator.equation_error import (
+    CHANNELS,
+    EFFORT,
+    _without_sensors,
+    channels_of,
+    equation_error,
+    forget,
+)
+from sysid.diagnosis.actuator.samples import Rows, Traces, prepare
 from sysid.diagnosis.actuator.states import integrate_states, measured_flow, point_of
 from sysid.io.channels import SIDES
 from sysid.model import plant
 from sysid.model.effects import catalogue
-from sysid.model.effects.chamber import TemperatureDrift, WallHeatTransfer
+from sysid.model.effects.chamber import TemperatureDrift, TubeLag, WallHeatTransfer
+from sysid.model.effects.sensor import PressureOffset
+from sysid.model.effects.valve import CoilHeating
 from sysid.model.ports import Model
 from sysid.types import FloatArray
 
@@ -118,3 +129,31 @@ def test_what_an_effect_adds_to_a_pressures_rate_is_no_flow(
     rate = np.asarray(plant.pressure_rate(side, flow, point, model))
     seen = replace(traces, **{f"rate_{side}": rate})
     np.testing.assert_allclose(measured_flow(side, seen, point, model), flow, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.id)
+def test_states_that_do_not_follow_the_valves_are_the_same_at_another_timing(
+    kind: type, short: tuple[Traces, Model]
+) -> None:
+    """What says so is not integrated again for each timing that is tried."""
+    traces, model = short
+    effect = kind.typical()  # type: ignore[attr-defined]
+    effect = effect if effect.states else replace(effect, line_time_s=0.02)
+    late = traces.with_opening(np.roll(traces.open_a, 20), np.roll(traces.open_b, 20))
+    at, later = (integrate_states(t, model + effect, needs_flow=True) for t in (traces, late))
+    same = all(np.array_equal(at[name], later[name]) for name in at)
+    assert same is not effect.states_follow_valves
+
+
+def test_other_sensors_leave_no_traces_of_the_last_ones(short: tuple[Traces, Model]) -> None:
+    """Each takes fourteen channels, and none is asked for again."""
+    traces, model = short
+    rows = dict.fromkeys(CHANNELS, Rows(np.arange(0, len(traces), 2)))
+    alive = []
+    for offset in (100.0, 200.0, 300.0):
+        sensors = (PressureOffset(offset), CoilHeating(1e-3), TubeLag(2e-3))
+        equation_error(traces, Model(model.parameters, sensors), CHANNELS, rows)
+        alive.append(weakref.ref(_without_sensors(traces, sensors[:1])))
+    gc.collect()
+    assert [kept() is not None for kept in alive] == [False, False, True]
+    forget()

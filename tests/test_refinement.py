@@ -14,6 +14,7 @@ from sysid.model.effects.chamber import TubeLag
 from sysid.model.effects.sensor import PressureLag
 from sysid.model.ports import Model
 from sysid.model.simulator import simulate
+from sysid.refinement import lengthening
 from sysid.refinement.estimation import Estimated, FrictionScatter, estimate
 from sysid.refinement.lengthening import _neighbours, _Piece
 from sysid.refinement.problem import Iterate, Problem, RunErrors
@@ -21,7 +22,7 @@ from sysid.refinement.profiles import profile
 from sysid.refinement.reduction import ReducedEquations, reduced
 from sysid.refinement.runs import Run
 from sysid.refinement.scan import scanned
-from sysid.refinement.solver import solve
+from sysid.refinement.solver import Solution, solve
 from sysid.refinement.unknowns import MOST_FACTOR, Unknown, chosen, model_at, numbers_of
 from sysid.refinement.whitening import Whitening
 from sysid.types import FloatArray
@@ -476,3 +477,19 @@ def test_a_segment_that_was_left_out_is_not_joined_in() -> None:
     assert [[p.members[0] for p in group] for group in groups] == [[0, 1, 2], [3, 4]]
     pairs = _neighbours(pieces, 2, gap=50.0)
     assert [[p.members[0] for p in group] for group in pairs] == [[0, 1], [2], [3, 4]]
+
+
+@pytest.mark.parametrize("converged, times", [(True, 2), (False, 1)])
+def test_longer_runs_that_do_not_converge_are_not_weighted_anew(
+    converged: bool, times: int, found: Estimated, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def solved(problem: Problem, point: Iterate, **given: object) -> Solution:
+        asked.append(problem)
+        return dataclasses.replace(found.solution, converged=converged, evaluations=3)
+
+    monkeypatch.setattr(lengthening, "solve", solved)
+    _, solution = lengthening._solved(found.problem, found.solution.point)
+    assert len(asked) == times
+    assert solution.evaluations == 3 * times

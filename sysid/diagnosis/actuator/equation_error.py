@@ -113,7 +113,9 @@ def equation_error(
         # Fitted numbers do not affect the timing; as part of the key they would defeat the cache.
         fixed = model.parameters.replace(**dict.fromkeys(_FITTED, 0.0))
         whole = _with_timing(seen, traces, Model(fixed, timing))
-    states = _states(whole, _with_part_in_states(model)) if model.state_names else {}
+    owners = [e for e in model.effects if e.states]
+    driving = whole if any(e.states_follow_valves for e in owners) else seen
+    states = _states(driving, _with_part_in_states(model)) if owners else {}
     found = {name: np.zeros(len(rows[name].index) if rows else len(traces)) for name in CHANNELS}
     for name in channels:
         own = rows[name] if rows else None
@@ -122,7 +124,8 @@ def equation_error(
         here, extra = whole, states
         if gaps is not None:
             # What does not depend on the timing is the same for all that are tried.
-            here, extra = seen.at(gaps), {n: v[gaps.index] for n, v in states.items()}
+            here = _selected(seen, gaps) if sensors else seen.at(gaps)
+            extra = {n: v[gaps.index] for n, v in states.items()}
             if timing:
                 here = here.with_opening(whole.open_a[gaps.index], whole.open_b[gaps.index])
         point = replace(point_of(here, model), extra=extra)
@@ -199,7 +202,7 @@ def _measured(
 
 def forget() -> None:
     """Drop the caches kept for the traces of a diagnosis, and the memory that it has freed."""
-    for kept in (_without_sensors, _with_timing, _states, _shown_of_none):
+    for kept in (_without_sensors, *_OF_SENSORS_TRACES, _shown_of_none):
         kept.forget()
     selected.cache_clear()
     extra_states.forget()
@@ -226,6 +229,16 @@ def _with_timing(seen: Traces, traces: Traces, model: Model) -> Traces:
     return seen.with_opening(*(opening(traces.runs, model, side) for side in SIDES))
 
 
+@kept_per_thread(2)
+def _selected(seen: Traces, rows: Rows) -> Traces:
+    """`Traces.at` of traces that are gone with the next sensors."""
+    return selected.__wrapped__(seen, rows)
+
+
+# What is worked out from traces that other sensors make useless.
+_OF_SENSORS_TRACES = (_with_timing, _states, _selected)
+
+
 # Most models that are tried one after the other have the same sensors; each takes 14 channels.
 @kept_per_thread(1)
 def _without_sensors(traces: Traces, sensors: tuple[Effect, ...]) -> Traces:
@@ -234,6 +247,8 @@ def _without_sensors(traces: Traces, sensors: tuple[Effect, ...]) -> Traces:
     The sensors' attenuation is undone up to a cut-off, above which this would amplify the
     noise without bound.
     """
+    for kept in _OF_SENSORS_TRACES:
+        kept.forget()
     if not sensors:
         return traces
     names = ("theta_rad", "pressure_a_pa", "pressure_b_pa")

@@ -53,7 +53,8 @@ class Rows:
     index: IntArray
 
 
-@dataclass(frozen=True)
+# Equal only to itself, so that what follows from the tests alone is cached under them.
+@dataclass(frozen=True, eq=False)
 class TestRun:
     """One test of the campaign: its log's kind, its rows in the arrays, and its commands.
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.diagnosis.actuator.samples import Traces
+from sysid.diagnosis.actuator.samples import TestRun, Traces
 from sysid.io.channels import SIDES
 from sysid.model import base, plant
 from sysid.model.base import Array
@@ -91,7 +91,7 @@ def integrate_states(traces: Traces, model: Model, needs_flow: bool) -> dict[str
     structure, numbers = split((model.parameters, *model.effects))
     # As numbers of one kind: jax compiles anew for each kind.
     inputs = [{name: np.asarray(v, dtype=float) for name, v in part.items()} for part in numbers]
-    for pieces in _all_pieces(traces, needs_flow):
+    for pieces in _all_pieces(traces.runs, needs_flow):
         parts = max(1, int(np.ceil(pieces.period / _STATE_STEP_S * (1 - 1e-6))))
         histories = _compiled()(
             _signals(traces),
@@ -110,7 +110,7 @@ def integrate_states(traces: Traces, model: Model, needs_flow: bool) -> dict[str
 
 def forget() -> None:
     """Drop what is kept for the traces of a diagnosis, and what is compiled for its models."""
-    _signals.cache_clear()
+    _padded.cache_clear()
     _all_pieces.cache_clear()
     if _compiled.cache_info().currsize:
         _compiled().clear_cache()
@@ -133,9 +133,9 @@ class _Pieces:
 
 
 @lru_cache(maxsize=4)
-def _all_pieces(traces: Traces, needs_flow: bool) -> tuple[_Pieces, ...]:
+def _all_pieces(tests: tuple[TestRun, ...], needs_flow: bool) -> tuple[_Pieces, ...]:
     """The pieces of all tests that are concerned, those of one sampling period together."""
-    runs = [run for run in traces.runs if run.moves or needs_flow]
+    runs = [run for run in tests if run.moves or needs_flow]
     run_up = _RUN_UP_S if needs_flow else _MECHANICAL_RUN_UP_S
     return tuple(
         _pieces([run.rows for run in runs if run.period == period], period, run_up)
@@ -158,13 +158,30 @@ def _pieces(runs: Sequence[slice], period: float, run_up_s: float) -> _Pieces:
     return _Pieces(low, last, counts, place[counts], run_up + count, period)
 
 
-@lru_cache(maxsize=2)
 def _signals(traces: Traces) -> dict[str, Any]:
     """The channels that the states may depend on, as the compiled loop takes them."""
+    return {name: _padded(_Channel(getattr(traces, name))) for name in _SIGNALS}
+
+
+class _Channel:
+    """A channel (n,) that is equal only to itself."""
+
+    def __init__(self, values: FloatArray) -> None:
+        self.values = values
+
+    def __hash__(self) -> int:
+        return id(self.values)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Channel) and self.values is other.values
+
+
+# Traces of other valve timings share all channels but the openings.
+@lru_cache(maxsize=2 * len(_SIGNALS))
+def _padded(channel: _Channel) -> Any:
     from sysid.model.jax_setup import jnp
 
-    padding = -len(traces) % _ROWS
-    return {n: jnp.asarray(np.pad(getattr(traces, n), (0, padding))) for n in _SIGNALS}
+    return jnp.asarray(np.pad(channel.values, (0, -len(channel.values) % _ROWS)))
 
 
 @cache

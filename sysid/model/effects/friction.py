@@ -179,6 +179,7 @@ class Presliding(CatalogueEffect):
 
     bristle_compliance_rad_per_nm: Array = 0.0
     states = ("presliding_share",)
+    states_follow_valves = False
 
     id = "presliding"
     title = "Presliding displacement"
@@ -320,6 +321,7 @@ class StictionAfterRest(CatalogueEffect):
     fresh_loss_nm: Array = 0.0
     recovery_time_s: Array = 0.3
     states = ("fresh_share",)
+    states_follow_valves = False
 
     id = "stiction-after-rest"
     title = "Static friction that grows while at rest"

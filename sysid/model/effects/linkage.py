@@ -45,6 +45,7 @@ class Backlash(CatalogueEffect):
     crossing_speed_rad_per_s: Array = 2.0
     motor_share: Array = 0.0
     states = ("backlash_place", "backlash_motor_rad", "backlash_motor_rad_per_s")
+    states_follow_valves = False
 
     id = "backlash"
     title = "Backlash in the motor's gear"
@@ -239,6 +240,7 @@ class LinkFlexibility(CatalogueEffect):
     link_frequency_hz: Array = 25.0
     link_damping: Array = 0.03
     states = ("link_angle_rad", "link_speed_rad_per_s")
+    states_follow_valves = False
 
     id = "link-flexibility"
     title = "Flexible link"

@@ -140,6 +140,7 @@ class AmplifierLag(CatalogueEffect):
 
     amplifier_lag_s: Array = 0.0
     states = ("amplifier_effort",)
+    states_follow_valves = False
 
     id = "amplifier-lag"
     title = "Lag of the amplifier"
