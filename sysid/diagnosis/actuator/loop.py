@@ -11,6 +11,7 @@ from sysid.diagnosis.actuator.bias_correction import corrected
 from sysid.diagnosis.actuator.equation_error import BALANCES, forget
 from sysid.diagnosis.actuator.moving_boundaries import moving_boundaries
 from sysid.diagnosis.actuator.null_distribution import Null
+from sysid.diagnosis.actuator.refit import own_columns
 from sysid.diagnosis.actuator.samples import Traces, prepare
 from sysid.diagnosis.actuator.screening import Projected, projected
 from sysid.diagnosis.actuator.search import Search, search
@@ -120,6 +121,17 @@ def begin(
     def twin_frame(twin: Traces) -> Projected:
         return projected(build_frame(twin, model, colour, spread, moving), model)
 
+    def twins_beside(base: Projected) -> list[Projected]:
+        """Twins of the model of a residual, and as much friction scatter as that leaves."""
+        plain = replace(base.frame, scatter=0.0)
+        left = min(friction_scatter(plain, projected(plain, base.model).rest), spread)
+        own = Scatter(left, left)
+        found = simulate_twins(traces, base.model, noise, own, CORRECTION_TWINS, seed + 4, rig)
+        frames = [
+            build_frame(twin, model, colour, spread, moving) for twin in found if twin.is_finite()
+        ]
+        return [projected(f, base.model, own_columns(f, base.model)) for f in frames]
+
     count = _QUICK_TWINS if book.quick else TWINS
     if book.quick:
         book.left_out(SearchStage.TWINS)
@@ -135,7 +147,7 @@ def begin(
     if isinstance(ended, Failure):
         book.miss(ended, decides=False)
     with time_limit(None):
-        null = Null(judged or [twin_frame(pilot)], forms, sensors)
+        null = Null(judged or [twin_frame(pilot)], forms, sensors, twins_beside)
     return Start(traces, model, noise, scatter, colour, forms, moving, null)
 
 
@@ -164,6 +176,7 @@ def close_loop(
     frame = start.frame(traces)
     found = search(frame, start.model, start.forms, null, progress, simulation_error, book)
     null.release()
+    found.null.release()
     forget()
     if found.steps and quick:
         book.left_out(SearchStage.CORRECTION)
@@ -185,7 +198,7 @@ def close_loop(
         start.noise,
         start.scatter,
         Scatter(left, left),
-        null,
+        found.null,
         found,
         start.colour,
         book.closed(),

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 
 import numpy as np
@@ -36,9 +37,9 @@ _TOLERATED = 0.2
 class Null:
     """Twins' residuals, and the gain of each effect on them where it is needed.
 
-    `sums` maps a channel to the twins' whitened sums of squares a row, (twins,), `typical`
-    to those of the median stretch, `sensors` to that of the sensors' noise along the logs' own
-    motion. `family` is the number of forms screened.
+    `sums` maps a channel to the twins' whitened sums of squares a row, (twins,), `sensors` to
+    that of the sensors' noise along the logs' own motion. `family` is the number of forms
+    screened. `twins_of`: twins of a model with further effects, next to its residual.
     """
 
     def __init__(
@@ -46,18 +47,29 @@ class Null:
         twins: Sequence[Projected],
         forms: Sequence[Candidate],
         sensors: Mapping[str, float],
+        twins_of: Callable[[Projected], Sequence[Projected]] | None = None,
     ) -> None:
         self.sensors = dict(sensors)
+        self._twins_of = twins_of
         self._twins = tuple(twins)
         self._forms = tuple(forms)
         self._gains: dict[str, FloatArray] = {}
         self.family = len(forms)
-        self.sums = {
-            name: np.array([_mean_square(twin, name) for twin in twins]) for name in CHANNELS
-        }
-        self.typical = {
-            name: np.array([typical_square(twin, name) for twin in twins]) for name in CHANNELS
-        }
+        self.sums = _by_channel(_mean_square, twins)
+        self._expected = self.sums, _by_channel(typical_square, twins)
+
+    def beside(self, base: Projected) -> Null:
+        """The same, but that twins of this residual's own model say what is expected.
+
+        A model that lacks an effect moves otherwise, and its twins leave another residual than one
+        that holds it. Raises SimulationError, OutOfTimeError.
+        """
+        twins = self._twins_of(base) if self._twins_of is not None else ()
+        if not twins:
+            return self
+        found = copy.copy(self)
+        found._expected = _by_channel(_mean_square, twins), _by_channel(typical_square, twins)
+        return found
 
     def calibrate(self, gains: Mapping[str, float], least: float, book: Book) -> list[str]:
         """Screen the twins for these effects, given with their gains on the logs.
@@ -122,9 +134,10 @@ class Null:
     def expected(self, base: Projected) -> FloatArray:
         """The whitened square of each row, (rows,), in the twin with most."""
         found = np.zeros(len(base.rest))
+        sums, typical = self._expected
         for name in CHANNELS:
-            level = max(1.0, typical_square(base, name) / float(np.median(self.typical[name])))
-            expected = float(np.max(self.sums[name])) * min(level, _NOISIEST)
+            level = max(1.0, typical_square(base, name) / float(np.median(typical[name])))
+            expected = float(np.max(sums[name])) * min(level, _NOISIEST)
             found[base.frame.rows(name)] = max(expected, self.sensors.get(name, 0.0))
         return found
 
@@ -161,6 +174,13 @@ def typical_square(base: Projected, channel: str) -> float:
     counts = np.bincount(view.stretch)
     means = np.bincount(view.stretch, squares) / np.maximum(counts, 1)
     return float(np.median(np.repeat(means, counts)))
+
+
+def _by_channel(
+    square: Callable[[Projected, str], float], twins: Sequence[Projected]
+) -> dict[str, FloatArray]:
+    """(twins,) of each channel."""
+    return {name: np.array([square(twin, name) for twin in twins]) for name in CHANNELS}
 
 
 def _mean_square(base: Projected, channel: str) -> float:

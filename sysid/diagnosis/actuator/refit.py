@@ -140,6 +140,9 @@ class _Equations:
     ) -> None:
         others = (*base.model.effects, *starts)
         self._base, self._starts = base, starts
+        self._held = {
+            e.id: [q.name for q in type(e).quantities if f"{e.id}/{q.name}" in held] for e in starts
+        }
         self._channels = tuple(
             c for c in CHANNELS if any(c in channels_of(e, others) for e in starts)
         )
@@ -160,8 +163,12 @@ class _Equations:
         self._is_exact = False
 
     def effects(self, values: FloatArray) -> tuple[CatalogueEffect, ...]:
-        """The effects with their numbers."""
-        return with_values(self._starts, values[: self._count])
+        """The effects with their numbers; what is held is what it was."""
+        found = with_values(self._starts, values[: self._count])
+        return tuple(
+            replace(effect, **{n: getattr(start, n) for n in self._held[start.id]})  # type: ignore[type-var]
+            for start, effect in zip(self._starts, found, strict=True)
+        )
 
     def residuals(self, values: FloatArray) -> FloatArray:
         """(rows,)."""

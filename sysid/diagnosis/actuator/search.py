@@ -50,7 +50,7 @@ from sysid.errors import SimulationError
 from sysid.estimation.linear import Estimate
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import Model, overrides
-from sysid.parallel import Failure, attempt, attempt_in_threads, time_limit
+from sysid.parallel import Failure, OutOfTimeError, attempt, attempt_in_threads, time_limit
 from sysid.types import Progress
 
 # By how much an effect in them may gain more than they exceed the twins.
@@ -117,8 +117,8 @@ class Search:
 
     `joint` holds all effects fitted together, None where there are none; `base_std` the
     standard errors of the base parameters with them, in the parameters' units; `rounds` what
-    each round tried. `rivals`: the same with another effect in the place of one from which the
-    balances do not tell it.
+    each round tried; `null` what is expected of the last residual. `rivals`: the same with another
+    effect in the place of one from which the balances do not tell it.
     """
 
     steps: tuple[RefittedStep, ...]
@@ -128,6 +128,7 @@ class Search:
     joint: Refit | None
     base_std: Mapping[str, float]
     rounds: tuple[Round, ...]
+    null: Null
     rivals: tuple[Search, ...] = ()
 
     @property
@@ -234,12 +235,15 @@ class _TwinRounds(Rounds[RefittedStep]):
         book: Book,
     ) -> None:
         self.first = self.base = first
-        self.candidates, self.null, self.book = candidates, null, book
+        # What twins of the given model show, and those of the model with the steps' effects.
+        self._given, self.null = null, null
+        self.candidates, self.book = candidates, book
         self.progress, self.simulation_error = progress, simulation_error
         self.before = null.excess(first)
         self.steps, self.tried = [], ()
         self.joint: Refit | None = None
-        self._proposed: Refit | None = None
+        # The steps before the next and all effects fitted together, as it was judged.
+        self._proposed: tuple[list[RefittedStep], Refit] | None = None
         # Without each step that might be superfluous, the others fitted together.
         self._others: dict[str, Refit] = {}
         # The first round's suspects as they were fitted.
@@ -253,7 +257,7 @@ class _TwinRounds(Rounds[RefittedStep]):
     def with_rival_first(self, book: Book) -> _TwinRounds | None:
         """Rounds that begin with the best rival of the first effect; None: none is to be added."""
         other = _TwinRounds(
-            self.first, self.candidates, self.null, self.progress, self.simulation_error, book
+            self.first, self.candidates, self._given, self.progress, self.simulation_error, book
         )
         other.tried = self.steps[0].tried
         step = other._best(other.before, self._rivals, 1)
@@ -265,8 +269,8 @@ class _TwinRounds(Rounds[RefittedStep]):
     def leaves_far_less_than(self, other: _TwinRounds) -> bool:
         """Whether hardly anything is left of what another search leaves, and the fitted motion
         logs are simulated clearly better."""
-        channels = self.null.structured(self.first, other.base)
-        left, before = (excess_in(channels, self.null.excess(r.base)) for r in (self, other))
+        channels = other.null.structured(self.first, other.base)
+        left, before = (excess_in(channels, r.null.excess(r.base)) for r in (self, other))
         return left < _HARDLY * before and _simulates(
             self.simulation_error, other.base.model, self.base.model, -_CLEARLY_LOWER
         )
@@ -446,7 +450,10 @@ class _TwinRounds(Rounds[RefittedStep]):
             rise = _TOLERATED_RISE
         elif self._shows_where_none_acts(found, channels):
             rise = -_TOLERATED_RISE
-        elif self.steps and self._is_whole(found, excess, channels):
+        elif self.steps and (
+            self._is_whole(found, excess, channels)
+            or self._is_enough(found, excess, channels, _LEAST_WHOLE)
+        ):
             rise = -_CLEARLY_LOWER
         else:
             return None
@@ -455,11 +462,18 @@ class _TwinRounds(Rounds[RefittedStep]):
         return rise if not self.steps and self._simulates_better(found) else None
 
     def _is_enough(
-        self, found: Refit, excess: Mapping[str, float], channels: Sequence[str]
+        self,
+        found: Refit,
+        excess: Mapping[str, float],
+        channels: Sequence[str],
+        part: float = _LEAST_PART,
     ) -> bool:
-        """Whether an effect explains a fair share of what is left of these channels."""
+        """Whether an effect explains a fair share of what is left of these channels.
+
+        One that does not explain nearly all of it also at least a `part` of what is gone.
+        """
         share = share_of_excess(found, excess, channels)
-        least = _LEAST_WHOLE if self._is_whole(found, excess, channels) else _LEAST_PART
+        least = _LEAST_WHOLE if self._is_whole(found, excess, channels) else part
         # Where the effects so far do not act, nothing can be a misfit of their form.
         gone = sum(max(self.before[c] - excess[c], 0.0) for c in channels)
         return share >= LEAST_SHARE and found.gain >= least * gone
@@ -492,13 +506,33 @@ class _TwinRounds(Rounds[RefittedStep]):
         joint = _together(self.first, self.steps, winner, held)
         if joint is None:
             return None
-        extended = self._all_of(joint)
         if channels_of(winner.effect) == (BREAKAWAY,):
             rise = min(rise, _LEAST_FALL)
+        extended = self._all_of(joint)
         judged = bool(self.steps) or rise < 0.0
-        if judged and not _simulates(self.simulation_error, self.base.model, extended, rise):
+        if not judged or _simulates(self.simulation_error, self.base.model, extended, rise):
+            self._proposed = self.steps, joint
+            return extended
+        return self._with_plain_forms(joint, winner, held, rise)
+
+    def _with_plain_forms(
+        self, joint: Refit, winner: Refit, held: frozenset[str], rise: float
+    ) -> Model | None:
+        """The same with the effects so far in their plainest form, if any has another one.
+
+        What the balances hardly see of a shape, as of a line's volume behind a supply's resistance,
+        may lead astray in motion. It begins where all were fitted together (`joint`).
+        """
+        plain = [_in_plain_form(*pair) for pair in zip(self.steps, joint.effects, strict=False)]
+        if all(other is step for other, step in zip(plain, self.steps, strict=True)):
             return None
-        self._proposed = joint
+        other = _together(self.first, plain, winner, held)
+        if other is None:
+            return None
+        extended = self._all_of(other)
+        if not _simulates(self.simulation_error, self.base.model, extended, rise):
+            return None
+        self._proposed = plain, other
         return extended
 
     def _held_forms(self, winner: Refit) -> list[tuple[Refit, frozenset[str]]]:
@@ -562,8 +596,9 @@ class _TwinRounds(Rounds[RefittedStep]):
         return _simulates(self.simulation_error, self.base.model, model, -_BETTER_BY)
 
     def add(self, step: RefittedStep) -> None:
-        self.steps.append(step)
-        self.joint = self._proposed
+        assert self._proposed is not None
+        before, self.joint = self._proposed
+        self.steps = [*before, step]
         self._look_beside(step.model)
 
     def superfluous(self) -> RefittedStep | None:
@@ -665,23 +700,39 @@ class _TwinRounds(Rounds[RefittedStep]):
         with time_limit(None):
             extra = own_columns(self.base.frame, model)
             self.base = projected(self.base.frame, model, extra=extra)
+        if not self.book.quick:
+            with contextlib.suppress(SimulationError, OutOfTimeError):
+                self.null = self._given.beside(self.base)
 
     def finished(self, rounds: tuple[Round, ...]) -> Search:
         """All effects as fitted together, from the base model on."""
         first, steps, joint = self.first, self.steps, self.joint
         if joint is None:
-            return Search((), first.model, first, self.base, None, {}, rounds)
+            return Search((), first.model, first, self.base, None, {}, rounds, self.null)
         model = self._all_of(joint)
         own = own_columns(first.frame, model)
         last = projected(first.frame, model, extra=own)
         base_std = standard_errors(last, own)
         steps = [*steps[:-1], replace(steps[-1], model=model)]
-        return Search(tuple(steps), model, first, last, joint, base_std, rounds)
+        return Search(tuple(steps), model, first, last, joint, base_std, rounds, self.null)
 
 
 def _held_by(steps: Sequence[RefittedStep]) -> frozenset[str]:
     """The shapes that stay as they are."""
     return frozenset().union(*(step.held for step in steps))
+
+
+def _in_plain_form(step: RefittedStep, fitted: CatalogueEffect) -> RefittedStep:
+    """A step with the shapes that its effect may do without left out, and held there; the other
+    numbers as `fitted`. The step itself where there are none."""
+    kind = type(step.effect)
+    shapes = {q.name: q.absent for q in kind.shapes() if q.absent is not None}
+    shapes = {n: v for n, v in shapes.items() if getattr(fitted, n) != v}
+    if not shapes:
+        return step
+    names = {f"{step.id}/{name}" for name in shapes}
+    plain = replace(fitted, **shapes)  # type: ignore[type-var]
+    return replace(step, effect=plain, held=step.held | names)
 
 
 def _likeliest(refits: Sequence[Refit]) -> Refit:

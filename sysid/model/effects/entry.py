@@ -37,7 +37,7 @@ class Quantity:
     `key` is its name in files and reports, where that differs from the field's name. `is_wave`:
     a wave number over position (rad per unit), of which data show something only where a whole
     period lies within what they visit. `absent`: what files mean that were written before the
-    quantity was there, the effect's form at that time; None: files must give it.
+    quantity was there, the effect's plain form; None: files must give it.
     `radius_power`: the power of a pitch radius that brings it from angle and torque to path and
     force, where its unit does not say (a speed per torque, named a speed).
     """
