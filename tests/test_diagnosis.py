@@ -12,6 +12,7 @@ import pytest
 from scipy.signal import lfilter
 
 from datasets.generator.campaign import LAB, GeneratedCampaign, drawn_effects, make_campaign
+from sysid.diagnosis.actuator import search as search_module
 from sysid.diagnosis.actuator.choked_boundaries import near_boundaries
 from sysid.diagnosis.actuator.diagnose import (
     _is_beyond_draws,
@@ -29,13 +30,14 @@ from sysid.diagnosis.actuator.equation_error import (
 )
 from sysid.diagnosis.actuator.evidence import TwinEvidence
 from sysid.diagnosis.actuator.holdout import HeldOut
+from sysid.diagnosis.actuator.known import Known
 from sysid.diagnosis.actuator.loop import Loop, close_loop
 from sysid.diagnosis.actuator.moving_boundaries import moving_boundaries
 from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.refit import Refit, refit, with_base_refitted
 from sysid.diagnosis.actuator.samples import Traces, prepare, window_width, windows
-from sysid.diagnosis.actuator.screening import Projected, explained, projected
-from sysid.diagnosis.actuator.search import RefittedStep, _likeliest, _TwinRounds
+from sysid.diagnosis.actuator.screening import Explained, Projected, explained, projected
+from sysid.diagnosis.actuator.search import RefittedStep, Search, _likeliest, _TwinRounds, search
 from sysid.diagnosis.actuator.signatures import Candidate, Signatures, candidates
 from sysid.diagnosis.actuator.starting_friction import with_sliding_friction
 from sysid.diagnosis.actuator.states import point_of
@@ -528,6 +530,53 @@ def test_a_shape_that_leads_astray_in_motion_gives_way_to_the_plain_form(
     assert rounds.joint is not None
     assert getattr(rounds.joint.effects[0], "gain_zero_pa") == 0.0  # noqa: B009
     assert getattr(rounds.joint.effects[0], "pressure_gain_error") == pytest.approx(0.01, rel=0.1)  # noqa: B009
+
+
+def test_a_search_without_an_effect_does_not_work_out_what_is_known(
+    traces: Traces, healthy: tuple[Tests, Rig, Model], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The same rounds as before are screened and fitted once, and the same is found."""
+    _, rig, model = healthy
+    twin = twin_of(model + SealFriction(3e-7) + StribeckFriction(0.12, 0.06, 1.0), traces, rig)
+    frame = build_frame(twin, model, noise_of(traces, model), 0.0)
+    plain = build_frame(twin_of(model, traces, rig), model, noise_of(traces, model), 0.0)
+    asked: list[set[str]] = []
+    screened, fitted = search_module.screen, search_module._refit
+
+    def screen(base: Projected, forms: Sequence[Candidate], book: Book) -> list[Explained]:
+        asked.append({f.id for f in forms})
+        return screened(base, forms, book)
+
+    def fit(
+        base: Projected, starts: Sequence[Sequence[CatalogueEffect]], book: Book
+    ) -> list[Refit]:
+        asked.append({start.id for points in starts for start in points})
+        return fitted(base, starts, book)
+
+    monkeypatch.setattr(search_module, "screen", screen)
+    monkeypatch.setattr(search_module, "_refit", fit)
+
+    def searched(kinds: list[type[CatalogueEffect]], known: Known) -> Search:
+        forms, book = candidates(kinds), Book()
+        null = Null([projected(plain, model)], forms, {})
+        null.take(known.gains)
+        asked.clear()
+        found = search(frame, model, forms, null, no_progress, lambda m: 0.0, book, known)
+        assert set(book.screened) == {kind.id for kind in kinds}
+        return found
+
+    kinds, known = [QuadraticDrag, SealFriction, StribeckFriction], Known()
+    first = searched(kinds, known)
+    assert {s.id for s in first.steps} == {"seal-friction", "stribeck-friction"}
+    assert first.steps[0].id in asked[0] and asked[1]
+    last = first.steps[-1]
+    rest = [kind for kind in kinds if kind.id != last.id]
+    again = searched(rest, known)
+    assert not asked[0] and not any(last.id in names for names in asked)
+    afresh = searched(rest, Known())
+    assert asked[0] == {kind.id for kind in rest}
+    assert [s.effect for s in again.steps] == [s.effect for s in afresh.steps]
+    assert again.steps[0].effect == first.steps[0].effect
 
 
 def test_an_effect_that_a_later_one_makes_superfluous_is_removed(

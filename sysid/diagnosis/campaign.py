@@ -15,6 +15,7 @@ from sysid.diagnosis.actuator.diagnose import (
     rivals_of,
     with_errors_after_judged,
 )
+from sysid.diagnosis.actuator.known import Earlier
 from sysid.diagnosis.bench.diagnose import diagnose_component, held_out_errors
 from sysid.diagnosis.bench.registry import AXIS, part_tested
 from sysid.diagnosis.looked import SECONDS, Book, SearchStage
@@ -143,6 +144,7 @@ def _look_at_actuator(
 ) -> Look:
     model = bundle.model(campaign.rig, catalogue)
     drawn = drawn_models(bundle, campaign.rig, model, _DRAWN, seed)
+    earlier: Earlier = {}
 
     def errors_of(other: Bundle) -> dict[str, float]:
         return open_loop_errors(logs, campaign.rig, other.model(campaign.rig, catalogue))
@@ -150,7 +152,7 @@ def _look_at_actuator(
     def look(effects: Catalogue) -> Diagnosis:
         found = diagnose(
             logs, campaign.rig, model, effects, drawn=drawn, seed=seed, quick=quick,
-            progress=progress,
+            earlier=earlier, progress=progress,
         )  # fmt: skip
         if refine:
             rivals = rivals_of(found, logs, campaign.rig, model)

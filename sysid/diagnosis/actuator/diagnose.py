@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import cast
 
 import numpy as np
@@ -12,6 +13,7 @@ import numpy as np
 from sysid.diagnosis.actuator.equation_error import forget
 from sysid.diagnosis.actuator.evidence import TwinEvidence
 from sysid.diagnosis.actuator.holdout import HeldOut, held_out
+from sysid.diagnosis.actuator.known import Earlier
 from sysid.diagnosis.actuator.loop import Loop, close_loop
 from sysid.diagnosis.actuator.unexplained import (
     faintest,
@@ -66,6 +68,7 @@ def diagnose(
     drawn: Sequence[Model] = (),
     seed: int = 0,
     quick: bool = False,
+    earlier: Earlier | None = None,
     progress: Callable[[str], None] = lambda line: None,
 ) -> Diagnosis:
     """Find what a fitted model lacks, and measure what adding it gains.
@@ -74,7 +77,8 @@ def diagnose(
     logs among those held out are only simulated, before and after. `drawn` are models about the
     fitted one, as wrong as its numbers may be: what a right form may leave. Raises InputError for
     logs that cannot be used, NotIdentifiedError where the model or the logs do not suffice.
-    Ends within the time limit in force (`sysid.parallel`) with what was found by then.
+    Ends within the time limit in force (`sysid.parallel`) with what was found by then. `earlier`:
+    see `close_loop`.
     """
     if not has_discrete_law(model.parameters):
         raise NotIdentifiedError(
@@ -90,56 +94,54 @@ def diagnose(
     if not tests:
         raise NotIdentifiedError('diagnosis: no log has use = "fit"; give it some')
     try:
-        return _diagnosed(tests, logs, rig, model, catalogue, drawn, seed, quick, progress)
+        inside, outside = (_tests_of(logs, use, rig) for use in ("fit", "holdout"))
+        found = close_loop(
+            tests,
+            rig,
+            model,
+            catalogue.values(),
+            simulation_error=partial(_log_error, inside),
+            seed=seed,
+            quick=quick,
+            earlier=earlier,
+            progress=progress,
+        )
+        progress("simulating the held-out logs, before and after")
+        with time_limit(None):
+            return _diagnosed(found, inside, outside, rig, model, drawn, seed)
     finally:
         forget()
 
 
 def _diagnosed(
-    tests: Sequence[tuple[str, str, Trial]],
-    logs: Sequence[tuple[str, str, Log]],
+    found: Loop,
+    inside: HeldOut,
+    outside: HeldOut,
     rig: Rig,
     model: Model,
-    catalogue: Mapping[str, type[CatalogueEffect]],
     drawn: Sequence[Model],
     seed: int,
-    quick: bool,
-    progress: Callable[[str], None],
 ) -> Diagnosis:
-    """The diagnosis from the training tests, (file, kind, trial) each, and all logs."""
-    outside = _tests_of(logs, "holdout", rig)
+    """The diagnosis from what the loop found, and the motion tests to fit on and those held out."""
     notices = []
     if not outside.tests:
         notices.append("no held-out motion log: errors before and after are unknown")
-    inside = _tests_of(logs, "fit", rig)
     notices += [*outside.notices, *inside.notices]
-    found = close_loop(
-        tests,
-        rig,
-        model,
-        catalogue.values(),
-        simulation_error=lambda trial: _log_error(inside, trial),
-        seed=seed,
-        quick=quick,
-        progress=progress,
-    )
-    progress("simulating the held-out logs, before and after")
-    with time_limit(None):
-        errors = _errors(outside, model, found)
-        floor = _noise_floor(outside, found, seed)
-        curves = leftover(found)
-        rests = remainders(found, rig)
-        curves = (*curves, *repeating(found, rests, curves, rig))
-        structured = bool(curves)
-        fitted = _fitted_floor(outside, model, found, drawn, seed)
-        far_off = not found.search.steps and is_far_off(errors[-1], floor, fitted)
-        far_off = far_off and _is_beyond_draws(errors[-1], outside, model, found, drawn, seed)
-        undecided = not found.search.steps and not found.looked.is_decided
-        if (far_off or undecided) and not curves:
-            curves = faintest(found)
-            notices += [_FAR_OFF_NOTICE] * far_off
-        elif not (found.search.steps or curves):
-            notices += _of_fitted_numbers(errors[-1], floor, fitted, rig)
+    errors = _errors(outside, model, found)
+    floor = _noise_floor(outside, found, seed)
+    curves = leftover(found)
+    rests = remainders(found, rig)
+    curves = (*curves, *repeating(found, rests, curves, rig))
+    structured = bool(curves)
+    fitted = _fitted_floor(outside, model, found, drawn, seed)
+    far_off = not found.search.steps and is_far_off(errors[-1], floor, fitted)
+    far_off = far_off and _is_beyond_draws(errors[-1], outside, model, found, drawn, seed)
+    undecided = not found.search.steps and not found.looked.is_decided
+    if (far_off or undecided) and not curves:
+        curves = faintest(found)
+        notices += [_FAR_OFF_NOTICE] * far_off
+    elif not (found.search.steps or curves):
+        notices += _of_fitted_numbers(errors[-1], floor, fitted, rig)
     because = why_unexplained(structured, far_off, undecided)
     evidence = TwinEvidence(found, rig, curves)
     by_channel = _by_channel([*errors, floor], rig)

@@ -9,6 +9,7 @@ import numpy as np
 
 from sysid.diagnosis.actuator.bias_correction import corrected
 from sysid.diagnosis.actuator.equation_error import BALANCES, forget
+from sysid.diagnosis.actuator.known import Earlier, Known
 from sysid.diagnosis.actuator.moving_boundaries import moving_boundaries
 from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.refit import own_columns
@@ -160,6 +161,7 @@ def close_loop(
     simulation_error: Callable[[Model], float],
     seed: int = 0,
     quick: bool = False,
+    earlier: Earlier | None = None,
     progress: Callable[[str], None] = lambda line: None,
 ) -> Loop:
     """Find what a fitted model lacks on training tests, given as (file, kind, trial).
@@ -168,13 +170,16 @@ def close_loop(
     numbers with and without the twins' correction, the better-simulating ones are kept. Ends
     within the time limit in force (`sysid.parallel`), save for what no verdict can do without:
     the residual, and one twin. `quick`: a first look, with one twin, one form of
-    each effect, one effect at most and no correction.
+    each effect, one effect at most and no correction. `earlier`: what searches of these tests with
+    more effects know, to which this one adds.
     """
     book = Book(quick=quick)
     start = begin(tests, rig, model, catalogue, book, seed=seed, progress=progress)
     traces, null = start.traces, start.null
+    known = ({} if earlier is None else earlier).setdefault(start.moving, Known())
+    null.take(known.gains)
     frame = start.frame(traces)
-    found = search(frame, start.model, start.forms, null, progress, simulation_error, book)
+    found = search(frame, start.model, start.forms, null, progress, simulation_error, book, known)
     null.release()
     found.null.release()
     forget()

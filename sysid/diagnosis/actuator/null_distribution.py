@@ -91,6 +91,10 @@ class Null:
         self._screen(in_doubt, self._twins[1:], book)
         return known
 
+    def take(self, gains: dict[str, FloatArray]) -> None:
+        """Have gains of these twins that are known, and add to them."""
+        self._gains = gains
+
     def release(self) -> None:
         """Drop the twins: no further effect can be calibrated, all that was found stays."""
         self._twins = ()

@@ -22,6 +22,7 @@ from sysid.diagnosis.actuator.comparison import (
     share_of_excess,
 )
 from sysid.diagnosis.actuator.equation_error import BREAKAWAY, channels_of, forget
+from sysid.diagnosis.actuator.known import Known
 from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.oscillation import steady_oscillation
 from sysid.diagnosis.actuator.refit import (
@@ -33,6 +34,7 @@ from sysid.diagnosis.actuator.refit import (
     with_base_refitted,
 )
 from sysid.diagnosis.actuator.screening import (
+    Explained,
     Projected,
     best_by_effect,
     projected,
@@ -160,16 +162,18 @@ def search(
     progress: Progress,
     simulation_error: Callable[[Model], float],
     book: Book,
+    known: Known | None = None,
 ) -> Search:
     """Add effects while one passes the twins' test and explains a fair share of the excess.
 
     A further effect must not raise `simulation_error`, the logarithm of a model's error on the
     fitted motion logs: one that only absorbs the misfit of the first may raise it. What fails,
-    or what time runs out for, is noted in `book`; the result is then the best so far.
+    or what time runs out for, is noted in `book`; the result is then the best so far. What is
+    `known` of the same frame is not worked out again.
     """
     with time_limit(None):
         first = projected(frame, model)
-    rounds = _TwinRounds(first, candidates, null, progress, simulation_error, book)
+    rounds = _TwinRounds(first, candidates, null, progress, simulation_error, book, known)
     history = run(rounds, book, progress)
     rounds, history = _exchanged(rounds, history, progress)
     with time_limit(None):
@@ -233,8 +237,10 @@ class _TwinRounds(Rounds[RefittedStep]):
         progress: Progress,
         simulation_error: Callable[[Model], float],
         book: Book,
+        known: Known | None = None,
     ) -> None:
         self.first = self.base = first
+        self.known = known or Known()
         # What twins of the given model show, and those of the model with the steps' effects.
         self._given, self.null = null, null
         self.candidates, self.book = candidates, book
@@ -257,8 +263,9 @@ class _TwinRounds(Rounds[RefittedStep]):
     def with_rival_first(self, book: Book) -> _TwinRounds | None:
         """Rounds that begin with the best rival of the first effect; None: none is to be added."""
         other = _TwinRounds(
-            self.first, self.candidates, self._given, self.progress, self.simulation_error, book
-        )
+            self.first, self.candidates, self._given, self.progress, self.simulation_error, book,
+            self.known,
+        )  # fmt: skip
         other.tried = self.steps[0].tried
         step = other._best(other.before, self._rivals, 1)
         if step is None:
@@ -280,7 +287,7 @@ class _TwinRounds(Rounds[RefittedStep]):
         base, book = self.base, self.book
         forget()  # what one stage computed the next hardly asks for, and it is much
         open_ones = [c for c in self.candidates if c.id not in barred and _composes(base.model, c)]
-        screened = screen(base, open_ones, book)
+        screened = self._screened(open_ones)
         best, starts = best_by_effect(screened), starting_points(screened)
         book.enter(SearchStage.COMPARISON, number)
         forget()
@@ -294,7 +301,7 @@ class _TwinRounds(Rounds[RefittedStep]):
         book.enter(SearchStage.SUSPECTS, number)
         excess = self.null.excess(base)
         forget()
-        fitted = _refit(base, [starts[name] for name in passing], book)
+        fitted = self._fitted(passing, starts)
         # Of the first round's suspects the best that was fitted is taken, if time runs out then.
         with time_limit(None) if not self.steps else nullcontext():
             step = self._best(excess, fitted, number)
@@ -306,6 +313,26 @@ class _TwinRounds(Rounds[RefittedStep]):
         unfitted = book.unfinished(SearchStage.SUSPECTS, number)
         near = tuple(sorted({*step.ambiguous, *unfitted} - {step.id}))
         return replace(step, ambiguous=near)
+
+    def _screened(self, forms: Sequence[Candidate]) -> list[Explained]:
+        """Every form against what is left, but for those of which that is known."""
+
+        def unknown(names: Sequence[str]) -> list[Explained]:
+            self.book.screened += [n for n in dict.fromkeys(f.id for f in forms) if n not in names]
+            return screen(self.base, [f for f in forms if f.id in names], self.book)
+
+        return self.known.all_screened(self.base.model, (f.id for f in forms), unknown)
+
+    def _fitted(
+        self, names: Sequence[str], starts: Mapping[str, Sequence[CatalogueEffect]]
+    ) -> list[Refit]:
+        """Each effect from its starting points, but for those of which that is known."""
+
+        def unknown(some: Sequence[str]) -> list[Refit]:
+            self.book.fitted += [name for name in names if name not in some]
+            return _refit(self.base, [starts[name] for name in some], self.book)
+
+        return self.known.all_fitted(self.base.model, names, unknown)
 
     def _best(
         self, excess: Mapping[str, float], fitted: Sequence[Refit], number: int
