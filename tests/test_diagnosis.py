@@ -363,7 +363,7 @@ def test_a_shape_that_is_held_stays(traces: Traces, healthy: tuple[Tests, Rig, M
     )
     shape = held.effect
     assert isinstance(shape, StribeckFriction)
-    assert shape.stribeck_exponent == 2.0
+    assert held.fit["stribeck-friction/stribeck_exponent"] == shape.stribeck_exponent == 2.0
     assert shape.stribeck_torque_nm != pytest.approx(0.1, rel=1e-3)
     assert 0.0 < held.gain < free.gain
 

@@ -58,8 +58,8 @@ class Effect:
     """
 
     states: ClassVar[tuple[str, ...]] = ()
-    # Whether their rates depend on the valves' opening other than through `flows`: where not, they
-    # need not be integrated again for each timing of the valves that a diagnosis tries.
+    # Whether their start or rates depend on the valves' opening other than through `flows`: where
+    # not, they need not be integrated again for each timing of the valves that a diagnosis tries.
     states_follow_valves: ClassVar[bool] = True
     # Whether `measure` begins anew after a long gap of time: many tests are then measured as one.
     forgets_in_gaps: ClassVar[bool] = False

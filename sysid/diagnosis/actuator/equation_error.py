@@ -202,7 +202,7 @@ def _measured(
 
 def forget() -> None:
     """Drop the caches kept for the traces of a diagnosis, and the memory that it has freed."""
-    for kept in (_without_sensors, *_OF_SENSORS_TRACES, _shown_of_none):
+    for kept in (_without_sensors, *_OF_SENSORS_TRACES):
         kept.forget()
     selected.cache_clear()
     extra_states.forget()
@@ -236,7 +236,7 @@ def _selected(seen: Traces, rows: Rows) -> Traces:
 
 
 # What is worked out from traces that other sensors make useless.
-_OF_SENSORS_TRACES = (_with_timing, _states, _selected)
+_OF_SENSORS_TRACES = (_with_timing, _states, _selected, _shown_of_none)
 
 
 # Most models that are tried one after the other have the same sensors; each takes 14 channels.

@@ -14,7 +14,7 @@ from sysid.types import FloatArray
 
 @dataclass
 class Known:
-    """Results on the same logs, twins and rows: what they depend on beside is their key.
+    """Results on the same logs, twins and rows, keyed by all else that they depend on.
 
     `gains` on the twins, by effect; of each residual's model the forms `screened`, and the effects
     `fitted`, by effect.

@@ -59,10 +59,14 @@ class Loop:
     noise: SensorNoise
     scatter: Scatter
     scatter_after: Scatter
-    null: Null
     search: Search
     colour: ResidualNoise
     looked: Looked
+
+    @property
+    def null(self) -> Null:
+        """What twins of the model that was found show."""
+        return self.search.null
 
 
 @dataclass(frozen=True)
@@ -123,7 +127,8 @@ def begin(
         return projected(build_frame(twin, model, colour, spread, moving), model)
 
     def twins_beside(base: Projected) -> list[Projected]:
-        """Twins of the model of a residual, and as much friction scatter as that leaves."""
+        """Twins of the model of a residual, with as much scatter of friction as that leaves; in
+        the same frame as the logs."""
         plain = replace(base.frame, scatter=0.0)
         left = min(friction_scatter(plain, projected(plain, base.model).rest), spread)
         own = Scatter(left, left)
@@ -180,8 +185,8 @@ def close_loop(
     null.take(known.gains)
     frame = start.frame(traces)
     found = search(frame, start.model, start.forms, null, progress, simulation_error, book, known)
-    null.release()
-    found.null.release()
+    for one in (null, found.null, *(rival.null for rival in found.rivals)):
+        one.release()
     forget()
     if found.steps and quick:
         book.left_out(SearchStage.CORRECTION)
@@ -203,7 +208,6 @@ def close_loop(
         start.noise,
         start.scatter,
         Scatter(left, left),
-        found.null,
         found,
         start.colour,
         book.closed(),

@@ -92,7 +92,7 @@ class Null:
         return known
 
     def take(self, gains: dict[str, FloatArray]) -> None:
-        """Have gains of these twins that are known, and add to them."""
+        """Share gains of these twins that are known, and add to them."""
         self._gains = gains
 
     def release(self) -> None:
@@ -131,7 +131,8 @@ class Null:
         return gain / max(float(np.max(self.gains(effect))), _NOISE_ALONE)
 
     def excess(self, base: Projected) -> dict[str, float]:
-        """Each channel's sum of squares beyond any twin's; negative where below."""
+        """Each channel's sum of squares beyond that of any twin (`beside`: of the residual's own
+        model); negative where below."""
         left = base.rest**2 - self.expected(base)
         return {name: float(np.sum(left[base.frame.rows(name)])) for name in CHANNELS}
 
@@ -161,7 +162,10 @@ class Null:
         return found
 
     def spread(self, base: Projected, channel: str) -> float:
-        """Spread of the twins' sums of squares in a channel: one standard deviation."""
+        """Spread of the twins' sums of squares in a channel: one standard deviation.
+
+        Of those of the given model: the few twins beside an effect say little of it.
+        """
         rows = base.frame.rows(channel)
         count = rows.stop - rows.start
         sums = self.sums[channel]

@@ -126,6 +126,7 @@ def refit(base: Projected, starts: Sequence[CatalogueEffect], held: Collection[s
         parameters = [
             replace(p, value=float(v)) for p, v in zip(parameters, fit.values, strict=True)
         ]
+    fit = replace(fit, values=equations.exact(fit.values))
     return Refit(equations.effects(fit.values), base.rest, fit.residuals, fit)
 
 
@@ -140,9 +141,7 @@ class _Equations:
     ) -> None:
         others = (*base.model.effects, *starts)
         self._base, self._starts = base, starts
-        self._held = {
-            e.id: [q.name for q in type(e).quantities if f"{e.id}/{q.name}" in held] for e in starts
-        }
+        self._held = frozenset(held)
         self._channels = tuple(
             c for c in CHANNELS if any(c in channels_of(e, others) for e in starts)
         )
@@ -164,11 +163,17 @@ class _Equations:
 
     def effects(self, values: FloatArray) -> tuple[CatalogueEffect, ...]:
         """The effects with their numbers; what is held is what it was."""
-        found = with_values(self._starts, values[: self._count])
-        return tuple(
-            replace(effect, **{n: getattr(start, n) for n in self._held[start.id]})  # type: ignore[type-var]
-            for start, effect in zip(self._starts, found, strict=True)
-        )
+        return with_values(self._starts, self.exact(values)[: self._count])
+
+    def exact(self, values: FloatArray) -> FloatArray:
+        """A fit's values with what is held exactly at its start: solvers shift it a little."""
+        starts = [getattr(e, q.name) for e in self._starts for q in type(e).quantities]
+        names = [p.name for p in self.parameters[: self._count]]
+        found = values.copy()
+        for place, (name, start) in enumerate(zip(names, starts, strict=True)):
+            if name in self._held:
+                found[place] = float(start)
+        return found
 
     def residuals(self, values: FloatArray) -> FloatArray:
         """(rows,)."""

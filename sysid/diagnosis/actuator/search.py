@@ -52,7 +52,7 @@ from sysid.errors import SimulationError
 from sysid.estimation.linear import Estimate
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import Model, overrides
-from sysid.parallel import Failure, OutOfTimeError, attempt, attempt_in_threads, time_limit
+from sysid.parallel import Failure, attempt, attempt_in_threads, time_limit
 from sysid.types import Progress
 
 # By how much an effect in them may gain more than they exceed the twins.
@@ -66,7 +66,7 @@ _MAIN_WALD = 4.0
 # Share of the remainder beyond noise that an effect must explain to be added.
 LEAST_SHARE = 0.35
 # A remainder that is small against the effects so far is a misfit of their form, unless a new
-# effect explains all of it and it is not smaller still.
+# effect explains all of it, or simulates far better, and it is not smaller still.
 _LEAST_PART = 0.05
 _WHOLE_SHARE = 0.8
 _LEAST_WHOLE = 0.004
@@ -103,7 +103,8 @@ class RefittedStep(Step):
 
     With the base parameters refitted; `tried` are suspects. `held`: its shapes, by "id/name", that
     stay as they are, since fitted ones simulate worse. `alike`: rivals that are the same signature
-    in the balances, as they were fitted.
+    in the balances, as they were fitted. A step whose effect gave way to its plain form has the
+    fit and the model from before.
     """
 
     refit: Refit
@@ -501,7 +502,8 @@ class _TwinRounds(Rounds[RefittedStep]):
         """
         share = share_of_excess(found, excess, channels)
         least = _LEAST_WHOLE if self._is_whole(found, excess, channels) else part
-        # Where the effects so far do not act, nothing can be a misfit of their form.
+        # Where the effects so far do not act, nothing can be a misfit of their form. `before` is by
+        # twins of the given model, which leave more: that little does not count as gone.
         gone = sum(max(self.before[c] - excess[c], 0.0) for c in channels)
         return share >= LEAST_SHARE and found.gain >= least * gone
 
@@ -727,9 +729,13 @@ class _TwinRounds(Rounds[RefittedStep]):
         with time_limit(None):
             extra = own_columns(self.base.frame, model)
             self.base = projected(self.base.frame, model, extra=extra)
-        if not self.book.quick:
-            with contextlib.suppress(SimulationError, OutOfTimeError):
-                self.null = self._given.beside(self.base)
+        if self.book.quick:
+            return
+        null = attempt(lambda: self._given.beside(self.base))
+        if isinstance(null, Failure):
+            self.book.miss(null, decides=False)
+            null = self._given  # its twins leave more: what is found by them is there
+        self.null = null
 
     def finished(self, rounds: tuple[Round, ...]) -> Search:
         """All effects as fitted together, from the base model on."""
@@ -753,7 +759,8 @@ def _in_plain_form(step: RefittedStep, fitted: CatalogueEffect) -> RefittedStep:
     """A step with the shapes that its effect may do without left out, and held there; the other
     numbers as `fitted`. The step itself where there are none."""
     kind = type(step.effect)
-    shapes = {q.name: q.absent for q in kind.shapes() if q.absent is not None}
+    free = [q for q in kind.shapes() if f"{step.id}/{q.name}" not in step.held]
+    shapes = {q.name: q.absent for q in free if q.absent is not None}
     shapes = {n: v for n, v in shapes.items() if getattr(fitted, n) != v}
     if not shapes:
         return step
