@@ -19,7 +19,7 @@ from sysid.diagnosis.actuator.whitening import Frame
 from sysid.model.effects.entry import with_values
 from sysid.model.ports import Model
 from sysid.model.static_reading import as_read
-from sysid.types import BoolArray, FloatArray
+from sysid.types import FloatArray
 
 # A correction beyond this share of a number means that the twins' fits went elsewhere.
 _MOST = 0.3
@@ -62,16 +62,10 @@ def _move(search: Search, frame: Frame, count: int) -> FloatArray:
     """
     residual = frame.residual(search.model)
     own = own_columns(frame, search.model)[:, -count:]
-    own[:, _held(search, count)] = 0.0
+    assert search.joint is not None
+    own[:, [name in search.held for name in search.joint.fit.names[:count]]] = 0.0
     base = reaching_columns(search.first, frame, search.model, residual)
     return linear_step(np.hstack([own, base]), residual)
-
-
-def _held(search: Search, count: int) -> BoolArray:
-    """Which of the effects' numbers (count,) stay as they are."""
-    assert search.joint is not None
-    held = frozenset().union(*(step.held for step in search.steps))
-    return np.array([name in held for name in search.joint.fit.names[:count]])
 
 
 def _trusted(moves: FloatArray, sizes: FloatArray) -> FloatArray:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sysid.diagnosis.actuator import states as extra_states
-from sysid.diagnosis.actuator.samples import Rows, Traces, opening, selected, smooth
+from sysid.diagnosis.actuator.samples import Rows, Traces, opening, selected, selection, smooth
 from sysid.diagnosis.actuator.states import integrate_states, point_of
 from sysid.io.channels import SIDES
 from sysid.model import plant
@@ -232,7 +232,7 @@ def _with_timing(seen: Traces, traces: Traces, model: Model) -> Traces:
 @kept_per_thread(2)
 def _selected(seen: Traces, rows: Rows) -> Traces:
     """`Traces.at` of traces that are gone with the next sensors."""
-    return selected.__wrapped__(seen, rows)
+    return selection(seen, rows)
 
 
 # What is worked out from traces that other sensors make useless.

@@ -123,8 +123,11 @@ def begin(
     scatter = Scatter(spread, spread)
     progress(f"friction scatters by {100 * spread:.1f} % from test to test")
 
+    def frame_of(twin: Traces) -> Frame:
+        return build_frame(twin, model, colour, spread, moving)
+
     def twin_frame(twin: Traces) -> Projected:
-        return projected(build_frame(twin, model, colour, spread, moving), model)
+        return projected(frame_of(twin), model)
 
     def twins_beside(base: Projected) -> list[Projected]:
         """Twins of the model of a residual, with as much scatter of friction as that leaves; in
@@ -133,9 +136,7 @@ def begin(
         left = min(friction_scatter(plain, projected(plain, base.model).rest), spread)
         own = Scatter(left, left)
         found = simulate_twins(traces, base.model, noise, own, CORRECTION_TWINS, seed + 4, rig)
-        frames = [
-            build_frame(twin, model, colour, spread, moving) for twin in found if twin.is_finite()
-        ]
+        frames = [frame_of(twin) for twin in found if twin.is_finite()]
         return [projected(f, base.model, own_columns(f, base.model)) for f in frames]
 
     count = _QUICK_TWINS if book.quick else TWINS

@@ -161,7 +161,12 @@ class Traces:
 # is large, and where sensors are fitted their traces are gone with the next numbers.
 @lru_cache(maxsize=4)
 def selected(traces: Traces, rows: Rows) -> Traces:
-    """`Traces.at`; `equation_error.forget` ends what is kept."""
+    """`selection`; `equation_error.forget` ends what is kept."""
+    return selection(traces, rows)
+
+
+def selection(traces: Traces, rows: Rows) -> Traces:
+    """These rows alone, of no test in particular."""
     names = [f.name for f in fields(traces) if f.name != "runs"]
     return replace(traces, runs=(), **{n: getattr(traces, n)[rows.index] for n in names})
 

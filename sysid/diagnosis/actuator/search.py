@@ -135,6 +135,11 @@ class Search:
     rivals: tuple[Search, ...] = ()
 
     @property
+    def held(self) -> frozenset[str]:
+        """The shapes that stay as they are, by "id/name"."""
+        return _held_by(self.steps)
+
+    @property
     def base_dof(self) -> int:
         """Degrees of freedom of `base_std`: rows less base parameters and effects' numbers."""
         rows, columns = self.last.basis.shape
@@ -531,37 +536,34 @@ class _TwinRounds(Rounds[RefittedStep]):
 
     def _extended(self, winner: Refit, held: frozenset[str], rise: float) -> Model | None:
         """The model with an effect too; None where it does not go with the others, or simulates
-        worse: where the logarithm of the error rises by more than `rise`."""
+        worse: where the logarithm of the error rises by more than `rise`, with the others in their
+        plainest form, too, where they have one."""
         joint = _together(self.first, self.steps, winner, held)
         if joint is None:
             return None
         if channels_of(winner.effect) == (BREAKAWAY,):
             rise = min(rise, _LEAST_FALL)
-        extended = self._all_of(joint)
-        judged = bool(self.steps) or rise < 0.0
-        if not judged or _simulates(self.simulation_error, self.base.model, extended, rise):
-            self._proposed = self.steps, joint
+        extended = self._if_it_simulates(self.steps, joint, rise)
+        if extended is not None:
             return extended
-        return self._with_plain_forms(joint, winner, held, rise)
-
-    def _with_plain_forms(
-        self, joint: Refit, winner: Refit, held: frozenset[str], rise: float
-    ) -> Model | None:
-        """The same with the effects so far in their plainest form, if any has another one.
-
-        What the balances hardly see of a shape, as of a line's volume behind a supply's resistance,
-        may lead astray in motion. It begins where all were fitted together (`joint`).
-        """
+        # What the balances hardly see of a shape, as of a line's volume behind a supply's
+        # resistance, may lead astray in motion.
         plain = [_in_plain_form(*pair) for pair in zip(self.steps, joint.effects, strict=False)]
         if all(other is step for other, step in zip(plain, self.steps, strict=True)):
             return None
-        other = _together(self.first, plain, winner, held)
-        if other is None:
+        joint = _together(self.first, plain, winner, held)
+        return None if joint is None else self._if_it_simulates(plain, joint, rise)
+
+    def _if_it_simulates(
+        self, steps: list[RefittedStep], joint: Refit, rise: float
+    ) -> Model | None:
+        """The model with these steps' effects and a further one as they were fitted together, which
+        is proposed then; None where it simulates worse. The first effect may have to as well."""
+        extended = self._all_of(joint)
+        judged = bool(steps) or rise < 0.0
+        if judged and not _simulates(self.simulation_error, self.base.model, extended, rise):
             return None
-        extended = self._all_of(other)
-        if not _simulates(self.simulation_error, self.base.model, extended, rise):
-            return None
-        self._proposed = plain, other
+        self._proposed = steps, joint
         return extended
 
     def _held_forms(self, winner: Refit) -> list[tuple[Refit, frozenset[str]]]:
