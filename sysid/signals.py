@@ -10,13 +10,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal
+from typing import Any, Literal, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sysid.errors import input_error
-from sysid.types import FloatArray
+from sysid.types import ComplexArray, FloatArray
 
 DEFAULT_CUTOFF_HZ = 50.0
 FILTER_ORDER = 2
@@ -105,21 +105,27 @@ def second_derivative(values: FloatArray, period: float) -> FloatArray:
     return np.concatenate([inner[:1], inner, inner[-1:]])
 
 
-def recursion(factors: FloatArray, inputs: FloatArray) -> FloatArray:
-    """x (n,) with x[0] = inputs[0] and x[k] = factors[k] x[k-1] + inputs[k], both (n,).
+@overload
+def recursion(factors: FloatArray, inputs: FloatArray) -> FloatArray: ...
+@overload
+def recursion(factors: ComplexArray, inputs: ComplexArray) -> ComplexArray: ...
+def recursion(factors: Any, inputs: Any) -> Any:
+    """x (n,) with x[0] = inputs[0] and x[k] = factors[k] x[k-1] + inputs[k], real or complex.
 
     Factors that differ by rounding only, as those of an even grid do, count as one: a filter.
     """
-    if len(factors) and np.ptp(factors) <= _EQUAL_FACTORS:
+    spread = max(np.ptp(factors.real), np.ptp(factors.imag)) if len(factors) else np.inf
+    if spread <= _EQUAL_FACTORS:
         from scipy.signal import lfilter
 
-        return np.asarray(lfilter([1.0], [1.0, -float(np.mean(factors))], inputs))
-    from scipy.linalg.lapack import dtbtrs
+        return np.asarray(lfilter([1.0], [1.0, -np.mean(factors)], inputs))
+    from scipy.linalg.lapack import dtbtrs, ztbtrs
 
     # A triangular system of two diagonals, which is solved one sample after the other.
-    bands = np.ones((2, len(inputs)))
+    bands = np.ones((2, len(inputs)), dtype=factors.dtype)
     bands[1, :-1] = -factors[1:]
-    return np.asarray(dtbtrs(bands, inputs[:, None], uplo="L", diag="U")[0][:, 0])
+    solve = ztbtrs if np.iscomplexobj(factors) else dtbtrs
+    return np.asarray(solve(bands, inputs[:, None], uplo="L", diag="U")[0][:, 0])
 
 
 def uniform_grid(time: FloatArray) -> FloatArray:

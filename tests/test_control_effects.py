@@ -198,6 +198,22 @@ def test_counts_are_lost_a_sample_at_a_time_as_in_a_whole_log() -> None:
         assert shown["theta_rad"][0] == pytest.approx(whole[i], abs=1e-12)
 
 
+@pytest.mark.parametrize("on_link", [0.0, 1.0])
+def test_an_encoder_behind_a_flexible_link_shows_it_a_sample_at_a_time(on_link: float) -> None:
+    effect, time = LinkFlexibility(0.3, 25.0, 0.05, on_link), PERIOD_S * np.arange(80)
+    position = np.where(time < 0.02, 0.0, 0.1 * (1.0 - np.cos(12.0 * (time - 0.02))))
+    speed = np.where(time < 0.02, 0.0, 1.2 * np.sin(12.0 * (time - 0.02)))
+    channels = {"theta_rad": position, "velocity_rad_per_s": speed}
+    whole = effect.measure(channels, time)
+    assert (np.abs(whole["theta_rad"] - position).max() > 1e-4) == bool(on_link)
+    memory = effect.start_sensing({k: v[:1] for k, v in channels.items()}, PERIOD_S)
+    for i in range(len(time)):
+        now = {k: v[i : i + 1] for k, v in channels.items()}
+        shown, memory = effect.sense(now, memory, time[i : i + 1], PERIOD_S)
+        for name, value in shown.items():
+            assert value[0] == pytest.approx(whole[name][i], abs=1e-12)
+
+
 def test_a_pressure_that_would_be_early_is_on_time_and_the_run_says_so() -> None:
     run = runs_on(plant() + TimeSkew(-2e-3), 0.05)[0]
     np.testing.assert_array_equal(run.measured_a, run.pressure_a)

@@ -34,9 +34,16 @@ from sysid.diagnosis.actuator.known import Known
 from sysid.diagnosis.actuator.loop import Loop, close_loop
 from sysid.diagnosis.actuator.moving_boundaries import moving_boundaries
 from sysid.diagnosis.actuator.null_distribution import Null
-from sysid.diagnosis.actuator.refit import Refit, refit, with_base_refitted
+from sysid.diagnosis.actuator.refit import Refit, own_columns, refit, with_base_refitted
 from sysid.diagnosis.actuator.samples import Traces, prepare, window_width, windows
-from sysid.diagnosis.actuator.screening import Explained, Projected, explained, projected
+from sysid.diagnosis.actuator.screening import (
+    Explained,
+    Projected,
+    explained,
+    projected,
+    screen,
+    starting_points,
+)
 from sysid.diagnosis.actuator.search import RefittedStep, Search, _likeliest, _TwinRounds, search
 from sysid.diagnosis.actuator.signatures import Candidate, Signatures, candidates
 from sysid.diagnosis.actuator.starting_friction import with_sliding_friction
@@ -82,6 +89,7 @@ from sysid.model.effects.chamber import (
 )
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.effects.friction import QuadraticDrag, SealFriction, StribeckFriction
+from sysid.model.effects.linkage import LinkFlexibility
 from sysid.model.effects.motor import AmplifierLag, TorqueConstantError
 from sysid.model.effects.sensor import PressureGain, PressureLag, PressureOffset, TimeSkew
 from sysid.model.effects.stroke import EndCushion
@@ -366,6 +374,30 @@ def test_a_shape_that_is_held_stays(traces: Traces, healthy: tuple[Tests, Rig, M
     assert held.fit["stribeck-friction/stribeck_exponent"] == shape.stribeck_exponent == 2.0
     assert shape.stribeck_torque_nm != pytest.approx(0.1, rel=1e-3)
     assert 0.0 < held.gain < free.gain
+
+
+def test_an_encoder_behind_the_link_is_told_from_one_on_the_shaft(
+    traces: Traces, healthy: tuple[Tests, Rig, Model]
+) -> None:
+    """In the balances, which a position that swings on its spring enters; a choice stays."""
+    _, rig, model = healthy
+    true = LinkFlexibility(0.3, 25.0, 0.05, 1.0)
+    twin = twin_of(model + true, traces, rig)
+    base = projected(build_frame(twin, model, noise_of(twin, model), 0.0), model)
+    forms = screen(base, candidates([LinkFlexibility]), Book())
+    (start,) = starting_points(forms)["link-flexibility"]
+    found = refit(base, [start])
+    link = found.effect
+    assert isinstance(start, LinkFlexibility) and isinstance(link, LinkFlexibility)
+    assert start.encoder_on_link == link.encoder_on_link == 1.0
+    # The balances show the resonance of the free shaft; share and frequency apart motion does.
+    free, expected = (
+        one.link_frequency_hz / np.sqrt(1.0 - one.flexible_share) for one in (link, true)
+    )
+    assert free == pytest.approx(expected, rel=0.02)
+    assert found.rest @ found.rest < 0.2 * (base.rest @ base.rest)
+    columns = own_columns(base.frame, model + link)
+    assert not columns[:, 3].any() and columns[:, :3].any(axis=0).all()
 
 
 def twin_of(model: Model, traces: Traces, rig: Rig) -> Traces:

@@ -17,7 +17,7 @@ from sysid.model import base
 from sysid.model.effects import catalogue, class_of, friction, linkage, motor, stroke
 from sysid.model.effects.catalogue import AMBIGUOUS_CLASSES
 from sysid.model.effects.entry import CatalogueEffect
-from sysid.model.ports import Model, Point, join, split
+from sysid.model.ports import Model, Point, join, overrides, split
 from sysid.model.simulator import Inputs, Trajectory, ValveCommand, simulate
 
 EFFECTS = [effect for module in (friction, linkage, stroke, motor) for effect in module.EFFECTS]
@@ -501,6 +501,47 @@ def test_a_flexible_link_rings_as_two_inertias_do(share: float) -> None:
     ringing = share / (1.0 - share) * np.sin(rate * TIME) / rate
     expected = 0.5 / FREE.inertia * (TIME + ringing)
     np.testing.assert_allclose(run.velocity, expected, atol=0.01)  # of ringing 0.03 to 0.12
+
+
+def test_an_encoder_behind_the_link_shows_the_sprung_inertia() -> None:
+    """Against the equation of motion, on uneven samples; and the shaft from what it shows."""
+    effect, rate = linkage.LinkFlexibility(0.3, 25.0, 0.05, 1.0), 2.0 * math.pi * 25.0
+
+    def shaft(t: Any) -> Any:
+        return np.sin(3.0 * t) + 0.01 * np.sin(60.0 * t)
+
+    def speed(t: Any) -> Any:
+        return 3.0 * np.cos(3.0 * t) + 0.6 * np.cos(60.0 * t)
+
+    def sprung(t: float, x: Any) -> list[float]:
+        bend, bending = shaft(t) - x[0], speed(t) - x[1]
+        return [x[1], rate * rate * bend + 2.0 * 0.05 * rate * bending]
+
+    even = 1e-3 * np.arange(1000)
+    time = np.sort(np.concatenate([even, np.random.default_rng(0).uniform(0.0, 0.999, 300)]))
+    exact = solve_ivp(sprung, (0.0, 1.0), [0.0, speed(0.0)], t_eval=time, rtol=1e-10, atol=1e-12).y
+    true = {"theta_rad": shaft(time), "velocity_rad_per_s": speed(time)}
+    shown = effect.measure(true, time)
+    assert np.abs(exact[0] - true["theta_rad"]).max() > 2e-3
+    np.testing.assert_allclose(shown["theta_rad"], exact[0], atol=1e-5)
+    np.testing.assert_allclose(shown["velocity_rad_per_s"], exact[1], atol=0.03)
+
+    shown = effect.measure({"theta_rad": shaft(even)}, even)
+    np.testing.assert_allclose(
+        effect.unmeasured(shown, even)["theta_rad"][5:-5], shaft(even)[5:-5], atol=1e-5
+    )
+
+
+def test_an_encoder_on_the_shaft_is_no_sensors_error() -> None:
+    on_shaft, on_link = (linkage.LinkFlexibility(0.3, encoder_on_link=e) for e in (0.0, 1.0))
+    for port in ("measure", "unmeasured", "start_sensing", "sense"):
+        assert overrides(on_link, port) and not overrides(on_shaft, port)
+    assert overrides(on_shaft, "parameters")
+    values = {"theta_rad": np.array([0.1, 0.3, 0.2])}
+    time = np.array([0.0, 0.1, 0.2])
+    no_link = linkage.LinkFlexibility(0.0, encoder_on_link=1.0)
+    for effect in (on_shaft, no_link):
+        assert effect.measure(values, time)["theta_rad"] is values["theta_rad"]
 
 
 def integrated(

@@ -149,6 +149,15 @@ class Effect:
         """
         return dict(channels)
 
+    def unmeasured(self, channels: Mapping[str, Array], time: Array) -> dict[str, Array] | None:
+        """True channels of one test, evenly sampled, from measured ones, where `measure` has an
+        inverse of its own; None: it is undone by iteration."""
+        return None
+
+    def is_idle(self, port: str) -> bool:
+        """Whether the effect in this form does nothing at a port that its class overrides."""
+        return False
+
     def recent_pulses(self, on: Array, off: Array, until: Array, side: str) -> tuple[Array, Array]:
         """`pulses` as a closed loop knows them: the last intervals (kept, lanes), newest first.
 
@@ -180,9 +189,10 @@ class Effect:
 
 
 def overrides(effect: Effect | type[Effect], *ports: str) -> bool:
-    """Whether an effect acts through any of these ports."""
+    """Whether an effect acts through any of these ports; of a class: whether one of it may."""
     kind = effect if isinstance(effect, type) else type(effect)
-    return any(getattr(kind, p) is not getattr(Effect, p) for p in ports)
+    own = [p for p in ports if getattr(kind, p) is not getattr(Effect, p)]
+    return bool(own) and (isinstance(effect, type) or not all(effect.is_idle(p) for p in own))
 
 
 @dataclass(frozen=True)

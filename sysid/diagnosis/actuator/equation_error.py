@@ -28,6 +28,7 @@ CHANNELS = (*BALANCES, BREAKAWAY)
 
 _SENSOR_ROUNDS = 2
 _SENSOR_CUTOFF_HZ = 80.0
+_INVERSE_CUTOFF_HZ = 45.0
 _TIMING_PORTS = ("pulses", "delays")
 
 FRICTION_PARAMETERS = ("coulomb_effort", "viscous")
@@ -200,6 +201,25 @@ def _measured(
     return found
 
 
+def _unmeasured(
+    traces: Traces, sensors: Sequence[Effect], channels: Mapping[str, FloatArray]
+) -> dict[str, FloatArray]:
+    """The channels (n,) before sensors that have an inverse of their own."""
+    true = dict(channels)
+    for effect in reversed(sensors):
+        for name, shown in true.items():
+            whole = shown.copy()
+            for run in traces.runs:
+                own = {name: shown[run.rows]}
+                whole[run.rows] = (effect.unmeasured(own, traces.time[run.rows]) or own)[name]
+            gap = whole - shown
+            if gap.any():
+                # Twice: what is slow passes nearly whole (twicing; Tukey, 1977).
+                near = smooth(traces.runs, gap, _INVERSE_CUTOFF_HZ)
+                true[name] = shown + near + smooth(traces.runs, gap - near, _INVERSE_CUTOFF_HZ)
+    return true
+
+
 def forget() -> None:
     """Drop the caches kept for the traces of a diagnosis, and the memory that it has freed."""
     for kept in (_without_sensors, *_OF_SENSORS_TRACES):
@@ -242,7 +262,8 @@ _OF_SENSORS_TRACES = (_with_timing, _states, _selected, _shown_of_none)
 # Most models that are tried one after the other have the same sensors; each takes 14 channels.
 @kept_per_thread(1)
 def _without_sensors(traces: Traces, sensors: tuple[Effect, ...]) -> Traces:
-    """The traces as they were before the sensors: the `measure` ports undone by iteration.
+    """The traces as they were before the sensors: the `measure` ports undone by iteration, where
+    an effect has no inverse of its own.
 
     The sensors' attenuation is undone up to a cut-off, above which this would amplify the
     noise without bound.
@@ -252,14 +273,21 @@ def _without_sensors(traces: Traces, sensors: tuple[Effect, ...]) -> Traces:
     if not sensors:
         return traces
     names = ("theta_rad", "pressure_a_pa", "pressure_b_pa")
-    shown = (traces.position, traces.pressure_a, traces.pressure_b)
+    logged = (traces.position, traces.pressure_a, traces.pressure_b)
+    invertible = [e for e in sensors if overrides(e, "unmeasured")]
+    others = tuple(e for e in sensors if e not in invertible)
+    shown = tuple(_unmeasured(traces, invertible, dict(zip(names, logged, strict=True))).values())
     true = list(shown)
-    for _ in range(_SENSOR_ROUNDS):
+    for _ in range(_SENSOR_ROUNDS if others else 0):
         before = dict(zip(names, true, strict=True))
-        after = _measured(traces, sensors, before)
+        after = _measured(traces, others, before)
         lost = [before[name] - after[name] for name in names]
         true = [
             channel + smooth(traces.runs, gap, _SENSOR_CUTOFF_HZ) if gap.any() else channel
             for channel, gap in zip(shown, lost, strict=True)
         ]
-    return traces.with_channels(*true)
+    found = traces.with_channels(*true)
+    # Where it hardly moves without the sensors' errors it goes the way that is measured: elsewhere
+    # no window is.
+    moving = np.where(found.direction == 0.0, traces.direction, found.direction)
+    return replace(found, direction=moving)

@@ -141,7 +141,9 @@ class _Equations:
     ) -> None:
         others = (*base.model.effects, *starts)
         self._base, self._starts = base, starts
-        self._held = frozenset(held)
+        self._held = frozenset(held) | {
+            f"{e.id}/{q.name}" for e in starts for q in type(e).quantities if q.is_choice
+        }
         self._channels = tuple(
             c for c in CHANNELS if any(c in channels_of(e, others) for e in starts)
         )
@@ -346,12 +348,18 @@ def standard_errors(base: Projected, extra: FloatArray) -> dict[str, float]:
 
 
 def own_columns(frame: Frame, model: Model) -> FloatArray:
-    """Change of the residual with every parameter of the model's effects, (rows, k), in order."""
+    """Change of the residual with every parameter of the model's effects, (rows, k), in order.
+
+    0 for a choice, which has no slope.
+    """
     residual = frame.residual(model)
     columns = []
     for place, effect in enumerate(model.effects):
         assert isinstance(effect, CatalogueEffect)
         for q in type(effect).quantities:
+            if q.is_choice:
+                columns.append(np.zeros_like(residual))
+                continue
             value = float(getattr(effect, q.name))
             share = THRESHOLD_STEP if q.is_threshold else 0.01
             move = share * (abs(value) or abs(q.typical) or 1.0)

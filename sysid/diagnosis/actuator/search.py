@@ -154,6 +154,7 @@ class Search:
         found = {
             q.name: fit.estimate(f"{effect.id}/{q.name}", covariance).within(q.lower, q.upper)
             for q in type(effect).quantities
+            if not q.is_choice
         }
         for q in (q for q in type(effect).strengths() if q.is_threshold):
             found[q.name] = with_steps(found[q.name], q, self.first, self.model, self.joint, place)
@@ -577,7 +578,7 @@ class _TwinRounds(Rounds[RefittedStep]):
         own = [c for c in self.candidates if c.id == winner.id]
         usual = screen_group(self.base, [c for c in own if dict(c.shape).get("side") == side])
         found = []
-        for q in type(winner.effect).shapes():
+        for q in (q for q in type(winner.effect).shapes() if not q.is_choice):
             for value in q.grid:
                 like = [f for f in usual if dict(f.candidate.shape)[q.name] == value]
                 starts = [replace(winner.effect, **{q.name: value})]  # type: ignore[type-var]
@@ -761,7 +762,7 @@ def _in_plain_form(step: RefittedStep, fitted: CatalogueEffect) -> RefittedStep:
     """A step with the shapes that its effect may do without left out, and held there; the other
     numbers as `fitted`. The step itself where there are none."""
     kind = type(step.effect)
-    free = [q for q in kind.shapes() if f"{step.id}/{q.name}" not in step.held]
+    free = [q for q in kind.shapes() if not q.is_choice and f"{step.id}/{q.name}" not in step.held]
     shapes = {q.name: q.absent for q in free if q.absent is not None}
     shapes = {n: v for n, v in shapes.items() if getattr(fitted, n) != v}
     if not shapes:

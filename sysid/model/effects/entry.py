@@ -38,6 +38,7 @@ class Quantity:
     a wave number over position (rad per unit), of which data show something only where a whole
     period lies within what they visit. `absent`: what files mean that were written before the
     quantity was there, the effect's plain form; None: files must give it.
+    `is_choice`: one of the values of its grid, which no fit moves.
     `radius_power`: the power of a pitch radius that brings it from angle and torque to path and
     force, where its unit does not say (a speed per torque, named a speed).
     """
@@ -54,6 +55,7 @@ class Quantity:
     is_wave: bool = False
     absent: float | None = None
     is_smooth: bool = False
+    is_choice: bool = False
     radius_power: float | None = None
 
     @property

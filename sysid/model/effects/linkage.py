@@ -5,9 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
+import numpy as np
+
+from sysid import signals
 from sysid.model.base import Array, Parameters, array_namespace, limit_effort
 from sysid.model.effects.entry import CatalogueEffect, Quantity
+from sysid.model.effects.sensor import VELOCITY_CHANNELS, lagged, position_channels
 from sysid.model.ports import Point
 
 # The shortest time constant that the simulator's explicit steps of 1 ms follow, s.
@@ -21,6 +26,7 @@ _LEAST_SHARE = 0.01
 _LEAST_GAP = 1e-5
 _CONTACT_RATE = 2.0 * math.pi * 60.0
 _CONTACT_DAMPING = 0.5
+_SENSOR_PORTS = ("measure", "unmeasured", "sense", "start_sensing")
 # Of the declared inertia: what a change of it leaves at least.
 _LEAST_INERTIA = 0.02
 
@@ -233,12 +239,14 @@ class LinkFlexibility(CatalogueEffect):
     """A share of the inertia is attached by a spring: a second inertia with a resonance.
 
     States: the sprung inertia's angle and speed. The share is the strength, and the shaft
-    keeps the remainder; the resonance is that of the sprung inertia with the shaft held.
+    keeps the remainder; the resonance is that of the sprung inertia with the shaft held. The
+    encoder is on the shaft, or behind the spring, where it shows the sprung inertia's angle.
     """
 
     flexible_share: Array = 0.0
     link_frequency_hz: Array = 25.0
     link_damping: Array = 0.03
+    encoder_on_link: Array = 0.0
     states = ("link_angle_rad", "link_speed_rad_per_s")
     states_follow_valves = False
 
@@ -259,6 +267,18 @@ class LinkFlexibility(CatalogueEffect):
         ),
         Quantity(
             "link_damping", "-", 0.03, 0.0, 0.5, "damping ratio", is_strength=False, grid=(0.05,)
+        ),
+        Quantity(
+            "encoder_on_link",
+            "-",
+            0.0,
+            0.0,
+            1.0,
+            "1: the encoder is behind the spring; 0: on the shaft",
+            is_strength=False,
+            grid=(0.0, 1.0),
+            absent=0.0,
+            is_choice=True,
         ),
     )
     signature = "a resonance: torque that rings after every step"
@@ -294,6 +314,84 @@ class LinkFlexibility(CatalogueEffect):
             "link_angle_rad": point.extra["link_speed_rad_per_s"],
             "link_speed_rad_per_s": self._hanging_acceleration(point),
         }
+
+    def is_idle(self, port: str) -> bool:
+        """See `Effect`: an encoder on the shaft is no sensor's error."""
+        known = isinstance(self.encoder_on_link, int | float | np.ndarray | np.generic)
+        return port in _SENSOR_PORTS and known and not np.any(self.encoder_on_link)
+
+    def measure(self, channels: Mapping[str, Array], time: Array) -> dict[str, Array]:
+        """See `Effect`: of a position that is linear between its samples; the sprung inertia
+        begins with the shaft's speed."""
+        found = dict(channels)
+        if not (float(self.encoder_on_link) and float(self.flexible_share)):
+            return found
+        step = np.diff(np.asarray(time, dtype=float))
+        for name in position_channels(channels):
+            true = np.asarray(channels[name], dtype=float)
+            if len(step) == 0:
+                continue
+            # The twist rings freely between the samples, and is struck where the speed changes.
+            struck = np.diff(np.diff(true) / step, prepend=true[1] - true[0])
+            struck[0] = 0.0
+            pole = complex(*self._pole(np))
+            forgets = np.exp(pole * step)
+            ringing = signals.recursion(forgets, -struck * forgets)
+            twist = np.concatenate([[0.0], ringing.imag / pole.imag])
+            found[name] = true + twist
+            if (speed := VELOCITY_CHANNELS[name]) in channels:
+                rate = np.concatenate([[0.0], ringing.real]) + pole.real * twist
+                found[speed] = channels[speed] + rate
+        return found
+
+    def unmeasured(self, channels: Mapping[str, Array], time: Array) -> dict[str, Array] | None:
+        """See `Effect`: the spring's twist follows from the sprung inertia's acceleration."""
+        found = dict(channels)
+        period, rate = float(time[1] - time[0]), 2.0 * math.pi * float(self.link_frequency_hz)
+        for name in position_channels(channels):
+            bend = signals.second_derivative(channels[name], period) / rate**2
+            found[name] = channels[name] + lagged(bend, time, 2.0 * self.link_damping / rate)
+        return found
+
+    def _pole(self, xp: Any) -> tuple[Array, Array]:
+        """Of the free twist with the shaft held, 1/s: real and imaginary part."""
+        rate = 2.0 * math.pi * self.link_frequency_hz
+        return -self.link_damping * rate, rate * xp.sqrt(1.0 - self.link_damping**2)
+
+    def start_sensing(self, channels: Mapping[str, Array], step: float) -> tuple[Array, ...]:
+        """See `Effect`: the last position and speed, and the twist's ringing (its rate less the
+        conjugate pole times it), real and imaginary part."""
+        rows = []
+        for name in position_channels(channels):
+            nothing = 0.0 * channels[name]
+            rows += [channels[name], nothing, nothing, nothing]
+        return tuple(rows)
+
+    def sense(
+        self, channels: Mapping[str, Array], memory: tuple[Array, ...], time: Array, step: float
+    ) -> tuple[dict[str, Array], tuple[Array, ...]]:
+        """See `Effect`: the recursion of `measure`."""
+        found, kept = dict(channels), []
+        xp = array_namespace(time, self.link_frequency_hz, self.encoder_on_link)
+        damping, rate = self._pole(xp)
+        decay = xp.exp(damping * step)
+        turn, across = decay * xp.cos(rate * step), decay * xp.sin(rate * step)
+        is_seen = (self.encoder_on_link > 0.0) & (self.flexible_share > 0.0)
+        rows = iter(memory)
+        for name in position_channels(channels):
+            last, speed, real, imag = (next(rows) for _ in range(4))
+            after = (channels[name] - last) / step
+            real = real - (after - speed)
+            real, imag = turn * real - across * imag, across * real + turn * imag
+            kept += [channels[name], after, real, imag]
+            twist = imag / rate
+            shown = {name: twist, VELOCITY_CHANNELS[name]: real + damping * twist}
+            found |= {
+                n: xp.where(is_seen, channels[n] + more, channels[n])
+                for n, more in shown.items()
+                if n in channels
+            }
+        return found, tuple(kept)
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,8 @@ from sysid.model.base import Array, Parameters, array_namespace
 from sysid.model.effects.entry import CatalogueEffect, Quantity, of_side
 from sysid.types import FloatArray
 
-POSITION_CHANNELS = ("theta_rad", "position_m")
+VELOCITY_CHANNELS = {"theta_rad": "velocity_rad_per_s", "position_m": "velocity_m_per_s"}
+"""Name of the simulated velocity that goes with a log's position channel."""
 # Keeps a quotient finite where there is no lag, s.
 _LEAST_LAG_S = 1e-9
 
@@ -66,9 +67,9 @@ def _pressures(channels: Mapping[str, Array], chosen: str) -> list[Array]:
     return [channels[name] for name in names if name in channels]
 
 
-def _positions(channels: Mapping[str, Array]) -> list[str]:
+def position_channels(channels: Mapping[str, Array]) -> list[str]:
     """The position's name, where it is there."""
-    return [name for name in POSITION_CHANNELS if name in channels]
+    return [name for name in VELOCITY_CHANNELS if name in channels]
 
 
 @dataclass(frozen=True)
@@ -239,7 +240,7 @@ class EncoderEccentricity(CatalogueEffect):
 
     def measure(self, channels: Mapping[str, Array], time: Array) -> dict[str, Array]:
         found = dict(channels)
-        for name in _positions(channels):
+        for name in position_channels(channels):
             true = found[name]
             xp = array_namespace(true, self.encoder_sine_rad)
             sine = self.encoder_sine_rad * xp.sin(true)
@@ -277,7 +278,7 @@ class LostCounts(CatalogueEffect):
 
     def measure(self, channels: Mapping[str, Array], time: Array) -> dict[str, Array]:
         found = dict(channels)
-        for name in _positions(channels):
+        for name in position_channels(channels):
             true = np.asarray(found[name], dtype=float)
             lost = self._lost(np, np.diff(true), np.diff(np.asarray(time, dtype=float)))
             found[name] = true - np.concatenate([[0.0], np.cumsum(lost)])[: len(true)]
@@ -285,14 +286,18 @@ class LostCounts(CatalogueEffect):
 
     def start_sensing(self, channels: Mapping[str, Array], step: float) -> tuple[Array, ...]:
         """See `Effect`: the last true position and what was lost so far."""
-        return tuple(row for n in _positions(channels) for row in (channels[n], 0.0 * channels[n]))
+        return tuple(
+            row for n in position_channels(channels) for row in (channels[n], 0.0 * channels[n])
+        )
 
     def sense(
         self, channels: Mapping[str, Array], memory: tuple[Array, ...], time: Array, step: float
     ) -> tuple[dict[str, Array], tuple[Array, ...]]:
         """See `Effect`."""
         found, kept = dict(channels), []
-        for name, last, lost in zip(_positions(channels), memory[::2], memory[1::2], strict=True):
+        for name, last, lost in zip(
+            position_channels(channels), memory[::2], memory[1::2], strict=True
+        ):
             true = channels[name]
             lost = lost + self._lost(array_namespace(true, self.lost_share), true - last, step)
             found[name] = true - lost
