@@ -162,7 +162,8 @@ def _overflows(*_: Any, **__: Any) -> Any:
 
 
 def _is_worse(*_: Any, **__: Any) -> Any:
-    return SimpleNamespace(worse="2 times worse")
+    fit = SimpleNamespace(before=np.array([0.02, 300.0, 300.0]))
+    return SimpleNamespace(worse="2 times worse", fits={"fit": fit})
 
 
 @pytest.mark.parametrize(
@@ -187,10 +188,8 @@ def test_a_refinement_that_does_not_hold_is_not_taken(
 
 
 def _simulated(found: Diagnosis, *after: float) -> Diagnosis:
-    """As if a refinement had left these errors of the tests to fit on; without any, none."""
-    fit = SimpleNamespace(after=np.array(after))
-    refinement: Any = SimpleNamespace(fits={"fit": fit}) if after else None
-    return replace(found, refinement=refinement)
+    """As if a refinement had seen these errors of the tests to fit on; without any, none."""
+    return replace(found, simulated=np.array(after) if after else None)
 
 
 @pytest.mark.parametrize(

@@ -90,7 +90,7 @@ from sysid.model.effects.chamber import (
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.effects.friction import QuadraticDrag, SealFriction, StribeckFriction
 from sysid.model.effects.linkage import LinkFlexibility
-from sysid.model.effects.motor import AmplifierLag, TorqueConstantError
+from sysid.model.effects.motor import AmplifierLag, TorqueConstantError, TorqueOffset
 from sysid.model.effects.sensor import PressureGain, PressureLag, PressureOffset, TimeSkew
 from sysid.model.effects.stroke import EndCushion
 from sysid.model.effects.supply import ExhaustBackPressure, SupplyDroop, SupplyPulsation
@@ -562,6 +562,39 @@ def test_a_shape_that_leads_astray_in_motion_gives_way_to_the_plain_form(
     assert rounds.joint is not None
     assert getattr(rounds.joint.effects[0], "gain_zero_pa") == 0.0  # noqa: B009
     assert getattr(rounds.joint.effects[0], "pressure_gain_error") == pytest.approx(0.01, rel=0.1)  # noqa: B009
+
+
+def test_friction_is_weighed_by_the_scatter_that_an_effect_leaves(
+    traces: Traces, healthy: tuple[Tests, Rig, Model]
+) -> None:
+    """A torque's offset looks like scatter: friction would hardly be known beside it."""
+    _, rig, model = healthy
+    twin = twin_of(model + TorqueOffset(0.03), traces, rig)
+    colour = noise_of(twin, model)
+    plain = projected(build_frame(twin, model, colour, 0.0), model)
+    spread = friction_scatter(plain.frame, plain.rest)
+    assert spread > 0.03
+    first = projected(replace(plain.frame, scatter=spread), model)
+    rounds = _TwinRounds(first, (), Null([first], [], {}), no_progress, lambda trial: 0.0, Book())
+
+    def added(*starts: CatalogueEffect) -> float:
+        joint = refit(rounds.first, starts)
+        rounds._proposed = rounds.steps, joint
+        extended = with_base_refitted(first, Model(model.parameters, joint.effects))
+        rounds.add(RefittedStep(joint.effect, 1e-9, 1.0, (), (), joint, extended))
+        assert rounds.base.frame.scatter == rounds.first.frame.scatter
+        return rounds.base.frame.scatter
+
+    # What explains nothing of it leaves it as it is.
+    assert added(ValveDelay(5e-4, 5e-4, "a")) == spread
+    rounds.steps = []
+    assert added(TorqueOffset(0.01)) < 0.1 * spread
+    assert rounds.joint is not None
+    found = rounds.joint.fit
+    assert found["torque-offset/offset_nm"] == pytest.approx(0.03, rel=0.01)
+    assert rounds.steps[-1].model.parameters.coulomb_effort == pytest.approx(
+        model.parameters.coulomb_effort, rel=0.01
+    )
 
 
 def test_a_search_without_an_effect_does_not_work_out_what_is_known(

@@ -160,6 +160,10 @@ def with_refined_numbers(
     if isinstance(found, Failure):
         return _out_of_time(diagnosis) if found.out_of_time else _as_it_was(diagnosis, found.reason)
     result, after = found
+    errors = result.fits["fit"]
+    if result.worse:
+        why = f"the training tests would be simulated {result.worse}"
+        return dataclasses.replace(_as_it_was(diagnosis, why), simulated=errors.before)
     count = len(diagnosis.effects)
     own = effects_from_bundle(result.bundle, catalogue)[-count:]
     refined = zip(diagnosis.effects, result.bundle.effects[-count:], own, strict=True)
@@ -172,6 +176,7 @@ def with_refined_numbers(
             if math.isfinite(after.get(name, math.nan))
         },
         refinement=result,
+        simulated=errors.after,
         notices=(*diagnosis.notices, *result.notices),
     )
 
@@ -179,15 +184,13 @@ def with_refined_numbers(
 def simulating_best(
     found: Diagnosis, rival: Diagnosis, progress: Progress = no_progress
 ) -> Diagnosis:
-    """Of two diagnoses that the balances do not tell apart, the one whose refined model simulates
-    the tests to fit on better, or whose refinement holds; the first where neither's does.
+    """Of two diagnoses that the balances do not tell apart, the one that simulates the tests to fit
+    on better, or of which that is known; the first where it is known of neither.
     """
     from sysid.refinement.whole_tests import times  # loads jax
 
-    own, other = found.refinement, rival.refinement
-    if other is None:
-        return found
-    if own is not None and not times(own.fits["fit"].after, other.fits["fit"].after) < 1.0:
+    own, other = found.simulated, rival.simulated
+    if other is None or (own is not None and not times(own, other) < 1.0):
         return found
     names = " and ".join(one.id for one in rival.effects)
     progress(f"{names}: the same in the balances, and motion is simulated better")
@@ -201,16 +204,15 @@ def _numbers(
     held_out_errors: Callable[[Bundle], Mapping[str, float]],
     progress: Progress,
 ) -> tuple[RefineResult, Mapping[str, float]] | Failure:
-    """The refinement and a bundle's errors with it; why it is not to be used where it is not."""
+    """The refinement and a bundle's errors with it, none where it is worse; why it failed where it
+    did."""
     from sysid.refinement.refine import refine  # loads jax
 
     try:
         result = refine(
             campaign, extended, catalogue=catalogue, progress=progress, by_differences=True
         )
-        if result.worse:
-            return Failure(f"the training tests would be simulated {result.worse}")
-        return result, held_out_errors(result.bundle)
+        return result, {} if result.worse else held_out_errors(result.bundle)
     except (InputError, NotIdentifiedError, RuntimeError) as error:
         return Failure(str(error))
 

@@ -12,6 +12,7 @@ from sysid.diagnosis.looked import Because, Looked, Missed
 from sysid.diagnosis.remainder import Remainder
 from sysid.diagnosis.search import Tried
 from sysid.refinement.result import RefineResult
+from sysid.types import FloatArray
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,7 @@ class Diagnosis:
     `because`: why the verdict is `unexplained`, None where it is not. `refinement`: of the numbers
     by simulation error, where they are from it; the errors after each effect are those before it.
     `not_refined`: why its numbers were not taken, empty where they were or none was asked for.
+    `simulated`: errors (3,) of the tests to fit on with these numbers, where a refinement looked.
     `missed`: what was not done after the search. `contradicted`: ids of effects that an earlier
     search found and motion gives no strength, without which this one was made.
     """
@@ -50,6 +52,7 @@ class Diagnosis:
     seed: int = 0
     refinement: RefineResult | None = None
     not_refined: str = ""
+    simulated: FloatArray | None = None
     notices: tuple[str, ...] = ()
     missed: tuple[Missed, ...] = ()
     contradicted: tuple[str, ...] = ()

@@ -136,7 +136,8 @@ def begin(
         left = min(friction_scatter(plain, projected(plain, base.model).rest), spread)
         own = Scatter(left, left)
         found = simulate_twins(traces, base.model, noise, own, CORRECTION_TWINS, seed + 4, rig)
-        frames = [frame_of(twin) for twin in found if twin.is_finite()]
+        of_twins = (frame_of(twin) for twin in found if twin.is_finite())
+        frames = [replace(frame, scatter=base.frame.scatter) for frame in of_twins]
         return [projected(f, base.model, own_columns(f, base.model)) for f in frames]
 
     count = _QUICK_TWINS if book.quick else TWINS

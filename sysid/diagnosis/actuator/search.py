@@ -45,7 +45,7 @@ from sysid.diagnosis.actuator.screening import (
 from sysid.diagnosis.actuator.signatures import Candidate, finer
 from sysid.diagnosis.actuator.suspects import Suspect, suspects_of, worth_refitting
 from sysid.diagnosis.actuator.threshold_steps import best_near, with_steps
-from sysid.diagnosis.actuator.whitening import Frame
+from sysid.diagnosis.actuator.whitening import Frame, friction_scatter
 from sysid.diagnosis.looked import LATE, Book, SearchStage
 from sysid.diagnosis.search import MOST_EFFECTS, Round, Rounds, Step, run
 from sysid.errors import SimulationError
@@ -91,6 +91,10 @@ _LEAST_FALL = -0.05
 _CLEARLY_LOWER = 0.2
 # Whitened squares: effects that gain the same to within this are one signature in the balances.
 _SAME_GAIN = 1.0
+# Friction is weighed anew where it scatters by more than this, and beside the effects by less than
+# this part of that.
+_MUCH_SCATTER = 0.02
+_FAR_LESS = 0.5
 # A rival of the first effect is tried in its place from this part of what that explains on, and
 # stays where less than that part of what was left is left then.
 _RIVAL_PART = 0.5
@@ -632,6 +636,31 @@ class _TwinRounds(Rounds[RefittedStep]):
         before, self.joint = self._proposed
         self.steps = [*before, step]
         self._look_beside(step.model)
+        self._narrow()
+
+    def _narrow(self) -> None:
+        """Weigh friction by the scatter that the effects leave, where it is far less than before.
+
+        What an effect does may look like scatter of friction from test to test: as if the friction
+        of each test were hardly known, which hides the next effect and leads friction astray.
+        """
+        frame, base = self.first.frame, self.base
+        if self.book.quick or frame.scatter < _MUCH_SCATTER:
+            return
+        with time_limit(None):
+            plain = replace(frame, scatter=0.0)
+            left = friction_scatter(plain, projected(plain, base.model).rest)
+            if left > _FAR_LESS * frame.scatter:
+                return
+            self.first = projected(replace(frame, scatter=left), self.first.model)
+        self.progress(f"friction scatters by {100 * left:.1f} % beside the effects")
+        self.before = self.null.excess(self.first)
+        assert self.joint is not None
+        self.joint = refit(self.first, self.joint.effects, _held_by(self.steps))
+        model = self._all_of(self.joint)
+        self.steps = [*self.steps[:-1], replace(self.steps[-1], model=model)]
+        self.base = replace(base, frame=self.first.frame)
+        self._look_beside(model)
 
     def superfluous(self) -> RefittedStep | None:
         """The step that explains least beside the others, if that is next to nothing.
