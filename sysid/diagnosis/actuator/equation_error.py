@@ -120,8 +120,9 @@ def equation_error(
     found = {name: np.zeros(len(rows[name].index) if rows else len(traces)) for name in CHANNELS}
     for name in channels:
         own = rows[name] if rows else None
+        shows = () if name in _MECHANICAL else _of_pressure(sensors, name[-1])
         # A sensor with memory needs its input without gaps.
-        gaps = None if sensors and name not in _MECHANICAL else own
+        gaps = None if any(overrides(e, "start_sensing") for e in shows) else own
         here, extra = whole, states
         if gaps is not None:
             # What does not depend on the timing is the same for all that are tried.
@@ -137,8 +138,8 @@ def equation_error(
         # Each sample holds a share of filling and one of exhaust.
         flow = plant.shared_flow(side, point.is_open(side), point, model)
         rate = plant.pressure_rate(side, flow, point, model)
-        if sensors:
-            rate = _as_shown(here, side, np.asarray(rate), sensors)
+        if shows:
+            rate = _as_shown(here, side, np.asarray(rate), shows)
         shown = getattr(traces, name)
         if own is not None:
             shown = shown[own.index]
@@ -160,6 +161,14 @@ def _breakaway_error(traces: Traces, point: Point, model: Model) -> FloatArray:
 
 
 _MECHANICAL = {EFFORT: _effort_error, BREAKAWAY: _breakaway_error}
+
+
+def _of_pressure(sensors: tuple[Effect, ...], side: str) -> tuple[Effect, ...]:
+    """Those of the sensors that change what is shown of a chamber's pressure."""
+    name, asked = f"pressure_{side}_pa", np.array([0.0, 1.0, 0.0])
+    channels = {"theta_rad": np.zeros(3), name: asked}
+    time = np.arange(3.0)
+    return tuple(e for e in sensors if e.measure(channels, time)[name] is not asked)
 
 
 def _as_shown(
@@ -289,5 +298,7 @@ def _without_sensors(traces: Traces, sensors: tuple[Effect, ...]) -> Traces:
     found = traces.with_channels(*true)
     # Where it hardly moves without the sensors' errors it goes the way that is measured: elsewhere
     # no window is.
+    if found.direction is traces.direction:
+        return found
     moving = np.where(found.direction == 0.0, traces.direction, found.direction)
     return replace(found, direction=moving)

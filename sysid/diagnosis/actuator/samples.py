@@ -17,7 +17,7 @@ import numpy as np
 
 from sysid import signals
 from sysid.errors import input_error
-from sysid.io.channels import VALVE_COMMANDS
+from sysid.io.channels import SIDES, VALVE_COMMANDS
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.io.trial_kind import is_held
@@ -149,8 +149,18 @@ class Traces:
     def with_channels(
         self, position: FloatArray, pressure_a: FloatArray, pressure_b: FloatArray
     ) -> Traces:
-        """The same tests with other smoothed positions and pressures, derivatives renewed."""
-        return replace(self, **_differentiated(self.runs, position, pressure_a, pressure_b))
+        """The same tests with other smoothed positions and pressures, their derivatives renewed.
+
+        What follows from a channel that is the same stays, and is shared.
+        """
+        changed: dict[str, Any] = {}
+        if position is not self.position:
+            changed |= _of_position(self.runs, position)
+        if pressure_a is not self.pressure_a:
+            changed |= {"pressure_a": pressure_a, "rate_a": _slope(self.runs, pressure_a)}
+        if pressure_b is not self.pressure_b:
+            changed |= {"pressure_b": pressure_b, "rate_b": _slope(self.runs, pressure_b)}
+        return replace(self, **changed)
 
     def with_opening(self, open_a: FloatArray, open_b: FloatArray) -> Traces:
         """The same tests with the valves open at other times."""
@@ -268,21 +278,15 @@ def _derived(
     pressure_b: FloatArray,
 ) -> dict[str, Any]:
     """Smoothed channels and their derivatives."""
-    return _differentiated(
-        runs,
-        smooth(runs, position, POSITION_CUTOFF_HZ),
-        smooth(runs, pressure_a, PRESSURE_CUTOFF_HZ),
-        smooth(runs, pressure_b, PRESSURE_CUTOFF_HZ),
-    )
+    found = _of_position(runs, smooth(runs, position, POSITION_CUTOFF_HZ))
+    for side, pressure in zip(SIDES, (pressure_a, pressure_b), strict=True):
+        found[f"pressure_{side}"] = own = smooth(runs, pressure, PRESSURE_CUTOFF_HZ)
+        found[f"rate_{side}"] = _slope(runs, own)
+    return found
 
 
-def _differentiated(
-    runs: tuple[TestRun, ...],
-    position: FloatArray,
-    pressure_a: FloatArray,
-    pressure_b: FloatArray,
-) -> dict[str, Any]:
-    """Channels and their derivatives, test by test."""
+def _of_position(runs: tuple[TestRun, ...], position: FloatArray) -> dict[str, Any]:
+    """A smoothed position and its derivatives, test by test."""
     velocity = smooth(runs, _slope(runs, position), VELOCITY_CUTOFF_HZ)
     curvature = np.zeros(len(position))
     for run in runs:
@@ -291,10 +295,6 @@ def _differentiated(
         "position": position,
         "velocity": velocity,
         "acceleration": curvature,
-        "pressure_a": pressure_a,
-        "pressure_b": pressure_b,
-        "rate_a": _slope(runs, pressure_a),
-        "rate_b": _slope(runs, pressure_b),
         "direction": directions(runs, velocity),
     }
 

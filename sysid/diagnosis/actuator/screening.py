@@ -24,6 +24,8 @@ from sysid.types import FloatArray
 
 # Below this remaining share of its length a signature is one the base parameters can imitate.
 _OWN_SHARE = 1e-3
+# A form with a state takes as long as so many without.
+_OF_A_STATE = 10
 
 
 @dataclass(frozen=True)
@@ -99,11 +101,19 @@ def screen(base: Projected, forms: Sequence[Candidate], book: Book) -> list[Expl
     """
     # The forms of one effect stay together: those on both sides build on those on either.
     groups = [list(group) for _, group in itertools.groupby(forms, key=lambda f: f.id)]
-    tried = attempt_in_threads(partial(screen_group, base, group) for group in groups)
+    # What takes long begins first, so that no core waits for the last of them.
+    longest = sorted(range(len(groups)), key=lambda i: -_worth(groups[i]))
+    done = attempt_in_threads(partial(screen_group, base, groups[i]) for i in longest)
+    tried = [one for _, one in sorted(zip(longest, done, strict=True), key=lambda pair: pair[0])]
     found = book.results([group[0].id for group in groups], tried)
     book.screened += [name for name, _ in found]
     check_time()
     return [result for _, group in found for result in group]
+
+
+def _worth(forms: Sequence[Candidate]) -> int:
+    """How long an effect takes to screen, in forms without a state."""
+    return len(forms) * (_OF_A_STATE if forms[0].effect.states else 1)
 
 
 def screen_group(base: Projected, forms: Sequence[Candidate]) -> list[Explained]:
