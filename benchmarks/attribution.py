@@ -2,7 +2,7 @@
 
     python benchmarks/attribution.py run [RESULTS] --first 5000 --count 200 [--jobs 2] [--known]
                                          [--kinds two]
-    python benchmarks/attribution.py table [RESULTS]
+    python benchmarks/attribution.py table [RESULTS] [--since COMMIT]
 
 `run` draws a campaign for each seed (nothing missing, one effect of the catalogue, one that
 no catalogue holds, two effects), in the size of a lab's, writes it to files, and runs
@@ -13,9 +13,10 @@ report with the commit that each was run with: a sweep takes minutes a campaign,
 With `--known` only campaigns whose effects are laws of the catalogue are diagnosed: what the
 figures of intervals and of errors over the true model's need; with `--kinds` only those of these
 kinds (only `confidently wrong` mixes kinds). `table` prints the figures with Wilson's 95 %
-intervals and the confusion of names. Seeds 1000 to 1999 are for development, 5000 on for the
-report: nothing is tuned on the latter. The program under test sees the campaign's files only;
-the model with the true parameters is simulated afterwards (`true_model.py`).
+intervals and the confusion of names; with `--since` of what was run from that program on. Seeds
+1000 to 1999 are for development, 5000 on for the report: nothing is tuned on the latter. The program
+under test sees the campaign's files only; the model with the true parameters is simulated
+afterwards (`true_model.py`).
 """
 
 from __future__ import annotations
@@ -269,9 +270,17 @@ def quartiles(values: list[float | None]) -> str:
     return f"median {middle:.2f} of {len(known)} | {spread}"
 
 
+def since(results: list[dict[str, Any]], first: str | None) -> list[dict[str, Any]]:
+    """The results from the first one of a program on; all without one."""
+    places = [i for i, r in enumerate(results) if first and r.get("commit", "") == first]
+    if first and not places:
+        sys.exit(f"no result is of {first}: see `by commit` of `table`")
+    return results[places[0] :] if places else results
+
+
 def table(options: argparse.Namespace) -> None:
     """Print the figures as Markdown."""
-    everything = read(options.results)
+    everything = since(read(options.results), options.since)
     results = [r for r in everything if "diagnosis" in r]
     by = {kind: [r for r in results if r["kind"] == kind] for kind in KINDS}
     detected = [r for r in by["one"] if is_detected(r)]
@@ -362,6 +371,7 @@ def main() -> None:
     runner.set_defaults(action=run)
     printer = commands.add_parser("table")
     printer.add_argument("results", type=Path, nargs="?", default=RESULTS)
+    printer.add_argument("--since", metavar="COMMIT")
     printer.set_defaults(action=table)
     options = parser.parse_args()
     options.action(options)
