@@ -14,8 +14,8 @@ With `--known` only campaigns whose effects are laws of the catalogue are diagno
 figures of intervals and of errors over the true model's need; with `--kinds` only those of these
 kinds (only `confidently wrong` mixes kinds). `table` prints the figures with Wilson's 95 %
 intervals and the confusion of names; with `--since` of what was run from that program on. Seeds
-1000 to 1999 are for development, 5000 on for the report: nothing is tuned on the latter. The program
-under test sees the campaign's files only; the model with the true parameters is simulated
+1000 to 1999 are for development, 5000 on for the report: nothing is tuned on the latter. The
+program under test sees the campaign's files only; the model with the true parameters is simulated
 afterwards (`true_model.py`).
 """
 

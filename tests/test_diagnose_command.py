@@ -209,6 +209,13 @@ def test_of_what_the_balances_do_not_tell_apart_the_better_simulating_is_taken(
     assert (simulating_best(found, other) is other) is is_rival
 
 
+def test_a_rival_whose_refinement_was_refused_takes_no_place_untested(ran: Ran) -> None:
+    found, rival = (_simulated(ran.diagnosed.diagnosis, *one) for one in ((), (0.02, 300.0, 300.0)))
+    refused = replace(rival, refinement=None)
+    assert simulating_best(found, refused) is found
+    assert simulating_best(_simulated(found, 0.03, 300.0, 300.0), refused) is refused
+
+
 def test_a_rival_diagnosis_has_its_own_effects_and_errors(ran: Ran) -> None:
     given = ran.diagnosed.diagnosis
     evidence: Any = given.evidence

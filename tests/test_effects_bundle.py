@@ -33,7 +33,7 @@ from sysid.io.rig import Rig, rig_from_content
 from sysid.model.effects.catalogue import catalogue
 from sysid.model.effects.chamber import NEVER_SETTLES_S, TemperatureDrift
 from sysid.model.effects.entry import CatalogueEffect, Quantity
-from sysid.model.effects.linkage import Backlash
+from sysid.model.effects.linkage import Backlash, LinkFlexibility
 from sysid.model.effects.supply import ExhaustBackPressure
 from sysid.model.effects.valve import DutyDeadZone
 from sysid.model.ports import Model
@@ -254,6 +254,14 @@ def test_a_bad_effect_is_one_clear_line(
     with pytest.raises(InputError, match=message) as caught:
         model_from_bundle(bundle, rig, CATALOGUE)
     assert str(caught.value).startswith("b.json, effect ") and "\n" not in str(caught.value)
+
+
+def test_a_choice_is_one_of_its_values() -> None:
+    link = LinkFlexibility(0.3, encoder_on_link=1.0)
+    assert effect_from_entry(entry_of(link), "b.json", catalogue()) == link
+    between = entry_of(dataclasses.replace(link, encoder_on_link=0.5))
+    with pytest.raises(InputError, match=r"encoder_on_link: 0\.5 is none of 0, 1"):
+        effect_from_entry(between, "b.json", catalogue())
 
 
 def test_a_side_in_a_number_s_place_is_refused(bundle: Bundle, rig: Rig) -> None:

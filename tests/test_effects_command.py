@@ -194,6 +194,7 @@ def test_annotations_as_text_and_helpers_are_no_obstacle(example: Path) -> None:
         ("float = 0.0 ", "float = 0.0; more: float = 1.0 ", "no quantity names more"),
         ('"per angle"),)', '"per angle"))', "quantities is not a tuple of Quantity"),
         ('"per angle")', '"per angle", is_strength=False)', "has no strength"),
+        ('"per angle")', '"per angle", is_choice=True)', "drag_nm_per_rad is a choice without"),
         ("(CatalogueEffect):", ":", "defines no effect"),
         ("def friction_effort", "def friction_efort", "did you mean friction_effort?"),
         ("def friction_effort", "def own_law", "acts through no port"),

@@ -540,6 +540,7 @@ def test_an_encoder_on_the_shaft_is_no_sensors_error() -> None:
     values = {"theta_rad": np.array([0.1, 0.3, 0.2])}
     time = np.array([0.0, 0.1, 0.2])
     no_link = linkage.LinkFlexibility(0.0, encoder_on_link=1.0)
+    assert not overrides(no_link, "measure", "unmeasured")
     for effect in (on_shaft, no_link):
         assert effect.measure(values, time)["theta_rad"] is values["theta_rad"]
 

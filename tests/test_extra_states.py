@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import weakref
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -22,11 +23,13 @@ from sysid.diagnosis.actuator.samples import Rows, Traces, prepare
 from sysid.diagnosis.actuator.states import integrate_states, measured_flow, point_of
 from sysid.io.channels import SIDES
 from sysid.model import plant
+from sysid.model.base import Array
 from sysid.model.effects import catalogue
 from sysid.model.effects.chamber import TemperatureDrift, TubeLag, WallHeatTransfer
-from sysid.model.effects.sensor import PressureOffset
+from sysid.model.effects.entry import CatalogueEffect
+from sysid.model.effects.sensor import PressureLag, PressureOffset
 from sysid.model.effects.valve import CoilHeating
-from sysid.model.ports import Model
+from sysid.model.ports import Effect, Model
 from sysid.types import FloatArray
 
 KINDS = [kind for kind in catalogue().values() if kind.states]
@@ -129,6 +132,36 @@ def test_what_an_effect_adds_to_a_pressures_rate_is_no_flow(
     rate = np.asarray(plant.pressure_rate(side, flow, point, model))
     seen = replace(traces, **{f"rate_{side}": rate})
     np.testing.assert_allclose(measured_flow(side, seen, point, model), flow, atol=1e-12)
+
+
+class _OwnSensor(CatalogueEffect):
+    """A user's: says nothing of how it measures."""
+
+    id, quantities = "own-sensor", ()
+
+    def measure(self, channels: Mapping[str, Array], time: Array) -> dict[str, Array]:
+        name = "pressure_a_pa"
+        return {**channels, name: channels[name] * 1.01} if name in channels else dict(channels)
+
+
+@pytest.mark.parametrize(
+    "sensors",
+    [
+        (PressureOffset(500.0),),
+        (PressureLag(2e-3),),
+        (_OwnSensor(),),
+        (PressureOffset(500.0), _OwnSensor()),
+    ],
+)
+def test_what_sensors_show_at_some_rows_is_what_they_show_of_all(
+    sensors: tuple[Effect, ...], short: tuple[Traces, Model]
+) -> None:
+    traces, model = short
+    model = Model(model.parameters, sensors)
+    rows = dict.fromkeys(CHANNELS, Rows(np.arange(50, len(traces), 7)))
+    whole, some = equation_error(traces, model), equation_error(traces, model, rows=rows)
+    for name in CHANNELS:
+        np.testing.assert_allclose(some[name], whole[name][rows[name].index], rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.id)

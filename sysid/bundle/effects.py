@@ -126,6 +126,9 @@ def _value(estimate: Estimate | Side | float, quantity: Quantity, where: str) ->
     if not quantity.lower <= estimate.value <= quantity.upper:
         bounds = f"{quantity.lower:g} to {quantity.upper:g} {quantity.unit}"
         raise input_error(where, f"{estimate.value:g} is out of its bounds, {bounds}", _MEND)
+    if quantity.is_choice and estimate.value not in quantity.grid:
+        choices = ", ".join(f"{value:g}" for value in quantity.grid)
+        raise input_error(where, f"{estimate.value:g} is none of {choices}", _MEND)
     return estimate.value
 
 

@@ -266,6 +266,12 @@ def _check_terms(made: OwnComponent, where: str) -> None:
             raise input_error(
                 place, "has no strength", "make one quantity 0 where the term vanishes"
             )
+        if chosen := [q.name for q in quantities if q.is_choice]:
+            raise input_error(
+                f"{place}, quantity {chosen[0]}",
+                "is a choice",
+                "make each choice a term of its own",
+            )
         _reject_twice([*names, *(q.name for q in quantities)], place)
         for q in quantities:
             if not q.name.isidentifier() or iskeyword(q.name) or q.name in _TAKEN:

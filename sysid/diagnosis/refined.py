@@ -185,12 +185,14 @@ def simulating_best(
     found: Diagnosis, rival: Diagnosis, progress: Progress = no_progress
 ) -> Diagnosis:
     """Of two diagnoses that the balances do not tell apart, the one that simulates the tests to fit
-    on better, or of which that is known; the first where it is known of neither.
+    on better; where that is not known of the first, the other if its refinement holds.
     """
     from sysid.refinement.whole_tests import times  # loads jax
 
     own, other = found.simulated, rival.simulated
-    if other is None or (own is not None and not times(own, other) < 1.0):
+    if other is None:
+        return found
+    if rival.refinement is None if own is None else not times(own, other) < 1.0:
         return found
     names = " and ".join(one.id for one in rival.effects)
     progress(f"{names}: the same in the balances, and motion is simulated better")

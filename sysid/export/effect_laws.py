@@ -40,6 +40,8 @@ _NO_EFFECT = "its entry is not that of a known effect"
 _PORTS = tuple(name for name in vars(Effect) if callable(getattr(Effect, name)))
 # What belongs to states alone.
 _OF_STATES = {"initial_states", "state_rates", "settled"}
+# What says how other ports act.
+_OF_PORTS = {"unmeasured", "is_idle"}
 
 
 class _NotContainedError(Exception):
@@ -132,7 +134,9 @@ class _Maker:
             raise _NotContainedError(_NO_EFFECT)
         if effect.states:
             raise _NotContainedError(f"has a state: {', '.join(effect.states)}")
-        beyond = [p for p in _PORTS if p not in ACTED_ON | _OF_STATES and overrides(effect, p)]
+        beyond = [
+            p for p in _PORTS if p not in ACTED_ON | _OF_STATES | _OF_PORTS and overrides(effect, p)
+        ]
         if beyond:
             raise _NotContainedError(f"acts on the {', '.join(beyond)} of a whole test")
         if not overrides(effect, *ACTED_ON):

@@ -63,6 +63,8 @@ class Effect:
     states_follow_valves: ClassVar[bool] = True
     # Whether `measure` begins anew after a long gap of time: many tests are then measured as one.
     forgets_in_gaps: ClassVar[bool] = False
+    # Whether `measure` shows each row by itself, whatever the time: it is asked for some rows then.
+    measures_each_row: ClassVar[bool] = False
 
     def parameters(self, parameters: Parameters, time: Array) -> Parameters:
         """The base model's own numbers at `time` (s since the first row)."""
@@ -149,13 +151,18 @@ class Effect:
         """
         return dict(channels)
 
-    def unmeasured(self, channels: Mapping[str, Array], time: Array) -> dict[str, Array] | None:
-        """True channels of one test, evenly sampled, from measured ones, where `measure` has an
-        inverse of its own; None: it is undone by iteration."""
-        return None
+    def unmeasured(self, channels: Mapping[str, Array], time: Array) -> dict[str, Array]:
+        """True channels of one test, evenly sampled, from measured ones: the inverse of `measure`.
+
+        To be overridden where undoing it by iteration does not converge; before other sensors.
+        """
+        return dict(channels)
 
     def is_idle(self, port: str) -> bool:
-        """Whether the effect in this form does nothing at a port that its class overrides."""
+        """Whether the effect in this form does nothing at a port that its class overrides.
+
+        Its numbers may be traced by jax: then it is not idle.
+        """
         return False
 
     def recent_pulses(self, on: Array, off: Array, until: Array, side: str) -> tuple[Array, Array]:

@@ -21,7 +21,7 @@ _STATE = ("position", "velocity", "pressure_a", "pressure_b")
 # Each iteration multiplies the error by the slope of the sensor's error, about 1e-2 or less.
 _ROUNDS = 2
 _ROW_S = 1e-3
-# What sensors remember: of a lag of 20 ms nothing is left, of a link's ringing at 25 Hz a tenth.
+# What sensors have seen of a run-up, which is shorter: of a link at 25 Hz a fifth still rings then.
 _HISTORY_S = 0.5
 
 

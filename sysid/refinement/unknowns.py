@@ -254,7 +254,7 @@ def _effects(bundle: Bundle, model: Model) -> list[Unknown]:
     for number, (entry, effect) in enumerate(zip(bundle.effects, model.effects, strict=True)):
         if not isinstance(effect, CatalogueEffect):
             continue
-        for q in (q for q in effect.quantities if not q.is_choice):
+        for q in effect.fitted():
             value = float(getattr(effect, q.name))
             estimate = entry.parameters.get(q.label)
             std = estimate.std if isinstance(estimate, Estimate) else math.nan

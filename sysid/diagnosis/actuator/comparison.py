@@ -42,7 +42,7 @@ def explained_channels(found: Refit, frame: Frame) -> tuple[str, ...]:
 
 def penalty(found: Refit, numbers: int | None = None) -> float:
     """BIC's penalty for so many numbers, by default the effects' own, in whitened squares."""
-    own = sum(len(type(effect).quantities) for effect in found.effects)
+    own = sum(len(type(effect).fitted()) for effect in found.effects)
     return noise_scale(found) * (own if numbers is None else numbers) * math.log(len(found.rest))
 
 

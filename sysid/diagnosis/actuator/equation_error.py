@@ -121,8 +121,8 @@ def equation_error(
     for name in channels:
         own = rows[name] if rows else None
         shows = () if name in _MECHANICAL else _of_pressure(sensors, name[-1])
-        # A sensor with memory needs its input without gaps.
-        gaps = None if any(overrides(e, "start_sensing") for e in shows) else own
+        # A sensor that remembers needs its input without gaps.
+        gaps = own if all(e.measures_each_row for e in shows) else None
         here, extra = whole, states
         if gaps is not None:
             # What does not depend on the timing is the same for all that are tried.
@@ -185,7 +185,7 @@ def _as_shown(
     return np.asarray(moved[name] - _shown_of_none(traces, sensors, name))
 
 
-@kept_per_thread(2)
+@kept_per_thread(4)
 def _shown_of_none(traces: Traces, sensors: tuple[Effect, ...], name: str) -> FloatArray:
     """What the sensors show of a channel (n,) that is 0."""
     none = {"theta_rad": traces.position, name: np.zeros(len(traces))}
@@ -216,12 +216,13 @@ def _unmeasured(
     """The channels (n,) before sensors that have an inverse of their own."""
     true = dict(channels)
     for effect in reversed(sensors):
+        whole = {name: np.empty(len(traces)) for name in true}
+        for run in traces.runs:
+            own = {name: shown[run.rows] for name, shown in true.items()}
+            for name, values in effect.unmeasured(own, traces.time[run.rows]).items():
+                whole[name][run.rows] = values
         for name, shown in true.items():
-            whole = shown.copy()
-            for run in traces.runs:
-                own = {name: shown[run.rows]}
-                whole[run.rows] = (effect.unmeasured(own, traces.time[run.rows]) or own)[name]
-            gap = whole - shown
+            gap = whole[name] - shown
             if gap.any():
                 # Twice: what is slow passes nearly whole (twicing; Tukey, 1977).
                 near = smooth(traces.runs, gap, _INVERSE_CUTOFF_HZ)
@@ -258,7 +259,7 @@ def _with_timing(seen: Traces, traces: Traces, model: Model) -> Traces:
     return seen.with_opening(*(opening(traces.runs, model, side) for side in SIDES))
 
 
-@kept_per_thread(2)
+@kept_per_thread(4)
 def _selected(seen: Traces, rows: Rows) -> Traces:
     """`Traces.at` of traces that are gone with the next sensors."""
     return selection(seen, rows)

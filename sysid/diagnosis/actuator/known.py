@@ -6,32 +6,34 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
 from sysid.diagnosis.actuator.refit import Refit
-from sysid.diagnosis.actuator.screening import Explained
+from sysid.diagnosis.actuator.screening import Explained, Projected
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import Model
 from sysid.types import FloatArray
+
+_Residual = tuple[Model, float]
 
 
 @dataclass
 class Known:
     """Results on the same logs, twins and rows, keyed by all else that they depend on.
 
-    `gains` on the twins, by effect; of each residual's model the forms `screened`, and the effects
-    `fitted`, by effect.
+    `gains` on the twins, by effect; of each residual (its model, and the scatter by which its
+    friction is weighed) the forms `screened`, and the effects `fitted`, by effect.
     """
 
     gains: dict[str, FloatArray] = field(default_factory=dict)
-    screened: dict[Model, dict[str, list[Explained]]] = field(default_factory=dict)
-    fitted: dict[Model, dict[str, Refit]] = field(default_factory=dict)
+    screened: dict[_Residual, dict[str, list[Explained]]] = field(default_factory=dict)
+    fitted: dict[_Residual, dict[str, Refit]] = field(default_factory=dict)
 
     def all_screened(
         self,
-        model: Model,
+        base: Projected,
         names: Iterable[str],
         screen: Callable[[Sequence[str]], Iterable[Explained]],
     ) -> list[Explained]:
-        """The forms of these effects beside a model; `screen` is asked for those not known."""
-        known = self.screened.setdefault(model, {})
+        """The forms of these effects on a residual; `screen` is asked for those not known."""
+        known = self.screened.setdefault((base.model, base.frame.scatter), {})
         wanted = list(dict.fromkeys(names))
         for one in screen([name for name in wanted if name not in known]):
             known.setdefault(one.candidate.id, []).append(one)
@@ -39,12 +41,12 @@ class Known:
 
     def all_fitted(
         self,
-        model: Model,
+        base: Projected,
         names: Sequence[str],
         fit: Callable[[Sequence[str]], Iterable[Refit]],
     ) -> list[Refit]:
-        """These effects fitted beside a model; `fit` is asked for those not known."""
-        known = self.fitted.setdefault(model, {})
+        """These effects fitted to a residual; `fit` is asked for those not known."""
+        known = self.fitted.setdefault((base.model, base.frame.scatter), {})
         known.update((one.id, one) for one in fit([name for name in names if name not in known]))
         return [known[name] for name in names if name in known]
 

@@ -252,7 +252,9 @@ def _corrected(
         twins = simulate_twins(
             start.traces, found.model, start.noise, Scatter(), CORRECTION_TWINS, seed, rig
         )
-        other = corrected(found, [start.frame(twin) for twin in twins if twin.is_finite()])
+        scatter = found.first.frame.scatter
+        frames = [start.frame(twin) for twin in twins if twin.is_finite()]
+        other = corrected(found, [replace(frame, scatter=scatter) for frame in frames])
         return min(found, other, key=lambda s: simulation_error(s.model))
     except SimulationError:
         return found

@@ -152,7 +152,7 @@ class _Equations:
         own = _own_parameters(starts, base.frame.traces.travel)
         self._count = len(own)
         self.parameters = [
-            *(_held(p) if p.name in held else p for p in own),
+            *(_held(p) if p.name in self._held else p for p in own),
             *(_relative(n) for n in self._names),
         ]
         self._shares = [share for e in starts for share in _steps(type(e).quantities)]

@@ -109,7 +109,12 @@ class Traces:
 
     @cached_property
     def time_with_gaps(self) -> FloatArray:
-        """Time (n,) s that goes on from test to test, with a long gap between them."""
+        """Time (n,) s that goes on from test to test, with a long gap between them.
+
+        Of rows of no test in particular: as it is.
+        """
+        if not self.runs:
+            return self.time
         found, start = np.empty(len(self)), 0.0
         for run in self.runs:
             own = self.time[run.rows]

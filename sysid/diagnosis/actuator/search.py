@@ -250,7 +250,7 @@ class _TwinRounds(Rounds[RefittedStep]):
         book: Book,
         known: Known | None = None,
     ) -> None:
-        self.first = self.base = first
+        self.first = self.base = self._begun = first
         self.known = known or Known()
         # What twins of the given model show, and those of the model with the steps' effects.
         self._given, self.null = null, null
@@ -274,7 +274,7 @@ class _TwinRounds(Rounds[RefittedStep]):
     def with_rival_first(self, book: Book) -> _TwinRounds | None:
         """Rounds that begin with the best rival of the first effect; None: none is to be added."""
         other = _TwinRounds(
-            self.first, self.candidates, self._given, self.progress, self.simulation_error, book,
+            self._begun, self.candidates, self._given, self.progress, self.simulation_error, book,
             self.known,
         )  # fmt: skip
         other.tried = self.steps[0].tried
@@ -332,7 +332,7 @@ class _TwinRounds(Rounds[RefittedStep]):
             self.book.screened += [n for n in dict.fromkeys(f.id for f in forms) if n not in names]
             return screen(self.base, [f for f in forms if f.id in names], self.book)
 
-        return self.known.all_screened(self.base.model, (f.id for f in forms), unknown)
+        return self.known.all_screened(self.base, (f.id for f in forms), unknown)
 
     def _fitted(
         self, names: Sequence[str], starts: Mapping[str, Sequence[CatalogueEffect]]
@@ -343,7 +343,7 @@ class _TwinRounds(Rounds[RefittedStep]):
             self.book.fitted += [name for name in names if name not in some]
             return _refit(self.base, [starts[name] for name in some], self.book)
 
-        return self.known.all_fitted(self.base.model, names, unknown)
+        return self.known.all_fitted(self.base, names, unknown)
 
     def _best(
         self, excess: Mapping[str, float], fitted: Sequence[Refit], number: int
@@ -652,14 +652,15 @@ class _TwinRounds(Rounds[RefittedStep]):
             left = friction_scatter(plain, projected(plain, base.model).rest)
             if left > _FAR_LESS * frame.scatter:
                 return
+            self.progress(f"friction scatters by {100 * left:.1f} % beside the effects")
             self.first = projected(replace(frame, scatter=left), self.first.model)
-        self.progress(f"friction scatters by {100 * left:.1f} % beside the effects")
-        self.before = self.null.excess(self.first)
-        assert self.joint is not None
-        self.joint = refit(self.first, self.joint.effects, _held_by(self.steps))
-        model = self._all_of(self.joint)
-        self.steps = [*self.steps[:-1], replace(self.steps[-1], model=model)]
-        self.base = replace(base, frame=self.first.frame)
+            self.before = self._given.excess(self.first)
+            assert self.joint is not None
+            self.joint = refit(self.first, self.joint.effects, _held_by(self.steps))
+            model, fitted = self._all_of(self.joint), self.joint.effects
+            steps = [replace(s, effect=e) for s, e in zip(self.steps, fitted, strict=True)]
+            self.steps = [*steps[:-1], replace(steps[-1], model=model)]
+            self.base = replace(base, frame=self.first.frame)
         self._look_beside(model)
 
     def superfluous(self) -> RefittedStep | None:
@@ -680,7 +681,7 @@ class _TwinRounds(Rounds[RefittedStep]):
         if least is None:
             return None
         lost = joint.gain - without[least.id].gain
-        numbers = len(type(least.effect).quantities)
+        numbers = len(type(least.effect).fitted())
         least_lost = max(_LEAST_PART * without[least.id].gain, penalty(joint, numbers))
         return least if lost < least_lost else None
 

@@ -129,6 +129,9 @@ def _check_entry(where: str, effect: type[CatalogueEffect]) -> None:
             raise input_error(
                 where, f"has no field {quantity.name}", "every quantity names a field"
             )
+        if quantity.is_choice and (quantity.is_strength or len(quantity.grid) < 2):
+            mend = "give it is_strength=False and a grid of its values"
+            raise input_error(where, f"{quantity.name} is a choice without values", mend)
         default = fields[quantity.name].default
         if quantity.is_strength and default != 0.0:
             what = (

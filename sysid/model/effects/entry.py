@@ -114,6 +114,11 @@ class CatalogueEffect(Effect):
         return tuple(q for q in cls.quantities if not q.is_strength)
 
     @classmethod
+    def fitted(cls) -> tuple[Quantity, ...]:
+        """The quantities that a fit moves: all but choices."""
+        return tuple(q for q in cls.quantities if not q.is_choice)
+
+    @classmethod
     def within(cls, travel: float) -> tuple[Quantity, ...] | None:
         """The quantities on logs that visit so much of the position (rad or m; infinite: unknown).
 

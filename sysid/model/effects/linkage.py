@@ -240,7 +240,8 @@ class LinkFlexibility(CatalogueEffect):
 
     States: the sprung inertia's angle and speed. The share is the strength, and the shaft
     keeps the remainder; the resonance is that of the sprung inertia with the shaft held. The
-    encoder is on the shaft, or behind the spring, where it shows the sprung inertia's angle.
+    encoder is on the shaft, or behind the spring, where it shows the sprung inertia's angle: the
+    twist that it sees depends on the resonance, and not on the share.
     """
 
     flexible_share: Array = 0.0
@@ -316,9 +317,10 @@ class LinkFlexibility(CatalogueEffect):
         }
 
     def is_idle(self, port: str) -> bool:
-        """See `Effect`: an encoder on the shaft is no sensor's error."""
-        known = isinstance(self.encoder_on_link, int | float | np.ndarray | np.generic)
-        return port in _SENSOR_PORTS and known and not np.any(self.encoder_on_link)
+        """See `Effect`: an encoder on the shaft is no sensor's error, nor is one without a link."""
+        numbers = self.encoder_on_link, self.flexible_share
+        known = all(isinstance(n, int | float | np.ndarray | np.generic) for n in numbers)
+        return port in _SENSOR_PORTS and known and not all(np.any(n) for n in numbers)
 
     def measure(self, channels: Mapping[str, Array], time: Array) -> dict[str, Array]:
         """See `Effect`: of a position that is linear between its samples; the sprung inertia
@@ -344,7 +346,7 @@ class LinkFlexibility(CatalogueEffect):
                 found[speed] = channels[speed] + rate
         return found
 
-    def unmeasured(self, channels: Mapping[str, Array], time: Array) -> dict[str, Array] | None:
+    def unmeasured(self, channels: Mapping[str, Array], time: Array) -> dict[str, Array]:
         """See `Effect`: the spring's twist follows from the sprung inertia's acceleration."""
         found = dict(channels)
         period, rate = float(time[1] - time[0]), 2.0 * math.pi * float(self.link_frequency_hz)

@@ -81,6 +81,7 @@ class PressureOffset(CatalogueEffect):
 
     id = "pressure-offset"
     forgets_in_gaps = True
+    measures_each_row = True
     title = "Offset of a pressure sensor"
     subsystem = "sensor"
     quantities = (
@@ -105,6 +106,7 @@ class PressureGain(CatalogueEffect):
 
     id = "pressure-gain"
     forgets_in_gaps = True
+    measures_each_row = True
     title = "Gain of a pressure sensor"
     subsystem = "sensor"
     quantities = (
