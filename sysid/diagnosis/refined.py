@@ -192,7 +192,8 @@ def simulating_best(
     own, other = found.simulated, rival.simulated
     if other is None:
         return found
-    if rival.refinement is None if own is None else not times(own, other) < 1.0:
+    is_better = rival.refinement is not None if own is None else times(own, other) < 1.0
+    if not is_better:
         return found
     names = " and ".join(one.id for one in rival.effects)
     progress(f"{names}: the same in the balances, and motion is simulated better")

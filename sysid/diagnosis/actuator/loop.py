@@ -14,7 +14,7 @@ from sysid.diagnosis.actuator.moving_boundaries import moving_boundaries
 from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.refit import own_columns
 from sysid.diagnosis.actuator.samples import Traces, prepare
-from sysid.diagnosis.actuator.screening import Projected, projected
+from sysid.diagnosis.actuator.screening import Projected, projected, scatter_beside
 from sysid.diagnosis.actuator.search import Search, search
 from sysid.diagnosis.actuator.signatures import Candidate, candidates, one_form_each
 from sysid.diagnosis.actuator.starting_friction import with_sliding_friction
@@ -132,8 +132,7 @@ def begin(
     def twins_beside(base: Projected) -> list[Projected]:
         """Twins of the model of a residual, with as much scatter of friction as that leaves; in
         the same frame as the logs."""
-        plain = replace(base.frame, scatter=0.0)
-        left = min(friction_scatter(plain, projected(plain, base.model).rest), spread)
+        left = min(scatter_beside(base.frame, base.model), spread)
         own = Scatter(left, left)
         found = simulate_twins(traces, base.model, noise, own, CORRECTION_TWINS, seed + 4, rig)
         of_twins = (frame_of(twin) for twin in found if twin.is_finite())
@@ -203,8 +202,7 @@ def close_loop(
             found = better
     with time_limit(None):
         after = build_frame(traces, found.model, start.colour, 0.0, start.moving)
-        left = friction_scatter(after, projected(after, found.model).rest)
-        left = min(left, start.scatter.sliding)
+        left = min(scatter_beside(after, found.model), start.scatter.sliding)
     return Loop(
         traces,
         start.noise,

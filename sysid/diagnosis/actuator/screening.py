@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -15,7 +15,7 @@ from sysid.diagnosis.actuator.signatures import (
     base_jacobian,
     base_parameters,
 )
-from sysid.diagnosis.actuator.whitening import Frame
+from sysid.diagnosis.actuator.whitening import Frame, friction_scatter
 from sysid.diagnosis.looked import Book
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import Model
@@ -68,6 +68,12 @@ def projected(frame: Frame, model: Model, extra: FloatArray | None = None) -> Pr
     return Projected(frame, model, residual, basis, rest, own, reach)
 
 
+def scatter_beside(frame: Frame, model: Model) -> float:
+    """Relative spread of friction from test to test that a model leaves, one standard deviation."""
+    plain = replace(frame, scatter=0.0)
+    return friction_scatter(plain, projected(plain, model).rest)
+
+
 def _orthonormal(columns: FloatArray) -> FloatArray:
     """An orthonormal basis of the columns' span, (rows, rank)."""
     size = np.linalg.norm(columns, axis=0)
@@ -102,7 +108,7 @@ def screen(base: Projected, forms: Sequence[Candidate], book: Book) -> list[Expl
     # The forms of one effect stay together: those on both sides build on those on either.
     groups = [list(group) for _, group in itertools.groupby(forms, key=lambda f: f.id)]
     # What takes long begins first, so that no core waits for the last of them.
-    longest = sorted(range(len(groups)), key=lambda i: -_worth(groups[i]))
+    longest = sorted(range(len(groups)), key=lambda i: -_cost(groups[i]))
     done = attempt_in_threads(partial(screen_group, base, groups[i]) for i in longest)
     tried = [one for _, one in sorted(zip(longest, done, strict=True), key=lambda pair: pair[0])]
     found = book.results([group[0].id for group in groups], tried)
@@ -111,7 +117,7 @@ def screen(base: Projected, forms: Sequence[Candidate], book: Book) -> list[Expl
     return [result for _, group in found for result in group]
 
 
-def _worth(forms: Sequence[Candidate]) -> int:
+def _cost(forms: Sequence[Candidate]) -> int:
     """How long an effect takes to screen, in forms without a state."""
     return len(forms) * (_OF_A_STATE if forms[0].effect.states else 1)
 
@@ -184,4 +190,12 @@ def _side(effect: CatalogueEffect) -> str:
     return str(getattr(effect, "side", "both"))
 
 
-__all__ = ["Explained", "Projected", "best_by_effect", "projected", "screen", "starting_points"]
+__all__ = [
+    "Explained",
+    "Projected",
+    "best_by_effect",
+    "projected",
+    "scatter_beside",
+    "screen",
+    "starting_points",
+]

@@ -38,6 +38,7 @@ from sysid.diagnosis.actuator.screening import (
     Projected,
     best_by_effect,
     projected,
+    scatter_beside,
     screen,
     screen_group,
     starting_points,
@@ -45,7 +46,7 @@ from sysid.diagnosis.actuator.screening import (
 from sysid.diagnosis.actuator.signatures import Candidate, finer
 from sysid.diagnosis.actuator.suspects import Suspect, suspects_of, worth_refitting
 from sysid.diagnosis.actuator.threshold_steps import best_near, with_steps
-from sysid.diagnosis.actuator.whitening import Frame, friction_scatter
+from sysid.diagnosis.actuator.whitening import Frame
 from sysid.diagnosis.looked import LATE, Book, SearchStage
 from sysid.diagnosis.search import MOST_EFFECTS, Round, Rounds, Step, run
 from sysid.errors import SimulationError
@@ -635,21 +636,21 @@ class _TwinRounds(Rounds[RefittedStep]):
         assert self._proposed is not None
         before, self.joint = self._proposed
         self.steps = [*before, step]
-        self._look_beside(step.model)
         self._narrow()
+        self._look_beside(self.steps[-1].model)
 
     def _narrow(self) -> None:
         """Weigh friction by the scatter that the effects leave, where it is far less than before.
 
+        All effects are fitted together again then, and are the steps' from there on.
         What an effect does may look like scatter of friction from test to test: as if the friction
         of each test were hardly known, which hides the next effect and leads friction astray.
         """
-        frame, base = self.first.frame, self.base
+        frame = self.first.frame
         if self.book.quick or frame.scatter < _MUCH_SCATTER:
             return
         with time_limit(None):
-            plain = replace(frame, scatter=0.0)
-            left = friction_scatter(plain, projected(plain, base.model).rest)
+            left = scatter_beside(frame, self.steps[-1].model)
             if left > _FAR_LESS * frame.scatter:
                 return
             self.progress(f"friction scatters by {100 * left:.1f} % beside the effects")
@@ -660,8 +661,6 @@ class _TwinRounds(Rounds[RefittedStep]):
             model, fitted = self._all_of(self.joint), self.joint.effects
             steps = [replace(s, effect=e) for s, e in zip(self.steps, fitted, strict=True)]
             self.steps = [*steps[:-1], replace(steps[-1], model=model)]
-            self.base = replace(base, frame=self.first.frame)
-        self._look_beside(model)
 
     def superfluous(self) -> RefittedStep | None:
         """The step that explains least beside the others, if that is next to nothing.
@@ -760,8 +759,8 @@ class _TwinRounds(Rounds[RefittedStep]):
 
     def _look_beside(self, model: Model) -> None:
         with time_limit(None):
-            extra = own_columns(self.base.frame, model)
-            self.base = projected(self.base.frame, model, extra=extra)
+            extra = own_columns(self.first.frame, model)
+            self.base = projected(self.first.frame, model, extra=extra)
         if self.book.quick:
             return
         null = attempt(lambda: self._given.beside(self.base))

@@ -26,6 +26,7 @@ _LEAST_SHARE = 0.01
 _LEAST_GAP = 1e-5
 _CONTACT_RATE = 2.0 * math.pi * 60.0
 _CONTACT_DAMPING = 0.5
+# Through these a flexible link acts where the encoder is behind its spring.
 _SENSOR_PORTS = ("measure", "unmeasured", "sense", "start_sensing")
 # Of the declared inertia: what a change of it leaves at least.
 _LEAST_INERTIA = 0.02
