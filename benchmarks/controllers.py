@@ -29,11 +29,11 @@ sys.path.insert(0, str(REPOSITORY))
 
 from datasets.thesis.reference_rig import design  # noqa: E402
 from sysid.bundle import read_bundle  # noqa: E402
-from sysid.control.design_model import with_bipolynomials  # noqa: E402
-from sysid.control.loop import closed_loop  # noqa: E402
-from sysid.control.modes import Mode  # noqa: E402
-from sysid.control.sensing import SensorSuite  # noqa: E402
-from sysid.control.thesis_tables import (  # noqa: E402
+from sysid.controllers.design_model import with_bipolynomials  # noqa: E402
+from sysid.controllers.loop import closed_loop  # noqa: E402
+from sysid.controllers.modes import Mode  # noqa: E402
+from sysid.controllers.sensing import SensorSuite  # noqa: E402
+from sysid.controllers.thesis_tables import (  # noqa: E402
     TABLES,
     TRAJECTORIES,
     Agreement,

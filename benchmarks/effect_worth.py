@@ -31,19 +31,19 @@ sys.path.insert(0, str(REPOSITORY))
 
 from benchmarks.true_model import true_model  # noqa: E402
 from sysid.bundle import read_bundle  # noqa: E402
-from sysid.control.backstepping import BacksteppingController  # noqa: E402
-from sysid.control.design_model import (  # noqa: E402
+from sysid.controllers.backstepping import BacksteppingController  # noqa: E402
+from sysid.controllers.design_model import (  # noqa: E402
     DesignModel,
     design_from_bundle,
     design_model,
 )
-from sysid.control.dvmpc import DvmpcController  # noqa: E402
-from sysid.control.interface import Controller  # noqa: E402
-from sysid.control.loop import Case, closed_loop  # noqa: E402
-from sysid.control.modes import Mode  # noqa: E402
-from sysid.control.sensing import SensorSuite  # noqa: E402
-from sysid.control.task import MOTOR_SHARE  # noqa: E402
-from sysid.control.trajectories import thesis_trajectory  # noqa: E402
+from sysid.controllers.dvmpc import DvmpcController  # noqa: E402
+from sysid.controllers.interface import Controller  # noqa: E402
+from sysid.controllers.loop import Case, closed_loop  # noqa: E402
+from sysid.controllers.modes import Mode  # noqa: E402
+from sysid.controllers.sensing import SensorSuite  # noqa: E402
+from sysid.controllers.task import MOTOR_SHARE  # noqa: E402
+from sysid.controllers.trajectories import thesis_trajectory  # noqa: E402
 
 EFFECTS = {
     "stribeck-friction:gaussian": "friction",

@@ -7,7 +7,7 @@ For two bundles (that of the bundled campaign, and one of a rig in the vertical,
 payload): the header and its check are compiled by gcc and clang with warnings as errors, in
 double and single precision, and replayed with the sanitizers for addresses and undefined
 behaviour. Then every function of the header on rows at random and on the edges of its laws, as
-`sysid.export.vectors` draws them: the largest difference from Python's own function, relative to
+`sysid.exporters.vectors` draws them: the largest difference from Python's own function, relative to
 the value or its column's root mean square, whichever is larger. "wider": rows in which the last
 bit of an input moves Python's own output by more than 1e-12, so that their bound is wider.
 Effects have a test of their own: `tests/test_export_catalogue.py`.
@@ -25,11 +25,11 @@ from pathlib import Path
 import numpy as np
 
 from sysid.bundle import Bundle, read_bundle
-from sysid.export import flatten, listed_effects
-from sysid.export.c_header import Header, render
-from sysid.export.check_files import check_texts, checked_rows
-from sysid.export.flat import Flat
-from sysid.export.vectors import DOUBLE, Vectors
+from sysid.exporters import flatten, listed_effects
+from sysid.exporters.c_header import Header, render
+from sysid.exporters.check_files import check_texts, checked_rows
+from sysid.exporters.flat import Flat
+from sysid.exporters.vectors import DOUBLE, Vectors
 from sysid.types import FloatArray
 
 BUNDLES = Path(__file__).resolve().parent.parent / "tests" / "golden" / "bundles"

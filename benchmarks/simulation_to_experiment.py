@@ -28,13 +28,13 @@ REPOSITORY = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(REPOSITORY))
 
 from datasets.thesis.reference_rig import design  # noqa: E402
-from sysid.control.design_model import with_bipolynomials  # noqa: E402
-from sysid.control.loop import Case, closed_loop  # noqa: E402
-from sysid.control.modes import Mode  # noqa: E402
-from sysid.control.plant_effects import idle_effects  # noqa: E402
-from sysid.control.sensing import SensorSuite  # noqa: E402
-from sysid.control.thesis_tables import TableRig, printed  # noqa: E402
-from sysid.control.trajectories import thesis_trajectory  # noqa: E402
+from sysid.controllers.design_model import with_bipolynomials  # noqa: E402
+from sysid.controllers.loop import Case, closed_loop  # noqa: E402
+from sysid.controllers.modes import Mode  # noqa: E402
+from sysid.controllers.plant_effects import idle_effects  # noqa: E402
+from sysid.controllers.sensing import SensorSuite  # noqa: E402
+from sysid.controllers.thesis_tables import TableRig, printed  # noqa: E402
+from sysid.controllers.trajectories import thesis_trajectory  # noqa: E402
 from sysid.errors import SysidError  # noqa: E402
 from sysid.model.effects.catalogue import catalogue  # noqa: E402
 from sysid.model.effects.entry import CatalogueEffect  # noqa: E402

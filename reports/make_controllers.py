@@ -16,9 +16,9 @@ import sys
 from pathlib import Path
 
 from sysid.bundle import read_bundle
-from sysid.control.sensing import SensorSuite
-from sysid.control.thesis_tables import TABLES, TableRig, thesis_table
-from sysid.control.thesis_tables.figures import figure_runs
+from sysid.controllers.sensing import SensorSuite
+from sysid.controllers.thesis_tables import TABLES, TableRig, thesis_table
+from sysid.controllers.thesis_tables.figures import figure_runs
 from sysid.io.bundled import REFERENCE_BUNDLE, thesis_folder
 from sysid.report.controllers import ControllersPage, write_controllers_page
 

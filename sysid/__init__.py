@@ -137,10 +137,10 @@ def __dir__() -> list[str]:
 
 
 class _Face(ModuleType):
-    """Keeps `control`, `report` and `export` the functions.
+    """Keeps `report` the function.
 
-    Importing the packages of these names would replace the functions; import from the packages
-    by their full names, `from sysid.report import write_report`.
+    Importing the package of that name would replace the function; import from it by its full
+    name, `from sysid.report import write_report`.
     """
 
     def __setattr__(self, name: str, value: Any) -> None:

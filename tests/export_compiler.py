@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from sysid.bundle import Bundle
-from sysid.export import export_bundle
+from sysid.exporters import export_bundle
 from sysid.types import FloatArray
 
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wshadow", "-Wconversion"]

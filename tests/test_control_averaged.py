@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from datasets.thesis.reference_rig import bipolynomial_design, design, plant
-from sysid.control.duty_inverse import bipolynomials
+from sysid.controllers.duty_inverse import bipolynomials
 from sysid.model import valve_timing as timing
 from sysid.model.base import ValveParameters
 from sysid.surfaces.averaged import AveragedLaw

@@ -16,18 +16,18 @@ from golden_folder import golden_bundle
 import sysid as si
 from datasets.thesis.reference_rig import bundle_content, plant
 from sysid.commands.app import main
-from sysid.control.cases import ClosedLoopRun
-from sysid.control.interface import Commands, Controller, Reference, StateEstimate
-from sysid.control.modes import Mode
-from sysid.control.sensing import SensorSuite
-from sysid.control.task import HORIZON, Choice, prepared
-from sysid.control.tuning import Tuning
+from sysid.controllers.cases import ClosedLoopRun
+from sysid.controllers.interface import Commands, Controller, Reference, StateEstimate
+from sysid.controllers.modes import Mode
+from sysid.controllers.sensing import SensorSuite
+from sysid.controllers.task import HORIZON, Choice, prepared
+from sysid.controllers.tuning import Tuning
 from sysid.io.bundled import REFERENCE_BUNDLE, thesis_folder
 from sysid.workflows.controlling import ControlledRun
 
 SHORT_S = 1.0
 PROPORTIONAL = """\
-from sysid.control.interface import Commands, Controller
+from sysid.controllers.interface import Commands, Controller
 
 
 class MyController(Controller):

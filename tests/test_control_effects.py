@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 
 from datasets.thesis.reference_rig import plant, rig
-from sysid.control.backstepping import BacksteppingController
-from sysid.control.design_model import design_model
-from sysid.control.effective_law import averaged_law
-from sysid.control.interface import Commands, Controller, Reference, StateEstimate
-from sysid.control.loop import PERIOD_S, Case, ClosedLoopRun, closed_loop
-from sysid.control.modes import Mode
-from sysid.control.prediction import Motion, corrected, loaded, motor_command, point_at
-from sysid.control.sensing import SensorSuite
-from sysid.control.trajectories import thesis_trajectory
+from sysid.controllers.backstepping import BacksteppingController
+from sysid.controllers.design_model import design_model
+from sysid.controllers.effective_law import averaged_law
+from sysid.controllers.interface import Commands, Controller, Reference, StateEstimate
+from sysid.controllers.loop import PERIOD_S, Case, ClosedLoopRun, closed_loop
+from sysid.controllers.modes import Mode
+from sysid.controllers.prediction import Motion, corrected, loaded, motor_command, point_at
+from sysid.controllers.sensing import SensorSuite
+from sysid.controllers.trajectories import thesis_trajectory
 from sysid.errors import InputError, SimulationError
 from sysid.model import plant as model_plant
 from sysid.model.base import Array

@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 
 from datasets.thesis.reference_rig import design, plant
-from sysid.control.backstepping import BacksteppingController
-from sysid.control.dvmpc import DvmpcController
-from sysid.control.faults import SensorFaults
-from sysid.control.interface import Commands, Controller, Reference, StateEstimate
-from sysid.control.loop import PERIOD_S, Case, ClosedLoopRun, closed_loop
-from sysid.control.modes import Mode
-from sysid.control.pva import PvaController
-from sysid.control.sensing import SensorSuite
-from sysid.control.trajectories import thesis_trajectory
+from sysid.controllers.backstepping import BacksteppingController
+from sysid.controllers.dvmpc import DvmpcController
+from sysid.controllers.faults import SensorFaults
+from sysid.controllers.interface import Commands, Controller, Reference, StateEstimate
+from sysid.controllers.loop import PERIOD_S, Case, ClosedLoopRun, closed_loop
+from sysid.controllers.modes import Mode
+from sysid.controllers.pva import PvaController
+from sysid.controllers.sensing import SensorSuite
+from sysid.controllers.trajectories import thesis_trajectory
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.model.effects.supply import SupplyDroop
 from sysid.model.simulator import Inputs, ValveCommand, simulate

@@ -15,24 +15,24 @@ from golden_folder import golden_bundle
 from datasets.thesis.reference_rig import design, plant
 from sysid.bundle.bundle import Bundle
 from sysid.bundle.files import bundle_from_json
-from sysid.control.backstepping import BacksteppingController, backstepping_type
-from sysid.control.design_model import INVERSES, design_from_bundle
-from sysid.control.dvmpc import DvmpcController
-from sysid.control.interface import Reference, StateEstimate
-from sysid.control.loop import Case, closed_loop
-from sysid.control.metrics import tracking_metrics
-from sysid.control.modes import Mode
-from sysid.control.payload import PayloadEstimator
-from sysid.control.pva import PvaController
-from sysid.control.sensing import (
+from sysid.controllers.backstepping import BacksteppingController, backstepping_type
+from sysid.controllers.design_model import INVERSES, design_from_bundle
+from sysid.controllers.dvmpc import DvmpcController
+from sysid.controllers.interface import Reference, StateEstimate
+from sysid.controllers.loop import Case, closed_loop
+from sysid.controllers.metrics import tracking_metrics
+from sysid.controllers.modes import Mode
+from sysid.controllers.payload import PayloadEstimator
+from sysid.controllers.pva import PvaController
+from sysid.controllers.sensing import (
     Readings,
     filter_coefficients,
     quantised,
     sense,
     start_sensing,
 )
-from sysid.control.stability import check_stability
-from sysid.control.trajectories import thesis_trajectory
+from sysid.controllers.stability import check_stability
+from sysid.controllers.trajectories import thesis_trajectory
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.model.simulator import Inputs, ValveCommand, simulate
 

@@ -15,10 +15,10 @@ import pytest
 
 import sysid as si
 from sysid.commands.app import main
-from sysid.control.cases import Case, ClosedLoopRun
-from sysid.control.interface import Reference, StateEstimate
-from sysid.control.modes import Mode
-from sysid.control.thesis_tables import (
+from sysid.controllers.cases import Case, ClosedLoopRun
+from sysid.controllers.interface import Reference, StateEstimate
+from sysid.controllers.modes import Mode
+from sysid.controllers.thesis_tables import (
     TABLES,
     Agreement,
     Cell,
@@ -33,8 +33,8 @@ from sysid.control.thesis_tables import (
     printed,
     thesis_table,
 )
-from sysid.control.thesis_tables.figures import figure_runs, figure_sets
-from sysid.control.trajectories import thesis_trajectory
+from sysid.controllers.thesis_tables.figures import figure_runs, figure_sets
+from sysid.controllers.trajectories import thesis_trajectory
 from sysid.errors import InputError
 from sysid.io.bundled import REFERENCE_BUNDLE, thesis_folder
 from sysid.report.controllers import ControllersPage, write_controllers_page

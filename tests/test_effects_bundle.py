@@ -26,7 +26,7 @@ from sysid.bundle.files import bundle_from_json
 from sysid.commands.app import main
 from sysid.errors import InputError
 from sysid.estimation.linear import Estimate
-from sysid.export import export_bundle
+from sysid.exporters import export_bundle
 from sysid.io.campaign import MOTION_KINDS
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig, rig_from_content

@@ -26,7 +26,7 @@ from scipy.io import loadmat
 from sysid.bundle import Bundle, write_bundle
 from sysid.bundle.assembled_model import parameters_from_bundle
 from sysid.errors import InputError
-from sysid.export import export_bundle, export_file
+from sysid.exporters import export_bundle, export_file
 
 
 @pytest.fixture

@@ -22,7 +22,7 @@ from export_compiler import Compiled, compile_c, compiler, header, macros
 from sysid.bundle import Bundle, PwmSurfaces
 from sysid.bundle.assembled_model import parameters_from_bundle
 from sysid.errors import InputError
-from sysid.export import export_bundle
+from sysid.exporters import export_bundle
 from sysid.model import base
 from sysid.surfaces import Saturation
 

@@ -21,10 +21,10 @@ from export_compiler import STRICT, Compiled, compiler, header, macros
 from sysid.bundle import Bundle, write_bundle
 from sysid.bundle.assembled_model import parameters_from_bundle
 from sysid.bundle.effects import entry_of
-from sysid.export import export_bundle, export_file
-from sysid.export.c_constants import own_constants
-from sysid.export.c_ports import ARGUMENTS, Port, ports
-from sysid.export.flat import flatten
+from sysid.exporters import export_bundle, export_file
+from sysid.exporters.c_constants import own_constants
+from sysid.exporters.c_ports import ARGUMENTS, Port, ports
+from sysid.exporters.flat import flatten
 from sysid.model.base import exhaust_boundary, filling_boundary
 from sysid.model.effects.catalogue import catalogue, load_user_effects
 from sysid.model.effects.entry import CatalogueEffect
@@ -336,7 +336,8 @@ def test_no_input_makes_a_law_misbehave(tmp_path: Path) -> None:
 
 
 def test_sympy_is_loaded_for_effects_in_c_alone() -> None:
-    source = "import sys, sysid.export.c_header, sysid.commands.app; print('sympy' in sys.modules)"
+    modules = "sys, sysid.exporters.c_header, sysid.commands.app"
+    source = f"import {modules}; print('sympy' in sys.modules)"
     run = subprocess.run([sys.executable, "-c", source], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "False"
 

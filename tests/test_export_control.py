@@ -17,17 +17,17 @@ from export_compiler import STRICT, compile_c, compiler, header, macros
 
 from sysid.bundle import Bundle
 from sysid.bundle.effects import entry_of
-from sysid.control.backstepping import BacksteppingController
-from sysid.control.design_model import design_from_bundle
-from sysid.control.dvmpc import DvmpcController
-from sysid.control.interface import Reference
-from sysid.control.payload import PayloadEstimator
-from sysid.control.sensing import Readings, filter_coefficients, sense, start_sensing
-from sysid.control.task import HORIZON
-from sysid.export import check_folder, export_bundle, flatten, listed_effects
-from sysid.export.c_header import render
-from sysid.export.check_files import CHECK_FILES, check_texts, checked_rows
-from sysid.export.vectors import DOUBLE
+from sysid.controllers.backstepping import BacksteppingController
+from sysid.controllers.design_model import design_from_bundle
+from sysid.controllers.dvmpc import DvmpcController
+from sysid.controllers.interface import Reference
+from sysid.controllers.payload import PayloadEstimator
+from sysid.controllers.sensing import Readings, filter_coefficients, sense, start_sensing
+from sysid.controllers.task import HORIZON
+from sysid.exporters import check_folder, export_bundle, flatten, listed_effects
+from sysid.exporters.c_header import render
+from sysid.exporters.check_files import CHECK_FILES, check_texts, checked_rows
+from sysid.exporters.vectors import DOUBLE
 from sysid.model.base import exhaust_boundary, filling_boundary
 from sysid.model.effects.catalogue import catalogue, load_user_effects
 

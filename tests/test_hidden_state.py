@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import sysid as si
-from sysid.control.groups import grouped
-from sysid.control.hidden_state import Watch, frozen
-from sysid.control.interface import Commands, Controller, Reference, StateEstimate
+from sysid.controllers.groups import grouped
+from sysid.controllers.hidden_state import Watch, frozen
+from sysid.controllers.interface import Commands, Controller, Reference, StateEstimate
 from sysid.io.bundled import REFERENCE_BUNDLE, thesis_folder
 
 PERIOD_S = 1e-3

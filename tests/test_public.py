@@ -178,12 +178,21 @@ def test_names_are_listed_and_load() -> None:
         _ = si.fitt  # type: ignore[attr-defined]
 
 
-def test_rooms_of_the_same_name_do_not_hide_functions() -> None:
+def test_a_room_of_the_same_name_does_not_hide_a_function() -> None:
     code = (
-        "import sysid as si; from sysid.report import write_report; import sysid.export; "
-        "print(si.report.__name__, si.export.__name__, write_report.__name__)"
+        "import sysid as si; from sysid.report import write_report; import sysid.report; "
+        "print(si.report.__name__, write_report.__name__)"
     )
-    assert python(code).split() == ["report", "export", "write_report"]
+    assert python(code).split() == ["report", "write_report"]
+
+
+def test_rooms_of_controllers_and_exporters_are_imported_by_name() -> None:
+    code = (
+        "import sysid.controllers.backstepping as b, sysid.exporters.flat as f, sysid as si; "
+        "print(b.__name__, f.__name__, si.control.__name__, si.export.__name__)"
+    )
+    found = python(code).split()
+    assert found == ["sysid.controllers.backstepping", "sysid.exporters.flat", "control", "export"]
 
 
 def test_every_effect_of_the_catalogue_is_there_by_its_class_name() -> None:

@@ -16,7 +16,7 @@ from typing import Any
 from datasets.generator.rigs import reference_rig
 from sysid import __version__
 from sysid.bundle.content import SCHEMA
-from sysid.control.design_model import DesignModel, design_model, with_bipolynomials
+from sysid.controllers.design_model import DesignModel, design_model, with_bipolynomials
 from sysid.io.bundled import REFERENCE_BUNDLE
 from sysid.io.rig import Rig, rig_from_content
 from sysid.model.base import ValveParameters, parameters_from_rig

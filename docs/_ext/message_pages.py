@@ -26,8 +26,8 @@ _TOPICS = {
     "refinement": "Validation and refinement",
     "diagnosis": "Diagnosis",
     "components": "A component of one's own",
-    "control": "Controllers",
-    "export": "Export and report",
+    "controllers": "Controllers",
+    "exporters": "Export and report",
     "report": "Export and report",
 }
 _OTHER = "Commands"

@@ -12,8 +12,8 @@ from rich.text import Text
 from sysid.bundle import read_bundle
 from sysid.commands.options import SEED, PathArgument, effects_option, json_option, options
 from sysid.commands.printing import notices, print_json, print_written, progress
-from sysid.control.modes import Mode
-from sysid.control.thesis_tables import TABLES
+from sysid.controllers.modes import Mode
+from sysid.controllers.thesis_tables import TABLES
 from sysid.display.terminal import console, new_table
 from sysid.io.files import make_folder
 from sysid.types import Progress, no_progress

@@ -8,7 +8,7 @@ import click
 
 from sysid.commands.options import PathArgument, effects_option, json_option
 from sysid.commands.printing import notices, print_json, print_written
-from sysid.export import check_folder, export_file
+from sysid.exporters import check_folder, export_file
 
 
 @click.command()

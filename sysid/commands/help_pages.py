@@ -24,8 +24,8 @@ PAGES = {
     "sysid.diagnosis.bench": "how-to/part-alone",
     "sysid.model.effects": "how-to/own-effect",
     "sysid.components": "own-components",
-    "sysid.control": "how-to/own-controller",
-    "sysid.export": "how-to/read-the-bundle",
+    "sysid.controllers": "how-to/own-controller",
+    "sysid.exporters": "how-to/read-the-bundle",
 }
 """Pages by the modules and packages whose errors they help with, under `docs/`."""
 

@@ -22,7 +22,7 @@ from sysid.checks.log_check import LogCheck
 from sysid.components.loading import component_in
 from sysid.diagnosis.looked import SECONDS
 from sysid.errors import InputError, NotIdentifiedError
-from sysid.export import export_file
+from sysid.exporters import export_file
 from sysid.io.campaign import Campaign
 from sysid.io.files import make_folder, write_atomic
 from sysid.model.effects.catalogue import catalogue_with

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sysid.control.cases import PERIOD_S, ClosedLoopRun
+from sysid.controllers.cases import PERIOD_S, ClosedLoopRun
 from sysid.display.numbers import number
 from sysid.io.files import write_atomic
 from sysid.io.rig import Rig

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid.control.thesis_tables import LOST_RAD, Agreement, Column, ThesisTable
+from sysid.controllers.thesis_tables import LOST_RAD, Agreement, Column, ThesisTable
 from sysid.display.numbers import number
 from sysid.io.files import write_atomic
 from sysid.report import svg

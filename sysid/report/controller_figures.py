@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sysid.control.cases import ClosedLoopRun
-from sysid.control.thesis_tables import ThesisTable
-from sysid.control.thesis_tables.figures import FigureSet, Runs, ThesisFigure
+from sysid.controllers.cases import ClosedLoopRun
+from sysid.controllers.thesis_tables import ThesisTable
+from sysid.controllers.thesis_tables.figures import FigureSet, Runs, ThesisFigure
 from sysid.display.numbers import number
 from sysid.report import svg
 from sysid.report.blocks import Figure, FigureGroup

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from sysid.control.thesis_tables import TABLES, Agreement, ThesisTable
-from sysid.control.thesis_tables.figures import FigureSet, Runs, figure_sets
+from sysid.controllers.thesis_tables import TABLES, Agreement, ThesisTable
+from sysid.controllers.thesis_tables.figures import FigureSet, Runs, figure_sets
 from sysid.io.files import write_atomic
 from sysid.report import svg
 from sysid.report.blocks import Block, FigureGroup, HtmlTable, Section, table

@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sysid.bundle import Bundle
-from sysid.control.cases import ClosedLoopRun
-from sysid.control.interface import Controller
-from sysid.control.metrics import TrackingMetrics
-from sysid.control.modes import Mode
-from sysid.control.run_files import log_frame, write_run
-from sysid.control.task import Choice, Task, prepared, run_task
-from sysid.control.trajectories import DURATION_S
-from sysid.control.tuning import Tuning
+from sysid.controllers.cases import ClosedLoopRun
+from sysid.controllers.interface import Controller
+from sysid.controllers.metrics import TrackingMetrics
+from sysid.controllers.modes import Mode
+from sysid.controllers.run_files import log_frame, write_run
+from sysid.controllers.task import Choice, Task, prepared, run_task
+from sysid.controllers.trajectories import DURATION_S
+from sysid.controllers.tuning import Tuning
 from sysid.display.numbers import number
 from sysid.display.plots import legend, some_axes
 from sysid.display.progress import progress_or_shown
@@ -211,10 +211,10 @@ def control(
     """Run a controller that reads a bundle, in closed loop on the plant of the same or another.
 
     `controller`: "pva", "backstepping", "dvmpc", "FILE.py:CLASS" (the file is run), or a class or
-    object of your own (`sysid.control.interface.Controller`). `trajectory` 1 to 4 (thesis, Table
-    4.2.1), `mode` "pneumatic", "motor" or "hybrid". `payload_kg` is on the plant; the controller
-    is not told it, in the vertical it estimates it. `plant`: a bundle that stands for the rig
-    (None: the controller's). `inverse`: where backstepping's duties come from, "averaged",
+    object of your own (`sysid.controllers.interface.Controller`). `trajectory` 1 to 4 (thesis,
+    Table 4.2.1), `mode` "pneumatic", "motor" or "hybrid". `payload_kg` is on the plant; the
+    controller is not told it, in the vertical it estimates it. `plant`: a bundle that stands for
+    the rig (None: the controller's). `inverse`: where backstepping's duties come from, "averaged",
     "bipolynomial" or "ann". DVMPC's `horizon` in ticks, and whether its input may vary within it;
     `backstepping_type` 1 to 4 (Table 5.4.3: without compensation, motor's, feedforward, both);
     `estimate_payload` (None: where `payload_kg` is given in the vertical). `perfect_sensors`: no

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sysid.bundle import Bundle, read_bundle
-from sysid.control.thesis_tables import Column, TableRig, ThesisTable, thesis_table
+from sysid.controllers.thesis_tables import Column, TableRig, ThesisTable, thesis_table
 from sysid.display.numbers import number
 from sysid.display.plots import bars, one_axes
 from sysid.display.progress import progress_or_shown

@@ -10,7 +10,7 @@ from sysid.bundle.assembled_model import effects_from_bundle
 from sysid.checks.log_check import LogCheck
 from sysid.display.progress import progress_or_shown
 from sysid.errors import input_error
-from sysid.export import DEFAULT_PREFIX, FORMATS, export_bundle
+from sysid.exporters import DEFAULT_PREFIX, FORMATS, export_bundle
 from sysid.io.campaign import Campaign
 from sysid.model.effects.catalogue import EffectSource, catalogue_from
 from sysid.report import write_report

@@ -1,0 +1,296 @@
+"""What `sysid control` runs: a controller by name, class or file, on the plant of a bundle."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from sysid.bundle.content import BundleContent
+from sysid.controllers.cases import Case, ClosedLoopRun
+from sysid.controllers.design_model import DesignModel, design_from_bundle
+from sysid.controllers.hidden_state import Watch
+from sysid.controllers.interface import Controller
+from sysid.controllers.modes import Mode
+from sysid.controllers.prediction import with_payload
+from sysid.controllers.pva import PvaController
+from sysid.controllers.sensing import SensorSuite
+from sysid.controllers.trajectories import DURATION_S, DesiredMotion, thesis_trajectory
+from sysid.controllers.tuning import NO_TUNING, Tuning
+from sysid.controllers.user_controller import (
+    load_controller,
+    make_controller,
+    split_reference,
+)
+from sysid.errors import SysidError, input_error
+from sysid.io.rig import Rig, rig_from_content
+from sysid.io.user_code import error_in_file
+from sysid.model.effects.entry import Catalogue
+from sysid.model.ports import Model
+from sysid.types import Progress, no_progress
+
+CONTROLLERS = ("pva", "backstepping", "dvmpc")
+HORIZON = 40
+"""Ticks that DVMPC predicts: the best of Table 5.3.1."""
+MOTOR_SHARE = 0.1
+"""The motor's share of the cylinder's effort in backstepping, where the motor acts."""
+# Validation leaves out what is within 1 % of the stroke from an end stop.
+_USABLE_TRAVEL = 0.98
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What is to be run: `controller` as it was asked for, the trajectory's number, the mode.
+
+    `payload_kg` is on the plant, and the controller is not told (None: the rig file's).
+    `inverse`: which of `INVERSES` gives backstepping its duties; `seed` that of the noise.
+    `tuning`: what the named controllers may be told; `perfect_sensors`: no counts, noise, filter.
+    """
+
+    controller: str
+    trajectory: int
+    mode: Mode
+    payload_kg: float | None = None
+    inverse: str = "averaged"
+    seed: int = 0
+    tuning: Tuning = NO_TUNING
+    perfect_sensors: bool = False
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """The options that were given, in words."""
+        found = [
+            name if value is True else f"no {name}" if value is False else f"{name} {value}"
+            for name, value in self.tuning.given().items()
+        ]
+        sensors = ["perfect sensors"] if self.perfect_sensors else []
+        return tuple(word.replace("_", " ") for word in (*found, *sensors))
+
+
+@dataclass(frozen=True)
+class Task:
+    """A choice made ready: `make` gives the controller anew, `rig` is the plant's.
+
+    `plant` is the model that stands for it, `user_file` the file of a user's own controller.
+    """
+
+    choice: Choice
+    make: Callable[[], Controller]
+    plant: Model
+    rig: Rig
+    trajectory: DesiredMotion
+    user_file: Path | None
+    notices: tuple[str, ...]
+
+    def case(self, controller: Controller) -> Case:
+        """The closed loop with this controller."""
+        return Case(
+            controller,
+            self.plant,
+            self.trajectory,
+            self.choice.mode,
+            SensorSuite.perfect() if self.choice.perfect_sensors else SensorSuite.of(self.rig),
+            seed=self.choice.seed,
+        )
+
+
+def prepared(
+    choice: Choice,
+    bundle: BundleContent,
+    plant: BundleContent | None = None,
+    *,
+    own: type[Controller] | Controller | None = None,
+    catalogue: Catalogue | None = None,
+) -> Task:
+    """The task of a choice; `plant` None: the bundle's own model is the plant.
+
+    `own`: a user's controller, class or object, in place of one by name. Raises InputError or
+    NotIdentifiedError for a rig that cannot do it, and for a bundle without what the
+    controller or the plant needs, with the missing key.
+    """
+    plant = plant or bundle
+    check_rotary(bundle.rig)
+    rig = _carrying(plant.rig, choice.payload_kg)
+    check_rotary(rig)
+    trajectory = thesis_trajectory(choice.trajectory, rig.is_vertical)
+    check_travel(rig, choice.trajectory)
+    if choice.mode.uses_motor:
+        rig.require("motor", f"which mode {choice.mode.value} drives")
+    named = split_reference(choice.controller) if own is None else None
+    choice.tuning.check(choice.controller if own is None and named is None else None)
+    notices = [*rig.notices]
+    if own is None and named is None:
+        make = _by_name(choice, bundle, catalogue)
+    else:
+        make, said = _users(choice, bundle, catalogue, own, named)
+        notices += said
+    if choice.mode.uses_valves and make().is_duty:
+        rig.require("pwm", "which holds the PWM period")
+    return Task(
+        choice,
+        make,
+        _plant(plant, rig, catalogue),
+        rig,
+        trajectory,
+        named[0] if named else None,
+        tuple(notices),
+    )
+
+
+def check_rotary(rig: Rig) -> None:
+    """InputError for a linear rig: the trajectories are angles."""
+    if rig.is_linear:
+        raise input_error(
+            rig.source,
+            "the rig is linear, and trajectories 1 to 4 are angles",
+            "give the bundle of a rotary rig",
+        )
+
+
+def check_travel(rig: Rig, number: int) -> None:
+    """InputError where a trajectory runs into the rig's end stops."""
+    trajectory = thesis_trajectory(number, rig.is_vertical)
+    path = trajectory.sample(np.linspace(0.0, DURATION_S, 2001))[:, 0]
+    reach = float(np.max(np.abs(path)))
+    half = 0.5 * (rig.travel or np.inf)
+    if reach > _USABLE_TRAVEL * half:
+        raise input_error(
+            rig.source,
+            f"trajectory {number} goes to {reach:.3g} rad, and the end stops are at {half:.3g}",
+            "choose another trajectory",
+        )
+
+
+def _carrying(rig: Rig, payload: float | None) -> Rig:
+    """The rig with this payload, kg; its length must be in the rig file."""
+    if payload is None:
+        return rig
+    content = copy.deepcopy(rig.content)
+    if "payload_length_m" not in content.get("inertia", {}):
+        raise input_error(
+            rig.source,
+            "[inertia] payload_length_m is missing, and --payload needs it",
+            "add its distance from the shaft to the rig file, and fit again",
+        )
+    content["inertia"]["payload_mass_kg"] = float(payload)
+    return rig_from_content(content, rig.source)
+
+
+def _plant(bundle: BundleContent, rig: Rig, catalogue: Catalogue | None) -> Model:
+    """The plant's model: what was fitted, and the payload that is on it now.
+
+    A fitted inertia holds for the payload of the fit; the difference is added to it.
+    """
+    made = design_from_bundle(bundle, catalogue=catalogue)
+    if rig.inertia is None:
+        return made.model
+    payload = rig.inertia.payload_mass_kg * rig.inertia.payload_length_m**2
+    return with_payload(made, payload)
+
+
+def _by_name(
+    choice: Choice, bundle: BundleContent, catalogue: Catalogue | None
+) -> Callable[[], Controller]:
+    name, mode = choice.controller, choice.mode
+    if name not in CONTROLLERS:
+        known = ", ".join(CONTROLLERS)
+        raise input_error(
+            f"controller {name!r}", "is unknown", f"give {known} or FILE.py:CLASS of your own"
+        )
+    if name == "pva":
+        if mode is not Mode.PNEUMATIC:
+            raise input_error(f"mode {mode.value}", "pva drives no motor", "use mode pneumatic")
+        return PvaController
+    inverse = choice.inverse if name == "backstepping" else "averaged"
+    design = design_from_bundle(bundle, inverse=inverse, catalogue=catalogue)
+    seen = choice.payload_kg is not None and bundle.rig.is_vertical
+    estimator = choice.tuning.estimator(seen, bundle.rig)
+    if name == "dvmpc":
+        return lambda: choice.tuning.dvmpc(design, HORIZON, estimator)
+    portion = MOTOR_SHARE if mode.uses_motor else 0.0
+    return lambda: choice.tuning.backstepping(design, portion, estimator)
+
+
+def _users(
+    choice: Choice,
+    bundle: BundleContent,
+    catalogue: Catalogue | None,
+    own: type[Controller] | Controller | None,
+    named: tuple[Path, str] | None,
+) -> tuple[Callable[[], Controller], list[str]]:
+    """How a user's own controller is made, and what to say of it."""
+    if isinstance(own, Controller):
+        kept = copy.deepcopy(own)
+        return (lambda: copy.deepcopy(kept)), []
+    said, path = [], None
+    if named is not None:
+        path = named[0]
+        own = load_controller(*named)
+        said = [f"{path} is run: {named[1]} is the user's own controller"]
+    assert own is not None
+    cls = own
+
+    def design() -> DesignModel:
+        return design_from_bundle(bundle, inverse=choice.inverse, catalogue=catalogue)
+
+    return (lambda: make_controller(cls, design, path)), said
+
+
+# --- running -------------------------------------------------------------------------------
+
+
+def run_task(
+    task: Task, duration: float = DURATION_S, progress: Progress = no_progress
+) -> tuple[ClosedLoopRun, tuple[str, ...]]:
+    """The run of a task, and notices of how it was run.
+
+    A user's controller is compiled if it can be, else called from Python at every tick. Raises
+    InputError for what its file raises.
+    """
+    try:
+        return _run(task, duration, progress)
+    except SysidError:
+        raise
+    except Exception as error:
+        if task.user_file is None:
+            raise
+        raise error_in_file(error, task.user_file) from None
+
+
+def _run(task: Task, duration: float, progress: Progress) -> tuple[ClosedLoopRun, tuple[str, ...]]:
+    import jax
+
+    from sysid.controllers.loop import closed_loop
+
+    progress(f"simulating {duration:g} s of the closed loop")
+    controller = task.make()
+    watch = Watch(controller)
+    try:
+        run = closed_loop([task.case(controller)], duration)[0]
+    except (jax.errors.JAXTypeError, jax.errors.JAXIndexError, jax.errors.UnexpectedTracerError):
+        why = "its code branches on values or takes numpy arrays only"
+    else:
+        where = watch.changed()
+        if not where:
+            return run, ()
+        why = f"it keeps its state {where}"
+    watch.restore()
+    progress("the controller cannot be compiled: calling it from Python at every tick")
+    run = closed_loop([task.case(task.make())], duration, compiled=False)[0]
+    return run, (f"{task.choice.controller}: called from Python at every tick, as {why}",)
+
+
+__all__ = [
+    "CONTROLLERS",
+    "HORIZON",
+    "MOTOR_SHARE",
+    "Choice",
+    "Task",
+    "check_rotary",
+    "check_travel",
+    "prepared",
+    "run_task",
+]

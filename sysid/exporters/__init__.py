@@ -1,0 +1,129 @@
+"""A bundle for a controller: as a C header, a MAT file or flat JSON.
+
+All three hold the same content, computed once in `flat.py`. MAT and JSON list the effects as
+data; the C header holds their laws, and its constants include the effects that change them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+from sysid.bundle import Bundle, EffectEntry, bundle_text, read_bundle
+from sysid.bundle.assembled_model import effects_from_bundle
+from sysid.bundle.effects import effect_from_entry
+from sysid.errors import InputError, input_error
+from sysid.exporters.flat import Flat, flatten
+from sysid.io.files import write_atomic
+from sysid.io.tables import read_bytes
+from sysid.model.effects.catalogue import catalogue_with
+from sysid.model.effects.entry import SIDE_CHOICES, Catalogue, CatalogueEffect
+from sysid.model.effects.linear import for_rig
+
+FORMATS = ("c", "mat", "json")
+DEFAULT_PREFIX = "sysid_"
+
+__all__ = [
+    "DEFAULT_PREFIX",
+    "FORMATS",
+    "Flat",
+    "check_folder",
+    "export_bundle",
+    "export_file",
+    "flatten",
+    "listed_effects",
+]
+
+
+def check_folder(header: Path) -> Path:
+    """The folder beside a C header that checks it: `model_check` beside `model.h`."""
+    return header.with_name(f"{header.stem}_check")
+
+
+def export_file(
+    source: Path,
+    path: Path,
+    fmt: str,
+    *,
+    prefix: str = DEFAULT_PREFIX,
+    effects: Path | None = None,
+) -> list[str]:
+    """Read the bundle `source` and export it to `path`, with the file's own SHA-256.
+
+    Arguments, notices and errors as `export_bundle`; InputError for a bad bundle too, and for
+    effects that neither the catalogue nor `effects`, a user's file that is run, holds.
+    """
+    bundle = read_bundle(source)
+    catalogue = catalogue_with(effects)
+    effects_from_bundle(bundle, catalogue)
+    digest = hashlib.sha256(read_bytes(source, "a bundle", is_bundle=True)).hexdigest()
+    return export_bundle(bundle, path, fmt, prefix=prefix, sha256=digest, catalogue=catalogue)
+
+
+def export_bundle(
+    bundle: Bundle,
+    path: Path,
+    fmt: str,
+    *,
+    prefix: str = DEFAULT_PREFIX,
+    sha256: str | None = None,
+    catalogue: Catalogue | None = None,
+    check: bool = True,
+) -> list[str]:
+    """Write a checked bundle for a controller, whole or not at all; returns notices.
+
+    fmt: "c" (one C99 header whose names begin with `prefix`, and beside it a folder that replays
+    Python's numbers through it: `check_folder`, where `check` asks for it), "mat" (MAT 5, a struct
+    `sysid`) or "json". `sha256` is the bundle file's, by default that of the file which
+    `sysid.bundle.write_bundle` makes of it. `catalogue` maps ids to the effects' classes, whose
+    laws the C header holds; None is the project's own. Notices name every parameter that is
+    absent, and effects whose laws the C header does not hold.
+    Raises InputError for an unknown format or prefix, for content that contradicts itself
+    (units, PWM period), and where `path` cannot be written.
+    """
+    if fmt not in FORMATS:
+        raise input_error("--format", f"{fmt!r} is unknown", f"use one of {', '.join(FORMATS)}")
+    if sha256 is None:
+        sha256 = _digest(bundle)
+    flat = flatten(bundle, sha256)
+    data: bytes | str
+    if fmt == "c":
+        from sysid.exporters.c_header import render
+        from sysid.exporters.check_files import check_texts, write_check
+
+        made = render(flat, prefix, listed_effects(bundle, catalogue), bundle)
+        write_atomic(path, made.text)
+        if check:
+            write_check(check_folder(path), check_texts(flat, made, prefix, f"../{path.name}"))
+        return [*flat.notices, *made.notices]
+    if fmt == "mat":
+        from sysid.exporters.matlab import encode
+
+        data, notices = encode(flat), flat.absences("NaN")
+    else:
+        from sysid.exporters.json_file import render as render_json
+
+        data, notices = render_json(flat), flat.absences("null")
+    write_atomic(path, data)
+    return [*flat.notices, *notices]
+
+
+def listed_effects(
+    bundle: Bundle, catalogue: Catalogue | None = None
+) -> list[CatalogueEffect | None]:
+    """The effects that a bundle lists, in its order; None for an entry that is none."""
+    known = for_rig(catalogue_with(None) if catalogue is None else catalogue, bundle.is_linear)
+    return [_effect(entry, bundle.source, known) for entry in bundle.effects]
+
+
+def _effect(entry: EffectEntry, where: str, catalogue: Catalogue) -> CatalogueEffect | None:
+    try:
+        found: CatalogueEffect = effect_from_entry(entry, where, catalogue)
+    except InputError:
+        return None
+    return found if getattr(found, "side", "both") in SIDE_CHOICES else None
+
+
+def _digest(bundle: Bundle) -> str:
+    """SHA-256 of the file that `sysid.bundle.write_bundle` makes of a bundle."""
+    return hashlib.sha256(bundle_text(bundle).encode("utf-8", "surrogatepass")).hexdigest()

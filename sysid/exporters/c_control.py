@@ -1,0 +1,191 @@
+"""The controllers' part of the C header: gains, laws printed from Python, loops around them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from importlib import resources
+from typing import Any
+
+from sysid.controllers.backstepping import BacksteppingController
+from sysid.controllers.cases import PERIOD_S
+from sysid.controllers.design_model import DesignModel
+from sysid.controllers.dvmpc import DvmpcController
+from sysid.controllers.payload import PayloadEstimator
+from sysid.controllers.pva import PvaController
+from sysid.controllers.sensing import filter_coefficients
+from sysid.controllers.task import HORIZON, MOTOR_SHARE
+from sysid.exporters.c_printer import all_statements, reduced
+from sysid.exporters.c_surfaces import KINDS
+from sysid.exporters.c_text import Names, comment_text, indented, literal, wrapped
+from sysid.exporters.control_laws import ControlLaw
+from sysid.exporters.control_model import ControlModel
+from sysid.exporters.flat import DIRECTIONS, Flat
+from sysid.io.channels import SIDES
+
+AVERAGED = "averaged"
+# A space at which no line breaks.
+_KEPT = "\0"
+# Fields of the Python classes that C has as arguments, or not at all.
+_NO_GAINS = ("design", "estimator", "is_duty", "preview")
+_RENAMED = {"period": "period_s"}
+_MEANING = {
+    "portion": "the motor's share of the cylinder's effort; 0 without a motor",
+    "feedforward": "pneumatic feedforward, 1 or 0",
+    "compensation": "the motor's feedback, 1 or 0",
+    "horizon": "ticks predicted",
+    "hold": "ticks for which a decision holds",
+    "period_s": "of a tick, s",
+    "natural_frequency": "rad/s",
+    "predicts_delays": "inputs act after the valves' delays",
+    "trapezoidal": "positions by the mean velocity of a step",
+    "filtered_velocity": "predictions start from it, else from raw_velocity",
+    "varying": "the input changes once within the horizon",
+    "coarse": "ticks of a step after the change",
+    "threshold": "Nm",
+    "least_angle": "rad",
+    "least_speed": "rad/s",
+    "forgetting": "per tick",
+    "heaviest": "kg",
+    "inverse": "which of the inverses below gives the duties",
+}
+
+
+def inverses(flat: Flat) -> list[str]:
+    """The inverses that the header can choose from: the averaged law's, then the surfaces'."""
+    found = [AVERAGED]
+    for kind, name in KINDS.items():
+        maps = [flat.valves[side].pwm[direction] for side in SIDES for direction in DIRECTIONS]
+        if all(getattr(part, kind) is not None for part in maps):
+            found.append(name)
+    return found
+
+
+def controllers(flat: Flat, model: ControlModel, n: Names) -> str:
+    """The whole part, of a model that the bundle gives."""
+    fixed = resources.files("sysid.exporters").joinpath("control.h.in").read_text("utf-8")
+    pieces = {
+        "@structs@": "\n".join(_gains(flat, model, n)),
+        "@laws@": "\n".join(_function(law, n) for law in model.laws),
+        "@inverses@": "\n".join(_inverse(flat, side, n) for side in SIDES),
+    }
+    for mark, text in pieces.items():
+        fixed = fixed.replace(mark, text)
+    return fixed.replace("@p@", n.lower).replace("@P@", n.upper)
+
+
+def gains(design: DesignModel, has_motor: bool = True) -> dict[str, Any]:
+    """The defaults of every struct of gains: instances of the Python classes."""
+    backstepping = BacksteppingController(
+        design, portion=MOTOR_SHARE if has_motor else 0.0, compensation=has_motor
+    )
+    return {
+        "pva": PvaController(),
+        "payload_estimator": PayloadEstimator(),
+        "backstepping": backstepping,
+        "dvmpc": DvmpcController(design, horizon=HORIZON),
+    }
+
+
+def _gains(flat: Flat, model: ControlModel, n: Names) -> Iterator[str]:
+    """Structs with their defaults, the filter and the payload's own inertia."""
+    design = model.design
+    own = float(design.payload_mass * design.payload_length**2)
+    yield (
+        "\n/* The payload that the constants contain, at its lever, kg m2. */\n"
+        f"static const @p@real @p@payload_inertia_kg_m2 = {literal(own, n)};\n"
+    )
+    for name, defaults in gains(design, flat.rig.motor is not None).items():
+        values = _values(defaults)
+        if name == "backstepping":
+            yield _choices(flat)
+            values["inverse"] = f"@P@{AVERAGED.upper()}"
+        yield _struct(name, values, n)
+    b, a = filter_coefficients(PERIOD_S)
+    rows = ", ".join("{" + ", ".join(literal(v, n) for v in row) + "}" for row in (b, a))
+    yield (
+        "/* 50 Hz, second order, at ticks of 1 ms. */\n"
+        f"static const @p@filter @p@filter_defaults = {{{rows}, {literal(PERIOD_S, n)}}};\n"
+    )
+
+
+def _values(defaults: Any) -> dict[str, Any]:
+    return {
+        _RENAMED.get(f.name, f.name): getattr(defaults, f.name)
+        for f in dataclasses.fields(defaults)
+        if f.name not in _NO_GAINS
+    }
+
+
+def _choices(flat: Flat) -> str:
+    names = ", ".join(f"@P@{name.upper()}" for name in inverses(flat))
+    return f"/* Inverses from flow to duty that this header holds. */\nenum {{ {names} }};\n"
+
+
+def _struct(name: str, values: Mapping[str, Any], n: Names) -> str:
+    """A struct of gains and its defaults."""
+    fields, texts = [], []
+    for key, value in values.items():
+        is_real = isinstance(value, float)
+        comment = f" /* {_MEANING[key]} */" if key in _MEANING else ""
+        fields.append(f"    {'@p@real' if is_real else 'int'} {key};{comment}")
+        whole = value if isinstance(value, str) else str(int(value))
+        texts.append(literal(value, n) if is_real else whole)
+    body, numbers = "\n".join(fields), indented([", ".join(texts)])
+    return f"""\
+typedef struct {{
+{body}
+}} @p@{name};
+
+static const @p@{name} @p@{name}_defaults = {{
+{numbers}
+}};
+"""
+
+
+def _function(law: ControlLaw, n: Names) -> str:
+    """A law as a C function; its results are worked out before the first is set."""
+    made = reduced(*law.results.values())
+    lines, results = all_statements(made, n)
+    read = {name.partition("-")[0] for name in made.names()}
+    names = [argument.split()[-1].lstrip("*").partition("[")[0] for argument in law.arguments]
+    outs = {target.lstrip("*").partition("[")[0].partition("-")[0] for target in law.results}
+    lines += [f"(void){name};" for name in names if name not in read | outs]
+    if law.kind == "void":
+        targets = list(law.results)
+        lines += [f"const @p@real y{k} = {text};" for k, text in enumerate(results)]
+        lines += [f"{target} = y{k};" for k, target in enumerate(targets)]
+    else:
+        lines.append(f"return {results[0]};")
+    arguments = ", ".join(argument.replace(" ", _KEPT) for argument in law.arguments)
+    head = f"static inline {law.kind} @p@{law.name}({arguments})"
+    comment = "\n   ".join(wrapped(f"{law.meaning}.", 92))
+    start = "\n    ".join(wrapped(head.replace("@p@", n.lower), 92)).replace(_KEPT, " ")
+    return f"/* {comment} */\n{start}\n{{\n{indented(lines)}\n}}\n"
+
+
+def _inverse(flat: Flat, side: str, n: Names) -> str:
+    """The duty of one valve by the inverse chosen."""
+    lines = []
+    for name in inverses(flat)[1:]:
+        suffix = "" if name == "bipolynomial" else f"_{name}"
+        fill, out = (f"@p@pwm_{side}_{d}{suffix}_duty" for d in DIRECTIONS)
+        lines += [
+            f"    if (inverse == @P@{name.upper()}) {{",
+            f"        return flow_kg_s >= 0 ? {fill}(flow_kg_s, pressure_pa, 0)",
+            f"                              : {out}(flow_kg_s, pressure_pa, 0);",
+            "    }",
+        ]
+    body = "\n".join([*lines, f"    return @p@averaged_{side}_duty(flow_kg_s, pressure_pa);"])
+    unused = "" if lines else "    (void)inverse;\n"
+    said = comment_text(f"Duty of valve {side.upper()} for a wanted mean flow, kg/s")
+    return f"""
+/* {said}. */
+static inline @p@real @p@duty_{side}(int inverse, @p@real flow_kg_s, @p@real pressure_pa)
+{{
+{unused}{body}
+}}
+"""
+
+
+__all__ = ["AVERAGED", "controllers", "gains", "inverses"]

@@ -1,0 +1,423 @@
+"""A bundle's content as one self-contained C99 header: constants and static functions.
+
+The functions are the laws of `sysid.model.base` and `sysid.surfaces`, branch by branch. A
+law whose parameters are not all known is absent, and its feature macro is 0. Effects are their
+own classes, printed (`effect_laws`). Numbers are of the type SYSID_REAL, double by default.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from sysid.bundle import Bundle
+from sysid.exporters.c_effects import EffectsInC
+from sysid.exporters.c_maths import mathematics
+from sysid.exporters.c_surfaces import macro, slots, surfaces
+from sysid.exporters.c_text import Names, comment_text, constant, has, names, real
+from sysid.exporters.flat import Flat, NumberTable, gravity_name, inertia_name, values
+from sysid.io.channels import SIDES
+from sysid.model.effects.entry import CatalogueEffect
+
+if TYPE_CHECKING:  # sympy is loaded where a header is written
+    from sysid.exporters.control_model import ControlModel
+
+_MEANING = {
+    "critical_ratio": "downstream over upstream pressure of choked flow (3.5.1)",
+    "k_r_t_j_per_kg": "k R T of the pressure equations (3.3.6)",
+    "area_a_m2": "piston area, chamber A",
+    "area_b_m2": "piston area, chamber B",
+    "offset_a_m": "chamber A is (offset + y) area",
+    "offset_b_m": "chamber B is (offset - y) area",
+    "pitch_radius_m": "y is this times the position",
+    "inertia_kg_m2": "payload included (3.3.5)",
+    "mass_kg": "payload included",
+    "gravity_moment_nm": "gravity is this times sin(theta) (3.3.8-10)",
+    "supply_pressure_pa": "absolute; choked filling holds at it",
+    "atmospheric_pressure_pa": "absolute",
+    "declared_on_delay_s": "from the valve's manual; command to opening",
+    "declared_off_delay_s": "command to closing",
+    "friction_offset_nm": "constant torque against positive motion; what is applied is less by it",
+    "friction_offset_n": "constant force against positive motion; what is applied is less by it",
+}
+
+
+_USE = (
+    "",
+    "On a microcontroller: include this file in one source file, compile it with -std=c99 -O2,",
+    "and -DSYSID_REAL=float where the unit for floating point is single. Nothing is allocated, and",
+    "nothing is global but constants. The folder ..._check beside this file replays numbers of the",
+    "Python package through it: cmake and ctest on a computer, or check.c with its vectors.h on",
+    "the target itself.",
+)
+_USE_OF_CONTROLLERS = (
+    "Controllers: each loop keeps its own structs. Each tick (1 ms) sense() turns readings into an",
+    "estimate; then pva_control() or backstepping_control(), at the start of each PWM period, or",
+    "dvmpc_control(), at each tick, gives the commands. For other gains copy ..._defaults and",
+    "change the copy.",
+)
+
+
+@dataclass(frozen=True)
+class _Law:
+    """A feature: its macro (no prefix), the constants it needs, its functions."""
+
+    feature: str
+    needs: tuple[str, ...]
+    text: str = ""
+
+
+@dataclass(frozen=True)
+class Header:
+    """The header's text, notices, features, constants, and the controllers' model, if any.
+
+    The notices say what it leaves out, and which effects it does not hold.
+    """
+
+    text: str
+    notices: list[str]
+    features: frozenset[str]
+    constants: NumberTable
+    control: ControlModel | None
+
+
+def render(
+    flat: Flat, prefix: str, effects: Sequence[CatalogueEffect | None], bundle: Bundle
+) -> Header:
+    """The header of a bundle's content.
+
+    `effects` are the bundle's, None for an entry that is none. Raises InputError for a prefix
+    that is no C name.
+    """
+    n = names(prefix)
+    held = EffectsInC(flat, effects, n)
+    laws = _laws(flat, n)
+    features = _features(flat, held, laws)
+    control = _control(bundle, flat, held, effects, n)
+    features["HAS_CONTROLLERS"] = not isinstance(control, str)
+    guard = f"{n.upper}CONTROLLER_H"
+    parts = [
+        _title(flat, held, features["HAS_CONTROLLERS"]),
+        f"#ifndef {guard}\n#define {guard}\n\n#include <math.h>\n",
+        _feature_lines(features, held, n),
+        mathematics(n),
+        _constant_lines(held, n),
+        *(law.text for law in laws if law.text and features[law.feature]),
+        held.text(),
+        surfaces(flat, n),
+        "" if isinstance(control, str) else _controllers(flat, control, n),
+        f"#endif /* {guard} */\n",
+    ]
+    text = "\n".join(part for part in parts if part)
+    notices = _notices(flat, held, features, n)
+    present = frozenset(name for name, is_held in features.items() if is_held)
+    if isinstance(control, str):
+        notices.append(f"no controllers in the C header: {control}")
+        return Header(text, notices, present, held.constants, None)
+    notices += _of_controllers(flat)
+    if control.ignored:
+        ids = ", ".join(control.ignored)
+        notices.append(f"the controllers in C leave out {ids}; their code has no form in C")
+    return Header(text, notices, present, held.constants, control)
+
+
+def _control(
+    bundle: Bundle,
+    flat: Flat,
+    held: EffectsInC,
+    effects: Sequence[CatalogueEffect | None],
+    n: Names,
+) -> ControlModel | str:
+    """The controllers' model, or why there is none."""
+    from sysid.exporters.control_model import control_model
+
+    named = held.contained_places()
+    known = [(effect, place in named) for place, effect in enumerate(effects)]
+    return control_model(bundle, flat, held.constants, known, n)
+
+
+def _controllers(flat: Flat, control: ControlModel, n: Names) -> str:
+    from sysid.exporters.c_control import controllers
+
+    return controllers(flat, control, n)
+
+
+def _of_controllers(flat: Flat) -> list[str]:
+    """What the controllers take for granted and the rig file does not give."""
+    notices = []
+    if flat.rig.valves is None:
+        notices.append(
+            "the rig file has no [valves]: the controllers in C take valves without delays; give "
+            "on_delay_s and off_delay_s"
+        )
+    if flat.rig.is_linear:
+        notices.append(
+            "the rig is linear: the controllers' default gains and the payload's estimator are "
+            "those of an arm (rad, Nm); set your own"
+        )
+    return notices
+
+
+def _notices(flat: Flat, held: EffectsInC, features: dict[str, bool], n: Names) -> list[str]:
+    notices = flat.absences("left out")
+    absent = [k for k, present in features.items() if not present]
+    if absent:
+        notices.append("0 in the header: " + ", ".join(n.upper + feature for feature in absent))
+    ids = ", ".join(effect.id for effect, _ in held.not_contained())
+    if ids:
+        notices.append(
+            f"the C header does not hold the laws of these effects of the bundle: {ids};"
+            " its functions ignore them"
+        )
+    return notices
+
+
+def _features(flat: Flat, held: EffectsInC, laws: Iterable[_Law]) -> dict[str, bool]:
+    """Feature macro without prefix -> whether the header holds it."""
+    known = {name for name, value in values(held.constants).items() if value is not None}
+    features = {law.feature: known.issuperset(law.needs) for law in laws}
+    features |= {macro(name, kind): surface is not None for name, kind, surface in slots(flat)}
+    return features
+
+
+def _title(flat: Flat, effects: EffectsInC, has_controllers: bool) -> str:
+    """The opening comment: contents, bundle and rig."""
+    made = flat.provenance
+    absent = effects.not_contained()
+    lines = [
+        "Identified model of a pneumatic actuator, for a controller. Written by sysid export.",
+        f"rig: {flat.rig.name} ({flat.rig.motion}, {flat.rig.orientation})",
+        f"bundle: {made['bundle_schema']}, created {made['bundle_created']} "
+        f"by sysid {made['bundle_sysid_version']}",
+        f"bundle SHA-256: {made['bundle_sha256']}",
+        "SI, absolute pressures. Equation numbers are those of the thesis, as corrected.",
+        "Unknown numbers are absent, and their HAS macros are 0. C99, link with the maths library;",
+        "do not compile with -ffast-math, which drops the checks for NaN.",
+        "Numbers are double; -DSYSID_REAL=float makes them single precision.",
+        *_USE,
+        *(_USE_OF_CONTROLLERS if has_controllers else ()),
+    ]
+    if effects.contained():
+        ids = ", ".join(effect.id for effect in effects.contained())
+        lines.append("Effects, in the constants and the functions that end with _with_effects:")
+        lines += textwrap.wrap(ids, 90, break_on_hyphens=False)
+    if absent:
+        ids = ", ".join(effect.id for effect, _ in absent)
+        lines.append(f"NOT CONTAINED: the laws of these effects of the bundle: {ids}")
+        lines += [f"{effect.id}: {reason}" for effect, reason in absent]
+    body = "\n".join(f" * {comment_text(line)}".rstrip() for line in lines)
+    return f"/*\n{body}\n */"
+
+
+def _feature_lines(features: dict[str, bool], effects: EffectsInC, n: Names) -> str:
+    lines = ["/* --- contained (1) or absent (0) in this header --- */", ""]
+    lines += [has(f"{n.upper}{feature}", present) for feature, present in features.items()]
+    lines += effects.features()
+    return "\n".join(lines) + "\n"
+
+
+def _constant_lines(effects: EffectsInC, n: Names) -> str:
+    lines = ["/* --- constants --- */", ""]
+    for name, quantity in effects.constants.items():
+        if quantity.value is not None:
+            meaning = f"; {_MEANING[name]}" if name in _MEANING else ""
+            changed = effects.changes(name)
+            comment = quantity.unit + meaning + (f"; with {changed}" if changed else "")
+            lines.append(constant(f"{n.lower}{name}", quantity.value, comment, n))
+    return "\n".join(lines) + "\n"
+
+
+# --- laws ------------------------------------------------------------------------------
+
+
+def _laws(flat: Flat, n: Names) -> Sequence[_Law]:
+    laws = [_cylinder(flat, n), _gravity(flat, n), *_friction(flat, n), _motor(flat, n)]
+    laws.append(_Law("HAS_INERTIA", (inertia_name(flat.rig)[0],)))
+    for side in SIDES:
+        filling, exhaust = _filling_law(side, n), _exhaust_law(side, n)
+        valve = f"HAS_VALVE_{side.upper()}"
+        delays = tuple(f"valve_{side}_{edge}_delay_s" for edge in ("on", "off"))
+        laws += [
+            filling,
+            exhaust,
+            _Law(f"{valve}_DISCRETE", filling.needs + exhaust.needs),
+            _Law(f"{valve}_DELAYS", delays),
+            _chamber(flat, side, n),
+        ]
+    return laws
+
+
+def _effort(flat: Flat) -> tuple[str, str, str]:
+    """Word, suffix and unit of effort."""
+    return ("force", "n", "N") if flat.rig.is_linear else ("torque", "nm", "Nm")
+
+
+def _motion(flat: Flat) -> tuple[str, str, str]:
+    """C names of position and velocity, and their units."""
+    if flat.rig.is_linear:
+        return "position_m", "velocity_m_s", "m, m/s"
+    return "theta_rad", "omega_rad_s", "rad, rad/s"
+
+
+def _cylinder(flat: Flat, n: Names) -> _Law:
+    word, _, unit = _effort(flat)
+    p = n.lower
+    needs = ("area_a_m2", "area_b_m2", "pitch_radius_m", "atmospheric_pressure_pa")
+    text = f"""\
+/* {word.capitalize()} of the cylinder, {unit}, from absolute pressures, Pa (3.3.3). */
+static inline {real(n)} {p}cylinder_{word}({real(n)} pressure_a_pa, {real(n)} pressure_b_pa)
+{{
+    {real(n)} gauge_a = pressure_a_pa - {p}atmospheric_pressure_pa;
+    {real(n)} gauge_b = pressure_b_pa - {p}atmospheric_pressure_pa;
+    return (gauge_a * {p}area_a_m2 - gauge_b * {p}area_b_m2) * {p}pitch_radius_m;
+}}
+"""
+    return _Law("HAS_CYLINDER", needs, text)
+
+
+def _gravity(flat: Flat, n: Names) -> _Law:
+    word, _, unit = _effort(flat)
+    position, _, _ = _motion(flat)
+    name, _ = gravity_name(flat.rig)
+    if flat.rig.is_linear:
+        where, body = "the weight", f"(void){position};\n    return {n.lower}{name};"
+    else:
+        where, body = "theta = 0 hangs down", f"return {n.lower}{name} * {n.lower}sin({position});"
+    text = f"""\
+/* {word.capitalize()} of gravity against positive motion, {unit} (3.3.8-10): {where}. */
+static inline {real(n)} {n.lower}gravity_{word}({real(n)} {position})
+{{
+    {body}
+}}
+"""
+    return _Law("HAS_GRAVITY", (name,), text)
+
+
+def _friction(flat: Flat, n: Names) -> Iterable[_Law]:
+    word, suffix, unit = _effort(flat)
+    _, velocity, _ = _motion(flat)
+    p = n.lower
+    static, coulomb = f"friction_static_{suffix}", f"friction_coulomb_{suffix}"
+    slope = "n_s_per_m" if flat.rig.is_linear else "nm_s_per_rad"
+    viscous = f"friction_viscous_{slope}"
+    sliding = f"""\
+/* Friction while moving, {unit} (3.4.1): Coulomb sign(w) + viscous w; 0 at rest. */
+static inline {real(n)} {p}sliding_friction_{word}({real(n)} {velocity})
+{{
+    return {p}{coulomb} * {p}sign({velocity}) + {p}{viscous} * {velocity};
+}}
+"""
+    whole = f"""\
+/* Friction in full, {unit} (3.4.1, corrected). applied = cylinder + motor - gravity, less the
+   constant friction_offset_{suffix} where it is known. At rest friction holds against what is
+   applied, up to static friction. */
+static inline {real(n)} {p}friction_{word}({real(n)} {velocity}, {real(n)} applied_{suffix})
+{{
+    if ({velocity} != 0) {{
+        return {p}sliding_friction_{word}({velocity});
+    }}
+    if (applied_{suffix} > {p}{static}) {{
+        return {p}{static};
+    }}
+    return applied_{suffix} < -{p}{static} ? -{p}{static} : applied_{suffix};
+}}
+"""
+    yield _Law("HAS_SLIDING_FRICTION", (coulomb, viscous), sliding)
+    yield _Law("HAS_FRICTION", (static, coulomb, viscous), whole)
+
+
+def _motor(flat: Flat, n: Names) -> _Law:
+    word, suffix, unit = _effort(flat)
+    p = n.lower
+    gain, limit = f"{word}_per_volt_{suffix}", f"max_{word}_{suffix}"
+    if flat.constants[limit].value is None:
+        within, body = "no limit is declared", f"return volts * {p}{gain};"
+    else:
+        within = "within its declared limit"
+        body = f"""{real(n)} effort = volts * {p}{gain};
+    if (effort > {p}{limit}) {{
+        return {p}{limit};
+    }}
+    return effort < -{p}{limit} ? -{p}{limit} : effort;"""
+    text = f"""\
+/* {word.capitalize()} of the motor at the output, {unit}, from volts (3.3.4); {within}. */
+static inline {real(n)} {p}motor_{word}({real(n)} volts)
+{{
+    {body}
+}}
+"""
+    return _Law("HAS_MOTOR", (gain,), text)
+
+
+def _filling_law(side: str, n: Names) -> _Law:
+    p = n.lower
+    choked, unchoked = f"valve_{side}_choked_flow_fill_kg_s", f"valve_{side}_c_fill"
+    text = f"""\
+/* Flow into chamber {side.upper()}, kg/s, with the valve on (3.6.6). Choked up to 0.53 of the
+   supply, in proportion to it; negative above the supply. */
+static inline {real(n)} {p}valve_{side}_filling_flow({real(n)} pressure_pa, {real(n)} supply_pa)
+{{
+    {real(n)} gap = supply_pa - pressure_pa;
+    if (pressure_pa <= {p}critical_ratio * supply_pa) {{
+        return {p}{choked} * (supply_pa / {p}supply_pressure_pa);
+    }}
+    return {p}{unchoked} * (gap < 0 ? -{p}sqrt(-gap) : {p}sqrt(gap));
+}}
+"""
+    return _Law(f"HAS_VALVE_{side.upper()}_FILLING", (choked, unchoked, "supply_pressure_pa"), text)
+
+
+def _exhaust_law(side: str, n: Names) -> _Law:
+    p = n.lower
+    choked, unchoked = f"valve_{side}_choked_flow_dis_kg_s", f"valve_{side}_c_dis"
+    text = f"""\
+/* Flow into chamber {side.upper()}, kg/s, with the valve off (3.6.7, 3.6.10): negative (out)
+   above the atmosphere, choked from atmosphere / 0.53 on; air comes in below it. */
+static inline {real(n)} {p}valve_{side}_exhaust_flow({real(n)} pressure_pa, {real(n)} atmosphere_pa)
+{{
+    if (pressure_pa >= (1 / {p}critical_ratio) * atmosphere_pa) {{
+        return -{p}{choked};
+    }}
+    return {p}{unchoked} * (atmosphere_pa - pressure_pa);
+}}
+"""
+    return _Law(f"HAS_VALVE_{side.upper()}_EXHAUST", (choked, unchoked), text)
+
+
+def _chamber(flat: Flat, side: str, n: Names) -> _Law:
+    """Pressure rate (3.3.6) and its inverse (3.5.3) of one chamber."""
+    p = n.lower
+    position, velocity, unit = _motion(flat)
+    sign = "+" if side == "a" else "-"
+    area, offset = f"area_{side}_m2", f"offset_{side}_m"
+    swept = f"{'-' if side == 'b' else ''}{p}pitch_radius_m * {velocity}"
+    volumes = f"""\
+    {real(n)} volume = ({p}{offset} {sign} {p}pitch_radius_m * {position}) * {p}{area};
+    {real(n)} volume_rate = {swept} * {p}{area};
+    if (!(volume > 0)) {{
+        return ({real(n)})NAN; /* no such position */
+    }}"""
+    text = f"""\
+/* dP/dt of chamber {side.upper()}, Pa/s (3.3.6): position and velocity in {unit}, flow into it
+   in kg/s. */
+static inline {real(n)} {p}pressure_rate_{side}({real(n)} pressure_pa, {real(n)} {position},
+                                             {real(n)} {velocity}, {real(n)} flow_kg_s)
+{{
+{volumes}
+    return ({p}k_r_t_j_per_kg * flow_kg_s - {p}heat_capacity_ratio * pressure_pa * volume_rate)
+           / volume;
+}}
+
+/* The flow into chamber {side.upper()}, kg/s, that gives this dP/dt, Pa/s: (3.3.6) solved. */
+static inline {real(n)} {p}flow_for_pressure_rate_{side}({real(n)} rate_pa_s, {real(n)} pressure_pa,
+                                                      {real(n)} {position}, {real(n)} {velocity})
+{{
+{volumes}
+    return (volume * rate_pa_s + {p}heat_capacity_ratio * pressure_pa * volume_rate)
+           / {p}k_r_t_j_per_kg;
+}}
+"""
+    needs = (area, offset, "pitch_radius_m", "heat_capacity_ratio", "k_r_t_j_per_kg")
+    return _Law(f"HAS_CHAMBER_{side.upper()}", needs, text)

@@ -1,0 +1,410 @@
+"""The constants that a controller needs, computed from a bundle: plain numbers and units.
+
+Every format of `sysid.exporters` writes this content. A number that the bundle or its rig file
+does not hold is None, and `Flat.missing` says why: an export never invents a number.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from sysid.bundle import Bundle, EffectEntry, Friction, PwmSurfaces, Unread, Valve
+from sysid.bundle.assembled_model import friction_keys, negative_friction
+from sysid.bundle.base import Part
+from sysid.bundle.friction import StaticAtPosition
+from sysid.errors import InputError, input_error
+from sysid.estimation.linear import Estimate
+from sysid.exporters.surface_tables import ExportedSurface, read_surface
+from sysid.io.channels import SIDES
+from sysid.io.rig import Rig
+from sysid.model.base import CRITICAL_RATIO
+
+DIRECTIONS = ("fill", "discharge")
+KINDS = ("bipolynomial", "ann")
+FORMAT = "sysid-controller/1"
+
+_AGAIN = "fit again to rewrite the bundle"
+_NO_PART = "the bundle does not hold this part"
+
+
+@dataclass(frozen=True)
+class ExportedNumber:
+    """One number, or None where it is not known, and its unit."""
+
+    value: float | None
+    unit: str
+
+
+NumberTable = dict[str, ExportedNumber]
+
+
+@dataclass(frozen=True)
+class PwmMap:
+    """Surfaces of one valve in one direction, at one PWM period and supply pressure."""
+
+    conditions: NumberTable
+    bipolynomial: ExportedSurface | None
+    ann: ExportedSurface | None
+
+
+@dataclass(frozen=True)
+class ExportedValve:
+    """One valve: the on/off law with its delays, and PWM maps by direction."""
+
+    discrete: NumberTable
+    pwm: dict[str, PwmMap]
+
+
+@dataclass(frozen=True)
+class ExportedEffect:
+    """One effect of the model, as data: parameter values (numbers, text or None) and units."""
+
+    id: str
+    values: dict[str, float | str | None]
+    units: dict[str, str]
+
+
+@dataclass(frozen=True)
+class Flat:
+    """A bundle's content for a controller; SI, absolute pressures.
+
+    `constants`: of the rig, derived ones among them (inertia with payload, gravity moment,
+    k R T). `static_by_position`: static friction (unit of effort) at positions (rad or m).
+    `missing`: dotted name of what is None -> why. `notices`: other remarks.
+    """
+
+    rig: Rig
+    constants: NumberTable
+    friction: NumberTable
+    static_by_position: tuple[tuple[float, float | None], ...]
+    valves: dict[str, ExportedValve]
+    effects: tuple[ExportedEffect, ...]
+    provenance: dict[str, str]
+    missing: dict[str, str]
+    notices: tuple[str, ...]
+
+    def absences(self, stands_as: str) -> list[str]:
+        """One notice for each reason that numbers or parts are missing for.
+
+        The file shows these as `stands_as`.
+        """
+        by_reason: dict[str, list[str]] = {}
+        for name, why in self.missing.items():
+            by_reason.setdefault(why, []).append(name)
+        return [f"{', '.join(names)}: {stands_as}, {why}" for why, names in by_reason.items()]
+
+
+def flatten(bundle: Bundle, sha256: str) -> Flat:
+    """The content of a checked bundle whose file has this SHA-256.
+
+    Raises InputError where numbers contradict their names' units, the rig's PWM period, or
+    each other.
+    """
+    rig, where = bundle.rig, bundle.source
+    missing: dict[str, str] = {}
+    notices = negative_friction(bundle)
+    constants = _constants(rig, missing)
+    friction, by_position = _friction(bundle.friction, rig, missing, where)
+    _take_identified_inertia(bundle, rig, constants, notices, where)
+    valves = {side: _valve(bundle.valve(side), side, rig, missing, where) for side in SIDES}
+    provenance = {
+        "bundle_schema": bundle.schema_id,
+        "bundle_created": clean_text(bundle.created),
+        "bundle_sysid_version": clean_text(bundle.sysid_version),
+        "bundle_sha256": sha256,
+    }
+    return Flat(
+        rig=rig,
+        constants=constants,
+        friction=friction,
+        static_by_position=by_position,
+        valves=valves,
+        effects=tuple(_effect(e, where) for e in bundle.effects),
+        provenance=provenance,
+        missing=missing,
+        notices=tuple(notices),
+    )
+
+
+def clean_text(value: Any) -> str:
+    """Text that can be written as UTF-8, whatever a file contained."""
+    return str(value).encode("utf-8", "replace").decode("utf-8")
+
+
+def effort_unit(rig: Rig) -> str:
+    """Suffix of names in units of effort: "nm", or "n" on a linear rig."""
+    return "n" if rig.is_linear else "nm"
+
+
+# --- rig -------------------------------------------------------------------------------
+
+
+def _constants(rig: Rig, missing: dict[str, str]) -> NumberTable:
+    """Rig constants (thesis 3.3.3-3.3.10), and those derived from them."""
+    table: NumberTable = {"critical_ratio": ExportedNumber(CRITICAL_RATIO, "1")}
+    for section, keys in _rig_keys(rig).items():
+        part = getattr(rig, section)
+        absent = []
+        for name, (key, unit) in keys.items():
+            value = None if part is None else getattr(part, key)
+            table[name] = ExportedNumber(value, unit)
+            if value is None:
+                absent.append(name)
+        if part is None:
+            missing[", ".join(f"constants.{n}" for n in absent)] = f"the rig has no [{section}]"
+        else:
+            missing.update(
+                {f"constants.{n}": f"the rig's [{section}] has no {keys[n][0]}" for n in absent}
+            )
+    if rig.air is not None:
+        air = rig.air
+        krt = air.heat_capacity_ratio * air.gas_constant_j_per_kg_k * air.temperature_k
+        table["k_r_t_j_per_kg"] = ExportedNumber(krt, "J/kg")
+    else:
+        table["k_r_t_j_per_kg"] = ExportedNumber(None, "J/kg")
+        missing["constants.k_r_t_j_per_kg"] = "the rig has no [air]"
+    _add_load(table, rig, missing)
+    return table
+
+
+def _rig_keys(rig: Rig) -> dict[str, dict[str, tuple[str, str]]]:
+    """By section of the rig file: exported name -> key of the section, unit."""
+    effort = "N" if rig.is_linear else "Nm"
+    suffix = effort_unit(rig)
+    word = "force" if rig.is_linear else "torque"
+    counts = ("m", "counts/m") if rig.is_linear else ("rev", "counts/rev")
+
+    def same(**units: str) -> dict[str, tuple[str, str]]:
+        return {name: (name, unit) for name, unit in units.items()}
+
+    motor = {f"{word}_per_volt_{suffix}": f"{effort}/V", f"max_{word}_{suffix}": effort}
+    return {
+        "air": same(
+            gas_constant_j_per_kg_k="J/(kg K)",
+            heat_capacity_ratio="1",
+            temperature_k="K",
+            atmospheric_pressure_pa="Pa",
+            supply_pressure_pa="Pa",
+        ),
+        "cylinder": same(
+            area_a_m2="m2",
+            area_b_m2="m2",
+            offset_a_m="m",
+            offset_b_m="m",
+            stroke_m="m",
+            pitch_radius_m="m",
+        ),
+        "motor": same(**motor),
+        "pwm": {"pwm_period_s": ("period_s", "s")},
+        "valves": {
+            "declared_on_delay_s": ("on_delay_s", "s"),
+            "declared_off_delay_s": ("off_delay_s", "s"),
+        },
+        "sampling": {"sampling_period_s": ("period_s", "s")},
+        "sensors": {
+            f"encoder_counts_per_{counts[0]}": (f"encoder_counts_per_{counts[0]}", counts[1]),
+            "encoder_zero_counts": ("encoder_zero_counts", "counts"),
+        },
+    }
+
+
+def inertia_name(rig: Rig) -> tuple[str, str]:
+    """Exported name and unit of the whole inertia."""
+    return ("mass_kg", "kg") if rig.is_linear else ("inertia_kg_m2", "kg m2")
+
+
+def gravity_name(rig: Rig) -> tuple[str, str]:
+    """Exported name and unit of gravity's amplitude."""
+    return ("weight_n", "N") if rig.is_linear else ("gravity_moment_nm", "Nm")
+
+
+def _add_load(table: NumberTable, rig: Rig, missing: dict[str, str]) -> None:
+    """Inertia with payload (3.3.5) and gravity's amplitude (3.3.8-3.3.10)."""
+    name, unit = inertia_name(rig)
+    table[name] = ExportedNumber(rig.total_inertia(), unit)
+    if table[name].value is None:
+        missing[f"constants.{name}"] = "the rig's [inertia] does not give it"
+    name, unit = gravity_name(rig)
+    try:
+        table[name] = ExportedNumber(rig.gravity_moment(), unit)
+    except InputError as error:
+        table[name] = ExportedNumber(None, unit)
+        missing[f"constants.{name}"] = str(error)
+
+
+def _take_identified_inertia(
+    bundle: Bundle, rig: Rig, constants: NumberTable, notices: list[str], where: str
+) -> None:
+    """An identified inertia replaces the declared one, as in the simulation."""
+    name, unit = inertia_name(rig)
+    estimate = None if bundle.friction is None else getattr(bundle.friction, name)
+    if estimate is None or not estimate.identified:
+        return
+    declared = constants[name].value
+    constants[name] = ExportedNumber(_number(estimate, unit, f"{where}, friction.{name}"), unit)
+    said = "gives none" if declared is None else f"says {declared:.6g}"
+    notices.append(f"{name} is the identified {constants[name].value:.6g}; the rig file {said}")
+
+
+# --- what was fitted -------------------------------------------------------------------
+
+
+def _friction(
+    part: Friction | None, rig: Rig, missing: dict[str, str], where: str
+) -> tuple[NumberTable, tuple[tuple[float, float | None], ...]]:
+    """Friction (3.4.1), and static friction by position."""
+    suffix = effort_unit(rig)
+    effort = "N" if rig.is_linear else "Nm"
+    viscous = (
+        ("viscous_n_s_per_m", "N s/m")
+        if rig.is_linear
+        else (
+            "viscous_nm_s_per_rad",
+            "Nm s/rad",
+        )
+    )
+    units = {
+        f"static_{suffix}": effort,
+        f"coulomb_{suffix}": effort,
+        viscous[0]: viscous[1],
+        f"offset_{suffix}": effort,
+    }
+    table = _estimates(part, units, "friction", missing, where)
+    for key in friction_keys(rig.is_linear).values():
+        # As in the simulation, which treats negative friction as zero.
+        value = table[key].value
+        table[key] = ExportedNumber(None if value is None else max(value, 0.0), units[key])
+    rows = () if part is None else part.static_by_position
+    place = f"{where}, friction.static_by_position"
+    return table, tuple(_static_row(row, effort, place) for row in rows)
+
+
+def _static_row(
+    row: StaticAtPosition | Unread, unit: str, where: str
+) -> tuple[float, float | None]:
+    if isinstance(row, Unread):
+        raise input_error(where, "a row is not a position and its static friction", _AGAIN)
+    static = _number(row.static, unit, where) if row.static.identified else None
+    return _finite(row.position, where), static
+
+
+def _valve(part: Valve, side: str, rig: Rig, missing: dict[str, str], where: str) -> ExportedValve:
+    """One valve's on/off law (3.6.6, 3.6.10) and PWM maps."""
+    units = {
+        "choked_flow_fill_kg_s": "kg/s",
+        "c_fill": "kg/(s Pa^0.5)",
+        "choked_flow_dis_kg_s": "kg/s",
+        "c_dis": "kg/(s Pa)",
+        "on_delay_s": "s",
+        "off_delay_s": "s",
+    }
+    discrete = _estimates(part.discrete, units, f"valves.{side}.discrete", missing, where)
+    pwm = {}
+    for direction in DIRECTIONS:
+        name = f"valves.{side}.pwm.{direction}"
+        held = part.surfaces(direction)
+        if held is None:
+            missing[name] = _NO_PART
+        pwm[direction] = _pwm_map(held, name, rig, missing, where)
+    return ExportedValve(discrete, pwm)
+
+
+def _pwm_map(
+    found: PwmSurfaces | None,
+    name: str,
+    rig: Rig,
+    missing: dict[str, str],
+    where: str,
+) -> PwmMap:
+    part = found or PwmSurfaces()
+    place = f"{where}, {name}"
+    period, supply = (
+        None if value is None else _finite(value, place)
+        for value in (part.pwm_period_s, part.supply_pressure_pa)
+    )
+    declared = rig.pwm.period_s if rig.pwm else None
+    if period is not None and declared and abs(period / declared - 1.0) > 1e-6:
+        raise input_error(
+            place,
+            f"was fitted at a PWM period of {period:g} s, but the rig file gives {declared:g} s",
+            "fit valve-pwm tests at the rig's period",
+        )
+    conditions = {
+        "pwm_period_s": ExportedNumber(period, "s"),
+        "supply_pressure_pa": ExportedNumber(supply, "Pa"),
+    }
+    surfaces: dict[str, ExportedSurface | None] = {}
+    for kind, held in (("bipolynomial", part.bipolynomial), ("ann", part.ann)):
+        surfaces[kind] = None if held is None else read_surface(held, f"{place}.{kind}")
+        if held is None and found is not None:
+            missing[f"{name}.{kind}"] = _NO_PART
+    return PwmMap(conditions, surfaces["bipolynomial"], surfaces["ann"])
+
+
+def _effect(effect: EffectEntry, where: str) -> ExportedEffect:
+    name = clean_text(effect.id)
+    place = f"{where}, effect {name}"
+    values: dict[str, float | str | None] = {}
+    units: dict[str, str] = {}
+    for key, content in effect.parameters.items():
+        if not key.isidentifier() or not key.isascii() or key.startswith("_"):
+            raise input_error(place, f"{key!r} is not a parameter's name", _AGAIN)
+        if isinstance(content, Estimate):
+            known = content.identified
+            values[key] = _finite(content.value, f"{place}, {key}") if known else None
+            units[key] = clean_text(content.unit)
+        else:
+            values[key], units[key] = clean_text(content), ""
+    return ExportedEffect(name, values, units)
+
+
+def _estimates(
+    part: Part | None,
+    units: Mapping[str, str],
+    name: str,
+    missing: dict[str, str],
+    where: str,
+) -> NumberTable:
+    """The parameters in `units` of one part, None where they are absent or not identified."""
+    table: NumberTable = {key: ExportedNumber(None, unit) for key, unit in units.items()}
+    if part is None:
+        missing[name] = _NO_PART
+        return table
+    for key, unit in units.items():
+        estimate = getattr(part, key)
+        if estimate is None:
+            missing[f"{name}.{key}"] = "the bundle does not hold it"
+        elif isinstance(estimate, Unread):
+            raise input_error(f"{where}, {name}.{key}", "is not a parameter", _AGAIN)
+        elif not estimate.identified:
+            missing[f"{name}.{key}"] = f"not identified ({clean_text(estimate.reason)})"
+        else:
+            table[key] = ExportedNumber(_number(estimate, unit, f"{where}, {name}.{key}"), unit)
+    return table
+
+
+def _number(estimate: Estimate, unit: str, where: str) -> float:
+    """An estimate's value, whose unit must be the one that its name implies."""
+    if estimate.unit != unit:
+        raise input_error(where, f"is in {estimate.unit!r}, not {unit!r}", _AGAIN)
+    return _finite(estimate.value, where)
+
+
+def _finite(value: Any, where: str) -> float:
+    value = value.value if isinstance(value, Unread) else value
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise input_error(where, f"{str(value)[:40]!r} is not a finite number", _AGAIN)
+    return float(value)
+
+
+def values(table: NumberTable) -> dict[str, float | None]:
+    """The numbers of a table by name."""
+    return {name: quantity.value for name, quantity in table.items()}
+
+
+def units(table: NumberTable) -> dict[str, str]:
+    """The units of a table by name."""
+    return {name: quantity.unit for name, quantity in table.items()}

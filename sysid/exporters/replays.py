@@ -1,0 +1,414 @@
+"""Which functions of the header are replayed: how C calls each, and Python's own answer."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sysid.controllers.backstepping import BacksteppingMemory, backstepping_type
+from sysid.controllers.design_model import DesignModel
+from sysid.controllers.duty_inverse import SurfaceInverse
+from sysid.controllers.dvmpc import DvmpcController, DvmpcMemory, delayed_share
+from sysid.controllers.interface import Reference, StateEstimate
+from sysid.controllers.payload import PayloadEstimator, payload_mass
+from sysid.controllers.prediction import Motion, euler_step, loaded, point_at
+from sysid.controllers.pva import PvaController
+from sysid.controllers.sensing import Readings, SensingMemory, filter_coefficients, sense
+from sysid.exporters.c_control import gains, inverses
+from sysid.exporters.flat import DIRECTIONS, Flat
+from sysid.io.channels import SIDES
+from sysid.types import BoolArray, FloatArray
+
+_MOTION = ("position", "velocity", "pressure", "pressure")
+ESTIMATE = ("position", "velocity", "acceleration", "velocity", "pressure", "pressure")
+REFERENCE = ("wanted", "velocity", "acceleration", "jerk")
+Columns = Sequence[FloatArray]
+
+
+@dataclass(frozen=True)
+class Replay:
+    """A function: the kinds of its inputs (`vectors.DRAWS`), its call in C, its outputs.
+
+    `call`: statements that set out[] from v[], @p@ for the prefix. `evaluate` maps columns (n,)
+    to columns (n,) by Python's own functions. `is_tie` says in which rows (n,) two decisions are
+    so near that single precision may take the other; None where nothing is decided.
+    """
+
+    name: str
+    inputs: tuple[str, ...]
+    call: str
+    evaluate: Callable[[Columns], Sequence[Any]]
+    is_tie: Callable[[Columns], BoolArray] | None = None
+
+
+def simple(
+    name: str, inputs: tuple[str, ...], evaluate: Callable[..., Any], more: str = "", to: str = ""
+) -> Replay:
+    """A function of numbers that returns one."""
+    values = ", ".join(f"(real)v[{k}]" for k in range(len(inputs)))
+    call = f"out[0] = (double)@p@{to or name}({values}{more});"
+    return Replay(name, inputs, call, lambda v: (evaluate(*v),))
+
+
+def control_replays(flat: Flat, design: DesignModel) -> Iterator[Replay]:
+    """Those of the controllers' part."""
+    yield from _averaged(design)
+    yield _prediction_step(design)
+    yield from _delayed_shares(design)
+    yield _sensing()
+    yield from _payload(design)
+    yield _pva()
+    yield _backstepping(flat, design)
+    yield _costs(design)
+    yield _dvmpc(design)
+
+
+def _averaged(design: DesignModel) -> Iterator[Replay]:
+    for side in SIDES:
+        law: Any = design.inverse_a if side == "a" else design.inverse_b
+        yield simple(f"averaged_{side}_flow", ("duty", "pressure"), law.flow)
+        yield simple(f"averaged_{side}_duty", ("flow", "pressure"), law.duty)
+
+
+def _prediction_step(design: DesignModel) -> Replay:
+    def evaluate(v: Columns) -> list[Any]:
+        q, w, a, b, share_a, share_b, wanted, payload, step, way = v
+        model, motion, none = loaded(design, payload), Motion(q, w, a, b), 0.0 * q
+        point = point_at(motion._replace(velocity=wanted), model, none, none, wanted)
+        steps: Any = step
+        one, two = (
+            euler_step(motion, (share_a, share_b), point, model, steps, trapezoidal)
+            for trapezoidal in (False, True)
+        )
+        return [np.where(way > 0.0, y, x) for x, y in zip(one, two, strict=True)]
+
+    return Replay(
+        "prediction_step",
+        (*_MOTION, "share", "share", "velocity", "payload", "step", "switch"),
+        """@p@motion m, next;
+    m.position = (real)v[0];
+    m.velocity = (real)v[1];
+    m.pressure_a_pa = (real)v[2];
+    m.pressure_b_pa = (real)v[3];
+    @p@prediction_step(&m, (real)v[4], (real)v[5], (real)v[6], (real)v[7], (real)v[8], v[9] > 0,
+                       &next);
+    out[0] = (double)next.position;
+    out[1] = (double)next.velocity;
+    out[2] = (double)next.pressure_a_pa;
+    out[3] = (double)next.pressure_b_pa;""",
+        evaluate,
+    )
+
+
+def _delayed_shares(design: DesignModel) -> Iterator[Replay]:
+    for side in SIDES:
+
+        def evaluate(new: Any, old: Any, since: Any, span: Any, side: str = side) -> Any:
+            return delayed_share(side, new, old, since, span, design.model)
+
+        yield simple(f"delayed_share_{side}", ("switch", "switch", "step", "step"), evaluate)
+
+
+def _sensing() -> Replay:
+    filters = filter_coefficients(1e-3)[:, :, None]
+
+    def evaluate(v: Columns) -> list[Any]:
+        memory = SensingMemory(
+            Readings(*v[:3]), v[3], np.stack(v[4:6]), np.stack(v[6:8]), 0.0 * v[0]
+        )
+        after, seen = sense(memory, Readings(*v[8:]), 0, 1e-3, filters)
+        pairs = [*after.velocity_filter, *after.acceleration_filter]
+        return [*after.last, after.difference, *pairs, after.rejected, *seen[1:]]
+
+    memory = ("position_m", "pressure_a_pa", "pressure_b_pa", "difference")
+    kept = ["position", *memory[1:], *(f"{k}_filter[{i}]" for k in _FILTERS for i in (0, 1))]
+    shown = ("position", "velocity", "acceleration", "raw_velocity", *memory[1:3])
+    outs = [f"m.{name}" for name in (*kept, "rejected")] + [f"e.{name}" for name in shown]
+    lines = ["@p@sensing m;", "@p@estimate e;"]
+    lines += [f"m.{name} = (real)v[{k}];" for k, name in enumerate(kept)]
+    lines.append("m.rejected = 0;")
+    lines.append("@p@sense(&@p@filter_defaults, &m, (real)v[8], (real)v[9], (real)v[10], &e);")
+    lines += [f"out[{k}] = (double){name};" for k, name in enumerate(outs)]
+    before = ("position", "pressure", "pressure", *["velocity"] * 3, *["acceleration"] * 2)
+    reading = ("reading", "pressure_reading", "pressure_reading")
+    return Replay("sense", (*before, *reading), "\n    ".join(lines), evaluate)
+
+
+_FILTERS = ("velocity", "acceleration")
+
+
+def _payload(design: DesignModel) -> Iterator[Replay]:
+    estimator = PayloadEstimator()
+
+    def update(v: Columns) -> list[Any]:
+        now, wanted = _signals(v)
+        return [estimator.update(v[10], v[11], now, wanted, design)]
+
+    yield Replay(
+        "payload_update",
+        (*ESTIMATE, *REFERENCE, "payload", "effort"),
+        """const @p@estimate e = estimate_of(v);
+    const @p@reference r = reference_of(v + 6);
+    out[0] = (double)@p@payload_update(&@p@payload_estimator_defaults, (real)v[10], (real)v[11], &e,
+                                       &r);""",
+        update,
+    )
+    yield simple("payload_mass", ("payload",), lambda payload: payload_mass(payload, design))
+    yield Replay(
+        "payload_detected",
+        ("payload",),
+        "out[0] = @p@payload_detected(&@p@payload_estimator_defaults, (real)v[0]);",
+        lambda v: [np.where(estimator.detects(v[0], design), 1.0, 0.0)],
+    )
+
+
+def _signals(v: Columns) -> tuple[StateEstimate, Reference]:
+    return StateEstimate(0, *v[:6]), Reference(v[6], v[7], v[8], v[9])
+
+
+def _pva() -> Replay:
+    def evaluate(v: Columns) -> list[Any]:
+        commands = PvaController().commands((), *_signals(v))[1]
+        return [commands.motor, commands.valve_a, commands.valve_b]
+
+    return Replay(
+        "pva_control",
+        (*ESTIMATE, *REFERENCE),
+        """const @p@estimate e = estimate_of(v);
+    const @p@reference r = reference_of(v + 6);
+    @p@commands c;
+    @p@pva_control(&@p@pva_defaults, &e, &r, &c);
+    out[0] = (double)c.motor;
+    out[1] = (double)c.valve_a;
+    out[2] = (double)c.valve_b;""",
+        evaluate,
+    )
+
+
+def _backstepping(flat: Flat, design: DesignModel) -> Replay:
+    known = [_with_inverse(flat, design, name) for name in inverses(flat)]
+
+    def rows(v: Columns, key: tuple[float, ...]) -> list[Any]:
+        number, inverse, estimated = map(int, key)
+        now, wanted = _signals(v)
+        q, w, a, j = (np.stack([column]) for column in v[10:14])
+        controller = dataclasses.replace(
+            backstepping_type(number, known[inverse % len(known)]),
+            portion=gains_of.portion,
+            preview=1,
+            estimator=PayloadEstimator() if estimated else None,
+        )
+        memory = BacksteppingMemory(v[14], v[15])
+        after, commands = controller.commands(
+            memory, now, wanted._replace(ahead=Reference(q, w, a, j))
+        )
+        return [commands.motor, commands.valve_a, commands.valve_b, after.payload]
+
+    gains_of = gains(design, flat.rig.motor is not None)["backstepping"]
+    return Replay(
+        "backstepping_control",
+        (*ESTIMATE, *REFERENCE, *REFERENCE, "payload", "effort", "type", "inverse", "switch"),
+        f"""const @p@estimate e = estimate_of(v);
+    const @p@reference r = reference_of(v + 6), soon = reference_of(v + 10);
+    @p@backstepping gains = @p@backstepping_type((int)v[16]);
+    @p@backstepping_state state;
+    @p@commands c;
+    state.payload = (real)v[14];
+    state.motor = (real)v[15];
+    gains.inverse = (int)v[17] % {len(known)};
+    @p@backstepping_control(&gains, v[18] > 0 ? &@p@payload_estimator_defaults : NULL, &state, &e,
+                            &r, &soon, &c);
+    out[0] = (double)c.motor;
+    out[1] = (double)c.valve_a;
+    out[2] = (double)c.valve_b;
+    out[3] = (double)state.payload;""",
+        lambda v: _grouped(v, v[16:19], rows, 4),
+    )
+
+
+def _with_inverse(flat: Flat, design: DesignModel, name: str) -> DesignModel:
+    """The design with the surfaces themselves as inverses; the averaged laws are its own."""
+    if name == inverses(flat)[0]:
+        return design
+    kind = "ann" if name == "network" else name
+    maps = {side: [flat.valves[side].pwm[d] for d in DIRECTIONS] for side in SIDES}
+    a, b = (SurfaceInverse(*(getattr(m, kind).model for m in maps[side])) for side in SIDES)
+    return dataclasses.replace(design, inverse_a=a, inverse_b=b)
+
+
+def _grouped(
+    v: Columns,
+    keys: Columns,
+    rows: Callable[[Columns, tuple[float, ...]], list[Any]],
+    outputs: int,
+) -> list[FloatArray]:
+    """`rows` on each group of equal keys: columns (n,)."""
+    found = np.zeros((outputs, len(v[0])))
+    for key in sorted(set(zip(*keys, strict=True))):
+        chosen = np.all([column == k for column, k in zip(keys, key, strict=True)], axis=0)
+        result = rows([column[chosen] for column in v], key)
+        found[: len(result), chosen] = np.broadcast_arrays(*result)
+    return list(found)
+
+
+# Costs that single precision may take for equal, as a share.
+_TIE = 1e-3
+_DVMPC_INPUTS = (*ESTIMATE, *REFERENCE, "payload", "effort", "switch", "switch", "variant")
+_DVMPC_START = """static @p@reference ahead[256];
+    const @p@estimate e = estimate_of(v);
+    @p@dvmpc gains = @p@dvmpc_defaults;
+    @p@dvmpc_state state;
+    state.payload = (real)v[10];
+    state.motor = (real)v[11];
+    state.valve_a = (real)v[12];
+    state.valve_b = (real)v[13];
+    state.tick = 0;
+    gains.predicts_delays = (int)v[14] & 1;
+    gains.trapezoidal = (int)v[14] >> 1 & 1;
+    gains.filtered_velocity = (int)v[14] >> 2 & 1;
+    gains.varying = (int)v[14] >> 3;
+    trajectory_of(v + 6, (double)gains.period_s, gains.horizon, ahead);"""
+
+
+def _controller(design: DesignModel, variant: float, estimated: bool) -> DvmpcController:
+    """DVMPC with the switches that a variant's bits set, as in `_DVMPC_START`."""
+    delays, trapezoidal, filtered, varying = (bool(int(variant) >> k & 1) for k in range(4))
+    found: DvmpcController = dataclasses.replace(
+        gains(design)["dvmpc"],
+        predicts_delays=delays,
+        trapezoidal=trapezoidal,
+        filtered_velocity=filtered,
+        varying=varying,
+        estimator=PayloadEstimator() if estimated else None,
+    )
+    return found
+
+
+def _trajectory(v: Columns, controller: DvmpcController) -> Reference:
+    """The reference over the horizon: a cubic in time, from the four columns at the start."""
+    t = controller.period * np.arange(1, controller.horizon + 1)[:, None]
+    q, w, a, j = v
+    ahead = Reference(
+        position=q + t * (w + t * (a / 2.0 + t * (j / 6.0))),
+        velocity=w + t * (a + t * (j / 2.0)),
+        acceleration=a + t * j,
+        jerk=j + 0.0 * t,
+    )
+    return Reference(q, w, a, j, ahead)
+
+
+def _cost_rows(
+    design: DesignModel, v: Columns, key: tuple[float, ...], payload: FloatArray
+) -> FloatArray:
+    controller = _controller(design, key[0], False)
+    reference = _trajectory(v[6:10], controller)
+    now, model = StateEstimate(0, *v[:6]), loaded(design, payload)
+    return np.asarray(controller.costs((v[12], v[13]), now, reference, model))
+
+
+def _costs(design: DesignModel) -> Replay:
+    def rows(v: Columns, key: tuple[float, ...]) -> list[Any]:
+        return list(_cost_rows(design, v, key, v[10]))
+
+    call = """
+    double_costs(&gains, &state, &e, ahead, out);"""
+    return Replay(
+        "dvmpc_costs",
+        _DVMPC_INPUTS,
+        _DVMPC_START + call,
+        lambda v: _grouped(v, v[14:15], rows, 16),
+    )
+
+
+def _dvmpc(design: DesignModel) -> Replay:
+    def rows(v: Columns, key: tuple[float, ...]) -> list[Any]:
+        controller = _controller(design, key[0], key[1] > 0.0)
+        reference = _trajectory(v[6:10], controller)
+        memory = DvmpcMemory(v[12], v[13], v[10], v[11])
+        after, commands = controller.commands(memory, StateEstimate(0, *v[:6]), reference)
+        return [commands.motor, commands.valve_a, commands.valve_b, after.payload]
+
+    def gap(v: Columns, key: tuple[float, ...]) -> list[Any]:
+        """How much dearer the second best first input is than the best, as a share."""
+        costs = _cost_rows(design, v, key, v[16])
+        best, second = np.sort(costs.reshape(4, -1, costs.shape[1]).min(axis=1), axis=0)[:2]
+        return [second / np.where(best > 0.0, best, 1.0) - 1.0]
+
+    def is_tie(v: Columns) -> BoolArray:
+        now, wanted = _signals(v)
+        seen = PayloadEstimator().update(v[10], v[11], now, wanted, design)
+        payload = np.where(v[15] > 0.0, seen, v[10])
+        return _grouped([*v, payload], v[14:15], gap, 1)[0] < _TIE
+
+    call = """
+    {
+        @p@commands c;
+        @p@dvmpc_control(&gains, v[15] > 0 ? &@p@payload_estimator_defaults : NULL, &state, &e,
+                         ahead, &c);
+        out[0] = (double)c.motor;
+        out[1] = (double)c.valve_a;
+        out[2] = (double)c.valve_b;
+        out[3] = (double)state.payload;
+    }"""
+    return Replay(
+        "dvmpc_control",
+        (*_DVMPC_INPUTS, "switch"),
+        _DVMPC_START + call,
+        lambda v: _grouped(v, v[14:16], rows, 4),
+        is_tie,
+    )
+
+
+HELPERS = """\
+static @p@estimate estimate_of(const double *v)
+{
+    @p@estimate e;
+    e.position = (real)v[0];
+    e.velocity = (real)v[1];
+    e.acceleration = (real)v[2];
+    e.raw_velocity = (real)v[3];
+    e.pressure_a_pa = (real)v[4];
+    e.pressure_b_pa = (real)v[5];
+    return e;
+}
+
+static @p@reference reference_of(const double *v)
+{
+    @p@reference r;
+    r.position = (real)v[0];
+    r.velocity = (real)v[1];
+    r.acceleration = (real)v[2];
+    r.jerk = (real)v[3];
+    return r;
+}
+
+/* A cubic in time from the reference at v on: horizon + 1 ticks. */
+static void trajectory_of(const double *v, double period, int horizon, @p@reference *ahead)
+{
+    int k;
+    for (k = 0; k <= horizon; k++) {
+        const double t = period * k;
+        ahead[k].position = (real)(v[0] + t * (v[1] + t * (v[2] / 2 + t * (v[3] / 6))));
+        ahead[k].velocity = (real)(v[1] + t * (v[2] + t * (v[3] / 2)));
+        ahead[k].acceleration = (real)(v[2] + t * v[3]);
+        ahead[k].jerk = (real)v[3];
+    }
+}
+
+static void double_costs(const @p@dvmpc *gains, const @p@dvmpc_state *state, const @p@estimate *e,
+                         const @p@reference *ahead, double out[16])
+{
+    real costs[16] = {0};
+    int k;
+    @p@dvmpc_costs(gains, state, e, ahead, costs);
+    for (k = 0; k < 16; k++) {
+        out[k] = (double)costs[k];
+    }
+}
+"""
+
+__all__ = ["HELPERS", "Replay", "control_replays", "simple"]

@@ -1,0 +1,258 @@
+"""A symbolic array library over sympy: an effect's ports evaluated on names instead of numbers.
+
+`array_namespace` recognises a `Symbolic` by its `__array_namespace__`; numpy's own functions
+reach it through `__array_ufunc__` and `__array_function__`. Functions and comparisons stay
+as they were called: sympy neither simplifies them nor asks what they assume, so that nested
+selections (supply-droop, exhaust-back-pressure) stay as small as their code.
+
+What has no C form raises: a value cannot be branched on (TypeError), nor an unknown function
+called (AttributeError).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import sympy
+
+from sysid.exporters.symbolic_names import BINARY, IS_FINITE, NEGATION, UNARY, WHERE
+
+# A number that is whole and small is exact in sympy too: x + 0 is x, and 1 * x is x.
+_LARGEST_WHOLE = 1000.0
+
+
+def _function(name: str, *arguments: Any) -> Symbolic:
+    return Symbolic(sympy.Function(name)(*arguments))
+
+
+def expression(value: Any) -> Any:
+    """The sympy expression of a `Symbolic`, a number or a truth value. Raises TypeError."""
+    if isinstance(value, Symbolic):
+        return value.expr
+    if isinstance(value, bool | np.bool_):
+        return sympy.true if value else sympy.false
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value.item()
+    if not isinstance(value, int | float | np.number):
+        raise TypeError(f"a {type(value).__name__} has no C form")
+    number = float(value)
+    if not math.isfinite(number):
+        raise TypeError(f"{number} has no C form")
+    is_whole = number.is_integer() and abs(number) <= _LARGEST_WHOLE
+    return sympy.Integer(int(number)) if is_whole else sympy.Float(number)
+
+
+class Symbolic:
+    """A sympy expression that takes part in arithmetic as an array does."""
+
+    def __init__(self, expr: Any) -> None:
+        self.expr = expr
+
+    def __array_namespace__(self, *, api_version: str | None = None) -> Any:
+        return NAMESPACE
+
+    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
+        if method != "__call__" or options:
+            raise TypeError(f"{ufunc.__name__}.{method} with options has no C form")
+        return getattr(NAMESPACE, ufunc.__name__)(*inputs)
+
+    def __array_function__(self, func: Any, types: Any, args: Any, kwargs: Any) -> Any:
+        return getattr(NAMESPACE, func.__name__)(*args, **kwargs)
+
+    def __bool__(self) -> bool:
+        raise TypeError("a branch on a value has no C form: use where")
+
+    def __float__(self) -> float:
+        raise TypeError("a value is needed as a number")
+
+    def __add__(self, other: Any) -> Symbolic:
+        return Symbolic(self.expr + expression(other))
+
+    def __sub__(self, other: Any) -> Symbolic:
+        return Symbolic(self.expr - expression(other))
+
+    def __rsub__(self, other: Any) -> Symbolic:
+        return Symbolic(expression(other) - self.expr)
+
+    def __mul__(self, other: Any) -> Symbolic:
+        return Symbolic(self.expr * expression(other))
+
+    def __truediv__(self, other: Any) -> Symbolic:
+        return Symbolic(self.expr / expression(other))
+
+    def __rtruediv__(self, other: Any) -> Symbolic:
+        return Symbolic(expression(other) / self.expr)
+
+    def __pow__(self, other: Any) -> Symbolic:
+        return _power(self, other)
+
+    def __rpow__(self, other: Any) -> Symbolic:
+        return _power(other, self)
+
+    def __neg__(self) -> Symbolic:
+        return Symbolic(-self.expr)
+
+    def __pos__(self) -> Symbolic:
+        return self
+
+    def __abs__(self) -> Symbolic:
+        return _function("fabs", self.expr)
+
+    def __lt__(self, other: Any) -> Symbolic:
+        return _compared("less", self, other)
+
+    def __le__(self, other: Any) -> Symbolic:
+        return _compared("less_equal", self, other)
+
+    def __gt__(self, other: Any) -> Symbolic:
+        return _compared("less", other, self)
+
+    def __ge__(self, other: Any) -> Symbolic:
+        return _compared("less_equal", other, self)
+
+    def __eq__(self, other: Any) -> Any:
+        return _compared("equal", self, other)
+
+    def __ne__(self, other: Any) -> Any:
+        return _compared("not_equal", self, other)
+
+    __hash__ = object.__hash__
+
+    def __and__(self, other: Any) -> Symbolic:
+        return _joined("both", self, other)
+
+    def __or__(self, other: Any) -> Symbolic:
+        return _joined("either", self, other)
+
+    def __invert__(self) -> Symbolic:
+        if self.expr in (sympy.true, sympy.false):
+            return Symbolic(sympy.Not(self.expr))
+        return _function(NEGATION, self.expr)
+
+    __radd__, __rmul__, __rand__, __ror__ = __add__, __mul__, __and__, __or__
+
+
+def _power(base: Any, exponent: Any) -> Symbolic:
+    """A power: products where the exponent is 0, 1, 2 or 3, else the function."""
+    x, y = expression(base), expression(exponent)
+    return Symbolic(x**y) if y in (0, 1, 2, 3) else _function("pow", x, y)
+
+
+def _compared(name: str, left: Any, right: Any) -> Symbolic:
+    """A comparison. x == x, the ports' question for NaN, is true: what is exported is known."""
+    a, b = expression(left), expression(right)
+    if a == b:
+        return Symbolic(sympy.true if name in ("equal", "less_equal") else sympy.false)
+    if a.is_number and b.is_number:
+        return Symbolic(sympy.true if _holds(name, float(a), float(b)) else sympy.false)
+    return _function(name, a, b)
+
+
+def _holds(name: str, a: float, b: float) -> bool:
+    if name in ("equal", "not_equal"):
+        return (a == b) == (name == "equal")
+    return a < b if name == "less" else a <= b
+
+
+def _joined(name: str, left: Any, right: Any) -> Symbolic:
+    """Both, or either, of two truth values."""
+    neutral, absorbing = sympy.true, sympy.false
+    if name == "either":
+        neutral, absorbing = absorbing, neutral
+    a, b = expression(left), expression(right)
+    if absorbing in (a, b):
+        return Symbolic(absorbing)
+    if a == neutral or b == neutral:
+        return Symbolic(b if a == neutral else a)
+    return _function(name, a, b)
+
+
+def _where(condition: Any, chosen: Any, other: Any) -> Symbolic:
+    test, a, b = map(expression, (condition, chosen, other))
+    if test in (sympy.true, sympy.false):
+        return Symbolic(a if test == sympy.true else b)
+    if a == b:
+        return Symbolic(a)
+    return _function(WHERE, test, a, b)
+
+
+def _clip(x: Any, low: Any = None, high: Any = None) -> Any:
+    """As numpy: first not below `low`, then not above `high`; None for no bound."""
+    x = x if low is None else NAMESPACE.maximum(x, low)
+    return x if high is None else NAMESPACE.minimum(x, high)
+
+
+class _Namespace:
+    """The functions of the library, by their names in numpy and in the array API."""
+
+    pi = math.pi
+    e = math.e
+    where = staticmethod(_where)
+    clip = staticmethod(_clip)
+    power = pow = staticmethod(_power)
+
+    def __getattr__(self, name: str) -> Any:
+        try:
+            return _FUNCTIONS[name]
+        except KeyError:
+            raise AttributeError(f"the function {name} has no C form") from None
+
+
+NAMESPACE: Any = _Namespace()
+
+
+def _called(name: str, numpys: str) -> Callable[..., Any]:
+    """A function of names, worked out at once where all its arguments are numbers."""
+
+    def call(*arguments: Any) -> Any:
+        if not any(isinstance(a, Symbolic) for a in arguments):
+            return getattr(np, numpys)(*arguments)
+        return _function(name, *map(expression, arguments))
+
+    return call
+
+
+def _wrapped(value: Any) -> Symbolic:
+    return value if isinstance(value, Symbolic) else Symbolic(expression(value))
+
+
+_FUNCTIONS: dict[str, Callable[..., Any]] = {
+    **{
+        known: _called(name, numpys)
+        for name, numpys in (UNARY | BINARY).items()
+        for known in (name, numpys)
+    },
+    "abs": abs,
+    "square": lambda x: x * x,
+    "negative": lambda x: -_wrapped(x),
+    "positive": _wrapped,
+    "asarray": _wrapped,
+    "add": lambda x, y: _wrapped(x) + y,
+    "subtract": lambda x, y: _wrapped(x) - y,
+    "multiply": lambda x, y: _wrapped(x) * y,
+    "divide": lambda x, y: _wrapped(x) / y,
+    "true_divide": lambda x, y: _wrapped(x) / y,
+    "float_power": _power,
+    "less": lambda x, y: _wrapped(x) < y,
+    "less_equal": lambda x, y: _wrapped(x) <= y,
+    "greater": lambda x, y: _wrapped(x) > y,
+    "greater_equal": lambda x, y: _wrapped(x) >= y,
+    "equal": lambda x, y: _wrapped(x) == y,
+    "not_equal": lambda x, y: _wrapped(x) != y,
+    "logical_and": lambda x, y: _wrapped(x) & y,
+    "logical_or": lambda x, y: _wrapped(x) | y,
+    "logical_not": lambda x: ~_wrapped(x),
+    "zeros_like": lambda x: 0.0,
+    "ones_like": lambda x: 1.0,
+    "isnan": lambda x: Symbolic(sympy.false),
+    "isfinite": lambda x: _function(IS_FINITE, expression(x)),
+    "stack": tuple,
+}
+
+
+def symbol(name: str) -> Symbolic:
+    """A name of the C text as a value."""
+    return Symbolic(sympy.Symbol(name))
