@@ -134,16 +134,16 @@ def fit_friction(
 
     `kind` (`static`, `sliding`, `motion`, or with `friction-` in front) overrides
     each trial's content; one for all, or one per trial. The inertia is estimated from motion
-    where the rig file gives none, or on demand. `cutoff_hz` None: 50 Hz, or lower as the
-    sampling and the noise of the motion require. Raises InputError where a channel is
+    where the rig file gives none or an assumed one, or on demand. `cutoff_hz` None: 50 Hz, or
+    lower as the sampling and the noise of the motion require. Raises InputError where a channel is
     missing, NotIdentifiedError where the tests identify none of the parameters.
     """
     fit = _prepared(trials, rig, kind, cutoff_hz)
     static = fit.attempt(STATIC, lambda: _static(fit))
-    given = rig.total_inertia()
-    motion = fit.attempt(MOTION, lambda: _motion(fit, None if estimate_inertia else given))
-    inertia = given
-    if inertia is None and motion is not None and motion.inertia is not None:
+    inertia = rig.total_inertia()
+    declared = inertia if rig.has_declared_inertia else None
+    motion = fit.attempt(MOTION, lambda: _motion(fit, None if estimate_inertia else declared))
+    if declared is None and motion is not None and motion.inertia is not None:
         inertia = motion.inertia.value
     sliding = fit.attempt(SLIDING, lambda: _sliding(fit, inertia))
     if static is None and sliding is None and motion is None and not fit.sums:

@@ -82,7 +82,7 @@ def effort_is_read(trials: Iterable[Trial], rig: Rig) -> bool:
     A rig file with [motor] declares a command. Without, the half sample is estimated by which the
     effort lags behind the motion, with its error from the scatter over stretches.
     """
-    if rig.motor is not None:
+    if rig.has_declared_motor:
         return False
     cases = [case for t in trials if (case := _case(t, rig)) is not None]
     if not cases:

@@ -72,10 +72,24 @@ def read_log(
     where the file has the column and `mapping` does not override it. Raises InputError, one
     line that names the file, the row or column, and the fix.
     """
-    maps = {**(shared or {}), **(mapping or {})}
+    return log_of(log_table(path, {**(shared or {}), **(mapping or {})}), rig, mapping, shared)
+
+
+def log_table(path: Path, maps: Mapping[str, ColumnMap]) -> LogTable:
+    """The columns of a log file that the log format or a map names. Raises InputError."""
     wanted = set(CANONICAL_UNITS) | {m.column for m in maps.values()}
     text = {"test"} | ({maps["test"].column} if "test" in maps else set())
-    table = read_table(path, wanted, text)
+    return read_table(path, wanted, text)
+
+
+def log_of(
+    table: LogTable,
+    rig: Rig,
+    mapping: Mapping[str, ColumnMap] | None = None,
+    shared: Mapping[str, ColumnMap] | None = None,
+) -> Log:
+    """A table of `log_table` checked and converted to SI; arguments and errors of `read_log`."""
+    maps, path = {**(shared or {}), **(mapping or {})}, table.path
     reading = LogReading(table, rig)
     for target in sorted(set(shared or {}) - set(mapping or {})):
         if not has_column(table.header, maps[target]):
@@ -444,6 +458,8 @@ __all__ = [
     "Trial",
     "check_time_column",
     "groups_of",
+    "log_of",
+    "log_table",
     "missing_time",
     "read_log",
     "smallest_step",

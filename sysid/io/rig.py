@@ -33,6 +33,8 @@ from sysid.io.tables import PARQUET_SUFFIXES
 
 GRAVITY_M_PER_S2 = 9.81
 RIG_FILE_NAME = "rig.toml"
+ASSUMED = "assumed"
+"""The key of the rig file's constants that nobody declared, before its sections."""
 
 
 _NO_INERTIA = Inertia.model_construct()
@@ -44,7 +46,8 @@ class Rig:
     """A rig: constants by section, SI. Sections missing from the file are None.
 
     `source` is the file that it was read from; `content` the file's tables as read, which
-    go into a bundle; `notices` the reader's notices.
+    go into a bundle; `notices` the reader's notices. `assumed` are the constants that nobody
+    declared and no log shows, as dotted keys ("cylinder.area_a_m2").
 
     >>> campaign.rig.air.supply_pressure_pa, campaign.rig.effort_channel
     (312000.0, 'motor_torque_nm')
@@ -65,6 +68,7 @@ class Rig:
     source: str = "rig"
     content: dict[str, Any] = dataclasses.field(default_factory=dict, compare=False)
     notices: tuple[str, ...] = ()
+    assumed: tuple[str, ...] = ()
 
     @property
     def is_linear(self) -> bool:
@@ -124,6 +128,18 @@ class Rig:
         """Whether a motor alone drives it: neither air nor a cylinder nor valves are declared."""
         return self.air is None and self.cylinder is None and self.valves is None
 
+    @property
+    def has_declared_inertia(self) -> bool:
+        """Whether the file gives an inertia, and not as an assumed one."""
+        return self.total_inertia() is not None and not any(
+            key.startswith("inertia.") for key in self.assumed
+        )
+
+    @property
+    def has_declared_motor(self) -> bool:
+        """Whether a motor is declared, and not only assumed."""
+        return self.motor is not None and not any(key.startswith("motor.") for key in self.assumed)
+
     def require(self, section: str, why: str) -> Any:
         """The section, or an InputError that says what needs it."""
         value = getattr(self, section)
@@ -182,10 +198,10 @@ class Rig:
         return float(arm + i.payload_mass_kg * i.payload_length_m) * GRAVITY_M_PER_S2
 
 
-def find_rig_file(log: Path) -> Path:
-    """`rig.toml` in the log's folder or the nearest folder above it.
+def find_rig_file(log: Path) -> Path | None:
+    """`rig.toml` in the log's folder or the nearest folder above it; None without one.
 
-    Raises InputError where there is none.
+    Raises InputError for a path that is no file's.
     """
     try:
         is_folder, folder = log.is_dir(), log.resolve().parent
@@ -195,12 +211,17 @@ def find_rig_file(log: Path) -> Path:
         raise input_error(name, what, "give the path of a log") from None
     if is_folder:
         raise input_error(log, "is a directory", "give the path of a log in it")
-    path = nearest_rig_file(folder / log.name)
+    return nearest_rig_file(folder / log.name)
+
+
+def require_rig_file(log: Path) -> Path:
+    """`find_rig_file`; InputError where there is none."""
+    path = find_rig_file(log)
     if path is None:
         raise input_error(
             log,
             f"no {RIG_FILE_NAME} in its folder or any folder above",
-            "give one with --rig, or write one with `sysid init rig.toml`",
+            f"give one with --rig, or write one with `sysid init --from {log.name} rig.toml`",
         )
     return path
 
@@ -266,7 +287,7 @@ def reject_misspelt(given: Any, known: Any, where: str, source: str) -> list[str
 
 def rig_from_content(content: dict[str, Any], source: str) -> Rig:
     """Check a rig file's tables (also as stored in a bundle) and build the Rig."""
-    notices = reject_misspelt(content, RIG_TABLES, "section ", source)
+    notices = reject_misspelt(content, (*RIG_TABLES, ASSUMED), "section ", source)
     if not isinstance(content.get("rig"), dict):
         raise input_error(source, "section [rig] is missing", 'add [rig] with name = "..."')
     found: dict[str, Any] = {
@@ -282,10 +303,30 @@ def rig_from_content(content: dict[str, Any], source: str) -> Rig:
         source=source,
         content=content,
         notices=tuple(notices),
+        assumed=_assumed(content, source),
         **found,
     )
     _check_together(rig)
     return rig
+
+
+def _assumed(content: dict[str, Any], source: str) -> tuple[str, ...]:
+    """The dotted keys of a file's `assumed`, each a constant that the file holds."""
+    keys = content.get(ASSUMED, [])
+    if not isinstance(keys, list) or not all(isinstance(key, str) for key in keys):
+        raise input_error(
+            source, f"{ASSUMED} is not a list of keys", 'write ["cylinder.area_a_m2", ...]'
+        )
+    for key in keys:
+        section, _, name = key.partition(".")
+        table = content.get(section)
+        if not isinstance(table, dict) or name not in table:
+            raise input_error(
+                source,
+                f"{ASSUMED} names {key}, which the file does not hold",
+                f"write section.key of a constant in it, or take {key} out of the list",
+            )
+    return tuple(keys)
 
 
 def _section(
@@ -338,7 +379,7 @@ def _check_together(rig: Rig) -> None:
 
 def differing_sections(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
     """The sections in which two rig files' contents differ, sorted."""
-    return [s for s in sorted({*one, *other}) if one.get(s) != other.get(s)]
+    return [s for s in sorted({*one, *other} - {ASSUMED}) if one.get(s) != other.get(s)]
 
 
 def require_inertia(rig: Rig) -> float:
@@ -351,6 +392,7 @@ def require_inertia(rig: Rig) -> float:
 
 
 __all__ = [
+    "ASSUMED",
     "GRAVITY_M_PER_S2",
     "RIG_FILE_NAME",
     "Air",
@@ -372,5 +414,6 @@ __all__ = [
     "read_toml",
     "reject_misspelt",
     "require_inertia",
+    "require_rig_file",
     "rig_from_content",
 ]

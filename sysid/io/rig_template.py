@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 from sysid.errors import input_error
 from sysid.io.declaration import Motion, TemplateLine, TomlSection, declared_keys
 from sysid.io.files import write_atomic
+from sysid.io.rig import ASSUMED
 from sysid.io.rig_file import RIG_TABLES, RigFile, SectionComment
+from sysid.io.toml_text import toml_value
 
 _HEAD = """\
 # What is known about the rig before any test. SI units throughout; pressures are absolute.
@@ -29,11 +32,59 @@ def rig_template(*, linear: bool) -> str:
     return _HEAD + "".join(sections)
 
 
+_HEAD_OF_LOGS = """\
+# The rig of {logs}: what the tests show, and else the constants of the reference rig, which
+# `assumed` lists. Correct these, and take each that is right out of the list.
+# SI units throughout; pressures are absolute.
+
+"""
+
+
+def rig_text(content: Mapping[str, Any], logs: str) -> str:
+    """A rig file of this content, with every key explained; `logs` names where it comes from."""
+    assumed = content.get(ASSUMED, ())
+    motion: Motion = content["rig"].get("motion", "rotary")
+    keys = "".join(f'    "{key}",\n' for key in assumed)
+    sections = [f"{ASSUMED} = [\n{keys}]\n"] if assumed else []
+    for name, cls in RIG_TABLES.items():
+        if name in content:
+            head = _commented(f"[{name}]", _section_comment(name, motion))
+            lines = _given_lines(cls, content[name], motion, assumed)
+            sections.append("\n".join((head, *lines, "")))
+    return _HEAD_OF_LOGS.format(logs=logs) + "\n".join(sections)
+
+
+def _given_lines(
+    section: type[TomlSection],
+    table: Mapping[str, Any],
+    motion: Motion,
+    assumed: Collection[str],
+) -> Iterator[str]:
+    """A section's keys with their values, in the order of the template."""
+    for name, key in declared_keys(section).items():
+        if name not in table:
+            continue
+        line = key.line(motion)
+        comment = "" if line is None else line.comment.removesuffix("; or instead of it:")
+        if f"{section.table}.{name}" in assumed:
+            comment = f"ASSUMED; {comment}" if comment else "ASSUMED"
+        yield _commented(f"{name} = {toml_value(table[name])}", comment)
+
+
+def write_rig_of_logs(path: Path, content: Mapping[str, Any], logs: str, *, force: bool) -> None:
+    """Write `rig_text` to `path`; errors as `write_rig_template`."""
+    _write(path, rig_text(content, logs), force)
+
+
 def write_rig_template(path: Path, *, linear: bool, force: bool) -> None:
     """Write it to `path`; InputError where the file exists and `force` is not given."""
+    _write(path, rig_template(linear=linear), force)
+
+
+def _write(path: Path, text: str, force: bool) -> None:
     if path.exists() and not force:
         raise input_error(path, "exists already", "choose another file, or give --force")
-    write_atomic(path, rig_template(linear=linear))
+    write_atomic(path, text)
 
 
 def _key_lines(section: type[TomlSection], motion: Motion) -> Iterator[str]:

@@ -58,7 +58,7 @@ def read_log(
     True
     """
     if not isinstance(rig, Rig):
-        rig = read_rig(rigs.find_rig_file(Path(path)) if rig is None else rig)
+        rig = read_rig(rigs.require_rig_file(Path(path)) if rig is None else rig)
     return logs.read_log(Path(path), rig, parse_map(maps))
 
 

@@ -195,7 +195,7 @@ def even_trial(trial: Trial, rig: Rig, notices: list[str]) -> EvenTrial:
     Missing pressures are set to P0, with a notice, as the log format specifies.
     """
     trial.require([rig.position_channel], "and friction cannot be identified without motion")
-    if rig.motor is not None or not set(CHAMBER_PRESSURES) <= set(trial.channels):
+    if rig.has_declared_motor or not set(CHAMBER_PRESSURES) <= set(trial.channels):
         trial.require([rig.effort_channel], "and the motor's effort is what friction balances")
     grid = signals.uniform_grid(trial.time)
 

@@ -1,0 +1,235 @@
+"""A rig for logs that come without a rig file: what they show, and else the reference rig's.
+
+`spec/cli.md`, "A bare log". The reference rig is the thesis' (`sysid.io.bundled`). Each constant
+that is taken from it stands in the rig's `assumed`; results say what rests on it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from sysid.io.bundled import REFERENCE_BUNDLE, thesis_folder
+from sysid.io.channels import PRESSURES, VALVE_COMMANDS
+from sysid.io.declaration import NumberKey, key_of
+from sysid.io.log_constants import ShownConstants, shown_constants
+from sysid.io.logs import Log, log_of, log_table
+from sysid.io.rig import ASSUMED, Rig, rig_from_content
+from sysid.io.rig_sections import Cylinder, Motor
+from sysid.io.tables import LogTable
+from sysid.io.units import ColumnMap, find_column
+
+SOURCE = "the reference rig"
+"""What messages name in place of a rig file."""
+
+_LINEAR = ("position_m", "motor_force_n")
+_FULL_TURN = 2.0 * math.pi
+# Above any supply: the first reading takes pressures as they are.
+_ANY_SUPPLY_PA = 5e6
+
+
+@dataclass(frozen=True)
+class BareLogs:
+    """Logs that were read without a rig file, and the rig that was made for them.
+
+    `read_with` is that rig, but where the motor's effort is `in_volts`, as no torque constant is
+    declared: then one volt is one newton metre (or newton), and nothing else is known. `notices`:
+    what may be a slip though no rig file contradicts it.
+    """
+
+    rig: Rig
+    read_with: Rig
+    logs: tuple[Log, ...]
+    in_volts: bool
+    notices: tuple[str, ...]
+
+
+def read_bare_logs(
+    paths: Sequence[Path],
+    mapping: Mapping[str, ColumnMap],
+    beside: Mapping[str, Any] | None = None,
+) -> BareLogs:
+    """Read logs of one rig without its rig file.
+
+    `beside` is the content of a rig that other parts were fitted with: of it the assumed
+    constants that these logs show are replaced, and all others kept. Raises InputError as
+    `read_log` does.
+    """
+    tables = [log_table(path, mapping) for path in paths]
+    present = {name for table in tables for name in _channels(table, mapping)}
+    is_linear = any(name in present for name in _LINEAR)
+    reference = _reference(is_linear, paths[0].stem)
+    in_volts = "motor_volts" in present and not present & {"motor_torque_nm", "motor_force_n"}
+    draft = _draft(reference, in_volts)
+    shown = shown_constants(
+        [log_of(table, draft, mapping) for table in tables],
+        draft.position_channel,
+        draft.effort_channel,
+    )
+    content = reference if beside is None else {k: v for k, v in beside.items() if k != ASSUMED}
+    free = set(_dotted(content)) if beside is None else set(beside.get(ASSUMED, ()))
+    content, left = _completed(content, free, shown, present, in_volts)
+    rig = rig_from_content({ASSUMED: left, **content} if left else content, SOURCE)
+    read_with = _volts_as_effort(rig) if in_volts else rig
+    logs = tuple(log_of(table, read_with, mapping) for table in tables)
+    return BareLogs(rig, read_with, logs, in_volts, tuple(_doubts(logs, rig)))
+
+
+def _channels(table: LogTable, mapping: Mapping[str, ColumnMap]) -> Iterator[str]:
+    """The channels that a table holds, by their names in the log format."""
+    taken = {
+        table.header[find_column(table.header, entry, str(table.path))]
+        for entry in mapping.values()
+    }
+    yield from mapping
+    yield from (name for name in table.header if name not in taken)
+
+
+def _reference(is_linear: bool, name: str) -> dict[str, Any]:
+    """The content of the reference rig's file; a linear one is it at its pitch radius."""
+    text = (thesis_folder() / REFERENCE_BUNDLE).read_text("utf-8")
+    full: dict[str, Any] = json.loads(text)["rig"]
+    radius = full["cylinder"]["pitch_radius_m"]
+    inertia, torque = full["inertia"]["equivalent_kg_m2"], full["motor"]["max_torque_nm"]
+    motion = "linear" if is_linear else "rotary"
+    counts = full["sensors"]["encoder_counts_per_rev"]
+    content = {
+        "rig": {"name": name, "motion": motion, "orientation": full["rig"]["orientation"]},
+        "air": dict(full["air"]),
+        "cylinder": dict(full["cylinder"]),
+        "inertia": {"equivalent_kg_m2": inertia},
+        "motor": {"max_torque_nm": torque},
+        **{section: dict(full[section]) for section in ("pwm", "valves", "sampling")},
+        "sensors": {"encoder_counts_per_rev": counts},
+    }
+    if is_linear:
+        del content["cylinder"]["pitch_radius_m"]
+        content["inertia"] = {"mass_kg": _rounded(inertia / radius**2)}
+        content["motor"] = {"max_force_n": _rounded(torque / radius)}
+        content["sensors"] = {"encoder_counts_per_m": round(counts / (_FULL_TURN * radius))}
+    return content
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.4g}")
+
+
+def _draft(reference: Mapping[str, Any], in_volts: bool) -> Rig:
+    """A rig to read logs with before anything is known: it contradicts nothing but units."""
+    air = {**reference["air"], "supply_pressure_pa": _ANY_SUPPLY_PA}
+    content = {"rig": reference["rig"], "air": air, "sensors": reference["sensors"]}
+    draft = rig_from_content(content, SOURCE)
+    return _volts_as_effort(draft) if in_volts else draft
+
+
+def _volts_as_effort(rig: Rig) -> Rig:
+    """The rig on which one volt is one unit of effort, of which nothing else is known.
+
+    Without cylinder and inertia, whose efforts cannot be added to volts.
+    """
+    key = "force_per_volt_n" if rig.is_linear else "torque_per_volt_nm"
+    motor = Motor.from_table({key: 1.0}, SOURCE)
+    assumed = (*rig.assumed, f"motor.{key}")
+    return dataclasses.replace(rig, motor=motor, cylinder=None, inertia=None, assumed=assumed)
+
+
+def _dotted(content: Mapping[str, Any]) -> Iterator[str]:
+    """The keys of a rig file's constants: not its name, nor what the columns say."""
+    for section, table in content.items():
+        for key in table:
+            if (section, key) not in (("rig", "name"), ("rig", "motion")):
+                yield f"{section}.{key}"
+
+
+def _completed(
+    content: Mapping[str, Any],
+    free: Collection[str],
+    shown: ShownConstants,
+    present: Collection[str],
+    in_volts: bool,
+) -> tuple[dict[str, Any], list[str]]:
+    """The rig's content with what the logs show in place of `free` constants, and which of these
+    are still assumed.
+    """
+    made = {section: dict(table) for section, table in content.items()}
+    known = {
+        "air.atmospheric_pressure_pa": shown.atmosphere_pa,
+        "air.supply_pressure_pa": shown.supply_pa,
+        "air.temperature_k": shown.temperature_k,
+        "sampling.period_s": shown.sampling_s,
+        "pwm.period_s": shown.pwm_period_s,
+    }
+    low, high = known["air.atmospheric_pressure_pa"], known["air.supply_pressure_pa"]
+    if low is not None and high is not None and high <= low:
+        known["air.supply_pressure_pa"] = None
+    found = {key: value for key, value in known.items() if value is not None and key in free}
+    stroke = _stroke(made, shown) if "cylinder.stroke_m" in free else None
+    if stroke is not None:
+        _set_stroke(made["cylinder"], stroke)
+        if made["rig"].get("motion") == "linear":
+            found["cylinder.stroke_m"] = stroke
+    for key, value in found.items():
+        section, name = key.split(".")
+        made[section][name] = value
+    left = [key for key in free if key not in found]
+    dropped = set()
+    if "encoder_counts" not in present:
+        dropped.add("sensors")  # readings in SI say their own resolution
+    if not {*PRESSURES, *VALVE_COMMANDS} & set(present):
+        dropped |= {"air", "cylinder", "pwm", "valves"}  # a motor alone, as far as the logs say
+    limit = max(made.get("motor", {}).values(), default=math.inf)
+    if in_volts or (shown.largest_effort or 0.0) > limit:
+        dropped.add("motor")
+    for section in dropped:
+        if all(f"{section}.{key}" in free for key in made.get(section, ())):
+            made.pop(section, None)
+            left = [key for key in left if not key.startswith(f"{section}.")]
+    order = [key for key in _dotted(made) if key in left]
+    return made, order
+
+
+def _stroke(content: Mapping[str, Any], shown: ShownConstants) -> float | None:
+    """The stroke (m) by which a held piston stands at an end; of a moving one, at least its way.
+
+    None where the reference rig's does.
+    """
+    if shown.reach is None:
+        return None
+    cylinder = content["cylinder"]
+    way = _rounded(2.0 * shown.reach * cylinder.get("pitch_radius_m", 1.0))
+    declared = key_of(Cylinder.model_fields["stroke_m"])
+    assert isinstance(declared, NumberKey)
+    if shown.is_held:
+        return way if declared.range.holds(way) or way > declared.range.upper else None
+    return way if way > cylinder["stroke_m"] else None
+
+
+def _set_stroke(cylinder: dict[str, Any], stroke: float) -> None:
+    """A stroke, and offsets that leave each chamber its dead length at the end."""
+    for key in ("offset_a_m", "offset_b_m"):
+        dead = cylinder[key] - 0.5 * cylinder["stroke_m"]
+        if cylinder[key] <= 0.5 * stroke:
+            cylinder[key] = _rounded(0.5 * stroke + dead)
+    cylinder["stroke_m"] = stroke
+
+
+def _doubts(logs: Sequence[Log], rig: Rig) -> Iterator[str]:
+    """Notices of what a rig file would contradict, as far as the logs alone show it."""
+    name = rig.position_channel
+    for log in logs if not rig.is_linear else ():
+        ends = [
+            float(end) for t in log.trials if name in t for end in (t[name].min(), t[name].max())
+        ]
+        if ends and max(max(ends), -min(ends)) > _FULL_TURN:
+            yield (
+                f"{log.path}: {name} runs from {min(ends):.4g} to {max(ends):.4g} rad, more than a "
+                f'turn from its zero: if it is in degrees, give --map "{name}={name}:deg"'
+            )
+
+
+__all__ = ["SOURCE", "BareLogs", "read_bare_logs"]

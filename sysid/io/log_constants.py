@@ -1,0 +1,239 @@
+"""Constants of a rig that its logs show: supply, atmosphere, sampling, PWM period, travel.
+
+For logs that come without a rig file (`spec/cli.md`, "A bare log"). A pressure is read where it
+rests: in a chamber whose valve is off and at the end of a stretch in which it is on; a PWM period
+from the ripple of its pulses in the pressure.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.io.channels import SIDES
+from sysid.io.declaration import NumberKey, key_of
+from sysid.io.rig_sections import Air
+from sysid.io.samples import Log, Trial
+from sysid.types import FloatArray
+
+# Chance that the ripple of a log without pulses is taken for a PWM period.
+_FALSE_RIPPLE = 1e-6
+# Of a stretch under one command: its end, where the pressure has settled.
+_SETTLED = 0.2
+# Of a test's travel: a shaft that has gone so far moves.
+_MOVED = 1e-3
+
+
+@dataclass(frozen=True)
+class ShownConstants:
+    """What logs show of their rig, SI; None where they show nothing.
+
+    `reach`: the largest distance of the position from zero, rad or m; `is_held`: whether the
+    piston never leaves its place, as at an end of its stroke.
+    """
+
+    atmosphere_pa: float | None
+    supply_pa: float | None
+    temperature_k: float | None
+    sampling_s: float
+    pwm_period_s: float | None
+    reach: float | None
+    is_held: bool
+    largest_effort: float | None
+
+
+def shown_constants(logs: Sequence[Log], position: str, effort: str) -> ShownConstants:
+    """What the trials of these logs show; `position` and `effort` name their channels."""
+    trials = [trial for log in logs for trial in log.trials]
+    low, high = _rests(trials, position)
+    places = [trial[position] for trial in trials if position in trial]
+    efforts = [float(np.max(np.abs(trial[effort]))) for trial in trials if effort in trial]
+    return ShownConstants(
+        atmosphere_pa=_within("atmospheric_pressure_pa", low),
+        supply_pa=_within("supply_pressure_pa", high),
+        temperature_k=_within("temperature_k", _known(_median_of(trials, "temperature_k"))),
+        sampling_s=_rounded(float(np.median([trial.period for trial in trials])), 4),
+        pwm_period_s=pwm_period(trials),
+        reach=max((float(np.max(np.abs(place))) for place in places), default=None),
+        is_held=all(_is_still(place) for place in places),
+        largest_effort=max(efforts, default=None),
+    )
+
+
+def _is_still(place: FloatArray) -> bool:
+    """Whether a position (n,) hardly changes, next to its distance from zero."""
+    return float(np.ptp(place)) <= _MOVED * float(np.max(np.abs(place)))
+
+
+def _within(key: str, value: float | None) -> float | None:
+    """A pressure, where it is one that a rig can have as this key of [air]."""
+    declared = key_of(Air.model_fields[key])
+    assert isinstance(declared, NumberKey)
+    return value if value is not None and declared.range.holds(value) else None
+
+
+def _rounded(value: float, digits: int) -> float:
+    return float(f"{value:.{digits}g}")
+
+
+# --- pressures ----------------------------------------------------------------------------
+
+
+def _rests(trials: Sequence[Trial], position: str) -> tuple[float | None, float | None]:
+    """The pressures (Pa) at which open chambers and filled ones rest; None: not shown.
+
+    A logged supply pressure is that of filled ones.
+    """
+    off: list[float] = []
+    on: list[float] = []
+    for trial in trials:
+        for side in SIDES:
+            if f"pressure_{side}_pa" in trial:
+                for is_on, values in _resting(trial, side, position):
+                    (on if is_on else off).append(float(np.median(values)))
+    off, begun_filled = _apart(off)
+    on += begun_filled
+    supplies = [
+        float(np.median(t["supply_pressure_pa"])) for t in trials if "supply_pressure_pa" in t
+    ]
+    low = float(np.median(off)) if off else None
+    if supplies:
+        return low, _rounded(float(np.median(supplies)), 5)
+    # Leaks and short stretches keep a chamber below the supply: the highest rests count.
+    top = [value for value in on if low is not None and value - low > 0.9 * (max(on) - low)]
+    return _known(low), _known(float(np.median(top)) if top else None)
+
+
+def _median_of(trials: Sequence[Trial], name: str) -> float | None:
+    """The median over tests of a channel's; None where none has it."""
+    found = [float(np.median(trial[name])) for trial in trials if name in trial]
+    return float(np.median(found)) if found else None
+
+
+def _known(value: float | None) -> float | None:
+    """To 10 Pa or so, as no sensor's reading is known better."""
+    return None if value is None else _rounded(value, 5)
+
+
+def _resting(trial: Trial, side: str, position: str) -> Iterator[tuple[bool, FloatArray]]:
+    """Stretches of a chamber's pressure (m,) that may be at rest, and whether its valve is on.
+
+    Before the first command it is where the test began; after one, at the end of each stretch.
+    """
+    pressure = trial[f"pressure_{side}_pa"]
+    switch, duty = f"valve_{side}", f"duty_{side}"
+    if switch in trial:
+        command = trial[switch]
+        edges = [0, *(np.flatnonzero(np.diff(command)) + 1), len(command)]
+        for first, last in itertools.pairwise(edges):
+            if first == 0 and command[0] == 0.0:
+                yield False, pressure[:last]
+            else:
+                settled = max(1, round(_SETTLED * (last - first)))
+                yield bool(command[first]), pressure[last - settled : last]
+    elif duty in trial and bool(np.any(trial[duty])):
+        # The first row is from before the first pulse.
+        yield False, pressure[:1]
+        if bool(np.all(trial[duty] == 1.0)):
+            yield True, pressure[-max(1, round(_SETTLED * len(pressure))) :]
+    else:
+        # A shaft that moves pumps air through the exhausts.
+        place = trial[position] if position in trial else np.zeros(len(pressure))
+        moved = np.abs(place - place[0]) > _MOVED * np.ptp(place)
+        yield False, pressure[: int(np.argmax(moved)) if moved.any() else len(pressure)]
+
+
+def _apart(values: Sequence[float]) -> tuple[list[float], list[float]]:
+    """Pressures in two groups, where tests begin at the atmosphere and at the supply.
+
+    They are apart where the gap between them is wider than either group.
+    """
+    ordered = sorted(values)
+    if len(ordered) < 2:
+        return ordered, []
+    cut = int(np.argmax(np.diff(ordered))) + 1
+    lower, upper = ordered[:cut], ordered[cut:]
+    gap = upper[0] - lower[-1]
+    if gap > max(lower[-1] - lower[0], upper[-1] - upper[0], 0.1 * lower[0]):
+        return lower, upper
+    return ordered, []
+
+
+# --- pulses -------------------------------------------------------------------------------
+
+
+def pwm_period(trials: Iterable[Trial]) -> float | None:
+    """The PWM period (s) that the ripple of pulses in the pressures shows; None: none does.
+
+    The spectrum of the pressures' steps, summed over tests, has its strongest line at the pulses'
+    frequency: harmonic n of pulses of duty d is as sin(pi n d) / n, the first the largest. The
+    line counts where noise alone would exceed it with a chance of 1e-6.
+    """
+    from scipy.stats import chi2
+
+    steps = [s for trial in trials for s in _pulsed_steps(trial)]
+    if not steps:
+        return None
+    period = float(np.median([trial_period for trial_period, _ in steps]))
+    rows = max(len(values) for _, values in steps)
+    size = 1 << (2 * rows - 1).bit_length()
+    power = np.zeros(size // 2 + 1)
+    for _, values in steps:
+        window = np.hanning(len(values))
+        spectrum = np.abs(np.fft.rfft(values * window, size)) ** 2
+        power += spectrum / np.median(spectrum)
+    first = 4 * size // rows  # slower than four periods a test is the filling itself
+    if first >= len(power) - 1:
+        return None
+    lines = power[first:]
+    at = first + int(np.argmax(lines))
+    degrees = 2 * len(steps)
+    chance = _FALSE_RIPPLE / len(lines)
+    level = chi2.isf(chance, degrees) / chi2.median(degrees)
+    if power[at] < level * float(np.median(lines)):
+        return None
+    return _even_period(_peak(power, at) / (size * period), rows * period)
+
+
+def _pulsed_steps(trial: Trial) -> Iterator[tuple[float, FloatArray]]:
+    """Sampling period, and a chamber's pressure steps (n,) less their slow part, under pulses."""
+    for side in SIDES:
+        duty, pressure = f"duty_{side}", f"pressure_{side}_pa"
+        if duty not in trial or pressure not in trial or len(trial) < 64:
+            continue
+        if not bool(np.any((trial[duty] > 0.0) & (trial[duty] < 1.0))):
+            continue
+        steps = np.diff(trial[pressure])
+        kernel = np.ones(min(51, len(steps) // 2 * 2 - 1))
+        slow = np.convolve(steps, kernel, "same") / np.convolve(np.ones_like(steps), kernel, "same")
+        yield trial.period, steps - slow
+
+
+def _peak(power: FloatArray, at: int) -> float:
+    """The place of a line between bins, by a parabola through the logarithms of three."""
+    if not 0 < at < len(power) - 1:
+        return float(at)
+    left, middle, right = np.log(power[at - 1 : at + 2])
+    curvature = left - 2.0 * middle + right
+    return at + (0.5 * (left - right) / curvature if curvature else 0.0)
+
+
+def _even_period(frequency: float, length: float) -> float:
+    """The period of a line: of those that it may be, the one with the fewest digits.
+
+    A timer's period is a round number of seconds or of pulses a second; a line is known to a
+    twentieth of the resolution of tests of this `length` (s).
+    """
+    spread = 0.05 / length
+    for digits in range(1, 7):
+        hertz, seconds = _rounded(frequency, digits), _rounded(1.0 / frequency, digits)
+        for period in (seconds, 1.0 / hertz):
+            if abs(1.0 / period - frequency) <= spread:
+                return period
+    return 1.0 / frequency
+
+
+__all__ = ["ShownConstants", "pwm_period", "shown_constants"]
