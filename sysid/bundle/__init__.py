@@ -2,10 +2,11 @@
 
 `content` declares its content (parts: `friction`, `valves`, `component`, `effects`,
 `validation`, `refinement`, `provenance`), `bundle` its operations, `assembled_model` the
-model that it describes; `files` reads and writes it, `schema` generates its JSON schema from
-these classes.
+model that it describes, `assumptions` what its numbers rest on that nobody declared; `files` reads
+and writes it, `schema` generates its JSON schema from these classes.
 """
 
+from sysid.bundle.assumptions import Assumption, assumptions
 from sysid.bundle.base import Unread
 from sysid.bundle.bundle import Bundle
 from sysid.bundle.component import ComponentRecord
@@ -20,6 +21,7 @@ from sysid.bundle.validation import Validation
 from sysid.bundle.valves import DiscreteLaw, FittedValves, PwmSurfaces, Surface, Valve
 
 __all__ = [
+    "Assumption",
     "Bundle",
     "ComponentRecord",
     "Correlation",
@@ -37,6 +39,7 @@ __all__ = [
     "Unread",
     "Validation",
     "Valve",
+    "assumptions",
     "bundle_text",
     "read_bundle",
     "write_bundle",

@@ -21,6 +21,7 @@ from sysid.commands.own_component import read_with
 from sysid.commands.printing import notices, print_json, progress
 from sysid.display.terminal import console, new_table
 from sysid.errors import input_error
+from sysid.io.bare_rig import read_bare_logs
 from sysid.io.logs import read_log
 from sysid.io.rig import find_rig_file, read_rig
 from sysid.io.units import parse_map
@@ -54,9 +55,23 @@ def check(
             mend = "give the campaign file that lists it"
             raise input_error(path, "is no campaign file, which --component needs", mend)
         else:
-            known = read_rig(rig or find_rig_file(path))
-            checks.append(check_log(read_log(path, known, parse_map(maps)), known))
+            checks.append(_log_check(path, rig or find_rig_file(path), maps, said))
     _show(checks, said, as_json)
+
+
+def _log_check(path: Path, rig: Path | None, maps: Sequence[str], said: list[str]) -> LogCheck:
+    """The check of one log; without a rig file by what it shows and the reference rig."""
+    mapping = parse_map(maps)
+    if rig is not None:
+        known = read_rig(rig)
+        return check_log(read_log(path, known, mapping), known)
+    bare = read_bare_logs([path], mapping)
+    said += [
+        f"{path}: no rig file: {', '.join(bare.rig.assumed)} are assumed, as on the reference rig "
+        f"(`sysid init --from {path.name} rig.toml` writes one to correct)",
+        *bare.notices,
+    ]
+    return check_log(bare.logs[0], bare.read_with)
 
 
 def _campaign_checks(

@@ -14,9 +14,17 @@ from rich.table import Table
 from rich.text import Text
 
 from sysid.assembly import PartResult, fit_campaign
-from sysid.bundle import Bundle, FittedValves, Friction, read_bundle, write_bundle
+from sysid.bundle import (
+    Bundle,
+    FittedValves,
+    Friction,
+    assumptions,
+    read_bundle,
+    write_bundle,
+)
 from sysid.bundle.base import read_number
 from sysid.checks.consistency.campaign import check_consistency
+from sysid.commands.default_files import check_same_fit
 from sysid.commands.options import (
     SEED,
     PathArgument,
@@ -40,11 +48,15 @@ from sysid.commands.printing import (
     quality_table,
 )
 from sysid.components.campaign import fit_own
+from sysid.display.numbers import ascii_text
 from sysid.display.terminal import console, new_table
 from sysid.errors import input_error
 from sysid.friction import FrictionResult, fit_friction
 from sysid.identification.friction.effort import classify_trial
+from sysid.identification.friction.volts import friction_in_volts
+from sysid.io.bare_rig import read_bare_logs
 from sysid.io.campaign import Campaign, CampaignLog
+from sysid.io.channels import CHAMBER_PRESSURES
 from sysid.io.files import check_each_once
 from sysid.io.logs import Log, Trial, read_log
 from sysid.io.rig import Rig, find_rig_file, read_rig
@@ -54,6 +66,7 @@ from sysid.valve_discrete import fit_valve_discrete
 from sysid.valve_pwm import fit_valve_pwm
 
 Tables = Callable[["Fitted"], Iterable[Table]]
+_NOWHERE = Path("none")
 
 
 class _FitGroup(click.Group):
@@ -84,9 +97,19 @@ def fit() -> None:
 _part_options = options(
     rig_option,
     map_option,
-    click.option("-o", "output", type=PathArgument, help="Write a bundle of this part."),
+    click.option(
+        "-o",
+        "output",
+        type=PathArgument,
+        help="Bundle of this part (default: STEM.KIND.bundle.json here; none: no bundle).",
+    ),
     click.option("--into", type=PathArgument, help="Add this part to an existing bundle."),
-    report_option,
+    click.option(
+        "--report",
+        type=PathArgument,
+        help="HTML report (default: STEM.KIND.report.html here).",
+    ),
+    click.option("--no-report", is_flag=True, help="Write no report."),
     json_option,
 )
 _valve_option = click.option(
@@ -225,15 +248,32 @@ class Fitted:
     report: Path | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """The output of `--json`: the bundle, the remarks and the files."""
-        page = {} if self.report is None else {"report": str(self.report)}
+        """The output of `--json`: the bundle, what it rests on, the remarks and the files."""
+        written = None if self.written is None else str(self.written)
+        assumed = [one.to_json() for one in assumptions(self.bundle)]
         return {
             **self.bundle.to_json(),
             "remarks": list(self.remarks),
             "notices": list(self.notices),
-            "written": None if self.written is None else str(self.written),
-            **page,
+            **({"assumed": assumed} if assumed else {}),
+            "written": written,
+            "bundle": written,
+            "report": None if self.report is None else str(self.report),
         }
+
+
+@dataclass(frozen=True)
+class _Given:
+    """The rig and its logs; `fitted_with` is the rig that the logs are read and fitted with.
+
+    They differ where efforts are `in_volts`.
+    """
+
+    rig: Rig
+    fitted_with: Rig
+    logs: tuple[Log, ...]
+    notices: tuple[str, ...]
+    in_volts: bool = False
 
 
 @dataclass(frozen=True)
@@ -246,6 +286,25 @@ class _Files:
     output: Path | None
     into: Path | None
     report: Path | None
+    no_report: bool = False
+
+    def bundle_path(self, kind: str, sources: Sequence[Source]) -> Path | None:
+        """Where the bundle of a fit goes; None for nowhere. Raises InputError."""
+        if self.output == _NOWHERE:
+            return self.into
+        return self.output or self.into or self._default(kind, "bundle.json", sources)
+
+    def report_path(self, kind: str, sources: Sequence[Source]) -> Path | None:
+        """Where its page goes; None for nowhere. Raises InputError."""
+        if self.no_report:
+            return None
+        return self.report or self._default(kind, "report.html", sources)
+
+    def _default(self, kind: str, suffix: str, sources: Sequence[Source]) -> Path:
+        """A file of the first log's name in this folder, which is not another fit's."""
+        path = Path(f"{self.logs[0].stem}.{kind}.{suffix}")
+        check_same_fit(path, kind, sources)
+        return path
 
 
 def _fit_part(
@@ -257,27 +316,33 @@ def _fit_part(
     options: Mapping[str, Any] | None = None,
 ) -> Fitted:
     """Read the logs, fit, and write the part alone (`-o`) or added to a bundle (`--into`)."""
-    rig, logs = _read_logs(files.logs, files.rig, files.maps)
     existing = None if files.into is None else read_bundle(files.into)
-    result = fit([t for log in logs for t in log.trials], rig)
+    given = _read_logs(files, existing)
+    rig, logs = given.rig, given.logs
+    sources = [Source.of(log, "fit", kind) for log in logs]
+    target, page = files.bundle_path(kind, sources), files.report_path(kind, sources)
+    result = fit([t for log in logs for t in log.trials], given.fitted_with)
+    part = result.part()
+    if given.in_volts and part.friction is not None:
+        has_pressures = any(name in log.channels for log in logs for name in CHAMBER_PRESSURES)
+        part = friction_in_volts(part, has_pressures=has_pressures)
     bundle = Bundle.new(
         rig,
-        result.part(),
-        [Source.of(log, "fit", kind) for log in logs],
+        part,
+        sources,
         seeds=seeds,
         options={kind: options or {}},
     )
     if existing is not None:
-        bundle = existing.merged(bundle)
-    target = files.output or files.into
+        bundle = existing.replaced(rig_content=rig.content).merged(bundle)
     if target is not None:
         write_bundle(bundle, target)
-    if files.report is not None:
-        given = _as_campaign(rig, logs, kind, files.maps, options or {})
+    if page is not None:
+        campaign = _as_campaign(given.fitted_with, logs, kind, files.maps, options or {})
         is_forced = bool((options or {}).get("kind"))
-        _write_report(files.report, given, bundle, by_content=not is_forced)
-    notices = (*rig.notices, *(n for log in logs for n in log.notices), *result.notices)
-    return Fitted(bundle, tuple(result.remarks), notices, target, files.report)
+        _write_report(page, campaign, bundle, by_content=not is_forced)
+    notices = (*given.notices, *(n for log in logs for n in log.notices), *result.notices)
+    return Fitted(bundle, tuple(result.remarks), notices, target, page)
 
 
 def _as_campaign(
@@ -324,21 +389,29 @@ def _write_report(
     write_report(path, campaign=campaign, bundle=bundle, checks=checks, progress=tell)
 
 
-def _read_logs(
-    paths: Sequence[Path], rig_path: Path | None, maps: Sequence[str]
-) -> tuple[Rig, list[Log]]:
-    """The logs of one rig: `rig_path`, or the one rig file nearest to all of them."""
-    check_each_once(paths, "log")
-    files = {find_rig_file(p) for p in paths} if rig_path is None else {rig_path}
-    if len(files) > 1:
+def _read_logs(files: _Files, existing: Bundle | None) -> _Given:
+    """The logs of one rig: that of `--rig`, of the rig file nearest to all of them, or a bare one.
+
+    Parts of one bundle have one rig: a bare log that is added to a bundle has that bundle's.
+    """
+    check_each_once(files.logs, "log")
+    mapping = parse_map(files.maps)
+    found = {find_rig_file(p) for p in files.logs} if files.rig is None else {files.rig}
+    if len(found) > 1:
+        named = sorted("no rig file" if path is None else str(path) for path in found)
         raise input_error(
-            " and ".join(sorted(map(str, files))),
+            " and ".join(named),
             "the logs belong to different rigs",
             "fit them one by one, or give one rig file with --rig",
         )
-    rig = read_rig(files.pop())
-    mapping = parse_map(maps)
-    return rig, [read_log(path, rig, mapping) for path in paths]
+    (path,) = found
+    if path is not None:
+        rig = read_rig(path)
+        logs = tuple(read_log(log, rig, mapping) for log in files.logs)
+        return _Given(rig, rig, logs, rig.notices)
+    beside = None if existing is None else existing.rig_content
+    bare = read_bare_logs(files.logs, mapping, beside)
+    return _Given(bare.rig, bare.read_with, bare.logs, bare.notices, bare.in_volts)
 
 
 # --- printing -----------------------------------------------------------------------------
@@ -347,10 +420,14 @@ def _read_logs(
 def _show(fitted: Fitted, as_json: bool, tables: Tables) -> None:
     """A fit's summary or its JSON, and where the bundle is."""
     notices(fitted.notices)
+    assumed = [one.line for one in assumptions(fitted.bundle)]
     if as_json:
+        notices(assumed)
         print_json(fitted.to_json())
         return
     out = console()
+    for line in assumed:
+        out.print(Text(ascii_text(line)), soft_wrap=True)
     for table in tables(fitted):
         out.print(table)
     judged = fitted.bundle.qualities()

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import datetime
+import re
+from collections.abc import Iterable
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from sysid import __version__
+from sysid.bundle import LogRecord
 from sysid.errors import escaped
 
 _TEMPLATES = resources.files("sysid.report") / "templates"
@@ -40,6 +43,23 @@ def fill(template: str, *, folder: Path | None = None, **content: Any) -> str:
     )
 
 
+_ORIGIN = re.compile(r'<meta name="sysid-fit" content="([^"]*)">')
+
+
+def origin_text(logs: Iterable[LogRecord]) -> str:
+    """The training logs of a page's bundle, as its head holds them for `origin_of`."""
+    return " ".join(f"{log.kind or ''}:{log.sha256}" for log in logs if log.use == "fit")
+
+
+def origin_of(page: str) -> frozenset[tuple[str, str]] | None:
+    """Kind and SHA-256 of each log that a page's bundle was fitted on; None for another page."""
+    found = _ORIGIN.search(page)
+    if found is None:
+        return None
+    pairs = (word.rpartition(":") for word in found[1].split())
+    return frozenset((kind, digest) for kind, _, digest in pairs)
+
+
 def _readable(value: Any) -> Any:
     """A text without the control characters that a file's names and labels may hold."""
     return escaped(value, keep="\n\t") if isinstance(value, str) else value
@@ -59,4 +79,4 @@ def _source(name: str) -> str | None:
     return template_text(name) if (_TEMPLATES / name).is_file() else None
 
 
-__all__ = ["fill", "moment", "template_text"]
+__all__ = ["fill", "moment", "origin_of", "origin_text", "template_text"]

@@ -9,12 +9,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sysid.bundle import Bundle, FittedValves
+from sysid.bundle import Bundle, FittedValves, assumptions
 from sysid.diagnosis.evidence import is_of_actuator
 from sysid.errors import input_error
 from sysid.io.campaign import FRICTION_KINDS, MOTION_KINDS
 from sysid.io.files import write_atomic
-from sysid.report.blocks import Block, Fold, Plot, Section
+from sysid.report.blocks import Block, Fold, HtmlTable, Plot, Section, table
 from sysid.report.opening import ReportVerdict, verdict
 from sysid.types import Progress
 
@@ -246,7 +246,7 @@ def _fill(
 ) -> str:
     from markupsafe import Markup
 
-    from sysid.report.html import fill, template_text
+    from sysid.report.html import fill, origin_text, template_text
     from sysid.report.interactive import bokeh_script
 
     plots = [block for section in sections for block in _plots(section.blocks)]
@@ -259,6 +259,8 @@ def _fill(
         orientation="tank" if rig.is_tank_alone else f"{rig.orientation}, {rig.motion}",
         fitted=_moment(bundle.created),
         verdict=judged,
+        assumed=_assumed(bundle),
+        origin=origin_text(bundle.provenance.logs),
         sections=sections,
         left_out=left_out,
         documents=documents,
@@ -267,6 +269,14 @@ def _fill(
         script=Markup(template_text("report.js")),
         bokeh=Markup(bokeh_script()) if plots else "",
     )
+
+
+def _assumed(bundle: Bundle) -> HtmlTable | None:
+    """The constants that nobody declared, and what they do to the numbers; None without any."""
+    rows = [(one.text, one.does) for one in assumptions(bundle)]
+    if not rows:
+        return None
+    return table("Assumed constants", ("Reference rig", "What it does"), rows, text=(0, 1))
 
 
 def _moment(text: str) -> str:

@@ -1,0 +1,50 @@
+"""Files that a fit writes unasked: they replace nothing but the same fit of the same logs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from sysid.bundle import Bundle, read_bundle
+from sysid.errors import SysidError, input_error
+from sysid.io.source import Source
+from sysid.report.html import origin_of
+
+_Origin = frozenset[tuple[str, str]]
+"""Kind of fit and SHA-256 of each log that a result was made from."""
+
+
+def check_same_fit(path: Path, kind: str, sources: Sequence[Source]) -> None:
+    """InputError where a file is in the way that is not of a fit of this kind of these logs."""
+    if not path.exists():
+        return
+    own = frozenset((kind, source.sha256) for source in sources)
+    if _origin(path) != own:
+        raise input_error(
+            path,
+            f"is in the way: it is not the result of `sysid fit {kind}` of these logs",
+            f"move it, or say where to write with {_option(path)}",
+        )
+
+
+def _option(path: Path) -> str:
+    return "-o FILE" if path.suffix == ".json" else "--report FILE"
+
+
+def _origin(path: Path) -> _Origin | None:
+    """What a bundle or a report says that it was made from; None where it says nothing."""
+    try:
+        if path.suffix == ".json":
+            return _of_bundle(read_bundle(path))
+        return origin_of(path.read_text("utf-8", errors="replace"))
+    except (SysidError, OSError):
+        return None
+
+
+def _of_bundle(bundle: Bundle) -> _Origin:
+    """Kind and SHA-256 of each log that a bundle was fitted on."""
+    logs = bundle.provenance.logs
+    return frozenset((log.kind or "", log.sha256) for log in logs if log.use == "fit")
+
+
+__all__ = ["check_same_fit"]
