@@ -10,7 +10,14 @@ import click
 from rich.text import Text
 
 from sysid.bundle import read_bundle
-from sysid.commands.options import SEED, PathArgument, effects_option, json_option, options
+from sysid.commands.options import (
+    SEED,
+    PathArgument,
+    accept_assumed_option,
+    effects_option,
+    json_option,
+    options,
+)
 from sysid.commands.printing import notices, print_json, print_written, progress
 from sysid.controllers.modes import Mode
 from sysid.controllers.thesis_tables import TABLES
@@ -81,12 +88,19 @@ _run_options = options(
 )
 @click.option("-o", "output", type=PathArgument, help="Folder for the run as a log, and its page.")
 @effects_option
+@accept_assumed_option
 @json_option
 def control(bundle: Path | None, table: str | None, as_json: bool, **chosen: Any) -> None:
     """Closed-loop simulation with a controller that reads BUNDLE."""
     if table is not None:
         _no_run_options(chosen)
-        found = tabulate(table, bundle, chosen["output"], progress=progress())
+        found = tabulate(
+            table,
+            bundle,
+            chosen["output"],
+            accept_assumed=chosen["accept_assumed"],
+            progress=progress(),
+        )
         _show_table(found, as_json)
         return
     if bundle is None:
@@ -98,7 +112,8 @@ def control(bundle: Path | None, table: str | None, as_json: bool, **chosen: Any
 
 
 def _no_run_options(chosen: dict[str, Any]) -> None:
-    given = [n for n, v in chosen.items() if v is not None and n not in ("output", "seed")]
+    also = ("output", "seed", "accept_assumed")
+    given = [n for n, v in chosen.items() if v is not None and n not in also]
     if given:
         names = {"payload_kg": "payload", "backstepping_type": "type"}
         name = names.get(given[0], given[0]).replace("_", "-")
@@ -134,6 +149,7 @@ def control_run(
     seed: int = 0,
     effects: Path | None = None,
     output: Path | None = None,
+    accept_assumed: bool = False,
     progress: Progress = no_progress,
 ) -> Controlled:
     """Run the closed loop and write it to the folder `output`, if there is one.
@@ -158,19 +174,25 @@ def control_run(
         perfect_sensors=bool(perfect_sensors),
         seed=seed,
         effects=effects,
+        accept_assumed=accept_assumed,
         progress=progress,
     )
     return Controlled(found, () if output is None else found.write(output))
 
 
 def tabulate(
-    name: str, bundle_path: Path | None, output: Path | None, progress: Progress = no_progress
+    name: str,
+    bundle_path: Path | None,
+    output: Path | None,
+    *,
+    accept_assumed: bool = False,
+    progress: Progress = no_progress,
 ) -> Controlled:
     """Compute a table of the thesis and write its page to the folder `output`."""
     if output is not None:
         make_folder(output)
     bundle = None if bundle_path is None else read_bundle(bundle_path)
-    found = control_table(name, bundle, progress=progress)
+    found = control_table(name, bundle, accept_assumed=accept_assumed, progress=progress)
     return Controlled(found, () if output is None else found.write(output))
 
 

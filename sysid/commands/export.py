@@ -6,7 +6,12 @@ from pathlib import Path
 
 import click
 
-from sysid.commands.options import PathArgument, effects_option, json_option
+from sysid.commands.options import (
+    PathArgument,
+    accept_assumed_option,
+    effects_option,
+    json_option,
+)
 from sysid.commands.printing import notices, print_json, print_written
 from sysid.exporters import check_folder, export_file
 
@@ -22,13 +27,21 @@ from sysid.exporters import check_folder, export_file
 )
 @click.option("-o", "output", required=True, type=PathArgument, help="File to write.")
 @effects_option
+@accept_assumed_option
 @json_option
-def export(bundle: Path, kind: str, output: Path, effects: Path | None, as_json: bool) -> None:
+def export(
+    bundle: Path,
+    kind: str,
+    output: Path,
+    effects: Path | None,
+    accept_assumed: bool,
+    as_json: bool,
+) -> None:
     """Files for a controller: a C header, a MATLAB file or flat JSON.
 
     Beside the header a folder is written that replays Python's numbers through it.
     """
-    said = export_file(bundle, output, kind, effects=effects)
+    said = export_file(bundle, output, kind, effects=effects, accept_assumed=accept_assumed)
     notices(said)
     check = check_folder(output)
     has_check = kind == "c" and check.is_dir()

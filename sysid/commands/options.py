@@ -46,6 +46,11 @@ component_option = click.option(
 effects_option = click.option(
     "--effects", type=PathArgument, help="Python file with further effects; it is executed."
 )
+accept_assumed_option = click.option(
+    "--accept-assumed",
+    is_flag=True,
+    help="Controllers may use constants that nobody declared (those of the reference rig).",
+)
 verbose_option = click.option(
     "-v", "--verbose", is_flag=True, help="Print every step, notice and log's errors."
 )

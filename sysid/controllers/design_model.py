@@ -26,6 +26,8 @@ from sysid.model.effects.entry import Catalogue
 from sysid.model.ports import Model
 
 INVERSES = ("averaged", "bipolynomial", "ann")
+# Constants of a rig that no controller uses.
+_NOT_USED = ("cylinder.stroke_m", "sampling.period_s")
 
 
 @dataclass(frozen=True)
@@ -108,6 +110,22 @@ def with_bipolynomials(design: DesignModel) -> DesignModel:
     return dataclasses.replace(design, inverse_a=a, inverse_b=b)
 
 
+def assumed_constants(rig: Rig) -> tuple[str, ...]:
+    """The constants that a rig's controllers use and nobody declared, as dotted keys."""
+    return tuple(key for key in rig.assumed if key not in _NOT_USED)
+
+
+def require_declared(bundle: BundleContent, accept_assumed: bool) -> None:
+    """InputError for a bundle whose controllers rest on assumed constants that nobody accepts."""
+    assumed = assumed_constants(bundle.rig)
+    if assumed and not accept_assumed:
+        raise input_error(
+            bundle.source,
+            f"its controllers would rest on constants that nobody declared: {', '.join(assumed)}",
+            "declare them in a rig file and fit again, or accept them with --accept-assumed",
+        )
+
+
 def _require_discrete_laws(bundle: BundleContent) -> None:
     """Refuse a bundle without both on/off laws: every controller's model has them."""
     if bundle.rig.is_motor_alone:
@@ -152,4 +170,12 @@ def _surface(bundle: BundleContent, side: str, direction: str, kind: str, where:
     return held.model(f"{where}.{direction}.{kind}")
 
 
-__all__ = ["INVERSES", "DesignModel", "design_from_bundle", "design_model", "with_bipolynomials"]
+__all__ = [
+    "INVERSES",
+    "DesignModel",
+    "assumed_constants",
+    "design_from_bundle",
+    "design_model",
+    "require_declared",
+    "with_bipolynomials",
+]

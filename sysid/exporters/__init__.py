@@ -47,6 +47,7 @@ def export_file(
     *,
     prefix: str = DEFAULT_PREFIX,
     effects: Path | None = None,
+    accept_assumed: bool = False,
 ) -> list[str]:
     """Read the bundle `source` and export it to `path`, with the file's own SHA-256.
 
@@ -57,7 +58,15 @@ def export_file(
     catalogue = catalogue_with(effects)
     effects_from_bundle(bundle, catalogue)
     digest = hashlib.sha256(read_bytes(source, "a bundle", is_bundle=True)).hexdigest()
-    return export_bundle(bundle, path, fmt, prefix=prefix, sha256=digest, catalogue=catalogue)
+    return export_bundle(
+        bundle,
+        path,
+        fmt,
+        prefix=prefix,
+        sha256=digest,
+        catalogue=catalogue,
+        accept_assumed=accept_assumed,
+    )
 
 
 def export_bundle(
@@ -69,6 +78,7 @@ def export_bundle(
     sha256: str | None = None,
     catalogue: Catalogue | None = None,
     check: bool = True,
+    accept_assumed: bool = False,
 ) -> list[str]:
     """Write a checked bundle for a controller, whole or not at all; returns notices.
 
@@ -76,7 +86,8 @@ def export_bundle(
     Python's numbers through it: `check_folder`, where `check` asks for it), "mat" (MAT 5, a struct
     `sysid`) or "json". `sha256` is the bundle file's, by default that of the file which
     `sysid.bundle.write_bundle` makes of it. `catalogue` maps ids to the effects' classes, whose
-    laws the C header holds; None is the project's own. Notices name every parameter that is
+    laws the C header holds; None is the project's own. Controllers that use a constant that nobody
+    declared are in it only with `accept_assumed`. Notices name every parameter that is
     absent, and effects whose laws the C header does not hold.
     Raises InputError for an unknown format or prefix, for content that contradicts itself
     (units, PWM period), and where `path` cannot be written.
@@ -91,7 +102,8 @@ def export_bundle(
         from sysid.exporters.c_header import render
         from sysid.exporters.check_files import check_texts, write_check
 
-        made = render(flat, prefix, listed_effects(bundle, catalogue), bundle)
+        listed = listed_effects(bundle, catalogue)
+        made = render(flat, prefix, listed, bundle, accept_assumed=accept_assumed)
         write_atomic(path, made.text)
         if check:
             write_check(check_folder(path), check_texts(flat, made, prefix, f"../{path.name}"))

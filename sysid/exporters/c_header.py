@@ -8,11 +8,11 @@ own classes, printed (`effect_laws`). Numbers are of the type SYSID_REAL, double
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from sysid.bundle import Bundle
+from sysid.bundle import Bundle, assumptions
 from sysid.exporters.c_effects import EffectsInC
 from sysid.exporters.c_maths import mathematics
 from sysid.exporters.c_surfaces import macro, slots, surfaces
@@ -84,26 +84,32 @@ class Header:
 
 
 def render(
-    flat: Flat, prefix: str, effects: Sequence[CatalogueEffect | None], bundle: Bundle
+    flat: Flat,
+    prefix: str,
+    effects: Sequence[CatalogueEffect | None],
+    bundle: Bundle,
+    *,
+    accept_assumed: bool = False,
 ) -> Header:
     """The header of a bundle's content.
 
-    `effects` are the bundle's, None for an entry that is none. Raises InputError for a prefix
-    that is no C name.
+    `effects` are the bundle's, None for an entry that is none. Without `accept_assumed` it holds
+    no controllers where these would use a constant that nobody declared. Raises InputError for a
+    prefix that is no C name.
     """
     n = names(prefix)
     held = EffectsInC(flat, effects, n)
     laws = _laws(flat, n)
     features = _features(flat, held, laws)
-    control = _control(bundle, flat, held, effects, n)
+    control = _control(bundle, flat, held, effects, n, accept_assumed)
     features["HAS_CONTROLLERS"] = not isinstance(control, str)
     guard = f"{n.upper}CONTROLLER_H"
     parts = [
-        _title(flat, held, features["HAS_CONTROLLERS"]),
+        _title(bundle, flat, held, features["HAS_CONTROLLERS"]),
         f"#ifndef {guard}\n#define {guard}\n\n#include <math.h>\n",
         _feature_lines(features, held, n),
         mathematics(n),
-        _constant_lines(held, n),
+        _constant_lines(held, flat.rig.assumed, n),
         *(law.text for law in laws if law.text and features[law.feature]),
         held.text(),
         surfaces(flat, n),
@@ -129,13 +135,14 @@ def _control(
     held: EffectsInC,
     effects: Sequence[CatalogueEffect | None],
     n: Names,
+    accept_assumed: bool,
 ) -> ControlModel | str:
     """The controllers' model, or why there is none."""
     from sysid.exporters.control_model import control_model
 
     named = held.contained_places()
     known = [(effect, place in named) for place, effect in enumerate(effects)]
-    return control_model(bundle, flat, held.constants, known, n)
+    return control_model(bundle, flat, held.constants, known, n, accept_assumed)
 
 
 def _controllers(flat: Flat, control: ControlModel, n: Names) -> str:
@@ -182,8 +189,8 @@ def _features(flat: Flat, held: EffectsInC, laws: Iterable[_Law]) -> dict[str, b
     return features
 
 
-def _title(flat: Flat, effects: EffectsInC, has_controllers: bool) -> str:
-    """The opening comment: contents, bundle and rig."""
+def _title(bundle: Bundle, flat: Flat, effects: EffectsInC, has_controllers: bool) -> str:
+    """The opening comment: contents, bundle and rig, and the constants that nobody declared."""
     made = flat.provenance
     absent = effects.not_contained()
     lines = [
@@ -207,6 +214,11 @@ def _title(flat: Flat, effects: EffectsInC, has_controllers: bool) -> str:
         ids = ", ".join(effect.id for effect, _ in absent)
         lines.append(f"NOT CONTAINED: the laws of these effects of the bundle: {ids}")
         lines += [f"{effect.id}: {reason}" for effect, reason in absent]
+    if assumed := assumptions(bundle):
+        lines.append("ASSUMED, not declared for this rig: constants of a reference rig.")
+        for one in assumed:
+            for text in (one.line, f"  keys: {', '.join(one.keys)}"):
+                lines += textwrap.wrap(text, 90, subsequent_indent="    ", break_long_words=False)
     body = "\n".join(f" * {comment_text(line)}".rstrip() for line in lines)
     return f"/*\n{body}\n */"
 
@@ -218,13 +230,34 @@ def _feature_lines(features: dict[str, bool], effects: EffectsInC, n: Names) -> 
     return "\n".join(lines) + "\n"
 
 
-def _constant_lines(effects: EffectsInC, n: Names) -> str:
+_DERIVED = {
+    "k_r_t_j_per_kg": (
+        "air.gas_constant_j_per_kg_k",
+        "air.heat_capacity_ratio",
+        "air.temperature_k",
+    ),
+    "inertia_kg_m2": ("inertia.equivalent_kg_m2",),
+    "declared_on_delay_s": ("valves.on_delay_s",),
+    "declared_off_delay_s": ("valves.off_delay_s",),
+    "pwm_period_s": ("pwm.period_s",),
+}
+"""Keys of the rig file by the constant that follows from them, where it has another name."""
+
+
+def _rests_on(name: str) -> set[str]:
+    """The keys of the rig file that a constant of the header may be or follow from."""
+    sections = ("air", "cylinder", "inertia", "motor", "sensors")
+    return {*_DERIVED.get(name, ()), *(f"{section}.{name}" for section in sections)}
+
+
+def _constant_lines(effects: EffectsInC, assumed: Collection[str], n: Names) -> str:
     lines = ["/* --- constants --- */", ""]
     for name, quantity in effects.constants.items():
         if quantity.value is not None:
             meaning = f"; {_MEANING[name]}" if name in _MEANING else ""
             changed = effects.changes(name)
             comment = quantity.unit + meaning + (f"; with {changed}" if changed else "")
+            comment += "; ASSUMED" if _rests_on(name).intersection(assumed) else ""
             lines.append(constant(f"{n.lower}{name}", quantity.value, comment, n))
     return "\n".join(lines) + "\n"
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from sysid.bundle import Bundle
-from sysid.controllers.design_model import DesignModel, design_from_bundle
+from sysid.controllers.design_model import DesignModel, design_from_bundle, require_declared
 from sysid.controllers.effective_law import averaged_law
 from sysid.errors import SysidError
 from sysid.exporters.c_constants import read_constants
@@ -50,6 +50,7 @@ def control_model(
     constants: NumberTable,
     effects: Sequence[tuple[CatalogueEffect | None, bool]],
     n: Names,
+    accept_assumed: bool,
 ) -> ControlModel | str:
     """The controllers' model of a bundle, or why there is none.
 
@@ -59,6 +60,7 @@ def control_model(
     if flat.rig.pwm is None:
         return "the rig file has no [pwm], whose period they need"
     try:
+        require_declared(bundle, accept_assumed)
         design = design_from_bundle(bundle.replaced(effects=[]))
     except SysidError as reason:
         return str(reason)

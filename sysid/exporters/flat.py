@@ -116,6 +116,8 @@ def flatten(bundle: Bundle, sha256: str) -> Flat:
         "bundle_sysid_version": clean_text(bundle.sysid_version),
         "bundle_sha256": sha256,
     }
+    if rig.assumed:
+        provenance["assumed"] = ", ".join(rig.assumed)
     return Flat(
         rig=rig,
         constants=constants,

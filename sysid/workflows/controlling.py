@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from sysid.bundle import Bundle
 from sysid.controllers.cases import ClosedLoopRun
+from sysid.controllers.design_model import require_declared
 from sysid.controllers.interface import Controller
 from sysid.controllers.metrics import TrackingMetrics
 from sysid.controllers.modes import Mode
@@ -206,6 +207,7 @@ def control(
     duration_s: float = DURATION_S,
     seed: int = 0,
     effects: EffectSource = None,
+    accept_assumed: bool = False,
     progress: Progress | None = None,
 ) -> ControlledRun:
     """Run a controller that reads a bundle, in closed loop on the plant of the same or another.
@@ -218,14 +220,16 @@ def control(
     "bipolynomial" or "ann". DVMPC's `horizon` in ticks, and whether its input may vary within it;
     `backstepping_type` 1 to 4 (Table 5.4.3: without compensation, motor's, feedforward, both);
     `estimate_payload` (None: where `payload_kg` is given in the vertical). `perfect_sensors`: no
-    counts, noise or filter. `seed` is that of the sensors' noise. Raises InputError for a rig or
-    choice that cannot be run, NotIdentifiedError, with the missing key, for a bundle that lacks
-    what controller or plant needs.
+    counts, noise or filter. `seed` is that of the sensors' noise. `accept_assumed`: the controller
+    may use constants that nobody declared. Raises InputError for a rig or choice that cannot be
+    run, NotIdentifiedError, with the missing key, for a bundle that lacks what controller or plant
+    needs.
 
     >>> tracked = si.control(bundle, "dvmpc", trajectory=3, mode="hybrid", duration_s=1.0)
     >>> tracked.metrics.rmse < 0.1, tracked.faults
     (True, ())
     """
+    require_declared(bundle, accept_assumed)
     own = None if isinstance(controller, str) else controller
     choice = Choice(
         controller if isinstance(controller, str) else _name(controller),

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sysid.bundle import Bundle, read_bundle
+from sysid.controllers.design_model import require_declared
 from sysid.controllers.thesis_tables import Column, TableRig, ThesisTable, thesis_table
 from sysid.display.numbers import number
 from sysid.display.plots import bars, one_axes
@@ -108,7 +109,11 @@ def _cell(column: Column, ours: float, theirs: float) -> str:
 
 
 def control_table(
-    name: str, bundle: Bundle | None = None, *, progress: Progress | None = None
+    name: str,
+    bundle: Bundle | None = None,
+    *,
+    accept_assumed: bool = False,
+    progress: Progress | None = None,
 ) -> ControlTable:
     """Compute a table of the thesis' controllers: 4.5.1 to 4.5.6, 5.2.1 to 5.4.26, or 5.5.3.
 
@@ -117,6 +122,7 @@ def control_table(
     another number, and for a bundle that the table's controllers cannot use.
     """
     known = bundle or read_bundle(thesis_folder() / REFERENCE_BUNDLE)
+    require_declared(known, accept_assumed)
     rig = TableRig.of(known)
     with progress_or_shown(progress, "controlling") as tell:
         return ControlTable(thesis_table(name, rig, tell), known.rig.name)

@@ -63,12 +63,14 @@ def export(
     format: str | None = None,
     prefix: str = DEFAULT_PREFIX,
     effects: EffectSource = None,
+    accept_assumed: bool = False,
 ) -> tuple[str, ...]:
     """Write files for a controller: a C header, a MATLAB file or flat JSON.
 
     `format` "c", "mat" or "json"; None: by the suffix of `path` (.h, .mat, .json). Names in the
-    header begin with `prefix`; `effects` are those of the bundle that the catalogue lacks. Returns
-    notices: missing parameters, effects whose law the header does not contain. Raises
+    header begin with `prefix`; `effects` are those of the bundle that the catalogue lacks.
+    Controllers that use a constant that nobody declared are written only with `accept_assumed`.
+    Returns notices: missing parameters, effects whose law the header does not contain. Raises
     InputError for an unknown format or a file that cannot be written.
 
     >>> notices = si.export(bundle, "model.h")
@@ -79,7 +81,16 @@ def export(
         raise input_error(path, "has no suffix that gives the format", f"pass format, of {known}")
     catalogue = catalogue_from(effects)
     effects_from_bundle(bundle, catalogue)
-    return tuple(export_bundle(bundle, Path(path), chosen, prefix=prefix, catalogue=catalogue))
+    return tuple(
+        export_bundle(
+            bundle,
+            Path(path),
+            chosen,
+            prefix=prefix,
+            catalogue=catalogue,
+            accept_assumed=accept_assumed,
+        )
+    )
 
 
 __all__ = ["export", "report"]
