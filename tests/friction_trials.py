@@ -11,6 +11,8 @@ from sysid.io.rig import Cylinder, Inertia, Rig
 from sysid.types import FloatArray
 
 PERIOD = 1e-3
+# Options of a fit that writes nothing.
+UNWRITTEN = ("-o", "none", "--no-report")
 COUNT = 2.0 * np.pi / 80000
 INERTIA = 0.024
 RADIUS, STROKE = 0.0375, 0.127

@@ -26,6 +26,8 @@ BUNDLES = sorted(path.stem for path in (GOLDEN / "bundles").glob("*.json"))
 # Fitted numbers differ between machines in their last digits; printed ones have four or less.
 REL_JSON, ABS_JSON = 1e-6, 1e-12
 REL_TEXT = 2e-3
+# Nothing is fitted in an export, but its linear algebra rounds as the processor's library does.
+REL_EXPORT = 1e-12
 # Keys whose values change with the day or the release.
 _UNSTABLE = ("created", "sysid_version", "seconds")
 _NUMBER = re.compile(r"(?<![\w.])[-−+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?(?![\w])")
@@ -116,8 +118,10 @@ def differences(found: Any, wanted: Any, where: str = "") -> list[str]:
     return [] if same else [f"{where}: {found!r}, not {wanted!r}"]
 
 
-def text_differences(found: str, wanted: str) -> list[str]:
-    """Lines that differ: words exactly, numbers to the digits that are printed.
+def text_differences(
+    found: str, wanted: str, rel: float = REL_TEXT, smallest: float = ABS_JSON
+) -> list[str]:
+    """Lines that differ: words exactly, numbers to the digits that are printed, or to `rel`.
 
     A number may be a character shorter or longer elsewhere, so runs of spaces count as one.
     """
@@ -127,15 +131,15 @@ def text_differences(found: str, wanted: str) -> list[str]:
     return [
         f"line {i}: {f!r}, not {w!r}"
         for i, (f, w) in enumerate(zip(lines, known, strict=True), 1)
-        if f != w and not _alike(f, w)
+        if f != w and not _alike(f, w, rel, smallest)
     ]
 
 
-def _alike(found: str, wanted: str) -> bool:
+def _alike(found: str, wanted: str, rel: float, smallest: float) -> bool:
     words = [" ".join(_NUMBER.sub("#", line).split()) for line in (found, wanted)]
     numbers = [[float(n.replace("−", "-")) for n in _NUMBER.findall(x)] for x in (found, wanted)]
     return words[0] == words[1] and all(
-        math.isclose(f, w, rel_tol=REL_TEXT, abs_tol=ABS_JSON)
+        math.isclose(f, w, rel_tol=rel, abs_tol=smallest)
         for f, w in zip(*numbers, strict=True)
     )
 

@@ -161,10 +161,6 @@ def _parquet_with_a_hole(w: Workplace) -> None:
     w.arguments[-1] = str(path)
 
 
-def _no_rig(w: Workplace) -> None:
-    w.rig.unlink()
-
-
 def _campaign(text: str) -> Callable[[Workplace], object]:
     def spoil(w: Workplace) -> None:
         path = w.folder / "campaign.toml"
@@ -354,7 +350,6 @@ CASES = [
         "presure_a_pa",
         "pressure_a_pa",
     ),
-    Case("no rig file", _no_rig, "run.csv", "sysid init"),
     Case("rig not TOML", _rig("[air]", "[air"), "rig.toml", "fix that line"),
     Case("rig key missing", _rig("area_a_m2 = 4.524e-4\n", ""), "area_a_m2", "add `area_a_m2"),
     Case("rig key misspelt", _rig("area_a_m2", "area_a_m"), "area_a_m", "did you mean"),

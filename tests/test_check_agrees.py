@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from friction_trials import PERIOD, constant, ramp, swing
+from friction_trials import PERIOD, UNWRITTEN, constant, ramp, swing
 from test_friction_combinations import moved, slid
 
 from sysid.commands.app import main
@@ -90,7 +90,7 @@ def write(path: Path, trials: list[Trial], valves: bool) -> None:
 def identified_by_fit(
     log: Path, capsys: pytest.CaptureFixture[str], *options: str
 ) -> tuple[set[str], str]:
-    status = main(["fit", "friction", str(log), "--json", *options])
+    status = main(["fit", "friction", str(log), "--json", *UNWRITTEN, *options])
     said = capsys.readouterr()
     if status == 3:
         return set(), said.err

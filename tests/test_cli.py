@@ -10,6 +10,7 @@ from pathlib import Path
 
 import click
 import pytest
+from friction_trials import UNWRITTEN
 
 from datasets.generator.campaign import GeneratedTests, make_friction_tests
 from datasets.generator.files import write_log
@@ -45,7 +46,7 @@ def test_friction_from_the_command_line(
 ) -> None:
     logs = [str(folder / "friction-static.csv"), str(folder / "friction-sliding.csv")]
     bundle_path = tmp_path / "bundle.json"
-    assert main(["fit", "friction", *logs, "-o", str(bundle_path), "--json"]) == 0
+    assert main(["fit", "friction", *logs, "-o", str(bundle_path), "--no-report", "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
     bundle = read_bundle(bundle_path)
     assert bundle.friction is not None
@@ -65,7 +66,8 @@ def test_a_fit_has_a_page_of_its_own(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     page, logs = tmp_path / "fit.html", ["friction-static.csv", "friction-sliding.csv"]
-    words = ["fit", "friction", *(str(folder / log) for log in logs), "--report", str(page)]
+    words = ["fit", "friction", "-o", "none", *(str(folder / log) for log in logs)]
+    words += ["--report", str(page)]
     assert main(words) == 0
     assert f"written: {page}" in capsys.readouterr().out
     text = page.read_text()
@@ -74,7 +76,12 @@ def test_a_fit_has_a_page_of_its_own(
     assert main(["fit", str(folder / "campaign.toml"), "--report", str(page), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["report"] == str(page)
     assert "1 of them held out" in page.read_text()
-    assert main(["fit", "friction", str(folder / logs[1]), *words[4:], "--kind", "motion"]) == 0
+    assert (
+        main(
+            ["fit", "friction", str(folder / logs[1]), *words[6:], "-o", "none", "--kind", "motion"]
+        )
+        == 0
+    )
     assert "friction-motion" in page.read_text()
     assert main([*words[:-1], str(tmp_path / "none" / "fit.html")]) == 2
     assert "none" in capsys.readouterr().err
@@ -83,7 +90,7 @@ def test_a_fit_has_a_page_of_its_own(
 def test_summary_and_notices_go_to_their_streams(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["fit", "friction", str(folder / "friction-sliding.csv")]) == 0
+    assert main(["fit", "friction", str(folder / "friction-sliding.csv"), *UNWRITTEN]) == 0
     captured = capsys.readouterr()
     assert "coulomb_nm" in captured.out
     assert "not identified" in captured.out
@@ -140,9 +147,9 @@ def test_a_reader_that_goes_away_is_no_fault(folder: Path) -> None:
 def test_into_replaces_one_part_only(folder: Path, tmp_path: Path) -> None:
     path = tmp_path / "bundle.json"
     first, second = str(folder / "friction-sliding.csv"), str(folder / "friction-static.csv")
-    assert main(["fit", "friction", first, "-o", str(path)]) == 0
+    assert main(["fit", "friction", first, "-o", str(path), "--no-report"]) == 0
     before = read_bundle(path).friction
-    assert main(["fit", "friction", first, second, "--into", str(path)]) == 0
+    assert main(["fit", "friction", first, second, "--into", str(path), "--no-report"]) == 0
     after = read_bundle(path).friction
     assert before is not None and before.static_nm is not None
     assert before.static_nm.to_json()["value"] is None
@@ -152,9 +159,9 @@ def test_into_replaces_one_part_only(folder: Path, tmp_path: Path) -> None:
 
 def test_kind_overrules_the_content(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     ramps = str(folder / "friction-static.csv")
-    assert main(["fit", "friction", ramps, "--kind", "static", "--json"]) == 0
+    assert main(["fit", "friction", ramps, "--kind", "static", "--json", *UNWRITTEN]) == 0
     assert json.loads(capsys.readouterr().out)["friction"]["static_nm"]["value"] > 0
-    code = main(["fit", "friction", ramps, "--kind", "sliding"])
+    code = main(["fit", "friction", ramps, "--kind", "sliding", *UNWRITTEN])
     assert code == 3
     assert "friction-sliding" in capsys.readouterr().err
 
@@ -165,7 +172,13 @@ def test_logs_of_two_rigs_are_not_fitted_together(
     (tmp_path / "rig.toml").write_text(rig_text)
     (tmp_path / "run.csv").write_bytes((folder / "friction-static.csv").read_bytes())
     code = main(
-        ["fit", "friction", str(tmp_path / "run.csv"), str(folder / "friction-sliding.csv")]
+        [
+            "fit",
+            "friction",
+            str(tmp_path / "run.csv"),
+            str(folder / "friction-sliding.csv"),
+            *UNWRITTEN,
+        ]
     )
     assert code == 2
     assert "--rig" in capsys.readouterr().err
@@ -180,7 +193,7 @@ def test_one_level_gives_the_sum_and_the_test_that_would_separate_it(
     assert 1 < len(same) < len(trials)
     (tmp_path / "rig.toml").write_text(rig_toml(generated.rig))
     write_log(tmp_path / "run.csv", same, generated.generated_rig)
-    assert main(["fit", "friction", str(tmp_path / "run.csv"), "--json"]) == 0
+    assert main(["fit", "friction", str(tmp_path / "run.csv"), "--json", *UNWRITTEN]) == 0
     said = capsys.readouterr()
     friction = json.loads(said.out)["friction"]
     assert friction["viscous_nm_s_per_rad"]["value"] is None
@@ -209,7 +222,7 @@ def test_measured_axis_from_mat_to_parameters(
         '[rig]\nname = "EMPS"\nmotion = "linear"\norientation = "horizontal"\n'
     )
     capsys.readouterr()
-    assert main(["fit", "friction", str(log), "--inertia", "--json"]) == 0
+    assert main(["fit", "friction", str(log), "--inertia", "--json", *UNWRITTEN]) == 0
     friction = json.loads(capsys.readouterr().out)["friction"]
     for name, published, share in (
         ("mass_kg", 95.1, 0.01),

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from friction_trials import UNWRITTEN
 from golden_folder import BUNDLED, BUNDLES, golden_bundle
 from test_components_tank import made as made_tank
 from test_components_valves import swept, timed
@@ -214,7 +215,7 @@ def test_an_old_bundle_has_a_report_without_the_section(bundle: Bundle, campaign
 def test_the_command_prints_it_and_json_holds_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["fit", "friction", str(BUNDLED / "friction_sliding.parquet")]
+    words = ["fit", "friction", str(BUNDLED / "friction_sliding.parquet"), *UNWRITTEN]
     assert main(words) == 0
     printed = capsys.readouterr().out
     assert "How well the laws follow their tests" in printed
@@ -270,7 +271,14 @@ def test_a_valve_whose_pressure_does_something_else_is_exit_3(
     frame = pd.read_parquet(BUNDLED / "valve_discrete_a.parquet")
     by_test(frame, "pressure_a_pa", change).to_parquet(tmp_path / "log.parquet")
     written = tmp_path / "bundle.json"
-    words = ["fit", "valve-discrete", str(tmp_path / "log.parquet"), "-o", str(written)]
+    words = [
+        "fit",
+        "valve-discrete",
+        str(tmp_path / "log.parquet"),
+        "-o",
+        str(written),
+        "--no-report",
+    ]
     assert main([*words, "--rig", str(BUNDLED / "rig.toml")]) == 3
     said = capsys.readouterr().err
     assert "of the pressure while discharging" in said and "look for a wrong unit" in said

@@ -148,7 +148,7 @@ def test_the_command_gives_the_sum(
     frame = pd.DataFrame({"time_s": one_way.time, **one_way.channels})
     frame.to_csv(tmp_path / "run.csv", index=False)
     log, bundle = str(tmp_path / "run.csv"), str(tmp_path / "bundle.json")
-    assert main(["fit", "friction", log, "--kind", "motion", "-o", bundle]) == 0
+    assert main(["fit", "friction", log, "--kind", "motion", "-o", bundle, "--no-report"]) == 0
     said = capsys.readouterr()
     assert "Identified only together" in said.out and "coulomb_nm + offset_nm" in said.out
     assert "would separate its parts" in said.err
