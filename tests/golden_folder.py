@@ -139,8 +139,7 @@ def _alike(found: str, wanted: str, rel: float, smallest: float) -> bool:
     words = [" ".join(_NUMBER.sub("#", line).split()) for line in (found, wanted)]
     numbers = [[float(n.replace("−", "-")) for n in _NUMBER.findall(x)] for x in (found, wanted)]
     return words[0] == words[1] and all(
-        math.isclose(f, w, rel_tol=rel, abs_tol=smallest)
-        for f, w in zip(*numbers, strict=True)
+        math.isclose(f, w, rel_tol=rel, abs_tol=smallest) for f, w in zip(*numbers, strict=True)
     )
 
 

@@ -14,6 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from sysid.io import plausibility
 from sysid.io.bundled import REFERENCE_BUNDLE, thesis_folder
 from sysid.io.channels import PRESSURES, VALVE_COMMANDS
 from sysid.io.declaration import NumberKey, key_of
@@ -220,8 +223,14 @@ def _set_stroke(cylinder: dict[str, Any], stroke: float) -> None:
 
 def _doubts(logs: Sequence[Log], rig: Rig) -> Iterator[str]:
     """Notices of what a rig file would contradict, as far as the logs alone show it."""
-    name = rig.position_channel
-    for log in logs if not rig.is_linear else ():
+    name, undeclared = rig.position_channel, dataclasses.replace(rig, sampling=None)
+    for log in logs:
+        period, rows = float(np.median([t.period for t in log.trials])), sum(map(len, log.trials))
+        slow = plausibility.check_speed(str(log.path), "time_s", period, rows, undeclared)
+        if slow is not None:
+            yield slow
+        if rig.is_linear:
+            continue
         ends = [
             float(end) for t in log.trials if name in t for end in (t[name].min(), t[name].max())
         ]
