@@ -1,13 +1,14 @@
 """Drawn slips of unit, column, time and sign in whole campaigns: which are caught, by kind.
 
-    python benchmarks/slips_drawn.py [--count 300] [--seed 8000] [--list]
+    python benchmarks/slips_drawn.py [--count 300] [--seed 8000] [--list] [--bare]
 
 Each slip (`slip_catalogue.py`) changes one log, or the rig file, of a campaign: the bundled one,
 generated ones of seeds from 100 times `--seed` on (horizontal and vertical, rotary and linear, with
 and without an effect of the catalogue, a motor alone) and the samples where they are present. The
 log is read and fitted as `sysid fit` does, and compared with the campaign's other logs as `sysid
 check` does. Caught is exit 2 or 3, or a notice that names that very slip and that the unchanged
-campaign does not give.
+campaign does not give. With `--bare` each log stands alone, without a rig file: what the friction
+and valve tests of the same campaigns show by themselves, and a table by kind.
 """
 
 from __future__ import annotations
@@ -37,10 +38,12 @@ from sysid.checks.consistency.campaign import (  # noqa: E402
     contradictions,
     readings_of,
 )
-from sysid.errors import InputError, NotIdentifiedError, SysidError  # noqa: E402
+from sysid.errors import InputError, SysidError  # noqa: E402
 from sysid.friction import fit_friction  # noqa: E402
+from sysid.io.bare_rig import read_bare_logs  # noqa: E402
 from sysid.io.campaign import FRICTION_KINDS, Campaign, CampaignLog, read_campaign  # noqa: E402
 from sysid.io.logs import Log  # noqa: E402
+from sysid.io.rig import Rig  # noqa: E402
 from sysid.valve_discrete import fit_valve_discrete  # noqa: E402
 from sysid.valve_pwm import fit_valve_pwm  # noqa: E402
 
@@ -56,6 +59,7 @@ MAKES = (
     ("vertical", "rotary", "inertia-mismatch"),
     ("horizontal", "linear", "stribeck-friction"),
 )
+BARE_KINDS = (*FRICTION_KINDS, "valve-discrete", "valve-pwm")
 FITTED_AS_FRICTION = (*FRICTION_KINDS, "motion-motor")
 
 
@@ -68,6 +72,19 @@ class Base:
     readings: dict[str, LogReadings]
     said: set[str]
     unfit: set[str]
+    bare: bool = False
+
+    def entries(self) -> list[CampaignLog]:
+        """The logs that slips are made in."""
+        return [e for e in self.campaign.logs if not self.bare or e.kind in BARE_KINDS]
+
+    def read(self, entry: CampaignLog) -> tuple[Log, Rig]:
+        """A log, and the rig that it is fitted with."""
+        if not self.bare:
+            return self.campaign.read(entry), self.campaign.rig
+        bare = read_bare_logs([entry.path], {})
+        (log,) = bare.logs
+        return dataclasses.replace(log, notices=(*log.notices, *bare.notices)), bare.read_with
 
 
 @dataclass(frozen=True)
@@ -90,7 +107,7 @@ class Verdict:
 # --- campaigns ----------------------------------------------------------------------------
 
 
-def bases(folder: Path, seed: int) -> list[Base]:
+def bases(folder: Path, seed: int, bare: bool) -> list[Base]:
     """Every campaign that slips are made in."""
     files = {"bundled": BUNDLED / "campaign.toml"}
     for number, (orientation, motion, effect) in enumerate(MAKES):
@@ -111,7 +128,7 @@ def bases(folder: Path, seed: int) -> list[Base]:
     shutil.copytree(folder / "generated_0", alone)
     files["motor alone"] = motor_alone(alone)
     files |= {f"sample {f.parent.name}": f for f in sorted(SAMPLES.glob("*/campaign.toml"))}
-    return [base(name, file) for name, file in files.items()]
+    return [base(name, file, bare) for name, file in files.items()]
 
 
 def _wanted(effect: str) -> list[tuple[str, str, float]]:
@@ -137,19 +154,21 @@ def motor_alone(folder: Path) -> Path:
     return folder / "campaign.toml"
 
 
-def base(name: str, file: Path) -> Base:
+def base(name: str, file: Path, bare: bool) -> Base:
     campaign = read_campaign(file)
-    readings, said, unfit = {}, set(), set()
-    for entry in campaign.logs:
-        log = campaign.read(entry)
-        readings[entry.file] = readings_of(log, entry.kind, campaign.rig)
-        said |= set(log.notices)
+    readings: dict[str, LogReadings] = {}
+    found = Base(name, campaign, readings, set(), set(), bare)
+    for entry in found.entries():
+        log, rig = found.read(entry)
+        readings[entry.file] = readings_of(log, entry.kind, rig)
+        found.said.update(log.notices)
         try:
-            said |= set(fit_notices(log, entry.kind, campaign))
-        except NotIdentifiedError:
-            unfit.add(entry.file)
-    said |= set(contradictions(readings.values(), campaign.rig))
-    return Base(name, campaign, readings, said, unfit)
+            found.said.update(fit_notices(log, entry.kind, rig))
+        except SysidError:
+            found.unfit.add(entry.file)
+    if not bare:
+        found.said.update(contradictions(readings.values(), campaign.rig))
+    return found
 
 
 # --- one slip -----------------------------------------------------------------------------
@@ -185,35 +204,34 @@ def _frame(entry: CampaignLog) -> pd.DataFrame:
 
 def _caught_in_log(where: Base, entry: CampaignLog, kind: Kind) -> str:
     """How the changed log is caught: exit 2, exit 3, its own notice, or the campaign's."""
-    campaign = where.campaign
     try:
-        log = campaign.read(entry)
+        log, rig = where.read(entry)
     except InputError as error:
         return f"exit 2: {error}"
     try:
-        notices = [*log.notices, *fit_notices(log, entry.kind, campaign)]
+        notices = [*log.notices, *fit_notices(log, entry.kind, rig)]
     except SysidError as error:
         if entry.file not in where.unfit:
             return f"exit {error.exit_code}: {error}"
         notices = [*log.notices]
     own = _named(where, notices, kind.words)
-    if own:
-        return f"log: {own}"
-    found = {**where.readings, entry.file: readings_of(log, entry.kind, campaign.rig)}
-    together = _named(where, contradictions(found.values(), campaign.rig), kind.words)
+    if own or where.bare:
+        return f"log: {own}" if own else ""
+    found = {**where.readings, entry.file: readings_of(log, entry.kind, rig)}
+    together = _named(where, contradictions(found.values(), rig), kind.words)
     return f"campaign: {together}" if together else ""
 
 
-def fit_notices(log: Log, kind: str, campaign: Campaign) -> Sequence[str]:
+def fit_notices(log: Log, kind: str, rig: Rig) -> Sequence[str]:
     """What the fit of a log of this kind says; SysidError where it gives no result."""
     if kind in FITTED_AS_FRICTION:
-        result = fit_friction(log.trials, campaign.rig)
+        result = fit_friction(log.trials, rig)
         result.require_possible()
         return result.notices
     if kind == "valve-discrete":
-        return fit_valve_discrete(log.trials, campaign.rig, find_ratio=False).notices
+        return fit_valve_discrete(log.trials, rig, find_ratio=False).notices
     if kind == "valve-pwm":
-        return fit_valve_pwm(log.trials, campaign.rig, surface="bipolynomial").notices
+        return fit_valve_pwm(log.trials, rig, surface="bipolynomial").notices
     return ()
 
 
@@ -248,7 +266,7 @@ def _caught_in_rig(where: Base, file: Path, words: str) -> str:
             if own:
                 return f"log: {own}"
             if entry.kind in FRICTION_KINDS:
-                fit_notices(log, entry.kind, campaign)
+                fit_notices(log, entry.kind, campaign.rig)
             found.append(readings_of(log, entry.kind, campaign.rig))
     except SysidError as error:
         return f"exit {error.exit_code}: {error}"
@@ -265,13 +283,13 @@ def drawn(places: Sequence[Base], count: int, seed: int, folder: Path) -> Iterat
     seen: set[tuple[str, ...]] = set()
     while len(seen) < count:
         where = places[int(rng.integers(len(places)))]
-        if rng.random() < 1.0 / 9.0:
+        if rng.random() < 1.0 / 9.0 and not where.bare:
             slip = str(rng.choice(list(RIG_SLIPS)))
             key: tuple[str, ...] = (where.name, slip)
             verdict = None if key in seen else judged_rig(where, slip, folder)
         else:
             kind = KINDS[int(rng.integers(len(KINDS)))]
-            entries = [e for e in where.campaign.logs if e.kind in kind.logs]
+            entries = [e for e in where.entries() if e.kind in kind.logs]
             if not entries:
                 continue
             entry = entries[int(rng.integers(len(entries)))]
@@ -303,22 +321,33 @@ def report(verdicts: Sequence[Verdict]) -> None:
             print(f"   not caught ({v.shown}): {v.title}")
 
 
+def by_kind(verdicts: Sequence[Verdict]) -> None:
+    """Of each kind of slip, how many logs alone show."""
+    for name in dict.fromkeys(kind.name for kind in KINDS):
+        own = [v for v in verdicts if v.kind == name]
+        if own:
+            print(f"   {name}: {sum(bool(v.how) for v in own)} of {len(own)}")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=300)
     parser.add_argument("--seed", type=int, default=8000)
     parser.add_argument("--list", action="store_true", help="how each slip was caught")
+    parser.add_argument("--bare", action="store_true", help="each log alone, without a rig file")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "changed").mkdir()
-        places = bases(folder, options.seed)
+        places = bases(folder, options.seed, options.bare)
         verdicts = []
         for verdict in drawn(places, options.count, options.seed, folder / "changed"):
             verdicts.append(verdict)
             if options.list:
                 print(f"{verdict.title} -> {verdict.how[:160] or 'NOT CAUGHT'}", flush=True)
     report(verdicts)
+    if options.bare:
+        by_kind(verdicts)
 
 
 if __name__ == "__main__":

@@ -191,7 +191,9 @@ def test_logged_supply_and_temperature_are_shown(folder: Path) -> None:
 
 SLIPS: dict[str, tuple[dict[str, Any], str, int]] = {
     "kilopascals": ({"pressure_a_pa": lambda p: p / 1e3}, "kPa", 2),
+    "gauge, all": ({f"pressure_{s}_pa": lambda p: p - 1e5 for s in "ab"}, "gauge pressure", 2),
     "gauge": ({"pressure_a_pa": lambda p: p - 100e3}, "not plausible as absolute Pa", 2),
+    "atmosphere twice": ({"pressure_a_pa": lambda p: p + 1e5}, "added twice", 0),
     "degrees": ({"theta_rad": np.degrees}, "in degrees", 0),
     "milliseconds": ({"time_s": lambda t: 1e3 * t}, "too slow for an actuator's motion", 0),
     "inverted": ({"valve_a": lambda v: 1 - v}, "pressure", 3),

@@ -80,7 +80,7 @@ def read_bare_logs(
     rig = rig_from_content({ASSUMED: left, **content} if left else content, SOURCE)
     read_with = _volts_as_effort(rig) if in_volts else rig
     logs = tuple(log_of(table, read_with, mapping) for table in tables)
-    return BareLogs(rig, read_with, logs, in_volts, tuple(_doubts(logs, rig)))
+    return BareLogs(rig, read_with, logs, in_volts, tuple(_doubts(logs, rig, shown)))
 
 
 def _channels(table: LogTable, mapping: Mapping[str, ColumnMap]) -> Iterator[str]:
@@ -221,8 +221,15 @@ def _set_stroke(cylinder: dict[str, Any], stroke: float) -> None:
     cylinder["stroke_m"] = stroke
 
 
-def _doubts(logs: Sequence[Log], rig: Rig) -> Iterator[str]:
+def _doubts(logs: Sequence[Log], rig: Rig, shown: ShownConstants) -> Iterator[str]:
     """Notices of what a rig file would contradict, as far as the logs alone show it."""
+    if len(shown.open_pa) > (shown.atmosphere_pa is not None):
+        rests = " and at ".join(f"{pressure:.4g}" for pressure in shown.open_pa)
+        yield (
+            f"{', '.join(str(log.path) for log in logs)}: chambers rest at {rests} Pa with their "
+            "valves off, which is not the atmosphere's pressure: is that added twice? Map an "
+            "absolute pressure without (g)"
+        )
     name, undeclared = rig.position_channel, dataclasses.replace(rig, sampling=None)
     for log in logs:
         period, rows = float(np.median([t.period for t in log.trials])), sum(map(len, log.trials))

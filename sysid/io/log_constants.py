@@ -23,6 +23,8 @@ from sysid.types import FloatArray
 _FALSE_RIPPLE = 1e-6
 # Of a stretch under one command: its end, where the pressure has settled.
 _SETTLED = 0.2
+_OFF, _ON, _BEGUN = "off", "on", "begun"
+"""What a chamber's valve does while its pressure rests; `begun`: a test, from either."""
 # Of a test's travel: a shaft that has gone so far moves.
 _MOVED = 1e-3
 
@@ -31,10 +33,13 @@ _MOVED = 1e-3
 class ShownConstants:
     """What logs show of their rig, SI; None where they show nothing.
 
+    `open_pa`: where chambers rest whose valves are off, the lowest first; all of them should be the
+    atmosphere's pressure.
     `reach`: the largest distance of the position from zero, rad or m; `is_held`: whether the
     piston never leaves its place, as at an end of its stroke.
     """
 
+    open_pa: tuple[float, ...]
     atmosphere_pa: float | None
     supply_pa: float | None
     temperature_k: float | None
@@ -48,11 +53,12 @@ class ShownConstants:
 def shown_constants(logs: Sequence[Log], position: str, effort: str) -> ShownConstants:
     """What the trials of these logs show; `position` and `effort` name their channels."""
     trials = [trial for log in logs for trial in log.trials]
-    low, high = _rests(trials, position)
+    rests, high = _rests(trials, position)
     places = [trial[position] for trial in trials if position in trial]
     efforts = [float(np.max(np.abs(trial[effort]))) for trial in trials if effort in trial]
     return ShownConstants(
-        atmosphere_pa=_within("atmospheric_pressure_pa", low),
+        open_pa=rests,
+        atmosphere_pa=_within("atmospheric_pressure_pa", _known(rests[0] if rests else None)),
         supply_pa=_within("supply_pressure_pa", high),
         temperature_k=_within("temperature_k", _known(_median_of(trials, "temperature_k"))),
         sampling_s=_rounded(float(np.median([trial.period for trial in trials])), 4),
@@ -82,29 +88,26 @@ def _rounded(value: float, digits: int) -> float:
 # --- pressures ----------------------------------------------------------------------------
 
 
-def _rests(trials: Sequence[Trial], position: str) -> tuple[float | None, float | None]:
-    """The pressures (Pa) at which open chambers and filled ones rest; None: not shown.
+def _rests(trials: Sequence[Trial], position: str) -> tuple[tuple[float, ...], float | None]:
+    """The pressures (Pa) at which open chambers rest, and filled ones; none: not shown.
 
     A logged supply pressure is that of filled ones.
     """
-    off: list[float] = []
-    on: list[float] = []
+    found: dict[str, list[float]] = {_OFF: [], _ON: [], _BEGUN: []}
     for trial in trials:
         for side in SIDES:
             if f"pressure_{side}_pa" in trial:
-                for is_on, values in _resting(trial, side, position):
-                    (on if is_on else off).append(float(np.median(values)))
-    off, begun_filled = _apart(off)
-    on += begun_filled
-    supplies = [
-        float(np.median(t["supply_pressure_pa"])) for t in trials if "supply_pressure_pa" in t
-    ]
-    low = float(np.median(off)) if off else None
-    if supplies:
-        return low, _rounded(float(np.median(supplies)), 5)
+                for state, values in _resting(trial, side, position):
+                    found[state].append(float(np.median(values)))
+    begun_open, begun_filled = _apart(found[_BEGUN])
+    rests = tuple(float(np.median(own)) for own in _apart([*found[_OFF], *begun_open]) if own)
+    logged = _median_of(trials, "supply_pressure_pa")
+    if logged is not None or not rests:
+        return rests, _known(logged)
     # Leaks and short stretches keep a chamber below the supply: the highest rests count.
-    top = [value for value in on if low is not None and value - low > 0.9 * (max(on) - low)]
-    return _known(low), _known(float(np.median(top)) if top else None)
+    on = [*found[_ON], *begun_filled]
+    top = [value for value in on if value - rests[0] > 0.9 * (max(on) - rests[0])]
+    return rests, _known(float(np.median(top)) if top else None)
 
 
 def _median_of(trials: Sequence[Trial], name: str) -> float | None:
@@ -118,8 +121,8 @@ def _known(value: float | None) -> float | None:
     return None if value is None else _rounded(value, 5)
 
 
-def _resting(trial: Trial, side: str, position: str) -> Iterator[tuple[bool, FloatArray]]:
-    """Stretches of a chamber's pressure (m,) that may be at rest, and whether its valve is on.
+def _resting(trial: Trial, side: str, position: str) -> Iterator[tuple[str, FloatArray]]:
+    """Stretches of a chamber's pressure (m,) that may be at rest, and the state of its valve.
 
     Before the first command it is where the test began; after one, at the end of each stretch.
     """
@@ -130,24 +133,24 @@ def _resting(trial: Trial, side: str, position: str) -> Iterator[tuple[bool, Flo
         edges = [0, *(np.flatnonzero(np.diff(command)) + 1), len(command)]
         for first, last in itertools.pairwise(edges):
             if first == 0 and command[0] == 0.0:
-                yield False, pressure[:last]
+                yield _OFF, pressure[:last]
             else:
                 settled = max(1, round(_SETTLED * (last - first)))
-                yield bool(command[first]), pressure[last - settled : last]
+                yield _ON if command[first] else _OFF, pressure[last - settled : last]
     elif duty in trial and bool(np.any(trial[duty])):
         # The first row is from before the first pulse.
-        yield False, pressure[:1]
+        yield _BEGUN, pressure[:1]
         if bool(np.all(trial[duty] == 1.0)):
-            yield True, pressure[-max(1, round(_SETTLED * len(pressure))) :]
+            yield _ON, pressure[-max(1, round(_SETTLED * len(pressure))) :]
     else:
         # A shaft that moves pumps air through the exhausts.
         place = trial[position] if position in trial else np.zeros(len(pressure))
         moved = np.abs(place - place[0]) > _MOVED * np.ptp(place)
-        yield False, pressure[: int(np.argmax(moved)) if moved.any() else len(pressure)]
+        yield _OFF, pressure[: int(np.argmax(moved)) if moved.any() else len(pressure)]
 
 
 def _apart(values: Sequence[float]) -> tuple[list[float], list[float]]:
-    """Pressures in two groups, where tests begin at the atmosphere and at the supply.
+    """Pressures in two groups, as where tests begin at the atmosphere and at the supply.
 
     They are apart where the gap between them is wider than either group.
     """
