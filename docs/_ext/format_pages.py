@@ -69,7 +69,10 @@ def rig_file() -> str:
         "# Rig file\n\nWhat is known about a rig before any test. `sysid init rig.toml` writes one "
         "with every key explained (`--linear` for a linear rig). SI units, absolute pressures. "
         "A section that a command does not need may be absent; one that is present is "
-        "complete. A value outside what a real rig has is refused as a wrong unit.\n"
+        "complete. A value outside what a real rig has is refused as a wrong unit.\n\n"
+        "`assumed`, a list before the first section, names constants that nobody declared, as "
+        "`sysid init --from LOG` writes it: results say what rests on them, and controllers use "
+        "them only with `--accept-assumed`. Take a constant out of it once it is right.\n"
     ]
     for name, section in RIG_TABLES.items():
         about = (section.__doc__ or "").strip().splitlines()[0]
