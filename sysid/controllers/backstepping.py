@@ -13,7 +13,8 @@ from typing import Any, NamedTuple
 from sysid.controllers.cases import PERIOD_S
 from sysid.controllers.design_model import DesignModel
 from sysid.controllers.effective_law import leakage
-from sysid.controllers.interface import Commands, Controller, Reference, StateEstimate
+from sysid.controllers.guard import GuardedController, known
+from sysid.controllers.interface import Commands, Reference, StateEstimate
 from sysid.controllers.payload import PayloadEstimator, payload_mass
 from sysid.controllers.prediction import (
     Motion,
@@ -36,10 +37,11 @@ _GAMMA_3 = 1.0
 
 
 class BacksteppingMemory(NamedTuple):
-    """Payload's inertia kg m2; the motor's last effort Nm."""
+    """Payload's inertia kg m2; the motor's last effort Nm; ticks that were not good."""
 
     payload: Array
     motor: Array
+    rejected: Array = 0.0
 
 
 class _Wanted(NamedTuple):
@@ -50,7 +52,7 @@ class _Wanted(NamedTuple):
 
 
 @dataclass(frozen=True)
-class BacksteppingController(Controller):
+class BacksteppingController(GuardedController):
     """Gains of Table 4.3.2: 1/s, and Nm/rad, Nm s/rad of the motor's compensation.
 
     `portion`: the motor's share of the cylinder's wanted effort (4.3.20; 0 in the pneumatic
@@ -82,7 +84,7 @@ class BacksteppingController(Controller):
         import numpy as np
 
         own = self.design.payload_mass * self.design.payload_length**2
-        return BacksteppingMemory(np.zeros(lanes) + own, np.zeros(lanes))
+        return BacksteppingMemory(np.zeros(lanes) + own, np.zeros(lanes), np.zeros(lanes))
 
     def stability(self) -> StabilityCheck:
         """The gains against 4.3.50, of a controller for one rig (not stacked)."""
@@ -90,7 +92,7 @@ class BacksteppingController(Controller):
         d = self.motor_d if self.compensation else 0.0
         return check_stability(self.k1, self.k2, p, d, float(self.design.parameters.inertia))
 
-    def commands(
+    def law(
         self, memory: BacksteppingMemory, estimate: StateEstimate, reference: Reference
     ) -> tuple[Any, Commands]:
         """Duties for the wanted flows (4.3.59) and the motor's effort (4.3.41)."""
@@ -112,14 +114,15 @@ class BacksteppingController(Controller):
             motor = motor + self.motor_p * (reference.position - estimate.position)
             motor = motor + self.motor_d * (reference.velocity - estimate.velocity)
         limit = model.parameters.max_effort
-        command = base.limit_effort(motor_command(motor, point, model), limit)
+        command = base.limit_effort(known(motor_command(motor, point, model)), limit)
         if not design.is_measured:
             flow_a = flow_a - leakage("a", point, model)
             flow_b = flow_b - leakage("b", point, model)
-        return BacksteppingMemory(payload, base.limit_effort(motor, limit)), Commands(
+        after = BacksteppingMemory(payload, base.limit_effort(known(motor), limit), memory.rejected)
+        return after, Commands(
             motor=command,
-            valve_a=design.inverse_a.duty(flow_a, estimate.pressure_a),
-            valve_b=design.inverse_b.duty(flow_b, estimate.pressure_b),
+            valve_a=design.inverse_a.duty(known(flow_a), estimate.pressure_a),
+            valve_b=design.inverse_b.duty(known(flow_b), estimate.pressure_b),
             payload_kg=payload_mass(payload, design),
         )
 
@@ -187,7 +190,7 @@ class BacksteppingController(Controller):
         )
         xp = array_namespace(away)
         reach = p.supply - middle
-        away = xp.clip(away, -reach, reach)
+        away = xp.clip(known(away), -reach, reach)
         return _Wanted((middle + away, middle - away), (rate / both, -rate / both))
 
     def _feedforward(self, reference: Reference, model: Model) -> tuple[Array, Array]:

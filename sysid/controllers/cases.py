@@ -40,7 +40,8 @@ class ClosedLoopRun:
     """One loop's record, (n,) at each tick before its commands act; s, rad or m, Pa, Nm or N.
 
     `reference` (n, 4) with derivatives; `measured` the encoder's position, `measured_a` and
-    `measured_b` the sensors' pressures as the controller got them; `command_a`,
+    `measured_b` the sensors' pressures as the controller got them, the last good ones where a
+    reading is not finite; `command_a`,
     `command_b` duty (0 to 1), or on/off as 1 and 0; `payload_kg` NaN without an estimate.
     `is_duty` says which; `faults` one line for each thing that went wrong.
     """
@@ -76,8 +77,9 @@ def faults_of(
 ) -> list[str]:
     """What went wrong in a run, one line each.
 
-    `own`: its columns by the names of `ClosedLoopRun`; `counts`: readings and commands that
-    were not finite. Judged by the controller's own model, without one by the plant's.
+    `own`: its columns by the names of `ClosedLoopRun`; `counts`: ticks with readings that were
+    not finite, and those with other numbers that were not. Judged by the controller's own model,
+    without one by the plant's.
     """
     rows = Evidence(
         time=time,

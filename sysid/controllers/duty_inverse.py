@@ -73,7 +73,8 @@ def _bilinear(table: Array, row: Array, column: Array) -> Array:
     cells, rests = [], []
     for share, size in zip((row, column), table.shape[-2:], strict=True):
         place = xp.clip(share, 0.0, 1.0) * (size - 1)
-        cell = xp.minimum(xp.floor(place), size - 2)
+        # NaN is in no cell, and is the result of any.
+        cell = xp.where(place < size - 2, xp.floor(place), size - 2)
         cells.append(cell.astype(int))
         rests.append(place - cell)
     (i, j), (s, t) = cells, rests

@@ -15,7 +15,8 @@ import numpy as np
 from sysid.controllers.arrays import repeat, when
 from sysid.controllers.design_model import DesignModel
 from sysid.controllers.effective_law import edge_delay
-from sysid.controllers.interface import Commands, Controller, Reference, StateEstimate
+from sysid.controllers.guard import GuardedController, known
+from sysid.controllers.interface import Commands, Reference, StateEstimate
 from sysid.controllers.payload import PayloadEstimator, payload_mass
 from sysid.controllers.prediction import (
     Motion,
@@ -37,12 +38,18 @@ _COMBINATIONS = np.array([[0.0, 1.0, 0.0, 1.0], [0.0, 0.0, 1.0, 1.0]])[:, :, Non
 
 
 class DvmpcMemory(NamedTuple):
-    """Held inputs 0 or 1, payload's inertia kg m2, the motor's last effort Nm; (lanes,)."""
+    """Held inputs 0 or 1, payload's inertia kg m2, the motor's last effort Nm; (lanes,).
+
+    `tick`: the inputs are decided where it is 0; `rejected`: ticks that were not good, which
+    count in no `tick`.
+    """
 
     valve_a: Array
     valve_b: Array
     payload: Array
     motor: Array
+    tick: Array = 0.0
+    rejected: Array = 0.0
 
 
 class _Outlook(NamedTuple):
@@ -63,7 +70,7 @@ class _Stretch(NamedTuple):
 
 
 @dataclass(frozen=True)
-class DvmpcController(Controller):
+class DvmpcController(GuardedController):
     """Table 4.4.4: `horizon` and `hold` in ticks of `period` s; the motor's natural frequency
     rad/s and damping (4.4.17), which with the printed gains are 50 rad/s and 1.
 
@@ -107,9 +114,9 @@ class DvmpcController(Controller):
         """See `Controller`."""
         none = np.zeros(lanes)
         own = self.design.payload_mass * self.design.payload_length**2
-        return DvmpcMemory(none, none, none + own, none)
+        return DvmpcMemory(none, none, none + own, none, none, none)
 
-    def commands(
+    def law(
         self, memory: DvmpcMemory, estimate: StateEstimate, reference: Reference
     ) -> tuple[Any, Commands]:
         """The held combination, decided anew every `hold` ticks, and the motor's effort."""
@@ -119,17 +126,21 @@ class DvmpcController(Controller):
             payload = self.estimator.update(payload, memory.motor, estimate, reference, self.design)
         model = loaded(self.design, payload)
         before = memory.valve_a, memory.valve_b
-        valves = when(
-            estimate.tick % self.hold == 0,
+        xp = array_namespace(estimate.position)
+        decides = memory.tick + 0.0 * payload == 0.0
+        found = when(
+            decides.any(),
             lambda: self.decide(before, estimate, reference, model),
             before,
             estimate.position,
         )
+        a, b = (xp.where(decides, x, y) for x, y in zip(found, before, strict=True))
         motor = self.inverse_dynamics(estimate, reference, model)
-        return DvmpcMemory(*valves, payload, motor), Commands(
+        tick = xp.where(memory.tick + 1.0 < self.hold, memory.tick + 1.0, 0.0)
+        return DvmpcMemory(a, b, payload, motor, tick, memory.rejected), Commands(
             motor=motor,
-            valve_a=valves[0],
-            valve_b=valves[1],
+            valve_a=a,
+            valve_b=b,
             payload_kg=payload_mass(payload, self.design),
         )
 
@@ -140,13 +151,18 @@ class DvmpcController(Controller):
         reference: Reference,
         model: Model,
     ) -> tuple[Array, Array]:
-        """Valve A's and B's best input, 0 or 1 (lanes,), after the held inputs `before`."""
+        """Valve A's and B's best input, 0 or 1 (lanes,), after the held inputs `before`.
+
+        A sequence whose cost is not finite is none; NaN where none is left.
+        """
         costs = self.costs(before, estimate, reference, model)
         xp = array_namespace(costs)
-        best = xp.argmin(costs, axis=0)
+        is_known = xp.isfinite(costs)
+        best = xp.argmin(xp.where(is_known, costs, xp.inf), axis=0)
         if self.varying:
             best = best // 4
-        return xp.where(best % 2 == 1, 1.0, 0.0), xp.where(best >= 2, 1.0, 0.0)
+        off = xp.where(is_known.any(axis=0), 0.0, xp.nan)
+        return xp.where(best % 2 == 1, 1.0 + off, off), xp.where(best >= 2, 1.0 + off, off)
 
     def costs(
         self,
@@ -241,7 +257,7 @@ class DvmpcController(Controller):
         stiff = inertia * w * w * (reference.position - estimate.position)
         damped = 2.0 * self.damping * w * inertia * (reference.velocity - estimate.velocity)
         command = motor_command(missing + stiff + damped, point, model)
-        return base.limit_effort(command, model.parameters.max_effort)
+        return base.limit_effort(known(command), model.parameters.max_effort)
 
 
 def delayed_share(

@@ -72,9 +72,13 @@ def report_faults(
     found: list[str] = []
     period = float(np.median(np.diff(rows.time)))
     if rows.rejected:
-        found.append(f"sensor: {rows.rejected:.0f} readings were not finite; the last were kept")
+        found.append(
+            f"sensor: readings were not finite in {rows.rejected:.0f} ticks; the controller let go"
+        )
     if rows.invalid:
-        found.append(f"controller: {rows.invalid:.0f} commands were not finite; 0 was given")
+        found.append(
+            f"controller: {rows.invalid:.0f} ticks were not finite; the motor had 0, the valves off"
+        )
     saturated = float(np.mean(np.abs(rows.motor) >= max_effort * (1.0 - 1e-9)))
     if np.isfinite(max_effort) and saturated > _SATURATED_SHARE:
         found.append(f"motor: at its limit of {max_effort:.3g} in {saturated:.0%} of the run")

@@ -17,7 +17,8 @@ import numpy as np
 from sysid.controllers.arrays import put_together, take_apart
 from sysid.controllers.cases import PERIOD_S, Case, ClosedLoopRun, faults_of
 from sysid.controllers.groups import Group, grouped
-from sysid.controllers.interface import Commands, Controller, Reference
+from sysid.controllers.guard import all_finite, let_go, rows_of
+from sysid.controllers.interface import Commands, Controller, Reference, StateEstimate
 from sysid.controllers.plant_effects import (
     SensorMemory,
     TrueSignals,
@@ -265,30 +266,50 @@ def _reference(tick: Array, batch: _Batch, group: Group, preview: int) -> Refere
 
 
 def _commanded(
-    carry: _Carry, estimate: Any, batch: _Batch, fixed: _Fixed
-) -> tuple[tuple[Any, ...], Commands]:
-    """Every group's memory and the commands of all lanes, in the lanes' order."""
+    carry: _Carry, estimate: StateEstimate, batch: _Batch, fixed: _Fixed
+) -> tuple[tuple[Any, ...], Commands, Array]:
+    """Every group's memory and the commands of all lanes, in the lanes' order.
+
+    And 1 in the lanes that let go for another reason than the estimate, else 0.
+    """
     memories, parts = [], []
     xp = array_namespace(estimate.position)
     for (controller, group), memory in zip(_controllers(batch, fixed), carry.memories, strict=True):
         lanes = np.array(group.lanes)
-        own = type(estimate)(estimate.tick, *(x[lanes] for x in estimate[1:]))
+        own = StateEstimate(estimate.tick, *(x[lanes] for x in estimate[1:]))
         reference = _reference(estimate.tick, batch, group, controller.preview)
-        memory, commands = controller.commands(memory, own, reference)
+        memory, commands, bad = _guarded(controller, memory, own, reference)
         memories.append(memory)
-        parts.append([xp.zeros(len(lanes)) + c for c in commands])
+        parts.append([xp.zeros(len(lanes)) + c for c in (*commands, bad)])
     order = np.argsort(np.concatenate([g.lanes for g in fixed.groups]))
-    joined = (xp.concatenate([p[i] for p in parts])[order] for i in range(4))
-    return tuple(memories), Commands(*joined)
+    *joined, bad = (xp.concatenate([p[i] for p in parts])[order] for i in range(5))
+    return tuple(memories), Commands(*joined), bad
 
 
-def _admitted(commands: Commands, batch: _Batch) -> tuple[Commands, Array]:
-    """The commands that the mode allows, 0 for what is not finite; how many were not."""
-    given = commands[:3]
-    bad = sum(jnp.where(jnp.isfinite(c), 0.0, 1.0) for c in given)
-    motor, a, b = (jnp.where(jnp.isfinite(c), c, 0.0) for c in given)
+def _guarded(
+    controller: Controller, memory: Any, estimate: StateEstimate, reference: Reference
+) -> tuple[Any, Commands, Array]:
+    """A controller's memory and commands, which lets go where what it gets or gives is not finite.
+
+    A user's own is not called with an estimate that has no finite lane, unless it is compiled.
+    And 1 in the lanes that let go for another reason than the estimate, else 0.
+    """
+    xp = array_namespace(estimate.position)
+    seen = all_finite(estimate[1:])
+    if xp is np and not np.any(seen):
+        return (*let_go(seen, memory, memory, Commands(0.0, 0.0, 0.0)), np.zeros(np.shape(seen)))
+    after, commands = controller.commands(memory, estimate, reference)
+    good = seen & all_finite([*rows_of(reference, controller.preview), *commands[:3]])
+    if hasattr(memory, "rejected"):  # it has let go by itself
+        good = good & (after.rejected == memory.rejected)
+    return (*let_go(good, memory, after, commands), xp.where(seen & ~good, 1.0, 0.0))
+
+
+def _allowed(commands: Commands, batch: _Batch) -> Commands:
+    """The commands that the mode allows."""
+    motor, a, b, payload = commands
     valves, uses_motor = batch.uses
-    return Commands(motor * uses_motor, a * valves, b * valves, commands.payload_kg), bad
+    return Commands(motor * uses_motor, a * valves, b * valves, payload)
 
 
 def _driven(
@@ -309,9 +330,9 @@ def _driven(
     return advance_period(carry.lanes, pair, commands.motor, span, model), pair
 
 
-def _recorded(carry: _Carry, estimate: Any, commands: Commands) -> tuple[Array, ...]:
-    states = (getattr(carry.lanes, name) for name in _SHOWN)
-    return (*states, estimate.position, estimate.pressure_a, estimate.pressure_b, *commands)
+def _recorded(carry: _Carry, seen: SensingMemory, commands: Commands) -> tuple[Array, ...]:
+    """A row of the record; of the measurements the last good ones."""
+    return (*(getattr(carry.lanes, name) for name in _SHOWN), *seen.last, *commands)
 
 
 @functools.partial(jax.jit, static_argnames=("fixed",), compiler_options=_COMPILER_OPTIONS)
@@ -319,10 +340,10 @@ def _run(carry: _Carry, batch: _Batch, *, fixed: _Fixed) -> tuple[_Carry, tuple[
     def body(carry: _Carry, tick: Array) -> tuple[_Carry, tuple[Array, ...]]:
         readings, sensors = _measured(carry, tick, batch, fixed)
         sensing, estimate = sense(carry.sensing, readings, tick, PERIOD_S, batch.filters)
-        memories, commands = _commanded(carry, estimate, batch, fixed)
-        commands, bad = _admitted(commands, batch)
+        memories, commands, bad = _commanded(carry, estimate, batch, fixed)
+        commands = _allowed(commands, batch)
         lanes, valves = _driven(carry, commands, tick, batch, fixed)
-        row = _recorded(carry, estimate, commands)
+        row = _recorded(carry, sensing, commands)
         return _Carry(lanes, valves, sensors, sensing, memories, carry.invalid + bad), row
 
     carry, batch = jax.tree.map(jnp.asarray, (carry, batch))
@@ -333,7 +354,7 @@ def _run(carry: _Carry, batch: _Batch, *, fixed: _Fixed) -> tuple[_Carry, tuple[
 @functools.partial(jax.jit, static_argnames=("fixed",), compiler_options=_COMPILER_OPTIONS)
 def _sense_once(
     carry: _Carry, tick: Array, batch: _Batch, *, fixed: _Fixed
-) -> tuple[SensorMemory, SensingMemory, Any]:
+) -> tuple[SensorMemory, SensingMemory, StateEstimate]:
     readings, sensors = _measured(carry, tick, batch, fixed)
     return sensors, *sense(carry.sensing, readings, tick, PERIOD_S, batch.filters)
 
@@ -341,10 +362,9 @@ def _sense_once(
 @functools.partial(jax.jit, static_argnames=("fixed",), compiler_options=_COMPILER_OPTIONS)
 def _drive_once(
     carry: _Carry, commands: Commands, tick: Array, batch: _Batch, *, fixed: _Fixed
-) -> tuple[Lanes, tuple[ValveIntervals, ValveIntervals], Commands, Array]:
-    commands, bad = _admitted(commands, batch)
-    lanes, valves = _driven(carry, commands, tick, batch, fixed)
-    return lanes, valves, commands, bad
+) -> tuple[Lanes, tuple[ValveIntervals, ValveIntervals], Commands]:
+    commands = _allowed(commands, batch)
+    return *_driven(carry, commands, tick, batch, fixed), commands
 
 
 def _run_in_python(carry: _Carry, batch: _Batch, fixed: _Fixed) -> tuple[_Carry, tuple[Array, ...]]:
@@ -356,11 +376,11 @@ def _run_in_python(carry: _Carry, batch: _Batch, fixed: _Fixed) -> tuple[_Carry,
         memories = carry.memories
         seen = carry._replace(memories=())
         sensors, sensing, estimate = _sense_once(seen, tick, numbers, fixed=bare)
-        estimate = type(estimate)(tick, *(np.asarray(x) for x in estimate[1:]))
-        memories, commands = _commanded(carry, estimate, batch, fixed)
-        lanes, valves, commands, bad = _drive_once(seen, commands, tick, numbers, fixed=bare)
-        rows.append([np.asarray(x) for x in _recorded(carry, estimate, commands)])
-        carry = _Carry(lanes, valves, sensors, sensing, memories, carry.invalid + np.asarray(bad))
+        estimate = StateEstimate(tick, *(np.asarray(x) for x in estimate[1:]))
+        memories, commands, bad = _commanded(carry, estimate, batch, fixed)
+        lanes, valves, commands = _drive_once(seen, commands, tick, numbers, fixed=bare)
+        rows.append([np.asarray(x) for x in _recorded(carry, sensing, commands)])
+        carry = _Carry(lanes, valves, sensors, sensing, memories, carry.invalid + bad)
     return carry, tuple(np.stack(column) for column in zip(*rows, strict=True))
 
 

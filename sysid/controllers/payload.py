@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from sysid.controllers.design_model import DesignModel
+from sysid.controllers.guard import known
 from sysid.controllers.interface import Reference, StateEstimate
 from sysid.controllers.prediction import (
     Motion,
@@ -45,7 +46,8 @@ class PayloadEstimator:
     ) -> Array:
         """The next estimate of the payload's inertia, kg m2, from the present one.
 
-        `motor` is the effort that the motor has now, Nm.
+        `motor` is the effort that the motor has now, Nm. NaN where what it follows from is not
+        finite.
         """
         xp = array_namespace(estimate.position)
         model = loaded(design, inertia)
@@ -63,7 +65,7 @@ class PayloadEstimator:
         present = inertia / xp.maximum(lever, 1e-9) * GRAVITY_M_PER_S2 * sine
         payload = present - error
         seen = payload * lever / (GRAVITY_M_PER_S2 * xp.where(xp.abs(sine) > 1e-3, sine, 1e-3))
-        bounded = xp.clip(seen, 0.0, self.heaviest * lever**2)
+        bounded = xp.clip(known(seen), 0.0, self.heaviest * lever**2)
         acts = (
             (xp.abs(error) > self.threshold)
             & (xp.abs(estimate.position) > self.least_angle)
@@ -71,7 +73,8 @@ class PayloadEstimator:
             & (design.gravity > 0.0)
         )
         smoothed = self.forgetting * inertia + (1.0 - self.forgetting) * bounded
-        return xp.where(acts, smoothed, inertia)
+        is_known = xp.isfinite(error) & xp.isfinite(smoothed)
+        return xp.where(is_known, xp.where(acts, smoothed, inertia), xp.nan)
 
     def detects(self, inertia: Array, design: DesignModel) -> Array:
         """Whether an estimate, kg m2, is a payload and not the estimator's own tolerance.

@@ -7,14 +7,23 @@ Thesis 4.2; gains of Table 4.2.2. The feedforward (4.2.3) is added before the di
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
-from sysid.controllers.interface import Commands, Controller, Reference, StateEstimate
+import numpy as np
+
+from sysid.controllers.guard import GuardedController, known
+from sysid.controllers.interface import Commands, Reference, StateEstimate
 from sysid.model.base import Array, array_namespace
 
 
+class PvaMemory(NamedTuple):
+    """`rejected` (lanes,): the ticks that were not good (`GuardedController`)."""
+
+    rejected: Array = 0.0
+
+
 @dataclass(frozen=True)
-class PvaController(Controller):
+class PvaController(GuardedController):
     """Gains per rad, s/rad, s2/rad; duties between which each valve answers. No motor."""
 
     position_gain: float = 140.0
@@ -28,6 +37,10 @@ class PvaController(Controller):
     duty_b_min: float = 0.08
     duty_b_max: float = 0.72
 
+    def start(self, lanes: int) -> PvaMemory:
+        """See `Controller`."""
+        return PvaMemory(np.zeros(lanes))
+
     def virtual_input(self, estimate: StateEstimate, reference: Reference) -> Array:
         """The one input for both valves, -1 to 1 (4.2.1 and 4.2.3)."""
         xp = array_namespace(estimate.position)
@@ -40,9 +53,15 @@ class PvaController(Controller):
             self.feedforward_velocity * reference.velocity
             + self.feedforward_acceleration * reference.acceleration
         )
-        return xp.clip((feedback + feedforward) / self.full_scale, -1.0, 1.0)
+        return xp.clip(known((feedback + feedforward) / self.full_scale), -1.0, 1.0)
 
     def commands(
+        self, memory: Any, estimate: StateEstimate, reference: Reference
+    ) -> tuple[Any, Commands]:
+        """See `GuardedController`; an empty memory is that of a start."""
+        return super().commands(memory or PvaMemory(), estimate, reference)
+
+    def law(
         self, memory: Any, estimate: StateEstimate, reference: Reference
     ) -> tuple[Any, Commands]:
         """One valve by the virtual input's sign, past its dead zone (4.2.2)."""
@@ -52,9 +71,9 @@ class PvaController(Controller):
         duty_b = self.duty_b_min + xp.abs(u) * (self.duty_b_max - self.duty_b_min)
         return memory, Commands(
             motor=0.0 * u,
-            valve_a=xp.where(u > 0.0, duty_a, 0.0),
-            valve_b=xp.where(u < 0.0, duty_b, 0.0),
+            valve_a=xp.where(u <= 0.0, 0.0, duty_a),
+            valve_b=xp.where(u >= 0.0, 0.0, duty_b),
         )
 
 
-__all__ = ["PvaController"]
+__all__ = ["PvaController", "PvaMemory"]

@@ -6,11 +6,13 @@ position, each through a causal second-order Butterworth low-pass of 50 Hz.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from sysid.controllers.guard import all_finite
 from sysid.controllers.interface import StateEstimate
 from sysid.io.rig import Rig
 from sysid.model.base import Array, array_namespace
@@ -60,7 +62,7 @@ class Readings(NamedTuple):
 class SensingMemory(NamedTuple):
     """Last good readings; last difference; the two filters' states (2, lanes) each.
 
-    `rejected` (lanes,) counts readings that were not finite.
+    `rejected` (lanes,) counts the ticks with a reading that was not finite.
     """
 
     last: Readings
@@ -90,8 +92,8 @@ def quantised(value: Array, step: Array) -> Array:
 
 
 def start_sensing(first: Readings) -> SensingMemory:
-    """Memory at rest at the first readings."""
-    none = 0.0 * first.position
+    """Memory at rest at the first readings; if one is not finite, at the first that are."""
+    none = np.zeros(np.shape(first.position))
     pair = np.zeros((2, 1)) + none
     return SensingMemory(first, none, pair, pair, none)
 
@@ -99,30 +101,64 @@ def start_sensing(first: Readings) -> SensingMemory:
 def sense(
     memory: SensingMemory, readings: Readings, tick: Array, period: float, filters: Array
 ) -> tuple[SensingMemory, StateEstimate]:
-    """The estimate after a tick's readings; one that is not finite is the last good one.
+    """The estimate after a tick's readings, and the memory.
+
+    Where a reading, or what follows from it, is not finite, the memory stays what it was but for
+    `rejected`, and all of the estimate is NaN, at which a controller lets go.
 
     `filters`: `filter_coefficients` by lane, (2, 3, lanes).
     """
     xp = array_namespace(readings.position)
-    good = Readings(
-        *(
-            xp.where(xp.isfinite(new), new, old)
-            for new, old in zip(readings, memory.last, strict=True)
+    with np.errstate(all="ignore"):
+        after, estimate = next_sample(memory, readings, tick, period, filters)
+    given = [*readings, *estimate[1:], *_numbers(after), period, *filters[0], *filters[1]]
+    good = all_finite(given)
+    kept = SensingMemory(
+        Readings(
+            *(xp.where(good, new, old) for new, old in zip(after.last, memory.last, strict=True))
+        ),
+        xp.where(good, after.difference, memory.difference),
+        xp.where(good, after.velocity_filter, memory.velocity_filter),
+        xp.where(good, after.acceleration_filter, memory.acceleration_filter),
+        memory.rejected + xp.where(good, 0.0, 1.0),
+    )
+    shown = (xp.where(good, value, xp.nan) for value in estimate[1:])
+    return kept, StateEstimate(tick, *shown)
+
+
+def next_sample(
+    memory: SensingMemory, readings: Readings, tick: Array, period: float, filters: Array
+) -> tuple[SensingMemory, StateEstimate]:
+    """`sense` of readings that are finite; from a memory that is not, at rest at them."""
+    xp = array_namespace(readings.position)
+    is_started = True
+    for value in _numbers(memory):
+        is_started = is_started & xp.isfinite(value)
+    before, old, *pairs = (
+        xp.where(is_started, value, start)
+        for value, start in (
+            (memory.last.position, readings.position),
+            (memory.difference, 0.0),
+            *((memory.velocity_filter[k], 0.0) for k in (0, 1)),
+            *((memory.acceleration_filter[k], 0.0) for k in (0, 1)),
         )
     )
-    lost = sum(xp.where(xp.isfinite(new), 0.0, 1.0) for new in readings)
-    raw = (good.position - memory.last.position) / period
-    change = (raw - memory.difference) / period
-    velocity, first = _filtered(memory.velocity_filter, raw, filters)
-    acceleration, second = _filtered(memory.acceleration_filter, change, filters)
-    estimate = StateEstimate(
-        tick, good.position, velocity, acceleration, raw, good.pressure_a, good.pressure_b
-    )
-    rejected: Any = memory.rejected + lost
-    return SensingMemory(good, raw, first, second, rejected), estimate
+    raw = (readings.position - before) / period
+    change = (raw - old) / period
+    velocity, first = _filtered(pairs[:2], raw, filters)
+    acceleration, second = _filtered(pairs[2:], change, filters)
+    position, a, b = readings
+    estimate = StateEstimate(tick, position, velocity, acceleration, raw, a, b)
+    return SensingMemory(readings, raw, first, second, memory.rejected), estimate
 
 
-def _filtered(state: Array, value: Array, filters: Array) -> tuple[Array, Array]:
+def _numbers(memory: SensingMemory) -> list[Array]:
+    """What the next sample follows from, each (lanes,)."""
+    pairs = (memory.velocity_filter, memory.acceleration_filter)
+    return [*memory.last, memory.difference, *(pair[k] for pair in pairs for k in (0, 1))]
+
+
+def _filtered(state: Sequence[Array], value: Array, filters: Array) -> tuple[Array, Array]:
     """One sample through the filter (direct form II transposed) and the state after it."""
     xp = array_namespace(value)
     (b0, b1, b2), (_, a1, a2) = filters

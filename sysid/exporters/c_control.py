@@ -151,10 +151,11 @@ def _function(law: ControlLaw, n: Names) -> str:
     names = [argument.split()[-1].lstrip("*").partition("[")[0] for argument in law.arguments]
     outs = {target.lstrip("*").partition("[")[0].partition("-")[0] for target in law.results}
     lines += [f"(void){name};" for name in names if name not in read | outs]
-    if law.kind == "void":
+    if "return" not in law.results:
         targets = list(law.results)
         lines += [f"const @p@real y{k} = {text};" for k, text in enumerate(results)]
         lines += [f"{target} = y{k};" for k, target in enumerate(targets)]
+        lines += ["return 1;"] if law.kind == "int" else []
     else:
         lines.append(f"return {results[0]};")
     arguments = ", ".join(argument.replace(" ", _KEPT) for argument in law.arguments)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from sysid.bundle import Bundle, assumptions
 from sysid.exporters.c_effects import EffectsInC
+from sysid.exporters.c_guard import guarded
 from sysid.exporters.c_maths import mathematics
 from sysid.exporters.c_surfaces import macro, slots, surfaces
 from sysid.exporters.c_text import Names, comment_text, constant, has, names, real
@@ -44,6 +45,25 @@ _MEANING = {
 }
 
 
+# A space after the #, so that nothing else that a file holds can be taken for it.
+_NO_FAST_MATH = """\
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__) \\
+    || defined(_M_FP_FAST)
+# error "compile without -ffast-math: it drops the checks for numbers that are not finite"
+#endif
+"""
+_NOT_FINITE = (
+    "",
+    "Numbers that are not finite (NaN, infinite): where an input is one, or what follows from it,",
+    "a law answers NaN and a duty is 0. -ffast-math drops these checks and is an error.",
+)
+_LETTING_GO = (
+    "A controller lets go: motor 0, valves off, 0 returned in place of 1, its state as it was but",
+    "for rejected, which counts such ticks. sense() leaves its memory as it was, counts, and makes",
+    "the estimate NaN, at which the controllers let go. OFF IS NOT SAFE EVERYWHERE: an arm in the",
+    "vertical falls, and so does a load on a linear axis. Watch rejected and what is returned, and",
+    "brake, or stop the rig, where they say so.",
+)
 _USE = (
     "",
     "On a microcontroller: include this file in one source file, compile it with -std=c99 -O2,",
@@ -104,16 +124,20 @@ def render(
     control = _control(bundle, flat, held, effects, n, accept_assumed)
     features["HAS_CONTROLLERS"] = not isinstance(control, str)
     guard = f"{n.upper}CONTROLLER_H"
-    parts = [
-        _title(bundle, flat, held, features["HAS_CONTROLLERS"]),
-        f"#ifndef {guard}\n#define {guard}\n\n#include <math.h>\n",
-        _feature_lines(features, held, n),
-        mathematics(n),
-        _constant_lines(held, flat.rig.assumed, n),
+    functions = [
         *(law.text for law in laws if law.text and features[law.feature]),
         held.text(),
         surfaces(flat, n),
         "" if isinstance(control, str) else _controllers(flat, control, n),
+    ]
+    parts = [
+        _title(bundle, flat, held, features["HAS_CONTROLLERS"]),
+        f"#ifndef {guard}\n#define {guard}\n\n#include <math.h>\n",
+        _NO_FAST_MATH,
+        _feature_lines(features, held, n),
+        mathematics(n),
+        _constant_lines(held, flat.rig.assumed, n),
+        guarded("\n".join(part for part in functions if part), n),
         f"#endif /* {guard} */\n",
     ]
     text = "\n".join(part for part in parts if part)
@@ -200,11 +224,12 @@ def _title(bundle: Bundle, flat: Flat, effects: EffectsInC, has_controllers: boo
         f"by sysid {made['bundle_sysid_version']}",
         f"bundle SHA-256: {made['bundle_sha256']}",
         "SI, absolute pressures. Equation numbers are those of the thesis, as corrected.",
-        "Unknown numbers are absent, and their HAS macros are 0. C99, link with the maths library;",
-        "do not compile with -ffast-math, which drops the checks for NaN.",
+        "Unknown numbers are absent, and their HAS macros are 0. C99, link with the maths library.",
         "Numbers are double; -DSYSID_REAL=float makes them single precision.",
         *_USE,
         *(_USE_OF_CONTROLLERS if has_controllers else ()),
+        *_NOT_FINITE,
+        *(_LETTING_GO if has_controllers else ()),
     ]
     if effects.contained():
         ids = ", ".join(effect.id for effect in effects.contained())
@@ -370,10 +395,7 @@ def _motor(flat: Flat, n: Names) -> _Law:
     else:
         within = "within its declared limit"
         body = f"""{real(n)} effort = volts * {p}{gain};
-    if (effort > {p}{limit}) {{
-        return {p}{limit};
-    }}
-    return effort < -{p}{limit} ? -{p}{limit} : effort;"""
+    return {p}maximum({p}minimum(effort, {p}{limit}), -{p}{limit});"""
     text = f"""\
 /* {word.capitalize()} of the motor at the output, {unit}, from volts (3.3.4); {within}. */
 static inline {real(n)} {p}motor_{word}({real(n)} volts)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from sysid.exporters.c_guard import guarded
 from sysid.exporters.c_text import Names, real
 from sysid.exporters.symbolic_names import BINARY, OWN, UNARY
 
@@ -18,11 +19,18 @@ def mathematics(n: Names) -> str:
 #endif
 typedef SYSID_REAL {r};
 
-/* The functions of the maths library, those of float where that is the real type. */""",
+/* A result where it is finite. */
+static inline {r} {p}checked({r} x, {r} otherwise)
+{{
+    return isfinite(x) ? x : otherwise;
+}}
+
+/* The functions of the maths library, those of float where that is the real type; NaN of an
+   argument that is not finite. */""",
         *(_call(name, ("x",), n) for name in UNARY if name not in OWN),
         *(_call(name, ("x", "y"), n) for name in BINARY if name not in OWN),
         f"""
-/* -1, 0 or 1; whole powers; the larger and the smaller of two. What is not a number stays so. */
+/* -1, 0 or 1; whole powers; the larger and the smaller of two. */
 static inline {r} {p}sign({r} x)
 {{
     return x > 0 ? 1 : x < 0 ? -1 : x;
@@ -37,15 +45,15 @@ static inline {r} {p}cube({r} x)
 }}
 static inline {r} {p}maximum({r} x, {r} y)
 {{
-    return x > y || x != x ? x : y;
+    return x > y ? x : y;
 }}
 static inline {r} {p}minimum({r} x, {r} y)
 {{
-    return x < y || x != x ? x : y;
+    return x < y ? x : y;
 }}
 """,
     ]
-    return "\n".join(parts)
+    return guarded("\n".join(parts), n, results=False)
 
 
 def _call(name: str, arguments: tuple[str, ...], n: Names) -> str:

@@ -18,7 +18,7 @@ from sysid.controllers.interface import Reference, StateEstimate
 from sysid.controllers.payload import PayloadEstimator, payload_mass
 from sysid.controllers.prediction import Motion, euler_step, loaded, point_at
 from sysid.controllers.pva import PvaController
-from sysid.controllers.sensing import Readings, SensingMemory, sense
+from sysid.controllers.sensing import Readings, SensingMemory, next_sample
 from sysid.exporters.symbolic import NAMESPACE, expression, symbol
 from sysid.io.channels import SIDES
 from sysid.model.base import Array
@@ -32,7 +32,7 @@ class ControlLaw:
     """A function of the header: `results` maps what it sets to expressions.
 
     `arguments` are C declarations, @p@ for the prefix; `kind` is what it returns: "void", "int"
-    or "@p@real", the result of the name "return".
+    or "@p@real", the result of the name "return". An "int" without one is 1.
     """
 
     name: str
@@ -150,29 +150,28 @@ def _delayed_shares(design: DesignModel) -> Iterator[ControlLaw]:
 
 
 def _sensing() -> ControlLaw:
-    """`sense`, whose memory is a struct of numbers."""
+    """`next_sample`, whose memory is a struct of numbers; the header's guard does the rest."""
     held = _struct(Readings, "memory")
     pairs = {
         name: tuple(symbol(f"memory->{name}[{k}]") for k in (0, 1))
         for name in ("velocity_filter", "acceleration_filter")
     }
-    memory = SensingMemory(
-        held, symbol("memory->difference"), rejected=symbol("memory->rejected"), **pairs
-    )
+    memory = SensingMemory(held, symbol("memory->difference"), rejected=0.0, **pairs)
     filters = [[symbol(f"filter->{k}[{i}]") for i in range(3)] for k in ("b", "a")]
     readings = Readings(*map(symbol, ("position", "pressure_a_pa", "pressure_b_pa")))
     period = _as_number(symbol("filter->period_s"))
-    later, seen = sense(memory, readings, 0, period, filters)
+    later, seen = next_sample(memory, readings, 0, period, filters)
     results = {f"memory->{_FIELDS.get(k, k)}": v for k, v in later.last._asdict().items()}
-    results |= {"memory->difference": later.difference, "memory->rejected": later.rejected}
+    results["memory->difference"] = later.difference
     results |= {f"memory->{name}[{k}]": getattr(later, name)[k] for name in pairs for k in (0, 1)}
     shown = seen._asdict()
     del shown["tick"]
     results |= {f"now->{_FIELDS.get(k, k)}": v for k, v in shown.items()}
     return ControlLaw(
         "sense",
-        "A tick's readings to an estimate: differences of the position, filtered; a reading that"
-        " is not finite is the last good one, and counted in rejected",
+        "A tick's readings to an estimate: differences of the position, filtered. A reading that"
+        " is not finite leaves the memory as it was, is counted in rejected, and makes the"
+        " estimate NaN, at which a controller lets go",
         (
             _of("filter", "filter"),
             "@p@sensing *memory",
@@ -219,12 +218,14 @@ def _payload(design: DesignModel) -> Iterator[ControlLaw]:
 
 def _pva() -> ControlLaw:
     controller = _struct(PvaController, "gains")
-    _, commands = controller.commands((), _estimate(), _reference("wanted"))
+    _, commands = controller.law((), _estimate(), _reference("wanted"))
     return ControlLaw(
         "pva_duties",
-        "Duties of valves A and B, past their dead zones (4.2.1 to 4.2.3)",
+        "Duties of valves A and B, past their dead zones (4.2.1 to 4.2.3); returns 1, or 0 with"
+        " both 0 where a number is not finite",
         (_of("pva", "gains"), _of("estimate", "now"), _of("reference", "wanted"), _PAIR),
         {"duty[0]": expression(commands.valve_a), "duty[1]": expression(commands.valve_b)},
+        "int",
     )
 
 
@@ -250,13 +251,13 @@ def _backstepping(design: DesignModel) -> ControlLaw:
             BacksteppingController, "gains", feedforward=is_on, compensation=is_on, **fixed
         )
         memory = BacksteppingMemory(symbol("payload"), symbol("motor"))
-        found.append(controller.commands(memory, _estimate(), reference)[1])
-    (on, off), where = found, NAMESPACE.where
+        found.append(controller.law(memory, _estimate(), reference))
+    ((later, on), (later_off, off)), where = found, NAMESPACE.where
     ahead_on, helps = symbol("gains->feedforward"), symbol("gains->compensation")
     return ControlLaw(
         "backstepping_wanted",
-        "Flows into chambers A and B, kg/s (4.3.59), and the motor's effort (4.3.41); soon is the"
-        " reference one PWM period ahead, motor the effort now",
+        "Flows into chambers A and B, kg/s (4.3.59), the motor's effort (4.3.41) and the command"
+        " that gives it; soon is the reference one PWM period ahead, motor the effort now",
         (
             _of("backstepping", "gains"),
             _real("payload"),
@@ -266,11 +267,13 @@ def _backstepping(design: DesignModel) -> ControlLaw:
             _of("reference", "soon"),
             "@p@real flow_kg_s[2]",
             "@p@real *effort",
+            "@p@real *command",
         ),
         {
             "flow_kg_s[0]": expression(where(ahead_on, on.valve_a, off.valve_a)),
             "flow_kg_s[1]": expression(where(ahead_on, on.valve_b, off.valve_b)),
-            "*effort": expression(where(helps, on.motor, off.motor)),
+            "*effort": expression(where(helps, later.motor, later_off.motor)),
+            "*command": expression(where(helps, on.motor, off.motor)),
         },
     )
 

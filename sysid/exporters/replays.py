@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -13,7 +14,7 @@ from sysid.controllers.backstepping import BacksteppingMemory, backstepping_type
 from sysid.controllers.design_model import DesignModel
 from sysid.controllers.duty_inverse import SurfaceInverse
 from sysid.controllers.dvmpc import DvmpcController, DvmpcMemory, delayed_share
-from sysid.controllers.interface import Reference, StateEstimate
+from sysid.controllers.interface import Commands, Reference, StateEstimate
 from sysid.controllers.payload import PayloadEstimator, payload_mass
 from sysid.controllers.prediction import Motion, euler_step, loaded, point_at
 from sysid.controllers.pva import PvaController
@@ -34,14 +35,17 @@ class Replay:
     """A function: the kinds of its inputs (`vectors.DRAWS`), its call in C, its outputs.
 
     `call`: statements that set out[] from v[], @p@ for the prefix. `evaluate` maps columns (n,)
-    to columns (n,) by Python's own functions. `is_tie` says in which rows (n,) two decisions are
-    so near that single precision may take the other; None where nothing is decided.
+    to columns (n,) by Python's own functions. `answer`: the outputs where an input is not finite;
+    None: what `evaluate` says there, which is a function with a guard of its own. `is_tie` says in
+    which rows (n,) two decisions are so near that single precision may take the other; None where
+    nothing is decided.
     """
 
     name: str
     inputs: tuple[str, ...]
     call: str
     evaluate: Callable[[Columns], Sequence[Any]]
+    answer: float | None = math.nan
     is_tie: Callable[[Columns], BoolArray] | None = None
 
 
@@ -51,7 +55,8 @@ def simple(
     """A function of numbers that returns one."""
     values = ", ".join(f"(real)v[{k}]" for k in range(len(inputs)))
     call = f"out[0] = (double)@p@{to or name}({values}{more});"
-    return Replay(name, inputs, call, lambda v: (evaluate(*v),))
+    answer = 0.0 if name.endswith("_duty") else math.nan
+    return Replay(name, inputs, call, lambda v: (evaluate(*v),), answer)
 
 
 def control_replays(flat: Flat, design: DesignModel) -> Iterator[Replay]:
@@ -118,7 +123,7 @@ def _sensing() -> Replay:
 
     def evaluate(v: Columns) -> list[Any]:
         memory = SensingMemory(
-            Readings(*v[:3]), v[3], np.stack(v[4:6]), np.stack(v[6:8]), 0.0 * v[0]
+            Readings(*v[:3]), v[3], np.stack(v[4:6]), np.stack(v[6:8]), np.zeros(len(v[0]))
         )
         after, seen = sense(memory, Readings(*v[8:]), 0, 1e-3, filters)
         pairs = [*after.velocity_filter, *after.acceleration_filter]
@@ -135,7 +140,7 @@ def _sensing() -> Replay:
     lines += [f"out[{k}] = (double){name};" for k, name in enumerate(outs)]
     before = ("position", "pressure", "pressure", *["velocity"] * 3, *["acceleration"] * 2)
     reading = ("reading", "pressure_reading", "pressure_reading")
-    return Replay("sense", (*before, *reading), "\n    ".join(lines), evaluate)
+    return Replay("sense", (*before, *reading), "\n    ".join(lines), evaluate, None)
 
 
 _FILTERS = ("velocity", "acceleration")
@@ -163,6 +168,7 @@ def _payload(design: DesignModel) -> Iterator[Replay]:
         ("payload",),
         "out[0] = @p@payload_detected(&@p@payload_estimator_defaults, (real)v[0]);",
         lambda v: [np.where(estimator.detects(v[0], design), 1.0, 0.0)],
+        0.0,
     )
 
 
@@ -172,21 +178,27 @@ def _signals(v: Columns) -> tuple[StateEstimate, Reference]:
 
 def _pva() -> Replay:
     def evaluate(v: Columns) -> list[Any]:
-        commands = PvaController().commands((), *_signals(v))[1]
-        return [commands.motor, commands.valve_a, commands.valve_b]
+        after, commands = PvaController().commands((), *_signals(v))
+        return _answers(commands, after.rejected)
 
     return Replay(
         "pva_control",
         (*ESTIMATE, *REFERENCE),
         """const @p@estimate e = estimate_of(v);
     const @p@reference r = reference_of(v + 6);
+    @p@pva_state state = @p@pva_start();
     @p@commands c;
-    @p@pva_control(&@p@pva_defaults, &e, &r, &c);
-    out[0] = (double)c.motor;
-    out[1] = (double)c.valve_a;
-    out[2] = (double)c.valve_b;""",
+    out[3] = @p@pva_control_counted(&@p@pva_defaults, &state, &e, &r, &c);
+    answers_of(&c, state.rejected, out);
+    out[4] += out[3] != @p@pva_control(&@p@pva_defaults, &e, &r, &c);""",
         evaluate,
+        None,
     )
+
+
+def _answers(commands: Commands, rejected: Any) -> list[Any]:
+    """Motor, valves, what the C function returns, and its count."""
+    return [commands.motor, commands.valve_a, commands.valve_b, 1.0 - rejected, rejected]
 
 
 def _backstepping(flat: Flat, design: DesignModel) -> Replay:
@@ -206,7 +218,7 @@ def _backstepping(flat: Flat, design: DesignModel) -> Replay:
         after, commands = controller.commands(
             memory, now, wanted._replace(ahead=Reference(q, w, a, j))
         )
-        return [commands.motor, commands.valve_a, commands.valve_b, after.payload]
+        return [*_answers(commands, after.rejected), after.payload, after.motor]
 
     gains_of = gains(design, flat.rig.motor is not None)["backstepping"]
     return Replay(
@@ -219,14 +231,15 @@ def _backstepping(flat: Flat, design: DesignModel) -> Replay:
     @p@commands c;
     state.payload = (real)v[14];
     state.motor = (real)v[15];
+    state.rejected = 0;
     gains.inverse = (int)v[17] % {len(known)};
-    @p@backstepping_control(&gains, v[18] > 0 ? &@p@payload_estimator_defaults : NULL, &state, &e,
-                            &r, &soon, &c);
-    out[0] = (double)c.motor;
-    out[1] = (double)c.valve_a;
-    out[2] = (double)c.valve_b;
-    out[3] = (double)state.payload;""",
-        lambda v: _grouped(v, v[16:19], rows, 4),
+    out[3] = @p@backstepping_control(&gains, v[18] > 0 ? &@p@payload_estimator_defaults : NULL,
+                                     &state, &e, &r, &soon, &c);
+    answers_of(&c, state.rejected, out);
+    out[5] = (double)state.payload;
+    out[6] = (double)state.motor;""",
+        lambda v: _grouped(v, v[16:19], rows, 7),
+        None,
     )
 
 
@@ -267,6 +280,7 @@ _DVMPC_START = """static @p@reference ahead[256];
     state.valve_a = (real)v[12];
     state.valve_b = (real)v[13];
     state.tick = 0;
+    state.rejected = 0;
     gains.predicts_delays = (int)v[14] & 1;
     gains.trapezoidal = (int)v[14] >> 1 & 1;
     gains.filtered_velocity = (int)v[14] >> 2 & 1;
@@ -330,7 +344,7 @@ def _dvmpc(design: DesignModel) -> Replay:
         reference = _trajectory(v[6:10], controller)
         memory = DvmpcMemory(v[12], v[13], v[10], v[11])
         after, commands = controller.commands(memory, StateEstimate(0, *v[:6]), reference)
-        return [commands.motor, commands.valve_a, commands.valve_b, after.payload]
+        return [*_answers(commands, after.rejected), after.payload, after.motor, after.tick]
 
     def gap(v: Columns, key: tuple[float, ...]) -> list[Any]:
         """How much dearer the second best first input is than the best, as a share."""
@@ -347,18 +361,19 @@ def _dvmpc(design: DesignModel) -> Replay:
     call = """
     {
         @p@commands c;
-        @p@dvmpc_control(&gains, v[15] > 0 ? &@p@payload_estimator_defaults : NULL, &state, &e,
-                         ahead, &c);
-        out[0] = (double)c.motor;
-        out[1] = (double)c.valve_a;
-        out[2] = (double)c.valve_b;
-        out[3] = (double)state.payload;
+        out[3] = @p@dvmpc_control(&gains, v[15] > 0 ? &@p@payload_estimator_defaults : NULL,
+                                  &state, &e, ahead, &c);
+        answers_of(&c, state.rejected, out);
+        out[5] = (double)state.payload;
+        out[6] = (double)state.motor;
+        out[7] = state.tick;
     }"""
     return Replay(
         "dvmpc_control",
         (*_DVMPC_INPUTS, "switch"),
         _DVMPC_START + call,
-        lambda v: _grouped(v, v[14:16], rows, 4),
+        lambda v: _grouped(v, v[14:16], rows, 8),
+        None,
         is_tie,
     )
 
@@ -397,6 +412,15 @@ static void trajectory_of(const double *v, double period, int horizon, @p@refere
         ahead[k].acceleration = (real)(v[2] + t * v[3]);
         ahead[k].jerk = (real)v[3];
     }
+}
+
+/* Motor and valves into out[0] to out[2], the count into out[4]. */
+static void answers_of(const @p@commands *c, unsigned rejected, double *out)
+{
+    out[0] = (double)c->motor;
+    out[1] = (double)c->valve_a;
+    out[2] = (double)c->valve_b;
+    out[4] = (double)rejected;
 }
 
 static void double_costs(const @p@dvmpc *gains, const @p@dvmpc_state *state, const @p@estimate *e,

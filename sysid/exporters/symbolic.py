@@ -190,6 +190,7 @@ class _Namespace:
 
     pi = math.pi
     e = math.e
+    nan = Symbolic(sympy.Symbol("NAN"))  # as C names it
     where = staticmethod(_where)
     clip = staticmethod(_clip)
     power = pow = staticmethod(_power)

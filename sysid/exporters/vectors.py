@@ -28,7 +28,9 @@ _OUTLIER = 10.0
 # Lanes that Python works out at once.
 _MOST_LANES = 40_000
 # Inputs that choose: nothing is between their values.
-_CHOICES = ("switch", "variant", "type", "inverse")
+CHOICES = ("switch", "variant", "type", "inverse")
+
+_BAD = (np.nan, np.inf, -np.inf)
 
 # An effect rounds the pressure at which a root ends otherwise in Python than in C.
 _LAST_BITS = 4.0
@@ -71,13 +73,13 @@ def draws(p: Parameters) -> dict[str, tuple[Draw, Sequence[float]]]:
     pressure = _uniform(0.8 * atmosphere, 1.1 * supply)
     return {
         "position": (_uniform(-reach, reach), [0.0]),
-        "reading": (_uniform(-reach, reach), [0.0, np.nan, np.inf]),
+        "reading": (_uniform(-reach, reach), [0.0]),
         "wanted": (_uniform(-reach, reach), [0.0]),
         "velocity": (_normal(2.0 * speed), [0.0]),
         "acceleration": (_normal(10.0 * speed), [0.0]),
         "jerk": (_normal(50.0 * speed), [0.0]),
         "pressure": (pressure, corners),
-        "pressure_reading": (pressure, [*corners, np.nan, -np.inf]),
+        "pressure_reading": (pressure, corners),
         "supply": (_uniform(0.7 * supply, 1.1 * supply), [supply]),
         "atmosphere": (_uniform(0.9 * atmosphere, 1.1 * atmosphere), [atmosphere]),
         "rate": (_normal(1e6), [0.0]),
@@ -111,7 +113,10 @@ def _choice(*values: float) -> Draw:
 
 
 def vectors(replay: Replay, p: Parameters, rows: int, seed: int) -> Vectors:
-    """`rows` rows of a function; inputs off the edges are numbers of single precision."""
+    """`rows` rows of a function; inputs off the edges are numbers of single precision.
+
+    And two for each input, in which it is not finite, in the second another as well.
+    """
     rng = np.random.default_rng([seed, *replay.name.encode()])
     kinds = draws(p)
     inputs = np.stack([_column(*kinds[kind], rng, rows) for kind in replay.inputs])
@@ -129,7 +134,31 @@ def vectors(replay: Replay, p: Parameters, rows: int, seed: int) -> Vectors:
         single &= ~replay.is_tie(list(inputs))
     room = np.max(np.where(fine < _JUMP, fine, 0.0), axis=(0, 1))
     bounds = np.stack([np.maximum(DOUBLE, _ROUNDINGS * room), np.where(single, SINGLE, 0.0)])
-    return Vectors(replay, inputs.T, outputs.T, scale, bounds.T)
+    bad = _not_finite(replay, inputs, rng)
+    answers = _evaluated(replay, bad)
+    if replay.answer is not None:
+        answers = np.full_like(answers, replay.answer)
+    tight = np.full((bad.shape[1], 2), (DOUBLE, SINGLE))
+    return Vectors(
+        replay,
+        np.concatenate([inputs.T, bad.T]),
+        np.concatenate([outputs.T, answers.T]),
+        scale,
+        np.concatenate([bounds.T, tight]),
+    )
+
+
+def _not_finite(replay: Replay, inputs: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Rows in which one or two inputs are not finite, (in, n); nothing that chooses is."""
+    known = [k for k, kind in enumerate(replay.inputs) if kind not in CHOICES]
+    rows = []
+    for place, k in enumerate(known):
+        for others in ((), rng.choice(known, 1)):
+            row = inputs[:, rng.integers(inputs.shape[1])].copy()
+            row[k] = _BAD[place % len(_BAD)]
+            row[list(others)] = rng.choice(_BAD)
+            rows.append(row)
+    return np.stack(rows, axis=1) if rows else np.zeros((len(inputs), 0))
 
 
 def _scale(column: FloatArray) -> float:
@@ -183,7 +212,7 @@ def _evaluated(replay: Replay, inputs: FloatArray) -> FloatArray:
 def _nudged(replay: Replay, inputs: FloatArray, is_single: bool) -> Iterator[FloatArray]:
     """Each input but those that choose, moved down and up by the rounding of a precision."""
     for k, kind in enumerate(replay.inputs):
-        if kind in _CHOICES:
+        if kind in CHOICES:
             continue
         column = inputs[k]
         known = np.isfinite(column)
@@ -199,4 +228,4 @@ def _nudged(replay: Replay, inputs: FloatArray, is_single: bool) -> Iterator[Flo
             yield moved
 
 
-__all__ = ["DOUBLE", "SINGLE", "Vectors", "draws", "vectors"]
+__all__ = ["CHOICES", "DOUBLE", "SINGLE", "Vectors", "draws", "vectors"]

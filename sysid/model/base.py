@@ -259,10 +259,10 @@ def motor_effort(volts: Array, effort_per_volt: Array, max_effort: Array = np.in
 
 
 def limit_effort(effort: Array, max_effort: Array) -> Array:
-    """An effort clipped to +- max_effort."""
+    """An effort clipped to +- max_effort; NaN stays NaN."""
     xp = array_namespace(effort, max_effort)
-    below = xp.where(effort < max_effort, effort, max_effort)
-    return xp.where(below > -max_effort, below, -max_effort)
+    below = xp.where(effort >= max_effort, max_effort, effort)
+    return xp.where(below <= -max_effort, -max_effort, below)
 
 
 def gravity_effort(position: Array, gravity_moment: Array, weight: Array = 0.0) -> Array:

@@ -102,16 +102,16 @@ class AveragedLaw:
         return (self.off_delay - self.on_delay) / self.period
 
     def open_share(self, duty: Array) -> Array:
-        """Share of the period in which the valve is open, 0 to 1, at a duty (0 to 1)."""
+        """Share of the period in which the valve is open, 0 to 1, at a duty (0 to 1; NaN: NaN)."""
         xp = array_namespace(duty, self._overhang)
         share = xp.clip(duty + self._overhang, 0.0, 1.0)
-        return xp.where(duty > 0.0, xp.where(duty < 1.0, share, 1.0), 0.0)
+        return xp.where(duty <= 0.0, 0.0, xp.where(duty >= 1.0, 1.0, share))
 
     def duty_of_share(self, share: Array) -> Array:
         """Duty, 0 to 1, whose open share is nearest; the inverse of `open_share`.
 
         The least duty above 0 stands for its limit: it is 1e-6, whose pulse opens the valve
-        for the delays' difference.
+        for the delays' difference. A share that is NaN has the duty NaN.
         """
         xp = array_namespace(share, self._overhang)
         duty = share - self._overhang
@@ -122,7 +122,7 @@ class AveragedLaw:
         longest = 1.0 + xp.minimum(self._overhang, 0.0)
         beyond = xp.where(share < 0.5 * (longest + 1.0), 1.0 - 1e-6, 1.0)
         duty = xp.clip(xp.where(share > longest, beyond, duty), 0.0, 1.0)
-        return xp.where(share < 1.0, duty, 1.0)
+        return xp.where(share >= 1.0, 1.0, duty)
 
     def open_flow(self, pressure: Array) -> Array:
         """Flow into the chamber while the valve is open, kg/s, at a pressure in Pa."""

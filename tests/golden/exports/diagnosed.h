@@ -4,8 +4,7 @@
  * bundle: sysid-bundle/1, created 2026-11-22T03:24:25+00:00 by sysid 0.1.0
  * bundle SHA-256: 683d37f0077672a96b88c625612f4e2ffe843e8e6ded9426f7eca3ba50e6b664
  * SI, absolute pressures. Equation numbers are those of the thesis, as corrected.
- * Unknown numbers are absent, and their HAS macros are 0. C99, link with the maths library;
- * do not compile with -ffast-math, which drops the checks for NaN.
+ * Unknown numbers are absent, and their HAS macros are 0. C99, link with the maths library.
  * Numbers are double; -DSYSID_REAL=float makes them single precision.
  *
  * On a microcontroller: include this file in one source file, compile it with -std=c99 -O2,
@@ -17,6 +16,14 @@
  * estimate; then pva_control() or backstepping_control(), at the start of each PWM period, or
  * dvmpc_control(), at each tick, gives the commands. For other gains copy ..._defaults and
  * change the copy.
+ *
+ * Numbers that are not finite (NaN, infinite): where an input is one, or what follows from it,
+ * a law answers NaN and a duty is 0. -ffast-math drops these checks and is an error.
+ * A controller lets go: motor 0, valves off, 0 returned in place of 1, its state as it was but
+ * for rejected, which counts such ticks. sense() leaves its memory as it was, counts, and makes
+ * the estimate NaN, at which the controllers let go. OFF IS NOT SAFE EVERYWHERE: an arm in the
+ * vertical falls, and so does a load on a linear axis. Watch rejected and what is returned, and
+ * brake, or stop the rig, where they say so.
  * Effects, in the constants and the functions that end with _with_effects:
  * seal-friction
  */
@@ -24,6 +31,11 @@
 #define SYSID_CONTROLLER_H
 
 #include <math.h>
+
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__) \
+    || defined(_M_FP_FAST)
+# error "compile without -ffast-math: it drops the checks for numbers that are not finite"
+#endif
 
 /* --- contained (1) or absent (0) in this header --- */
 
@@ -88,104 +100,183 @@
 #endif
 typedef SYSID_REAL sysid_real;
 
-/* The functions of the maths library, those of float where that is the real type. */
+/* A result where it is finite. */
+static inline sysid_real sysid_checked(sysid_real x, sysid_real otherwise)
+{
+    return isfinite(x) ? x : otherwise;
+}
+
+/* The functions of the maths library, those of float where that is the real type; NaN of an
+   argument that is not finite. */
 static inline sysid_real sysid_sin(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)sinf((float)x) : (sysid_real)sin((double)x);
 }
 static inline sysid_real sysid_cos(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)cosf((float)x) : (sysid_real)cos((double)x);
 }
 static inline sysid_real sysid_tan(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)tanf((float)x) : (sysid_real)tan((double)x);
 }
 static inline sysid_real sysid_asin(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)asinf((float)x) : (sysid_real)asin((double)x);
 }
 static inline sysid_real sysid_acos(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)acosf((float)x) : (sysid_real)acos((double)x);
 }
 static inline sysid_real sysid_atan(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)atanf((float)x) : (sysid_real)atan((double)x);
 }
 static inline sysid_real sysid_sinh(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)sinhf((float)x) : (sysid_real)sinh((double)x);
 }
 static inline sysid_real sysid_cosh(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)coshf((float)x) : (sysid_real)cosh((double)x);
 }
 static inline sysid_real sysid_tanh(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)tanhf((float)x) : (sysid_real)tanh((double)x);
 }
 static inline sysid_real sysid_exp(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)expf((float)x) : (sysid_real)exp((double)x);
 }
 static inline sysid_real sysid_expm1(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)expm1f((float)x) : (sysid_real)expm1((double)x);
 }
 static inline sysid_real sysid_log(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)logf((float)x) : (sysid_real)log((double)x);
 }
 static inline sysid_real sysid_log1p(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)log1pf((float)x) : (sysid_real)log1p((double)x);
 }
 static inline sysid_real sysid_sqrt(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)sqrtf((float)x) : (sysid_real)sqrt((double)x);
 }
 static inline sysid_real sysid_fabs(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)fabsf((float)x) : (sysid_real)fabs((double)x);
 }
 static inline sysid_real sysid_floor(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)floorf((float)x) : (sysid_real)floor((double)x);
 }
 static inline sysid_real sysid_ceil(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)ceilf((float)x) : (sysid_real)ceil((double)x);
 }
 static inline sysid_real sysid_pow(sysid_real x, sysid_real y)
 {
+    if (!(isfinite(x) && isfinite(y))) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)powf((float)x, (float)y) : (sysid_real)pow((double)x, (double)y);
 }
 static inline sysid_real sysid_atan2(sysid_real x, sysid_real y)
 {
+    if (!(isfinite(x) && isfinite(y))) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)atan2f((float)x, (float)y) : (sysid_real)atan2((double)x, (double)y);
 }
 
-/* -1, 0 or 1; whole powers; the larger and the smaller of two. What is not a number stays so. */
+/* -1, 0 or 1; whole powers; the larger and the smaller of two. */
 static inline sysid_real sysid_sign(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return x > 0 ? 1 : x < 0 ? -1 : x;
 }
 static inline sysid_real sysid_square(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return x * x;
 }
 static inline sysid_real sysid_cube(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return x * x * x;
 }
 static inline sysid_real sysid_maximum(sysid_real x, sysid_real y)
 {
-    return x > y || x != x ? x : y;
+    if (!(isfinite(x) && isfinite(y))) {
+        return (sysid_real)NAN;
+    }
+    return x > y ? x : y;
 }
 static inline sysid_real sysid_minimum(sysid_real x, sysid_real y)
 {
-    return x < y || x != x ? x : y;
+    if (!(isfinite(x) && isfinite(y))) {
+        return (sysid_real)NAN;
+    }
+    return x < y ? x : y;
 }
 
 /* --- constants --- */
@@ -233,21 +324,30 @@ static const sysid_real sysid_valve_b_off_delay_s = (sysid_real)0.00195771001678
 /* Torque of the cylinder, Nm, from absolute pressures, Pa (3.3.3). */
 static inline sysid_real sysid_cylinder_torque(sysid_real pressure_a_pa, sysid_real pressure_b_pa)
 {
+    if (!(isfinite(pressure_a_pa) && isfinite(pressure_b_pa))) {
+        return (sysid_real)NAN;
+    }
     sysid_real gauge_a = pressure_a_pa - sysid_atmospheric_pressure_pa;
     sysid_real gauge_b = pressure_b_pa - sysid_atmospheric_pressure_pa;
-    return (gauge_a * sysid_area_a_m2 - gauge_b * sysid_area_b_m2) * sysid_pitch_radius_m;
+    return sysid_checked((gauge_a * sysid_area_a_m2 - gauge_b * sysid_area_b_m2) * sysid_pitch_radius_m, (sysid_real)NAN);
 }
 
 /* Torque of gravity against positive motion, Nm (3.3.8-10): theta = 0 hangs down. */
 static inline sysid_real sysid_gravity_torque(sysid_real theta_rad)
 {
-    return sysid_gravity_moment_nm * sysid_sin(theta_rad);
+    if (!isfinite(theta_rad)) {
+        return (sysid_real)NAN;
+    }
+    return sysid_checked(sysid_gravity_moment_nm * sysid_sin(theta_rad), (sysid_real)NAN);
 }
 
 /* Friction while moving, Nm (3.4.1): Coulomb sign(w) + viscous w; 0 at rest. */
 static inline sysid_real sysid_sliding_friction_torque(sysid_real omega_rad_s)
 {
-    return sysid_friction_coulomb_nm * sysid_sign(omega_rad_s) + sysid_friction_viscous_nm_s_per_rad * omega_rad_s;
+    if (!isfinite(omega_rad_s)) {
+        return (sysid_real)NAN;
+    }
+    return sysid_checked(sysid_friction_coulomb_nm * sysid_sign(omega_rad_s) + sysid_friction_viscous_nm_s_per_rad * omega_rad_s, (sysid_real)NAN);
 }
 
 /* Friction in full, Nm (3.4.1, corrected). applied = cylinder + motor - gravity, less the
@@ -255,44 +355,53 @@ static inline sysid_real sysid_sliding_friction_torque(sysid_real omega_rad_s)
    applied, up to static friction. */
 static inline sysid_real sysid_friction_torque(sysid_real omega_rad_s, sysid_real applied_nm)
 {
+    if (!(isfinite(omega_rad_s) && isfinite(applied_nm))) {
+        return (sysid_real)NAN;
+    }
     if (omega_rad_s != 0) {
-        return sysid_sliding_friction_torque(omega_rad_s);
+        return sysid_checked(sysid_sliding_friction_torque(omega_rad_s), (sysid_real)NAN);
     }
     if (applied_nm > sysid_friction_static_nm) {
-        return sysid_friction_static_nm;
+        return sysid_checked(sysid_friction_static_nm, (sysid_real)NAN);
     }
-    return applied_nm < -sysid_friction_static_nm ? -sysid_friction_static_nm : applied_nm;
+    return sysid_checked(applied_nm < -sysid_friction_static_nm ? -sysid_friction_static_nm : applied_nm, (sysid_real)NAN);
 }
 
 /* Torque of the motor at the output, Nm, from volts (3.3.4); within its declared limit. */
 static inline sysid_real sysid_motor_torque(sysid_real volts)
 {
-    sysid_real effort = volts * sysid_torque_per_volt_nm;
-    if (effort > sysid_max_torque_nm) {
-        return sysid_max_torque_nm;
+    if (!isfinite(volts)) {
+        return (sysid_real)NAN;
     }
-    return effort < -sysid_max_torque_nm ? -sysid_max_torque_nm : effort;
+    sysid_real effort = volts * sysid_torque_per_volt_nm;
+    return sysid_checked(sysid_maximum(sysid_minimum(effort, sysid_max_torque_nm), -sysid_max_torque_nm), (sysid_real)NAN);
 }
 
 /* Flow into chamber A, kg/s, with the valve on (3.6.6). Choked up to 0.53 of the
    supply, in proportion to it; negative above the supply. */
 static inline sysid_real sysid_valve_a_filling_flow(sysid_real pressure_pa, sysid_real supply_pa)
 {
+    if (!(isfinite(pressure_pa) && isfinite(supply_pa))) {
+        return (sysid_real)NAN;
+    }
     sysid_real gap = supply_pa - pressure_pa;
     if (pressure_pa <= sysid_critical_ratio * supply_pa) {
-        return sysid_valve_a_choked_flow_fill_kg_s * (supply_pa / sysid_supply_pressure_pa);
+        return sysid_checked(sysid_valve_a_choked_flow_fill_kg_s * (supply_pa / sysid_supply_pressure_pa), (sysid_real)NAN);
     }
-    return sysid_valve_a_c_fill * (gap < 0 ? -sysid_sqrt(-gap) : sysid_sqrt(gap));
+    return sysid_checked(sysid_valve_a_c_fill * (gap < 0 ? -sysid_sqrt(-gap) : sysid_sqrt(gap)), (sysid_real)NAN);
 }
 
 /* Flow into chamber A, kg/s, with the valve off (3.6.7, 3.6.10): negative (out)
    above the atmosphere, choked from atmosphere / 0.53 on; air comes in below it. */
 static inline sysid_real sysid_valve_a_exhaust_flow(sysid_real pressure_pa, sysid_real atmosphere_pa)
 {
-    if (pressure_pa >= (1 / sysid_critical_ratio) * atmosphere_pa) {
-        return -sysid_valve_a_choked_flow_dis_kg_s;
+    if (!(isfinite(pressure_pa) && isfinite(atmosphere_pa))) {
+        return (sysid_real)NAN;
     }
-    return sysid_valve_a_c_dis * (atmosphere_pa - pressure_pa);
+    if (pressure_pa >= (1 / sysid_critical_ratio) * atmosphere_pa) {
+        return sysid_checked(-sysid_valve_a_choked_flow_dis_kg_s, (sysid_real)NAN);
+    }
+    return sysid_checked(sysid_valve_a_c_dis * (atmosphere_pa - pressure_pa), (sysid_real)NAN);
 }
 
 /* dP/dt of chamber A, Pa/s (3.3.6): position and velocity in rad, rad/s, flow into it
@@ -300,47 +409,61 @@ static inline sysid_real sysid_valve_a_exhaust_flow(sysid_real pressure_pa, sysi
 static inline sysid_real sysid_pressure_rate_a(sysid_real pressure_pa, sysid_real theta_rad,
                                              sysid_real omega_rad_s, sysid_real flow_kg_s)
 {
+    if (!(isfinite(pressure_pa) && isfinite(theta_rad) && isfinite(omega_rad_s) &&
+        isfinite(flow_kg_s))) {
+        return (sysid_real)NAN;
+    }
     sysid_real volume = (sysid_offset_a_m + sysid_pitch_radius_m * theta_rad) * sysid_area_a_m2;
     sysid_real volume_rate = sysid_pitch_radius_m * omega_rad_s * sysid_area_a_m2;
     if (!(volume > 0)) {
         return (sysid_real)NAN; /* no such position */
     }
-    return (sysid_k_r_t_j_per_kg * flow_kg_s - sysid_heat_capacity_ratio * pressure_pa * volume_rate)
-           / volume;
+    return sysid_checked((sysid_k_r_t_j_per_kg * flow_kg_s - sysid_heat_capacity_ratio * pressure_pa * volume_rate)
+           / volume, (sysid_real)NAN);
 }
 
 /* The flow into chamber A, kg/s, that gives this dP/dt, Pa/s: (3.3.6) solved. */
 static inline sysid_real sysid_flow_for_pressure_rate_a(sysid_real rate_pa_s, sysid_real pressure_pa,
                                                       sysid_real theta_rad, sysid_real omega_rad_s)
 {
+    if (!(isfinite(rate_pa_s) && isfinite(pressure_pa) && isfinite(theta_rad) &&
+        isfinite(omega_rad_s))) {
+        return (sysid_real)NAN;
+    }
     sysid_real volume = (sysid_offset_a_m + sysid_pitch_radius_m * theta_rad) * sysid_area_a_m2;
     sysid_real volume_rate = sysid_pitch_radius_m * omega_rad_s * sysid_area_a_m2;
     if (!(volume > 0)) {
         return (sysid_real)NAN; /* no such position */
     }
-    return (volume * rate_pa_s + sysid_heat_capacity_ratio * pressure_pa * volume_rate)
-           / sysid_k_r_t_j_per_kg;
+    return sysid_checked((volume * rate_pa_s + sysid_heat_capacity_ratio * pressure_pa * volume_rate)
+           / sysid_k_r_t_j_per_kg, (sysid_real)NAN);
 }
 
 /* Flow into chamber B, kg/s, with the valve on (3.6.6). Choked up to 0.53 of the
    supply, in proportion to it; negative above the supply. */
 static inline sysid_real sysid_valve_b_filling_flow(sysid_real pressure_pa, sysid_real supply_pa)
 {
+    if (!(isfinite(pressure_pa) && isfinite(supply_pa))) {
+        return (sysid_real)NAN;
+    }
     sysid_real gap = supply_pa - pressure_pa;
     if (pressure_pa <= sysid_critical_ratio * supply_pa) {
-        return sysid_valve_b_choked_flow_fill_kg_s * (supply_pa / sysid_supply_pressure_pa);
+        return sysid_checked(sysid_valve_b_choked_flow_fill_kg_s * (supply_pa / sysid_supply_pressure_pa), (sysid_real)NAN);
     }
-    return sysid_valve_b_c_fill * (gap < 0 ? -sysid_sqrt(-gap) : sysid_sqrt(gap));
+    return sysid_checked(sysid_valve_b_c_fill * (gap < 0 ? -sysid_sqrt(-gap) : sysid_sqrt(gap)), (sysid_real)NAN);
 }
 
 /* Flow into chamber B, kg/s, with the valve off (3.6.7, 3.6.10): negative (out)
    above the atmosphere, choked from atmosphere / 0.53 on; air comes in below it. */
 static inline sysid_real sysid_valve_b_exhaust_flow(sysid_real pressure_pa, sysid_real atmosphere_pa)
 {
-    if (pressure_pa >= (1 / sysid_critical_ratio) * atmosphere_pa) {
-        return -sysid_valve_b_choked_flow_dis_kg_s;
+    if (!(isfinite(pressure_pa) && isfinite(atmosphere_pa))) {
+        return (sysid_real)NAN;
     }
-    return sysid_valve_b_c_dis * (atmosphere_pa - pressure_pa);
+    if (pressure_pa >= (1 / sysid_critical_ratio) * atmosphere_pa) {
+        return sysid_checked(-sysid_valve_b_choked_flow_dis_kg_s, (sysid_real)NAN);
+    }
+    return sysid_checked(sysid_valve_b_c_dis * (atmosphere_pa - pressure_pa), (sysid_real)NAN);
 }
 
 /* dP/dt of chamber B, Pa/s (3.3.6): position and velocity in rad, rad/s, flow into it
@@ -348,26 +471,34 @@ static inline sysid_real sysid_valve_b_exhaust_flow(sysid_real pressure_pa, sysi
 static inline sysid_real sysid_pressure_rate_b(sysid_real pressure_pa, sysid_real theta_rad,
                                              sysid_real omega_rad_s, sysid_real flow_kg_s)
 {
+    if (!(isfinite(pressure_pa) && isfinite(theta_rad) && isfinite(omega_rad_s) &&
+        isfinite(flow_kg_s))) {
+        return (sysid_real)NAN;
+    }
     sysid_real volume = (sysid_offset_b_m - sysid_pitch_radius_m * theta_rad) * sysid_area_b_m2;
     sysid_real volume_rate = -sysid_pitch_radius_m * omega_rad_s * sysid_area_b_m2;
     if (!(volume > 0)) {
         return (sysid_real)NAN; /* no such position */
     }
-    return (sysid_k_r_t_j_per_kg * flow_kg_s - sysid_heat_capacity_ratio * pressure_pa * volume_rate)
-           / volume;
+    return sysid_checked((sysid_k_r_t_j_per_kg * flow_kg_s - sysid_heat_capacity_ratio * pressure_pa * volume_rate)
+           / volume, (sysid_real)NAN);
 }
 
 /* The flow into chamber B, kg/s, that gives this dP/dt, Pa/s: (3.3.6) solved. */
 static inline sysid_real sysid_flow_for_pressure_rate_b(sysid_real rate_pa_s, sysid_real pressure_pa,
                                                       sysid_real theta_rad, sysid_real omega_rad_s)
 {
+    if (!(isfinite(rate_pa_s) && isfinite(pressure_pa) && isfinite(theta_rad) &&
+        isfinite(omega_rad_s))) {
+        return (sysid_real)NAN;
+    }
     sysid_real volume = (sysid_offset_b_m - sysid_pitch_radius_m * theta_rad) * sysid_area_b_m2;
     sysid_real volume_rate = -sysid_pitch_radius_m * omega_rad_s * sysid_area_b_m2;
     if (!(volume > 0)) {
         return (sysid_real)NAN; /* no such position */
     }
-    return (volume * rate_pa_s + sysid_heat_capacity_ratio * pressure_pa * volume_rate)
-           / sysid_k_r_t_j_per_kg;
+    return sysid_checked((volume * rate_pa_s + sysid_heat_capacity_ratio * pressure_pa * volume_rate)
+           / sysid_k_r_t_j_per_kg, (sysid_real)NAN);
 }
 
 /* --- effects that the laws above do not include --- */
@@ -381,6 +512,10 @@ static const sysid_real sysid_effect_1_difference_share = (sysid_real)0.00141193
 static inline sysid_real sysid_sliding_friction_with_effects(sysid_real friction, sysid_real
     position, sysid_real velocity, sysid_real pressure_a_pa, sysid_real pressure_b_pa)
 {
+    if (!(isfinite(friction) && isfinite(velocity) && isfinite(pressure_a_pa) &&
+        isfinite(pressure_b_pa))) {
+        return (sysid_real)NAN;
+    }
     sysid_real value = friction;
     const sysid_real direction = sysid_sign(velocity);
     (void)position;
@@ -391,7 +526,7 @@ static inline sysid_real sysid_sliding_friction_with_effects(sysid_real friction
             direction*sysid_effect_1_seal_torque_nm_per_pa*(sysid_effect_1_difference_share*(-x0 +
             sysid_fabs(pressure_a_pa - pressure_b_pa)) + x0) + value;
     }
-    return value;
+    return sysid_checked(value, (sysid_real)NAN);
 }
 
 /* --- PWM surfaces ---------------------------------------------------------------------- */
@@ -402,7 +537,7 @@ static inline sysid_real sysid_sliding_friction_with_effects(sysid_real friction
 #define SYSID_BELOW 4u      /* and below */
 #define SYSID_NO_ROOT 8u    /* beyond the extremum of the surface (D < 0): its vertex */
 #define SYSID_DECREASING 16u /* root where the fitted flow falls with duty, or is flat */
-#define SYSID_INVALID 32u   /* an input is not finite; the result is NaN */
+#define SYSID_INVALID 32u   /* an input is not finite; a flow is NaN, a duty 0 */
 
 /* The hull of the data: ranges, and limits at pressure nodes (linear between them). */
 typedef struct {
@@ -430,22 +565,37 @@ typedef struct {
     const sysid_domain *domain;
 } sysid_network;
 
+/* A result where it is finite; else flagged. */
+static inline sysid_real sysid_flagged(sysid_real x, sysid_real otherwise, unsigned *flags)
+{
+    if (!isfinite(x) && flags) {
+        *flags = SYSID_INVALID;
+    }
+    return isfinite(x) ? x : otherwise;
+}
+
 static inline sysid_real sysid_clip(sysid_real x, sysid_real low, sysid_real high)
 {
+    if (!(isfinite(x) && isfinite(low) && isfinite(high))) {
+        return (sysid_real)NAN;
+    }
     sysid_real y = x < low ? low : x;
-    return y > high ? high : y;
+    return sysid_checked(y > high ? high : y, (sysid_real)NAN);
 }
 
 /* Linear interpolation over rising nodes; beyond them the nearest value. */
 static inline sysid_real sysid_interpolate(sysid_real x, const sysid_real *nodes, const sysid_real *values, int count)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     int low = 0, high = count - 1;
     sysid_real slope;
     if (x <= nodes[0]) {
-        return values[0];
+        return sysid_checked(values[0], (sysid_real)NAN);
     }
     if (x >= nodes[high]) {
-        return values[high];
+        return sysid_checked(values[high], (sysid_real)NAN);
     }
     while (high - low > 1) {
         int middle = low + (high - low) / 2;
@@ -456,22 +606,32 @@ static inline sysid_real sysid_interpolate(sysid_real x, const sysid_real *nodes
         }
     }
     slope = (values[high] - values[low]) / (nodes[high] - nodes[low]);
-    return slope * (x - nodes[low]) + values[low];
+    return sysid_checked(slope * (x - nodes[low]) + values[low], (sysid_real)NAN);
 }
 
 /* Pressure moved into the range; sets the flag where it was moved. */
 static inline sysid_real sysid_clip_pressure(const sysid_domain *d, sysid_real pressure_pa, unsigned *flags)
 {
+    if (!isfinite(pressure_pa)) {
+        if (flags) {
+            *flags = SYSID_INVALID;
+        }
+        return (sysid_real)NAN;
+    }
     sysid_real p = sysid_clip(pressure_pa, d->pressure_range_pa[0], d->pressure_range_pa[1]);
     if (p != pressure_pa) {
         *flags |= SYSID_PRESSURE;
     }
-    return p;
+    return sysid_flagged(p, (sysid_real)NAN, flags);
 }
 
 /* C21, C11 and C01 + flow of (3.7.2) at a pressure: q[2], q[1], q[0], kg/s. */
 static inline void sysid_quadratic(const sysid_bipolynomial *s, sysid_real pressure_pa, sysid_real q[3])
 {
+    if (!isfinite(pressure_pa)) {
+        q[0] = q[1] = q[2] = (sysid_real)NAN;
+        return;
+    }
     sysid_real b = (pressure_pa - s->pressure_centre_pa) / s->pressure_half_range_pa;
     sysid_real second = 2 * b * b - 1;
     int i, k;
@@ -482,11 +642,18 @@ static inline void sysid_quadratic(const sysid_bipolynomial *s, sysid_real press
             q[k] += s->duty_power[i][k] * along_pressure;
         }
     }
+    if (!(isfinite(q[0]) && isfinite(q[1]) && isfinite(q[2]))) {
+        q[0] = q[1] = q[2] = (sysid_real)NAN;
+    }
 }
 
 /* Whether the parabola q falls with the duty on all of [low, high]. */
 static inline int sysid_falls(const sysid_real q[3], sysid_real low, sysid_real high)
 {
+    if (!(isfinite(q[0]) && isfinite(q[1]) && isfinite(q[2]) && isfinite(low) &&
+        isfinite(high))) {
+        return 0;
+    }
     sysid_real at_low = 2 * q[2] * low + q[1], at_high = 2 * q[2] * high + q[1];
     return at_low <= 0 && at_high <= 0 && (at_low < 0 || at_high < 0);
 }
@@ -495,9 +662,12 @@ static inline int sysid_falls(const sysid_real q[3], sysid_real low, sysid_real 
    in the form that loses no digits and becomes the linear solution as a vanishes. */
 static inline sysid_real sysid_rising_root(sysid_real a, sysid_real b, sysid_real c)
 {
+    if (!(isfinite(a) && isfinite(b) && isfinite(c))) {
+        return (sysid_real)NAN;
+    }
     sysid_real discriminant = b * b - 4 * a * c;
     sysid_real root = discriminant > 0 ? sysid_sqrt(discriminant) : 0;
-    return b >= 0 ? -2 * c / (b + root) : (root - b) / (2 * a);
+    return sysid_checked(b >= 0 ? -2 * c / (b + root) : (root - b) / (2 * a), (sysid_real)NAN);
 }
 
 /* Duty in [low, high] at which q[2] u^2 + q[1] u + q[0] = flow, on the stretch where the
@@ -506,6 +676,13 @@ static inline sysid_real sysid_rising_root(sysid_real a, sysid_real b, sysid_rea
 static inline sysid_real sysid_invert_quadratic(const sysid_real q[3], sysid_real flow, sysid_real low, sysid_real high,
                                          unsigned *flags)
 {
+    if (!(isfinite(q[0]) && isfinite(q[1]) && isfinite(q[2]) && isfinite(flow) && isfinite(low)
+        && isfinite(high))) {
+        if (flags) {
+            *flags = SYSID_INVALID;
+        }
+        return (sysid_real)NAN;
+    }
     int falling = sysid_falls(q, low, high);
     sysid_real b = falling ? -q[1] : q[1]; /* mirrored in u, a falling parabola rises */
     sysid_real left = falling ? -high : low, right = falling ? -low : high;
@@ -537,61 +714,68 @@ static inline sysid_real sysid_invert_quadratic(const sysid_real q[3], sysid_rea
     if (falling || (q[2] == 0 && b == 0)) {
         *flags |= SYSID_DECREASING;
     }
-    return falling ? -u : u;
+    return sysid_flagged(falling ? -u : u, (sysid_real)NAN, flags);
 }
 
 /* Mean flow, kg/s, at a duty and a chamber pressure (3.7.1); flags may be NULL. */
 static inline sysid_real sysid_bipolynomial_flow(const sysid_bipolynomial *s, sysid_real duty,
                                           sysid_real pressure_pa, unsigned *flags)
 {
+    if (!(isfinite(duty) && isfinite(pressure_pa))) {
+        if (flags) {
+            *flags = SYSID_INVALID;
+        }
+        return (sysid_real)NAN;
+    }
     const sysid_domain *d = s->domain;
     unsigned found = 0u;
-    sysid_real q[3], p, u, flow = (sysid_real)NAN;
-    if (!isfinite(duty) || !isfinite(pressure_pa)) {
-        found = SYSID_INVALID;
-    } else {
-        p = sysid_clip_pressure(d, pressure_pa, &found);
-        if (duty > sysid_interpolate(p, d->pressure_pa, d->duty_high, d->nodes)) {
-            found |= SYSID_ABOVE;
-        }
-        if (duty < sysid_interpolate(p, d->pressure_pa, d->duty_low, d->nodes)) {
-            found |= SYSID_BELOW;
-        }
-        sysid_quadratic(s, p, q);
-        u = sysid_clip(duty, d->duty_range[0], d->duty_range[1]);
-        flow = (q[2] * u + q[1]) * u + q[0];
+    sysid_real q[3], p, u, flow;
+    p = sysid_clip_pressure(d, pressure_pa, &found);
+    if (duty > sysid_interpolate(p, d->pressure_pa, d->duty_high, d->nodes)) {
+        found |= SYSID_ABOVE;
     }
+    if (duty < sysid_interpolate(p, d->pressure_pa, d->duty_low, d->nodes)) {
+        found |= SYSID_BELOW;
+    }
+    sysid_quadratic(s, p, q);
+    u = sysid_clip(duty, d->duty_range[0], d->duty_range[1]);
+    flow = (q[2] * u + q[1]) * u + q[0];
     if (flags) {
         *flags = found;
     }
-    return flow;
+    return sysid_flagged(flow, (sysid_real)NAN, flags);
 }
 
 /* Duty for a wanted mean flow (3.7.2, 3.7.3), saturated at the duties seen at this pressure. */
 static inline sysid_real sysid_bipolynomial_duty(const sysid_bipolynomial *s, sysid_real flow_kg_s,
                                           sysid_real pressure_pa, unsigned *flags)
 {
+    if (!(isfinite(flow_kg_s) && isfinite(pressure_pa))) {
+        if (flags) {
+            *flags = SYSID_INVALID;
+        }
+        return 0;
+    }
     const sysid_domain *d = s->domain;
     unsigned found = 0u;
-    sysid_real q[3], p, low, high, duty = (sysid_real)NAN;
-    if (!isfinite(flow_kg_s) || !isfinite(pressure_pa)) {
-        found = SYSID_INVALID;
-    } else {
-        p = sysid_clip_pressure(d, pressure_pa, &found);
-        low = sysid_interpolate(p, d->pressure_pa, d->duty_low, d->nodes);
-        high = sysid_interpolate(p, d->pressure_pa, d->duty_high, d->nodes);
-        sysid_quadratic(s, p, q);
-        duty = sysid_invert_quadratic(q, flow_kg_s, low, high, &found);
-    }
+    sysid_real q[3], p, low, high, duty;
+    p = sysid_clip_pressure(d, pressure_pa, &found);
+    low = sysid_interpolate(p, d->pressure_pa, d->duty_low, d->nodes);
+    high = sysid_interpolate(p, d->pressure_pa, d->duty_high, d->nodes);
+    sysid_quadratic(s, p, q);
+    duty = sysid_invert_quadratic(q, flow_kg_s, low, high, &found);
     if (flags) {
         *flags = found;
     }
-    return duty;
+    return sysid_flagged(duty, 0, flags);
 }
 
 /* The bare network's duty (3.7.4), nothing saturated. */
 static inline sysid_real sysid_network_value(const sysid_network *s, sysid_real flow_kg_s, sysid_real pressure_pa)
 {
+    if (!(isfinite(flow_kg_s) && isfinite(pressure_pa))) {
+        return (sysid_real)NAN;
+    }
     sysid_real x = (flow_kg_s - s->flow_scaling_kg_s[0]) / s->flow_scaling_kg_s[1];
     sysid_real y = (pressure_pa - s->pressure_scaling_pa[0]) / s->pressure_scaling_pa[1];
     sysid_real sum = 0;
@@ -599,35 +783,37 @@ static inline sysid_real sysid_network_value(const sysid_network *s, sysid_real 
     for (i = 0; i < s->hidden; i++) {
         sum += s->w2[i] * sysid_tanh(s->w1[2 * i] * x + s->w1[2 * i + 1] * y + s->b1[i]);
     }
-    return s->duty_scaling[0] + s->duty_scaling[1] * (sum + s->b2);
+    return sysid_checked(s->duty_scaling[0] + s->duty_scaling[1] * (sum + s->b2), (sysid_real)NAN);
 }
 
 /* Duty for a wanted mean flow by the network (3.7.4); flow, pressure and duty saturated. */
 static inline sysid_real sysid_network_duty(const sysid_network *s, sysid_real flow_kg_s, sysid_real pressure_pa,
                                      unsigned *flags)
 {
+    if (!(isfinite(flow_kg_s) && isfinite(pressure_pa))) {
+        if (flags) {
+            *flags = SYSID_INVALID;
+        }
+        return 0;
+    }
     const sysid_domain *d = s->domain;
     unsigned found = 0u;
-    sysid_real p, low, high, u, duty = (sysid_real)NAN;
-    if (!isfinite(flow_kg_s) || !isfinite(pressure_pa)) {
-        found = SYSID_INVALID;
-    } else {
-        p = sysid_clip_pressure(d, pressure_pa, &found);
-        low = sysid_interpolate(p, d->pressure_pa, d->flow_low_kg_s, d->nodes);
-        high = sysid_interpolate(p, d->pressure_pa, d->flow_high_kg_s, d->nodes);
-        u = sysid_network_value(s, sysid_clip(flow_kg_s, low, high), p);
-        if (flow_kg_s > high || u > d->duty_range[1]) {
-            found |= SYSID_ABOVE;
-        }
-        if (flow_kg_s < low || u < d->duty_range[0]) {
-            found |= SYSID_BELOW;
-        }
-        duty = sysid_clip(u, d->duty_range[0], d->duty_range[1]);
+    sysid_real p, low, high, u, duty;
+    p = sysid_clip_pressure(d, pressure_pa, &found);
+    low = sysid_interpolate(p, d->pressure_pa, d->flow_low_kg_s, d->nodes);
+    high = sysid_interpolate(p, d->pressure_pa, d->flow_high_kg_s, d->nodes);
+    u = sysid_network_value(s, sysid_clip(flow_kg_s, low, high), p);
+    if (flow_kg_s > high || u > d->duty_range[1]) {
+        found |= SYSID_ABOVE;
     }
+    if (flow_kg_s < low || u < d->duty_range[0]) {
+        found |= SYSID_BELOW;
+    }
+    duty = sysid_clip(u, d->duty_range[0], d->duty_range[1]);
     if (flags) {
         *flags = found;
     }
-    return duty;
+    return sysid_flagged(duty, 0, flags);
 }
 
 /* The lowest flow in [low, high] that the network maps to a duty: the first of 32 intervals in
@@ -636,11 +822,17 @@ static inline sysid_real sysid_network_duty(const sysid_network *s, sysid_real f
 static inline sysid_real sysid_network_inverted(const sysid_network *s, sysid_real duty, sysid_real pressure_pa,
                                          sysid_real low, sysid_real high, unsigned *flags)
 {
+    if (!(isfinite(duty) && isfinite(pressure_pa) && isfinite(low) && isfinite(high))) {
+        if (flags) {
+            *flags = SYSID_INVALID;
+        }
+        return (sysid_real)NAN;
+    }
     sysid_real left = low, right = low, best = low, highest = sysid_network_value(s, low, pressure_pa);
     int k;
     if (highest >= duty) {
         *flags |= highest > duty ? SYSID_BELOW : 0u;
-        return low;
+        return sysid_flagged(low, (sysid_real)NAN, flags);
     }
     for (k = 1; k <= 32; k++) {
         sysid_real value;
@@ -657,7 +849,7 @@ static inline sysid_real sysid_network_inverted(const sysid_network *s, sysid_re
     }
     if (k > 32) {
         *flags |= SYSID_ABOVE;
-        return best;
+        return sysid_flagged(best, (sysid_real)NAN, flags);
     }
     for (k = 0; k < 45; k++) {
         sysid_real middle = (left + right) / 2;
@@ -667,35 +859,37 @@ static inline sysid_real sysid_network_inverted(const sysid_network *s, sysid_re
             left = middle;
         }
     }
-    return (left + right) / 2;
+    return sysid_flagged((left + right) / 2, (sysid_real)NAN, flags);
 }
 
 /* Mean flow, kg/s, that the network maps to a duty: its forward map; all inputs saturated. */
 static inline sysid_real sysid_network_flow(const sysid_network *s, sysid_real duty, sysid_real pressure_pa,
                                      unsigned *flags)
 {
+    if (!(isfinite(duty) && isfinite(pressure_pa))) {
+        if (flags) {
+            *flags = SYSID_INVALID;
+        }
+        return (sysid_real)NAN;
+    }
     const sysid_domain *d = s->domain;
     unsigned found = 0u;
-    sysid_real p, low, high, flow = (sysid_real)NAN;
-    if (!isfinite(duty) || !isfinite(pressure_pa)) {
-        found = SYSID_INVALID;
-    } else {
-        p = sysid_clip_pressure(d, pressure_pa, &found);
-        low = sysid_interpolate(p, d->pressure_pa, d->flow_low_kg_s, d->nodes);
-        high = sysid_interpolate(p, d->pressure_pa, d->flow_high_kg_s, d->nodes);
-        if (duty > d->duty_range[1] + (sysid_real)1e-9) {
-            found |= SYSID_ABOVE;
-        }
-        if (duty < d->duty_range[0] - (sysid_real)1e-9) {
-            found |= SYSID_BELOW;
-        }
-        flow = sysid_network_inverted(s, sysid_clip(duty, d->duty_range[0], d->duty_range[1]), p, low,
-                                   high, &found);
+    sysid_real p, low, high, flow;
+    p = sysid_clip_pressure(d, pressure_pa, &found);
+    low = sysid_interpolate(p, d->pressure_pa, d->flow_low_kg_s, d->nodes);
+    high = sysid_interpolate(p, d->pressure_pa, d->flow_high_kg_s, d->nodes);
+    if (duty > d->duty_range[1] + (sysid_real)1e-9) {
+        found |= SYSID_ABOVE;
     }
+    if (duty < d->duty_range[0] - (sysid_real)1e-9) {
+        found |= SYSID_BELOW;
+    }
+    flow = sysid_network_inverted(s, sysid_clip(duty, d->duty_range[0], d->duty_range[1]), p, low,
+                               high, &found);
     if (flags) {
         *flags = found;
     }
-    return flow;
+    return sysid_flagged(flow, (sysid_real)NAN, flags);
 }
 
 static const sysid_real sysid_pwm_a_fill_bipolynomial_pressure_pa[25] = {
@@ -768,13 +962,25 @@ static const sysid_bipolynomial sysid_pwm_a_fill_bipolynomial = {
 /* Mean flow, kg/s, over duty (0 to 1) and chamber pressure, Pa (3.7.1); flags may be NULL. */
 static inline sysid_real sysid_pwm_a_fill_flow(sysid_real duty, sysid_real pressure_pa, unsigned *flags)
 {
-    return sysid_bipolynomial_flow(&sysid_pwm_a_fill_bipolynomial, duty, pressure_pa, flags);
+    if (!(isfinite(duty) && isfinite(pressure_pa))) {
+        if (flags) {
+            *flags = SYSID_INVALID;
+        }
+        return (sysid_real)NAN;
+    }
+    return sysid_flagged(sysid_bipolynomial_flow(&sysid_pwm_a_fill_bipolynomial, duty, pressure_pa, flags), (sysid_real)NAN, flags);
 }
 
 /* Its inverse: duty for a wanted mean flow, kg/s, at a chamber pressure, Pa (3.7.3). */
 static inline sysid_real sysid_pwm_a_fill_duty(sysid_real flow_kg_s, sysid_real pressure_pa, unsigned *flags)
 {
-    return sysid_bipolynomial_duty(&sysid_pwm_a_fill_bipolynomial, flow_kg_s, pressure_pa, flags);
+    if (!(isfinite(flow_kg_s) && isfinite(pressure_pa))) {
+        if (flags) {
+            *flags = SYSID_INVALID;
+        }
+        return 0;
+    }
+    return sysid_flagged(sysid_bipolynomial_duty(&sysid_pwm_a_fill_bipolynomial, flow_kg_s, pressure_pa, flags), 0, flags);
 }
 
 static const sysid_real sysid_pwm_a_fill_network_pressure_pa[25] = {
@@ -858,14 +1064,26 @@ static const sysid_network sysid_pwm_a_fill_network = {
 static inline sysid_real sysid_pwm_a_fill_network_duty(
     sysid_real flow_kg_s, sysid_real pressure_pa, unsigned *flags)
 {
-    return sysid_network_duty(&sysid_pwm_a_fill_network, flow_kg_s, pressure_pa, flags);
+    if (!isfinite(pressure_pa)) {
+        if (flags) {
+            *flags = SYSID_INVALID;
+        }
+        return 0;
+    }
+    return sysid_flagged(sysid_network_duty(&sysid_pwm_a_fill_network, flow_kg_s, pressure_pa, flags), 0, flags);
 }
 
 /* Mean flow, kg/s, that the network maps to this duty: its forward map. */
 static inline sysid_real sysid_pwm_a_fill_network_flow(
     sysid_real duty, sysid_real pressure_pa, unsigned *flags)
 {
-    return sysid_network_flow(&sysid_pwm_a_fill_network, duty, pressure_pa, flags);
+    if (!isfinite(pressure_pa)) {
+        if (flags) {
+            *flags = SYSID_INVALID;
+        }
+        return (sysid_real)NAN;
+    }
+    return sysid_flagged(sysid_network_flow(&sysid_pwm_a_fill_network, duty, pressure_pa, flags), (sysid_real)NAN, flags);
 }
 
 static const sysid_real sysid_pwm_a_discharge_bipolynomial_pressure_pa[25] = {
@@ -938,13 +1156,25 @@ static const sysid_bipolynomial sysid_pwm_a_discharge_bipolynomial = {
 /* Mean flow, kg/s, over duty (0 to 1) and chamber pressure, Pa (3.7.1); flags may be NULL. */
 static inline sysid_real sysid_pwm_a_discharge_flow(sysid_real duty, sysid_real pressure_pa, unsigned *flags)
 {
-    return sysid_bipolynomial_flow(&sysid_pwm_a_discharge_bipolynomial, duty, pressure_pa, flags);
+    if (!(isfinite(duty) && isfinite(pressure_pa))) {
+        if (flags) {
+            *flags = SYSID_INVALID;
+        }
+        return (sysid_real)NAN;
+    }
+    return sysid_flagged(sysid_bipolynomial_flow(&sysid_pwm_a_discharge_bipolynomial, duty, pressure_pa, flags), (sysid_real)NAN, flags);
 }
 
 /* Its inverse: duty for a wanted mean flow, kg/s, at a chamber pressure, Pa (3.7.3). */
 static inline sysid_real sysid_pwm_a_discharge_duty(sysid_real flow_kg_s, sysid_real pressure_pa, unsigned *flags)
 {
-    return sysid_bipolynomial_duty(&sysid_pwm_a_discharge_bipolynomial, flow_kg_s, pressure_pa, flags);
+    if (!(isfinite(flow_kg_s) && isfinite(pressure_pa))) {
+        if (flags) {
+            *flags = SYSID_INVALID;
+        }
+        return 0;
+    }
+    return sysid_flagged(sysid_bipolynomial_duty(&sysid_pwm_a_discharge_bipolynomial, flow_kg_s, pressure_pa, flags), 0, flags);
 }
 
 static const sysid_real sysid_pwm_a_discharge_network_pressure_pa[25] = {
@@ -1028,14 +1258,26 @@ static const sysid_network sysid_pwm_a_discharge_network = {
 static inline sysid_real sysid_pwm_a_discharge_network_duty(
     sysid_real flow_kg_s, sysid_real pressure_pa, unsigned *flags)
 {
-    return sysid_network_duty(&sysid_pwm_a_discharge_network, flow_kg_s, pressure_pa, flags);
+    if (!isfinite(pressure_pa)) {
+        if (flags) {
+            *flags = SYSID_INVALID;
+        }
+        return 0;
+    }
+    return sysid_flagged(sysid_network_duty(&sysid_pwm_a_discharge_network, flow_kg_s, pressure_pa, flags), 0, flags);
 }
 
 /* Mean flow, kg/s, that the network maps to this duty: its forward map. */
 static inline sysid_real sysid_pwm_a_discharge_network_flow(
     sysid_real duty, sysid_real pressure_pa, unsigned *flags)
 {
-    return sysid_network_flow(&sysid_pwm_a_discharge_network, duty, pressure_pa, flags);
+    if (!isfinite(pressure_pa)) {
+        if (flags) {
+            *flags = SYSID_INVALID;
+        }
+        return (sysid_real)NAN;
+    }
+    return sysid_flagged(sysid_network_flow(&sysid_pwm_a_discharge_network, duty, pressure_pa, flags), (sysid_real)NAN, flags);
 }
 
 static const sysid_real sysid_pwm_b_fill_bipolynomial_pressure_pa[25] = {
@@ -1108,13 +1350,25 @@ static const sysid_bipolynomial sysid_pwm_b_fill_bipolynomial = {
 /* Mean flow, kg/s, over duty (0 to 1) and chamber pressure, Pa (3.7.1); flags may be NULL. */
 static inline sysid_real sysid_pwm_b_fill_flow(sysid_real duty, sysid_real pressure_pa, unsigned *flags)
 {
-    return sysid_bipolynomial_flow(&sysid_pwm_b_fill_bipolynomial, duty, pressure_pa, flags);
+    if (!(isfinite(duty) && isfinite(pressure_pa))) {
+        if (flags) {
+            *flags = SYSID_INVALID;
+        }
+        return (sysid_real)NAN;
+    }
+    return sysid_flagged(sysid_bipolynomial_flow(&sysid_pwm_b_fill_bipolynomial, duty, pressure_pa, flags), (sysid_real)NAN, flags);
 }
 
 /* Its inverse: duty for a wanted mean flow, kg/s, at a chamber pressure, Pa (3.7.3). */
 static inline sysid_real sysid_pwm_b_fill_duty(sysid_real flow_kg_s, sysid_real pressure_pa, unsigned *flags)
 {
-    return sysid_bipolynomial_duty(&sysid_pwm_b_fill_bipolynomial, flow_kg_s, pressure_pa, flags);
+    if (!(isfinite(flow_kg_s) && isfinite(pressure_pa))) {
+        if (flags) {
+            *flags = SYSID_INVALID;
+        }
+        return 0;
+    }
+    return sysid_flagged(sysid_bipolynomial_duty(&sysid_pwm_b_fill_bipolynomial, flow_kg_s, pressure_pa, flags), 0, flags);
 }
 
 static const sysid_real sysid_pwm_b_fill_network_pressure_pa[25] = {
@@ -1198,14 +1452,26 @@ static const sysid_network sysid_pwm_b_fill_network = {
 static inline sysid_real sysid_pwm_b_fill_network_duty(
     sysid_real flow_kg_s, sysid_real pressure_pa, unsigned *flags)
 {
-    return sysid_network_duty(&sysid_pwm_b_fill_network, flow_kg_s, pressure_pa, flags);
+    if (!isfinite(pressure_pa)) {
+        if (flags) {
+            *flags = SYSID_INVALID;
+        }
+        return 0;
+    }
+    return sysid_flagged(sysid_network_duty(&sysid_pwm_b_fill_network, flow_kg_s, pressure_pa, flags), 0, flags);
 }
 
 /* Mean flow, kg/s, that the network maps to this duty: its forward map. */
 static inline sysid_real sysid_pwm_b_fill_network_flow(
     sysid_real duty, sysid_real pressure_pa, unsigned *flags)
 {
-    return sysid_network_flow(&sysid_pwm_b_fill_network, duty, pressure_pa, flags);
+    if (!isfinite(pressure_pa)) {
+        if (flags) {
+            *flags = SYSID_INVALID;
+        }
+        return (sysid_real)NAN;
+    }
+    return sysid_flagged(sysid_network_flow(&sysid_pwm_b_fill_network, duty, pressure_pa, flags), (sysid_real)NAN, flags);
 }
 
 static const sysid_real sysid_pwm_b_discharge_bipolynomial_pressure_pa[25] = {
@@ -1278,13 +1544,25 @@ static const sysid_bipolynomial sysid_pwm_b_discharge_bipolynomial = {
 /* Mean flow, kg/s, over duty (0 to 1) and chamber pressure, Pa (3.7.1); flags may be NULL. */
 static inline sysid_real sysid_pwm_b_discharge_flow(sysid_real duty, sysid_real pressure_pa, unsigned *flags)
 {
-    return sysid_bipolynomial_flow(&sysid_pwm_b_discharge_bipolynomial, duty, pressure_pa, flags);
+    if (!(isfinite(duty) && isfinite(pressure_pa))) {
+        if (flags) {
+            *flags = SYSID_INVALID;
+        }
+        return (sysid_real)NAN;
+    }
+    return sysid_flagged(sysid_bipolynomial_flow(&sysid_pwm_b_discharge_bipolynomial, duty, pressure_pa, flags), (sysid_real)NAN, flags);
 }
 
 /* Its inverse: duty for a wanted mean flow, kg/s, at a chamber pressure, Pa (3.7.3). */
 static inline sysid_real sysid_pwm_b_discharge_duty(sysid_real flow_kg_s, sysid_real pressure_pa, unsigned *flags)
 {
-    return sysid_bipolynomial_duty(&sysid_pwm_b_discharge_bipolynomial, flow_kg_s, pressure_pa, flags);
+    if (!(isfinite(flow_kg_s) && isfinite(pressure_pa))) {
+        if (flags) {
+            *flags = SYSID_INVALID;
+        }
+        return 0;
+    }
+    return sysid_flagged(sysid_bipolynomial_duty(&sysid_pwm_b_discharge_bipolynomial, flow_kg_s, pressure_pa, flags), 0, flags);
 }
 
 static const sysid_real sysid_pwm_b_discharge_network_pressure_pa[25] = {
@@ -1368,14 +1646,26 @@ static const sysid_network sysid_pwm_b_discharge_network = {
 static inline sysid_real sysid_pwm_b_discharge_network_duty(
     sysid_real flow_kg_s, sysid_real pressure_pa, unsigned *flags)
 {
-    return sysid_network_duty(&sysid_pwm_b_discharge_network, flow_kg_s, pressure_pa, flags);
+    if (!isfinite(pressure_pa)) {
+        if (flags) {
+            *flags = SYSID_INVALID;
+        }
+        return 0;
+    }
+    return sysid_flagged(sysid_network_duty(&sysid_pwm_b_discharge_network, flow_kg_s, pressure_pa, flags), 0, flags);
 }
 
 /* Mean flow, kg/s, that the network maps to this duty: its forward map. */
 static inline sysid_real sysid_pwm_b_discharge_network_flow(
     sysid_real duty, sysid_real pressure_pa, unsigned *flags)
 {
-    return sysid_network_flow(&sysid_pwm_b_discharge_network, duty, pressure_pa, flags);
+    if (!isfinite(pressure_pa)) {
+        if (flags) {
+            *flags = SYSID_INVALID;
+        }
+        return (sysid_real)NAN;
+    }
+    return sysid_flagged(sysid_network_flow(&sysid_pwm_b_discharge_network, duty, pressure_pa, flags), (sysid_real)NAN, flags);
 }
 
 /* --- controllers ----------------------------------------------------------------------- */
@@ -1388,43 +1678,111 @@ static inline sysid_real sysid_pwm_b_discharge_network_flow(
 typedef struct {
     sysid_real position, velocity, pressure_a_pa, pressure_b_pa;
 } sysid_motion;
+static inline int sysid_motion_is_finite(const sysid_motion *x)
+{
+    return !x || (isfinite(x->position) && isfinite(x->velocity) && isfinite(x->pressure_a_pa)
+        && isfinite(x->pressure_b_pa));
+}
 
 /* What is known of the plant at a tick; raw_velocity is the unfiltered difference. */
 typedef struct {
     sysid_real position, velocity, acceleration, raw_velocity, pressure_a_pa, pressure_b_pa;
 } sysid_estimate;
+static inline int sysid_estimate_is_finite(const sysid_estimate *x)
+{
+    return !x || (isfinite(x->position) && isfinite(x->velocity) && isfinite(x->acceleration) &&
+        isfinite(x->raw_velocity) && isfinite(x->pressure_a_pa) && isfinite(x->pressure_b_pa));
+}
 
 /* The wanted motion at a tick. */
 typedef struct {
     sysid_real position, velocity, acceleration, jerk;
 } sysid_reference;
+static inline int sysid_reference_is_finite(const sysid_reference *x)
+{
+    return !x || (isfinite(x->position) && isfinite(x->velocity) && isfinite(x->acceleration) &&
+        isfinite(x->jerk));
+}
+
+/* Whether all ticks of a reference, from now on, are finite. */
+static inline int sysid_references_are_finite(const sysid_reference *ahead, int ticks)
+{
+    int k;
+    for (k = 0; k <= ticks; k++) {
+        if (!sysid_reference_is_finite(ahead + k)) {
+            return 0;
+        }
+    }
+    return 1;
+}
 
 /* To the actuators: the motor's effort; valves A and B by duty (0 to 1), or 1 on and 0 off. */
 typedef struct {
     sysid_real motor, valve_a, valve_b, payload_kg;
 } sysid_commands;
+static inline int sysid_commands_is_finite(const sysid_commands *x)
+{
+    return !x || (isfinite(x->motor) && isfinite(x->valve_a) && isfinite(x->valve_b));
+}
 
 /* A Butterworth low-pass of the differences, for ticks of period_s. */
 typedef struct {
     sysid_real b[3], a[3], period_s;
 } sysid_filter;
+static inline int sysid_filter_is_finite(const sysid_filter *x)
+{
+    return !x || (isfinite(x->b[0]) && isfinite(x->b[1]) && isfinite(x->b[2]) &&
+        isfinite(x->a[0]) && isfinite(x->a[1]) && isfinite(x->a[2]) && isfinite(x->period_s));
+}
 
-/* What is remembered of the sensors; rejected counts readings that were not finite. */
+/* What is remembered of the sensors. Here as below, rejected counts the ticks in which a number was
+   not finite: for a supervisor. */
 typedef struct {
     sysid_real position, pressure_a_pa, pressure_b_pa, difference;
-    sysid_real velocity_filter[2], acceleration_filter[2], rejected;
+    sysid_real velocity_filter[2], acceleration_filter[2];
+    unsigned rejected;
 } sysid_sensing;
+static inline int sysid_sensing_is_finite(const sysid_sensing *x)
+{
+    return !x || (isfinite(x->position) && isfinite(x->pressure_a_pa) &&
+        isfinite(x->pressure_b_pa) && isfinite(x->difference) && isfinite(x->velocity_filter[0]) &&
+        isfinite(x->velocity_filter[1]) && isfinite(x->acceleration_filter[0]) &&
+        isfinite(x->acceleration_filter[1]));
+}
+
+typedef struct {
+    unsigned rejected;
+} sysid_pva_state;
 
 /* The payload's inertia, kg m2, and the motor's last effort. */
 typedef struct {
     sysid_real payload, motor;
+    unsigned rejected;
 } sysid_backstepping_state;
+static inline int sysid_backstepping_state_is_finite(const sysid_backstepping_state *x)
+{
+    return !x || (isfinite(x->payload) && isfinite(x->motor));
+}
 
 /* Held inputs, 0 or 1, and how many ticks ago they were decided. */
 typedef struct {
     sysid_real payload, motor, valve_a, valve_b;
     int tick;
+    unsigned rejected;
 } sysid_dvmpc_state;
+static inline int sysid_dvmpc_state_is_finite(const sysid_dvmpc_state *x)
+{
+    return !x || (isfinite(x->payload) && isfinite(x->motor) && isfinite(x->valve_a) &&
+        isfinite(x->valve_b));
+}
+
+/* Motor 0, valves off. Returns 0. */
+static inline int sysid_let_go(sysid_commands *out)
+{
+    out->motor = out->valve_a = out->valve_b = 0;
+    out->payload_kg = (sysid_real)NAN;
+    return 0;
+}
 
 /* The payload that the constants contain, at its lever, kg m2. */
 static const sysid_real sysid_payload_inertia_kg_m2 = (sysid_real)0.0;
@@ -1441,6 +1799,13 @@ typedef struct {
     sysid_real duty_b_min;
     sysid_real duty_b_max;
 } sysid_pva;
+static inline int sysid_pva_is_finite(const sysid_pva *x)
+{
+    return !x || (isfinite(x->position_gain) && isfinite(x->velocity_gain) &&
+        isfinite(x->acceleration_gain) && isfinite(x->feedforward_velocity) &&
+        isfinite(x->feedforward_acceleration) && isfinite(x->full_scale) && isfinite(x->duty_a_min)
+        && isfinite(x->duty_a_max) && isfinite(x->duty_b_min) && isfinite(x->duty_b_max));
+}
 
 static const sysid_pva sysid_pva_defaults = {
     (sysid_real)140.0, (sysid_real)45.0, (sysid_real)1.0, (sysid_real)1.0, (sysid_real)0.1,
@@ -1454,6 +1819,11 @@ typedef struct {
     sysid_real forgetting; /* per tick */
     sysid_real heaviest; /* kg */
 } sysid_payload_estimator;
+static inline int sysid_payload_estimator_is_finite(const sysid_payload_estimator *x)
+{
+    return !x || (isfinite(x->threshold) && isfinite(x->least_angle) && isfinite(x->least_speed)
+        && isfinite(x->forgetting) && isfinite(x->heaviest));
+}
 
 static const sysid_payload_estimator sysid_payload_estimator_defaults = {
     (sysid_real)0.15, (sysid_real)0.318, (sysid_real)0.05, (sysid_real)0.999, (sysid_real)2.0
@@ -1474,6 +1844,11 @@ typedef struct {
     int compensation; /* the motor's feedback, 1 or 0 */
     int inverse; /* which of the inverses below gives the duties */
 } sysid_backstepping;
+static inline int sysid_backstepping_is_finite(const sysid_backstepping *x)
+{
+    return !x || (isfinite(x->k1) && isfinite(x->k2) && isfinite(x->k3) && isfinite(x->k4) &&
+        isfinite(x->portion) && isfinite(x->motor_p) && isfinite(x->motor_d));
+}
 
 static const sysid_backstepping sysid_backstepping_defaults = {
     (sysid_real)60.0, (sysid_real)20.0, (sysid_real)65.0, (sysid_real)65.0, (sysid_real)0.1,
@@ -1492,6 +1867,11 @@ typedef struct {
     int varying; /* the input changes once within the horizon */
     int coarse; /* ticks of a step after the change */
 } sysid_dvmpc;
+static inline int sysid_dvmpc_is_finite(const sysid_dvmpc *x)
+{
+    return !x || (isfinite(x->period_s) && isfinite(x->natural_frequency) &&
+        isfinite(x->damping));
+}
 
 static const sysid_dvmpc sysid_dvmpc_defaults = {
     40, 5, (sysid_real)0.001, (sysid_real)50.0, (sysid_real)1.0, 0, 0, 0, 0, 4
@@ -1503,22 +1883,27 @@ static const sysid_filter sysid_filter_defaults = {{(sysid_real)0.02008336556421
 /* Mean flow into chamber A, kg/s, over a duty (0 to 1) and pressure, Pa: the averaged law. */
 static inline sysid_real sysid_averaged_a_flow(sysid_real duty, sysid_real pressure_pa)
 {
-    const sysid_real x0 = ((sysid_real)0.0 < duty) ? ((duty < (sysid_real)1.0) ?
-        sysid_minimum(sysid_maximum(duty + (sysid_declared_off_delay_s -
-        sysid_declared_on_delay_s)/sysid_pwm_period_s, (sysid_real)0.0), (sysid_real)1.0) :
-        (sysid_real)1.0) : (sysid_real)0.0;
+    if (!(isfinite(duty) && isfinite(pressure_pa))) {
+        return (sysid_real)NAN;
+    }
+    const sysid_real x0 = (duty <= (sysid_real)0.0) ? (sysid_real)0.0 : (((sysid_real)1.0 <=
+        duty) ? (sysid_real)1.0 : sysid_minimum(sysid_maximum(duty + (sysid_declared_off_delay_s -
+        sysid_declared_on_delay_s)/sysid_pwm_period_s, (sysid_real)0.0), (sysid_real)1.0));
     const sysid_real x1 = -pressure_pa + sysid_supply_pressure_pa;
     const sysid_real x2 = sysid_sqrt(sysid_fabs(x1));
-    return x0*((pressure_pa <= (sysid_real)0.53*sysid_supply_pressure_pa) ?
+    return sysid_checked(x0*((pressure_pa <= (sysid_real)0.53*sysid_supply_pressure_pa) ?
         sysid_valve_a_choked_flow_fill_kg_s : sysid_valve_a_c_fill*((x1 < (sysid_real)0.0) ? -x2 :
         x2)) + ((sysid_real)1.0 - x0)*(((sysid_real)1.8867924528301885*sysid_atmospheric_pressure_pa
         <= pressure_pa) ? -sysid_valve_a_choked_flow_dis_kg_s : sysid_valve_a_c_dis*(-pressure_pa +
-        sysid_atmospheric_pressure_pa));
+        sysid_atmospheric_pressure_pa)), (sysid_real)NAN);
 }
 
 /* Its inverse: duty for a wanted mean flow, kg/s; 0 or 1 beyond what the valve passes. */
 static inline sysid_real sysid_averaged_a_duty(sysid_real flow_kg_s, sysid_real pressure_pa)
 {
+    if (!(isfinite(flow_kg_s) && isfinite(pressure_pa))) {
+        return 0;
+    }
     const sysid_real x0 = -(((sysid_real)1.8867924528301885*sysid_atmospheric_pressure_pa <=
         pressure_pa) ? -sysid_valve_a_choked_flow_dis_kg_s : sysid_valve_a_c_dis*(-pressure_pa +
         sysid_atmospheric_pressure_pa));
@@ -1532,31 +1917,36 @@ static inline sysid_real sysid_averaged_a_duty(sysid_real flow_kg_s, sysid_real 
         sysid_declared_on_delay_s)/sysid_pwm_period_s;
     const sysid_real x5 = sysid_minimum(x4, (sysid_real)0.0);
     const sysid_real x6 = sysid_maximum(x4, (sysid_real)0.0);
-    return (x3 < (sysid_real)1.0) ? sysid_minimum(sysid_maximum((x5 + (sysid_real)1.0 < x3) ?
-        ((x3 < (sysid_real)0.5*x5 + (sysid_real)1.0) ? (sysid_real)0.999999 : (sysid_real)1.0) :
-        ((x3 < x6) ? ((x3 < (sysid_real)0.5*x6) ? (sysid_real)0.0 : (sysid_real)1e-06) : x3 - x4),
-        (sysid_real)0.0), (sysid_real)1.0) : (sysid_real)1.0;
+    return sysid_checked(((sysid_real)1.0 <= x3) ? (sysid_real)1.0 : sysid_minimum(sysid_maximum((x5 +
+        (sysid_real)1.0 < x3) ? ((x3 < (sysid_real)0.5*x5 + (sysid_real)1.0) ? (sysid_real)0.999999
+        : (sysid_real)1.0) : ((x3 < x6) ? ((x3 < (sysid_real)0.5*x6) ? (sysid_real)0.0 :
+        (sysid_real)1e-06) : x3 - x4), (sysid_real)0.0), (sysid_real)1.0), 0);
 }
 
 /* Mean flow into chamber B, kg/s, over a duty (0 to 1) and pressure, Pa: the averaged law. */
 static inline sysid_real sysid_averaged_b_flow(sysid_real duty, sysid_real pressure_pa)
 {
-    const sysid_real x0 = ((sysid_real)0.0 < duty) ? ((duty < (sysid_real)1.0) ?
-        sysid_minimum(sysid_maximum(duty + (sysid_declared_off_delay_s -
-        sysid_declared_on_delay_s)/sysid_pwm_period_s, (sysid_real)0.0), (sysid_real)1.0) :
-        (sysid_real)1.0) : (sysid_real)0.0;
+    if (!(isfinite(duty) && isfinite(pressure_pa))) {
+        return (sysid_real)NAN;
+    }
+    const sysid_real x0 = (duty <= (sysid_real)0.0) ? (sysid_real)0.0 : (((sysid_real)1.0 <=
+        duty) ? (sysid_real)1.0 : sysid_minimum(sysid_maximum(duty + (sysid_declared_off_delay_s -
+        sysid_declared_on_delay_s)/sysid_pwm_period_s, (sysid_real)0.0), (sysid_real)1.0));
     const sysid_real x1 = -pressure_pa + sysid_supply_pressure_pa;
     const sysid_real x2 = sysid_sqrt(sysid_fabs(x1));
-    return x0*((pressure_pa <= (sysid_real)0.53*sysid_supply_pressure_pa) ?
+    return sysid_checked(x0*((pressure_pa <= (sysid_real)0.53*sysid_supply_pressure_pa) ?
         sysid_valve_b_choked_flow_fill_kg_s : sysid_valve_b_c_fill*((x1 < (sysid_real)0.0) ? -x2 :
         x2)) + ((sysid_real)1.0 - x0)*(((sysid_real)1.8867924528301885*sysid_atmospheric_pressure_pa
         <= pressure_pa) ? -sysid_valve_b_choked_flow_dis_kg_s : sysid_valve_b_c_dis*(-pressure_pa +
-        sysid_atmospheric_pressure_pa));
+        sysid_atmospheric_pressure_pa)), (sysid_real)NAN);
 }
 
 /* Its inverse: duty for a wanted mean flow, kg/s; 0 or 1 beyond what the valve passes. */
 static inline sysid_real sysid_averaged_b_duty(sysid_real flow_kg_s, sysid_real pressure_pa)
 {
+    if (!(isfinite(flow_kg_s) && isfinite(pressure_pa))) {
+        return 0;
+    }
     const sysid_real x0 = -(((sysid_real)1.8867924528301885*sysid_atmospheric_pressure_pa <=
         pressure_pa) ? -sysid_valve_b_choked_flow_dis_kg_s : sysid_valve_b_c_dis*(-pressure_pa +
         sysid_atmospheric_pressure_pa));
@@ -1570,10 +1960,10 @@ static inline sysid_real sysid_averaged_b_duty(sysid_real flow_kg_s, sysid_real 
         sysid_declared_on_delay_s)/sysid_pwm_period_s;
     const sysid_real x5 = sysid_minimum(x4, (sysid_real)0.0);
     const sysid_real x6 = sysid_maximum(x4, (sysid_real)0.0);
-    return (x3 < (sysid_real)1.0) ? sysid_minimum(sysid_maximum((x5 + (sysid_real)1.0 < x3) ?
-        ((x3 < (sysid_real)0.5*x5 + (sysid_real)1.0) ? (sysid_real)0.999999 : (sysid_real)1.0) :
-        ((x3 < x6) ? ((x3 < (sysid_real)0.5*x6) ? (sysid_real)0.0 : (sysid_real)1e-06) : x3 - x4),
-        (sysid_real)0.0), (sysid_real)1.0) : (sysid_real)1.0;
+    return sysid_checked(((sysid_real)1.0 <= x3) ? (sysid_real)1.0 : sysid_minimum(sysid_maximum((x5 +
+        (sysid_real)1.0 < x3) ? ((x3 < (sysid_real)0.5*x5 + (sysid_real)1.0) ? (sysid_real)0.999999
+        : (sysid_real)1.0) : ((x3 < x6) ? ((x3 < (sysid_real)0.5*x6) ? (sysid_real)0.0 :
+        (sysid_real)1e-06) : x3 - x4), (sysid_real)0.0), (sysid_real)1.0), 0);
 }
 
 /* One Euler step of step_s (4.4.2): valves A and B open for shares of it, 0 to 1; friction by
@@ -1582,9 +1972,15 @@ static inline void sysid_prediction_step(const sysid_motion *now, sysid_real sha
     sysid_real share_b, sysid_real wanted_velocity, sysid_real payload, sysid_real step_s,
     int trapezoidal, sysid_motion *next)
 {
-    const sysid_real x0 = -sysid_max_torque_nm;
-    const sysid_real x1 = ((sysid_real)0.0 < sysid_max_torque_nm) ? (sysid_real)0.0 :
-        sysid_max_torque_nm;
+    if (!(sysid_motion_is_finite(now) && isfinite(share_a) && isfinite(share_b) &&
+        isfinite(wanted_velocity) && isfinite(payload) && isfinite(step_s))) {
+        next->position = next->velocity = next->pressure_a_pa = next->pressure_b_pa =
+            (sysid_real)NAN;
+        return;
+    }
+    const sysid_real x0 = (sysid_max_torque_nm <= (sysid_real)0.0) ? sysid_max_torque_nm :
+        (sysid_real)0.0;
+    const sysid_real x1 = -sysid_max_torque_nm;
     const sysid_real x2 = sysid_sign(wanted_velocity);
     const sysid_real x3 = -sysid_atmospheric_pressure_pa;
     const sysid_real x4 = now->pressure_a_pa + x3;
@@ -1595,7 +1991,7 @@ static inline void sysid_prediction_step(const sysid_motion *now, sysid_real sha
         step_s*(-sysid_effect_1_seal_torque_nm_per_pa*x2*(sysid_effect_1_difference_share*(-x6 +
         sysid_fabs(now->pressure_a_pa - now->pressure_b_pa)) + x6) - sysid_friction_coulomb_nm*x2 -
         sysid_friction_viscous_nm_s_per_rad*wanted_velocity +
-        sysid_pitch_radius_m*(sysid_area_a_m2*x4 - sysid_area_b_m2*x5) + ((x0 < x1) ? x1 :
+        sysid_pitch_radius_m*(sysid_area_a_m2*x4 - sysid_area_b_m2*x5) + ((x0 <= x1) ? x1 :
         x0))/(payload + sysid_inertia_kg_m2);
     const sysid_real x8 = now->position*sysid_pitch_radius_m;
     const sysid_real x9 = (sysid_real)0.53*sysid_supply_pressure_pa;
@@ -1626,6 +2022,10 @@ static inline void sysid_prediction_step(const sysid_motion *now, sysid_real sha
     next->velocity = y1;
     next->pressure_a_pa = y2;
     next->pressure_b_pa = y3;
+    if (!sysid_motion_is_finite(next)) {
+        next->position = next->velocity = next->pressure_a_pa = next->pressure_b_pa =
+            (sysid_real)NAN;
+    }
 }
 
 /* Share of a step of span_s in which valve A is open, since_s after its command changed from
@@ -1633,10 +2033,13 @@ static inline void sysid_prediction_step(const sysid_motion *now, sysid_real sha
 static inline sysid_real sysid_delayed_share_a(sysid_real command, sysid_real before,
     sysid_real since_s, sysid_real span_s)
 {
+    if (!(isfinite(command) && isfinite(before) && isfinite(since_s) && isfinite(span_s))) {
+        return (sysid_real)NAN;
+    }
     const sysid_real x0 = sysid_minimum(sysid_maximum(((before < command) ? -since_s +
         sysid_declared_on_delay_s : -since_s + sysid_declared_off_delay_s)/span_s, (sysid_real)0.0),
         (sysid_real)1.0);
-    return before*x0 + command*((sysid_real)1.0 - x0);
+    return sysid_checked(before*x0 + command*((sysid_real)1.0 - x0), (sysid_real)NAN);
 }
 
 /* Share of a step of span_s in which valve B is open, since_s after its command changed from
@@ -1644,62 +2047,78 @@ static inline sysid_real sysid_delayed_share_a(sysid_real command, sysid_real be
 static inline sysid_real sysid_delayed_share_b(sysid_real command, sysid_real before,
     sysid_real since_s, sysid_real span_s)
 {
+    if (!(isfinite(command) && isfinite(before) && isfinite(since_s) && isfinite(span_s))) {
+        return (sysid_real)NAN;
+    }
     const sysid_real x0 = sysid_minimum(sysid_maximum(((before < command) ? -since_s +
         sysid_declared_on_delay_s : -since_s + sysid_declared_off_delay_s)/span_s, (sysid_real)0.0),
         (sysid_real)1.0);
-    return before*x0 + command*((sysid_real)1.0 - x0);
+    return sysid_checked(before*x0 + command*((sysid_real)1.0 - x0), (sysid_real)NAN);
 }
 
-/* A tick's readings to an estimate: differences of the position, filtered; a reading that is
-   not finite is the last good one, and counted in rejected. */
+/* A tick's readings to an estimate: differences of the position, filtered. A reading that is
+   not finite leaves the memory as it was, is counted in rejected, and makes the estimate NaN,
+   at which a controller lets go. */
 static inline void sysid_sense(const sysid_filter *filter, sysid_sensing *memory,
     sysid_real position, sysid_real pressure_a_pa, sysid_real pressure_b_pa,
     sysid_estimate *now)
 {
-    const int x0 = isfinite(position);
-    const sysid_real x1 = x0 ? position : memory->position;
-    const int x2 = isfinite(pressure_a_pa);
-    const sysid_real x3 = x2 ? pressure_a_pa : memory->pressure_a_pa;
-    const int x4 = isfinite(pressure_b_pa);
-    const sysid_real x5 = x4 ? pressure_b_pa : memory->pressure_b_pa;
-    const sysid_real x6 = (sysid_real)1.0/filter->period_s;
-    const sysid_real x7 = -memory->position + x1;
-    const sysid_real x8 = x6*x7;
-    const sysid_real x9 = filter->b[0]*x8 + memory->velocity_filter[0];
-    const sysid_real x10 = -memory->difference + x6*x7;
-    const sysid_real x11 = x10*x6;
-    const sysid_real x12 = filter->b[0]*x11 + memory->acceleration_filter[0];
-    const sysid_real y0 = x1;
-    const sysid_real y1 = x3;
-    const sysid_real y2 = x5;
-    const sysid_real y3 = x8;
-    const sysid_real y4 = memory->rejected + (x0 ? (sysid_real)0.0 : (sysid_real)1.0) + (x2 ?
-        (sysid_real)0.0 : (sysid_real)1.0) + (x4 ? (sysid_real)0.0 : (sysid_real)1.0);
-    const sysid_real y5 = -filter->a[1]*x9 + filter->b[1]*x8 + memory->velocity_filter[1];
-    const sysid_real y6 = -filter->a[2]*x9 + filter->b[2]*x6*x7;
-    const sysid_real y7 = -filter->a[1]*x12 + filter->b[1]*x11 + memory->acceleration_filter[1];
-    const sysid_real y8 = -filter->a[2]*x12 + filter->b[2]*x10*x6;
-    const sysid_real y9 = x1;
-    const sysid_real y10 = x9;
-    const sysid_real y11 = x12;
-    const sysid_real y12 = x8;
-    const sysid_real y13 = x3;
-    const sysid_real y14 = x5;
+    if (!(sysid_filter_is_finite(filter) && isfinite(position) && isfinite(pressure_a_pa) &&
+        isfinite(pressure_b_pa))) {
+        memory->rejected++;
+        now->position = now->velocity = now->acceleration = now->raw_velocity =
+            now->pressure_a_pa = now->pressure_b_pa = (sysid_real)NAN;
+        return;
+    }
+    const sysid_sensing memory_before = *memory;
+    const sysid_real x0 = (sysid_real)1.0/filter->period_s;
+    const int x1 = ((((((isfinite(memory->position) && isfinite(memory->pressure_a_pa)) &&
+        isfinite(memory->pressure_b_pa)) && isfinite(memory->difference)) &&
+        isfinite(memory->velocity_filter[0])) && isfinite(memory->velocity_filter[1])) &&
+        isfinite(memory->acceleration_filter[0])) && isfinite(memory->acceleration_filter[1]);
+    const sysid_real x2 = position - (x1 ? memory->position : position);
+    const sysid_real x3 = x0*x2;
+    const sysid_real x4 = filter->b[0]*x3 + (x1 ? memory->velocity_filter[0] : (sysid_real)0.0);
+    const sysid_real x5 = x0*x2 - (x1 ? memory->difference : (sysid_real)0.0);
+    const sysid_real x6 = x0*x5;
+    const sysid_real x7 = filter->b[0]*x6 + (x1 ? memory->acceleration_filter[0] :
+        (sysid_real)0.0);
+    const sysid_real y0 = position;
+    const sysid_real y1 = pressure_a_pa;
+    const sysid_real y2 = pressure_b_pa;
+    const sysid_real y3 = x3;
+    const sysid_real y4 = -filter->a[1]*x4 + filter->b[1]*x3 + (x1 ? memory->velocity_filter[1] :
+        (sysid_real)0.0);
+    const sysid_real y5 = -filter->a[2]*x4 + filter->b[2]*x0*x2;
+    const sysid_real y6 = -filter->a[1]*x7 + filter->b[1]*x6 + (x1 ? memory->acceleration_filter[1]
+        : (sysid_real)0.0);
+    const sysid_real y7 = -filter->a[2]*x7 + filter->b[2]*x0*x5;
+    const sysid_real y8 = position;
+    const sysid_real y9 = x4;
+    const sysid_real y10 = x7;
+    const sysid_real y11 = x3;
+    const sysid_real y12 = pressure_a_pa;
+    const sysid_real y13 = pressure_b_pa;
     memory->position = y0;
     memory->pressure_a_pa = y1;
     memory->pressure_b_pa = y2;
     memory->difference = y3;
-    memory->rejected = y4;
-    memory->velocity_filter[0] = y5;
-    memory->velocity_filter[1] = y6;
-    memory->acceleration_filter[0] = y7;
-    memory->acceleration_filter[1] = y8;
-    now->position = y9;
-    now->velocity = y10;
-    now->acceleration = y11;
-    now->raw_velocity = y12;
-    now->pressure_a_pa = y13;
-    now->pressure_b_pa = y14;
+    memory->velocity_filter[0] = y4;
+    memory->velocity_filter[1] = y5;
+    memory->acceleration_filter[0] = y6;
+    memory->acceleration_filter[1] = y7;
+    now->position = y8;
+    now->velocity = y9;
+    now->acceleration = y10;
+    now->raw_velocity = y11;
+    now->pressure_a_pa = y12;
+    now->pressure_b_pa = y13;
+    if (!(sysid_estimate_is_finite(now) && sysid_sensing_is_finite(memory))) {
+        *memory = memory_before;
+        memory->rejected++;
+        now->position = now->velocity = now->acceleration = now->raw_velocity =
+            now->pressure_a_pa = now->pressure_b_pa = (sysid_real)NAN;
+    }
 }
 
 /* The payload's inertia at its lever, kg m2, from the one before and the motor's effort now
@@ -1708,54 +2127,104 @@ static inline sysid_real sysid_payload_update(const sysid_payload_estimator *gai
     sysid_real payload, sysid_real motor, const sysid_estimate *now,
     const sysid_reference *wanted)
 {
-    (void)gains;
-    (void)motor;
-    (void)now;
-    (void)wanted;
-    return payload;
+    if (!(sysid_payload_estimator_is_finite(gains) && isfinite(payload) && isfinite(motor) &&
+        sysid_estimate_is_finite(now) && sysid_reference_is_finite(wanted))) {
+        return (sysid_real)NAN;
+    }
+    const sysid_real x0 = (sysid_max_torque_nm <= (sysid_real)0.0) ? sysid_max_torque_nm :
+        (sysid_real)0.0;
+    const sysid_real x1 = -sysid_max_torque_nm;
+    const sysid_real x2 = (x0 <= x1) ? x1 : x0;
+    const sysid_real x3 = sysid_sign(wanted->velocity);
+    const sysid_real x4 = sysid_friction_coulomb_nm*x3;
+    const sysid_real x5 = sysid_friction_viscous_nm_s_per_rad*wanted->velocity;
+    const sysid_real x6 = wanted->acceleration*(payload + sysid_inertia_kg_m2);
+    const sysid_real x7 = -sysid_atmospheric_pressure_pa;
+    const sysid_real x8 = sysid_pitch_radius_m*(sysid_area_a_m2*(now->pressure_a_pa + x7) -
+        sysid_area_b_m2*(now->pressure_b_pa + x7));
+    const sysid_real x9 = now->pressure_a_pa + now->pressure_b_pa -
+        (sysid_real)2.0*sysid_atmospheric_pressure_pa;
+    const sysid_real x10 =
+        sysid_effect_1_seal_torque_nm_per_pa*x3*(sysid_effect_1_difference_share*(-x9 +
+        sysid_fabs(now->pressure_a_pa - now->pressure_b_pa)) + x9);
+    const sysid_real x11 = sysid_sin(now->position);
+    const sysid_real x12 = (sysid_real)0.1019367991845056*((sysid_real)0.37*motor +
+        (sysid_real)9.81*payload*x11 - (sysid_real)0.37*x10 + (sysid_real)0.37*x2 -
+        (sysid_real)0.37*x4 - (sysid_real)0.37*x5 - (sysid_real)0.37*x6 +
+        (sysid_real)0.37*x8)/(((sysid_real)0.001 < sysid_fabs(x11)) ? x11 : (sysid_real)0.001);
+    return sysid_checked((isfinite(-motor + x10 - x2 + x4 + x5 + x6 - x8) &&
+        isfinite(gains->forgetting*payload + ((sysid_real)1.0 -
+        gains->forgetting)*sysid_minimum(sysid_maximum(isfinite(x12) ? x12 : NAN, (sysid_real)0.0),
+        (sysid_real)0.1369*gains->heaviest))) ? payload : NAN, (sysid_real)NAN);
 }
 
 /* Mass, kg, of a payload of this inertia, kg m2. */
 static inline sysid_real sysid_payload_mass(sysid_real payload)
 {
-    return (sysid_real)7.304601899196494*payload;
+    if (!isfinite(payload)) {
+        return (sysid_real)NAN;
+    }
+    return sysid_checked((sysid_real)7.304601899196494*payload, (sysid_real)NAN);
 }
 
 /* 1 where an estimate is a payload, 0 where it cannot be told from none. */
 static inline int sysid_payload_detected(const sysid_payload_estimator *gains,
     sysid_real payload)
 {
+    if (!(sysid_payload_estimator_is_finite(gains) && isfinite(payload))) {
+        return 0;
+    }
     (void)gains;
     (void)payload;
     return 0;
 }
 
-/* Duties of valves A and B, past their dead zones (4.2.1 to 4.2.3). */
-static inline void sysid_pva_duties(const sysid_pva *gains, const sysid_estimate *now,
+/* Duties of valves A and B, past their dead zones (4.2.1 to 4.2.3); returns 1, or 0 with both
+   0 where a number is not finite. */
+static inline int sysid_pva_duties(const sysid_pva *gains, const sysid_estimate *now,
     const sysid_reference *wanted, sysid_real duty[2])
 {
-    const sysid_real x0 =
-        sysid_minimum(sysid_maximum((gains->acceleration_gain*(-now->acceleration +
-        wanted->acceleration) + gains->feedforward_acceleration*wanted->acceleration +
+    if (!(sysid_pva_is_finite(gains) && sysid_estimate_is_finite(now) &&
+        sysid_reference_is_finite(wanted))) {
+        duty[0] = duty[1] = 0;
+        return 0;
+    }
+    const sysid_real x0 = (gains->acceleration_gain*(-now->acceleration + wanted->acceleration)
+        + gains->feedforward_acceleration*wanted->acceleration +
         gains->feedforward_velocity*wanted->velocity + gains->position_gain*(-now->position +
         wanted->position) + gains->velocity_gain*(-now->velocity +
-        wanted->velocity))/gains->full_scale, (sysid_real)-1.0), (sysid_real)1.0);
-    const sysid_real x1 = sysid_fabs(x0);
-    const sysid_real y0 = ((sysid_real)0.0 < x0) ? gains->duty_a_min + x1*(gains->duty_a_max -
-        gains->duty_a_min) : (sysid_real)0.0;
-    const sysid_real y1 = (x0 < (sysid_real)0.0) ? gains->duty_b_min + x1*(gains->duty_b_max -
-        gains->duty_b_min) : (sysid_real)0.0;
+        wanted->velocity))/gains->full_scale;
+    const sysid_real x1 = sysid_minimum(sysid_maximum(isfinite(x0) ? x0 : NAN,
+        (sysid_real)-1.0), (sysid_real)1.0);
+    const sysid_real x2 = sysid_fabs(x1);
+    const sysid_real y0 = (x1 <= (sysid_real)0.0) ? (sysid_real)0.0 : gains->duty_a_min +
+        x2*(gains->duty_a_max - gains->duty_a_min);
+    const sysid_real y1 = ((sysid_real)0.0 <= x1) ? (sysid_real)0.0 : gains->duty_b_min +
+        x2*(gains->duty_b_max - gains->duty_b_min);
     duty[0] = y0;
     duty[1] = y1;
+    if (!(isfinite(duty[0]) && isfinite(duty[1]))) {
+        duty[0] = duty[1] = 0;
+        return 0;
+    }
+    return 1;
 }
 
-/* Flows into chambers A and B, kg/s (4.3.59), and the motor's effort (4.3.41); soon is the
-   reference one PWM period ahead, motor the effort now. */
+/* Flows into chambers A and B, kg/s (4.3.59), the motor's effort (4.3.41) and the command that
+   gives it; soon is the reference one PWM period ahead, motor the effort now. */
 static inline void sysid_backstepping_wanted(const sysid_backstepping *gains,
     sysid_real payload, sysid_real motor, const sysid_estimate *now,
     const sysid_reference *wanted, const sysid_reference *soon, sysid_real flow_kg_s[2],
-    sysid_real *effort)
+    sysid_real *effort, sysid_real *command)
 {
+    if (!(sysid_backstepping_is_finite(gains) && isfinite(payload) && isfinite(motor) &&
+        sysid_estimate_is_finite(now) && sysid_reference_is_finite(wanted) &&
+        sysid_reference_is_finite(soon))) {
+        flow_kg_s[0] = flow_kg_s[1] = (sysid_real)NAN;
+        *effort = (sysid_real)NAN;
+        *command = (sysid_real)NAN;
+        return;
+    }
     const sysid_real x0 = sysid_area_a_m2*sysid_pitch_radius_m;
     const sysid_real x1 = now->position*sysid_pitch_radius_m;
     const sysid_real x2 = (sysid_real)1.0/(sysid_area_a_m2 + sysid_area_b_m2);
@@ -1776,64 +2245,85 @@ static inline void sysid_backstepping_wanted(const sysid_backstepping *gains,
         (sysid_real)2.0*sysid_atmospheric_pressure_pa;
     const sysid_real x17 = sysid_sign(wanted->velocity);
     const sysid_real x18 = sysid_effect_1_seal_torque_nm_per_pa*x17;
-    const sysid_real x19 = -sysid_max_torque_nm;
-    const sysid_real x20 = ((sysid_real)0.0 < sysid_max_torque_nm) ? (sysid_real)0.0 :
-        sysid_max_torque_nm;
-    const sysid_real x21 = -((x19 < x20) ? x20 : x19);
+    const sysid_real x19 = (sysid_max_torque_nm <= (sysid_real)0.0) ? sysid_max_torque_nm :
+        (sysid_real)0.0;
+    const sysid_real x20 = -sysid_max_torque_nm;
+    const sysid_real x21 = -((x19 <= x20) ? x20 : x19);
     const sysid_real x22 = sysid_friction_coulomb_nm*x17 +
         sysid_friction_viscous_nm_s_per_rad*wanted->velocity + x21;
     const sysid_real x23 = x10*(gains->k2*x13 - now->position + wanted->position + x15) +
         x18*(sysid_effect_1_difference_share*(-x16 + sysid_fabs(now->pressure_a_pa -
         now->pressure_b_pa)) + x16) + x22;
-    const sysid_real x24 = sysid_minimum(sysid_maximum(x2*x23*x8*x9 - x7, x5), x6);
-    const sysid_real x25 = (sysid_real)0.5*sysid_supply_pressure_pa + x3;
-    const sysid_real x26 = x13/x10;
-    const sysid_real x27 = sysid_friction_viscous_nm_s_per_rad*wanted->acceleration +
+    const sysid_real x24 = x2*x23*x8*x9 - x7;
+    const sysid_real x25 = sysid_minimum(sysid_maximum(isfinite(x24) ? x24 : NAN, x5), x6);
+    const sysid_real x26 = (sysid_real)0.5*sysid_supply_pressure_pa + x3;
+    const sysid_real x27 = x13/x10;
+    const sysid_real x28 = sysid_friction_viscous_nm_s_per_rad*wanted->acceleration +
         x10*(gains->k1*(-now->acceleration + wanted->acceleration) + gains->k2*(-now->acceleration +
         x15) + wanted->jerk + x12);
-    const sysid_real x28 = x2*x8*x9;
-    const sysid_real x29 = (sysid_real)1.0/sysid_heat_capacity_ratio;
-    const sysid_real x30 = sysid_area_a_m2*x29;
-    const sysid_real x31 = (sysid_real)1.0/(sysid_gas_constant_j_per_kg_k*sysid_temperature_k);
-    const sysid_real x32 = x31*(now->pressure_a_pa*now->velocity*x0 + x30*(sysid_offset_a_m +
-        x1)*(gains->k3*(-now->pressure_a_pa + x24 + x25) + x0*x26 + x27*x28));
-    const sysid_real x33 = sysid_sign(soon->velocity);
-    const sysid_real x34 = sysid_effect_1_difference_share*sysid_fabs((sysid_real)0.0);
-    const sysid_real x35 = sysid_minimum(sysid_maximum(x2*x8*(soon->acceleration*x10 +
+    const sysid_real x29 = x2*x8*x9;
+    const sysid_real x30 = (sysid_real)1.0/sysid_heat_capacity_ratio;
+    const sysid_real x31 = sysid_area_a_m2*x30;
+    const sysid_real x32 = (sysid_real)1.0/(sysid_gas_constant_j_per_kg_k*sysid_temperature_k);
+    const sysid_real x33 = x32*(now->pressure_a_pa*now->velocity*x0 + x31*(sysid_offset_a_m +
+        x1)*(gains->k3*(-now->pressure_a_pa + x25 + x26) + x0*x27 + x28*x29));
+    const sysid_real x34 = sysid_sign(soon->velocity);
+    const sysid_real x35 = sysid_effect_1_difference_share*sysid_fabs((sysid_real)0.0);
+    const sysid_real x36 = x2*x8*(soon->acceleration*x10 +
         soon->velocity*sysid_friction_viscous_nm_s_per_rad +
-        sysid_effect_1_seal_torque_nm_per_pa*x33*x34 + sysid_friction_coulomb_nm*x33 + x21) - x7,
-        x5), x6);
-    const sysid_real x36 = (sysid_real)1.0/sysid_pwm_period_s;
-    const sysid_real x37 = soon->position*sysid_pitch_radius_m;
-    const sysid_real x38 = x35 - sysid_minimum(sysid_maximum(x2*x8*(wanted->acceleration*x10 +
-        x18*x34 + x22) - x7, x5), x6);
-    const sysid_real x39 = sysid_area_b_m2*sysid_pitch_radius_m;
-    const sysid_real x40 = -sysid_offset_b_m;
-    const sysid_real x41 = x31*(-now->pressure_b_pa*now->velocity*x39 + sysid_area_b_m2*x29*(-x1
-        - x40)*(gains->k4*(-now->pressure_b_pa - x24 + x3 - x4) - x26*x39 - x27*x28));
-    const sysid_real x42 = gains->portion*x23*x9;
-    const sysid_real x43 = gains->motor_d*x14 + gains->motor_p*x11 + x42;
-    const sysid_real x44 = (x43 < sysid_max_torque_nm) ? x43 : sysid_max_torque_nm;
-    const sysid_real x45 = (x42 < sysid_max_torque_nm) ? x42 : sysid_max_torque_nm;
+        sysid_effect_1_seal_torque_nm_per_pa*x34*x35 + sysid_friction_coulomb_nm*x34 + x21) - x7;
+    const sysid_real x37 = sysid_minimum(sysid_maximum(isfinite(x36) ? x36 : NAN, x5), x6);
+    const sysid_real x38 = (sysid_real)1.0/sysid_pwm_period_s;
+    const sysid_real x39 = soon->position*sysid_pitch_radius_m;
+    const sysid_real x40 = x2*x8*(wanted->acceleration*x10 + x18*x35 + x22) - x7;
+    const sysid_real x41 = x37 - sysid_minimum(sysid_maximum(isfinite(x40) ? x40 : NAN, x5),
+        x6);
+    const sysid_real x42 = x32*(soon->velocity*x0*(x26 + x37) + x31*x38*x41*(sysid_offset_a_m +
+        x39)) + x33;
+    const sysid_real x43 = sysid_area_b_m2*sysid_pitch_radius_m;
+    const sysid_real x44 = -sysid_offset_b_m;
+    const sysid_real x45 = x32*(-now->pressure_b_pa*now->velocity*x43 + sysid_area_b_m2*x30*(-x1
+        - x44)*(gains->k4*(-now->pressure_b_pa - x25 + x3 - x4) - x27*x43 - x28*x29));
+    const sysid_real x46 = x32*(-soon->velocity*x43*(x26 - x37) -
+        sysid_area_b_m2*x30*x38*x41*(-x39 - x44)) + x45;
+    const sysid_real x47 = gains->portion*x23*x9;
+    const sysid_real x48 = gains->motor_d*x14 + gains->motor_p*x11 + x47;
+    const sysid_real x49 = isfinite(x48) ? x48 : NAN;
+    const sysid_real x50 = (sysid_max_torque_nm <= x49) ? sysid_max_torque_nm : x49;
+    const sysid_real x51 = isfinite(x47) ? x47 : NAN;
+    const sysid_real x52 = (sysid_max_torque_nm <= x51) ? sysid_max_torque_nm : x51;
+    const sysid_real x53 = gains->compensation ? ((x50 <= x20) ? x20 : x50) : ((x52 <= x20) ?
+        x20 : x52);
     (void)motor;
-    const sysid_real y0 = gains->feedforward ? x31*(soon->velocity*x0*(x25 + x35) +
-        x30*x36*x38*(sysid_offset_a_m + x37)) + x32 : x32;
-    const sysid_real y1 = gains->feedforward ? x31*(-soon->velocity*x39*(x25 - x35) -
-        sysid_area_b_m2*x29*x36*x38*(-x37 - x40)) + x41 : x41;
-    const sysid_real y2 = gains->compensation ? ((x19 < x44) ? x44 : x19) : ((x19 < x45) ? x45 :
-        x19);
+    const sysid_real y0 = gains->feedforward ? (isfinite(x42) ? x42 : NAN) : (isfinite(x33) ? x33 :
+        NAN);
+    const sysid_real y1 = gains->feedforward ? (isfinite(x46) ? x46 : NAN) : (isfinite(x45) ? x45 :
+        NAN);
+    const sysid_real y2 = x53;
+    const sysid_real y3 = x53;
     flow_kg_s[0] = y0;
     flow_kg_s[1] = y1;
     *effort = y2;
+    *command = y3;
+    if (!(isfinite(flow_kg_s[0]) && isfinite(flow_kg_s[1]) && isfinite(*effort) &&
+        isfinite(*command))) {
+        flow_kg_s[0] = flow_kg_s[1] = (sysid_real)NAN;
+        *effort = (sysid_real)NAN;
+        *command = (sysid_real)NAN;
+    }
 }
 
 /* The motor's effort (4.4.10): what the cylinder does not give, and feedback (4.4.17). */
 static inline sysid_real sysid_inverse_dynamics(const sysid_dvmpc *gains,
     sysid_real payload, const sysid_estimate *now, const sysid_reference *wanted)
 {
-    const sysid_real x0 = -sysid_max_torque_nm;
-    const sysid_real x1 = ((sysid_real)0.0 < sysid_max_torque_nm) ? (sysid_real)0.0 :
-        sysid_max_torque_nm;
+    if (!(sysid_dvmpc_is_finite(gains) && isfinite(payload) && sysid_estimate_is_finite(now) &&
+        sysid_reference_is_finite(wanted))) {
+        return (sysid_real)NAN;
+    }
+    const sysid_real x0 = (sysid_max_torque_nm <= (sysid_real)0.0) ? sysid_max_torque_nm :
+        (sysid_real)0.0;
+    const sysid_real x1 = -sysid_max_torque_nm;
     const sysid_real x2 = sysid_sign(wanted->velocity);
     const sysid_real x3 = payload + sysid_inertia_kg_m2;
     const sysid_real x4 = -sysid_atmospheric_pressure_pa;
@@ -1847,13 +2337,14 @@ static inline sysid_real sysid_inverse_dynamics(const sysid_dvmpc *gains,
         sysid_fabs(now->pressure_a_pa - now->pressure_b_pa)) + x5) + sysid_friction_coulomb_nm*x2 +
         sysid_friction_viscous_nm_s_per_rad*wanted->velocity -
         sysid_pitch_radius_m*(sysid_area_a_m2*(now->pressure_a_pa + x4) -
-        sysid_area_b_m2*(now->pressure_b_pa + x4)) + wanted->acceleration*x3 - ((x0 < x1) ? x1 :
+        sysid_area_b_m2*(now->pressure_b_pa + x4)) + wanted->acceleration*x3 - ((x0 <= x1) ? x1 :
         x0);
-    const sysid_real x7 = (x6 < sysid_max_torque_nm) ? x6 : sysid_max_torque_nm;
-    return (x0 < x7) ? x7 : x0;
+    const sysid_real x7 = isfinite(x6) ? x6 : NAN;
+    const sysid_real x8 = (sysid_max_torque_nm <= x7) ? sysid_max_torque_nm : x7;
+    return sysid_checked((x8 <= x1) ? x1 : x8, (sysid_real)NAN);
 }
 
-/* Memory at rest at the first readings. */
+/* Memory at rest at the first readings; if one is not finite, at the first that are. */
 static inline sysid_sensing sysid_sensing_start(sysid_real position, sysid_real pressure_a_pa,
                                           sysid_real pressure_b_pa)
 {
@@ -1861,21 +2352,28 @@ static inline sysid_sensing sysid_sensing_start(sysid_real position, sysid_real 
     memory.position = position;
     memory.pressure_a_pa = pressure_a_pa;
     memory.pressure_b_pa = pressure_b_pa;
-    memory.difference = memory.rejected = 0;
+    memory.difference = 0;
     memory.velocity_filter[0] = memory.velocity_filter[1] = 0;
     memory.acceleration_filter[0] = memory.acceleration_filter[1] = 0;
+    memory.rejected = 0;
     return memory;
+}
+
+static inline sysid_pva_state sysid_pva_start(void)
+{
+    sysid_pva_state state = {0};
+    return state;
 }
 
 static inline sysid_backstepping_state sysid_backstepping_start(void)
 {
-    sysid_backstepping_state state = {sysid_payload_inertia_kg_m2, 0};
+    sysid_backstepping_state state = {sysid_payload_inertia_kg_m2, 0, 0};
     return state;
 }
 
 static inline sysid_dvmpc_state sysid_dvmpc_start(void)
 {
-    sysid_dvmpc_state state = {sysid_payload_inertia_kg_m2, 0, 0, 0, 0};
+    sysid_dvmpc_state state = {sysid_payload_inertia_kg_m2, 0, 0, 0, 0, 0};
     return state;
 }
 
@@ -1891,61 +2389,84 @@ static inline sysid_backstepping sysid_backstepping_type(int number)
 /* Duty of valve A for a wanted mean flow, kg/s. */
 static inline sysid_real sysid_duty_a(int inverse, sysid_real flow_kg_s, sysid_real pressure_pa)
 {
+    if (!(isfinite(flow_kg_s) && isfinite(pressure_pa))) {
+        return 0;
+    }
     if (inverse == SYSID_BIPOLYNOMIAL) {
-        return flow_kg_s >= 0 ? sysid_pwm_a_fill_duty(flow_kg_s, pressure_pa, 0)
-                              : sysid_pwm_a_discharge_duty(flow_kg_s, pressure_pa, 0);
+        return sysid_checked(flow_kg_s >= 0 ? sysid_pwm_a_fill_duty(flow_kg_s, pressure_pa, 0)
+                              : sysid_pwm_a_discharge_duty(flow_kg_s, pressure_pa, 0), 0);
     }
     if (inverse == SYSID_NETWORK) {
-        return flow_kg_s >= 0 ? sysid_pwm_a_fill_network_duty(flow_kg_s, pressure_pa, 0)
-                              : sysid_pwm_a_discharge_network_duty(flow_kg_s, pressure_pa, 0);
+        return sysid_checked(flow_kg_s >= 0 ? sysid_pwm_a_fill_network_duty(flow_kg_s, pressure_pa, 0)
+                              : sysid_pwm_a_discharge_network_duty(flow_kg_s, pressure_pa, 0), 0);
     }
-    return sysid_averaged_a_duty(flow_kg_s, pressure_pa);
+    return sysid_checked(sysid_averaged_a_duty(flow_kg_s, pressure_pa), 0);
 }
 
 
 /* Duty of valve B for a wanted mean flow, kg/s. */
 static inline sysid_real sysid_duty_b(int inverse, sysid_real flow_kg_s, sysid_real pressure_pa)
 {
+    if (!(isfinite(flow_kg_s) && isfinite(pressure_pa))) {
+        return 0;
+    }
     if (inverse == SYSID_BIPOLYNOMIAL) {
-        return flow_kg_s >= 0 ? sysid_pwm_b_fill_duty(flow_kg_s, pressure_pa, 0)
-                              : sysid_pwm_b_discharge_duty(flow_kg_s, pressure_pa, 0);
+        return sysid_checked(flow_kg_s >= 0 ? sysid_pwm_b_fill_duty(flow_kg_s, pressure_pa, 0)
+                              : sysid_pwm_b_discharge_duty(flow_kg_s, pressure_pa, 0), 0);
     }
     if (inverse == SYSID_NETWORK) {
-        return flow_kg_s >= 0 ? sysid_pwm_b_fill_network_duty(flow_kg_s, pressure_pa, 0)
-                              : sysid_pwm_b_discharge_network_duty(flow_kg_s, pressure_pa, 0);
+        return sysid_checked(flow_kg_s >= 0 ? sysid_pwm_b_fill_network_duty(flow_kg_s, pressure_pa, 0)
+                              : sysid_pwm_b_discharge_network_duty(flow_kg_s, pressure_pa, 0), 0);
     }
-    return sysid_averaged_b_duty(flow_kg_s, pressure_pa);
+    return sysid_checked(sysid_averaged_b_duty(flow_kg_s, pressure_pa), 0);
 }
 
-/* Whether all of an estimate is finite; where it is not, a controller lets go: motor 0, valves
-   off, its memory as it was, and 0 returned instead of 1. */
-static inline int sysid_is_finite(const sysid_estimate *now)
-{
-    return isfinite(now->position) && isfinite(now->velocity) && isfinite(now->acceleration)
-           && isfinite(now->raw_velocity) && isfinite(now->pressure_a_pa)
-           && isfinite(now->pressure_b_pa);
-}
+/* Controllers. Each returns 1; where a number is not finite it lets go (motor 0, valves off, its
+   state as it was but for rejected) and returns 0. */
 
-static inline int sysid_let_go(sysid_commands *out)
-{
-    out->motor = out->valve_a = out->valve_b = 0;
-    out->payload_kg = (sysid_real)NAN;
-    return 0;
-}
-
-/* PVA with feedforward and dead-zone compensation (4.2); at the start of a PWM period. */
+/* PVA with feedforward and dead-zone compensation (4.2); at the start of a PWM period. It remembers
+   nothing: pva_control_counted() is the same with a count of the ticks that were not finite. */
 static inline int sysid_pva_control(const sysid_pva *gains, const sysid_estimate *now,
                                  const sysid_reference *wanted, sysid_commands *out)
 {
-    sysid_real duty[2];
-    if (!sysid_is_finite(now)) {
+    if (!(sysid_pva_is_finite(gains) && sysid_estimate_is_finite(now) &&
+        sysid_reference_is_finite(wanted))) {
         return sysid_let_go(out);
     }
-    sysid_pva_duties(gains, now, wanted, duty);
+    sysid_real duty[2];
+    if (!sysid_pva_duties(gains, now, wanted, duty)) {
+        return sysid_let_go(out);
+    }
     out->motor = 0;
     out->valve_a = duty[0];
     out->valve_b = duty[1];
     out->payload_kg = (sysid_real)NAN;
+    if (!sysid_commands_is_finite(out)) {
+        return sysid_let_go(out);
+    }
+    return 1;
+}
+
+static inline int sysid_pva_control_counted(const sysid_pva *gains, sysid_pva_state *state,
+                                         const sysid_estimate *now, const sysid_reference *wanted,
+                                         sysid_commands *out)
+{
+    if (!(sysid_pva_is_finite(gains) && sysid_estimate_is_finite(now) &&
+        sysid_reference_is_finite(wanted))) {
+        state->rejected++;
+        return sysid_let_go(out);
+    }
+    const sysid_pva_state state_before = *state;
+    if (!sysid_pva_control(gains, now, wanted, out)) {
+        *state = state_before;
+        state->rejected++;
+        return sysid_let_go(out);
+    }
+    if (!sysid_commands_is_finite(out)) {
+        *state = state_before;
+        state->rejected++;
+        return sysid_let_go(out);
+    }
     return 1;
 }
 
@@ -1957,28 +2478,47 @@ static inline int sysid_backstepping_control(const sysid_backstepping *gains,
                                           const sysid_reference *wanted, const sysid_reference *soon,
                                           sysid_commands *out)
 {
-    sysid_real flow[2], effort;
-    if (!sysid_is_finite(now)) {
+    if (!(sysid_backstepping_is_finite(gains) && sysid_payload_estimator_is_finite(estimator) &&
+        sysid_backstepping_state_is_finite(state) && sysid_estimate_is_finite(now) &&
+        sysid_reference_is_finite(wanted) && sysid_reference_is_finite(soon))) {
+        state->rejected++;
         return sysid_let_go(out);
     }
+    const sysid_backstepping_state state_before = *state;
+    sysid_real flow[2], effort, command;
     if (estimator) {
         state->payload = sysid_payload_update(estimator, state->payload, state->motor, now, wanted);
     }
-    sysid_backstepping_wanted(gains, state->payload, state->motor, now, wanted, soon, flow, &effort);
+    sysid_backstepping_wanted(gains, state->payload, state->motor, now, wanted, soon, flow, &effort,
+                           &command);
     state->motor = effort;
-    out->motor = effort;
+    out->motor = command;
     out->valve_a = sysid_duty_a(gains->inverse, flow[0], now->pressure_a_pa);
     out->valve_b = sysid_duty_b(gains->inverse, flow[1], now->pressure_b_pa);
     out->payload_kg = sysid_payload_mass(state->payload);
+    if (!(sysid_commands_is_finite(out) && sysid_backstepping_state_is_finite(state))) {
+        *state = state_before;
+        state->rejected++;
+        return sysid_let_go(out);
+    }
     return 1;
 }
 
 /* The motion and the sum of squared errors after a stretch of the horizon with one input:
-   steps of ticks each, the first at the tick first; before: the inputs that the delays end. */
+   steps of ticks each, the first at the tick first; before: the inputs that the delays end; path:
+   the reference from now on. */
 static inline void sysid_dvmpc_roll(const sysid_dvmpc *gains, sysid_real payload, int steps, int ticks,
                                  int first, const sysid_real input[2], const sysid_real before[2],
-                                 const sysid_reference *ahead, sysid_motion *motion, sysid_real *cost)
+                                 const sysid_reference *path, sysid_motion *motion, sysid_real *cost)
 {
+    if (!(sysid_dvmpc_is_finite(gains) && isfinite(payload) && isfinite(input[0]) &&
+        isfinite(input[1]) && isfinite(before[0]) && isfinite(before[1]) &&
+        sysid_reference_is_finite(path) && sysid_motion_is_finite(motion))) {
+        motion->position = motion->velocity = motion->pressure_a_pa = motion->pressure_b_pa =
+            (sysid_real)NAN;
+        *cost = (sysid_real)NAN;
+        return;
+    }
     const sysid_real span = (sysid_real)ticks * gains->period_s;
     int i;
     for (i = 0; i < steps; i++) {
@@ -1990,11 +2530,16 @@ static inline void sysid_dvmpc_roll(const sysid_dvmpc *gains, sysid_real payload
             a = sysid_delayed_share_a(a, before[0], since, span);
             b = sysid_delayed_share_b(b, before[1], since, span);
         }
-        sysid_prediction_step(motion, a, b, ahead[tick].velocity, payload, span, gains->trapezoidal,
+        sysid_prediction_step(motion, a, b, path[tick].velocity, payload, span, gains->trapezoidal,
                            &next);
         *motion = next;
-        error = ahead[tick + ticks].position - next.position;
+        error = path[tick + ticks].position - next.position;
         *cost += (sysid_real)ticks * error * error;
+    }
+    if (!(sysid_motion_is_finite(motion) && isfinite(*cost))) {
+        motion->position = motion->velocity = motion->pressure_a_pa = motion->pressure_b_pa =
+            (sysid_real)NAN;
+        *cost = (sysid_real)NAN;
     }
 }
 
@@ -2005,6 +2550,13 @@ static inline int sysid_dvmpc_costs(const sysid_dvmpc *gains, const sysid_dvmpc_
                                  const sysid_estimate *now, const sysid_reference *ahead,
                                  sysid_real costs[16])
 {
+    if (!(sysid_dvmpc_is_finite(gains) && sysid_dvmpc_state_is_finite(state) &&
+        sysid_estimate_is_finite(now) && sysid_references_are_finite(ahead, gains->horizon))) {
+        costs[0] = costs[1] = costs[2] = costs[3] = costs[4] = costs[5] = costs[6] = costs[7] =
+            costs[8] = costs[9] = costs[10] = costs[11] = costs[12] = costs[13] = costs[14] =
+            costs[15] = (sysid_real)NAN;
+        return 0;
+    }
     const int coarse = gains->coarse < 1 ? 1 : gains->coarse;
     const int whole = gains->varying ? gains->hold : gains->horizon;
     const sysid_real held[2] = {state->valve_a, state->valve_b};
@@ -2034,21 +2586,39 @@ static inline int sysid_dvmpc_costs(const sysid_dvmpc *gains, const sysid_dvmpc_
     return gains->varying ? 16 : 4;
 }
 
-/* The inputs of least cost, into the state; a cost that overflowed is none. */
-static inline void sysid_dvmpc_decide(const sysid_dvmpc *gains, sysid_dvmpc_state *state,
-                                   const sysid_estimate *now, const sysid_reference *ahead)
+/* The inputs of least cost, into the state; a cost that overflowed is none. Returns 1; 0 where
+   there is none. */
+static inline int sysid_dvmpc_decide(const sysid_dvmpc *gains, sysid_dvmpc_state *state,
+                                  const sysid_estimate *now, const sysid_reference *ahead)
 {
+    if (!(sysid_dvmpc_is_finite(gains) && sysid_dvmpc_state_is_finite(state) &&
+        sysid_estimate_is_finite(now) && sysid_references_are_finite(ahead, gains->horizon))) {
+        state->rejected++;
+        return 0;
+    }
+    const sysid_dvmpc_state state_before = *state;
     sysid_real costs[16];
     const int count = sysid_dvmpc_costs(gains, state, now, ahead, costs);
-    int k, best = 0;
-    for (k = 1; k < count; k++) {
-        if (costs[k] < costs[best] || isnan(costs[best])) {
+    int k, best = -1;
+    for (k = 0; k < count; k++) {
+        if (isfinite(costs[k]) && (best < 0 || costs[k] < costs[best])) {
             best = k;
         }
+    }
+    if (best < 0) {
+        *state = state_before;
+        state->rejected++;
+        return 0;
     }
     best = gains->varying ? best / 4 : best;
     state->valve_a = (sysid_real)(best & 1);
     state->valve_b = (sysid_real)(best >> 1);
+    if (!sysid_dvmpc_state_is_finite(state)) {
+        *state = state_before;
+        state->rejected++;
+        return 0;
+    }
+    return 1;
 }
 
 /* DVMPC with inverse dynamics of the motor (4.4), each tick; it decides every hold ticks.
@@ -2057,14 +2627,20 @@ static inline int sysid_dvmpc_control(const sysid_dvmpc *gains, const sysid_payl
                                    sysid_dvmpc_state *state, const sysid_estimate *now,
                                    const sysid_reference *ahead, sysid_commands *out)
 {
-    if (!sysid_is_finite(now)) {
+    if (!(sysid_dvmpc_is_finite(gains) && sysid_payload_estimator_is_finite(estimator) &&
+        sysid_dvmpc_state_is_finite(state) && sysid_estimate_is_finite(now) &&
+        sysid_references_are_finite(ahead, gains->horizon))) {
+        state->rejected++;
         return sysid_let_go(out);
     }
+    const sysid_dvmpc_state state_before = *state;
     if (estimator) {
         state->payload = sysid_payload_update(estimator, state->payload, state->motor, now, ahead);
     }
-    if (state->tick == 0) {
-        sysid_dvmpc_decide(gains, state, now, ahead);
+    if (state->tick == 0 && !sysid_dvmpc_decide(gains, state, now, ahead)) {
+        *state = state_before;
+        state->rejected++;
+        return sysid_let_go(out);
     }
     state->tick = state->tick + 1 < gains->hold ? state->tick + 1 : 0;
     state->motor = sysid_inverse_dynamics(gains, state->payload, now, ahead);
@@ -2072,6 +2648,11 @@ static inline int sysid_dvmpc_control(const sysid_dvmpc *gains, const sysid_payl
     out->valve_a = state->valve_a;
     out->valve_b = state->valve_b;
     out->payload_kg = sysid_payload_mass(state->payload);
+    if (!(sysid_commands_is_finite(out) && sysid_dvmpc_state_is_finite(state))) {
+        *state = state_before;
+        state->rejected++;
+        return sysid_let_go(out);
+    }
     return 1;
 }
 

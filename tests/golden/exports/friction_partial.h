@@ -4,8 +4,7 @@
  * bundle: sysid-bundle/1, created 2026-11-22T03:26:24+00:00 by sysid 0.1.0
  * bundle SHA-256: 7cdab6ee8bfcd1e2bd1b195b246b83e991df93cc8adc0fc00e07e84dd340dcf4
  * SI, absolute pressures. Equation numbers are those of the thesis, as corrected.
- * Unknown numbers are absent, and their HAS macros are 0. C99, link with the maths library;
- * do not compile with -ffast-math, which drops the checks for NaN.
+ * Unknown numbers are absent, and their HAS macros are 0. C99, link with the maths library.
  * Numbers are double; -DSYSID_REAL=float makes them single precision.
  *
  * On a microcontroller: include this file in one source file, compile it with -std=c99 -O2,
@@ -13,11 +12,19 @@
  * nothing is global but constants. The folder ..._check beside this file replays numbers of the
  * Python package through it: cmake and ctest on a computer, or check.c with its vectors.h on
  * the target itself.
+ *
+ * Numbers that are not finite (NaN, infinite): where an input is one, or what follows from it,
+ * a law answers NaN and a duty is 0. -ffast-math drops these checks and is an error.
  */
 #ifndef SYSID_CONTROLLER_H
 #define SYSID_CONTROLLER_H
 
 #include <math.h>
+
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__) \
+    || defined(_M_FP_FAST)
+# error "compile without -ffast-math: it drops the checks for numbers that are not finite"
+#endif
 
 /* --- contained (1) or absent (0) in this header --- */
 
@@ -82,104 +89,183 @@
 #endif
 typedef SYSID_REAL sysid_real;
 
-/* The functions of the maths library, those of float where that is the real type. */
+/* A result where it is finite. */
+static inline sysid_real sysid_checked(sysid_real x, sysid_real otherwise)
+{
+    return isfinite(x) ? x : otherwise;
+}
+
+/* The functions of the maths library, those of float where that is the real type; NaN of an
+   argument that is not finite. */
 static inline sysid_real sysid_sin(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)sinf((float)x) : (sysid_real)sin((double)x);
 }
 static inline sysid_real sysid_cos(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)cosf((float)x) : (sysid_real)cos((double)x);
 }
 static inline sysid_real sysid_tan(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)tanf((float)x) : (sysid_real)tan((double)x);
 }
 static inline sysid_real sysid_asin(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)asinf((float)x) : (sysid_real)asin((double)x);
 }
 static inline sysid_real sysid_acos(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)acosf((float)x) : (sysid_real)acos((double)x);
 }
 static inline sysid_real sysid_atan(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)atanf((float)x) : (sysid_real)atan((double)x);
 }
 static inline sysid_real sysid_sinh(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)sinhf((float)x) : (sysid_real)sinh((double)x);
 }
 static inline sysid_real sysid_cosh(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)coshf((float)x) : (sysid_real)cosh((double)x);
 }
 static inline sysid_real sysid_tanh(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)tanhf((float)x) : (sysid_real)tanh((double)x);
 }
 static inline sysid_real sysid_exp(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)expf((float)x) : (sysid_real)exp((double)x);
 }
 static inline sysid_real sysid_expm1(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)expm1f((float)x) : (sysid_real)expm1((double)x);
 }
 static inline sysid_real sysid_log(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)logf((float)x) : (sysid_real)log((double)x);
 }
 static inline sysid_real sysid_log1p(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)log1pf((float)x) : (sysid_real)log1p((double)x);
 }
 static inline sysid_real sysid_sqrt(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)sqrtf((float)x) : (sysid_real)sqrt((double)x);
 }
 static inline sysid_real sysid_fabs(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)fabsf((float)x) : (sysid_real)fabs((double)x);
 }
 static inline sysid_real sysid_floor(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)floorf((float)x) : (sysid_real)floor((double)x);
 }
 static inline sysid_real sysid_ceil(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)ceilf((float)x) : (sysid_real)ceil((double)x);
 }
 static inline sysid_real sysid_pow(sysid_real x, sysid_real y)
 {
+    if (!(isfinite(x) && isfinite(y))) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)powf((float)x, (float)y) : (sysid_real)pow((double)x, (double)y);
 }
 static inline sysid_real sysid_atan2(sysid_real x, sysid_real y)
 {
+    if (!(isfinite(x) && isfinite(y))) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)atan2f((float)x, (float)y) : (sysid_real)atan2((double)x, (double)y);
 }
 
-/* -1, 0 or 1; whole powers; the larger and the smaller of two. What is not a number stays so. */
+/* -1, 0 or 1; whole powers; the larger and the smaller of two. */
 static inline sysid_real sysid_sign(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return x > 0 ? 1 : x < 0 ? -1 : x;
 }
 static inline sysid_real sysid_square(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return x * x;
 }
 static inline sysid_real sysid_cube(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return x * x * x;
 }
 static inline sysid_real sysid_maximum(sysid_real x, sysid_real y)
 {
-    return x > y || x != x ? x : y;
+    if (!(isfinite(x) && isfinite(y))) {
+        return (sysid_real)NAN;
+    }
+    return x > y ? x : y;
 }
 static inline sysid_real sysid_minimum(sysid_real x, sysid_real y)
 {
-    return x < y || x != x ? x : y;
+    if (!(isfinite(x) && isfinite(y))) {
+        return (sysid_real)NAN;
+    }
+    return x < y ? x : y;
 }
 
 /* --- constants --- */
@@ -214,31 +300,40 @@ static const sysid_real sysid_friction_offset_nm = (sysid_real)-0.00289800110282
 /* Torque of the cylinder, Nm, from absolute pressures, Pa (3.3.3). */
 static inline sysid_real sysid_cylinder_torque(sysid_real pressure_a_pa, sysid_real pressure_b_pa)
 {
+    if (!(isfinite(pressure_a_pa) && isfinite(pressure_b_pa))) {
+        return (sysid_real)NAN;
+    }
     sysid_real gauge_a = pressure_a_pa - sysid_atmospheric_pressure_pa;
     sysid_real gauge_b = pressure_b_pa - sysid_atmospheric_pressure_pa;
-    return (gauge_a * sysid_area_a_m2 - gauge_b * sysid_area_b_m2) * sysid_pitch_radius_m;
+    return sysid_checked((gauge_a * sysid_area_a_m2 - gauge_b * sysid_area_b_m2) * sysid_pitch_radius_m, (sysid_real)NAN);
 }
 
 /* Torque of gravity against positive motion, Nm (3.3.8-10): theta = 0 hangs down. */
 static inline sysid_real sysid_gravity_torque(sysid_real theta_rad)
 {
-    return sysid_gravity_moment_nm * sysid_sin(theta_rad);
+    if (!isfinite(theta_rad)) {
+        return (sysid_real)NAN;
+    }
+    return sysid_checked(sysid_gravity_moment_nm * sysid_sin(theta_rad), (sysid_real)NAN);
 }
 
 /* Friction while moving, Nm (3.4.1): Coulomb sign(w) + viscous w; 0 at rest. */
 static inline sysid_real sysid_sliding_friction_torque(sysid_real omega_rad_s)
 {
-    return sysid_friction_coulomb_nm * sysid_sign(omega_rad_s) + sysid_friction_viscous_nm_s_per_rad * omega_rad_s;
+    if (!isfinite(omega_rad_s)) {
+        return (sysid_real)NAN;
+    }
+    return sysid_checked(sysid_friction_coulomb_nm * sysid_sign(omega_rad_s) + sysid_friction_viscous_nm_s_per_rad * omega_rad_s, (sysid_real)NAN);
 }
 
 /* Torque of the motor at the output, Nm, from volts (3.3.4); within its declared limit. */
 static inline sysid_real sysid_motor_torque(sysid_real volts)
 {
-    sysid_real effort = volts * sysid_torque_per_volt_nm;
-    if (effort > sysid_max_torque_nm) {
-        return sysid_max_torque_nm;
+    if (!isfinite(volts)) {
+        return (sysid_real)NAN;
     }
-    return effort < -sysid_max_torque_nm ? -sysid_max_torque_nm : effort;
+    sysid_real effort = volts * sysid_torque_per_volt_nm;
+    return sysid_checked(sysid_maximum(sysid_minimum(effort, sysid_max_torque_nm), -sysid_max_torque_nm), (sysid_real)NAN);
 }
 
 /* dP/dt of chamber A, Pa/s (3.3.6): position and velocity in rad, rad/s, flow into it
@@ -246,26 +341,34 @@ static inline sysid_real sysid_motor_torque(sysid_real volts)
 static inline sysid_real sysid_pressure_rate_a(sysid_real pressure_pa, sysid_real theta_rad,
                                              sysid_real omega_rad_s, sysid_real flow_kg_s)
 {
+    if (!(isfinite(pressure_pa) && isfinite(theta_rad) && isfinite(omega_rad_s) &&
+        isfinite(flow_kg_s))) {
+        return (sysid_real)NAN;
+    }
     sysid_real volume = (sysid_offset_a_m + sysid_pitch_radius_m * theta_rad) * sysid_area_a_m2;
     sysid_real volume_rate = sysid_pitch_radius_m * omega_rad_s * sysid_area_a_m2;
     if (!(volume > 0)) {
         return (sysid_real)NAN; /* no such position */
     }
-    return (sysid_k_r_t_j_per_kg * flow_kg_s - sysid_heat_capacity_ratio * pressure_pa * volume_rate)
-           / volume;
+    return sysid_checked((sysid_k_r_t_j_per_kg * flow_kg_s - sysid_heat_capacity_ratio * pressure_pa * volume_rate)
+           / volume, (sysid_real)NAN);
 }
 
 /* The flow into chamber A, kg/s, that gives this dP/dt, Pa/s: (3.3.6) solved. */
 static inline sysid_real sysid_flow_for_pressure_rate_a(sysid_real rate_pa_s, sysid_real pressure_pa,
                                                       sysid_real theta_rad, sysid_real omega_rad_s)
 {
+    if (!(isfinite(rate_pa_s) && isfinite(pressure_pa) && isfinite(theta_rad) &&
+        isfinite(omega_rad_s))) {
+        return (sysid_real)NAN;
+    }
     sysid_real volume = (sysid_offset_a_m + sysid_pitch_radius_m * theta_rad) * sysid_area_a_m2;
     sysid_real volume_rate = sysid_pitch_radius_m * omega_rad_s * sysid_area_a_m2;
     if (!(volume > 0)) {
         return (sysid_real)NAN; /* no such position */
     }
-    return (volume * rate_pa_s + sysid_heat_capacity_ratio * pressure_pa * volume_rate)
-           / sysid_k_r_t_j_per_kg;
+    return sysid_checked((volume * rate_pa_s + sysid_heat_capacity_ratio * pressure_pa * volume_rate)
+           / sysid_k_r_t_j_per_kg, (sysid_real)NAN);
 }
 
 /* dP/dt of chamber B, Pa/s (3.3.6): position and velocity in rad, rad/s, flow into it
@@ -273,26 +376,34 @@ static inline sysid_real sysid_flow_for_pressure_rate_a(sysid_real rate_pa_s, sy
 static inline sysid_real sysid_pressure_rate_b(sysid_real pressure_pa, sysid_real theta_rad,
                                              sysid_real omega_rad_s, sysid_real flow_kg_s)
 {
+    if (!(isfinite(pressure_pa) && isfinite(theta_rad) && isfinite(omega_rad_s) &&
+        isfinite(flow_kg_s))) {
+        return (sysid_real)NAN;
+    }
     sysid_real volume = (sysid_offset_b_m - sysid_pitch_radius_m * theta_rad) * sysid_area_b_m2;
     sysid_real volume_rate = -sysid_pitch_radius_m * omega_rad_s * sysid_area_b_m2;
     if (!(volume > 0)) {
         return (sysid_real)NAN; /* no such position */
     }
-    return (sysid_k_r_t_j_per_kg * flow_kg_s - sysid_heat_capacity_ratio * pressure_pa * volume_rate)
-           / volume;
+    return sysid_checked((sysid_k_r_t_j_per_kg * flow_kg_s - sysid_heat_capacity_ratio * pressure_pa * volume_rate)
+           / volume, (sysid_real)NAN);
 }
 
 /* The flow into chamber B, kg/s, that gives this dP/dt, Pa/s: (3.3.6) solved. */
 static inline sysid_real sysid_flow_for_pressure_rate_b(sysid_real rate_pa_s, sysid_real pressure_pa,
                                                       sysid_real theta_rad, sysid_real omega_rad_s)
 {
+    if (!(isfinite(rate_pa_s) && isfinite(pressure_pa) && isfinite(theta_rad) &&
+        isfinite(omega_rad_s))) {
+        return (sysid_real)NAN;
+    }
     sysid_real volume = (sysid_offset_b_m - sysid_pitch_radius_m * theta_rad) * sysid_area_b_m2;
     sysid_real volume_rate = -sysid_pitch_radius_m * omega_rad_s * sysid_area_b_m2;
     if (!(volume > 0)) {
         return (sysid_real)NAN; /* no such position */
     }
-    return (volume * rate_pa_s + sysid_heat_capacity_ratio * pressure_pa * volume_rate)
-           / sysid_k_r_t_j_per_kg;
+    return sysid_checked((volume * rate_pa_s + sysid_heat_capacity_ratio * pressure_pa * volume_rate)
+           / sysid_k_r_t_j_per_kg, (sysid_real)NAN);
 }
 
 #endif /* SYSID_CONTROLLER_H */

@@ -4,8 +4,7 @@
  * bundle: sysid-bundle/1, created 2026-11-22T03:26:27+00:00 by sysid 0.1.0
  * bundle SHA-256: 725ef7d841da525d5a800c492ecb52e581b84ffb9c3261a1e3f91940da73a5a1
  * SI, absolute pressures. Equation numbers are those of the thesis, as corrected.
- * Unknown numbers are absent, and their HAS macros are 0. C99, link with the maths library;
- * do not compile with -ffast-math, which drops the checks for NaN.
+ * Unknown numbers are absent, and their HAS macros are 0. C99, link with the maths library.
  * Numbers are double; -DSYSID_REAL=float makes them single precision.
  *
  * On a microcontroller: include this file in one source file, compile it with -std=c99 -O2,
@@ -13,6 +12,9 @@
  * nothing is global but constants. The folder ..._check beside this file replays numbers of the
  * Python package through it: cmake and ctest on a computer, or check.c with its vectors.h on
  * the target itself.
+ *
+ * Numbers that are not finite (NaN, infinite): where an input is one, or what follows from it,
+ * a law answers NaN and a duty is 0. -ffast-math drops these checks and is an error.
  * Effects, in the constants and the functions that end with _with_effects:
  * asymmetric-viscous-friction
  */
@@ -20,6 +22,11 @@
 #define SYSID_CONTROLLER_H
 
 #include <math.h>
+
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__) \
+    || defined(_M_FP_FAST)
+# error "compile without -ffast-math: it drops the checks for numbers that are not finite"
+#endif
 
 /* --- contained (1) or absent (0) in this header --- */
 
@@ -84,104 +91,183 @@
 #endif
 typedef SYSID_REAL sysid_real;
 
-/* The functions of the maths library, those of float where that is the real type. */
+/* A result where it is finite. */
+static inline sysid_real sysid_checked(sysid_real x, sysid_real otherwise)
+{
+    return isfinite(x) ? x : otherwise;
+}
+
+/* The functions of the maths library, those of float where that is the real type; NaN of an
+   argument that is not finite. */
 static inline sysid_real sysid_sin(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)sinf((float)x) : (sysid_real)sin((double)x);
 }
 static inline sysid_real sysid_cos(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)cosf((float)x) : (sysid_real)cos((double)x);
 }
 static inline sysid_real sysid_tan(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)tanf((float)x) : (sysid_real)tan((double)x);
 }
 static inline sysid_real sysid_asin(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)asinf((float)x) : (sysid_real)asin((double)x);
 }
 static inline sysid_real sysid_acos(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)acosf((float)x) : (sysid_real)acos((double)x);
 }
 static inline sysid_real sysid_atan(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)atanf((float)x) : (sysid_real)atan((double)x);
 }
 static inline sysid_real sysid_sinh(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)sinhf((float)x) : (sysid_real)sinh((double)x);
 }
 static inline sysid_real sysid_cosh(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)coshf((float)x) : (sysid_real)cosh((double)x);
 }
 static inline sysid_real sysid_tanh(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)tanhf((float)x) : (sysid_real)tanh((double)x);
 }
 static inline sysid_real sysid_exp(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)expf((float)x) : (sysid_real)exp((double)x);
 }
 static inline sysid_real sysid_expm1(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)expm1f((float)x) : (sysid_real)expm1((double)x);
 }
 static inline sysid_real sysid_log(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)logf((float)x) : (sysid_real)log((double)x);
 }
 static inline sysid_real sysid_log1p(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)log1pf((float)x) : (sysid_real)log1p((double)x);
 }
 static inline sysid_real sysid_sqrt(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)sqrtf((float)x) : (sysid_real)sqrt((double)x);
 }
 static inline sysid_real sysid_fabs(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)fabsf((float)x) : (sysid_real)fabs((double)x);
 }
 static inline sysid_real sysid_floor(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)floorf((float)x) : (sysid_real)floor((double)x);
 }
 static inline sysid_real sysid_ceil(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)ceilf((float)x) : (sysid_real)ceil((double)x);
 }
 static inline sysid_real sysid_pow(sysid_real x, sysid_real y)
 {
+    if (!(isfinite(x) && isfinite(y))) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)powf((float)x, (float)y) : (sysid_real)pow((double)x, (double)y);
 }
 static inline sysid_real sysid_atan2(sysid_real x, sysid_real y)
 {
+    if (!(isfinite(x) && isfinite(y))) {
+        return (sysid_real)NAN;
+    }
     return sizeof x == sizeof(float) ? (sysid_real)atan2f((float)x, (float)y) : (sysid_real)atan2((double)x, (double)y);
 }
 
-/* -1, 0 or 1; whole powers; the larger and the smaller of two. What is not a number stays so. */
+/* -1, 0 or 1; whole powers; the larger and the smaller of two. */
 static inline sysid_real sysid_sign(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return x > 0 ? 1 : x < 0 ? -1 : x;
 }
 static inline sysid_real sysid_square(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return x * x;
 }
 static inline sysid_real sysid_cube(sysid_real x)
 {
+    if (!isfinite(x)) {
+        return (sysid_real)NAN;
+    }
     return x * x * x;
 }
 static inline sysid_real sysid_maximum(sysid_real x, sysid_real y)
 {
-    return x > y || x != x ? x : y;
+    if (!(isfinite(x) && isfinite(y))) {
+        return (sysid_real)NAN;
+    }
+    return x > y ? x : y;
 }
 static inline sysid_real sysid_minimum(sysid_real x, sysid_real y)
 {
-    return x < y || x != x ? x : y;
+    if (!(isfinite(x) && isfinite(y))) {
+        return (sysid_real)NAN;
+    }
+    return x < y ? x : y;
 }
 
 /* --- constants --- */
@@ -197,14 +283,20 @@ static const sysid_real sysid_friction_offset_n = (sysid_real)3.0123224046463957
 /* Force of gravity against positive motion, N (3.3.8-10): the weight. */
 static inline sysid_real sysid_gravity_force(sysid_real position_m)
 {
+    if (!isfinite(position_m)) {
+        return (sysid_real)NAN;
+    }
     (void)position_m;
-    return sysid_weight_n;
+    return sysid_checked(sysid_weight_n, (sysid_real)NAN);
 }
 
 /* Friction while moving, N (3.4.1): Coulomb sign(w) + viscous w; 0 at rest. */
 static inline sysid_real sysid_sliding_friction_force(sysid_real velocity_m_s)
 {
-    return sysid_friction_coulomb_n * sysid_sign(velocity_m_s) + sysid_friction_viscous_n_s_per_m * velocity_m_s;
+    if (!isfinite(velocity_m_s)) {
+        return (sysid_real)NAN;
+    }
+    return sysid_checked(sysid_friction_coulomb_n * sysid_sign(velocity_m_s) + sysid_friction_viscous_n_s_per_m * velocity_m_s, (sysid_real)NAN);
 }
 
 /* --- effects that the laws above do not include --- */
@@ -217,13 +309,17 @@ static const sysid_real sysid_effect_1_viscous_asymmetry_n_s_per_m = (sysid_real
 static inline sysid_real sysid_sliding_friction_with_effects(sysid_real friction, sysid_real
     position, sysid_real velocity, sysid_real pressure_a_pa, sysid_real pressure_b_pa)
 {
+    if (!(isfinite(friction) && isfinite(velocity) && isfinite(pressure_a_pa) &&
+        isfinite(pressure_b_pa))) {
+        return (sysid_real)NAN;
+    }
     sysid_real value = friction;
     const sysid_real direction = sysid_sign(velocity);
     (void)position;
     (void)pressure_a_pa;
     (void)pressure_b_pa;
     value = direction*sysid_effect_1_viscous_asymmetry_n_s_per_m*velocity + value;
-    return value;
+    return sysid_checked(value, (sysid_real)NAN);
 }
 
 #endif /* SYSID_CONTROLLER_H */
