@@ -32,6 +32,7 @@ _ARGUMENT = re.compile(
 _COMMENT = re.compile(r"/\*.*?\*/", re.S)
 _RETURN = re.compile(r"return ([^;]+);")
 _DUTY = re.compile(r"(^|_)dut(y|ies)(_[ab])?$")
+_OWN = re.compile(r"_(is|are)_finite$|_let_go$|_known(_flagged)?(_duty)?$")
 _OUTPUTS = ("out", "next", "now")
 _STARTS_ANEW = "memory"
 _COUNT = "rejected"
@@ -103,6 +104,18 @@ class _Argument:
         return not self.is_const and (self.is_pointer or self.size > 0)
 
 
+def _arguments(text: str) -> list[_Argument]:
+    found = []
+    for declared in " ".join(text.split()).split(", "):
+        m = _ARGUMENT.fullmatch(declared)
+        if m is not None:
+            size = int(m["size"] or 0)
+            found.append(_Argument(m["type"], m["name"], bool(m["const"]), bool(m["star"]), size))
+        elif declared != "void":
+            raise ValueError(f"{declared!r} is no declaration that the guard knows")
+    return found
+
+
 class _Guard:
     """One function's guard."""
 
@@ -111,13 +124,10 @@ class _Guard:
     ) -> None:
         self._match, self._structs, self._n = match, structs, n
         self._checks_results = results
-        self._arguments = [
-            _Argument(m["type"], m["name"], bool(m["const"]), bool(m["star"]), int(m["size"] or 0))
-            for m in map(_ARGUMENT.fullmatch, re.split(r",\s*", match["arguments"]))
-            if m is not None
-        ]
+        self._arguments = _arguments(match["arguments"])
         name = match["name"].removeprefix(n.lower)
-        self._answer = "0" if _DUTY.search(name) else f"({real(n)})NAN"
+        self._is_duty = bool(_DUTY.search(name))
+        self._answer = "0" if self._is_duty else f"({real(n)})NAN"
         self._commands = f"{n.lower}commands"
         self._remembered = [
             a for a in self._arguments if a.is_output and _COUNT in structs.get(a.type, ())
@@ -132,8 +142,7 @@ class _Guard:
     def text(self) -> str:
         """The function with its guard."""
         kind, name, body = (self._match[key] for key in ("kind", "name", "body"))
-        is_own = re.search(r"_(is|are)_finite$|_let_go$|_checked$|_flagged$", name)
-        if is_own or kind not in (real(self._n), "int", "void"):
+        if _OWN.search(name) or kind not in (real(self._n), "int", "void"):
             return self._match[0]
         if self._checks_results:
             body = self._kept() + self._with_results(kind, body)
@@ -209,10 +218,12 @@ class _Guard:
     def _with_results(self, kind: str, body: str) -> str:
         """The body with what it gives checked where it ends."""
         if kind == real(self._n):
-            how, more = ("flagged", ", flags") if self._flags else ("checked", "")
-            call = f"return {self._n.lower}{how}({{}}, {self._answer}{more});"
+            flags, more = ("_flagged", ", flags") if self._flags else ("", "")
+            call = f"{self._n.lower}known{flags}{'_duty' if self._is_duty else ''}"
             plain = f"return {self._answer};"
-            return _RETURN.sub(lambda m: m[0] if m[0] == plain else call.format(m[1]), body)
+            return _RETURN.sub(
+                lambda m: m[0] if m[0] == plain else f"return {call}({m[1]}{more});", body
+            )
         tests, bad = self._results(), self._bad(is_kept=False)
         if kind == "void":
             *then, _ = bad

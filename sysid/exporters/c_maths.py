@@ -19,10 +19,14 @@ def mathematics(n: Names) -> str:
 #endif
 typedef SYSID_REAL {r};
 
-/* A result where it is finite. */
-static inline {r} {p}checked({r} x, {r} otherwise)
+/* A result where it is finite, else NaN; of a duty, else 0. */
+static inline {r} {p}known({r} x)
 {{
-    return isfinite(x) ? x : otherwise;
+    return isfinite(x) ? x : ({r})NAN;
+}}
+static inline {r} {p}known_duty({r} x)
+{{
+    return isfinite(x) ? x : 0;
 }}
 
 /* The functions of the maths library, those of float where that is the real type; NaN of an

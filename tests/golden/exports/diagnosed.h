@@ -100,10 +100,14 @@
 #endif
 typedef SYSID_REAL sysid_real;
 
-/* A result where it is finite. */
-static inline sysid_real sysid_checked(sysid_real x, sysid_real otherwise)
+/* A result where it is finite, else NaN; of a duty, else 0. */
+static inline sysid_real sysid_known(sysid_real x)
 {
-    return isfinite(x) ? x : otherwise;
+    return isfinite(x) ? x : (sysid_real)NAN;
+}
+static inline sysid_real sysid_known_duty(sysid_real x)
+{
+    return isfinite(x) ? x : 0;
 }
 
 /* The functions of the maths library, those of float where that is the real type; NaN of an
@@ -329,7 +333,7 @@ static inline sysid_real sysid_cylinder_torque(sysid_real pressure_a_pa, sysid_r
     }
     sysid_real gauge_a = pressure_a_pa - sysid_atmospheric_pressure_pa;
     sysid_real gauge_b = pressure_b_pa - sysid_atmospheric_pressure_pa;
-    return sysid_checked((gauge_a * sysid_area_a_m2 - gauge_b * sysid_area_b_m2) * sysid_pitch_radius_m, (sysid_real)NAN);
+    return sysid_known((gauge_a * sysid_area_a_m2 - gauge_b * sysid_area_b_m2) * sysid_pitch_radius_m);
 }
 
 /* Torque of gravity against positive motion, Nm (3.3.8-10): theta = 0 hangs down. */
@@ -338,7 +342,7 @@ static inline sysid_real sysid_gravity_torque(sysid_real theta_rad)
     if (!isfinite(theta_rad)) {
         return (sysid_real)NAN;
     }
-    return sysid_checked(sysid_gravity_moment_nm * sysid_sin(theta_rad), (sysid_real)NAN);
+    return sysid_known(sysid_gravity_moment_nm * sysid_sin(theta_rad));
 }
 
 /* Friction while moving, Nm (3.4.1): Coulomb sign(w) + viscous w; 0 at rest. */
@@ -347,7 +351,7 @@ static inline sysid_real sysid_sliding_friction_torque(sysid_real omega_rad_s)
     if (!isfinite(omega_rad_s)) {
         return (sysid_real)NAN;
     }
-    return sysid_checked(sysid_friction_coulomb_nm * sysid_sign(omega_rad_s) + sysid_friction_viscous_nm_s_per_rad * omega_rad_s, (sysid_real)NAN);
+    return sysid_known(sysid_friction_coulomb_nm * sysid_sign(omega_rad_s) + sysid_friction_viscous_nm_s_per_rad * omega_rad_s);
 }
 
 /* Friction in full, Nm (3.4.1, corrected). applied = cylinder + motor - gravity, less the
@@ -359,12 +363,12 @@ static inline sysid_real sysid_friction_torque(sysid_real omega_rad_s, sysid_rea
         return (sysid_real)NAN;
     }
     if (omega_rad_s != 0) {
-        return sysid_checked(sysid_sliding_friction_torque(omega_rad_s), (sysid_real)NAN);
+        return sysid_known(sysid_sliding_friction_torque(omega_rad_s));
     }
     if (applied_nm > sysid_friction_static_nm) {
-        return sysid_checked(sysid_friction_static_nm, (sysid_real)NAN);
+        return sysid_known(sysid_friction_static_nm);
     }
-    return sysid_checked(applied_nm < -sysid_friction_static_nm ? -sysid_friction_static_nm : applied_nm, (sysid_real)NAN);
+    return sysid_known(applied_nm < -sysid_friction_static_nm ? -sysid_friction_static_nm : applied_nm);
 }
 
 /* Torque of the motor at the output, Nm, from volts (3.3.4); within its declared limit. */
@@ -374,7 +378,7 @@ static inline sysid_real sysid_motor_torque(sysid_real volts)
         return (sysid_real)NAN;
     }
     sysid_real effort = volts * sysid_torque_per_volt_nm;
-    return sysid_checked(sysid_maximum(sysid_minimum(effort, sysid_max_torque_nm), -sysid_max_torque_nm), (sysid_real)NAN);
+    return sysid_known(sysid_maximum(sysid_minimum(effort, sysid_max_torque_nm), -sysid_max_torque_nm));
 }
 
 /* Flow into chamber A, kg/s, with the valve on (3.6.6). Choked up to 0.53 of the
@@ -386,9 +390,9 @@ static inline sysid_real sysid_valve_a_filling_flow(sysid_real pressure_pa, sysi
     }
     sysid_real gap = supply_pa - pressure_pa;
     if (pressure_pa <= sysid_critical_ratio * supply_pa) {
-        return sysid_checked(sysid_valve_a_choked_flow_fill_kg_s * (supply_pa / sysid_supply_pressure_pa), (sysid_real)NAN);
+        return sysid_known(sysid_valve_a_choked_flow_fill_kg_s * (supply_pa / sysid_supply_pressure_pa));
     }
-    return sysid_checked(sysid_valve_a_c_fill * (gap < 0 ? -sysid_sqrt(-gap) : sysid_sqrt(gap)), (sysid_real)NAN);
+    return sysid_known(sysid_valve_a_c_fill * (gap < 0 ? -sysid_sqrt(-gap) : sysid_sqrt(gap)));
 }
 
 /* Flow into chamber A, kg/s, with the valve off (3.6.7, 3.6.10): negative (out)
@@ -399,9 +403,9 @@ static inline sysid_real sysid_valve_a_exhaust_flow(sysid_real pressure_pa, sysi
         return (sysid_real)NAN;
     }
     if (pressure_pa >= (1 / sysid_critical_ratio) * atmosphere_pa) {
-        return sysid_checked(-sysid_valve_a_choked_flow_dis_kg_s, (sysid_real)NAN);
+        return sysid_known(-sysid_valve_a_choked_flow_dis_kg_s);
     }
-    return sysid_checked(sysid_valve_a_c_dis * (atmosphere_pa - pressure_pa), (sysid_real)NAN);
+    return sysid_known(sysid_valve_a_c_dis * (atmosphere_pa - pressure_pa));
 }
 
 /* dP/dt of chamber A, Pa/s (3.3.6): position and velocity in rad, rad/s, flow into it
@@ -418,8 +422,8 @@ static inline sysid_real sysid_pressure_rate_a(sysid_real pressure_pa, sysid_rea
     if (!(volume > 0)) {
         return (sysid_real)NAN; /* no such position */
     }
-    return sysid_checked((sysid_k_r_t_j_per_kg * flow_kg_s - sysid_heat_capacity_ratio * pressure_pa * volume_rate)
-           / volume, (sysid_real)NAN);
+    return sysid_known((sysid_k_r_t_j_per_kg * flow_kg_s - sysid_heat_capacity_ratio * pressure_pa * volume_rate)
+           / volume);
 }
 
 /* The flow into chamber A, kg/s, that gives this dP/dt, Pa/s: (3.3.6) solved. */
@@ -435,8 +439,8 @@ static inline sysid_real sysid_flow_for_pressure_rate_a(sysid_real rate_pa_s, sy
     if (!(volume > 0)) {
         return (sysid_real)NAN; /* no such position */
     }
-    return sysid_checked((volume * rate_pa_s + sysid_heat_capacity_ratio * pressure_pa * volume_rate)
-           / sysid_k_r_t_j_per_kg, (sysid_real)NAN);
+    return sysid_known((volume * rate_pa_s + sysid_heat_capacity_ratio * pressure_pa * volume_rate)
+           / sysid_k_r_t_j_per_kg);
 }
 
 /* Flow into chamber B, kg/s, with the valve on (3.6.6). Choked up to 0.53 of the
@@ -448,9 +452,9 @@ static inline sysid_real sysid_valve_b_filling_flow(sysid_real pressure_pa, sysi
     }
     sysid_real gap = supply_pa - pressure_pa;
     if (pressure_pa <= sysid_critical_ratio * supply_pa) {
-        return sysid_checked(sysid_valve_b_choked_flow_fill_kg_s * (supply_pa / sysid_supply_pressure_pa), (sysid_real)NAN);
+        return sysid_known(sysid_valve_b_choked_flow_fill_kg_s * (supply_pa / sysid_supply_pressure_pa));
     }
-    return sysid_checked(sysid_valve_b_c_fill * (gap < 0 ? -sysid_sqrt(-gap) : sysid_sqrt(gap)), (sysid_real)NAN);
+    return sysid_known(sysid_valve_b_c_fill * (gap < 0 ? -sysid_sqrt(-gap) : sysid_sqrt(gap)));
 }
 
 /* Flow into chamber B, kg/s, with the valve off (3.6.7, 3.6.10): negative (out)
@@ -461,9 +465,9 @@ static inline sysid_real sysid_valve_b_exhaust_flow(sysid_real pressure_pa, sysi
         return (sysid_real)NAN;
     }
     if (pressure_pa >= (1 / sysid_critical_ratio) * atmosphere_pa) {
-        return sysid_checked(-sysid_valve_b_choked_flow_dis_kg_s, (sysid_real)NAN);
+        return sysid_known(-sysid_valve_b_choked_flow_dis_kg_s);
     }
-    return sysid_checked(sysid_valve_b_c_dis * (atmosphere_pa - pressure_pa), (sysid_real)NAN);
+    return sysid_known(sysid_valve_b_c_dis * (atmosphere_pa - pressure_pa));
 }
 
 /* dP/dt of chamber B, Pa/s (3.3.6): position and velocity in rad, rad/s, flow into it
@@ -480,8 +484,8 @@ static inline sysid_real sysid_pressure_rate_b(sysid_real pressure_pa, sysid_rea
     if (!(volume > 0)) {
         return (sysid_real)NAN; /* no such position */
     }
-    return sysid_checked((sysid_k_r_t_j_per_kg * flow_kg_s - sysid_heat_capacity_ratio * pressure_pa * volume_rate)
-           / volume, (sysid_real)NAN);
+    return sysid_known((sysid_k_r_t_j_per_kg * flow_kg_s - sysid_heat_capacity_ratio * pressure_pa * volume_rate)
+           / volume);
 }
 
 /* The flow into chamber B, kg/s, that gives this dP/dt, Pa/s: (3.3.6) solved. */
@@ -497,8 +501,8 @@ static inline sysid_real sysid_flow_for_pressure_rate_b(sysid_real rate_pa_s, sy
     if (!(volume > 0)) {
         return (sysid_real)NAN; /* no such position */
     }
-    return sysid_checked((volume * rate_pa_s + sysid_heat_capacity_ratio * pressure_pa * volume_rate)
-           / sysid_k_r_t_j_per_kg, (sysid_real)NAN);
+    return sysid_known((volume * rate_pa_s + sysid_heat_capacity_ratio * pressure_pa * volume_rate)
+           / sysid_k_r_t_j_per_kg);
 }
 
 /* --- effects that the laws above do not include --- */
@@ -512,8 +516,8 @@ static const sysid_real sysid_effect_1_difference_share = (sysid_real)0.00141193
 static inline sysid_real sysid_sliding_friction_with_effects(sysid_real friction, sysid_real
     position, sysid_real velocity, sysid_real pressure_a_pa, sysid_real pressure_b_pa)
 {
-    if (!(isfinite(friction) && isfinite(velocity) && isfinite(pressure_a_pa) &&
-        isfinite(pressure_b_pa))) {
+    if (!(isfinite(friction) && isfinite(position) && isfinite(velocity) &&
+        isfinite(pressure_a_pa) && isfinite(pressure_b_pa))) {
         return (sysid_real)NAN;
     }
     sysid_real value = friction;
@@ -526,7 +530,7 @@ static inline sysid_real sysid_sliding_friction_with_effects(sysid_real friction
             direction*sysid_effect_1_seal_torque_nm_per_pa*(sysid_effect_1_difference_share*(-x0 +
             sysid_fabs(pressure_a_pa - pressure_b_pa)) + x0) + value;
     }
-    return sysid_checked(value, (sysid_real)NAN);
+    return sysid_known(value);
 }
 
 /* --- PWM surfaces ---------------------------------------------------------------------- */
@@ -565,13 +569,21 @@ typedef struct {
     const sysid_domain *domain;
 } sysid_network;
 
-/* A result where it is finite; else flagged. */
-static inline sysid_real sysid_flagged(sysid_real x, sysid_real otherwise, unsigned *flags)
+/* A result where it is finite, else NaN, and of a duty 0, which is flagged. */
+static inline sysid_real sysid_known_flagged(sysid_real x, unsigned *flags)
 {
     if (!isfinite(x) && flags) {
         *flags = SYSID_INVALID;
     }
-    return isfinite(x) ? x : otherwise;
+    return sysid_known(x);
+}
+
+static inline sysid_real sysid_known_flagged_duty(sysid_real x, unsigned *flags)
+{
+    if (!isfinite(x) && flags) {
+        *flags = SYSID_INVALID;
+    }
+    return sysid_known_duty(x);
 }
 
 static inline sysid_real sysid_clip(sysid_real x, sysid_real low, sysid_real high)
@@ -580,7 +592,7 @@ static inline sysid_real sysid_clip(sysid_real x, sysid_real low, sysid_real hig
         return (sysid_real)NAN;
     }
     sysid_real y = x < low ? low : x;
-    return sysid_checked(y > high ? high : y, (sysid_real)NAN);
+    return sysid_known(y > high ? high : y);
 }
 
 /* Linear interpolation over rising nodes; beyond them the nearest value. */
@@ -592,10 +604,10 @@ static inline sysid_real sysid_interpolate(sysid_real x, const sysid_real *nodes
     int low = 0, high = count - 1;
     sysid_real slope;
     if (x <= nodes[0]) {
-        return sysid_checked(values[0], (sysid_real)NAN);
+        return sysid_known(values[0]);
     }
     if (x >= nodes[high]) {
-        return sysid_checked(values[high], (sysid_real)NAN);
+        return sysid_known(values[high]);
     }
     while (high - low > 1) {
         int middle = low + (high - low) / 2;
@@ -606,7 +618,7 @@ static inline sysid_real sysid_interpolate(sysid_real x, const sysid_real *nodes
         }
     }
     slope = (values[high] - values[low]) / (nodes[high] - nodes[low]);
-    return sysid_checked(slope * (x - nodes[low]) + values[low], (sysid_real)NAN);
+    return sysid_known(slope * (x - nodes[low]) + values[low]);
 }
 
 /* Pressure moved into the range; sets the flag where it was moved. */
@@ -622,7 +634,7 @@ static inline sysid_real sysid_clip_pressure(const sysid_domain *d, sysid_real p
     if (p != pressure_pa) {
         *flags |= SYSID_PRESSURE;
     }
-    return sysid_flagged(p, (sysid_real)NAN, flags);
+    return sysid_known_flagged(p, flags);
 }
 
 /* C21, C11 and C01 + flow of (3.7.2) at a pressure: q[2], q[1], q[0], kg/s. */
@@ -667,7 +679,7 @@ static inline sysid_real sysid_rising_root(sysid_real a, sysid_real b, sysid_rea
     }
     sysid_real discriminant = b * b - 4 * a * c;
     sysid_real root = discriminant > 0 ? sysid_sqrt(discriminant) : 0;
-    return sysid_checked(b >= 0 ? -2 * c / (b + root) : (root - b) / (2 * a), (sysid_real)NAN);
+    return sysid_known(b >= 0 ? -2 * c / (b + root) : (root - b) / (2 * a));
 }
 
 /* Duty in [low, high] at which q[2] u^2 + q[1] u + q[0] = flow, on the stretch where the
@@ -714,7 +726,7 @@ static inline sysid_real sysid_invert_quadratic(const sysid_real q[3], sysid_rea
     if (falling || (q[2] == 0 && b == 0)) {
         *flags |= SYSID_DECREASING;
     }
-    return sysid_flagged(falling ? -u : u, (sysid_real)NAN, flags);
+    return sysid_known_flagged(falling ? -u : u, flags);
 }
 
 /* Mean flow, kg/s, at a duty and a chamber pressure (3.7.1); flags may be NULL. */
@@ -743,7 +755,7 @@ static inline sysid_real sysid_bipolynomial_flow(const sysid_bipolynomial *s, sy
     if (flags) {
         *flags = found;
     }
-    return sysid_flagged(flow, (sysid_real)NAN, flags);
+    return sysid_known_flagged(flow, flags);
 }
 
 /* Duty for a wanted mean flow (3.7.2, 3.7.3), saturated at the duties seen at this pressure. */
@@ -767,7 +779,7 @@ static inline sysid_real sysid_bipolynomial_duty(const sysid_bipolynomial *s, sy
     if (flags) {
         *flags = found;
     }
-    return sysid_flagged(duty, 0, flags);
+    return sysid_known_flagged_duty(duty, flags);
 }
 
 /* The bare network's duty (3.7.4), nothing saturated. */
@@ -783,7 +795,7 @@ static inline sysid_real sysid_network_value(const sysid_network *s, sysid_real 
     for (i = 0; i < s->hidden; i++) {
         sum += s->w2[i] * sysid_tanh(s->w1[2 * i] * x + s->w1[2 * i + 1] * y + s->b1[i]);
     }
-    return sysid_checked(s->duty_scaling[0] + s->duty_scaling[1] * (sum + s->b2), (sysid_real)NAN);
+    return sysid_known(s->duty_scaling[0] + s->duty_scaling[1] * (sum + s->b2));
 }
 
 /* Duty for a wanted mean flow by the network (3.7.4); flow, pressure and duty saturated. */
@@ -813,7 +825,7 @@ static inline sysid_real sysid_network_duty(const sysid_network *s, sysid_real f
     if (flags) {
         *flags = found;
     }
-    return sysid_flagged(duty, 0, flags);
+    return sysid_known_flagged_duty(duty, flags);
 }
 
 /* The lowest flow in [low, high] that the network maps to a duty: the first of 32 intervals in
@@ -832,7 +844,7 @@ static inline sysid_real sysid_network_inverted(const sysid_network *s, sysid_re
     int k;
     if (highest >= duty) {
         *flags |= highest > duty ? SYSID_BELOW : 0u;
-        return sysid_flagged(low, (sysid_real)NAN, flags);
+        return sysid_known_flagged(low, flags);
     }
     for (k = 1; k <= 32; k++) {
         sysid_real value;
@@ -849,7 +861,7 @@ static inline sysid_real sysid_network_inverted(const sysid_network *s, sysid_re
     }
     if (k > 32) {
         *flags |= SYSID_ABOVE;
-        return sysid_flagged(best, (sysid_real)NAN, flags);
+        return sysid_known_flagged(best, flags);
     }
     for (k = 0; k < 45; k++) {
         sysid_real middle = (left + right) / 2;
@@ -859,7 +871,7 @@ static inline sysid_real sysid_network_inverted(const sysid_network *s, sysid_re
             left = middle;
         }
     }
-    return sysid_flagged((left + right) / 2, (sysid_real)NAN, flags);
+    return sysid_known_flagged((left + right) / 2, flags);
 }
 
 /* Mean flow, kg/s, that the network maps to a duty: its forward map; all inputs saturated. */
@@ -889,7 +901,7 @@ static inline sysid_real sysid_network_flow(const sysid_network *s, sysid_real d
     if (flags) {
         *flags = found;
     }
-    return sysid_flagged(flow, (sysid_real)NAN, flags);
+    return sysid_known_flagged(flow, flags);
 }
 
 static const sysid_real sysid_pwm_a_fill_bipolynomial_pressure_pa[25] = {
@@ -968,7 +980,7 @@ static inline sysid_real sysid_pwm_a_fill_flow(sysid_real duty, sysid_real press
         }
         return (sysid_real)NAN;
     }
-    return sysid_flagged(sysid_bipolynomial_flow(&sysid_pwm_a_fill_bipolynomial, duty, pressure_pa, flags), (sysid_real)NAN, flags);
+    return sysid_known_flagged(sysid_bipolynomial_flow(&sysid_pwm_a_fill_bipolynomial, duty, pressure_pa, flags), flags);
 }
 
 /* Its inverse: duty for a wanted mean flow, kg/s, at a chamber pressure, Pa (3.7.3). */
@@ -980,7 +992,7 @@ static inline sysid_real sysid_pwm_a_fill_duty(sysid_real flow_kg_s, sysid_real 
         }
         return 0;
     }
-    return sysid_flagged(sysid_bipolynomial_duty(&sysid_pwm_a_fill_bipolynomial, flow_kg_s, pressure_pa, flags), 0, flags);
+    return sysid_known_flagged_duty(sysid_bipolynomial_duty(&sysid_pwm_a_fill_bipolynomial, flow_kg_s, pressure_pa, flags), flags);
 }
 
 static const sysid_real sysid_pwm_a_fill_network_pressure_pa[25] = {
@@ -1064,26 +1076,26 @@ static const sysid_network sysid_pwm_a_fill_network = {
 static inline sysid_real sysid_pwm_a_fill_network_duty(
     sysid_real flow_kg_s, sysid_real pressure_pa, unsigned *flags)
 {
-    if (!isfinite(pressure_pa)) {
+    if (!(isfinite(flow_kg_s) && isfinite(pressure_pa))) {
         if (flags) {
             *flags = SYSID_INVALID;
         }
         return 0;
     }
-    return sysid_flagged(sysid_network_duty(&sysid_pwm_a_fill_network, flow_kg_s, pressure_pa, flags), 0, flags);
+    return sysid_known_flagged_duty(sysid_network_duty(&sysid_pwm_a_fill_network, flow_kg_s, pressure_pa, flags), flags);
 }
 
 /* Mean flow, kg/s, that the network maps to this duty: its forward map. */
 static inline sysid_real sysid_pwm_a_fill_network_flow(
     sysid_real duty, sysid_real pressure_pa, unsigned *flags)
 {
-    if (!isfinite(pressure_pa)) {
+    if (!(isfinite(duty) && isfinite(pressure_pa))) {
         if (flags) {
             *flags = SYSID_INVALID;
         }
         return (sysid_real)NAN;
     }
-    return sysid_flagged(sysid_network_flow(&sysid_pwm_a_fill_network, duty, pressure_pa, flags), (sysid_real)NAN, flags);
+    return sysid_known_flagged(sysid_network_flow(&sysid_pwm_a_fill_network, duty, pressure_pa, flags), flags);
 }
 
 static const sysid_real sysid_pwm_a_discharge_bipolynomial_pressure_pa[25] = {
@@ -1162,7 +1174,7 @@ static inline sysid_real sysid_pwm_a_discharge_flow(sysid_real duty, sysid_real 
         }
         return (sysid_real)NAN;
     }
-    return sysid_flagged(sysid_bipolynomial_flow(&sysid_pwm_a_discharge_bipolynomial, duty, pressure_pa, flags), (sysid_real)NAN, flags);
+    return sysid_known_flagged(sysid_bipolynomial_flow(&sysid_pwm_a_discharge_bipolynomial, duty, pressure_pa, flags), flags);
 }
 
 /* Its inverse: duty for a wanted mean flow, kg/s, at a chamber pressure, Pa (3.7.3). */
@@ -1174,7 +1186,7 @@ static inline sysid_real sysid_pwm_a_discharge_duty(sysid_real flow_kg_s, sysid_
         }
         return 0;
     }
-    return sysid_flagged(sysid_bipolynomial_duty(&sysid_pwm_a_discharge_bipolynomial, flow_kg_s, pressure_pa, flags), 0, flags);
+    return sysid_known_flagged_duty(sysid_bipolynomial_duty(&sysid_pwm_a_discharge_bipolynomial, flow_kg_s, pressure_pa, flags), flags);
 }
 
 static const sysid_real sysid_pwm_a_discharge_network_pressure_pa[25] = {
@@ -1258,26 +1270,26 @@ static const sysid_network sysid_pwm_a_discharge_network = {
 static inline sysid_real sysid_pwm_a_discharge_network_duty(
     sysid_real flow_kg_s, sysid_real pressure_pa, unsigned *flags)
 {
-    if (!isfinite(pressure_pa)) {
+    if (!(isfinite(flow_kg_s) && isfinite(pressure_pa))) {
         if (flags) {
             *flags = SYSID_INVALID;
         }
         return 0;
     }
-    return sysid_flagged(sysid_network_duty(&sysid_pwm_a_discharge_network, flow_kg_s, pressure_pa, flags), 0, flags);
+    return sysid_known_flagged_duty(sysid_network_duty(&sysid_pwm_a_discharge_network, flow_kg_s, pressure_pa, flags), flags);
 }
 
 /* Mean flow, kg/s, that the network maps to this duty: its forward map. */
 static inline sysid_real sysid_pwm_a_discharge_network_flow(
     sysid_real duty, sysid_real pressure_pa, unsigned *flags)
 {
-    if (!isfinite(pressure_pa)) {
+    if (!(isfinite(duty) && isfinite(pressure_pa))) {
         if (flags) {
             *flags = SYSID_INVALID;
         }
         return (sysid_real)NAN;
     }
-    return sysid_flagged(sysid_network_flow(&sysid_pwm_a_discharge_network, duty, pressure_pa, flags), (sysid_real)NAN, flags);
+    return sysid_known_flagged(sysid_network_flow(&sysid_pwm_a_discharge_network, duty, pressure_pa, flags), flags);
 }
 
 static const sysid_real sysid_pwm_b_fill_bipolynomial_pressure_pa[25] = {
@@ -1356,7 +1368,7 @@ static inline sysid_real sysid_pwm_b_fill_flow(sysid_real duty, sysid_real press
         }
         return (sysid_real)NAN;
     }
-    return sysid_flagged(sysid_bipolynomial_flow(&sysid_pwm_b_fill_bipolynomial, duty, pressure_pa, flags), (sysid_real)NAN, flags);
+    return sysid_known_flagged(sysid_bipolynomial_flow(&sysid_pwm_b_fill_bipolynomial, duty, pressure_pa, flags), flags);
 }
 
 /* Its inverse: duty for a wanted mean flow, kg/s, at a chamber pressure, Pa (3.7.3). */
@@ -1368,7 +1380,7 @@ static inline sysid_real sysid_pwm_b_fill_duty(sysid_real flow_kg_s, sysid_real 
         }
         return 0;
     }
-    return sysid_flagged(sysid_bipolynomial_duty(&sysid_pwm_b_fill_bipolynomial, flow_kg_s, pressure_pa, flags), 0, flags);
+    return sysid_known_flagged_duty(sysid_bipolynomial_duty(&sysid_pwm_b_fill_bipolynomial, flow_kg_s, pressure_pa, flags), flags);
 }
 
 static const sysid_real sysid_pwm_b_fill_network_pressure_pa[25] = {
@@ -1452,26 +1464,26 @@ static const sysid_network sysid_pwm_b_fill_network = {
 static inline sysid_real sysid_pwm_b_fill_network_duty(
     sysid_real flow_kg_s, sysid_real pressure_pa, unsigned *flags)
 {
-    if (!isfinite(pressure_pa)) {
+    if (!(isfinite(flow_kg_s) && isfinite(pressure_pa))) {
         if (flags) {
             *flags = SYSID_INVALID;
         }
         return 0;
     }
-    return sysid_flagged(sysid_network_duty(&sysid_pwm_b_fill_network, flow_kg_s, pressure_pa, flags), 0, flags);
+    return sysid_known_flagged_duty(sysid_network_duty(&sysid_pwm_b_fill_network, flow_kg_s, pressure_pa, flags), flags);
 }
 
 /* Mean flow, kg/s, that the network maps to this duty: its forward map. */
 static inline sysid_real sysid_pwm_b_fill_network_flow(
     sysid_real duty, sysid_real pressure_pa, unsigned *flags)
 {
-    if (!isfinite(pressure_pa)) {
+    if (!(isfinite(duty) && isfinite(pressure_pa))) {
         if (flags) {
             *flags = SYSID_INVALID;
         }
         return (sysid_real)NAN;
     }
-    return sysid_flagged(sysid_network_flow(&sysid_pwm_b_fill_network, duty, pressure_pa, flags), (sysid_real)NAN, flags);
+    return sysid_known_flagged(sysid_network_flow(&sysid_pwm_b_fill_network, duty, pressure_pa, flags), flags);
 }
 
 static const sysid_real sysid_pwm_b_discharge_bipolynomial_pressure_pa[25] = {
@@ -1550,7 +1562,7 @@ static inline sysid_real sysid_pwm_b_discharge_flow(sysid_real duty, sysid_real 
         }
         return (sysid_real)NAN;
     }
-    return sysid_flagged(sysid_bipolynomial_flow(&sysid_pwm_b_discharge_bipolynomial, duty, pressure_pa, flags), (sysid_real)NAN, flags);
+    return sysid_known_flagged(sysid_bipolynomial_flow(&sysid_pwm_b_discharge_bipolynomial, duty, pressure_pa, flags), flags);
 }
 
 /* Its inverse: duty for a wanted mean flow, kg/s, at a chamber pressure, Pa (3.7.3). */
@@ -1562,7 +1574,7 @@ static inline sysid_real sysid_pwm_b_discharge_duty(sysid_real flow_kg_s, sysid_
         }
         return 0;
     }
-    return sysid_flagged(sysid_bipolynomial_duty(&sysid_pwm_b_discharge_bipolynomial, flow_kg_s, pressure_pa, flags), 0, flags);
+    return sysid_known_flagged_duty(sysid_bipolynomial_duty(&sysid_pwm_b_discharge_bipolynomial, flow_kg_s, pressure_pa, flags), flags);
 }
 
 static const sysid_real sysid_pwm_b_discharge_network_pressure_pa[25] = {
@@ -1646,26 +1658,26 @@ static const sysid_network sysid_pwm_b_discharge_network = {
 static inline sysid_real sysid_pwm_b_discharge_network_duty(
     sysid_real flow_kg_s, sysid_real pressure_pa, unsigned *flags)
 {
-    if (!isfinite(pressure_pa)) {
+    if (!(isfinite(flow_kg_s) && isfinite(pressure_pa))) {
         if (flags) {
             *flags = SYSID_INVALID;
         }
         return 0;
     }
-    return sysid_flagged(sysid_network_duty(&sysid_pwm_b_discharge_network, flow_kg_s, pressure_pa, flags), 0, flags);
+    return sysid_known_flagged_duty(sysid_network_duty(&sysid_pwm_b_discharge_network, flow_kg_s, pressure_pa, flags), flags);
 }
 
 /* Mean flow, kg/s, that the network maps to this duty: its forward map. */
 static inline sysid_real sysid_pwm_b_discharge_network_flow(
     sysid_real duty, sysid_real pressure_pa, unsigned *flags)
 {
-    if (!isfinite(pressure_pa)) {
+    if (!(isfinite(duty) && isfinite(pressure_pa))) {
         if (flags) {
             *flags = SYSID_INVALID;
         }
         return (sysid_real)NAN;
     }
-    return sysid_flagged(sysid_network_flow(&sysid_pwm_b_discharge_network, duty, pressure_pa, flags), (sysid_real)NAN, flags);
+    return sysid_known_flagged(sysid_network_flow(&sysid_pwm_b_discharge_network, duty, pressure_pa, flags), flags);
 }
 
 /* --- controllers ----------------------------------------------------------------------- */
@@ -1705,10 +1717,10 @@ static inline int sysid_reference_is_finite(const sysid_reference *x)
 }
 
 /* Whether all ticks of a reference, from now on, are finite. */
-static inline int sysid_references_are_finite(const sysid_reference *ahead, int ticks)
+static inline int sysid_references_are_finite(const sysid_reference *ahead, int horizon)
 {
     int k;
-    for (k = 0; k <= ticks; k++) {
+    for (k = 0; k <= horizon; k++) {
         if (!sysid_reference_is_finite(ahead + k)) {
             return 0;
         }
@@ -1891,11 +1903,11 @@ static inline sysid_real sysid_averaged_a_flow(sysid_real duty, sysid_real press
         sysid_declared_on_delay_s)/sysid_pwm_period_s, (sysid_real)0.0), (sysid_real)1.0));
     const sysid_real x1 = -pressure_pa + sysid_supply_pressure_pa;
     const sysid_real x2 = sysid_sqrt(sysid_fabs(x1));
-    return sysid_checked(x0*((pressure_pa <= (sysid_real)0.53*sysid_supply_pressure_pa) ?
+    return sysid_known(x0*((pressure_pa <= (sysid_real)0.53*sysid_supply_pressure_pa) ?
         sysid_valve_a_choked_flow_fill_kg_s : sysid_valve_a_c_fill*((x1 < (sysid_real)0.0) ? -x2 :
         x2)) + ((sysid_real)1.0 - x0)*(((sysid_real)1.8867924528301885*sysid_atmospheric_pressure_pa
         <= pressure_pa) ? -sysid_valve_a_choked_flow_dis_kg_s : sysid_valve_a_c_dis*(-pressure_pa +
-        sysid_atmospheric_pressure_pa)), (sysid_real)NAN);
+        sysid_atmospheric_pressure_pa)));
 }
 
 /* Its inverse: duty for a wanted mean flow, kg/s; 0 or 1 beyond what the valve passes. */
@@ -1917,10 +1929,10 @@ static inline sysid_real sysid_averaged_a_duty(sysid_real flow_kg_s, sysid_real 
         sysid_declared_on_delay_s)/sysid_pwm_period_s;
     const sysid_real x5 = sysid_minimum(x4, (sysid_real)0.0);
     const sysid_real x6 = sysid_maximum(x4, (sysid_real)0.0);
-    return sysid_checked(((sysid_real)1.0 <= x3) ? (sysid_real)1.0 : sysid_minimum(sysid_maximum((x5 +
+    return sysid_known_duty(((sysid_real)1.0 <= x3) ? (sysid_real)1.0 : sysid_minimum(sysid_maximum((x5 +
         (sysid_real)1.0 < x3) ? ((x3 < (sysid_real)0.5*x5 + (sysid_real)1.0) ? (sysid_real)0.999999
         : (sysid_real)1.0) : ((x3 < x6) ? ((x3 < (sysid_real)0.5*x6) ? (sysid_real)0.0 :
-        (sysid_real)1e-06) : x3 - x4), (sysid_real)0.0), (sysid_real)1.0), 0);
+        (sysid_real)1e-06) : x3 - x4), (sysid_real)0.0), (sysid_real)1.0));
 }
 
 /* Mean flow into chamber B, kg/s, over a duty (0 to 1) and pressure, Pa: the averaged law. */
@@ -1934,11 +1946,11 @@ static inline sysid_real sysid_averaged_b_flow(sysid_real duty, sysid_real press
         sysid_declared_on_delay_s)/sysid_pwm_period_s, (sysid_real)0.0), (sysid_real)1.0));
     const sysid_real x1 = -pressure_pa + sysid_supply_pressure_pa;
     const sysid_real x2 = sysid_sqrt(sysid_fabs(x1));
-    return sysid_checked(x0*((pressure_pa <= (sysid_real)0.53*sysid_supply_pressure_pa) ?
+    return sysid_known(x0*((pressure_pa <= (sysid_real)0.53*sysid_supply_pressure_pa) ?
         sysid_valve_b_choked_flow_fill_kg_s : sysid_valve_b_c_fill*((x1 < (sysid_real)0.0) ? -x2 :
         x2)) + ((sysid_real)1.0 - x0)*(((sysid_real)1.8867924528301885*sysid_atmospheric_pressure_pa
         <= pressure_pa) ? -sysid_valve_b_choked_flow_dis_kg_s : sysid_valve_b_c_dis*(-pressure_pa +
-        sysid_atmospheric_pressure_pa)), (sysid_real)NAN);
+        sysid_atmospheric_pressure_pa)));
 }
 
 /* Its inverse: duty for a wanted mean flow, kg/s; 0 or 1 beyond what the valve passes. */
@@ -1960,10 +1972,10 @@ static inline sysid_real sysid_averaged_b_duty(sysid_real flow_kg_s, sysid_real 
         sysid_declared_on_delay_s)/sysid_pwm_period_s;
     const sysid_real x5 = sysid_minimum(x4, (sysid_real)0.0);
     const sysid_real x6 = sysid_maximum(x4, (sysid_real)0.0);
-    return sysid_checked(((sysid_real)1.0 <= x3) ? (sysid_real)1.0 : sysid_minimum(sysid_maximum((x5 +
+    return sysid_known_duty(((sysid_real)1.0 <= x3) ? (sysid_real)1.0 : sysid_minimum(sysid_maximum((x5 +
         (sysid_real)1.0 < x3) ? ((x3 < (sysid_real)0.5*x5 + (sysid_real)1.0) ? (sysid_real)0.999999
         : (sysid_real)1.0) : ((x3 < x6) ? ((x3 < (sysid_real)0.5*x6) ? (sysid_real)0.0 :
-        (sysid_real)1e-06) : x3 - x4), (sysid_real)0.0), (sysid_real)1.0), 0);
+        (sysid_real)1e-06) : x3 - x4), (sysid_real)0.0), (sysid_real)1.0));
 }
 
 /* One Euler step of step_s (4.4.2): valves A and B open for shares of it, 0 to 1; friction by
@@ -2039,7 +2051,7 @@ static inline sysid_real sysid_delayed_share_a(sysid_real command, sysid_real be
     const sysid_real x0 = sysid_minimum(sysid_maximum(((before < command) ? -since_s +
         sysid_declared_on_delay_s : -since_s + sysid_declared_off_delay_s)/span_s, (sysid_real)0.0),
         (sysid_real)1.0);
-    return sysid_checked(before*x0 + command*((sysid_real)1.0 - x0), (sysid_real)NAN);
+    return sysid_known(before*x0 + command*((sysid_real)1.0 - x0));
 }
 
 /* Share of a step of span_s in which valve B is open, since_s after its command changed from
@@ -2053,7 +2065,7 @@ static inline sysid_real sysid_delayed_share_b(sysid_real command, sysid_real be
     const sysid_real x0 = sysid_minimum(sysid_maximum(((before < command) ? -since_s +
         sysid_declared_on_delay_s : -since_s + sysid_declared_off_delay_s)/span_s, (sysid_real)0.0),
         (sysid_real)1.0);
-    return sysid_checked(before*x0 + command*((sysid_real)1.0 - x0), (sysid_real)NAN);
+    return sysid_known(before*x0 + command*((sysid_real)1.0 - x0));
 }
 
 /* A tick's readings to an estimate: differences of the position, filtered. A reading that is
@@ -2152,10 +2164,10 @@ static inline sysid_real sysid_payload_update(const sysid_payload_estimator *gai
         (sysid_real)9.81*payload*x11 - (sysid_real)0.37*x10 + (sysid_real)0.37*x2 -
         (sysid_real)0.37*x4 - (sysid_real)0.37*x5 - (sysid_real)0.37*x6 +
         (sysid_real)0.37*x8)/(((sysid_real)0.001 < sysid_fabs(x11)) ? x11 : (sysid_real)0.001);
-    return sysid_checked((isfinite(-motor + x10 - x2 + x4 + x5 + x6 - x8) &&
+    return sysid_known((isfinite(-motor + x10 - x2 + x4 + x5 + x6 - x8) &&
         isfinite(gains->forgetting*payload + ((sysid_real)1.0 -
         gains->forgetting)*sysid_minimum(sysid_maximum(isfinite(x12) ? x12 : NAN, (sysid_real)0.0),
-        (sysid_real)0.1369*gains->heaviest))) ? payload : NAN, (sysid_real)NAN);
+        (sysid_real)0.1369*gains->heaviest))) ? payload : NAN);
 }
 
 /* Mass, kg, of a payload of this inertia, kg m2. */
@@ -2164,7 +2176,7 @@ static inline sysid_real sysid_payload_mass(sysid_real payload)
     if (!isfinite(payload)) {
         return (sysid_real)NAN;
     }
-    return sysid_checked((sysid_real)7.304601899196494*payload, (sysid_real)NAN);
+    return sysid_known((sysid_real)7.304601899196494*payload);
 }
 
 /* 1 where an estimate is a payload, 0 where it cannot be told from none. */
@@ -2341,7 +2353,7 @@ static inline sysid_real sysid_inverse_dynamics(const sysid_dvmpc *gains,
         x0);
     const sysid_real x7 = isfinite(x6) ? x6 : NAN;
     const sysid_real x8 = (sysid_max_torque_nm <= x7) ? sysid_max_torque_nm : x7;
-    return sysid_checked((x8 <= x1) ? x1 : x8, (sysid_real)NAN);
+    return sysid_known((x8 <= x1) ? x1 : x8);
 }
 
 /* Memory at rest at the first readings; if one is not finite, at the first that are. */
@@ -2393,14 +2405,14 @@ static inline sysid_real sysid_duty_a(int inverse, sysid_real flow_kg_s, sysid_r
         return 0;
     }
     if (inverse == SYSID_BIPOLYNOMIAL) {
-        return sysid_checked(flow_kg_s >= 0 ? sysid_pwm_a_fill_duty(flow_kg_s, pressure_pa, 0)
-                              : sysid_pwm_a_discharge_duty(flow_kg_s, pressure_pa, 0), 0);
+        return sysid_known_duty(flow_kg_s >= 0 ? sysid_pwm_a_fill_duty(flow_kg_s, pressure_pa, 0)
+                              : sysid_pwm_a_discharge_duty(flow_kg_s, pressure_pa, 0));
     }
     if (inverse == SYSID_NETWORK) {
-        return sysid_checked(flow_kg_s >= 0 ? sysid_pwm_a_fill_network_duty(flow_kg_s, pressure_pa, 0)
-                              : sysid_pwm_a_discharge_network_duty(flow_kg_s, pressure_pa, 0), 0);
+        return sysid_known_duty(flow_kg_s >= 0 ? sysid_pwm_a_fill_network_duty(flow_kg_s, pressure_pa, 0)
+                              : sysid_pwm_a_discharge_network_duty(flow_kg_s, pressure_pa, 0));
     }
-    return sysid_checked(sysid_averaged_a_duty(flow_kg_s, pressure_pa), 0);
+    return sysid_known_duty(sysid_averaged_a_duty(flow_kg_s, pressure_pa));
 }
 
 
@@ -2411,14 +2423,14 @@ static inline sysid_real sysid_duty_b(int inverse, sysid_real flow_kg_s, sysid_r
         return 0;
     }
     if (inverse == SYSID_BIPOLYNOMIAL) {
-        return sysid_checked(flow_kg_s >= 0 ? sysid_pwm_b_fill_duty(flow_kg_s, pressure_pa, 0)
-                              : sysid_pwm_b_discharge_duty(flow_kg_s, pressure_pa, 0), 0);
+        return sysid_known_duty(flow_kg_s >= 0 ? sysid_pwm_b_fill_duty(flow_kg_s, pressure_pa, 0)
+                              : sysid_pwm_b_discharge_duty(flow_kg_s, pressure_pa, 0));
     }
     if (inverse == SYSID_NETWORK) {
-        return sysid_checked(flow_kg_s >= 0 ? sysid_pwm_b_fill_network_duty(flow_kg_s, pressure_pa, 0)
-                              : sysid_pwm_b_discharge_network_duty(flow_kg_s, pressure_pa, 0), 0);
+        return sysid_known_duty(flow_kg_s >= 0 ? sysid_pwm_b_fill_network_duty(flow_kg_s, pressure_pa, 0)
+                              : sysid_pwm_b_discharge_network_duty(flow_kg_s, pressure_pa, 0));
     }
-    return sysid_checked(sysid_averaged_b_duty(flow_kg_s, pressure_pa), 0);
+    return sysid_known_duty(sysid_averaged_b_duty(flow_kg_s, pressure_pa));
 }
 
 /* Controllers. Each returns 1; where a number is not finite it lets go (motor 0, valves off, its

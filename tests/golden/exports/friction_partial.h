@@ -89,10 +89,14 @@
 #endif
 typedef SYSID_REAL sysid_real;
 
-/* A result where it is finite. */
-static inline sysid_real sysid_checked(sysid_real x, sysid_real otherwise)
+/* A result where it is finite, else NaN; of a duty, else 0. */
+static inline sysid_real sysid_known(sysid_real x)
 {
-    return isfinite(x) ? x : otherwise;
+    return isfinite(x) ? x : (sysid_real)NAN;
+}
+static inline sysid_real sysid_known_duty(sysid_real x)
+{
+    return isfinite(x) ? x : 0;
 }
 
 /* The functions of the maths library, those of float where that is the real type; NaN of an
@@ -305,7 +309,7 @@ static inline sysid_real sysid_cylinder_torque(sysid_real pressure_a_pa, sysid_r
     }
     sysid_real gauge_a = pressure_a_pa - sysid_atmospheric_pressure_pa;
     sysid_real gauge_b = pressure_b_pa - sysid_atmospheric_pressure_pa;
-    return sysid_checked((gauge_a * sysid_area_a_m2 - gauge_b * sysid_area_b_m2) * sysid_pitch_radius_m, (sysid_real)NAN);
+    return sysid_known((gauge_a * sysid_area_a_m2 - gauge_b * sysid_area_b_m2) * sysid_pitch_radius_m);
 }
 
 /* Torque of gravity against positive motion, Nm (3.3.8-10): theta = 0 hangs down. */
@@ -314,7 +318,7 @@ static inline sysid_real sysid_gravity_torque(sysid_real theta_rad)
     if (!isfinite(theta_rad)) {
         return (sysid_real)NAN;
     }
-    return sysid_checked(sysid_gravity_moment_nm * sysid_sin(theta_rad), (sysid_real)NAN);
+    return sysid_known(sysid_gravity_moment_nm * sysid_sin(theta_rad));
 }
 
 /* Friction while moving, Nm (3.4.1): Coulomb sign(w) + viscous w; 0 at rest. */
@@ -323,7 +327,7 @@ static inline sysid_real sysid_sliding_friction_torque(sysid_real omega_rad_s)
     if (!isfinite(omega_rad_s)) {
         return (sysid_real)NAN;
     }
-    return sysid_checked(sysid_friction_coulomb_nm * sysid_sign(omega_rad_s) + sysid_friction_viscous_nm_s_per_rad * omega_rad_s, (sysid_real)NAN);
+    return sysid_known(sysid_friction_coulomb_nm * sysid_sign(omega_rad_s) + sysid_friction_viscous_nm_s_per_rad * omega_rad_s);
 }
 
 /* Torque of the motor at the output, Nm, from volts (3.3.4); within its declared limit. */
@@ -333,7 +337,7 @@ static inline sysid_real sysid_motor_torque(sysid_real volts)
         return (sysid_real)NAN;
     }
     sysid_real effort = volts * sysid_torque_per_volt_nm;
-    return sysid_checked(sysid_maximum(sysid_minimum(effort, sysid_max_torque_nm), -sysid_max_torque_nm), (sysid_real)NAN);
+    return sysid_known(sysid_maximum(sysid_minimum(effort, sysid_max_torque_nm), -sysid_max_torque_nm));
 }
 
 /* dP/dt of chamber A, Pa/s (3.3.6): position and velocity in rad, rad/s, flow into it
@@ -350,8 +354,8 @@ static inline sysid_real sysid_pressure_rate_a(sysid_real pressure_pa, sysid_rea
     if (!(volume > 0)) {
         return (sysid_real)NAN; /* no such position */
     }
-    return sysid_checked((sysid_k_r_t_j_per_kg * flow_kg_s - sysid_heat_capacity_ratio * pressure_pa * volume_rate)
-           / volume, (sysid_real)NAN);
+    return sysid_known((sysid_k_r_t_j_per_kg * flow_kg_s - sysid_heat_capacity_ratio * pressure_pa * volume_rate)
+           / volume);
 }
 
 /* The flow into chamber A, kg/s, that gives this dP/dt, Pa/s: (3.3.6) solved. */
@@ -367,8 +371,8 @@ static inline sysid_real sysid_flow_for_pressure_rate_a(sysid_real rate_pa_s, sy
     if (!(volume > 0)) {
         return (sysid_real)NAN; /* no such position */
     }
-    return sysid_checked((volume * rate_pa_s + sysid_heat_capacity_ratio * pressure_pa * volume_rate)
-           / sysid_k_r_t_j_per_kg, (sysid_real)NAN);
+    return sysid_known((volume * rate_pa_s + sysid_heat_capacity_ratio * pressure_pa * volume_rate)
+           / sysid_k_r_t_j_per_kg);
 }
 
 /* dP/dt of chamber B, Pa/s (3.3.6): position and velocity in rad, rad/s, flow into it
@@ -385,8 +389,8 @@ static inline sysid_real sysid_pressure_rate_b(sysid_real pressure_pa, sysid_rea
     if (!(volume > 0)) {
         return (sysid_real)NAN; /* no such position */
     }
-    return sysid_checked((sysid_k_r_t_j_per_kg * flow_kg_s - sysid_heat_capacity_ratio * pressure_pa * volume_rate)
-           / volume, (sysid_real)NAN);
+    return sysid_known((sysid_k_r_t_j_per_kg * flow_kg_s - sysid_heat_capacity_ratio * pressure_pa * volume_rate)
+           / volume);
 }
 
 /* The flow into chamber B, kg/s, that gives this dP/dt, Pa/s: (3.3.6) solved. */
@@ -402,8 +406,8 @@ static inline sysid_real sysid_flow_for_pressure_rate_b(sysid_real rate_pa_s, sy
     if (!(volume > 0)) {
         return (sysid_real)NAN; /* no such position */
     }
-    return sysid_checked((volume * rate_pa_s + sysid_heat_capacity_ratio * pressure_pa * volume_rate)
-           / sysid_k_r_t_j_per_kg, (sysid_real)NAN);
+    return sysid_known((volume * rate_pa_s + sysid_heat_capacity_ratio * pressure_pa * volume_rate)
+           / sysid_k_r_t_j_per_kg);
 }
 
 #endif /* SYSID_CONTROLLER_H */

@@ -91,10 +91,14 @@
 #endif
 typedef SYSID_REAL sysid_real;
 
-/* A result where it is finite. */
-static inline sysid_real sysid_checked(sysid_real x, sysid_real otherwise)
+/* A result where it is finite, else NaN; of a duty, else 0. */
+static inline sysid_real sysid_known(sysid_real x)
 {
-    return isfinite(x) ? x : otherwise;
+    return isfinite(x) ? x : (sysid_real)NAN;
+}
+static inline sysid_real sysid_known_duty(sysid_real x)
+{
+    return isfinite(x) ? x : 0;
 }
 
 /* The functions of the maths library, those of float where that is the real type; NaN of an
@@ -287,7 +291,7 @@ static inline sysid_real sysid_gravity_force(sysid_real position_m)
         return (sysid_real)NAN;
     }
     (void)position_m;
-    return sysid_checked(sysid_weight_n, (sysid_real)NAN);
+    return sysid_known(sysid_weight_n);
 }
 
 /* Friction while moving, N (3.4.1): Coulomb sign(w) + viscous w; 0 at rest. */
@@ -296,7 +300,7 @@ static inline sysid_real sysid_sliding_friction_force(sysid_real velocity_m_s)
     if (!isfinite(velocity_m_s)) {
         return (sysid_real)NAN;
     }
-    return sysid_checked(sysid_friction_coulomb_n * sysid_sign(velocity_m_s) + sysid_friction_viscous_n_s_per_m * velocity_m_s, (sysid_real)NAN);
+    return sysid_known(sysid_friction_coulomb_n * sysid_sign(velocity_m_s) + sysid_friction_viscous_n_s_per_m * velocity_m_s);
 }
 
 /* --- effects that the laws above do not include --- */
@@ -309,8 +313,8 @@ static const sysid_real sysid_effect_1_viscous_asymmetry_n_s_per_m = (sysid_real
 static inline sysid_real sysid_sliding_friction_with_effects(sysid_real friction, sysid_real
     position, sysid_real velocity, sysid_real pressure_a_pa, sysid_real pressure_b_pa)
 {
-    if (!(isfinite(friction) && isfinite(velocity) && isfinite(pressure_a_pa) &&
-        isfinite(pressure_b_pa))) {
+    if (!(isfinite(friction) && isfinite(position) && isfinite(velocity) &&
+        isfinite(pressure_a_pa) && isfinite(pressure_b_pa))) {
         return (sysid_real)NAN;
     }
     sysid_real value = friction;
@@ -319,7 +323,7 @@ static inline sysid_real sysid_sliding_friction_with_effects(sysid_real friction
     (void)pressure_a_pa;
     (void)pressure_b_pa;
     value = direction*sysid_effect_1_viscous_asymmetry_n_s_per_m*velocity + value;
-    return sysid_checked(value, (sysid_real)NAN);
+    return sysid_known(value);
 }
 
 #endif /* SYSID_CONTROLLER_H */
