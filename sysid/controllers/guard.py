@@ -27,15 +27,15 @@ def known(value: Array) -> Array:
 
 def all_finite(values: Iterable[Array]) -> Array:
     """Whether all values are finite, by lane: each a number, (lanes,) or (any, lanes)."""
-    found: Array = True
+    by_shape: dict[tuple[int, ...], Array] = {}
     for value in values:
-        if isinstance(value, float | int):
-            found = found & math.isfinite(value)
-            continue
-        flags = array_namespace(value).isfinite(value)
-        while flags.ndim > 1:
-            flags = flags.all(axis=0)
-        found = found & flags
+        is_number = isinstance(value, float | int)
+        flags = math.isfinite(value) if is_number else array_namespace(value).isfinite(value)
+        shape = np.shape(flags)
+        by_shape[shape] = by_shape.get(shape, True) & flags
+    found: Array = True
+    for shape, flags in by_shape.items():  # one reduction for all of a shape
+        found = found & (flags.all(axis=0) if len(shape) > 1 else flags)
     return found
 
 
@@ -120,7 +120,11 @@ class GuardedController(Controller):
     def commands(
         self, memory: Any, estimate: StateEstimate, reference: Reference
     ) -> tuple[Any, Commands]:
-        """See `Controller`; where something is not finite: motor 0, valves off, memory kept."""
+        """See `Controller`; where something is not finite: motor 0, valves off, memory kept.
+
+        An empty memory is that of a start.
+        """
+        memory = memory or self.start(np.size(estimate.position))
         with np.errstate(all="ignore"):
             after, commands = self.law(memory, estimate, reference)
         read = [*estimate[1:], *rows_of(reference, self.preview), *gains_of(self), *memory]

@@ -17,7 +17,7 @@ import numpy as np
 from sysid.controllers.arrays import put_together, take_apart
 from sysid.controllers.cases import PERIOD_S, Case, ClosedLoopRun, faults_of
 from sysid.controllers.groups import Group, grouped
-from sysid.controllers.guard import all_finite, let_go, rows_of
+from sysid.controllers.guard import GuardedController, all_finite, let_go, rows_of
 from sysid.controllers.interface import Commands, Controller, Reference, StateEstimate
 from sysid.controllers.plant_effects import (
     SensorMemory,
@@ -299,9 +299,9 @@ def _guarded(
     if xp is np and not np.any(seen):
         return (*let_go(seen, memory, memory, Commands(0.0, 0.0, 0.0)), np.zeros(np.shape(seen)))
     after, commands = controller.commands(memory, estimate, reference)
+    if type(controller).commands is GuardedController.commands:  # it lets go by itself
+        return after, commands, xp.where(seen, after.rejected - memory.rejected, 0.0)
     good = seen & all_finite([*rows_of(reference, controller.preview), *commands[:3]])
-    if hasattr(memory, "rejected"):  # it has let go by itself
-        good = good & (after.rejected == memory.rejected)
     return (*let_go(good, memory, after, commands), xp.where(seen & ~good, 1.0, 0.0))
 
 

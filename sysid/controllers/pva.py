@@ -55,12 +55,6 @@ class PvaController(GuardedController):
         )
         return xp.clip(known((feedback + feedforward) / self.full_scale), -1.0, 1.0)
 
-    def commands(
-        self, memory: Any, estimate: StateEstimate, reference: Reference
-    ) -> tuple[Any, Commands]:
-        """See `GuardedController`; an empty memory is that of a start."""
-        return super().commands(memory or PvaMemory(), estimate, reference)
-
     def law(
         self, memory: Any, estimate: StateEstimate, reference: Reference
     ) -> tuple[Any, Commands]:
