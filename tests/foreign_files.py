@@ -66,7 +66,8 @@ def write_mat73(path: Path) -> None:
         store = file.create_group("#refs#")
         store["a"] = ANGLE_DEG[None, :]
         store["b"] = TIME[None, :]
-        for key in ("a", "b"):
+        store["c"], store["d"] = ANGLE_DEG[None, :], TIME[None, :]
+        for key in store:
             store[key].attrs["MATLAB_class"] = np.bytes_("double")
         rec = file.create_group("rec")
         rec.attrs["MATLAB_class"] = np.bytes_("struct")
@@ -75,7 +76,7 @@ def write_mat73(path: Path) -> None:
         cells[0, 0], cells[1, 0] = store["a"].ref, store["b"].ref
         cells.attrs["MATLAB_class"] = np.bytes_("cell")
         data = file.create_group("Y").create_dataset("Data", (1, 2), dtype=h5py.ref_dtype)
-        data[0, 0], data[0, 1] = store["a"].ref, store["b"].ref
+        data[0, 0], data[0, 1] = store["c"].ref, store["d"].ref
         name = file.create_dataset("name", data=np.array([[65], [66]], dtype=np.uint16))
         name.attrs["MATLAB_class"] = np.bytes_("char")
         void = file.create_dataset("void", data=np.array([0, 0], dtype=np.uint64))

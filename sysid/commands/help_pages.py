@@ -6,6 +6,8 @@ from types import TracebackType
 
 PAGES = {
     "sysid.io.foreign": "how-to/file-formats",
+    "sysid.io.bounds": "how-to/file-formats",
+    "sysid.io.parquet_columns": "how-to/file-formats",
     "sysid.io.conversion": "how-to/file-formats",
     "sysid.io.joining": "how-to/file-formats",
     "sysid.io.units": "how-to/file-formats",
@@ -31,7 +33,7 @@ PAGES = {
 
 # They raise for whoever calls them.
 _HELPERS = ("sysid.errors", "sysid.io.samples", "sysid.io.user_code")
-_SHARED = ("check_each_once", "read_bytes", "read_toml", "reject_misspelt", "require")
+_SHARED = ("check_each_once", "open_input", "read_bytes", "read_toml", "reject_misspelt", "require")
 
 
 def page_for(error: BaseException) -> str:

@@ -7,7 +7,6 @@ checked and written. The options of the command line may also be given in a TOML
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,7 +26,7 @@ from sysid.io.reshaping import (
     reshaped,
     unwrapped,
 )
-from sysid.io.tables import FOREIGN_SUFFIXES, comments_in, read_bytes, write_table
+from sysid.io.tables import FOREIGN_SUFFIXES, comments_in, open_input, sha256_of, write_table
 from sysid.io.units import (
     CANONICAL_UNITS,
     TEST_COLUMN,
@@ -199,28 +198,30 @@ class _MappedFile:
 
 @dataclass(frozen=True)
 class _ForeignFile:
-    """A foreign file as read, `raw` its bytes."""
+    """A foreign file as read, its SHA-256 and its comments, if `write_table` wrote it."""
 
     path: Path
-    raw: bytes
     table: ForeignTable
+    sha256: str
+    comments: tuple[str, ...]
 
     @classmethod
     def read(cls, path: Path, what: str, recipe: Recipe) -> _ForeignFile:
-        raw = read_bytes(path, what)
-        return cls(path, raw, read_foreign(path, raw, recipe.read))
+        with open_input(path, what) as file:
+            table = read_foreign(path, file, recipe.read)
+            return cls(path, table, sha256_of(file), comments_in(file))
 
     def mapped(self, recipe: Recipe, label: str | None = None) -> _MappedFile:
         """Its columns in the log format; `label` is its test's among several files."""
-        table, digest = self.table, hashlib.sha256(self.raw).hexdigest()
+        table = self.table
         return _MappedFile(
             log_columns(table, recipe, label),
             table.origin,
-            ForeignSource(str(self.path), table.format, digest),
+            ForeignSource(str(self.path), table.format, self.sha256),
             tuple(table.notices),
             tuple(unused_columns(table, recipe)),
             # A log that is converted once more keeps what is known of its samples.
-            tuple(lines_between(comments_in(self.raw))),
+            tuple(lines_between(self.comments)),
         )
 
 

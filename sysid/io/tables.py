@@ -6,22 +6,34 @@ gap, which line is at fault.
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import hashlib
 import io
 import itertools
 import json
+import os
+import stat
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sysid.errors import InputError, escaped, input_error, shortened
+from sysid.io.bounds import (
+    TextCells,
+    check_columns,
+    check_device,
+    check_length,
+    check_rectangle,
+    check_text,
+)
 from sysid.io.files import note_input, open_atomic
+from sysid.io.parquet_columns import ParquetColumns
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -31,6 +43,7 @@ FOREIGN_SUFFIXES = (".mat", ".xlsx", ".xls", ".tdms")
 _NOTED = b"sysid.comments"
 # Comments stand at the head of a file.
 _HEAD_BYTES = 1 << 16
+_CHUNK = 1 << 20
 _PARQUET = b"PAR1"
 _NOT_A_NUMBER = ["", "NaN", "nan", "NA", "N/A", "null", "NULL", "None", "-nan", "#N/A"]
 
@@ -135,9 +148,20 @@ def _short_labels(names: list[str]) -> list[str]:
 
 
 def read_bytes(path: Path, what: str, *, is_bundle: bool = False) -> bytes:
-    """An input's bytes; InputError where it is missing, a folder, empty or not readable."""
+    """An input's bytes; InputError as `open_input` raises it."""
+    with open_input(path, what, is_bundle=is_bundle) as file:
+        return file.read()
+
+
+@contextlib.contextmanager
+def open_input(path: Path, what: str, *, is_bundle: bool = False) -> Iterator[BinaryIO]:
+    """An input, open at its start, that can be searched; what comes from a pipe is kept.
+
+    Raises InputError where it is missing, a folder, a device, empty, not readable, longer than
+    `sysid.io.bounds.most_bytes`, or changed within the block.
+    """
     try:
-        raw = path.read_bytes()
+        file = _opened(path)
         note_input(path, is_bundle=is_bundle)
     except FileNotFoundError:
         raise input_error(path, "no such file", f"give the path of {what}") from None
@@ -151,9 +175,54 @@ def read_bytes(path: Path, what: str, *, is_bundle: bool = False) -> bytes:
         raise input_error(
             short, f"cannot be opened: {reason}", f"give the path of {what}"
         ) from None
-    if not raw.strip():
-        raise input_error(path, "the file is empty", "record the log again or give another file")
-    return raw
+    with file:
+        before = _state(file)
+        if _is_blank(file):
+            raise input_error(
+                path, "the file is empty", "record the log again or give another file"
+            )
+        file.seek(0)
+        yield file
+        if _state(file) != before:
+            raise input_error(path, "changed while it was read", "wait until it is complete")
+
+
+def _opened(path: Path) -> BinaryIO:
+    found = path.stat()
+    check_device(path, found.st_mode)
+    file = path.open("rb")
+    if stat.S_ISREG(found.st_mode):
+        try:
+            check_length(path, os.fstat(file.fileno()).st_size)
+        except InputError:
+            file.close()
+            raise
+        return file
+    with file:
+        return _kept(path, file)
+
+
+def _kept(path: Path, pipe: BinaryIO) -> BinaryIO:
+    """What comes from a pipe, in memory; InputError beyond the bounds."""
+    kept, counted = io.BytesIO(), TextCells(path)
+    while chunk := pipe.read(_CHUNK):
+        counted.add(chunk)
+        kept.write(chunk)
+        check_length(path, kept.tell())
+    kept.seek(0)
+    return kept
+
+
+def _state(file: BinaryIO) -> tuple[int, int]:
+    """Size and time of the last change; of what is kept in memory always the same."""
+    if isinstance(file, io.BytesIO):
+        return 0, 0
+    found = os.fstat(file.fileno())
+    return found.st_size, found.st_mtime_ns
+
+
+def _is_blank(file: BinaryIO) -> bool:
+    return all(chunk.isspace() for chunk in iter(lambda: file.read(_CHUNK), b""))
 
 
 def read_table(path: Path, wanted: Collection[str], text: Collection[str] = ()) -> LogTable:
@@ -173,12 +242,12 @@ def read_table(path: Path, wanted: Collection[str], text: Collection[str] = ()) 
             "is a TOML file, not a log",
             "give the path of a log; all logs of a campaign are fitted by `sysid fit CAMPAIGN`",
         )
-    raw = read_bytes(path, "a log")
-    digest = hashlib.sha256(raw).hexdigest()
-    if path.suffix.lower() in PARQUET_SUFFIXES:
-        return _read_parquet(path, raw, digest, wanted)
     try:
-        return _read_csv(path, raw, digest, wanted, text)
+        with open_input(path, "a log") as file:
+            if path.suffix.lower() in PARQUET_SUFFIXES:
+                return _read_parquet(path, file, wanted)
+            check_text(path, file)
+            return _read_csv(path, file.read(), wanted, text)
     except csv.Error as error:
         raise input_error(
             path,
@@ -213,16 +282,19 @@ def _chosen(header: Sequence[str], wanted: Collection[str]) -> list[str]:
     return [c for i, c in enumerate(header, start=1) if c in wanted or f"#{i}" in wanted]
 
 
-def _read_parquet(path: Path, raw: bytes, digest: str, wanted: Collection[str]) -> LogTable:
-    import pyarrow.parquet as parquet
-
+def _read_parquet(path: Path, file: BinaryIO, wanted: Collection[str]) -> LogTable:
     try:
-        file = parquet.ParquetFile(io.BytesIO(raw))
-        header = tuple(file.schema_arrow.names)
+        content = ParquetColumns.of(path, file)
+        header = tuple(content.schema.names)
         _reject_doubled(path, header, "the schema", wanted)
         # The column that pandas stored as its index is a column like any other.
-        frame = file.read(columns=_chosen(header, wanted)).to_pandas(ignore_metadata=True)
-        comments = _comments_of(file.schema_arrow.metadata)
+        used, unread = _chosen(header, wanted), content.unread()
+        if bad := [name for name in used if name in unread]:
+            raise input_error(path, f"{bad[0]} is {unread[bad[0]]}", "save it as plain numbers")
+        frame = content.read(used).to_pandas(ignore_metadata=True)
+        for name in frame.select_dtypes("category"):
+            frame[name] = frame[name].astype(object)
+        comments = _comments_of(content.schema.metadata)
     except InputError:
         raise
     except Exception as error:  # pyarrow passes on what its decoders of metadata raise
@@ -230,16 +302,28 @@ def _read_parquet(path: Path, raw: bytes, digest: str, wanted: Collection[str]) 
         raise input_error(
             path, f"is damaged or not Parquet ({first})", "write it again, or save it as CSV"
         ) from None
+    digest = sha256_of(file)
     return LogTable(path, digest, header, frame.reset_index(drop=True), None, comments=comments)
 
 
-def comments_in(raw: bytes) -> tuple[str, ...]:
+def sha256_of(file: BinaryIO) -> str:
+    """The SHA-256 of a whole file, as hexadecimal digits."""
+    file.seek(0)
+    digest = hashlib.sha256()
+    while chunk := file.read(_CHUNK):
+        digest.update(chunk)
+    return digest.hexdigest()
+
+
+def comments_in(file: BinaryIO) -> tuple[str, ...]:
     """The comments of a file that `write_table` wrote; none of any other file."""
-    if raw.startswith(_PARQUET):
+    file.seek(0)
+    head = file.read(_HEAD_BYTES)
+    if head.startswith(_PARQUET):
         import pyarrow.parquet as parquet
 
-        return _comments_of(parquet.read_schema(io.BytesIO(raw)).metadata)
-    lines = raw[:_HEAD_BYTES].splitlines()
+        return _comments_of(parquet.read_schema(file).metadata)
+    lines = head.splitlines()
     above = itertools.takewhile(lambda line: line.startswith(b"#"), lines)
     return tuple(line.decode("utf-8", "replace").strip("# \r") for line in above)
 
@@ -253,17 +337,17 @@ def _comments_of(metadata: Mapping[bytes, bytes] | None) -> tuple[str, ...]:
     return tuple(map(str, noted)) if isinstance(noted, list) else ()
 
 
-def _read_csv(
-    path: Path, raw: bytes, digest: str, wanted: Collection[str], text: Collection[str]
-) -> LogTable:
+def _read_csv(path: Path, raw: bytes, wanted: Collection[str], text: Collection[str]) -> LogTable:
     import pandas as pd
 
+    digest = hashlib.sha256(raw).hexdigest()
     body = _decoded(path, raw)
     header_line, header = _header(path, body)
     _reject_doubled(f"{path}, line {header_line}", header, "the header", wanted)
     header = _told_apart(header)
     used = _chosen(header, wanted)
     text = _chosen(header, text)
+    check_rectangle(path, max(body.count(b"\n"), body.count(b"\r")), len(header))
     _check_first_row(path, body, header)
     try:
         frame = pd.read_csv(
@@ -315,6 +399,7 @@ def _header(path: Path, body: bytes) -> tuple[int, tuple[str, ...]]:
         if not text or text.startswith("#"):
             continue
         where = f"{path}, line {number}"
+        check_columns(path, text.count(",") + 1)
         names = tuple(name.strip() for name in next(csv.reader([text])))
         _reject_wrong_delimiter(where, text, names)
         if all(_is_number(n) for n in names):
@@ -360,6 +445,7 @@ def _check_first_row(path: Path, body: bytes, header: tuple[str, ...]) -> None:
     if not rows:
         raise input_error(path, "has a header but no samples", "record the log again")
     number, line = rows[0]
+    check_columns(path, line.count(",") + 1)
     fields = len(next(csv.reader([line])))
     if fields != len(header):
         raise input_error(
@@ -377,6 +463,7 @@ def _reject_surplus(table: LogTable) -> None:
     if b'"' not in data and data.count(b",") == len(table.frame) * (len(header) - 1):
         return
     for number, line in _data_lines(body):
+        check_columns(table.path, line.count(",") + 1)
         fields = len(next(csv.reader([line])))
         if fields > len(header):
             raise input_error(
@@ -428,7 +515,10 @@ __all__ = [
     "FOREIGN_SUFFIXES",
     "PARQUET_SUFFIXES",
     "LogTable",
+    "comments_in",
+    "open_input",
     "read_bytes",
     "read_table",
+    "sha256_of",
     "write_table",
 ]

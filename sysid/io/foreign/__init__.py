@@ -7,17 +7,18 @@ from __future__ import annotations
 
 import csv
 import importlib
-import io
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import BinaryIO
 
 from sysid.errors import input_error
 from sysid.io.foreign.table import ForeignTable, ReadOptions, SampleTimes, damaged
 
-Reader = Callable[[Path, bytes, ReadOptions], ForeignTable]
+Reader = Callable[[Path, BinaryIO, ReadOptions], ForeignTable]
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
+_HEAD_BYTES = 4096
 _OLE = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
 _BY_NAME = {
     ".mat": ("matlab", "a MATLAB file"),
@@ -31,16 +32,19 @@ _BY_NAME = {
 }
 
 
-def read_foreign(path: Path, raw: bytes, options: ReadOptions) -> ForeignTable:
-    """Read a file's contents `raw` (`path` is for its suffix and for messages).
+def read_foreign(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
+    """Read an open file that can be searched (`path` is for its suffix and for messages).
 
-    Raises InputError where the format is not known, or the file is damaged.
+    Raises InputError where the format is not known, the file is damaged, or it declares more
+    cells than are read (`sysid.io.bounds`).
     """
-    kind = _kind(path, raw)
+    file.seek(0)
+    kind = _kind(path, file)
+    file.seek(0)
     module = importlib.import_module(f"sysid.io.foreign.{kind}")
     reader: Reader = module.read
     try:
-        table = reader(path, raw, options)
+        table = reader(path, file, options)
     except csv.Error as error:
         raise input_error(
             path, f"cannot be read as text ({error})", "export fewer columns, or another format"
@@ -50,8 +54,9 @@ def read_foreign(path: Path, raw: bytes, options: ReadOptions) -> ForeignTable:
     return table
 
 
-def _kind(path: Path, raw: bytes) -> str:
+def _kind(path: Path, file: BinaryIO) -> str:
     """Which reader: by the signature at the head of the file, else by the file's name."""
+    raw = file.read(_HEAD_BYTES)
     if raw.startswith(b"TDSm"):
         return "tdms"
     if raw.startswith(b"PAR1"):
@@ -61,9 +66,9 @@ def _kind(path: Path, raw: bytes) -> str:
     if raw.startswith(_HDF5) or raw[512:520] == _HDF5:
         return "hdf5"
     if raw.startswith(b"PK\x03\x04"):
-        return _kind_of_archive(path, raw)
+        return _kind_of_archive(path, file)
     if raw.startswith(_OLE):
-        encrypted = "EncryptedPackage".encode("utf-16-le") in raw
+        encrypted = _holds(file, "EncryptedPackage".encode("utf-16-le"))
         raise input_error(
             path,
             "is protected by a password" if encrypted else "is an old Excel file (.xls)",
@@ -86,9 +91,20 @@ def _kind(path: Path, raw: bytes) -> str:
     raise damaged(path, what, "its first bytes belong to another format")
 
 
-def _kind_of_archive(path: Path, raw: bytes) -> str:
+def _holds(file: BinaryIO, words: bytes) -> bool:
+    """Whether a file holds these bytes."""
+    file.seek(0)
+    end = b""
+    while chunk := file.read(1 << 20):
+        if words in end + chunk:
+            return True
+        end = chunk[-len(words) :]
+    return False
+
+
+def _kind_of_archive(path: Path, file: BinaryIO) -> str:
     try:
-        with zipfile.ZipFile(io.BytesIO(raw)) as archive:
+        with zipfile.ZipFile(file) as archive:
             names = archive.namelist()
     except (zipfile.BadZipFile, OSError, ValueError) as error:
         raise damaged(path, "an Excel workbook", error) from None
@@ -98,10 +114,9 @@ def _kind_of_archive(path: Path, raw: bytes) -> str:
 
 
 def _looks_like_text(raw: bytes) -> bool:
-    head = raw[:4096]
-    if head.startswith((b"\xff\xfe", b"\xfe\xff", b"\xef\xbb\xbf")):
+    if raw.startswith((b"\xff\xfe", b"\xfe\xff", b"\xef\xbb\xbf")):
         return True
-    return not any(byte < 32 and byte not in b"\t\n\r\f" for byte in head)
+    return not any(byte < 32 and byte not in b"\t\n\r\f" for byte in raw)
 
 
 __all__ = ["ForeignTable", "ReadOptions", "SampleTimes", "read_foreign"]

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import io
 import warnings
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -15,16 +14,16 @@ from sysid.io.foreign.text import find_header
 from sysid.io.foreign.workbook_size import check_size
 
 
-def read(path: Path, raw: bytes, options: ReadOptions) -> ForeignTable:
+def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
     """One sheet: the one asked for, else the first that is not empty (with a notice)."""
     import pandas as pd
 
     sheets: dict[Any, Any] = {}
     try:
-        check_size(path, raw)
+        check_size(path, file)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # openpyxl's, about styles and validation
-            sheets = pd.read_excel(io.BytesIO(raw), sheet_name=None, header=None, engine="openpyxl")
+            sheets = pd.read_excel(file, sheet_name=None, header=None, engine="openpyxl")
     except InputError:
         raise
     except Exception as error:  # openpyxl passes on what zipfile and its XML parser raise

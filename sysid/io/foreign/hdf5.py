@@ -1,58 +1,268 @@
-"""MATLAB files of version 7.3, and other HDF5 files, by h5py."""
+"""MATLAB files of version 7.3, and other HDF5 files, by h5py.
+
+A file may ask its reader for more than it holds: bytes of other files, links back to where they
+stand, values that were never written. So its links and sizes are looked through first, each
+object once, and nothing outside the file is opened.
+"""
 
 from __future__ import annotations
 
-import io
+import math
+import zlib
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
+from sysid.errors import InputError, input_error, shortened
+from sysid.io.bounds import Cells
 from sysid.io.foreign.matlab import OBJECT_REASON
 from sysid.io.foreign.table import ForeignTable, ReadOptions, damaged
 
 _MAX_DEPTH = 12
+_OUTSIDE = "save the data in one file (in MATLAB: load, then save)"
+_REFERENCE_BYTES = 8
+# Bytes of MATLAB's attributes, of its names, and of what filters add to a chunk, are fewer.
+_SHORT = 1024
 
 
-def read(path: Path, raw: bytes, options: ReadOptions) -> ForeignTable:
-    """Data sets by name, groups (structs) by dots; see `sysid.io.foreign.matlab.read`."""
+def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
+    """Data sets by name, groups (structs) by dots; see `sysid.io.foreign.matlab.read`.
+
+    Of several names for one object the first is read; links and references come last. Raises
+    InputError where values or objects are in other files, and beyond the bound of cells.
+    """
     import h5py
 
-    table = ForeignTable(path, "MATLAB 7.3" if raw.startswith(b"MATLAB 7.3") else "HDF5")
+    head = file.read(16)
+    table = ForeignTable(path, "MATLAB 7.3" if head.startswith(b"MATLAB 7.3") else "HDF5")
     try:
-        with h5py.File(io.BytesIO(raw), "r") as file:
-            for name in file:
-                if not name.startswith("#"):  # #refs#, #subsystem#: MATLAB's internal data
-                    _walk(table, file, name, "", file[name], 0)
+        with h5py.File(file, "r") as content:
+            found = _Objects(table, content)
+            found.look_through()
+            for name, node in found.wanted:
+                _check_packed(path, name, node)
+                table.add(name, np.asarray(node[()]).T)
+    except InputError:
+        raise
     except Exception as error:  # h5py raises OSError, KeyError, RuntimeError, ValueError ...
         raise damaged(path, f"an HDF5 ({table.format}) file", error) from None
     return table
 
 
-def _walk(table: ForeignTable, file: Any, name: str, parent: str, node: Any, depth: int) -> None:
+@dataclass
+class _Objects:
+    """Looks through a file: `wanted` are the data sets to read, by name.
+
+    `_seen` has the names of the objects that were met, `_searched` the groups whose links were
+    found to stay within the file, both by the objects' addresses.
+    """
+
+    table: ForeignTable
+    file: Any
+    wanted: list[tuple[str, Any]] = field(default_factory=list)
+    _seen: dict[int, str] = field(default_factory=dict)
+    _searched: set[int] = field(default_factory=set)
+    _later: deque[Callable[[], None]] = field(default_factory=deque)
+
+    def __post_init__(self) -> None:
+        self.cells = Cells(self.table.path)
+
+    def look_through(self) -> None:
+        """All that the root's groups, links and references lead to."""
+        self._refuse_outside(self.file.id)
+        self._seen[_address(self.file.id)] = "the file's root"
+        self._enter(self.file.id, "", 0)
+        while self._later:
+            self._later.popleft()()
+
+    def _refuse_outside(self, group: Any) -> None:
+        """InputError for a link into another file, in the group or in a group below it."""
+        import h5py
+
+        inside = (h5py.h5l.TYPE_HARD, h5py.h5l.TYPE_SOFT)
+        waiting = [group]
+        while waiting:
+            group = waiting.pop()
+            if (address := _address(group)) in self._searched:
+                continue
+            self._searched.add(address)
+            for link in group:
+                kind = group.links.get_info(link).type
+                if kind not in inside:
+                    where = f"{_shown(h5py.h5i.get_name(group)).rstrip('/')}/{_shown(link)}"
+                    raise input_error(
+                        self.table.path, f"{where!r} is a link to another file", _OUTSIDE
+                    )
+                if kind == h5py.h5l.TYPE_HARD:
+                    about = h5py.h5o.get_info(group, link)
+                    if about.type == h5py.h5o.TYPE_GROUP and about.addr not in self._searched:
+                        waiting.append(h5py.h5o.open(group, link))
+
+    def _follow_link(self, name: str, parent: str, group: Any, link: bytes, depth: int) -> None:
+        """What a symbolic link points to; nothing, where the link is one of a ring."""
+        import h5py
+
+        try:
+            node = h5py.h5o.open(group, link)
+        except (KeyError, OSError, RuntimeError, ValueError):
+            self.table.skipped[_full(parent, name)] = "a link to nothing"
+        else:
+            self._visit(name, parent, node, depth)
+
+    def _enter(self, group: Any, parent: str, depth: int) -> None:
+        import h5py
+
+        for link in group:
+            name = _shown(link)
+            if not parent and name.startswith("#"):  # #refs#, #subsystem#: MATLAB's internal data
+                continue
+            if len(link) > _SHORT:
+                self.table.skipped[_full(parent, shortened(name))] = "its name is too long"
+            elif group.links.get_info(link).type == h5py.h5l.TYPE_SOFT:
+                self._later.append(partial(self._follow_link, name, parent, group, link, depth))
+            else:
+                self._visit(name, parent, h5py.h5o.open(group, link), depth)
+
+    def _visit(self, name: str, parent: str, node: Any, depth: int) -> None:
+        import h5py
+
+        full, skipped = _full(parent, name), self.table.skipped
+        address = _address(node)
+        if address in self._seen:
+            skipped[full] = f"the same object as {self._seen[address]}"
+            return
+        self._seen[address] = full
+        if depth > _MAX_DEPTH or h5py.h5a.exists(node, b"MATLAB_object_decode"):
+            skipped[full] = OBJECT_REASON
+        elif isinstance(node, h5py.h5g.GroupID):
+            self._refuse_outside(node)
+            self._enter(node, full, depth + 1)
+        elif isinstance(node, h5py.h5d.DatasetID):
+            self._take(name, parent, h5py.Dataset(node), depth)
+
+    def _take(self, name: str, parent: str, node: Any, depth: int) -> None:
+        """A data set: to be read, followed where it holds references, or skipped."""
+        import h5py
+
+        full, skipped, path = _full(parent, name), self.table.skipped, self.table.path
+        if node.external:
+            raise input_error(path, f"the values of {full!r} are in another file", _OUTSIDE)
+        if node.is_virtual:
+            if any(source.file_name != "." for source in node.virtual_sources()):
+                raise input_error(path, f"{full!r} gathers values of other files", _OUTSIDE)
+            skipped[full] = "virtual: its values are those of other data sets"
+            return
+        try:
+            dtype = node.dtype
+        except TypeError:  # numpy has no such type
+            skipped[full] = "of an unknown type"
+            return
+        kind = _attribute(node, b"MATLAB_class")
+        if node.shape is None or _attribute(node, b"MATLAB_empty") not in (None, 0):
+            skipped[full] = "empty"
+        elif h5py.check_ref_dtype(dtype) is h5py.Reference:
+            self._later.append(partial(self._follow, name, parent, node, depth, kind == "cell"))
+        elif kind == "char" or dtype.kind not in "fiub":
+            skipped[full] = "text" if kind == "char" else f"of type {_kind(dtype)}"
+        else:
+            self._count(full, node)
+            self.wanted.append((full, node))
+
+    def _follow(self, name: str, parent: str, node: Any, depth: int, is_cell: bool) -> None:
+        """What a data set refers to: a cell's elements, or a field of an array of structs."""
+        import h5py
+
+        self._count(_full(parent, name), node)
+        _check_packed(self.table.path, name, node)
+        addresses = np.zeros(node.shape, dtype=f"V{_REFERENCE_BYTES}")
+        every = h5py.h5s.ALL
+        # As addresses: an object for each of a cell's elements would be large.
+        node.id.read(every, every, addresses, h5py.h5t.STD_REF_OBJ)
+        # MATLAB's (n, m) is stored as (m, n): C order here is the order of its elements.
+        known, first, times = np.unique(
+            addresses.view(np.uint64).ravel(), return_index=True, return_counts=True
+        )
+        again = int(np.sum(times[known != 0] - 1))
+        for index in sorted(first[known != 0].tolist()):
+            reference = node[np.unravel_index(index, node.shape)]
+            target = h5py.h5r.dereference(reference, self.file.id)
+            if is_cell:
+                self._visit(f"{name}{{{index + 1}}}", parent, target, depth + 1)
+            else:
+                self._visit(name, f"{parent}({index + 1})", target, depth + 1)
+        if again:
+            self.table.skipped[_full(parent, name)] = f"{again} of its elements are the same again"
+
+    def _count(self, full: str, node: Any) -> None:
+        """InputError where a data set, or one of its chunks, is beyond the bound of cells."""
+        if node.chunks is not None:  # a chunk is read whole, and may be larger than its data set
+            Cells(self.table.path).add(math.prod(node.chunks), f"a chunk of data set {full}")
+        self.cells.add(node.size, f"data set {full}")
+
+
+def _check_packed(path: Path, name: str, node: Any) -> None:
+    """InputError where a chunk unpacks to more than a chunk: the library would unpack it all."""
     import h5py
 
-    full = f"{parent}.{name}" if parent else name
-    kind = node.attrs.get("MATLAB_class", b"")
-    kind = kind.decode() if isinstance(kind, bytes) else str(kind)
-    if depth > _MAX_DEPTH or "MATLAB_object_decode" in node.attrs:
-        table.skipped[full] = OBJECT_REASON
-    elif isinstance(node, h5py.Group):
-        for child in node:
-            _walk(table, file, child, full, node[child], depth + 1)
-    elif node.attrs.get("MATLAB_empty", 0):
-        table.skipped[full] = "empty"
-    elif h5py.check_ref_dtype(node.dtype) is not None:
-        # MATLAB's (n, m) is stored as (m, n): C order here is the order of its elements.
-        for index, reference in enumerate(np.asarray(node[()]).ravel()):
-            if kind == "cell":
-                _walk(table, file, f"{name}{{{index + 1}}}", parent, file[reference], depth + 1)
-            else:  # a field of an array of structs
-                element = f"{parent}({index + 1})"
-                _walk(table, file, name, element, file[reference], depth + 1)
-    elif kind == "char" or node.dtype.kind not in "fiub":
-        table.skipped[full] = "text" if kind == "char" else f"of type {node.dtype}"
-    elif node.shape is None:
-        table.skipped[full] = "empty"
-    else:
-        table.add(full, np.asarray(node[()]).T)
+    made = node.id.get_create_plist()
+    filters = [made.get_filter(number)[0] for number in range(made.get_nfilters())]
+    if h5py.h5z.FILTER_DEFLATE not in filters:
+        return
+    last = len(filters) - 1 - filters[::-1].index(h5py.h5z.FILTER_DEFLATE)
+    most = math.prod(node.chunks) * node.id.get_type().get_size()
+    if h5py.h5z.FILTER_DEFLATE in filters[:last] or set(filters[last + 1 :]) - {
+        h5py.h5z.FILTER_FLETCHER32
+    }:
+        raise input_error(path, f"data set {name} is packed twice", "save it with one filter")
+
+    stored: list[Any] = []
+    node.id.chunk_iter(stored.append)
+    for chunk in stored:
+        if chunk.filter_mask & (1 << last):
+            continue
+        unpacking = zlib.decompressobj()
+        unpacking.decompress(node.id.read_direct_chunk(chunk.chunk_offset)[1], most + _SHORT)
+        if unpacking.unconsumed_tail:
+            raise input_error(
+                path,
+                f"a chunk of data set {name} unpacks to more than its {most:,} bytes",
+                "copy the file again from where it was recorded",
+            )
+
+
+def _attribute(node: Any, name: bytes) -> Any:
+    """The one text or number of an attribute; None without it, or where it is anything else."""
+    import h5py
+
+    if not h5py.h5a.exists(node.id, name):
+        return None
+    attribute = h5py.h5a.open(node.id, name)
+    is_one = attribute.get_space().get_simple_extent_npoints() == 1
+    if not is_one or attribute.get_storage_size() > _SHORT:
+        return None
+    value = node.attrs[name.decode()]
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
+
+
+def _address(node: Any) -> int:
+    import h5py
+
+    return int(h5py.h5o.get_info(node).addr)
+
+
+def _full(parent: str, name: str) -> str:
+    return f"{parent}.{name}" if parent else name
+
+
+def _shown(name: bytes) -> str:
+    return name.decode("utf-8", "surrogateescape")
+
+
+def _kind(dtype: Any) -> str:
+    """A type in words, without a compound type's fields."""
+    return "compound" if dtype.names else str(dtype)

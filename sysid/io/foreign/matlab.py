@@ -2,28 +2,37 @@
 
 from __future__ import annotations
 
-import io
+import math
 import warnings
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
+from sysid.errors import InputError
+from sysid.io.bounds import Cells
+from sysid.io.foreign.matlab_size import check_size
 from sysid.io.foreign.table import ForeignTable, ReadOptions, damaged
 
 _MAX_DEPTH = 12
 OBJECT_REASON = "a MATLAB object (table, timeseries): save its columns as plain variables"
 
 
-def read(path: Path, raw: bytes, options: ReadOptions) -> ForeignTable:
+def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
     """Variables by name; a struct's fields by dots (`rec.Y.pressure`), its elements by
-    `rec(2)`, a cell's by `c{2}`, a matrix' signals by `name#2` (all from 1, as in MATLAB)."""
+    `rec(2)`, a cell's by `c{2}`, a matrix' signals by `name#2` (all from 1, as in MATLAB).
+
+    Raises InputError where the file is damaged, or declares more cells than are read."""
     from scipy.io import loadmat
 
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            content = loadmat(io.BytesIO(raw), struct_as_record=True)
+            _check_size(path, file)
+            file.seek(0)
+            content = loadmat(file, struct_as_record=True)
+    except InputError:
+        raise
     except Exception as error:  # scipy passes on what numpy, struct and zlib raise
         raise damaged(path, "a MATLAB file", error) from None
     table = ForeignTable(path, "MATLAB")
@@ -33,6 +42,20 @@ def read(path: Path, raw: bytes, options: ReadOptions) -> ForeignTable:
         elif name == "__function_workspace__":
             table.skipped[name] = OBJECT_REASON
     return table
+
+
+def _check_size(path: Path, file: BinaryIO) -> None:
+    from scipy.io import whosmat
+    from scipy.io.matlab import matfile_version
+
+    version, _ = matfile_version(file)
+    if version == 1:
+        check_size(path, file)
+    elif version == 0:
+        cells = Cells(path)
+        file.seek(0)
+        for name, shape, _ in whosmat(file):
+            cells.add(math.prod(map(int, shape)), f"variable {name}")
 
 
 def _walk(table: ForeignTable, name: str, value: Any, depth: int) -> None:

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
+from typing import BinaryIO
 
+from sysid.errors import InputError
 from sysid.io.foreign.table import ForeignTable, ReadOptions, damaged
+from sysid.io.parquet_columns import ParquetColumns
 
 
-def read(path: Path, raw: bytes, options: ReadOptions) -> ForeignTable:
+def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
     """One column per field of the schema; nested ones are skipped."""
-    import pyarrow as pa
-    import pyarrow.parquet as parquet
-
     table = ForeignTable(path, "Parquet")
     try:
-        content = parquet.ParquetFile(io.BytesIO(raw)).read()
-        for name, column in zip(content.column_names, content.columns, strict=True):
-            if pa.types.is_nested(column.type):
-                table.skipped[name] = f"nested ({column.type})"
-            else:
-                table.columns[name] = column.to_pandas().to_numpy()
+        content = ParquetColumns.of(path, file)
+        table.skipped |= (unread := content.unread())
+        read = content.read([name for name in content.schema.names if name not in unread])
+        for name, column in zip(read.column_names, read.columns, strict=True):
+            table.columns[name] = column.to_pandas().to_numpy()
+    except InputError:
+        raise
     except Exception as error:  # pyarrow passes on what its decoders of metadata raise
         raise damaged(path, "Parquet", error) from None
     return table

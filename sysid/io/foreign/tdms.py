@@ -2,27 +2,34 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
-from sysid.errors import input_error
+from sysid.errors import InputError, input_error
+from sysid.io.bounds import Cells
 from sysid.io.foreign.table import ForeignTable, ReadOptions, SampleTimes, damaged
 
 
-def read(path: Path, raw: bytes, options: ReadOptions) -> ForeignTable:
-    """Channels as `group/channel`, scaled; a waveform's own time base goes to `sampling`."""
+def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
+    """Channels as `group/channel`, scaled; a waveform's own time base goes to `sampling`.
+
+    Raises InputError where the file is damaged or cut off, or declares more cells than are read.
+    """
     import nptdms
 
     table = ForeignTable(path, "TDMS")
     try:
-        content = nptdms.TdmsFile.read(io.BytesIO(raw))
+        _check_size(path, nptdms.TdmsFile.read_metadata(file))
+        file.seek(0)
+        content = nptdms.TdmsFile.read(file)
         incomplete = content.file_status.incomplete_final_segment
         for group in content.groups():
             for channel in group.channels():
                 _take(table, f"{group.name}/{channel.name}", channel)
+    except InputError:
+        raise
     except Exception as error:  # npTDMS passes on what numpy and struct raise
         raise damaged(path, "a TDMS file", error) from None
     if incomplete:
@@ -32,6 +39,13 @@ def read(path: Path, raw: bytes, options: ReadOptions) -> ForeignTable:
             "copy it again, or open it in NI's software and save it again",
         )
     return table
+
+
+def _check_size(path: Path, content: Any) -> None:
+    cells = Cells(path)
+    for group in content.groups():
+        for channel in group.channels():
+            cells.add(len(channel), f"channel {group.name}/{channel.name}")
 
 
 def _take(table: ForeignTable, name: str, channel: Any) -> None:

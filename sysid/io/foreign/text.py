@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import csv
 import io
+import itertools
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from sysid.errors import InputError, input_error
+from sysid.io.bounds import MOST_COLUMNS, check_columns, check_rectangle, check_text
 from sysid.io.foreign.table import Column, ForeignTable, ReadOptions, take_names
 
 BLANK = " "
@@ -39,6 +41,7 @@ _CANDIDATES = (
 )
 _COMMENTS = ("#", "%", "//")
 _SAMPLE_LINES = 200
+_WORDS = re.compile(r"\S+")
 
 
 @dataclass(frozen=True)
@@ -51,10 +54,11 @@ class _Layout:
     thousands: str | None = None
 
 
-def read(path: Path, raw: bytes, options: ReadOptions) -> ForeignTable:
+def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
     """Comment lines (#, %, //) at the top are skipped; `options` overrides what is detected."""
     table = ForeignTable(path, "text")
-    text = _decoded(table, raw)
+    check_text(path, file)
+    text = _decoded(table, file.read())
     lines = text.splitlines()
     start = options.skip_rows
     while start < len(lines) and (
@@ -64,6 +68,7 @@ def read(path: Path, raw: bytes, options: ReadOptions) -> ForeignTable:
     sample = [line for line in lines[start : start + _SAMPLE_LINES] if line.strip()]
     if not sample:
         raise input_error(path, "holds no rows", "give another file (or fewer skip_rows)")
+    _check_columns(path, sample, options)
     layout = _find_layout(path, sample, options)
     rows = [_fields(line, layout.delimiter) for line in sample]
     table.format = f"text, separated by {_SAID.get(layout.delimiter, layout.delimiter)}"
@@ -78,10 +83,12 @@ def read(path: Path, raw: bytes, options: ReadOptions) -> ForeignTable:
     body = numbered[units + (names is not None) :]
     if not body:
         raise input_error(path, "has a header but no rows", "give another file")
+    _check_columns(path, lines, options)
     _check_widths(path, names, numbered[0], body, layout)
     _reject_cut_off(path, text, body, layout)
     table.place = lambda row: f"line {body[row][0]}"
     table.explain_gap = lambda row: _short_row(path, body, row, layout)
+    check_rectangle(path, len(body), layout.fields)
     _parse(table, [line for _, line in body], layout, names)
     return table
 
@@ -97,6 +104,15 @@ def _decoded(table: ForeignTable, raw: bytes) -> str:
             table.notices.append(f"{table.path}: not UTF-8; read as Windows-1252")
         return text
     raise input_error(table.path, "is text of an unknown encoding", "save it as UTF-8")
+
+
+def _check_columns(path: Path, lines: Iterable[str], options: ReadOptions) -> None:
+    """InputError at a line of more columns than are read, before it is cut into them."""
+    signs = ",;|\t" + (options.delimiter or "")
+    for line in lines:
+        if len(line) > MOST_COLUMNS:
+            words = itertools.islice(_WORDS.finditer(line), MOST_COLUMNS + 1)
+            check_columns(path, max(sum(1 for _ in words), *(line.count(s) + 1 for s in signs)))
 
 
 def _find_layout(path: Path, sample: Sequence[str], options: ReadOptions) -> _Layout:

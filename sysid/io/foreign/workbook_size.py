@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import io
 import re
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 from xml.parsers import expat
 
 from sysid.errors import InputError, input_error
@@ -79,16 +78,16 @@ def _number(letters: str) -> int:
     return found
 
 
-def check_size(path: Path, raw: bytes) -> None:
+def check_size(path: Path, file: BinaryIO) -> None:
     """InputError where a part of a workbook is beyond the bounds; its XML is not kept.
 
     What is damaged is left to the reader itself.
     """
-    with zipfile.ZipFile(io.BytesIO(raw)) as archive:
+    with zipfile.ZipFile(file) as archive:
         for part in archive.infolist():
             if part.file_size > _FREE_BYTES or part.filename.startswith("xl/worksheets/"):
-                with archive.open(part) as file:
-                    _check_part(path, part.filename, file)
+                with archive.open(part) as packed:
+                    _check_part(path, part.filename, packed)
 
 
 def _check_part(path: Path, name: str, file: Any) -> None:
