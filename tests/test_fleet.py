@@ -468,12 +468,12 @@ def fails() -> int:
 def test_dask_gives_the_same_results_and_survives_a_killed_worker(tmp_path: Path) -> None:
     pytest.importorskip("distributed")
     campaigns = (points(tmp_path / "2024-01-01", 0.01),)
-    with on_cluster("local", 1) as cluster:
+    with on_cluster("local", 1):
         jobs = [fails, partial(dies_once, str(tmp_path / "mark")), os.getpid]
         failed, survived, process = attempt_all(jobs)
         assert isinstance(failed, Failure) and "no such thing" in failed.reason
         assert survived == 7 and process != os.getpid()
-        there = run_fleet(campaigns, tmp_path / "dask", scheduler=cluster.address, **QUICK)
+        there = run_fleet(campaigns, tmp_path / "dask", **QUICK)
     here = run_fleet(campaigns, tmp_path / "here", **QUICK)
     # A notice may name the folder.
     said = json.dumps(there.to_json()).replace(str(tmp_path / "dask"), str(tmp_path / "here"))
@@ -492,6 +492,74 @@ def test_what_a_dead_worker_did_not_run_is_not_run_again(tmp_path: Path) -> None
     with dask.config.set(settings), on_cluster("local", 2):
         assert attempt_all(jobs) == [8, 7]
     assert (tmp_path / "ran").read_text() == "ran\n"
+
+
+def addresses() -> set[str]:
+    """Where this process and those that it started listen, or are connected."""
+    me = pytest.importorskip("psutil").Process()
+    tree = [me, *me.children(recursive=True)]
+    return {found.laddr.ip for one in tree for found in one.net_connections("inet")}
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
+def test_a_local_cluster_is_heard_on_this_machine_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("distributed")
+    monkeypatch.setenv("SYSID_JOBS", "2")
+    found: list[set[str]] = []
+
+    def tell(line: str) -> None:
+        if line.startswith("Dask: "):
+            assert "Dask: tls://127.0.0.1:" in line and ", 2 workers, http://127.0.0.1:" in line
+            found.append(addresses())
+
+    campaigns = (points(tmp_path / "2024-01-01", 0.01),)
+    done = run_fleet(campaigns, tmp_path / "out", scheduler="local", tell=tell, **QUICK)
+    assert not done.failed
+    assert found == [{"127.0.0.1"}]
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
+def test_a_local_cluster_takes_work_from_its_own_process_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    distributed = pytest.importorskip("distributed")
+    dask = pytest.importorskip("dask")
+    with on_cluster("local", 1) as cluster:
+        monkeypatch.setattr("sysid.parallel.cluster._CONNECT_S", 1.0)
+        own = cluster.client.security
+        others = distributed.Security.temporary()
+        plain = cluster.address.replace("tls://", "tcp://")
+        for address, shown in ((plain, None), (cluster.address, None), (cluster.address, others)):
+            with pytest.raises((OSError, TypeError)):
+                distributed.Client(address, security=shown, timeout=1.0, set_as_default=False)
+        with (
+            pytest.raises(InputError, match=r"tls://.*: no Dask scheduler answers"),
+            on_cluster(cluster.address, 1),
+        ):
+            raise AssertionError
+        # Whoever has the certificate is let in: Dask's configuration names it.
+        with dask.config.set(tls_settings(tmp_path, own)), on_cluster(cluster.address, 1):
+            (process,) = attempt_all([os.getpid])
+            assert process != os.getpid()
+
+
+def tls_settings(folder: Path, security: Any) -> dict[str, str]:
+    """Dask's configuration of a client that shows this certificate."""
+    files = {"ca-file": "tls_ca_file", "client.cert": "tls_client_cert"}
+    files["client.key"] = "tls_client_key"
+    for key, name in files.items():
+        (folder / key).write_text(getattr(security, name))
+    return {f"distributed.comm.tls.{key}": str(folder / key) for key in files}
+
+
+def test_a_local_cluster_without_cryptography(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("distributed")
+    monkeypatch.setitem(__import__("sys").modules, "cryptography", None)
+    what = "--scheduler local: needs cryptography, which is not installed"
+    with pytest.raises(InputError, match=what), on_cluster("local", 1):
+        raise AssertionError
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")

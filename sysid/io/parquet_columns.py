@@ -78,8 +78,14 @@ class ParquetColumns:
 def _is_text(kind: Any) -> bool:
     import pyarrow as pa
 
-    is_kind = (pa.types.is_string, pa.types.is_large_string, pa.types.is_string_view)
-    is_kind += (pa.types.is_binary, pa.types.is_large_binary, pa.types.is_binary_view)
+    is_kind = (
+        pa.types.is_string,
+        pa.types.is_large_string,
+        pa.types.is_string_view,
+        pa.types.is_binary,
+        pa.types.is_large_binary,
+        pa.types.is_binary_view,
+    )
     return any(kind_is(kind) for kind_is in is_kind)
 
 

@@ -27,6 +27,7 @@ from sysid.parallel.limits import Limit, limit_in_force, within
 Result = TypeVar("Result")
 
 LOCAL = "local"
+_HERE = "127.0.0.1"
 _CONNECT_S = 10.0
 _JOBS_VARIABLE = "SYSID_JOBS"
 # A process has one of each: matplotlib's settings, jax's compiled programs.
@@ -59,8 +60,11 @@ def on_cluster(scheduler: str, workers: int) -> Iterator[Cluster]:
     """`run_all` and `attempt_all` send their jobs to a Dask cluster within the block.
 
     `scheduler` is the address of a running one, `tcp://host:8786`, or "local": a scheduler and
-    `workers` processes of one thread each on this machine, stopped at the end. Raises InputError
-    where dask is not installed, no scheduler answers, or it has no workers.
+    `workers` processes of one thread each on this machine, stopped at the end. That one is heard
+    on 127.0.0.1 only, and takes work only from this process: both have a certificate that is made
+    for the block. What is shown to a running one, Dask's configuration says
+    (`distributed.comm.tls`). Raises InputError where dask is not installed, no scheduler answers,
+    or it has no workers.
     """
     distributed = _distributed()
     with _client(distributed, scheduler, workers) as client:
@@ -81,13 +85,25 @@ def _distributed() -> Any:
         ) from None
 
 
+def _own(distributed: Any) -> Any:
+    """A certificate for one cluster. Whoever sends it work runs code as this user."""
+    try:
+        return distributed.Security.temporary()
+    except ImportError:
+        raise input_error(
+            f"--scheduler {LOCAL}",
+            "needs cryptography, which is not installed",
+            "pip install 'sysid[cluster]'",
+        ) from None
+
+
 @contextmanager
 def _client(distributed: Any, scheduler: str, workers: int) -> Iterator[Any]:
     if scheduler == LOCAL:
         options = {"n_workers": workers, "threads_per_worker": 1, "processes": True}
-        silent = {"dashboard_address": ":0", "silence_logs": logging.CRITICAL}
+        options |= {"host": _HERE, "dashboard_address": f"{_HERE}:0", "security": _own(distributed)}
         with (
-            distributed.LocalCluster(**options, **silent) as cluster,
+            distributed.LocalCluster(**options, silence_logs=logging.CRITICAL) as cluster,
             distributed.Client(cluster, set_as_default=False) as client,
         ):
             yield client
