@@ -212,7 +212,7 @@ def parquet_many_groups(path: Path) -> None:
 
 def parquet_many_columns(path: Path) -> None:
     column = pa.array(np.zeros(1))
-    parquet.write_table(pa.table({f"c{n}": column for n in range(20_000)}), path)
+    parquet.write_table(pa.table({f"c{n}": column for n in range(101_000)}), path)
 
 
 def parquet_recurring_text(path: Path) -> None:

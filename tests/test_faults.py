@@ -41,8 +41,8 @@ def test_toml_that_is_nested_too_deeply(tmp_path: Path) -> None:
 
 
 def test_a_line_beyond_the_readers_limit(tmp_path: Path) -> None:
-    names = ",".join(f"c{i}" for i in range(300_000))
-    (tmp_path / "wide.csv").write_text(f"{names}\n{'1,' * 299_999}1\n{'2,' * 299_999}2\n")
+    names = ",".join(f"c{i}" for i in range(90_000))
+    (tmp_path / "wide.csv").write_text(f"{names}\n{'1,' * 89_999}1\n{'2,' * 89_999}2\n")
     with pytest.raises(InputError, match=r"wide\.csv: cannot be read as text"):
         convert(tmp_path / "wide.csv", tmp_path / "out.csv", maps=["time_s=c0:s"])
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ from sysid.controllers.modes import Mode
 from sysid.controllers.thesis_tables import TABLES
 from sysid.display.terminal import console, new_table
 from sysid.io.files import make_folder
+from sysid.io.locks import working_in
 from sysid.types import Progress, no_progress
 from sysid.workflows.controlling import ControlledRun
 from sysid.workflows.controlling import control as control_bundle
@@ -155,29 +157,28 @@ def control_run(
     """Run the closed loop and write it to the folder `output`, if there is one.
 
     `effects` is a file of a user's own effects, which is run, and so is the file of a
-    controller. Raises as `sysid.control` does.
+    controller. No other command works in the folder meanwhile. Raises as `sysid.control` does.
     """
-    if output is not None:
-        make_folder(output)
-    found = control_bundle(
-        read_bundle(bundle_path),
-        controller,
-        trajectory=trajectory,
-        mode=mode,
-        payload_kg=payload_kg,
-        plant=None if plant_bundle is None else read_bundle(plant_bundle),
-        inverse=inverse or "averaged",
-        horizon=horizon,
-        varying_input=varying_input,
-        backstepping_type=backstepping_type,
-        estimate_payload=estimate_payload,
-        perfect_sensors=bool(perfect_sensors),
-        seed=seed,
-        effects=effects,
-        accept_assumed=accept_assumed,
-        progress=progress,
-    )
-    return Controlled(found, () if output is None else found.write(output))
+    with working_in(output) if output is not None else nullcontext():
+        found = control_bundle(
+            read_bundle(bundle_path),
+            controller,
+            trajectory=trajectory,
+            mode=mode,
+            payload_kg=payload_kg,
+            plant=None if plant_bundle is None else read_bundle(plant_bundle),
+            inverse=inverse or "averaged",
+            horizon=horizon,
+            varying_input=varying_input,
+            backstepping_type=backstepping_type,
+            estimate_payload=estimate_payload,
+            perfect_sensors=bool(perfect_sensors),
+            seed=seed,
+            effects=effects,
+            accept_assumed=accept_assumed,
+            progress=progress,
+        )
+        return Controlled(found, () if output is None else found.write(output))
 
 
 def tabulate(

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Iterator
+import time
+from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,16 +23,18 @@ from sysid.diagnosis import wording
 from sysid.display.numbers import ascii_text
 from sysid.display.terminal import console
 from sysid.errors import InputError, NotIdentifiedError, SysidError, input_error
-from sysid.fleet.origin import origin_of, result_folder
+from sysid.fleet.origin import Origin, origin_of, result_folder
 from sysid.fleet.rows import FleetRow, effects_of, readings_of
 from sysid.fleet.trends import Fleet, fleet_of
 from sysid.io.campaign import read_campaign
-from sysid.io.files import check_each_once, make_folder, write_atomic
+from sysid.io.files import check_each_once, write_atomic
+from sysid.io.locks import clear_left, working_in
 from sysid.model.effects.catalogue import catalogue_with
 from sysid.types import Progress, no_progress
 
 PAGE_FILE = "fleet.html"
 CONTENT_FILE = "fleet.json"
+_ENDING_S = 3.0  # how long workers that are killed may take to be gone
 _FAULT = 1  # exit code of what is no fault of the input: a worker that died, a fault of the program
 
 fleet_options = options(
@@ -90,17 +93,29 @@ def run_fleet(
     `verbose`: every step of each campaign goes to standard error, not only that it starts.
 
     A campaign that cannot be run is a row that says why; the others go on. Raises InputError for
-    a campaign given twice, a folder that cannot be written, and a scheduler that does not answer.
+    a campaign given twice, a folder that cannot be written or in which another command works, and a
+    scheduler that does not answer.
     """
     check_each_once(campaigns, "campaign")
-    make_folder(folder)
+    with working_in(folder):
+        return _run_all(campaigns, folder, scheduler, tell, verbose, options)
+
+
+def _run_all(
+    campaigns: tuple[Path, ...],
+    folder: Path,
+    scheduler: str | None,
+    tell: Progress,
+    verbose: bool,
+    options: dict[str, Any],
+) -> Fleet:
     if options.get("effects") is not None:  # workers of a scheduler have other folders
         options["effects"] = options["effects"].resolve()
     jobs = [
         partial(run_one, path.resolve(), folder.resolve(), options, verbose and not scheduler)
         for path in campaigns
     ]
-    with _workers(scheduler, tell):
+    with _none_left(folder, campaigns), _workers(scheduler, tell):
         found = parallel.attempt_all(jobs)
     rows = [
         _failed(FleetRow.failed(path, result_folder(path), None, row.reason, _FAULT), folder)
@@ -118,6 +133,19 @@ def run_fleet(
 
 
 @contextlib.contextmanager
+def _none_left(folder: Path, campaigns: Sequence[Path]) -> Iterator[None]:
+    """What workers that are killed leave in their campaigns' folders is removed."""
+    try:
+        yield
+    except BaseException:
+        deadline = time.monotonic() + _ENDING_S
+        for path in campaigns:
+            while not clear_left(folder / result_folder(path)) and time.monotonic() < deadline:
+                time.sleep(0.05)
+        raise
+
+
+@contextlib.contextmanager
 def _workers(scheduler: str | None, tell: Progress) -> Iterator[None]:
     if scheduler is None:
         yield
@@ -131,15 +159,30 @@ def run_one(campaign: Path, folder: Path, options: dict[str, Any], shows: bool) 
     """A campaign through `run`, into its folder of the fleet's; its row, written last."""
     name = result_folder(campaign)
     tell = progress(f"{name}: ") if shows else no_progress
-    origin = None
     try:
         origin = origin_of(read_campaign(campaign))
+    except SysidError as error:
+        return _failed(FleetRow.failed(campaign, name, None, str(error), error.exit_code), folder)
+    try:
+        with working_in(folder / name):
+            return _run_alone(campaign, origin, folder / name, options, tell)
+    except InputError as error:  # of the folder, in which another command may be at work
+        return FleetRow.failed(campaign, name, origin, str(error), error.exit_code)
+
+
+def _run_alone(
+    campaign: Path, origin: Origin, folder: Path, options: dict[str, Any], tell: Progress
+) -> FleetRow:
+    """`run_one` in the folder of the campaign's own."""
+    name = folder.name
+    try:
         progress(f"{name}: ")("starts")
-        done = run_campaign(campaign, folder / name, progress=tell, **options)
+        done = run_campaign(campaign, folder, progress=tell, **options)
         fitted = read_bundle(done.folder / FITTED_FILE)
         readings = readings_of(fitted, done.bundle, catalogue_with(options.get("effects")))
     except SysidError as error:
-        return _failed(FleetRow.failed(campaign, name, origin, str(error), error.exit_code), folder)
+        failed = FleetRow.failed(campaign, name, origin, str(error), error.exit_code)
+        return _failed(failed, folder.parent)
     row = FleetRow(
         campaign=str(campaign),
         folder=name,

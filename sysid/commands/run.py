@@ -47,6 +47,7 @@ from sysid.commands.verdict import verdict_lines
 from sysid.diagnosis.looked import SECONDS
 from sysid.display.terminal import console, new_table
 from sysid.io.files import make_folder, remove_leftovers
+from sysid.io.locks import working_in
 from sysid.model.effects.catalogue import catalogue_with
 from sysid.types import Progress, no_progress
 
@@ -154,44 +155,44 @@ def run_campaign(
     of the user's own; `progress` is called with a line for each step, `entered` with each stage's
     name. The diagnosis ends after `budget` seconds (None: never); where it missed something then, a
     call with more does it again. `quick`: a first diagnosis that leaves much out, and no
-    refinement; a call without it does both.
+    refinement; a call without it does both. No other call works in the folder meanwhile.
     """
     campaign = read_with(campaign_path, component, progress)
     if effects is not None:
         catalogue_with(effects)  # an unusable file is reported before the work, not after it
-    make_folder(folder)
-    if (folder / "export").exists():  # what cannot be a folder is reported before the work
-        make_folder(folder / "export")
-    remove_leftovers(folder)
-    remove_leftovers(folder / "export")
-    run = PipelineRun(
-        campaign,
-        folder,
-        surface,
-        seed,
-        progress,
-        digests(campaign),
-        diagnose=diagnose,
-        refine=refine,
-        quick=quick,
-        effects=effects,
-        budget=math.inf if budget is None else budget,
-    )
-    if quick and has_whole_diagnosis(run):
-        run.quick = False  # what is there already is more than a first look
-    run.notices += [*campaign.notices, *campaign.rig.notices]
-    done = []
-    for stage in stages_of(run):
-        entered(stage.name)
-        done.append(perform(run, stage))
-    stages = tuple(done)
-    bundle = read_bundle(folder / BUNDLE_FILE)
-    found = run.diagnosis()
-    diagnosis = found if found and "verdict" in found else None
-    skipped = "" if found is None else found.get("skipped", "")
-    notices = tuple(dict.fromkeys(run.notices))
-    unasked = tuple(dict.fromkeys(run.unasked))
-    return RunReport(folder, stages, bundle, notices, diagnosis, unasked, skipped)
+    with working_in(folder):
+        if (folder / "export").exists():  # what cannot be a folder is reported before the work
+            make_folder(folder / "export")
+        remove_leftovers(folder)
+        remove_leftovers(folder / "export")
+        run = PipelineRun(
+            campaign,
+            folder,
+            surface,
+            seed,
+            progress,
+            digests(campaign),
+            diagnose=diagnose,
+            refine=refine,
+            quick=quick,
+            effects=effects,
+            budget=math.inf if budget is None else budget,
+        )
+        if quick and has_whole_diagnosis(run):
+            run.quick = False  # what is there already is more than a first look
+        run.notices += [*campaign.notices, *campaign.rig.notices]
+        done = []
+        for stage in stages_of(run):
+            entered(stage.name)
+            done.append(perform(run, stage))
+        stages = tuple(done)
+        bundle = read_bundle(folder / BUNDLE_FILE)
+        found = run.diagnosis()
+        diagnosis = found if found and "verdict" in found else None
+        skipped = "" if found is None else found.get("skipped", "")
+        notices = tuple(dict.fromkeys(run.notices))
+        unasked = tuple(dict.fromkeys(run.unasked))
+        return RunReport(folder, stages, bundle, notices, diagnosis, unasked, skipped)
 
 
 def run_and_show(

@@ -15,6 +15,7 @@ from sysid.exporters.law_replays import law_replays
 from sysid.exporters.replays import HELPERS, Replay, control_replays
 from sysid.exporters.vectors import Vectors, vectors
 from sysid.io.files import make_folder, write_atomic
+from sysid.io.locks import working_in
 from sysid.model.base import Parameters
 
 CHECK_FILES = ("check.c", "vectors.h", "CMakeLists.txt")
@@ -53,8 +54,9 @@ def write_check(folder: Path, texts: dict[str, str]) -> None:
     if not texts:
         return
     make_folder(folder, parents=False)
-    for name, text in texts.items():
-        write_atomic(folder / name, text)
+    with working_in(folder):
+        for name, text in texts.items():
+            write_atomic(folder / name, text)
 
 
 def _template(name: str, values: dict[str, str]) -> str:

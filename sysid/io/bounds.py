@@ -23,8 +23,8 @@ MOST_CELLS = 100_000_000
 VARIABLE = "SYSID_MAX_CELLS"
 # A double in decimal digits, -2.2250738585072014e-308, and what separates it from the next.
 BYTES_EACH = 25
-# As many as a sheet of Excel has. A column costs more than its cells do.
-MOST_COLUMNS = 16_384
+# A column costs about as much as a thousand cells, in time and in memory.
+MOST_COLUMNS = MOST_CELLS // 1000
 _CHUNK = 1 << 20
 _IS_BLANK = np.isin(np.arange(256), list(b" \t"))
 _SEPARATORS = list(b",;|\t")

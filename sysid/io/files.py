@@ -19,8 +19,9 @@ from sysid.errors import InputError, input_error
 _PREFIX, _SUFFIX = ".sysid-", ".tmp"
 _DESCRIPTORS = Path("/proc/self/fd")
 
-# Of the inputs of the command at work, device and inode: whether a new bundle may replace it.
-_inputs: dict[tuple[int, int], bool] | None = None
+# The inputs of the command at work: whether a new bundle may replace it. By their paths: the number
+# of a file that another process has replaced in the meantime may be that of a new one.
+_inputs: dict[Path, bool] | None = None
 
 
 @contextlib.contextmanager
@@ -40,22 +41,27 @@ def inputs_kept() -> Generator[None, None, None]:
 def note_input(path: Path, *, is_bundle: bool = False) -> None:
     """That a file was read as an input (`inputs_kept`)."""
     if _inputs is not None:
-        found = path.stat()
-        key = found.st_dev, found.st_ino
+        key = Path(os.path.realpath(path))
         _inputs[key] = is_bundle and _inputs.get(key, True)
 
 
 def _refuse_input(path: Path, is_bundle: bool) -> None:
     if not _inputs or not path.is_file():
         return
-    found = path.stat()
-    replaceable = _inputs.get((found.st_dev, found.st_ino))
-    if replaceable is not None and not (is_bundle and replaceable):
+    read = [may_be for known, may_be in _inputs.items() if _is_same(known, path)]
+    if read and not (is_bundle and all(read)):
         raise input_error(
             path,
             "is what this command reads; its result would replace it",
             "give another path for the result",
         )
+
+
+def _is_same(known: Path, path: Path) -> bool:
+    try:
+        return known.samefile(path)
+    except OSError:  # it is no longer there
+        return False
 
 
 def write_atomic(path: Path, data: bytes | str, *, is_bundle: bool = False) -> None:
@@ -78,7 +84,7 @@ def open_atomic(path: Path, *, is_bundle: bool = False) -> Generator[BinaryIO, N
         mode = _mode(path)
         _refuse_input(path, is_bundle)
     except (OSError, ValueError) as error:
-        raise _not_writable(path, error) from None
+        raise not_writable(path, error) from None
     if stat.S_ISDIR(mode):
         raise input_error(path, "is a directory", "give the path of a file in it to write")
     if mode and not stat.S_ISREG(mode):
@@ -88,9 +94,9 @@ def open_atomic(path: Path, *, is_bundle: bool = False) -> Generator[BinaryIO, N
         except BrokenPipeError:
             raise
         except OSError as error:
-            raise _not_writable(path, error) from None
+            raise not_writable(path, error) from None
         return
-    with _terminated_by_exception():
+    with terminated_by_exception():
         yield from _through_temporary(path, mode)
 
 
@@ -111,7 +117,7 @@ def _through_temporary(path: Path, mode: int) -> Generator[BinaryIO, None, None]
             raise PermissionError(None, "Permission denied")
         handle, name = _temporary(target.parent)
     except OSError as error:
-        raise _not_writable(path, error) from None
+        raise not_writable(path, error) from None
     try:
         with os.fdopen(handle, "wb") as file:
             yield file
@@ -122,7 +128,7 @@ def _through_temporary(path: Path, mode: int) -> Generator[BinaryIO, None, None]
         name.chmod(stat.S_IMODE(mode) if mode else 0o666 & ~_umask())
         name.replace(target)
     except OSError as error:
-        raise _not_writable(path, error) from None
+        raise not_writable(path, error) from None
     finally:
         if name is not None:
             name.unlink(missing_ok=True)  # already gone once it was renamed
@@ -184,7 +190,7 @@ def _umask() -> int:
 
 
 @contextlib.contextmanager
-def _terminated_by_exception() -> Generator[None, None, None]:
+def terminated_by_exception() -> Generator[None, None, None]:
     """SIGTERM raises SystemExit inside the block, so that the clean-up runs.
 
     A handler that is already set is kept; outside the main thread none can be set.
@@ -206,7 +212,7 @@ def _terminated_by_exception() -> Generator[None, None, None]:
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
-def _not_writable(path: Path, error: OSError | ValueError) -> InputError:
+def not_writable(path: Path, error: OSError | ValueError) -> InputError:
     """The error line for a file that cannot be written."""
     shown = str(path) if len(str(path)) < 200 else f"{str(path)[:80]}..."
     if isinstance(error, FileNotFoundError):

@@ -100,10 +100,10 @@ def _own(distributed: Any) -> Any:
 @contextmanager
 def _client(distributed: Any, scheduler: str, workers: int) -> Iterator[Any]:
     if scheduler == LOCAL:
-        options = {"n_workers": workers, "threads_per_worker": 1, "processes": True}
-        options |= {"host": _HERE, "dashboard_address": f"{_HERE}:0", "security": _own(distributed)}
+        made = {"n_workers": workers, "threads_per_worker": 1, "processes": True}
+        heard = {"host": _HERE, "dashboard_address": f"{_HERE}:0", "security": _own(distributed)}
         with (
-            distributed.LocalCluster(**options, silence_logs=logging.CRITICAL) as cluster,
+            distributed.LocalCluster(**made, **heard, silence_logs=logging.CRITICAL) as cluster,
             distributed.Client(cluster, set_as_default=False) as client,
         ):
             yield client

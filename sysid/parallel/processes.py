@@ -144,7 +144,7 @@ def _collect(
             for number, result in work(delayed(_numbered)(*one) for one in waiting.items()):
                 found[number] = result
                 work.timeout = left()  # joblib's own is from one result to the next
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, SystemExit):  # Ctrl-C and SIGTERM
         _kill_workers()
         raise
     except multiprocessing.TimeoutError as error:

@@ -23,6 +23,7 @@ from sysid.display.plots import legend, some_axes
 from sysid.display.progress import progress_or_shown
 from sysid.display.tables import Shown, ShownTable
 from sysid.errors import input_error
+from sysid.io.locks import working_in
 from sysid.model.effects.catalogue import EffectSource, catalogue_from
 from sysid.report.control import ControlPage, write_control_page
 from sysid.types import Progress
@@ -143,26 +144,28 @@ class ControlledRun(Shown):
     def write(self, folder: str | Path) -> tuple[Path, ...]:
         """Write `run.csv` (a log), its reference, rig file and campaign, and `page.html`.
 
-        Returns the paths. Raises InputError where the folder cannot be written.
+        Returns the paths. Raises InputError where the folder cannot be written, or another command
+        is at work in it.
         """
         place, choice = Path(folder), self.task.choice
         comments = (self.headline(), *(f"{k}: {v}" for k, v in self._origin().items()))
-        written = write_run(place, self.run, choice.mode, self.task.rig, comments)
-        page = place / PAGE_NAME
-        write_control_page(
-            page,
-            ControlPage(
-                run=self.run,
-                rig=self.task.rig,
-                title=self.headline(),
-                metrics={_METRICS[n]: getattr(self.metrics, n) for n in _METRICS},
-                facts=self._origin(),
-                notices=self.notices,
-                has_motor=choice.mode.uses_motor,
-                has_valves=choice.mode.uses_valves,
-            ),
-        )
-        return (*written, page)
+        with working_in(place):
+            written = write_run(place, self.run, choice.mode, self.task.rig, comments)
+            page = place / PAGE_NAME
+            write_control_page(
+                page,
+                ControlPage(
+                    run=self.run,
+                    rig=self.task.rig,
+                    title=self.headline(),
+                    metrics={_METRICS[n]: getattr(self.metrics, n) for n in _METRICS},
+                    facts=self._origin(),
+                    notices=self.notices,
+                    has_motor=choice.mode.uses_motor,
+                    has_valves=choice.mode.uses_valves,
+                ),
+            )
+            return (*written, page)
 
     def _origin(self) -> dict[str, str]:
         controller, plant = (Path(source).name for source in self.sources)
