@@ -57,10 +57,11 @@ def deflated_beyond_its_chunk(path: Path) -> None:
         data.id.write_direct_chunk((0,), packed_zeros(b"", 1 << 31))
 
 
-def many_references(path: Path) -> None:
-    with h5py.File(path, "w") as file:
-        kind = {"dtype": h5py.ref_dtype, "chunks": (1 << 20,), "compression": "gzip"}
-        file.create_dataset("cells", (MANY,), **kind).attrs["MATLAB_class"] = np.bytes_("cell")
+def many_objects(path: Path) -> None:
+    with h5py.File(path, "w", libver="latest") as file:
+        first = file.create_group("g0")
+        for number in range(101_000):
+            h5py.h5g.create(first.id, str(number).encode())
 
 
 HDF5_BOMBS: dict[str, Maker] = {
@@ -69,7 +70,7 @@ HDF5_BOMBS: dict[str, Maker] = {
     "not-in-chunks": not_in_chunks,
     "large-chunk": large_chunk,
     "deflated": deflated_beyond_its_chunk,
-    "many-references": many_references,
+    "many-objects": many_objects,
 }
 
 
@@ -150,10 +151,12 @@ def reference_ring(file: h5py.File) -> None:
             cell[number, 0] = other.ref
 
 
-def one_object_a_million_times(file: h5py.File) -> None:
-    cells = file.create_dataset("cells", (4_000_000,), dtype=h5py.ref_dtype, compression="gzip")
-    cells.attrs["MATLAB_class"] = np.bytes_("cell")
-    cells[:1000] = np.full(1000, file["time_s"].ref, dtype=h5py.ref_dtype)
+def one_object_again_and_again(file: h5py.File) -> None:
+    for name, count in (("cells", 90_000), ("many", MANY)):
+        kind = {"dtype": h5py.ref_dtype, "chunks": (10_000,), "compression": "gzip"}
+        cells = file.create_dataset(name, (count,), **kind)
+        cells.attrs["MATLAB_class"] = np.bytes_("cell")
+        cells[:1000] = np.full(1000, file["time_s"].ref, dtype=h5py.ref_dtype)
 
 
 def virtual_ring(file: h5py.File) -> None:
@@ -178,7 +181,7 @@ HARMLESS: dict[str, Callable[[h5py.File], None]] = {
     "soft-ring": soft_ring,
     "hard-ring": hard_ring,
     "reference-ring": reference_ring,
-    "one-object": one_object_a_million_times,
+    "one-object": one_object_again_and_again,
     "virtual-ring": virtual_ring,
     "other-types": other_types,
 }
@@ -281,6 +284,12 @@ def mat_struct(path: Path) -> None:
     path.write_bytes(matrix(head))
 
 
+def mat_many_empty_arrays(path: Path) -> None:
+    """So many tags of empty arrays follow."""
+    content = array_head(1, (90_000_000, 1)) + struct.pack("<2I", 14, 0) * 1000
+    path.write_bytes(matrix(content))
+
+
 def mat_sparse(path: Path) -> None:
     empty = element(5, b"") + element(5, struct.pack("<2I", 0, 0)) + element(9, b"")
     path.write_bytes(matrix(array_head(5, (MANY, 1)) + empty))
@@ -303,6 +312,7 @@ MAT_BOMBS: dict[str, Maker] = {
     "beyond-its-sizes": mat_beyond_its_sizes,
     "cells": mat_cells,
     "struct": mat_struct,
+    "many-empty-arrays": mat_many_empty_arrays,
     "sparse": mat_sparse,
     "within-a-cell": mat_within_a_cell,
     "version-4": mat_version_4,

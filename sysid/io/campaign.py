@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -21,7 +20,7 @@ from sysid.io.own_kind import OwnKind, read_own_log
 from sysid.io.rig import Rig, read_rig, read_toml, reject_misspelt
 from sysid.io.samples import Trial
 from sysid.io.source import Source
-from sysid.io.tables import read_bytes
+from sysid.io.tables import open_input, sha256_of
 from sysid.io.units import CANONICAL_UNITS, ColumnMap, parse_map_table
 
 Kind = Literal[
@@ -224,7 +223,8 @@ def read_campaign(path: Path, own: OwnKind | None = None) -> Campaign:
 
 def _digest(path: Path) -> str:
     """SHA-256 of a log's file."""
-    return hashlib.sha256(read_bytes(path, "a log")).hexdigest()
+    with open_input(path, "a log") as file:
+        return sha256_of(file)
 
 
 def _entry(

@@ -19,7 +19,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from sysid.errors import InputError, input_error, shortened
-from sysid.io.bounds import Cells
+from sysid.io.bounds import MOST_COLUMNS, Cells, check_columns
 from sysid.io.foreign.matlab import OBJECT_REASON
 from sysid.io.foreign.table import ForeignTable, ReadOptions, damaged
 
@@ -70,7 +70,7 @@ class _Objects:
     _later: deque[Callable[[], None]] = field(default_factory=deque)
 
     def __post_init__(self) -> None:
-        self.cells = Cells(self.table.path)
+        self.cells, self._names = Cells(self.table.path), 0
 
     def look_through(self) -> None:
         """All that the root's groups, links and references lead to."""
@@ -91,6 +91,8 @@ class _Objects:
             if (address := _address(group)) in self._searched:
                 continue
             self._searched.add(address)
+            self._names += group.get_num_objs()
+            check_columns(self.table.path, self._names)
             for link in group:
                 kind = group.links.get_info(link).type
                 if kind not in inside:
@@ -177,8 +179,12 @@ class _Objects:
         """What a data set refers to: a cell's elements, or a field of an array of structs."""
         import h5py
 
-        self._count(_full(parent, name), node)
-        _check_packed(self.table.path, name, node)
+        full = _full(parent, name)
+        if node.size > MOST_COLUMNS:  # each would be a column of its own
+            self.table.skipped[full] = f"of more than {MOST_COLUMNS:,} elements"
+            return
+        self._count(full, node)
+        _check_packed(self.table.path, full, node)
         addresses = np.zeros(node.shape, dtype=f"V{_REFERENCE_BYTES}")
         every = h5py.h5s.ALL
         # As addresses: an object for each of a cell's elements would be large.
@@ -196,7 +202,7 @@ class _Objects:
             else:
                 self._visit(name, f"{parent}({index + 1})", target, depth + 1)
         if again:
-            self.table.skipped[_full(parent, name)] = f"{again} of its elements are the same again"
+            self.table.skipped[full] = f"{again} of its elements are the same again"
 
     def _count(self, full: str, node: Any) -> None:
         """InputError where a data set, or one of its chunks, is beyond the bound of cells."""

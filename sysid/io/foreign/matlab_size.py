@@ -13,7 +13,7 @@ import zlib
 from pathlib import Path
 from typing import BinaryIO
 
-from sysid.io.bounds import Cells
+from sysid.io.bounds import Cells, check_columns
 from sysid.io.foreign.table import damaged
 
 _HEAD_BYTES = 128
@@ -109,7 +109,7 @@ class _Arrays:
 
     def __init__(self, path: Path, source: _Plain | _Unpacked, order: str, cells: Cells) -> None:
         self._path, self._source, self._order, self._cells = path, source, order, cells
-        self._name = ""
+        self._name, self._elements_found = "", 0
 
     def variable(self) -> None:
         """A variable of the file."""
@@ -158,6 +158,8 @@ class _Arrays:
             names = self._short_data()
             fields = len(names) // width if width else 0
         self._add(count * max(fields, 1))
+        self._elements_found += count * fields
+        check_columns(self._path, self._elements_found)  # each will be a column of its own
         for _ in range(count * fields):
             self._nested()
 

@@ -8,7 +8,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from sysid.errors import InputError, input_error
-from sysid.io.bounds import Cells
+from sysid.io.bounds import Cells, check_columns
 from sysid.io.foreign.table import ForeignTable, ReadOptions, SampleTimes, damaged
 
 
@@ -43,9 +43,10 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
 
 def _check_size(path: Path, content: Any) -> None:
     cells = Cells(path)
-    for group in content.groups():
-        for channel in group.channels():
-            cells.add(len(channel), f"channel {group.name}/{channel.name}")
+    channels = [channel for group in content.groups() for channel in group.channels()]
+    check_columns(path, len(channels))
+    for channel in channels:
+        cells.add(len(channel), f"channel {channel.group_name}/{channel.name}")
 
 
 def _take(table: ForeignTable, name: str, channel: Any) -> None:
