@@ -187,7 +187,7 @@ def compare(folder: Path, count: int) -> None:
     stages = [json.loads((path.parent / "run.json").read_text("utf-8")) for path in done]
     serial = sum(stage["seconds"] for run in stages for stage in run.values())
     print(f"{len(campaigns)} campaigns, serial: {serial:.0f} s, load {os.getloadavg()[0]:.1f}")
-    own = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": ":0"}
+    own = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": "127.0.0.1:0"}
     joblib_s = timed(run_fleet(campaigns, folder / "joblib", ["--jobs", "2"]))
     report(folder, "joblib", campaigns, joblib_s)
     with LocalCluster(**own) as cluster:
