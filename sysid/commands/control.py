@@ -110,7 +110,10 @@ def control(bundle: Path | None, table: str | None, as_json: bool, **chosen: Any
     for name in ("controller", "trajectory", "mode"):
         if chosen[name] is None:
             raise click.UsageError(f"Missing option '--{name}'.")
-    _show(control_run(bundle, **chosen, progress=progress()), as_json)
+    output = chosen["output"]
+    with working_in(output) if output is not None else nullcontext():
+        done = control_run(bundle, **chosen, progress=progress())
+    _show(done, as_json)
 
 
 def _no_run_options(chosen: dict[str, Any]) -> None:
@@ -157,28 +160,29 @@ def control_run(
     """Run the closed loop and write it to the folder `output`, if there is one.
 
     `effects` is a file of a user's own effects, which is run, and so is the file of a
-    controller. No other command works in the folder meanwhile. Raises as `sysid.control` does.
+    controller. Raises as `sysid.control` does.
     """
-    with working_in(output) if output is not None else nullcontext():
-        found = control_bundle(
-            read_bundle(bundle_path),
-            controller,
-            trajectory=trajectory,
-            mode=mode,
-            payload_kg=payload_kg,
-            plant=None if plant_bundle is None else read_bundle(plant_bundle),
-            inverse=inverse or "averaged",
-            horizon=horizon,
-            varying_input=varying_input,
-            backstepping_type=backstepping_type,
-            estimate_payload=estimate_payload,
-            perfect_sensors=bool(perfect_sensors),
-            seed=seed,
-            effects=effects,
-            accept_assumed=accept_assumed,
-            progress=progress,
-        )
-        return Controlled(found, () if output is None else found.write(output))
+    if output is not None:
+        make_folder(output)
+    found = control_bundle(
+        read_bundle(bundle_path),
+        controller,
+        trajectory=trajectory,
+        mode=mode,
+        payload_kg=payload_kg,
+        plant=None if plant_bundle is None else read_bundle(plant_bundle),
+        inverse=inverse or "averaged",
+        horizon=horizon,
+        varying_input=varying_input,
+        backstepping_type=backstepping_type,
+        estimate_payload=estimate_payload,
+        perfect_sensors=bool(perfect_sensors),
+        seed=seed,
+        effects=effects,
+        accept_assumed=accept_assumed,
+        progress=progress,
+    )
+    return Controlled(found, () if output is None else found.write(output))
 
 
 def tabulate(
