@@ -114,7 +114,7 @@ def fit_campaign(
     if not assembly.parts:
         raise NotIdentifiedError(_nothing(assembly))
     used = [s for s in sources if _is_used(s, assembly)]
-    has_surfaces = any(s.kind == "valve-pwm" for s in used)
+    has_surfaces = any((s.kind, s.use) == ("valve-pwm", "fit") for s in used)
     bundle = Bundle.new(
         campaign.rig,
         assembly.parts,

@@ -331,14 +331,21 @@ def test_a_strength_is_told_from_none_with_the_shape_as_it_is(
 @pytest.mark.parametrize(
     ("loss", "position_after", "stays"), [(2.0, 0.02, False), (2.0, 0.005, True), (0.1, 0.02, True)]
 )
+@pytest.mark.parametrize("held_out", [0.5, 1.0, 2.0])
 def test_the_search_is_made_again_without_an_effect_at_its_limit_that_makes_errors_larger(
-    ran: Ran, loss: float, position_after: float, stays: bool
+    ran: Ran, loss: float, position_after: float, stays: bool, held_out: float
 ) -> None:
+    """By the training tests, whatever the held-out ones do."""
     given = ran.diagnosed.diagnosis
+    assert given.refinement is not None
     one = replace(given.effects[0], effect=StictionAfterRest(loss, 0.25))
-    error = replace(given.residual["theta_rad"], before=0.01, after=position_after)
-    smaller = {name: replace(e, before=2.0 * e.after) for name, e in given.residual.items()}
-    look = _Looks(replace(given, effects=(one,), residual={**smaller, "theta_rad": error}))
+    after = np.array([position_after, 100.0, np.nan])
+    errors = replace(
+        given.refinement.fits["fit"], before=np.array([0.01, 200.0, np.nan]), after=after
+    )
+    refinement = replace(given.refinement, fits={**given.refinement.fits, "fit": errors})
+    other = {n: replace(e, after=held_out * e.before) for n, e in given.residual.items()}
+    look = _Looks(replace(given, effects=(one,), refinement=refinement, residual=other))
     found = without_contradicted(look, catalogue())
     if stays:
         assert found == look.first

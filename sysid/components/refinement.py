@@ -9,15 +9,15 @@ from typing import Any, cast
 import numpy as np
 
 from sysid.bundle import Bundle
-from sysid.components.campaign import law_in, tests_of, training_part
+from sysid.components.campaign import tests_of, training_part
 from sysid.components.definition import DynamicComponent
 from sysid.components.dynamic import DynamicPart
-from sysid.components.parts import OwnPart
+from sysid.components.parts import OwnPart, effects_in
 from sysid.components.validation import validate_own
 from sysid.diagnosis.bench.component import Law
 from sysid.display.numbers import number
 from sysid.display.tables import Shown, ShownTable, estimate_records
-from sysid.errors import NotIdentifiedError
+from sysid.errors import InputError, NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import LeastSquaresFit, Parameter, minimise
 from sysid.io.campaign import Campaign
@@ -88,13 +88,13 @@ def refine_own(
     or effects that cannot be used, NotIdentifiedError where the bundle lacks the law.
     """
     tests = tests_of(campaign, bundle)
-    all_tests, law = law_in(tests, bundle)
+    part = training_part(tests, [effect.id for effect in effects_in(bundle, tests.loaded)])
+    law = part.law_of(bundle)
     if not isinstance(tests.loaded.definition, DynamicComponent):
         line = f"{tests.loaded.kind}: a law without memory: its fit is the refinement already"
         return OwnRefinement(bundle, {}, {}, {}, {}, (*tests.notices, line))
-    part = cast(DynamicPart, training_part(tests, all_tests.kept))
     progress(f"refining {tests.loaded.name} on {len(part.trials)} tests")
-    fit = _fit(part, law)
+    fit = _fit(cast(DynamicPart, part), law)
     names = [p.name for p in part.parameters()]
     covariance = fit.correlated_covariance(_groups(part))
     estimates = {name: fit.estimate(name, covariance) for name in names}
@@ -104,7 +104,12 @@ def refine_own(
         *tests.notices,
         *(f"{name} is not identified: it keeps its number" for name in stays),
     ]
-    before, after = (_errors(campaign, b, progress) for b in (bundle, refined))
+    try:
+        before, after = (_errors(campaign, b, progress) for b in (bundle, refined))
+    except (InputError, NotIdentifiedError) as error:
+        # The numbers are found by now, from the training tests alone.
+        before, after = {}, {}
+        notices.append(f"errors of whole tests are not known: {error}")
     used = campaign.sources("fit")
     start = {name: law.values[name] for name in names}
     return OwnRefinement(
@@ -149,8 +154,6 @@ def _groups(part: OwnPart) -> Any:
 def _errors(campaign: Campaign, bundle: Bundle, progress: Progress) -> dict[str, float]:
     result = validate_own(campaign, bundle, progress=progress)
     logs = result.select("holdout") or result.logs
-    if not logs:
-        raise NotIdentifiedError("no log to simulate")
     found = {}
     for name in logs[0].channels:
         errors = [log.channels[name].errors for log in logs]

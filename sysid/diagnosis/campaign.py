@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from functools import partial
+from typing import Any, cast
 
 from sysid.bundle import Bundle, EffectEntry, HeldOutError
 from sysid.bundle.assembled_model import assumed_friction
@@ -17,6 +18,7 @@ from sysid.diagnosis.actuator.diagnose import (
 )
 from sysid.diagnosis.actuator.known import Earlier
 from sysid.diagnosis.bench.diagnose import diagnose_component, held_out_errors
+from sysid.diagnosis.bench.evidence import HeldOutEvidence
 from sysid.diagnosis.bench.registry import AXIS, part_tested
 from sysid.diagnosis.looked import SECONDS, Book, SearchStage
 from sysid.diagnosis.refined import (
@@ -55,8 +57,8 @@ def diagnose_logs(
 
     An effect that the bundle already holds is part of the model under diagnosis. With `refine` the
     numbers of what an actuator lacks are those of simulation error on its motion logs, and so are
-    those of an axis with a motor alone and a log held out. Ends after `budget` seconds with the
-    best so far (None: never). `quick`: a first look without refinement.
+    those of an axis with a motor alone. Held-out logs tell errors, and decide nothing. Ends after
+    `budget` seconds with the best so far (None: never). `quick`: a first look without refinement.
     """
     with time_limit(budget):
         found, notices = _diagnose_logs(
@@ -86,7 +88,7 @@ def _diagnose_logs(
         log = _read(campaign, entry, bundle)
         logs.append((entry.use, entry.kind, log))
         notices += log.notices
-    kind = part_tested([entry.kind for entry in campaign.logs], bundle)
+    kind = part_tested(campaign.training_kinds(), bundle)
     if kind is None and campaign.rig.air is None:
         raise NotIdentifiedError(
             f"{campaign.path}: an axis without air is diagnosed on tests of kind friction-motion, "
@@ -114,10 +116,7 @@ def _look_at_part(
         wanted: [t for use, of, log in logs if (use, of) == (wanted, kind) for t in log.trials]
         for wanted in ("fit", "holdout")
     }
-    refine = refine and kind == AXIS and campaign.rig.is_motor_alone and bool(trials["holdout"])
-
-    def errors_of(other: Bundle) -> dict[str, float]:
-        return held_out_errors(kind, trials["holdout"], campaign.rig, other, catalogue)
+    refine = refine and kind == AXIS and campaign.rig.is_motor_alone
 
     def look(effects: Catalogue) -> Diagnosis:
         found = diagnose_component(
@@ -127,7 +126,9 @@ def _look_at_part(
         if not refine:
             return found
         extended = extended_bundle(bundle, found, campaign)
-        return with_refined_numbers(found, campaign, extended, catalogue, errors_of, progress)
+        outside = cast(HeldOutEvidence, found.evidence).outside
+        after = None if outside is None else partial(held_out_errors, outside, catalogue=catalogue)
+        return with_refined_numbers(found, campaign, extended, catalogue, after, progress)
 
     return look
 

@@ -17,13 +17,13 @@ import numpy as np
 from sysid.bundle import Bundle, EffectEntry
 from sysid.bundle.assembled_model import effects_from_bundle
 from sysid.diagnosis.looked import LATE, Book, SearchStage
-from sysid.diagnosis.result import Diagnosis, FoundEffect
+from sysid.diagnosis.result import BeforeAfter, Diagnosis, FoundEffect
 from sysid.display.numbers import number
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.estimation.linear import Estimate, chi_squared_quantile
 from sysid.io.campaign import Campaign
 from sysid.model.effects.entry import Catalogue, CatalogueEffect
-from sysid.parallel import Failure, attempt
+from sysid.parallel import Failure, attempt, time_limit
 from sysid.types import Progress, no_progress
 
 if TYPE_CHECKING:
@@ -44,7 +44,8 @@ def without_contradicted(
     """The diagnosis of which every refined effect has a strength other than 0, within its range.
 
     Where one has none, the next is made without the one that is the most surely absent; so it is
-    without one that grows to the limit of its range and makes a held-out error larger.
+    without one that grows to the limit of its range and makes an error of the training tests
+    larger. Held-out tests decide nothing.
     """
     found, gone, notices = look(catalogue), [], []
     while (contradiction := _absent(found) or _beyond_its_range(found)) is not None:
@@ -80,16 +81,19 @@ def _absent(found: Diagnosis) -> tuple[FoundEffect, str] | None:
 
 
 def _beyond_its_range(found: Diagnosis) -> tuple[FoundEffect, str] | None:
-    """An effect that a refinement takes to a limit other than 0, where held-out errors rise; and
-    what motion does with it.
+    """An effect that a refinement takes to a limit other than 0, where an error of the training
+    tests rises; and what motion does with it.
 
     As friction after rest grows without bound where it only has to be gone.
     """
-    if found.refinement is None or not any(e.after > e.before for e in found.residual.values()):
+    if found.refinement is None:
         return None
     for one in found.effects:
         if limits := ", ".join(_limits(one.effect)):
-            worse = "and held-out tests are simulated worse"
+            errors = found.refinement.fits["fit"]
+            if not np.any(errors.after > errors.before):
+                return None
+            worse = "and training tests are simulated worse"
             return one, f"takes it to the limit of its range ({limits}) {worse}"
     return None
 
@@ -145,40 +149,62 @@ def with_refined_numbers(
     campaign: Campaign,
     extended: Bundle,
     catalogue: Catalogue,
-    held_out_errors: Callable[[Bundle], Mapping[str, float]],
+    held_out_errors: Callable[[Bundle], Mapping[str, float]] | None,
     progress: Progress = no_progress,
 ) -> Diagnosis:
     """The diagnosis with its numbers, and the errors after, as a refinement has them.
 
     `extended` is the bundle with the effects found; `held_out_errors` are a bundle's by channel,
-    in its unit. Where nothing was found, or the refinement does not hold or time runs out, the
-    diagnosis is as it was, with a notice that says why.
+    in its unit, None where no test is held out. Where nothing was found, or the refinement does not
+    hold or time runs out, the diagnosis is as it was, with a notice that says why.
     """
     if not diagnosis.effects:
         return diagnosis
-    found = attempt(lambda: _numbers(campaign, extended, catalogue, held_out_errors, progress))
-    if isinstance(found, Failure):
-        return _out_of_time(diagnosis) if found.out_of_time else _as_it_was(diagnosis, found.reason)
-    result, after = found
+    result = attempt(lambda: _numbers(campaign, extended, catalogue, progress))
+    if isinstance(result, Failure):
+        if result.out_of_time:
+            return _out_of_time(diagnosis)
+        return _as_it_was(diagnosis, result.reason)
     errors = result.fits["fit"]
     if result.worse:
         why = f"the training tests would be simulated {result.worse}"
         return dataclasses.replace(_as_it_was(diagnosis, why), simulated=errors.before)
+    residual, notices = _errors_after(diagnosis, result.bundle, held_out_errors)
     count = len(diagnosis.effects)
     own = effects_from_bundle(result.bundle, catalogue)[-count:]
     refined = zip(diagnosis.effects, result.bundle.effects[-count:], own, strict=True)
     return dataclasses.replace(
         diagnosis,
         effects=tuple(_refined(effect, entry, new) for effect, entry, new in refined),  # type: ignore[arg-type]
-        residual={
-            name: dataclasses.replace(error, after=after[name])
-            for name, error in diagnosis.residual.items()
-            if math.isfinite(after.get(name, math.nan))
-        },
+        residual=residual,
         refinement=result,
         simulated=errors.after,
-        notices=(*diagnosis.notices, *result.notices),
+        notices=(*diagnosis.notices, *result.notices, *notices),
     )
+
+
+def _errors_after(
+    diagnosis: Diagnosis,
+    refined: Bundle,
+    held_out_errors: Callable[[Bundle], Mapping[str, float]] | None,
+) -> tuple[dict[str, BeforeAfter], list[str]]:
+    """The errors of held-out tests with a refined bundle, and notices. They only describe it: its
+    numbers stand whether they can be worked out or not, and however long that takes.
+    """
+    if held_out_errors is None:
+        notice = "errors before and after are those of the numbers before the refinement"
+        return dict(diagnosis.residual), [notice] if diagnosis.residual else []
+    try:
+        with time_limit(None):
+            after = held_out_errors(refined)
+    except (InputError, NotIdentifiedError) as error:
+        return {}, [f"errors of held-out tests are not known: {error}"]
+    known = {
+        name: dataclasses.replace(error, after=after[name])
+        for name, error in diagnosis.residual.items()
+        if math.isfinite(after.get(name, math.nan))
+    }
+    return known, []
 
 
 def simulating_best(
@@ -201,21 +227,15 @@ def simulating_best(
 
 
 def _numbers(
-    campaign: Campaign,
-    extended: Bundle,
-    catalogue: Catalogue,
-    held_out_errors: Callable[[Bundle], Mapping[str, float]],
-    progress: Progress,
-) -> tuple[RefineResult, Mapping[str, float]] | Failure:
-    """The refinement and a bundle's errors with it, none where it is worse; why it failed where it
-    did."""
+    campaign: Campaign, extended: Bundle, catalogue: Catalogue, progress: Progress
+) -> RefineResult | Failure:
+    """The refinement; why it failed where it did."""
     from sysid.refinement.refine import refine  # loads jax
 
     try:
-        result = refine(
+        return refine(
             campaign, extended, catalogue=catalogue, progress=progress, by_differences=True
         )
-        return result, {} if result.worse else held_out_errors(result.bundle)
     except (InputError, NotIdentifiedError, RuntimeError) as error:
         return Failure(str(error))
 

@@ -121,6 +121,14 @@ class Campaign:
         """The entries of these kinds and this use (None: either), in the file's order."""
         return tuple(e for e in self.logs if e.kind in kinds and use in (None, e.use))
 
+    def training_kinds(self) -> tuple[str, ...]:
+        """The kinds of the training logs, each once, which say what the campaign is about.
+
+        Of all logs where none is to fit on.
+        """
+        logs = [e for e in self.logs if e.use == "fit"] or self.logs
+        return tuple(dict.fromkeys(e.kind for e in logs))
+
     def sources(self, use: str | None = None) -> list[Source]:
         """The logs of this use (None: all) as a bundle's provenance lists them.
 

@@ -24,10 +24,10 @@ from sysid.bundle import Bundle
 from sysid.bundle.assembled_model import assumed_friction, fitted_inertia, friction_keys
 from sysid.bundle.friction import Friction
 from sysid.display.numbers import ascii_text
-from sysid.errors import NotIdentifiedError, SimulationError, input_error
+from sysid.errors import InputError, NotIdentifiedError, SimulationError, input_error
 from sysid.estimation.linear import Estimate, t_quantile
 from sysid.io.campaign import MOTION_KINDS, Campaign, CampaignLog
-from sysid.io.logs import Trial
+from sysid.io.logs import Log, Trial
 from sysid.io.rig import Rig
 from sysid.model.effects.entry import Catalogue
 from sysid.model.ports import Model, has_discrete_law
@@ -130,7 +130,7 @@ def refine(
     parameters, matrix = _parameters(found)
     values = np.array([p.estimate.value for p in parameters])
     progress("simulating whole tests")
-    held_out = motion_tests_of(campaign, campaign.select(KINDS, use="holdout"), bundle, notices)
+    held_out = _held_out_tests(campaign, bundle, notices)
     after = model_at(model, unknowns, values)
     static = found.problem.static_number
     if static is not None and not parameters[static].is_known:
@@ -161,7 +161,7 @@ def refine(
         profiles=profiles,
         bundle=bundle,
         effort={
-            use: _effort(some, model, after, campaign.rig)
+            use: _effort(some, model, after, campaign.rig, notices)
             for use, some in (("fit", tests), ("holdout", held_out))
             if some and campaign.rig.is_motor_alone
         },
@@ -209,15 +209,39 @@ def motion_tests_of(
     campaign: Campaign, entries: Sequence[CampaignLog], bundle: Bundle, notices: list[str]
 ) -> list[MotionTest]:
     """The tests of these logs with their segments; the logs' notices are appended."""
+    return [
+        test
+        for entry in entries
+        for test in _prepared(_read(campaign, entry, bundle), entry, campaign.rig, bundle, notices)
+    ]
+
+
+def _read(campaign: Campaign, entry: CampaignLog, bundle: Bundle) -> Log:
+    log = campaign.read(entry)
+    bundle.check_log(log, entry.kind, entry.use)
+    return log
+
+
+def _prepared(
+    log: Log, entry: CampaignLog, rig: Rig, bundle: Bundle, notices: list[str]
+) -> list[MotionTest]:
+    inertia = fitted_inertia(bundle)
+    tests, left_out = prepare_all(log.trials, entry.kind, rig, SEGMENT_S, inertia)
+    notices += [*log.notices, *left_out]
+    return [t for t in tests if t.counted(t.whole) >= LEAST_ROWS]
+
+
+def _held_out_tests(campaign: Campaign, bundle: Bundle, notices: list[str]) -> list[MotionTest]:
+    """Those of the held-out logs. One whose tests cannot be simulated is left out by a notice: what
+    was estimated does not depend on it."""
     found = []
-    for entry in entries:
-        log = campaign.read(entry)
-        bundle.check_log(log, entry.kind, entry.use)
-        inertia = fitted_inertia(bundle)
-        tests, left_out = prepare_all(log.trials, entry.kind, campaign.rig, SEGMENT_S, inertia)
-        found += tests
-        notices += [*log.notices, *left_out]
-    return [t for t in found if t.counted(t.whole) >= LEAST_ROWS]
+    for entry in campaign.select(KINDS, use="holdout"):
+        log = _read(campaign, entry, bundle)
+        try:
+            found += _prepared(log, entry, campaign.rig, bundle, notices)
+        except (InputError, NotIdentifiedError) as error:
+            notices.append(f"held out, and not simulated: {error}")
+    return found
 
 
 def bench_scatter(bundle: Bundle) -> FrictionScatter:
@@ -296,14 +320,19 @@ def _fit(
 
 
 def _effort(
-    tests: Sequence[MotionTest], before: Model, after: Model, rig: Rig
+    tests: Sequence[MotionTest], before: Model, after: Model, rig: Rig, notices: list[str]
 ) -> dict[str, tuple[float, float]]:
-    """What both models leave of the motor's effort along the measured motion, RMSE by channel."""
+    """What both models leave of the motor's effort along the measured motion, RMSE by channel; NaN
+    for tests that cannot be brought onto even time."""
     position, effort = rig.position_channel, rig.effort_channel
     trials = [
         Trial(t.label, t.time, {position: t.measured[0], effort: t.motor}, t.source) for t in tests
     ]
-    return {effort: (effort_rmse(trials, rig, before), effort_rmse(trials, rig, after))}
+    try:
+        return {effort: (effort_rmse(trials, rig, before), effort_rmse(trials, rig, after))}
+    except InputError as error:
+        notices.append(f"errors of the equation of motion are not known: {error}")
+        return {effort: (math.nan, math.nan)}
 
 
 def _stalled_notice(found: Estimated) -> str:

@@ -15,7 +15,7 @@ from sysid.bundle import Bundle
 from sysid.checks.log_check import LogCheck, check_campaign
 from sysid.components.loading import component_in
 from sysid.errors import input_error
-from sysid.io.campaign import Campaign
+from sysid.io.campaign import MOTION_KINDS, Campaign
 from sysid.model.effects.entry import Catalogue
 from sysid.types import Progress
 
@@ -120,15 +120,18 @@ class RigSubject(Subject):
         return super().why_not_refined(bundle)
 
     def is_validated(self, bundle: Bundle) -> bool:
-        """Where it has motion logs, and is a whole actuator."""
+        """Where it has motion logs, and is a whole actuator or has its motion held out."""
+        from sysid.diagnosis.bench.registry import AXIS
         from sysid.validation import VALIDATED_KINDS
 
-        return bool(self.campaign.select(VALIDATED_KINDS, None)) and self._part(bundle) is None
+        part = self._part(bundle)
+        is_whole = part is None or (part == AXIS and self.campaign.select(MOTION_KINDS, "holdout"))
+        return bool(is_whole and self.campaign.select(VALIDATED_KINDS, None))
 
     def _part(self, bundle: Bundle) -> str | None:
         from sysid.diagnosis.bench.registry import part_tested
 
-        return part_tested([entry.kind for entry in self.campaign.logs], bundle)
+        return part_tested(self.campaign.training_kinds(), bundle)
 
     def validate(
         self, bundle: Bundle, catalogue: Catalogue | None, progress: Progress

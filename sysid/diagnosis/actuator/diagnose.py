@@ -12,7 +12,7 @@ import numpy as np
 
 from sysid.diagnosis.actuator.equation_error import forget
 from sysid.diagnosis.actuator.evidence import TwinEvidence
-from sysid.diagnosis.actuator.holdout import HeldOut, held_out
+from sysid.diagnosis.actuator.holdout import HeldOut, held_out, motion_tests
 from sysid.diagnosis.actuator.known import Earlier
 from sysid.diagnosis.actuator.loop import Loop, close_loop
 from sysid.diagnosis.actuator.unexplained import (
@@ -94,7 +94,8 @@ def diagnose(
     if not tests:
         raise NotIdentifiedError('diagnosis: no log has use = "fit"; give it some')
     try:
-        inside, outside = (_tests_of(logs, use, rig) for use in ("fit", "holdout"))
+        inside = motion_tests(rig, [(kind, log) for use, kind, log in logs if use == "fit"])
+        outside = _held_out(logs, rig)
         found = close_loop(
             tests,
             rig,
@@ -165,7 +166,7 @@ def rivals_of(
     balances do not tell it."""
     evidence = cast(TwinEvidence, found.evidence)
     for search in evidence.loop.search.rivals:
-        outside = _tests_of(logs, "holdout", rig)
+        outside = _held_out(logs, rig)
         other = replace(evidence, loop=replace(evidence.loop, search=search))
         with time_limit(None):
             errors = _by_channel(_errors(outside, model, other.loop), rig)
@@ -173,9 +174,9 @@ def rivals_of(
         yield replace(found, effects=other.found(errors), residual=after, evidence=other)
 
 
-def _tests_of(logs: Sequence[tuple[str, str, Log]], use: str, rig: Rig) -> HeldOut:
-    """The motion tests of the logs with this use, to be simulated only."""
-    return held_out(rig, [(kind, log) for own, kind, log in logs if own == use])
+def _held_out(logs: Sequence[tuple[str, str, Log]], rig: Rig) -> HeldOut:
+    """The motion tests of the held-out logs, to be simulated only."""
+    return held_out(rig, [(kind, log) for use, kind, log in logs if use == "holdout"])
 
 
 def _by_channel(errors: Sequence[FloatArray], rig: Rig) -> list[dict[str, float]]:
@@ -223,7 +224,7 @@ def open_loop_errors(
     logs: Sequence[tuple[str, str, Log]], rig: Rig, model: Model
 ) -> dict[str, float]:
     """RMSE of a model by channel, in its unit, on the motion logs held out; NaN without one."""
-    outside = _tests_of(logs, "holdout", rig)
+    outside = _held_out(logs, rig)
     errors = outside.rmse(model) if outside.tests else np.full(3, math.nan)
     return _by_channel([errors], rig)[0]
 

@@ -25,9 +25,8 @@ from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.model.effects.entry import Catalogue, CatalogueEffect
 
-_LEFT_OUT = (
-    "no held-out log: errors before and after are those of tests left out of the fit in turn"
-)
+_LEFT_OUT = "errors before and after are those of tests left out of the fit in turn"
+_NO_LOG = "no held-out log"
 # An error this close to the noise floor leaves nothing to explain.
 _AT_FLOOR = 1.1
 # From here on what is left is misfit, which no interval of the law's own numbers knows of.
@@ -52,28 +51,26 @@ def diagnose_component(
 ) -> Diagnosis:
     """Find what a part's law lacks on training tests, and measure it on held-out ones.
 
-    `quick`: a first look only. `build` makes a part of a kind from tests. Raises InputError for
-    tests that cannot be used, NotIdentifiedError where the bundle or the tests do not hold the law.
+    `quick`: a first look only. `build` makes a part of a kind from tests. Held-out tests decide
+    neither the effects nor their numbers: where these laws do not predict them, a notice says so.
+    Raises InputError for tests that cannot be used, NotIdentifiedError where the bundle or the
+    training tests do not hold the law.
     """
     if not fitted:
         raise NotIdentifiedError('diagnosis: no log has use = "fit"; give it some')
     component = build(kind, fitted, rig)
     given = component.law_of(bundle)
     selection = select(component, catalogue, progress, quick=quick)
-    outside = build(kind, held_out, rig) if held_out else None
+    laws = [given, *(a.fitted.law for a in selection.additions)]
+    progress("predicting the held-out tests, before and after")
+    outside, errors, notices = _predicted(build, kind, held_out, rig, laws)
     ambiguous = [a.repeats.sentence for a in selection.additions if a.repeats.sentence]
     ambiguous += [effect.undecided_sentence for effect in selection.undecided]
     looked = selection.looked.sentences()
-    left_out = (*component.left_out, *(outside.left_out if outside else ()))
-    notices = (*left_out, *(() if outside else (_LEFT_OUT,)), *ambiguous, *looked)
-    laws = [given, *(a.fitted.law for a in selection.additions)]
-    progress("predicting the held-out tests, before and after")
+    notices = (*component.left_out, *notices, *ambiguous, *looked)
+    if outside is None:
+        errors = [{component.channel: error} for error in _cross_validated(selection)]
     floor = (outside or component).noise_floor(laws[-1])
-    errors = (
-        [_errors(outside, law) for law in laws]
-        if outside
-        else [{component.channel: error} for error in _cross_validated(selection)]
-    )
     simulated = outside.further_errors(laws[-1]) if outside else {}
     floors = {component.channel: floor, **{name: noise for name, (_, noise) in simulated.items()}}
     left = curves(component, given, laws[-1])
@@ -110,11 +107,26 @@ def diagnose_component(
     )
 
 
-def held_out_errors(
-    kind: str, held_out: Sequence[Trial], rig: Rig, bundle: Bundle, catalogue: Catalogue
-) -> dict[str, float]:
+def _predicted(
+    build: Callable[[str, Sequence[Trial], Rig], Component],
+    kind: str,
+    held_out: Sequence[Trial],
+    rig: Rig,
+    laws: Sequence[Law],
+) -> tuple[Component | None, list[dict[str, float]], tuple[str, ...]]:
+    """The part on held-out tests, RMSE of each law by channel, and notices; None and no errors
+    where no test is held out, or these laws do not predict them."""
+    if not held_out:
+        return None, [], (f"{_NO_LOG}: {_LEFT_OUT}",)
+    try:
+        outside = build(kind, held_out, rig)
+        return outside, [_errors(outside, law) for law in laws], outside.left_out
+    except NotIdentifiedError as error:
+        return None, [], (f"held-out tests are not predicted: {error}: {_LEFT_OUT}",)
+
+
+def held_out_errors(outside: Component, bundle: Bundle, catalogue: Catalogue) -> dict[str, float]:
     """RMSE by channel, in its unit, of a bundle's law with its effects on held-out tests."""
-    outside = component_of(kind, held_out, rig)
     effects = effects_from_bundle(bundle, catalogue)
     law = Law(outside.law_of(bundle).values, effects)  # type: ignore[arg-type]
     return _errors(outside, law)

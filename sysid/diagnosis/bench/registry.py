@@ -34,9 +34,9 @@ _BUILDERS: dict[str, Callable[[Sequence[Trial], Rig], Component]] = {
 def part_tested(kinds: Sequence[str], bundle: Bundle) -> str | None:
     """The kind of test that makes a campaign a part's; None: it is a whole actuator's.
 
-    `kinds` of its logs. An axis is a part where the bundle lacks the flow law of a valve, so
-    that there is no actuator to simulate, and no log moves one. Raises InputError where
-    the logs are of several parts.
+    `kinds` of its training logs. An axis is a part where the bundle lacks the flow law of a valve,
+    so that there is no actuator to simulate, and no log moves one. Raises InputError where the logs
+    are of several parts.
     """
     bench = sorted(set(kinds) & set(BENCH_KINDS))
     if len(bench) > 1:
