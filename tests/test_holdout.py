@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import shutil
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ import pytest
 from own_components import CYLINDER, MOTOR, done
 
 from datasets.components import logs as component_logs
+from datasets.generator import motor_axis as motor_axis_tests
 from datasets.generator.campaign import Size, drawn_effects, make_campaign
 from datasets.generator.files import write_campaign
 from datasets.generator.motor_axis import axis_tests, motor_axis, write_axis_campaign
@@ -72,20 +73,25 @@ def _without(campaign: Path) -> None:
     campaign.write_text("[[log]]".join([head, *kept]), "utf-8")
 
 
-def variants(campaign: Path, folder: Path) -> dict[str, Path]:
-    """The campaign, and copies that differ in their held-out logs alone."""
-    found = {"as it is": campaign}
-    for name, change in (("distorted", _distorted), ("shortened", _shortened), ("removed", None)):
-        copy = folder / name
-        shutil.copytree(campaign.parent, copy)
-        path = found[name] = copy / campaign.name
-        if change is None:
-            _without(path)
-            continue
-        for entry in tomllib.loads(path.read_text("utf-8"))["log"]:
-            if entry.get("use") == "holdout":
-                _rewritten(copy / entry["file"], change)
-    return found
+_CHANGES: dict[str, tuple[Callable[[pd.DataFrame], pd.DataFrame], ...]] = {
+    "distorted": (_distorted,),
+    "shortened": (_shortened,),
+    "both": (_distorted, _shortened),
+}
+
+
+def variant(campaign: Path, folder: Path, name: str) -> Path:
+    """A copy of a campaign that differs in its held-out logs alone: `_CHANGES`, or "removed"."""
+    path = folder / name / campaign.name
+    shutil.copytree(campaign.parent, path.parent)
+    if name == "removed":
+        _without(path)
+        return path
+    for entry in tomllib.loads(path.read_text("utf-8"))["log"]:
+        if entry.get("use") == "holdout":
+            for change in _CHANGES[name]:
+                _rewritten(path.parent / entry["file"], change)
+    return path
 
 
 def stripped(bundle: Path) -> str:
@@ -109,27 +115,24 @@ class Written:
     errors: dict[str, Any]
 
 
-def written(
-    campaign: Path, *, own: Path | None = None, quick: bool = False, runs: bool = True,
-    refines: bool = True,
-) -> Written:  # fmt: skip
-    """Fit, diagnose, refine and run a campaign."""
-    folder = campaign.parent / "out"
+def written(campaign: Path, commands: str, folder: Path, options: Sequence[Any]) -> Written:
+    """Fit a campaign, and diagnose, refine and run it where `commands` name that."""
     folder.mkdir()
     fitted, longer, refined = (folder / f"{n}.json" for n in ("fitted", "longer", "refined"))
-    component = () if own is None else ("--component", own)
-    hurry = ("--quick",) if quick else ()
+    component = [*options[options.index("--component") :][:2]] if "--component" in options else []
     done("fit", campaign, *component, "-o", fitted)
-    given = (campaign, "--bundle", fitted, *component)
-    told = done("diagnose", *given, "-o", longer, "--json", *_BUDGET, *hurry)
-    made = [fitted, longer]
-    if refines:
-        done("refine", *given, "-o", refined)
+    made, found = [fitted], {"effects": [], "residual": {}}
+    if "diagnose" in commands:
+        told = done("diagnose", campaign, "--bundle", fitted, "-o", longer, "--json", *options)
+        found = json.loads(told.out)
+        made.append(longer)
+    if "refine" in commands:
+        done("refine", campaign, "--bundle", fitted, *component, "-o", refined)
         made.append(refined)
-    if runs:
-        done("run", campaign, "-o", folder / "run", *component, *_BUDGET, *hurry)
+    if "run" in commands:
+        done("run", campaign, "-o", folder / "run", *options)
+        found = json.loads((folder / "run" / "diagnosis.json").read_text("utf-8"))
         made += [*sorted((folder / "run").glob("*ed.json")), folder / "run" / "bundle.json"]
-    found = json.loads(told.out)
     return Written(
         {str(path.relative_to(folder)): stripped(path) for path in made},
         tuple(effect["id"] for effect in found["effects"]),
@@ -137,29 +140,42 @@ def written(
     )
 
 
-def assert_same(campaign: Path, folder: Path, **how: Any) -> dict[str, Written]:
-    """That each variant of a campaign writes the same bundles; what they wrote."""
-    found = {name: written(path, **how) for name, path in variants(campaign, folder).items()}
-    first = found["as it is"]
-    for name, other in found.items():
+ALL = "diagnose refine run"
+EACH = dict.fromkeys(("distorted", "shortened", "removed"), ALL)
+FEW = ("both", "removed")
+
+
+def assert_same(
+    campaign: Path, folder: Path, commands: Mapping[str, str], *options: Any
+) -> Written:
+    """That each variant of a campaign writes the same bundles; what the campaign itself wrote.
+
+    `commands` by variant; the campaign itself goes through those of all.
+    """
+    every = " ".join(commands.values())
+    first = written(campaign, every, folder / "given-out", (*_BUDGET, *options))
+    for name, own in commands.items():
+        path = variant(campaign, folder, name)
+        other = written(path, own, folder / f"{name}-out", (*_BUDGET, *options))
         assert other.effects == first.effects, name
-        assert set(other.bundles) == set(first.bundles), name
+        assert other.bundles, name
         for file, text in other.bundles.items():
             assert text == first.bundles[file], (name, file)
-    # The held-out logs did change: so did what is said of them.
-    assert found["distorted"].errors != first.errors
-    return found
+        # The held-out logs did change: so did what is said of them.
+        assert other.errors != first.errors, name
+    return first
 
 
-def test_of_an_axis(tmp_path: Path) -> None:
+def test_of_an_axis(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A motor alone: its effect is found, and its numbers refined by simulation, in each."""
+    monkeypatch.setattr(motor_axis_tests, "_DURATION_S", 5.0)
     rig = motor_axis(SEED, "rotary", drawn_effects(SEED, [("quadratic-drag", "quadratic", 3.0)]))
     tests = axis_tests(rig, SEED, 3, 0.01) + axis_tests(rig, SEED + 500, 1)
     (tmp_path / "given").mkdir()
-    found = assert_same(write_axis_campaign(tmp_path / "given", rig, tests), tmp_path)
-    for one in found.values():
-        assert one.effects
-        assert json.loads(one.bundles["longer.json"])["refinement"]["parameters"]
+    campaign = write_axis_campaign(tmp_path / "given", rig, tests)
+    found = assert_same(campaign, tmp_path, dict.fromkeys(FEW, "run"))
+    assert found.effects
+    assert json.loads(found.bundles["run/extended.json"])["refinement"]["parameters"]
 
 
 def _tank(folder: Path) -> Path:
@@ -197,23 +213,30 @@ def _tank(folder: Path) -> Path:
 
 def test_of_a_tank(tmp_path: Path) -> None:
     (tmp_path / "given").mkdir()
-    found = assert_same(_tank(tmp_path / "given"), tmp_path, refines=False)
-    assert all(one.effects for one in found.values())
+    few = dict.fromkeys(FEW, "run")
+    assert assert_same(_tank(tmp_path / "given"), tmp_path, few, "--quick").effects
 
 
-def test_of_a_cylinder_of_the_users_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(component_logs, "_CYLINDER_S", 2.0)
-    (tmp_path / "given").mkdir()
-    component_logs.cylinder(tmp_path / "given", SEED)
-    found = assert_same(tmp_path / "given" / "campaign.toml", tmp_path, own=CYLINDER)
-    assert all(one.effects for one in found.values())
+def _own(folder: Path, which: Path) -> Path:
+    """A campaign of one of the worked components."""
+    given = folder / "given"
+    given.mkdir()
+    make = component_logs.cylinder if which == CYLINDER else component_logs.servo
+    make(given, SEED)
+    return given / "campaign.toml"
 
 
-def test_of_a_motor_of_the_users_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_of_a_component_of_the_users_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(component_logs, "_SERVO_S", 2.0)
-    (tmp_path / "given").mkdir()
-    component_logs.servo(tmp_path / "given", SEED)
-    assert_same(tmp_path / "given" / "campaign.toml", tmp_path, own=MOTOR, runs=False)
+    given = _own(tmp_path, MOTOR)
+    few = dict.fromkeys(FEW, "diagnose refine")
+    assert assert_same(given, tmp_path, few, "--component", MOTOR).effects
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("which", [CYLINDER, MOTOR])
+def test_of_a_component_as_it_is_delivered(which: Path, tmp_path: Path) -> None:
+    assert assert_same(_own(tmp_path, which), tmp_path, EACH, "--component", which).effects
 
 
 def test_of_an_actuator(tmp_path: Path) -> None:
@@ -225,15 +248,14 @@ def test_of_an_actuator(tmp_path: Path) -> None:
     (tmp_path / "given").mkdir()
     write_campaign(tmp_path / "given", made, "made by a test")
     campaign = tmp_path / "given" / "campaign.toml"
-    found = assert_same(campaign, tmp_path, quick=True, runs=False)
-    assert all(one.effects for one in found.values())
+    few = dict.fromkeys(FEW, "diagnose refine")
+    assert assert_same(campaign, tmp_path, few, "--quick").effects
 
 
 @pytest.mark.slow
 def test_of_the_bundled_campaign(tmp_path: Path) -> None:
     given = tmp_path / "given"
     shutil.copytree(bundled_campaign().parent, given)
-    found = assert_same(given / "campaign.toml", tmp_path)
-    for one in found.values():
-        assert one.effects
-        assert json.loads(one.bundles["longer.json"])["refinement"]["parameters"]
+    found = assert_same(given / "campaign.toml", tmp_path, EACH)
+    assert found.effects
+    assert json.loads(found.bundles["longer.json"])["refinement"]["parameters"]
