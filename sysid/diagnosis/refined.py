@@ -194,11 +194,10 @@ def _errors_after(
     if held_out_errors is None:
         notice = "errors before and after are those of the numbers before the refinement"
         return dict(diagnosis.residual), [notice] if diagnosis.residual else []
-    try:
-        with time_limit(None):
-            after = held_out_errors(refined)
-    except (InputError, NotIdentifiedError) as error:
-        return {}, [f"errors of held-out tests are not known: {error}"]
+    with time_limit(None):
+        after = attempt(lambda: held_out_errors(refined))
+    if isinstance(after, Failure):
+        return {}, [f"errors of held-out tests are not known: {after.reason}"]
     known = {
         name: dataclasses.replace(error, after=after[name])
         for name, error in diagnosis.residual.items()
