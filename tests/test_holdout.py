@@ -6,6 +6,7 @@ the validation, and the list of logs and the verdict in the provenance.
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import shutil
 import tomllib
@@ -18,14 +19,21 @@ import numpy as np
 import pandas as pd
 import pytest
 from own_components import CYLINDER, MOTOR, done
+from test_components_valves import BENCH, sweep
 
 from datasets.components import logs as component_logs
 from datasets.generator import motor_axis as motor_axis_tests
 from datasets.generator.campaign import Size, drawn_effects, make_campaign
 from datasets.generator.files import write_campaign
 from datasets.generator.motor_axis import axis_tests, motor_axis, write_axis_campaign
+from sysid.bundle import Bundle, Parts
+from sysid.diagnosis.bench.diagnose import diagnose_component
+from sysid.diagnosis.bench.fitting import fit_law
+from sysid.diagnosis.bench.registry import part_tested
+from sysid.diagnosis.bench.valve_time import valve_time
 from sysid.io.bundled import bundled_campaign
-from sysid.io.campaign import MOTION_KINDS
+from sysid.io.campaign import MOTION_KINDS, read_campaign
+from sysid.model.effects.catalogue import catalogue
 
 SEED = 41
 # Rows that say what was done, not what was measured.
@@ -59,6 +67,12 @@ def _shortened(frame: pd.DataFrame) -> pd.DataFrame:
     return pd.concat([one.head(len(one) // 2) for _, one in tests], ignore_index=True)
 
 
+def _in_motion(frame: pd.DataFrame) -> pd.DataFrame:
+    """The second half of each test: it begins anywhere in a motion, which no simulation can do."""
+    tests = frame.groupby("test") if "test" in frame else [("", frame)]
+    return pd.concat([one.tail(len(one) // 2) for _, one in tests], ignore_index=True)
+
+
 def _rewritten(path: Path, change: Callable[[pd.DataFrame], pd.DataFrame]) -> None:
     if path.suffix == ".parquet":
         change(pd.read_parquet(path)).to_parquet(path)
@@ -77,6 +91,7 @@ _CHANGES: dict[str, tuple[Callable[[pd.DataFrame], pd.DataFrame], ...]] = {
     "distorted": (_distorted,),
     "shortened": (_shortened,),
     "both": (_distorted, _shortened),
+    "in motion": (_in_motion,),
 }
 
 
@@ -248,7 +263,7 @@ def test_of_an_actuator(tmp_path: Path) -> None:
     (tmp_path / "given").mkdir()
     write_campaign(tmp_path / "given", made, "made by a test")
     campaign = tmp_path / "given" / "campaign.toml"
-    few = dict.fromkeys(FEW, "diagnose refine")
+    few = dict.fromkeys(("both", "in motion"), "diagnose refine")
     assert assert_same(campaign, tmp_path, few, "--quick").effects
 
 
@@ -259,3 +274,35 @@ def test_of_the_bundled_campaign(tmp_path: Path) -> None:
     found = assert_same(given / "campaign.toml", tmp_path, EACH)
     assert found.effects
     assert json.loads(found.bundles["longer.json"])["refinement"]["parameters"]
+
+
+def test_readings_that_the_law_does_not_predict_end_nothing() -> None:
+    """Held-out emptying of a valve whose filling alone was fitted on."""
+    fitted = [sweep(period, True, (), seed, 0.01) for seed, period in enumerate((0.01, 0.02, 0.05))]
+    part = valve_time(fitted, BENCH)
+    bundle = Bundle.new(BENCH, fit_law(part, (), range(len(part.tests))).part(), [])
+    some = {"valve-delay": catalogue()["valve-delay"]}
+    found, alone = (
+        diagnose_component("valve-time", fitted, held, BENCH, bundle, some)
+        for held in ([sweep(0.01, False, (), 9, 0.01)], [])
+    )
+    assert any("filling_time_s" in n or "emptying" in n for n in found.notices)
+    assert any("left out of the fit in turn" in n for n in found.notices)
+    assert found.verdict == alone.verdict and found.residual == alone.residual
+    assert [e.id for e in found.effects] == [e.id for e in alone.effects]
+
+
+def test_training_tests_say_which_part_a_campaign_is_about(tmp_path: Path) -> None:
+    """A held-out log of another kind makes neither an actuator nor another part of it."""
+    rig = motor_axis(SEED)
+    (tmp_path / "given").mkdir()
+    path = write_axis_campaign(tmp_path / "given", rig, axis_tests(rig, SEED, 1), 0)
+    bundle = Bundle.new(read_campaign(path).rig, Parts(), [])
+    for kind in ("motion-motor", "tank"):
+        entry = f'\n[[log]]\nkind = "{kind}"\nfile = "other.csv"\nuse = "holdout"\n'
+        (path.parent / "other.csv").write_text("time_s,theta_rad\n0,0\n1,0\n", "utf-8")
+        (path.parent / f"{kind}.toml").write_text(path.read_text("utf-8") + entry, "utf-8")
+        other = read_campaign(path.parent / f"{kind}.toml")
+        assert part_tested(other.training_kinds(), bundle) == "friction-motion"
+        held = dataclasses.replace(other, logs=other.logs[-1:])
+        assert held.training_kinds() == (kind,)
