@@ -22,7 +22,7 @@ from sysid.io.campaign import (
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.io.source import Source
-from sysid.parallel import run_all
+from sysid.parallel import Failure, attempt_all, error_of, on_its_own
 from sysid.types import Progress, no_progress
 from sysid.valve_discrete import fit_valve_discrete
 from sysid.valve_pwm import fit_valve_pwm
@@ -49,7 +49,7 @@ class _Assembly:
     parts: Parts = field(default_factory=Parts)
     remarks: list[str] = field(default_factory=list)
     notices: list[str] = field(default_factory=list)
-    reasons: list[str] = field(default_factory=list)
+    failures: list[Failure] = field(default_factory=list)
     motion_for_friction: bool = False
 
     def read(self, entries: Sequence[CampaignLog]) -> list[Trial]:
@@ -62,19 +62,18 @@ class _Assembly:
         return trials
 
     def add(self, name: str, fit: Callable[[], PartResult]) -> None:
-        """Add a pipeline's part, or a notice where the tests do not identify it."""
+        """Add a pipeline's part, or a notice where it cannot be had."""
         self.progress(name)
-        try:
-            result = fit()
-        except NotIdentifiedError as error:
-            self.lack(str(error))
-            return
-        self.merge(result)
+        result = on_its_own(fit)
+        if isinstance(result, Failure):
+            self.lack(result)
+        else:
+            self.merge(result)
 
-    def lack(self, reason: str) -> None:
-        """Note why a part is not identified."""
-        self.notices.append(reason)
-        self.reasons.append(reason)
+    def lack(self, why: Failure) -> None:
+        """Note why a part is not there."""
+        self.notices.append(why.reason)
+        self.failures.append(why)
 
     def merge(self, result: PartResult) -> None:
         """Add what a pipeline found."""
@@ -101,9 +100,10 @@ def fit_campaign(
 ) -> CampaignFit:
     """Every part that a campaign's training logs can identify, in one bundle.
 
-    A part whose tests the campaign lacks, or that they cannot identify, is left out of the
-    bundle with a notice. Raises NotIdentifiedError where nothing at all can be fitted.
-    `progress` is called with the name of each part as its fit begins.
+    A part whose tests the campaign lacks, or that cannot be had from them, is left out of the
+    bundle with a notice that says why; the others are fitted. Raises InputError for a log that
+    cannot be read and where no part can use its logs, NotIdentifiedError where nothing at all is
+    identified. `progress` is called with the name of each part as its fit begins.
     """
     assembly = _Assembly(campaign, progress)
     sources = campaign.sources()
@@ -112,7 +112,7 @@ def fit_campaign(
     _add_valves(assembly, surface, seed)
     _add_bench(assembly)
     if not assembly.parts:
-        raise NotIdentifiedError(_nothing(assembly))
+        raise error_of(assembly.failures, _nothing(assembly))
     used = [s for s in sources if _is_used(s, assembly)]
     has_surfaces = any((s.kind, s.use) == ("valve-pwm", "fit") for s in used)
     bundle = Bundle.new(
@@ -128,7 +128,7 @@ def fit_campaign(
 def _nothing(assembly: _Assembly) -> str:
     """Why a campaign identifies nothing: each part's reason, or that no log is for any part."""
     start = f"{assembly.campaign.path}: no training log identifies anything"
-    reasons = "; ".join(dict.fromkeys(assembly.reasons))
+    reasons = "; ".join(dict.fromkeys(why.reason for why in assembly.failures))
     if reasons:
         return f"{start}: {reasons}"
     return f'{start}; add friction or valve tests with use = "fit"'
@@ -159,22 +159,23 @@ def _add_friction(assembly: _Assembly) -> None:
         return
     moving = _labelled(assembly, campaign.select(MOTION_KINDS))
     motion = [(trial, MOTION) for trial, _ in moving if balances(trial, rig)]
-    found, why_moving = None, ""
+    found, why_moving = None, None
     if motion:
         assembly.progress("friction, from motion")
         found, why_moving = _friction_of([*tests, *motion], rig)
     if found is not None and (found.has_sliding or own is None):
         assembly.motion_for_friction = True
         assembly.merge(found)
+        reason = "" if why is None else why.reason
         assembly.notices.append(
             "friction is taken from the motion logs, since "
-            + (f"the friction tests do not identify it: {why}" if tests else "no test is for it")
+            + (f"the friction tests do not identify it: {reason}" if tests else "no test is for it")
         )
     elif own is not None:
         assembly.merge(own)
     else:
-        for reason in filter(None, (why, why_moving)):
-            assembly.lack(reason)
+        for lacking in dict.fromkeys(filter(None, (why, why_moving))):
+            assembly.lack(lacking)
 
 
 def _labelled(assembly: _Assembly, entries: Sequence[CampaignLog]) -> list[tuple[Trial, str]]:
@@ -182,20 +183,22 @@ def _labelled(assembly: _Assembly, entries: Sequence[CampaignLog]) -> list[tuple
     return [(trial, entry.kind) for entry in entries for trial in assembly.read([entry])]
 
 
-def _friction_of(tests: list[tuple[Trial, str]], rig: Rig) -> tuple[FrictionResult | None, str]:
+def _friction_of(
+    tests: list[tuple[Trial, str]], rig: Rig
+) -> tuple[FrictionResult | None, Failure | None]:
     """The fit of these tests by kind, and why it lacks sliding friction."""
     if not tests:
-        return None, ""
-    try:
-        found = fit_friction([t for t, _ in tests], rig, kind=[kind for _, kind in tests])
-    except NotIdentifiedError as error:
-        return None, str(error)
-    return found, found.why_no_sliding
+        return None, None
+    trials, kinds = [trial for trial, _ in tests], [kind for _, kind in tests]
+    found = on_its_own(partial(fit_friction, trials, rig, kind=kinds))
+    if isinstance(found, Failure):
+        return None, found
+    return found, Failure(found.why_no_sliding, status=NotIdentifiedError.exit_code)
 
 
 @dataclass(frozen=True)
-class _BenchFit:
-    """The law of a part on a bench, as a pipeline returns it."""
+class _FittedPart:
+    """What a bundle takes of a pipeline's result."""
 
     parts: Parts
     remarks: tuple[str, ...] = ()
@@ -214,7 +217,7 @@ def _add_bench(assembly: _Assembly) -> None:
             assembly.add(kind, partial(_bench_fit, kind, trials, assembly.campaign.rig))
 
 
-def _bench_fit(kind: str, trials: list[Trial], rig: Rig) -> _BenchFit:
+def _bench_fit(kind: str, trials: list[Trial], rig: Rig) -> _FittedPart:
     from sysid.diagnosis.bench.fitting import fit_law
     from sysid.diagnosis.bench.registry import component_of
 
@@ -224,7 +227,7 @@ def _bench_fit(kind: str, trials: list[Trial], rig: Rig) -> _BenchFit:
     # A missing effect may cause it, which the diagnosis then names from this number.
     asks = "sysid diagnose names what the law lacks, if the data are right"
     short = [f"{kind}: {judged.shortfall}; {asks}"] if judged.explains_too_little else []
-    return _BenchFit(fitted.part(), notices=(*component.left_out, *short))
+    return _FittedPart(fitted.part(), notices=(*component.left_out, *short))
 
 
 @dataclass(frozen=True)
@@ -242,19 +245,19 @@ class _ValveJob:
     def name(self) -> str:
         return self.kind if self.valve is None else f"{self.kind}, valve {self.valve.upper()}"
 
-    def fit(self) -> tuple[Parts, tuple[str, ...], tuple[str, ...]]:
-        """The part, remarks and notices; an empty part where nothing is identified."""
-        try:
-            result: PartResult
-            if self.kind == "valve-discrete":
-                result = fit_valve_discrete(self.trials, self.rig, valve=self.valve)
-            else:
-                result = fit_valve_pwm(
-                    self.trials, self.rig, valve=self.valve, surface=self.surface, seed=self.seed
-                )
-        except NotIdentifiedError as error:
-            return Parts(), (), (str(error),)
-        return result.part(), tuple(result.remarks), tuple(result.notices)
+    def fit(self) -> _FittedPart | Failure:
+        """What a bundle takes of the fit, or why there is none."""
+        return on_its_own(self._fit)
+
+    def _fit(self) -> _FittedPart:
+        result: PartResult
+        if self.kind == "valve-discrete":
+            result = fit_valve_discrete(self.trials, self.rig, valve=self.valve)
+        else:
+            result = fit_valve_pwm(
+                self.trials, self.rig, valve=self.valve, surface=self.surface, seed=self.seed
+            )
+        return _FittedPart(result.part(), tuple(result.remarks), tuple(result.notices))
 
 
 def _add_valves(assembly: _Assembly, surface: str, seed: int) -> None:
@@ -269,10 +272,9 @@ def _add_valves(assembly: _Assembly, surface: str, seed: int) -> None:
     if not jobs:
         return
     assembly.progress("; ".join(job.name for job in jobs))
-    found = run_all(job.fit for job in jobs)
-    for part, remarks, notices in reversed(found):
-        assembly.parts = assembly.parts.merged(part)
-        assembly.remarks += remarks
-        assembly.notices += notices
-        if not part:
-            assembly.reasons += notices
+    # The on/off laws come first in a bundle.
+    for found in reversed(attempt_all(job.fit for job in jobs)):
+        if isinstance(found, Failure):
+            assembly.lack(found)
+        else:
+            assembly.merge(found)

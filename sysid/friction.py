@@ -61,6 +61,7 @@ from sysid.identification.friction.steady_stretch import sliding_points
 from sysid.io.effort_timing import effort_is_read, readings_line, with_commands
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
+from sysid.parallel import Failure, error_of, on_its_own
 from sysid.signals import DEFAULT_CUTOFF_HZ
 
 __all__ = [
@@ -104,22 +105,27 @@ class _Fit:
     by_kind: dict[str, list[EvenTrial]]
     uses: list[TrialUse] = field(default_factory=list)
     notices: list[str] = field(default_factory=list)
-    reasons: dict[str, str] = field(default_factory=dict)
+    failures: dict[str, Failure] = field(default_factory=dict)
     sums: tuple[Combination, ...] = ()
 
     def attempt(self, kind: str, fit: Callable[[], Result | None]) -> Result | None:
-        """The fit of one kind of test; None, with the reason kept, where it identifies nothing."""
+        """The fit of one kind of test; None, with the reason kept, where it gives nothing."""
         if not self.by_kind[kind]:
             return None
-        try:
-            return fit()
-        except NotIdentifiedError as error:
-            self.reasons[kind] = str(error)
-            if kind != SLIDING or not self.sums:
-                for use in self.uses:
-                    if use.kind == kind and use.used:
-                        use.leave_out(str(error))
-            return None
+        found = on_its_own(fit)
+        if not isinstance(found, Failure):
+            return found
+        self.failures[kind] = found
+        if kind != SLIDING or not self.sums:
+            for use in self.uses:
+                if use.kind == kind and use.used:
+                    use.leave_out(found.reason)
+        return None
+
+    @property
+    def reasons(self) -> dict[str, str]:
+        """Why a kind of test gives nothing."""
+        return {kind: why.reason for kind, why in self.failures.items()}
 
 
 def fit_friction(
@@ -147,7 +153,7 @@ def fit_friction(
         inertia = motion.inertia.value
     sliding = fit.attempt(SLIDING, lambda: _sliding(fit, inertia))
     if static is None and sliding is None and motion is None and not fit.sums:
-        raise NotIdentifiedError(_nothing(fit))
+        raise error_of(list(fit.failures.values()), _nothing(fit))
     return _result(fit, static, sliding, motion, estimate_inertia)
 
 

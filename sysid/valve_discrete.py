@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -42,6 +43,7 @@ from sysid.io.logs import Trial
 from sysid.io.rig import Air, Rig
 from sysid.io.trial_kind import away_from_ends
 from sysid.model.base import CRITICAL_RATIO, exhaust_jump, filling_jump
+from sysid.parallel import Failure, error_of, on_its_own
 
 __all__ = ["DiscreteFit", "PressureCurve", "ValveDiscreteResult", "fit_valve_discrete"]
 
@@ -65,15 +67,18 @@ def fit_valve_discrete(
     fits: dict[str, DiscreteFit] = {}
     remarks: list[str] = []
     notices: list[str] = []
-    failed: list[str] = []
+    failed: list[Failure] = []
     for side in _valves(trials, valve):
-        try:
-            fits[side] = _fit_valve(trials, side, rig, air, find_ratio, remarks, notices)
-        except NotIdentifiedError as error:
-            failed.append(str(error))
+        fit = partial(_fit_valve, trials, side, rig, air, find_ratio, remarks, notices)
+        found = on_its_own(fit)
+        if isinstance(found, Failure):
+            failed.append(found)
+        else:
+            fits[side] = found
+    reasons = [why.reason for why in failed]
     if not fits:
-        raise NotIdentifiedError("; ".join(failed))
-    return ValveDiscreteResult(fits, tuple(remarks), (*notices, *failed))
+        raise error_of(failed, "; ".join(dict.fromkeys(reasons)))
+    return ValveDiscreteResult(fits, tuple(remarks), (*notices, *reasons))
 
 
 def _valves(trials: Sequence[Trial], valve: str | None) -> list[str]:
@@ -281,11 +286,14 @@ def _ratios(curves: CurveFit, estimates: Mapping[str, Estimate]) -> dict[str, Es
     found = {}
     for direction in (FILL, DISCHARGE):
         missing = [n for n in direction.free if not estimates[n].identified]
-        found[direction.ratio] = (
-            Estimate.unidentified("-", f"{', '.join(missing)} not identified")
-            if missing
-            else critical_ratio(curves, direction)
-        )
+        if missing:
+            why = f"{', '.join(missing)} not identified"
+            found[direction.ratio] = Estimate.unidentified("-", why)
+            continue
+        ratio = on_its_own(partial(critical_ratio, curves, direction))
+        if isinstance(ratio, Failure):
+            ratio = Estimate.unidentified("-", ratio.reason)
+        found[direction.ratio] = ratio
     return found
 
 

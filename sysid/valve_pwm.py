@@ -11,11 +11,11 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from sysid.errors import NotIdentifiedError, input_error
+from sysid.errors import InputError, NotIdentifiedError, input_error
 from sysid.identification.valve_pwm.averaged import average_of
 from sysid.identification.valve_pwm.coverage import coverage, unseen_regimes
 from sysid.identification.valve_pwm.quality import LOOK, fails, require_sign
@@ -38,9 +38,11 @@ from sysid.io.channels import SIDES
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.io.trial_kind import away_from_ends
+from sysid.parallel import Failure, error_of, on_its_own
 from sysid.surfaces.bipolynomial import N_TERMS, Bipolynomial
 from sysid.surfaces.comparison import (
     ResolutionStudy,
+    SurfaceComparison,
     SurfaceError,
     compare_surfaces,
     duty_errors,
@@ -55,6 +57,8 @@ if TYPE_CHECKING:
     from sysid.surfaces.ann import DutyNetwork
 
 SURFACES = ("bipolynomial", "ann", "both")
+# The names of the surfaces in results.
+_FIELDS = {"bipolynomial": "bipolynomial", "ann": "network"}
 FOLDS = 4
 _OTHER = {"fill": "discharge", "discharge": "fill"}
 # A test that stays this close to its start, as a share of the range from atmosphere to supply,
@@ -62,6 +66,8 @@ _OTHER = {"fill": "discharge", "discharge": "fill"}
 _LEAST_TRAVEL = 0.01
 # Share of usable rows below which missing ones, not the tests' length, are what leaves few means.
 _WHOLE = 0.9
+
+Result = TypeVar("Result")
 
 
 def fit_valve_pwm(
@@ -95,20 +101,24 @@ def fit_valve_pwm(
     remarks = Remarks()
     measured: dict[tuple[str, str], DirectionFit] = {}
     fits: dict[tuple[str, str], DirectionFit] = {}
-    missing: dict[tuple[str, str], str] = {}
+    failed: dict[tuple[str, str], Failure] = {}
 
     def unless_missing(
         into: dict[tuple[str, str], DirectionFit],
         key: tuple[str, str],
         fit: Callable[[], DirectionFit],
     ) -> None:
-        try:
-            into[key] = fit()
-        except NotIdentifiedError as error:
-            missing[key] = f"valve {key[0].upper()}, {DIRECTIONS[key[1]]}: {error}"
+        found = on_its_own(fit)
+        if isinstance(found, Failure):
+            failed[key] = found
+        else:
+            into[key] = found
 
     for v in valves:
-        tests = select_tests(trials, rig, v, remarks)
+        tests = on_its_own(partial(select_tests, trials, rig, v, remarks))
+        if isinstance(tests, Failure):
+            failed |= dict.fromkeys(((v, direction) for direction in DIRECTIONS), tests)
+            continue
         for direction in DIRECTIONS:
             own = [t for t in tests if t.filling == (direction == "fill")]
             others = [t.duty for t in tests if t.filling != (direction == "fill")]
@@ -119,9 +129,10 @@ def fit_valve_pwm(
         unless_missing(
             fits, key, partial(_with_surfaces, base, ties, surface, seed, sweep, remarks)
         )
+    missing = {key: f"{_title(*key)}: {why.reason}" for key, why in failed.items()}
     if not fits:
-        raise NotIdentifiedError("; ".join((*missing.values(), *remarks.notices())))
-    averaged, unknown = _averaged(fits, rig, seed)
+        raise _nothing(failed, remarks)
+    averaged, unknown = _averaged(fits, rig, seed, remarks)
     unidentified = (*missing.values(), *unknown)
     away = away_from_ends([t for t in trials if any(f"duty_{v}" in t for v in SIDES)], rig)
     notices = (*remarks.notices(), *(f"not identified: {r}" for r in unidentified))
@@ -130,17 +141,32 @@ def fit_valve_pwm(
     return ValvePwmFit(fits, missing, summaries, notices, seed, averaged)
 
 
+def _title(valve: str, direction: str) -> str:
+    return f"valve {valve.upper()}, {DIRECTIONS[direction]}"
+
+
+def _nothing(failed: Mapping[tuple[str, str], Failure], remarks: Remarks) -> Exception:
+    """The error where no surface is identified; unusable input in its own words."""
+    error = error_of(list(failed.values()), "")
+    if isinstance(error, InputError):
+        return InputError("; ".join(dict.fromkeys(why.reason for why in failed.values())))
+    reasons = (f"{_title(*key)}: {why.reason}" for key, why in failed.items())
+    return type(error)("; ".join((*reasons, *remarks.notices())))
+
+
 def _averaged(
-    fits: Mapping[tuple[str, str], DirectionFit], rig: Rig, seed: int
+    fits: Mapping[tuple[str, str], DirectionFit], rig: Rig, seed: int, remarks: Remarks
 ) -> tuple[dict[str, ValveAverage], list[str]]:
     """Each valve's averaged law, and why those that are not identified are not."""
     found, unknown = {}, []
     for valve in dict.fromkeys(v for v, _ in fits):
         own = {direction: fit for (v, direction), fit in fits.items() if v == valve}
-        try:
-            found[valve] = average_of(own, rig, FOLDS, seed)
-        except NotIdentifiedError as error:
-            unknown.append(f"valve {valve.upper()}: {error}")
+        average = on_its_own(partial(average_of, own, rig, FOLDS, seed))
+        if isinstance(average, Failure):
+            unknown.append(f"valve {valve.upper()}: {average.reason}")
+            continue
+        found[valve] = average
+        remarks.lines += [f"valve {valve.upper()}, {line}" for line in average.notices]
     return found, unknown
 
 
@@ -164,7 +190,7 @@ def _measured(
     remarks: Remarks,
 ) -> DirectionFit:
     """One direction's samples, points and domain, without surfaces."""
-    where = f"valve {valve.upper()}, {DIRECTIONS[direction]}"
+    where = _title(valve, direction)
     samples = _travelled(sample_tests(tests, rig), tests, direction, rig, remarks)
     if len(samples) == 0:
         start = "the atmosphere" if direction == "fill" else "the supply"
@@ -245,44 +271,72 @@ def _with_surfaces(
     sweep: bool,
     remarks: Remarks,
 ) -> DirectionFit:
-    """The fit with the requested surfaces, and their errors on the direction's own points."""
+    """The fit with the requested surfaces, and their errors on the direction's own points.
+
+    Each surface stands alone, and so does what only judges them, with a notice where it cannot be
+    had. Raises NotIdentifiedError, or what the surfaces raised, where none is left.
+    """
     points, samples, own_domain = base.points, base.samples, base.domain
+    where = _title(base.valve, base.direction)
     tied = points.joined(ties)
     domain = own_domain
     if ties is not None:
         domain = own_domain.with_points(ties.duty, ties.pressure, ties.flow)
     content = {name: getattr(base, name) for name in base.__dataclass_fields__}
     errors: dict[str, dict[str, SurfaceError]] = {}
+    failed: dict[str, Failure] = {}
+
+    def judged(what: str, job: Callable[[], Result]) -> Result | None:
+        found = on_its_own(job)
+        if not isinstance(found, Failure):
+            return found
+        remarks.lines.append(f"{where}: {what}: {found.reason}")
+        return None
+
+    comparison: SurfaceComparison | None = None
     if surface == "both":
-        content["comparison"] = comparison = compare_surfaces(
-            samples.duty, samples.pressure, samples.flow, samples.test, samples.std, FOLDS,
-            _network(domain, seed), ties, base.boundaries_pa,
+        compare = partial(
+            compare_surfaces, samples.duty, samples.pressure, samples.flow, samples.test,
+            samples.std, FOLDS, _network(domain, seed), ties, base.boundaries_pa,
         )  # fmt: skip
-    if surface in ("bipolynomial", "both"):
-        content["bipolynomial"] = polynomial = fit_bipolynomial(tied, domain)
-        errors["bipolynomial"] = {"fitted": _error(polynomial, points, N_TERMS)}
-        held_out = (
-            comparison.bipolynomial
-            if surface == "both"
-            else _held_out_bipolynomial(points, ties, domain, seed)
-        )
-        if held_out is not None:
-            errors["bipolynomial"]["held_out"] = held_out
-    if surface in ("ann", "both"):
-        network = _network(domain, seed)
-        network.fit(np.column_stack((tied.flow, tied.pressure)), tied.duty, groups=tied.test)
-        content["network"] = network
-        errors["ann"] = {"fitted": _error(network, points, network.n_parameters_)}
-        if surface == "both":
-            errors["ann"]["held_out"] = comparison.network
+        content["comparison"] = comparison = judged("the surfaces are not compared", compare)
+    for name in _FIELDS if surface == "both" else (surface,):
+        fitted = on_its_own(partial(_surface, name, tied, points, domain, seed))
+        if isinstance(fitted, Failure):
+            failed[name] = fitted
+            continue
+        content[_FIELDS[name]], error = fitted
+        errors[name] = {"fitted": error}
+        if comparison is not None:
+            errors[name]["held_out"] = getattr(comparison, _FIELDS[name])
+        elif name == "bipolynomial":
+            hold_out = partial(_held_out_bipolynomial, points, ties, domain, seed)
+            held_out = judged("the bipolynomial is not judged on held-out tests", hold_out)
+            errors[name] |= {} if held_out is None else {"held_out": held_out}
+    if not errors:
+        reasons = dict.fromkeys(why.reason for why in failed.values())
+        raise error_of(list(failed.values()), "; ".join(reasons))
+    remarks.lines += [f"not identified: {where}, {n}: {why.reason}" for n, why in failed.items()]
     if sweep:
         from sysid.surfaces.ann import sweep_hidden_size
 
-        content["sweep"] = sweep_hidden_size(
-            points.flow, points.pressure, points.duty, points.test, domain=own_domain, seed=seed
-        )
+        columns = points.flow, points.pressure, points.duty, points.test
+        sizes = partial(sweep_hidden_size, *columns, domain=own_domain, seed=seed)
+        content["sweep"] = judged("no network sizes are tried", sizes)
     content["errors"] = errors
     return _without_failures(DirectionFit(**content), remarks)
+
+
+def _surface(
+    name: str, tied: SurfacePoints, points: SurfacePoints, domain: Domain, seed: int
+) -> tuple[Bipolynomial | DutyNetwork, SurfaceError]:
+    """A surface by its name, fitted to `tied`, and its error at a direction's own `points`."""
+    if name == "bipolynomial":
+        polynomial = fit_bipolynomial(tied, domain)
+        return polynomial, _error(polynomial, points, N_TERMS)
+    network = _network(domain, seed)
+    network.fit(np.column_stack((tied.flow, tied.pressure)), tied.duty, groups=tied.test)
+    return network, _error(network, points, network.n_parameters_)
 
 
 def _without_failures(fit: DirectionFit, remarks: Remarks) -> DirectionFit:
@@ -295,11 +349,18 @@ def _without_failures(fit: DirectionFit, remarks: Remarks) -> DirectionFit:
     if failed and len(failed) == len(fit.errors):
         said = "; ".join(f"{name}: {short}" for name, short in failed.items())
         raise NotIdentifiedError(f"{said}; {LOOK}")
-    where = f"valve {fit.valve.upper()}, {DIRECTIONS[fit.direction]}"
+    where = _title(fit.valve, fit.direction)
     remarks.lines += [f"not identified: {where}, {name}: {short}" for name, short in failed.items()]
+    errors = {name: own for name, own in fit.errors.items() if name not in failed}
+    comparison = fit.comparison
+    if comparison is not None and comparison.recommended not in errors:
+        (left,) = errors
+        reason = f"the {comparison.recommended} is not identified"
+        comparison = replace(comparison, recommended=left, reason=reason)
     return replace(
         fit,
-        errors={name: errors for name, errors in fit.errors.items() if name not in failed},
+        errors=errors,
+        comparison=comparison,
         bipolynomial=None if "bipolynomial" in failed else fit.bipolynomial,
         network=None if "ann" in failed else fit.network,
     )
@@ -353,14 +414,12 @@ def _resolution(samples: FlowSamples) -> ResolutionStudy | None:
     # The study needs at least two samples in a bin; each of these is already a mean over a
     # window.
     duty, pressure, flow = (np.repeat(c, 2) for c in (samples.duty, samples.pressure, samples.flow))
-    try:
-        return resolution_study(duty, pressure, flow)
-    except NotIdentifiedError:
-        return None
+    found = on_its_own(partial(resolution_study, duty, pressure, flow))
+    return None if isinstance(found, Failure) else found
 
 
 def _summary(fit: DirectionFit) -> str:
-    where = f"valve {fit.valve.upper()}, {DIRECTIONS[fit.direction]}"
+    where = _title(fit.valve, fit.direction)
     if fit.comparison is not None:
         return f"{where}: use {fit.comparison.recommended}: {fit.comparison.reason}"
     parts = []

@@ -11,6 +11,8 @@ from sysid.parallel.limits import (
     OutOfTimeError,
     attempt,
     check_time,
+    error_of,
+    on_its_own,
     time_limit,
 )
 from sysid.parallel.memory import give_back, share_one_heap
@@ -29,10 +31,12 @@ __all__ = [
     "attempt_in_threads",
     "check_jobs",
     "check_time",
+    "error_of",
     "give_back",
     "job_count",
     "kept_per_thread",
     "on_cluster",
+    "on_its_own",
     "run_all",
     "share_one_heap",
     "time_limit",

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import TypeVar
 
-from sysid.errors import one_line
+from sysid.errors import InputError, NotIdentifiedError, SysidError, one_line
 
 Result = TypeVar("Result")
 
@@ -22,10 +22,14 @@ class OutOfTimeError(Exception):
 
 @dataclass(frozen=True)
 class Failure:
-    """A job that came to no result: why, in a line, and whether only for want of time."""
+    """A job that came to no result: why, in a line, and whether only for want of time.
+
+    `status`: the exit status with which its error would have ended the command.
+    """
 
     reason: str
     out_of_time: bool = False
+    status: int = 1
 
     @staticmethod
     def of(error: BaseException) -> Failure:
@@ -87,13 +91,53 @@ def attempt(job: Callable[[], Result]) -> Result | Failure:
         return Failure.of(error)
 
 
+def on_its_own(part: Callable[[], Result]) -> Result | Failure:
+    """The result of a part that the rest of the work goes on without, or why there is none.
+
+    What the data do not give (a SysidError) is a reason in its own words, and so is what cannot be
+    computed from them: a singular matrix, an overflow. Anything else is a fault of the program:
+    its reason says so, and with `SYSID_DEBUG` it is raised. Running out of time, and what the
+    machine refuses (OSError), are not the part's: they pass.
+    """
+    from numpy.linalg import LinAlgError
+
+    try:
+        return part()
+    except (OutOfTimeError, OSError):
+        raise
+    except SysidError as error:
+        return Failure(str(error), status=error.exit_code)
+    except (ArithmeticError, LinAlgError) as error:
+        what = one_line(f"its equations cannot be solved: {error}")
+        return Failure(what, status=NotIdentifiedError.exit_code)
+    except Exception as error:
+        if os.environ.get("SYSID_DEBUG"):
+            raise
+        what = f"{Failure.of(error).reason} (a fault in sysid itself; SYSID_DEBUG=1 shows where)"
+        return Failure(what)
+
+
+def error_of(failures: Sequence[Failure], what: str) -> Exception:
+    """The error, saying `what`, of a whole of which no part came to a result, as these failed.
+
+    InputError where the input is unusable for every part, NotIdentifiedError where the data do not
+    suffice for some or there is none, RuntimeError where a fault of the program ended one.
+    """
+    statuses = {failure.status for failure in failures}
+    if 1 in statuses:
+        return RuntimeError(what)
+    return InputError(what) if statuses == {InputError.exit_code} else NotIdentifiedError(what)
+
+
 __all__ = [
     "Failure",
     "Limit",
     "OutOfTimeError",
     "attempt",
     "check_time",
+    "error_of",
     "limit_in_force",
+    "on_its_own",
     "time_limit",
     "within",
 ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from sysid.errors import NotIdentifiedError
 from sysid.identification.valve_pwm.quality import LOOK, duty_quality, fails
 from sysid.identification.valve_pwm.result import DIRECTIONS, DirectionFit, ValveAverage
 from sysid.io.rig import Rig
+from sysid.parallel import Failure, on_its_own
 from sysid.surfaces.averaged_fit import (
     N_PARAMETERS,
     AveragedFit,
@@ -46,19 +48,25 @@ def average_of(
             f"the averaged law: {fit.estimates[unknown[0]].reason}; valve-pwm tests in both "
             "directions at more duties would identify it"
         )
-    errors, quality = {}, {}
+    errors, quality, notices = {}, {}, []
     for (direction, found), offset in zip(directions.items(), offsets, strict=True):
         points, of_points = found.points, _Chambers.of(found)
         errors[direction] = {"fitted": _judged(_duty(fit, points, of_points), points)}
         if len(np.unique(points.test)) >= folds + 4:
-            held = folds, seed
-            duties = _held_out_duties(points, flows, fit.conditions, (offset, of_points), held)
-            errors[direction]["held_out"] = _judged(duties, points)
+            tests, held = (offset, of_points), (folds, seed)
+            duties = on_its_own(
+                partial(_held_out_duties, points, flows, fit.conditions, tests, held)
+            )
+            if isinstance(duties, Failure):
+                title = f"{DIRECTIONS[direction]}: the averaged law is not judged on held-out tests"
+                notices.append(f"{title}: {duties.reason}")
+            else:
+                errors[direction]["held_out"] = _judged(duties, points)
         short = fails(errors[direction], points.duty, found.noise_rmse)
         if short is not None:
             raise NotIdentifiedError(f"the averaged law: {DIRECTIONS[direction]}: {short}; {LOOK}")
         quality[direction] = duty_quality(errors[direction], points.duty, found.noise_rmse)
-    return ValveAverage(fit, errors, quality)
+    return ValveAverage(fit, errors, quality, tuple(notices))
 
 
 def _together(found: Sequence[DirectionFit]) -> tuple[MeanFlows, list[int]]:

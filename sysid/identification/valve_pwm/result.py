@@ -160,12 +160,13 @@ class ValveAverage:
     """A valve's averaged law, and its errors in duty by direction and use.
 
     Use is "fitted" or "held_out": the latter on the tests that the surfaces' comparison
-    leaves out, fold by fold. `quality` by direction.
+    leaves out, fold by fold. `quality` by direction. `notices`: why it is not judged on those.
     """
 
     fit: AveragedFit
     errors: dict[str, dict[str, SurfaceError]]
     quality: dict[str, FitQuality]
+    notices: tuple[str, ...] = ()
 
     def record(self) -> AveragedRecord:
         """`valves.<v>.pwm.averaged` of a bundle."""
