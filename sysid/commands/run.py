@@ -111,20 +111,24 @@ class RunReport:
         return self.folder / REPORT_FILE
 
     @property
-    def is_exported(self) -> bool:
-        """Whether files for a controller were written: none of a component of the user's own."""
-        return any(stage.name == "export" for stage in self.stages)
+    def exports(self) -> dict[str, Path]:
+        """The files for a controller by format, without those that could not be made.
+
+        None of a component of the user's own.
+        """
+        if not any(stage.name == "export" for stage in self.stages):
+            return {}
+        paths = {kind: self.folder / name for kind, name in EXPORTS.items()}
+        return {kind: path for kind, path in paths.items() if path.is_file()}
 
     def to_json(self) -> dict[str, Any]:
         """The output of `sysid run --json`; `diagnosis` as in `sysid diagnose --json`, or null."""
         diagnosis = self.diagnosis and {k: v for k, v in self.diagnosis.items() if k != "figures"}
         return {
             "folder": str(self.folder),
-            "report": str(self.report),
+            "report": str(self.report) if self.report.is_file() else None,
             "bundle": str(self.folder / BUNDLE_FILE),
-            "exports": {
-                kind: str(self.folder / name) for kind, name in EXPORTS.items() if self.is_exported
-            },
+            "exports": {kind: str(path) for kind, path in self.exports.items()},
             "stages": [asdict(s) for s in self.stages],
             "diagnosis": diagnosis,
             "validation": self.bundle.to_json().get("validation", {}),
@@ -227,6 +231,7 @@ def show_run(done: RunReport, as_json: bool, verbose: bool = False) -> None:
         table.add_row(stage.name, stage.outcome, f"{stage.seconds:.1f}")
     out.print(table)
     out.print(Text(f"bundle: {done.folder / BUNDLE_FILE}"), soft_wrap=True)
-    out.print(Text(f"report: {done.report}"), soft_wrap=True)
+    if done.report.is_file():
+        out.print(Text(f"report: {done.report}"), soft_wrap=True)
     for line in verdict_lines(done.bundle, done.diagnosis, done.not_diagnosed):
         out.print(Text(line), soft_wrap=True)

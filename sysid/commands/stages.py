@@ -13,19 +13,21 @@ import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from sysid import __version__
 from sysid.bundle import Bundle, read_bundle, write_bundle
 from sysid.checks.log_check import LogCheck
 from sysid.components.loading import component_in
 from sysid.diagnosis.looked import SECONDS
-from sysid.errors import InputError, NotIdentifiedError
+from sysid.errors import InputError
 from sysid.exporters import export_file
 from sysid.io.campaign import Campaign
 from sysid.io.files import make_folder, write_atomic
 from sysid.model.effects.catalogue import catalogue_with
+from sysid.parallel import Failure, on_its_own
 from sysid.types import Progress
 from sysid.workflows.diagnosing import diagnose
 from sysid.workflows.subject import Subject, subject_of
@@ -48,6 +50,8 @@ _CUT_SHORT = "cut_short_after_s"
 # In a stage's record: that only a first look was asked for.
 _QUICK = "quick"
 _NOTICES, _UNASKED = "notices", "unasked"
+Result = TypeVar("Result")
+
 EXPORTS = {"c": "export/model.h", "mat": "export/model.mat", "json": "export/model.json"}
 
 
@@ -141,6 +145,11 @@ def _digest(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
+def _digest_if_made(path: Path) -> str:
+    """The digest of an output; empty of one that could not be made, so that it is tried again."""
+    return _digest(path) if path.is_file() else ""
+
+
 @dataclass(frozen=True)
 class Stage:
     """A stage: its output, its inputs in addition to the logs, and its work.
@@ -205,7 +214,7 @@ def perform(run: PipelineRun, stage: Stage) -> StageReport:
     seconds = time.perf_counter() - start
     state[stage.name] = {
         "made_from": given,
-        "outputs": {name: _digest(run.path(name)) for name in stage.outputs},
+        "outputs": {name: _digest_if_made(run.path(name)) for name in stage.outputs},
         "seconds": round(seconds, 3),
         _NOTICES: run.notices[said:],
         _UNASKED: run.unasked[unasked:],
@@ -219,7 +228,8 @@ def perform(run: PipelineRun, stage: Stage) -> StageReport:
         state[stage.name][_CUT_SHORT] = run.budget
         run.notices.append(_incomplete(stage, run.budget))
     write_atomic(run.path(STATE_FILE), json.dumps(state, indent=2) + "\n")
-    return StageReport(stage.name, why, seconds, not (cut_short or quick))
+    whole = all(run.path(name).is_file() for name in stage.outputs)
+    return StageReport(stage.name, why, seconds, whole and not (cut_short or quick))
 
 
 def _incomplete(stage: Stage, budget: float) -> str:
@@ -302,8 +312,28 @@ def _stale(
     return None
 
 
+def _unless_failed(
+    run: PipelineRun, not_done: str, work: Callable[[], Result], output: Path | None = None
+) -> Result | Failure:
+    """The result of a stage that the others do without; a notice where it is `not_done`.
+
+    An `output` of an earlier call would then not be this one's: it is removed.
+    """
+    found = on_its_own(work)
+    if isinstance(found, Failure):
+        run.notices.append(f"{not_done}: {found.reason}")
+        if output is not None and output.is_file():
+            output.unlink()
+    return found
+
+
 def _check(run: PipelineRun) -> None:
-    checks = run.subject.checks()
+    """Raises InputError for a log that cannot be read; other reasons leave the checks out."""
+    checks = _unless_failed(run, "not checked", run.subject.checks)
+    if isinstance(checks, Failure):
+        if checks.status == InputError.exit_code:
+            raise InputError(checks.reason)
+        checks = []
     run.notices += [line for check in checks for line in check.said]
     logs = [check.to_json() for check in checks]
     write_atomic(run.path(_CHECKS_FILE), json.dumps({"logs": logs}, indent=2) + "\n")
@@ -320,7 +350,8 @@ def _fit(run: PipelineRun) -> None:
 def _diagnose(run: PipelineRun) -> None:
     """A campaign that cannot be diagnosed continues as fitted, with a notice that says why."""
     bundle = run.bundle(FITTED_FILE)
-    try:
+
+    def made() -> tuple[str, Bundle, tuple[str, ...]]:
         diagnosis = diagnose(
             run.campaign,
             bundle,
@@ -331,15 +362,20 @@ def _diagnose(run: PipelineRun) -> None:
             quick=run.quick,
             progress=run.tell,
         )
-    except NotIdentifiedError as error:
-        run.notices.append(f"not diagnosed: {error}")
-        found: dict[str, Any] = {"skipped": str(error)}
+        return _json_text(diagnosis.content()), diagnosis.bundle, diagnosis.notices
+
+    found = _unless_failed(run, "not diagnosed", made)
+    if isinstance(found, Failure):
+        text = _json_text({"skipped": found.reason})
     else:
-        run.notices += diagnosis.notices
-        found, bundle = diagnosis.content(), diagnosis.bundle
-    text = json.dumps(found, indent=2, allow_nan=False, ensure_ascii=False)
-    write_atomic(run.path(_DIAGNOSIS_FILE), text + "\n")
+        text, bundle, notices = found
+        run.notices += notices
+    write_atomic(run.path(_DIAGNOSIS_FILE), text)
     write_bundle(bundle, run.path(_EXTENDED_FILE))
+
+
+def _json_text(content: dict[str, Any]) -> str:
+    return json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
 
 
 def _was_cut_short(run: PipelineRun) -> bool:
@@ -357,21 +393,17 @@ def _refine(run: PipelineRun) -> None:
     as it is, and so does one that the diagnosis refined, or tried to refine and could not.
     """
     bundle = run.bundle(_EXTENDED_FILE if run.diagnose else FITTED_FILE)
+    refined = bundle
     tried = (run.diagnosis() or {}).get("not_refined")
     if not tried and not run.subject.why_not_refined(bundle):
-        try:
-            result = run.subject.refine(bundle, run.tell, {"catalogue": run.catalogue})
-        except (InputError, NotIdentifiedError) as error:
-            run.notices.append(f"not refined: {error}")
-        else:
-            if result.worse:
-                run.notices.append(
-                    f"not refined: the training tests would be simulated {result.worse}"
-                )
-            else:
-                run.notices += result.notices
-                bundle = result.bundle
-    write_bundle(bundle, run.path(_REFINED_FILE))
+        refine = partial(run.subject.refine, bundle, run.tell, {"catalogue": run.catalogue})
+        result = _unless_failed(run, "not refined", refine)
+        if not isinstance(result, Failure) and result.worse:
+            run.notices.append(f"not refined: the training tests would be simulated {result.worse}")
+        elif not isinstance(result, Failure):
+            run.notices += result.notices
+            refined = result.bundle
+    write_bundle(refined, run.path(_REFINED_FILE))
 
 
 def _validated(run: PipelineRun) -> ValidationResult | None:
@@ -380,10 +412,11 @@ def _validated(run: PipelineRun) -> ValidationResult | None:
         return run.validation
     bundle = run.bundle(run.model_file)
     if run.subject.is_validated(bundle):
-        try:
-            run.validation = run.subject.validate(bundle, run.catalogue, run.tell)
-        except NotIdentifiedError as error:
-            run.not_validated = str(error)
+        found = on_its_own(lambda: run.subject.validate(bundle, run.catalogue, run.tell))
+        if isinstance(found, Failure):
+            run.not_validated = found.reason
+        else:
+            run.validation = found
     return run.validation
 
 
@@ -403,23 +436,33 @@ def _report(run: PipelineRun) -> None:
     from sysid.report import write_report
 
     content = json.loads(run.path(_CHECKS_FILE).read_text("utf-8"))
-    write_report(
-        run.path(REPORT_FILE),
-        campaign=run.campaign,
-        bundle=run.bundle(BUNDLE_FILE),
-        validation=_validated(run),
-        checks=[LogCheck.from_json(c) for c in content["logs"]],
-        diagnosis=run.diagnosis(),
-        progress=run.tell,
+    path = run.path(REPORT_FILE)
+    _unless_failed(
+        run,
+        "no report",
+        lambda: write_report(
+            path,
+            campaign=run.campaign,
+            bundle=run.bundle(BUNDLE_FILE),
+            validation=_validated(run),
+            checks=[LogCheck.from_json(c) for c in content["logs"]],
+            diagnosis=run.diagnosis(),
+            progress=run.tell,
+        ),
+        path,
     )
 
 
 def _export(run: PipelineRun) -> None:
+    """Each format stands alone."""
     make_folder(run.path("export"))
     for kind, name in EXPORTS.items():
-        said = export_file(run.path(BUNDLE_FILE), run.path(name), kind, effects=run.effects)
-        run.notices += said
-        run.unasked += said
+        path = run.path(name)
+        write = partial(export_file, run.path(BUNDLE_FILE), path, kind, effects=run.effects)
+        said = _unless_failed(run, f"no {name}", write, path)
+        if not isinstance(said, Failure):
+            run.notices += said
+            run.unasked += said
 
 
 def stages_of(run: PipelineRun) -> list[Stage]:

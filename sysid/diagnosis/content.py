@@ -5,16 +5,26 @@ A later process draws the same section from `diagnosis.json`, without diagnosing
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 from sysid.diagnosis.result import Diagnosis
 from sysid.model.effects.catalogue import catalogue, catalogue_entry
 from sysid.model.effects.entry import CatalogueEffect
+from sysid.parallel import Failure, on_its_own
+
+Result = TypeVar("Result")
+_Content = dict[str, Any]
 
 
 def content(diagnosis: Diagnosis) -> dict[str, Any]:
-    """The output of `sysid diagnose --json` (spec/cli.md), and the data drawn under `figures`."""
-    return {**diagnosis.to_json(), "figures": figures(diagnosis)}
+    """The output of `sysid diagnose --json` (spec/cli.md), and the data drawn under `figures`.
+
+    Pictures that cannot be drawn are left out, and the notices say why.
+    """
+    found, drawn = diagnosis.to_json(), figures(diagnosis)
+    missing = drawn.pop("missing")
+    return {**found, "notices": [*found["notices"], *missing], "figures": drawn}
 
 
 def figures(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -24,16 +34,27 @@ def figures(diagnosis: Diagnosis) -> dict[str, Any]:
     a regressor before and after the effects. `titles` and `meanings` name effects, those that were
     tried among them, and the parameters of those found; `laws` says in a sentence what each found
     one and each rival does, `telling` which test tells it from others. Further keys are the
-    evidence's own.
+    evidence's own. `missing` says which of these could not be worked out, and why.
     """
-    looks = diagnosis.evidence.rounds_shown()
+    missing: list[str] = []
+
+    def unless_failed(what: str, work: Callable[[], Result], otherwise: Result) -> Result:
+        found = on_its_own(work)
+        if not isinstance(found, Failure):
+            return found
+        missing.append(f"{what} could not be worked out: {found.reason}")
+        return otherwise
+
+    evidence, no_rounds, no_figures = diagnosis.evidence, list[_Content](), _Content(curves=[])
+    looks = unless_failed("what each round tried", evidence.rounds_shown, no_rounds)
+    own = unless_failed("the figures of the residual", evidence.figures, no_figures)
     tried = {suspect["id"] for look in looks for suspect in look["suspects"]}
     rivals = {id for found in diagnosis.effects for id in found.ambiguous_with}
     known = _known(diagnosis)
     named = {found.id for found in diagnosis.effects} | rivals
     return {
         "looks": looks,
-        **diagnosis.evidence.figures(),
+        **own,
         "titles": {id: known[id].title for id in sorted(named | tried) if id in known},
         "laws": {id: catalogue_entry(known[id])["law"] for id in sorted(named) if id in known},
         "telling": {id: known[id].tie_breaker for id in sorted(named) if id in known},
@@ -41,6 +62,7 @@ def figures(diagnosis: Diagnosis) -> dict[str, Any]:
             found.id: {q.label: q.meaning for q in type(found.effect).quantities}
             for found in diagnosis.effects
         },
+        "missing": missing,
     }
 
 

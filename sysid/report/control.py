@@ -17,6 +17,7 @@ from sysid.io.rig import Rig
 from sysid.report import svg
 from sysid.report.blocks import Block, Figure, FigureGroup, HtmlTable, Section, table
 from sysid.report.html import fill
+from sysid.report.standing import section_or_why
 from sysid.report.svg import COLOUR
 from sysid.types import FloatArray
 
@@ -54,7 +55,12 @@ def control_page(page: ControlPage) -> str:
     """One self-contained HTML page."""
     run = page.run
     with svg.styled():
-        sections = [_tracking(page), _chambers(page), _commands(page)]
+        parts = (
+            section_or_why("tracking", "Tracking", lambda: _tracking(page)),
+            section_or_why("pressures", "Chambers", lambda: _chambers(page)),
+            section_or_why("commands", "Commands", lambda: _commands(page)),
+        )
+        sections = list(filter(None, parts))
     faults = [f"Fault: {line}." for line in run.faults]
     notes = faults + [f"Notice: {line}." for line in page.notices]
     return fill(

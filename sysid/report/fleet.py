@@ -7,6 +7,7 @@ import importlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
@@ -21,6 +22,7 @@ from sysid.io.files import write_atomic
 from sysid.report import svg
 from sysid.report.blocks import Block, Figure, FigureGroup, Fold, HtmlTable, Lines, Section, table
 from sysid.report.html import fill
+from sysid.report.standing import section_or_why
 from sysid.report.svg import COLOUR
 
 if TYPE_CHECKING:
@@ -84,7 +86,11 @@ def fleet_page(fleet: Fleet) -> str:
     with svg.styled():
         changed = set(fleet.changed_rigs())
         shown = sorted(fleet.rigs, key=lambda rig: rig not in changed)
-        sections = [_campaigns(), *(_rig(fleet, rig, i) for i, rig in enumerate(shown))]
+        trends = (
+            section_or_why(f"rig-{i}", rig, partial(_rig, fleet, rig, i))
+            for i, rig in enumerate(shown)
+        )
+        sections = [_campaigns(), *filter(None, trends)]
     dates = [row.origin.date for row in fleet.rows if row.origin]
     span = f"{min(dates)} to {max(dates)}" if dates else "none"
     return fill(

@@ -6,6 +6,7 @@ import datetime
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,8 +15,10 @@ from sysid.diagnosis.evidence import is_of_actuator
 from sysid.errors import input_error
 from sysid.io.campaign import FRICTION_KINDS, MOTION_KINDS
 from sysid.io.files import write_atomic
+from sysid.parallel import Failure, on_its_own
 from sysid.report.blocks import Block, Fold, HtmlTable, Plot, Section, table
 from sysid.report.opening import ReportVerdict, verdict
+from sysid.report.standing import section_or_why
 from sysid.types import Progress
 
 if TYPE_CHECKING:
@@ -44,9 +47,9 @@ def write_report(
     Curves are computed anew from the campaign's fit logs and the bundle, so that a later
     process can rebuild the report; `validation` and `checks` are what `sysid.validation` and
     `sysid.checks.log_check` found, `diagnosis` what `sysid.diagnosis.content.content` made of one.
-    Sections whose part is missing are omitted, and the page says so.
-    Raises InputError where a log cannot be read or the file not be written, and for the bundle of
-    a linear rig with a rotary one's campaign, or the reverse.
+    Sections whose part is missing are omitted, and the page says so; one that cannot be made says
+    why. Raises InputError where the file cannot be written, and for the bundle of a linear rig with
+    a rotary one's campaign, or the reverse.
     """
     html = render_report(
         campaign=campaign,
@@ -77,9 +80,19 @@ def render_report(
         parts = _parts(campaign, bundle, validation, diagnosis)
         sections, left_out = _sections(campaign, bundle, checks, parts, tell)
     tell("assembling the page")
-    judged = verdict(bundle, validation, diagnosis)
+    judged = _judged(bundle, validation, diagnosis)
     judged = replace(judged, notes=(*_other_rig(campaign, bundle), *judged.notes))
     return _fill(campaign, bundle, judged, sections, left_out)
+
+
+def _judged(
+    bundle: Bundle, validation: ValidationResult | None, diagnosis: Mapping[str, Any] | None
+) -> ReportVerdict:
+    """The verdict; where it cannot be worked out, one that says why."""
+    judged = on_its_own(lambda: verdict(bundle, validation, diagnosis))
+    if not isinstance(judged, Failure):
+        return judged
+    return ReportVerdict("none", f"No verdict could be worked out: {judged.reason}.", None)
 
 
 def _check_units(campaign: Campaign, bundle: Bundle) -> None:
@@ -102,7 +115,7 @@ def _other_rig(campaign: Campaign, bundle: Bundle) -> Iterator[str]:
         )
 
 
-_Part = tuple[str, str, Callable[[], Section | None]]
+_Part = tuple[str, str, str, Callable[[], Section | None]]
 
 
 def _sections(
@@ -117,20 +130,31 @@ def _sections(
     from sysid.report.provenance import provenance_section
     from sysid.report.quality import quality_section
 
-    sections = [quality_section(campaign, checks)]
-    fits = fits_section(bundle)
-    if fits is not None:
-        sections.append(fits)
+    told: list[_Part] = [
+        ("data", "Data and their quality", "", lambda: quality_section(campaign, checks)),
+        ("fits", "How well the laws follow their tests", "", lambda: fits_section(bundle)),
+        *parts,
+        ("provenance", "Provenance", "", lambda: provenance_section(bundle)),
+    ]
+    sections: list[Section] = []
     left_out: list[str] = []
-    for title, lacks, build in parts:
-        section = build()
+    for id, title, lacks, build in told:
+        section = section_or_why(id, title, partial(_written, build))
         if section is not None:
             tell(f"drawn: {title}")
             sections.append(section)
         elif lacks:
             left_out.append(f"{title}: {lacks}.")
-    sections.append(provenance_section(bundle))
     return sections, left_out
+
+
+def _written(build: Callable[[], Section | None]) -> Section | None:
+    """A section whose plots' numbers can be written into the page."""
+    built = build()
+    for plot in [] if built is None else _plots(built.blocks):
+        _json(plot.document)
+        _json(plot.samples)
+    return built
 
 
 def _parts(
@@ -139,7 +163,7 @@ def _parts(
     validation: ValidationResult | None,
     diagnosis: Mapping[str, Any] | None,
 ) -> list[_Part]:
-    """Of each section in turn: title, the line if it is missing ("": none), and its builder."""
+    """Of each section in turn: id, title, the line if it is missing ("": none), and its builder."""
     from sysid.report.next_steps import left_open
 
     valves = bundle.valves or FittedValves()
@@ -203,11 +227,16 @@ def _parts(
         part = bundle.refinement
         return None if part is None else refinement_section(part, campaign.rig)
 
-    diagnosed_part = ("Diagnosis", (diagnosis or {}).get("skipped", _NOT_DIAGNOSED), diagnosed)
+    skipped = (diagnosis or {}).get("skipped", _NOT_DIAGNOSED)
+    diagnosed_part = ("diagnosis", "Diagnosis", skipped, diagnosed)
     is_open = left_open(diagnosis, is_validated=validation is not None)
-    following = ("What to do next", is_open, next_steps)
+    following = ("next", "What to do next", is_open, next_steps)
     if bundle.component is not None:
-        return [("Component", "no component was fitted", own), diagnosed_part, following]
+        return [
+            ("component", "Component", "no component was fitted", own),
+            diagnosed_part,
+            following,
+        ]
     # A part tested alone lacks nothing of what only a whole actuator has.
     rig = campaign.rig
     moves = is_of_actuator(diagnosis) or rig.is_motor_alone
@@ -217,14 +246,14 @@ def _parts(
     no_surface = "no surface was fitted (tests: valve-pwm)"
     not_validated = f"the model was not validated (motion logs: {', '.join(MOTION_KINDS)})"
     return [
-        ("Friction", "" if rig.is_tank_alone else no_friction, friction),
-        ("On/off valves", no_law if switches else "", discrete),
-        ("PWM surfaces", no_surface if switches else "", surfaces),
-        ("Open-loop validation", not_validated if moves else "", motion),
-        ("Residuals", "", residuals),  # missing where the validation is
-        ("Measured and modelled", "", part_alone),
+        ("friction", "Friction", "" if rig.is_tank_alone else no_friction, friction),
+        ("valves", "On/off valves", no_law if switches else "", discrete),
+        ("surfaces", "PWM surfaces", no_surface if switches else "", surfaces),
+        ("validation", "Open-loop validation", not_validated if moves else "", motion),
+        ("residuals", "Residuals", "", residuals),  # missing where the validation is
+        ("part", "Measured and modelled", "", part_alone),
         diagnosed_part,
-        ("Refinement on motion", _NOT_REFINED if moves else "", refined),
+        ("refinement", "Refinement on motion", _NOT_REFINED if moves else "", refined),
         following,
     ]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from sysid.checks.consistency.comparison import Contradiction, disagreements
 from sysid.checks.consistency.drive import CYLINDER, MOTOR, Gain, gains, takes_energy_out
@@ -27,6 +28,7 @@ from sysid.io.campaign import MOTION_KINDS, Campaign
 from sysid.io.channels import CHAMBER_PRESSURES, SIDES
 from sysid.io.logs import Log, Trial
 from sysid.io.rig import Rig
+from sysid.parallel import Failure, on_its_own
 
 _STATIC = "static friction"
 _COULOMB = "Coulomb friction"
@@ -83,10 +85,21 @@ def located_contradictions(logs: Iterable[LogReadings], rig: Rig) -> tuple[Contr
 
 
 def readings_of(log: Log, kind: str, rig: Rig, where: str = "") -> LogReadings:
-    """What a log of this kind contributes, called `where` (else by its file's name)."""
+    """What a log of this kind contributes, called `where` (else by its file's name).
+
+    Where that cannot be worked out it contributes a notice that says why.
+    """
+    name = where or log.path.name
+    found = on_its_own(partial(_readings_of, log, kind, rig, name))
+    if not isinstance(found, Failure):
+        return found
+    said = Contradiction(name, f"{name}: not compared with the other logs: {found.reason}")
+    return LogReadings(notices=(said,))
+
+
+def _readings_of(log: Log, kind: str, rig: Rig, name: str) -> LogReadings:
     readings: list[Reading] = []
     notices: list[Contradiction] = []
-    name = where or log.path.name
     other = other_kind(log.trials, kind, name, rig)
     if other is not None:
         notices.append(Contradiction(name, other))

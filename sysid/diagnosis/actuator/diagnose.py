@@ -32,7 +32,7 @@ from sysid.io.logs import Log, Trial
 from sysid.io.rig import Rig
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import Model, has_discrete_law
-from sysid.parallel import time_limit
+from sysid.parallel import Failure, on_its_own, time_limit
 from sysid.types import FloatArray
 from sysid.validation.motion_tests import CHAMBER_PRESSURES
 
@@ -131,7 +131,10 @@ def _diagnosed(
     errors = _errors(outside, model, found)
     floor = _noise_floor(outside, found, seed)
     curves = leftover(found)
-    rests = remainders(found, rig)
+    rests = on_its_own(partial(remainders, found, rig))
+    if isinstance(rests, Failure):
+        notices.append(f"what the remainder consists of could not be worked out: {rests.reason}")
+        rests = ()
     curves = (*curves, *repeating(found, rests, curves, rig))
     structured = bool(curves)
     fitted = _fitted_floor(outside, model, found, drawn, seed)
