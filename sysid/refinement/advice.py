@@ -75,7 +75,8 @@ def advise(
     check_on_off_law(bundle, model)
     notices: list[str] = []
     progress("reading motion logs")
-    logged = motion_tests_of(campaign, campaign.select(KINDS, use="fit"), bundle, notices)
+    entries = campaign.select(KINDS, use="fit")
+    logged = motion_tests_of(campaign, entries, bundle, notices, needed=False)
     unknowns = tuple(_known_without(bundle, chosen(unknowns_of(bundle, rig, model))))
     scatter = bench_scatter(bundle)
     setting = AdviceSetting(rig, model, unknowns, noise_of(logged, rig), scatter.pair)

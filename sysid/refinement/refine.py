@@ -15,6 +15,7 @@ import contextlib
 import dataclasses
 import math
 from collections.abc import Iterable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -27,11 +28,11 @@ from sysid.display.numbers import ascii_text
 from sysid.errors import InputError, NotIdentifiedError, SimulationError, input_error
 from sysid.estimation.linear import Estimate, t_quantile
 from sysid.io.campaign import MOTION_KINDS, Campaign, CampaignLog
-from sysid.io.logs import Log, Trial
+from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.model.effects.entry import Catalogue
 from sysid.model.ports import Model, has_discrete_law
-from sysid.parallel import OutOfTimeError
+from sysid.parallel import Failure, OutOfTimeError, error_of, on_its_own
 from sysid.refinement.declared import contradictions
 from sysid.refinement.estimation import (
     NO_INFORMATION,
@@ -130,7 +131,9 @@ def refine(
     parameters, matrix = _parameters(found)
     values = np.array([p.estimate.value for p in parameters])
     progress("simulating whole tests")
-    held_out = _held_out_tests(campaign, bundle, notices)
+    held_out = motion_tests_of(
+        campaign, campaign.select(KINDS, use="holdout"), bundle, notices, needed=False
+    )
     after = model_at(model, unknowns, values)
     static = found.problem.static_number
     if static is not None and not parameters[static].is_known:
@@ -206,42 +209,37 @@ def check_on_off_law(bundle: Bundle, model: Model) -> None:
 
 
 def motion_tests_of(
-    campaign: Campaign, entries: Sequence[CampaignLog], bundle: Bundle, notices: list[str]
+    campaign: Campaign,
+    entries: Sequence[CampaignLog],
+    bundle: Bundle,
+    notices: list[str],
+    *,
+    needed: bool = True,
 ) -> list[MotionTest]:
-    """The tests of these logs with their segments; the logs' notices are appended."""
-    return [
-        test
-        for entry in entries
-        for test in _prepared(_read(campaign, entry, bundle), entry, campaign.rig, bundle, notices)
-    ]
+    """The tests of these logs with their segments; the logs' notices are appended.
 
-
-def _read(campaign: Campaign, entry: CampaignLog, bundle: Bundle) -> Log:
-    log = campaign.read(entry)
-    bundle.check_log(log, entry.kind, entry.use)
-    return log
-
-
-def _prepared(
-    log: Log, entry: CampaignLog, rig: Rig, bundle: Bundle, notices: list[str]
-) -> list[MotionTest]:
-    inertia = fitted_inertia(bundle)
-    tests, left_out = prepare_all(log.trials, entry.kind, rig, SEGMENT_S, inertia)
-    notices += [*log.notices, *left_out]
-    return [t for t in tests if t.counted(t.whole) >= LEAST_ROWS]
-
-
-def _held_out_tests(campaign: Campaign, bundle: Bundle, notices: list[str]) -> list[MotionTest]:
-    """Those of the held-out logs. One whose tests cannot be simulated is left out by a notice: what
-    was estimated does not depend on it."""
-    found = []
-    for entry in campaign.select(KINDS, use="holdout"):
-        log = _read(campaign, entry, bundle)
-        try:
-            found += _prepared(log, entry, campaign.rig, bundle, notices)
-        except (InputError, NotIdentifiedError) as error:
-            notices.append(f"held out, and not simulated: {error}")
-    return found
+    A log that cannot be simulated is left out, by a notice. Raises the error of the logs where
+    tests are `needed` and none can be, InputError for a log that has changed.
+    """
+    found: list[MotionTest] = []
+    failed: list[Failure] = []
+    for entry in entries:
+        log = campaign.read(entry)
+        bundle.check_log(log, entry.kind, entry.use)
+        notices += log.notices
+        inertia = fitted_inertia(bundle)
+        tests = on_its_own(
+            partial(prepare_all, log.trials, entry.kind, campaign.rig, SEGMENT_S, inertia)
+        )
+        if isinstance(tests, Failure):
+            failed.append(tests)
+            continue
+        found += tests[0]
+        notices += tests[1]
+    if needed and failed and not found:
+        raise error_of(failed, "; ".join(dict.fromkeys(why.reason for why in failed)))
+    notices += [f"left out: {why.reason}" for why in failed]
+    return [t for t in found if t.counted(t.whole) >= LEAST_ROWS]
 
 
 def bench_scatter(bundle: Bundle) -> FrictionScatter:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.errors import InputError, input_error
+from sysid.errors import input_error
 from sysid.io.channels import CHAMBER_PRESSURES
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig, require_inertia
@@ -73,10 +73,6 @@ def check_sampling(trial: Trial, kind: str, rig: Rig) -> None:
         )
 
 
-class MovingStartError(InputError):
-    """A test does not start at rest: its start state is not known, as that of others may be."""
-
-
 def check_at_rest(
     source: str,
     time: FloatArray,
@@ -86,19 +82,18 @@ def check_at_rest(
     rig: Rig,
     fitted_inertia: float | None = None,
 ) -> None:
-    """MovingStartError where the shaft moves in the first 50 ms further than it could from rest.
+    """InputError where the shaft moves in the first 50 ms further than it could from rest.
 
     Arguments as those of `moves_at_start`.
     """
     moved = moves_at_start(time, motor, measured, tolerance, rig, fitted_inertia)
     if moved is None:
         return
-    line = input_error(
+    raise input_error(
         source,
         f"starts while moving: {moved}",
         "start each test at rest, or cut off its beginning up to a standstill",
     )
-    raise MovingStartError(str(line))
 
 
 def moves_at_start(

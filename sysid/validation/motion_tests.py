@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +22,10 @@ from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.io.trial_kind import rows_per_ripple
 from sysid.model import valve_timing
+from sysid.parallel import Failure, error_of, on_its_own
 from sysid.types import FloatArray, IntArray
 from sysid.validation.motion_checks import (
     MIN_ROWS,
-    MovingStartError,
     check_at_rest,
     check_channels,
     check_sampling,
@@ -154,20 +155,21 @@ def prepare(
 def prepare_all(
     trials: Sequence[Trial], kind: str, rig: Rig, horizon: float, inertia: float | None = None
 ) -> tuple[list[MotionTest], list[str]]:
-    """`prepare` of each test of a log; a test that does not start at rest is left out, by a notice.
+    """`prepare` of each test of a log; one that cannot be simulated is left out, by a notice.
 
-    Raises InputError, as `prepare`; where no test starts at rest too.
+    As one with a gap, or that does not start at rest. Raises the first one's error where none can.
     """
     found: list[MotionTest] = []
-    left_out: list[MovingStartError] = []
+    left_out: list[Failure] = []
     for trial in trials:
-        try:
-            found.append(prepare(trial, kind, rig, horizon, inertia))
-        except MovingStartError as error:
-            left_out.append(error)
+        test = on_its_own(partial(prepare, trial, kind, rig, horizon, inertia))
+        if isinstance(test, Failure):
+            left_out.append(test)
+        else:
+            found.append(test)
     if left_out and not found:
-        raise left_out[0]
-    return found, [f"left out: {error}" for error in left_out]
+        raise error_of(left_out[:1], left_out[0].reason)
+    return found, [f"left out: {why.reason}" for why in left_out]
 
 
 def _state_in_motion(

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from sysid.bundle import Bundle
@@ -29,6 +30,7 @@ from sysid.io.logs import Log
 from sysid.io.rig import Rig
 from sysid.model.effects.entry import Catalogue
 from sysid.model.ports import Model, has_discrete_law
+from sysid.parallel import Failure, error_of, on_its_own
 from sysid.types import Progress
 from sysid.validation.judging import judged
 from sysid.validation.motion_tests import MotionTest, prepare_all
@@ -80,10 +82,11 @@ def validate(
 
     The rig is the campaign's: it describes the tests' conditions (payload, supply).
     `catalogue` knows the bundle's effects (None: the project's own); `progress` is told what
-    is being done. Raises InputError where a log cannot
-    be validated (missing channels, gaps, a start in motion), has changed since it was fitted
-    on, or is held out though it was fitted on, and for an effect that is not known; and
-    NotIdentifiedError where the bundle holds no valve model that applies.
+    is being done. A log that cannot be validated (missing channels, gaps, a start in motion), and a
+    valve model that cannot be simulated, is left out by a notice. Raises InputError where that is
+    so of every log, where a log has changed since it was fitted on, or is held out though it was
+    fitted on, and for an effect that is not known; NotIdentifiedError where the bundle holds no
+    valve model that applies, or none can be simulated.
     """
     tell = progress or (lambda line: None)
     rig = campaign.rig
@@ -98,15 +101,36 @@ def validate(
     model = bundle.model(rig, catalogue)
     valve_models = _valve_models(bundle, rig, model, entries, notices)
     cases: list[_Case] = []
+    failed: list[Failure] = []
     for entry in entries:
         tell(f"reading {entry.file}")
-        cases += _read(campaign, entry, bundle, notices)
+        own = _read(campaign, entry, bundle, notices)
+        if isinstance(own, Failure):
+            failed.append(own)
+        else:
+            cases += own
+    if failed and not cases:
+        raise _none_left(failed)
+    notices += [f"left out: {why.reason}" for why in failed]
     logs: list[LogResult] = []
+    failed = []
     for valves in valve_models:
         chosen = [c for c in cases if valves.applies(c.entry.kind)]
         tell(f"simulating {len(chosen)} tests, {valves.name} valve model")
-        logs += _logs(_simulated(chosen, rig, model, valves))
+        results = on_its_own(partial(_simulated, chosen, rig, model, valves))
+        if isinstance(results, Failure):
+            failed.append(results)
+            notices.append(f"the {valves.name} valve model is left out: {results.reason}")
+        else:
+            logs += _logs(results)
+    if failed and not logs:
+        raise _none_left(failed)
     return ValidationResult(tuple(_in_order(logs, campaign, entries)), tuple(notices))
+
+
+def _none_left(failed: Sequence[Failure]) -> Exception:
+    """The error where nothing can be simulated, with each reason once."""
+    return error_of(failed, "; ".join(dict.fromkeys(why.reason for why in failed)))
 
 
 def _in_order(
@@ -173,15 +197,20 @@ def _read(
     entry: CampaignLog,
     bundle: Bundle,
     notices: list[str],
-) -> list[_Case]:
+) -> list[_Case] | Failure:
+    """The tests of a log that can be simulated; why none can. Raises InputError for a log that
+    has changed."""
     log = campaign.read(entry)
     bundle.check_log(log, entry.kind, entry.use)
     notices += log.notices
     cases = []
     inertia = fitted_inertia(bundle)
-    tests, left_out = prepare_all(log.trials, entry.kind, campaign.rig, max(HORIZONS_S), inertia)
-    notices += left_out
-    for test in tests:
+    horizon = max(HORIZONS_S)
+    tests = on_its_own(partial(prepare_all, log.trials, entry.kind, campaign.rig, horizon, inertia))
+    if isinstance(tests, Failure):
+        return tests
+    notices += tests[1]
+    for test in tests[0]:
         notices += test.notices
         if test.counted(test.whole) < 2:
             notices.append(f"{test.source}: starts at an end stop and is left out")

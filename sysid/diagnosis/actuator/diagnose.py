@@ -12,7 +12,7 @@ import numpy as np
 
 from sysid.diagnosis.actuator.equation_error import forget
 from sysid.diagnosis.actuator.evidence import TwinEvidence
-from sysid.diagnosis.actuator.holdout import HeldOut, held_out, motion_tests
+from sysid.diagnosis.actuator.holdout import HeldOut, motion_tests
 from sysid.diagnosis.actuator.known import Earlier
 from sysid.diagnosis.actuator.loop import Loop, close_loop
 from sysid.diagnosis.actuator.unexplained import (
@@ -179,7 +179,7 @@ def rivals_of(
 
 def _held_out(logs: Sequence[tuple[str, str, Log]], rig: Rig) -> HeldOut:
     """The motion tests of the held-out logs, to be simulated only."""
-    return held_out(rig, [(kind, log) for use, kind, log in logs if use == "holdout"])
+    return motion_tests(rig, [(kind, log) for use, kind, log in logs if use == "holdout"])
 
 
 def _by_channel(errors: Sequence[FloatArray], rig: Rig) -> list[dict[str, float]]:

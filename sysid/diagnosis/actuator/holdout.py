@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from sysid.diagnosis.actuator.twins import Scatter, SensorNoise, scattered
-from sysid.errors import InputError, NotIdentifiedError
 from sysid.io.campaign import MOTION_KINDS
 from sysid.io.logs import Log
 from sysid.io.rig import Rig
 from sysid.model.ports import Model
+from sysid.parallel import Failure, on_its_own
 from sysid.types import FloatArray
 from sysid.validation import simulate_segments
 from sysid.validation.motion_tests import MotionTest, prepare_all
@@ -26,7 +27,7 @@ _DRAWS = 8
 class HeldOut:
     """Motion tests of a campaign, held out or not, ready for the simulator.
 
-    `notices`: which tests were left out, as they do not start at rest.
+    `notices`: which tests were left out, and why.
     """
 
     rig: Rig
@@ -102,26 +103,16 @@ class HeldOut:
 
 
 def motion_tests(rig: Rig, logs: Sequence[tuple[str, Log]]) -> HeldOut:
-    """The motion tests of logs, given as (kind, log). Raises InputError for one that holds none
-    that can be simulated."""
+    """The motion tests of logs, given as (kind, log); notices of those left out."""
     tests: list[MotionTest] = []
     notices: list[str] = []
     for kind, log in logs:
-        if kind in MOTION_KINDS:
-            own, left_out = prepare_all(log.trials, kind, rig, _HORIZON_S)
-            tests += own
-            notices += left_out
+        if kind not in MOTION_KINDS:
+            continue
+        own = on_its_own(partial(prepare_all, log.trials, kind, rig, _HORIZON_S))
+        if isinstance(own, Failure):
+            notices.append(f"left out: {own.reason}")
+            continue
+        tests += own[0]
+        notices += own[1]
     return HeldOut(rig, tuple(t for t in tests if t.counted(t.whole) >= 2), tuple(notices))
-
-
-def held_out(rig: Rig, logs: Sequence[tuple[str, Log]]) -> HeldOut:
-    """Those of held-out logs: one that cannot be simulated is left out by a notice, since nothing
-    that is found depends on it."""
-    found = HeldOut(rig, ())
-    for one in logs:
-        try:
-            own = motion_tests(rig, [one])
-        except (InputError, NotIdentifiedError) as error:
-            own = HeldOut(rig, (), (f"held out, and not simulated: {error}",))
-        found = HeldOut(rig, (*found.tests, *own.tests), (*found.notices, *own.notices))
-    return found
