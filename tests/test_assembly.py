@@ -11,8 +11,12 @@ from golden_folder import BUNDLED
 from test_friction_combinations import slid
 
 from sysid.assembly import fit_campaign
-from sysid.bundle.assembled_model import assumed_friction, model_from_bundle
+from sysid.bundle import Bundle
+from sysid.bundle.assembled_model import assumed_parameters, model_from_bundle
+from sysid.errors import NotIdentifiedError
+from sysid.estimation.linear import Estimate
 from sysid.io.campaign import FRICTION_KINDS, MOTION_KINDS, Campaign, read_campaign
+from sysid.model.base import exhaust_jump, filling_jump
 
 
 def only(campaign: Campaign, *kinds: str) -> Campaign:
@@ -44,7 +48,7 @@ def test_static_friction_that_no_test_shows_is_coulomb_friction_and_said(bundled
     assert bundle.friction is not None and not bundle.friction.static_nm.identified
     p = model_from_bundle(bundle, bundled.rig).parameters
     assert p.static_effort == p.coulomb_effort == bundle.friction.coulomb_nm.value
-    (notice,) = assumed_friction(bundle)
+    (notice,) = assumed_parameters(bundle)
     assert "static_nm is not identified: the model takes coulomb_nm" in notice
 
 
@@ -101,3 +105,35 @@ def test_friction_tests_in_one_direction_give_the_sum(tmp_path: Path) -> None:
     assert list(friction.sums()) == ["coulomb_nm + offset_nm"]
     assert friction.viscous_nm_s_per_rad is not None and friction.viscous_nm_s_per_rad.identified
     assert any("other direction" in n and "would separate" in n for n in found.notices)
+
+
+def test_a_flow_of_one_regime_follows_from_that_of_the_other_and_is_said(
+    bundled: Campaign,
+) -> None:
+    kinds = ("friction-static", "friction-sliding", "valve-discrete")
+    bundle = fit_campaign(only(bundled, *kinds)).bundle
+    valves = bundle.valves
+    assert valves is not None and assumed_parameters(bundle) == []
+    known = model_from_bundle(bundle, bundled.rig).parameters
+
+    def without(*keys: str) -> Bundle:
+        lacking = {key: Estimate.unidentified("kg/s", "it scatters") for key in keys}
+        law = bundle.valve("b").discrete
+        assert law is not None
+        b = bundle.valve("b").replaced(discrete=law.replaced(**lacking))
+        return bundle.replaced(valves=valves.replaced(b=b))
+
+    for keys in (("choked_flow_fill_kg_s", "c_dis"), ("c_fill", "choked_flow_dis_kg_s")):
+        lacking = without(*keys)
+        p = model_from_bundle(lacking, bundled.rig).parameters
+        air = bundled.rig.air
+        assert air is not None
+        fill = filling_jump(air.supply_pressure_pa, p.choked_fill_b, p.c_fill_b)
+        out = exhaust_jump(air.atmospheric_pressure_pa, p.choked_dis_b, p.c_dis_b)
+        assert fill == pytest.approx(0.0, abs=1e-12) and out == pytest.approx(0.0, abs=1e-12)
+        assert p.choked_fill_a == known.choked_fill_a
+        said = [n for n in assumed_parameters(lacking) if "valves.b.discrete: " in n]
+        assert len(said) == 2
+        assert all(any(f"{key} is not identified" in n for n in said) for key in keys)
+    with pytest.raises(NotIdentifiedError, match="choked_flow_fill_kg_s is not identified"):
+        model_from_bundle(without("choked_flow_fill_kg_s", "c_fill"), bundled.rig)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +13,14 @@ from sysid.bundle.base import Part
 from sysid.bundle.content import BundleContent
 from sysid.bundle.effects import effect_from_entry
 from sysid.bundle.friction import Friction
-from sysid.bundle.valves import AVERAGED, DIRECTIONS, LAW_KEYS, SURFACE_KINDS, PwmSurfaces
+from sysid.bundle.valves import (
+    AVERAGED,
+    DIRECTIONS,
+    LAW_KEYS,
+    SURFACE_KINDS,
+    DiscreteLaw,
+    PwmSurfaces,
+)
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.io.channels import SIDES
 from sysid.io.rig import Rig, require_inertia
@@ -23,6 +30,8 @@ from sysid.model.base import (
     ValveParameters,
     array_namespace,
     bare_parameters,
+    exhaust_jump,
+    filling_jump,
     parameters_from_rig,
 )
 from sysid.model.effects.catalogue import catalogue_with
@@ -41,6 +50,12 @@ _SAME_PERIOD = 1e-6
 # As far as the fit takes rows of a surface for rows at one supply.
 _SAME_SUPPLY = 0.02
 
+_OTHER_REGIME = {
+    "choked_fill": "c_fill",
+    "c_fill": "choked_fill",
+    "choked_dis": "c_dis",
+    "c_dis": "choked_dis",
+}
 _TESTS = {
     "static": "friction-static tests (a torque ramp from rest)",
     "coulomb": "friction-sliding tests (constant torques, at least two levels)",
@@ -119,7 +134,8 @@ def parameters_from_bundle(bundle: BundleContent, rig: Rig) -> Parameters:
     base model has none, and an offset that is only noise would push an open-loop position away
     (the effect `torque-offset` is for a real one). A motor alone (`Rig.is_motor_alone`) has it:
     the motion that gave its law gave the offset too. Negative friction is set to 0, static friction
-    that is not identified to Coulomb friction (`assumed_friction` says so). Raises InputError
+    that is not identified to Coulomb friction, a valve's flow that is identified in one regime only
+    to that without a jump between them (`assumed_parameters` says so). Raises InputError
     where the rig file lacks a section, NotIdentifiedError where the bundle has no friction.
     """
     friction, where = bundle.friction, bundle.source
@@ -141,8 +157,8 @@ def parameters_from_bundle(bundle: BundleContent, rig: Rig) -> Parameters:
         static_effort=values["static"],
         coulomb_effort=values["coulomb"],
         viscous=values["viscous"],
-        valve_a=_discrete_law(bundle, "a"),
-        valve_b=_discrete_law(bundle, "b"),
+        valve_a=_discrete_law(bundle, rig, "a"),
+        valve_b=_discrete_law(bundle, rig, "b"),
         inertia=_inertia(bundle, rig),
     )
     return parameters.replace(supply_reference=_supply_of_fit(bundle, rig))
@@ -203,20 +219,33 @@ def _lacks_static_alone(friction: Friction, is_linear: bool) -> bool:
     return unknown and coulomb is not None and coulomb.identified
 
 
-def assumed_friction(bundle: BundleContent) -> list[str]:
-    """Notices of friction that models set otherwise than estimated: to 0 where it is negative,
-    static friction to Coulomb friction where it is not identified."""
+def assumed_parameters(bundle: BundleContent) -> list[str]:
+    """Notices of what models set otherwise than estimated: friction to 0 where it is negative,
+    static friction to Coulomb friction where it is not identified, and a valve's flow that is not
+    identified in one regime to that of the other, without a jump at the choked boundary."""
+    return [*_assumed_static(bundle), *negative_friction(bundle), *_assumed_flows(bundle)]
+
+
+def _assumed_static(bundle: BundleContent) -> Iterator[str]:
     friction = bundle.friction
-    if friction is None:
-        return []
-    notices = []
-    keys = friction_keys(bundle.is_linear)
-    if _lacks_static_alone(friction, bundle.is_linear):
-        notices.append(
+    if friction is not None and _lacks_static_alone(friction, bundle.is_linear):
+        keys = friction_keys(bundle.is_linear)
+        yield (
             f"{bundle.source}: {keys['static']} is not identified: the model takes "
             f"{keys['coulomb']} for it; give {_TESTS['static']}"
         )
-    return notices + negative_friction(bundle)
+
+
+def _assumed_flows(bundle: BundleContent) -> Iterator[str]:
+    for side in SIDES:
+        law = bundle.valve(side).discrete
+        for name, other in _OTHER_REGIME.items():
+            if law is not None and _follows_from_other(law, name):
+                yield (
+                    f"{bundle.source}: valves.{side}.discrete: {LAW_KEYS[name]} is not identified: "
+                    f"the model takes what {LAW_KEYS[other]} gives at the choked boundary; "
+                    f"valve-discrete tests of valve {side} in that regime would identify it"
+                )
 
 
 def negative_friction(bundle: BundleContent) -> list[str]:
@@ -376,14 +405,37 @@ def _differs(fitted: object, declared: float | None, tolerance: float) -> bool:
     return abs(fitted / declared - 1.0) >= tolerance
 
 
-def _discrete_law(bundle: BundleContent, side: str) -> ValveParameters:
+def _discrete_law(bundle: BundleContent, rig: Rig, side: str) -> ValveParameters:
+    """The on/off law; NaN flows without one. A flow that is not identified follows from that of
+    the other regime, as the law is continuous where the valve was never seen to be otherwise."""
     law = bundle.valve(side).discrete
     if law is None:
         return ValveParameters(math.nan, math.nan, math.nan, math.nan)
     place = f"{bundle.source}, valves.{side}.discrete"
     test = f"valve-discrete tests of valve {side} (on and off again, piston held) would identify it"
-    values = {name: _identified(law, key, place, test) for name, key in LAW_KEYS.items()}
+    values = {
+        name: _identified(law, key, place, test)
+        for name, key in LAW_KEYS.items()
+        if not _follows_from_other(law, name)
+    }
+    for name in LAW_KEYS.keys() - values.keys():
+        own, boundary = values[_OTHER_REGIME[name]], _unit_boundary_flow(name, bundle, rig)
+        values[name] = own * boundary if name.startswith("choked") else own / boundary
     return ValveParameters(**values)
+
+
+def _unit_boundary_flow(name: str, bundle: BundleContent, rig: Rig) -> float:
+    """Flow at the choked boundary, kg/s, by a coefficient of 1, in the direction of `name`."""
+    if name.endswith("fill"):
+        return 1.0 + float(filling_jump(_supply_of_fit(bundle, rig), 1.0, 1.0))
+    atmosphere = rig.require("air", "which the valve law needs").atmospheric_pressure_pa
+    return 1.0 + float(exhaust_jump(atmosphere, 1.0, 1.0))
+
+
+def _follows_from_other(law: DiscreteLaw, name: str) -> bool:
+    """Whether a flow is not identified, and that of the other regime is."""
+    own, other = (getattr(law, LAW_KEYS[n]) for n in (name, _OTHER_REGIME[name]))
+    return own is not None and not own.identified and other is not None and other.identified
 
 
 def _identified(part: Part, key: str, where: str, test: str) -> float:
@@ -435,7 +487,7 @@ __all__ = [
     "MEAN_FLOW_MODELS",
     "VALVE_MODELS",
     "TabulatedSurfaces",
-    "assumed_friction",
+    "assumed_parameters",
     "effects_from_bundle",
     "first_valve_model",
     "fitted_inertia",

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from sysid.bundle import read_bundle
 from sysid.bundle.assembled_model import (
-    assumed_friction,
+    assumed_parameters,
     first_valve_model,
     surfaces_for,
 )
@@ -124,7 +124,7 @@ def simulate_log(
     catalogue = catalogue_with(effects) if effects else None
     model = bundle.model(rig, catalogue)
     chosen = valve_model or first_valve_model(bundle, rig, model.parameters)
-    notices = [*rig.notices, *log.notices, *assumed_friction(bundle)]
+    notices = [*rig.notices, *log.notices, *assumed_parameters(bundle)]
     for trial in log.trials:
         check_commands(trial, rig, chosen)
         notices += assumed_starts(trial, rig)

@@ -8,7 +8,7 @@ from functools import partial
 from typing import Any, cast
 
 from sysid.bundle import Bundle, EffectEntry, HeldOutError
-from sysid.bundle.assembled_model import assumed_friction
+from sysid.bundle.assembled_model import assumed_parameters
 from sysid.bundle.effects import entry_of
 from sysid.diagnosis.actuator.diagnose import (
     diagnose,
@@ -97,7 +97,7 @@ def _diagnose_logs(
     if kind is not None:
         look = _look_at_part(kind, campaign, bundle, logs, catalogue, refine, quick, progress)
     else:
-        notices += [*bundle.other_rig(campaign.rig), *assumed_friction(bundle)]
+        notices += [*bundle.other_rig(campaign.rig), *assumed_parameters(bundle)]
         look = _look_at_actuator(campaign, bundle, logs, catalogue, refine, seed, quick, progress)
     return without_contradicted(look, open_ones, progress), tuple(notices)
 

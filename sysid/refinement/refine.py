@@ -22,7 +22,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from sysid.bundle import Bundle
-from sysid.bundle.assembled_model import assumed_friction, fitted_inertia, friction_keys
+from sysid.bundle.assembled_model import assumed_parameters, fitted_inertia, friction_keys
 from sysid.bundle.friction import Friction
 from sysid.display.numbers import ascii_text
 from sysid.errors import InputError, NotIdentifiedError, SimulationError, input_error
@@ -103,7 +103,7 @@ def refine(
         )
     model = bundle.model(campaign.rig, catalogue)
     notices = [*campaign.notices, *campaign.rig.notices]
-    notices += [*bundle.other_rig(campaign.rig), *assumed_friction(bundle)]
+    notices += [*bundle.other_rig(campaign.rig), *assumed_parameters(bundle)]
     check_on_off_law(bundle, model)
     every = without_own_data(unknowns_of(bundle, campaign.rig, model), bundle, notices)
     unknowns = tuple(chosen(every, free, fix, prior=prior))

@@ -20,7 +20,7 @@ from sysid.bundle.assembled_model import (
     DISCRETE,
     MEAN_FLOW_MODELS,
     VALVE_MODELS,
-    assumed_friction,
+    assumed_parameters,
     fitted_inertia,
     surfaces_from_bundle,
 )
@@ -90,7 +90,7 @@ def validate(
     """
     tell = progress or (lambda line: None)
     rig = campaign.rig
-    notices = [*bundle.other_rig(rig), *_offset(bundle, rig), *assumed_friction(bundle)]
+    notices = [*bundle.other_rig(rig), *_offset(bundle, rig), *assumed_parameters(bundle)]
     entries = campaign.select(tuple(kinds), use=None)
     if not entries:
         raise input_error(
