@@ -182,12 +182,26 @@ def _motor_alone(
 def _inertia(bundle: BundleContent, rig: Rig) -> float:
     """The inertia (kg m2, or kg) that was fitted, with another payload if `rig`'s is; else `rig`'s.
 
-    Raises InputError where there is neither.
+    Raises InputError where there is neither, NotIdentifiedError where the fitted one cannot be.
     """
     inertia = fitted_inertia(bundle)
     if inertia is None:
         return require_inertia(rig)
+    require_moving_inertia(inertia, rig, f"{bundle.source}, friction")
     return inertia + rig.payload_inertia() - bundle.rig.payload_inertia()
+
+
+def require_moving_inertia(inertia: float, rig: Rig, where: str) -> None:
+    """NotIdentifiedError, naming `where`, for a fitted inertia (kg m2, or kg) that cannot be."""
+    if not inertia > 0.0:
+        key, what, unit = ("mass_kg", "mass", "kg") if rig.is_linear else (
+            "equivalent_kg_m2", "inertia", "kg m2"
+        )  # fmt: skip
+        raise NotIdentifiedError(
+            f"{where}: the fitted {what} is {inertia:.3g} {unit}, which cannot be, so that no "
+            f"motion is simulated with it; declare [inertia] {key} in {rig.source}, or give motion "
+            "that accelerates more"
+        )
 
 
 def _supply_of_fit(bundle: BundleContent, rig: Rig) -> float:
@@ -495,6 +509,7 @@ __all__ = [
     "model_from_bundle",
     "negative_friction",
     "parameters_from_bundle",
+    "require_moving_inertia",
     "surfaces_for",
     "surfaces_from_bundle",
 ]

@@ -20,6 +20,7 @@ import numpy as np
 
 from sysid import signals
 from sysid.bundle import Bundle, Friction, Parts
+from sysid.bundle.assembled_model import require_moving_inertia
 from sysid.bundle.quality import quality_field
 from sysid.diagnosis.bench.component import Component, Law, bends, law_held, rmse, smallest_probe
 from sysid.errors import NotIdentifiedError
@@ -225,13 +226,15 @@ class Axis(Component):
     def further_errors(self, law: Law) -> dict[str, tuple[float, float]]:
         """Of the position, simulated open loop over each whole trial from its first row.
 
-        Only where no pressure acts: a logged chamber's pressure is not the simulator's.
+        Only where no pressure acts: a logged chamber's pressure is not the simulator's. Raises
+        NotIdentifiedError for an inertia that cannot be.
         """
         from sysid.model.simulator import Inputs, simulate
 
         if self.rig.cylinder is not None:
             return {}
         model = self._model(law)
+        require_moving_inertia(float(model.parameters.inertia), self.rig, "the law")
         # Motion does not determine breakaway: it is set to sliding friction.
         model = Model(
             model.parameters.replace(static_effort=model.parameters.coulomb_effort), model.effects

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from sysid.errors import NotIdentifiedError
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.model.effects.entry import Catalogue, CatalogueEffect
+from sysid.parallel import Failure, on_its_own
 
 _LEFT_OUT = "errors before and after are those of tests left out of the fit in turn"
 _NO_LOG = "no held-out log"
@@ -63,16 +65,23 @@ def diagnose_component(
     selection = select(component, catalogue, progress, quick=quick)
     laws = [given, *(a.fitted.law for a in selection.additions)]
     progress("predicting the held-out tests, before and after")
-    outside, errors, notices = _predicted(build, kind, held_out, rig, laws)
+    outside, lacks_outside = _outside(kind, held_out, rig, build)
+    if outside is not None:
+        predicted = on_its_own(partial(_held_out, outside, laws))
+        if isinstance(predicted, Failure):
+            said = f"held-out tests are not predicted: {predicted.reason}: {_LEFT_OUT}"
+            outside, lacks_outside = None, (said,)
+        else:
+            errors, floors, missing = predicted
+            lacks_outside = (*outside.left_out, *missing)
+    if outside is None:
+        errors = [{component.channel: error} for error in _cross_validated(selection)]
+        floors = {component.channel: component.noise_floor(laws[-1])}
+    floor = floors[component.channel]
     ambiguous = [a.repeats.sentence for a in selection.additions if a.repeats.sentence]
     ambiguous += [effect.undecided_sentence for effect in selection.undecided]
     looked = selection.looked.sentences()
-    notices = (*component.left_out, *notices, *ambiguous, *looked)
-    if outside is None:
-        errors = [{component.channel: error} for error in _cross_validated(selection)]
-    floor = (outside or component).noise_floor(laws[-1])
-    simulated = outside.further_errors(laws[-1]) if outside else {}
-    floors = {component.channel: floor, **{name: noise for name, (_, noise) in simulated.items()}}
+    notices = (*component.left_out, *lacks_outside, *ambiguous, *looked)
     left = curves(component, given, laws[-1])
     error = errors[-1].get(component.channel, selection.final.fit.residual_std)
     rest = left_over(component, outside, laws[-1], floor)
@@ -107,22 +116,39 @@ def diagnose_component(
     )
 
 
-def _predicted(
-    build: Callable[[str, Sequence[Trial], Rig], Component],
+def _outside(
     kind: str,
     held_out: Sequence[Trial],
     rig: Rig,
-    laws: Sequence[Law],
-) -> tuple[Component | None, list[dict[str, float]], tuple[str, ...]]:
-    """The part on held-out tests, RMSE of each law by channel, and notices; None and no errors
-    where no test is held out, or these laws do not predict them."""
+    build: Callable[[str, Sequence[Trial], Rig], Component],
+) -> tuple[Component | None, tuple[str, ...]]:
+    """The part of the held-out tests; why there is none."""
     if not held_out:
-        return None, [], (f"{_NO_LOG}: {_LEFT_OUT}",)
-    try:
-        outside = build(kind, held_out, rig)
-        return outside, [_errors(outside, law) for law in laws], outside.left_out
-    except NotIdentifiedError as error:
-        return None, [], (f"held-out tests are not predicted: {error}: {_LEFT_OUT}",)
+        return None, (f"{_NO_LOG}: {_LEFT_OUT}",)
+    found = on_its_own(lambda: build(kind, held_out, rig))
+    if isinstance(found, Failure):
+        return None, (f"held-out tests are not predicted: {found.reason}: {_LEFT_OUT}",)
+    return found, ()
+
+
+def _held_out(
+    outside: Component, laws: Sequence[Law]
+) -> tuple[list[dict[str, float]], dict[str, float], tuple[str, ...]]:
+    """RMSE by channel of each law, and of a correct one; NaN where a law cannot be simulated, with
+    a notice of why."""
+    further = [on_its_own(partial(outside.further_errors, law)) for law in laws]
+    known = [{} if isinstance(own, Failure) else own for own in further]
+    names = dict.fromkeys(name for own in known for name in own)
+    unknown = (math.nan, math.nan)
+    errors = [
+        {outside.channel: rmse(outside.residuals(law, range(len(outside.tests))))}
+        | {name: own.get(name, unknown)[0] for name in names}
+        for law, own in zip(laws, known, strict=True)
+    ]
+    floor = outside.noise_floor(laws[-1])
+    floors = {outside.channel: floor} | {name: known[-1].get(name, unknown)[1] for name in names}
+    reasons = dict.fromkeys(own.reason for own in further if isinstance(own, Failure))
+    return errors, floors, tuple(f"held-out tests are not simulated: {why}" for why in reasons)
 
 
 def held_out_errors(outside: Component, bundle: Bundle, catalogue: Catalogue) -> dict[str, float]:
