@@ -13,6 +13,7 @@ from test_friction_combinations import slid
 from sysid.assembly import fit_campaign
 from sysid.bundle import Bundle
 from sysid.bundle.assembled_model import assumed_parameters, model_from_bundle
+from sysid.bundle.valves import AveragedRecord, PwmDirections
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import FRICTION_KINDS, MOTION_KINDS, Campaign, read_campaign
@@ -135,5 +136,19 @@ def test_a_flow_of_one_regime_follows_from_that_of_the_other_and_is_said(
         said = [n for n in assumed_parameters(lacking) if "valves.b.discrete: " in n]
         assert len(said) == 2
         assert all(any(f"{key} is not identified" in n for n in said) for key in keys)
+    lacking = without("choked_flow_fill_kg_s", "c_fill")
     with pytest.raises(NotIdentifiedError, match="choked_flow_fill_kg_s is not identified"):
-        model_from_bundle(without("choked_flow_fill_kg_s", "c_fill"), bundled.rig)
+        model_from_bundle(lacking, bundled.rig)
+    seen = {
+        "choked_flow_fill_kg_s": 1.2e-3, "c_fill": 2e-6, "choked_flow_dis_kg_s": 4e-4,
+        "c_dis": 4e-9, "delay_difference_s": 1e-4,
+    }  # fmt: skip
+    found = {key: Estimate.symmetric(v, 0.01 * v, "1", 9.0) for key, v in seen.items()}
+    averaged = AveragedRecord(**found)
+    b = lacking.valve("b").replaced(pwm=PwmDirections(averaged=averaged))
+    pulsed = lacking.replaced(valves=valves.replaced(b=b))
+    p = model_from_bundle(pulsed, bundled.rig).parameters
+    assert (p.choked_fill_b, p.c_fill_b) == (1.2e-3, 2e-6)
+    assert p.choked_dis_b == known.choked_dis_b
+    said = [n for n in assumed_parameters(pulsed) if "that of the averaged law" in n]
+    assert len(said) == 2

@@ -18,8 +18,8 @@ from sysid.bundle.valves import (
     DIRECTIONS,
     LAW_KEYS,
     SURFACE_KINDS,
-    DiscreteLaw,
     PwmSurfaces,
+    Valve,
 )
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.io.channels import SIDES
@@ -134,9 +134,10 @@ def parameters_from_bundle(bundle: BundleContent, rig: Rig) -> Parameters:
     base model has none, and an offset that is only noise would push an open-loop position away
     (the effect `torque-offset` is for a real one). A motor alone (`Rig.is_motor_alone`) has it:
     the motion that gave its law gave the offset too. Negative friction is set to 0, static friction
-    that is not identified to Coulomb friction, a valve's flow that is identified in one regime only
-    to that without a jump between them (`assumed_parameters` says so). Raises InputError
-    where the rig file lacks a section, NotIdentifiedError where the bundle has no friction.
+    that is not identified to Coulomb friction, a valve's flow that its on/off tests do not identify
+    to that of its PWM tests or of the other regime (`assumed_parameters` says so). Raises
+    InputError where the rig file lacks a section, NotIdentifiedError where the bundle has no
+    friction.
     """
     friction, where = bundle.friction, bundle.source
     if friction is None:
@@ -235,8 +236,9 @@ def _lacks_static_alone(friction: Friction, is_linear: bool) -> bool:
 
 def assumed_parameters(bundle: BundleContent) -> list[str]:
     """Notices of what models set otherwise than estimated: friction to 0 where it is negative,
-    static friction to Coulomb friction where it is not identified, and a valve's flow that is not
-    identified in one regime to that of the other, without a jump at the choked boundary."""
+    static friction to Coulomb friction where it is not identified, and a valve's flow that its
+    on/off tests do not identify to that of its PWM tests, or of the other regime, without a jump at
+    the choked boundary."""
     return [*_assumed_static(bundle), *negative_friction(bundle), *_assumed_flows(bundle)]
 
 
@@ -252,13 +254,14 @@ def _assumed_static(bundle: BundleContent) -> Iterator[str]:
 
 def _assumed_flows(bundle: BundleContent) -> Iterator[str]:
     for side in SIDES:
-        law = bundle.valve(side).discrete
-        for name, other in _OTHER_REGIME.items():
-            if law is not None and _follows_from_other(law, name):
+        if bundle.valve(side).discrete is None:
+            continue
+        for name, key in LAW_KEYS.items():
+            taken = _taken_from(bundle.valve(side), name)
+            if taken:
                 yield (
-                    f"{bundle.source}: valves.{side}.discrete: {LAW_KEYS[name]} is not identified: "
-                    f"the model takes what {LAW_KEYS[other]} gives at the choked boundary; "
-                    f"valve-discrete tests of valve {side} in that regime would identify it"
+                    f"{bundle.source}: valves.{side}.discrete: {key} is not identified: the model "
+                    f"takes {taken}; valve-discrete tests of valve {side} would identify it"
                 )
 
 
@@ -420,22 +423,50 @@ def _differs(fitted: object, declared: float | None, tolerance: float) -> bool:
 
 
 def _discrete_law(bundle: BundleContent, rig: Rig, side: str) -> ValveParameters:
-    """The on/off law; NaN flows without one. A flow that is not identified follows from that of
-    the other regime, as the law is continuous where the valve was never seen to be otherwise."""
-    law = bundle.valve(side).discrete
+    """The on/off law; NaN flows without one. A flow that its tests do not identify is that of the
+    PWM tests, else it follows from that of the other regime: the law is continuous where the valve
+    was never seen to be otherwise."""
+    valve = bundle.valve(side)
+    law = valve.discrete
     if law is None:
         return ValveParameters(math.nan, math.nan, math.nan, math.nan)
     place = f"{bundle.source}, valves.{side}.discrete"
     test = f"valve-discrete tests of valve {side} (on and off again, piston held) would identify it"
-    values = {
-        name: _identified(law, key, place, test)
-        for name, key in LAW_KEYS.items()
-        if not _follows_from_other(law, name)
-    }
-    for name in LAW_KEYS.keys() - values.keys():
-        own, boundary = values[_OTHER_REGIME[name]], _unit_boundary_flow(name, bundle, rig)
-        values[name] = own * boundary if name.startswith("choked") else own / boundary
+    values: dict[str, float] = {}
+    for name, key in LAW_KEYS.items():
+        measured = _measured_flow(valve, name)
+        if measured is not None:
+            values[name] = measured
+            continue
+        other = _measured_flow(valve, _OTHER_REGIME[name])
+        if other is None:
+            values[name] = _identified(law, key, place, test)  # raises
+            continue
+        boundary = _unit_boundary_flow(name, bundle, rig)
+        values[name] = other * boundary if name.startswith("choked") else other / boundary
     return ValveParameters(**values)
+
+
+def _measured_flow(valve: Valve, name: str) -> float | None:
+    """A flow or coefficient as the on/off tests give it, else as the PWM tests do."""
+    for law in (valve.discrete, valve.averaged()):
+        own = None if law is None else getattr(law, LAW_KEYS[name])
+        if own is not None and own.identified:
+            return float(own.value)
+    return None
+
+
+def _taken_from(valve: Valve, name: str) -> str:
+    """Where the model has a flow from that the on/off tests do not identify; empty if they do, or
+    if nothing gives it."""
+    own = getattr(valve.discrete, LAW_KEYS[name])
+    if own is None or own.identified:
+        return ""
+    if _measured_flow(valve, name) is not None:
+        return "that of the averaged law of its PWM tests"
+    other = _OTHER_REGIME[name]
+    known = _measured_flow(valve, other) is not None
+    return f"what {LAW_KEYS[other]} gives at the choked boundary" if known else ""
 
 
 def _unit_boundary_flow(name: str, bundle: BundleContent, rig: Rig) -> float:
@@ -444,12 +475,6 @@ def _unit_boundary_flow(name: str, bundle: BundleContent, rig: Rig) -> float:
         return 1.0 + float(filling_jump(_supply_of_fit(bundle, rig), 1.0, 1.0))
     atmosphere = rig.require("air", "which the valve law needs").atmospheric_pressure_pa
     return 1.0 + float(exhaust_jump(atmosphere, 1.0, 1.0))
-
-
-def _follows_from_other(law: DiscreteLaw, name: str) -> bool:
-    """Whether a flow is not identified, and that of the other regime is."""
-    own, other = (getattr(law, LAW_KEYS[n]) for n in (name, _OTHER_REGIME[name]))
-    return own is not None and not own.identified and other is not None and other.identified
 
 
 def _identified(part: Part, key: str, where: str, test: str) -> float:
