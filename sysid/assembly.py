@@ -8,7 +8,7 @@ from functools import partial
 from typing import Protocol
 
 from sysid.bundle import Bundle, Parts
-from sysid.errors import NotIdentifiedError
+from sysid.errors import InputError, NotIdentifiedError
 from sysid.friction import fit_friction
 from sysid.identification.friction.effort import MOTION, balances
 from sysid.identification.friction.result import FrictionResult
@@ -112,7 +112,7 @@ def fit_campaign(
     _add_valves(assembly, surface, seed)
     _add_bench(assembly)
     if not assembly.parts:
-        raise error_of(assembly.failures, _nothing(assembly))
+        raise _nothing(assembly)
     used = [s for s in sources if _is_used(s, assembly)]
     has_surfaces = any((s.kind, s.use) == ("valve-pwm", "fit") for s in used)
     bundle = Bundle.new(
@@ -125,13 +125,17 @@ def fit_campaign(
     return CampaignFit(bundle, tuple(assembly.remarks), tuple(assembly.notices))
 
 
-def _nothing(assembly: _Assembly) -> str:
-    """Why a campaign identifies nothing: each part's reason, or that no log is for any part."""
-    start = f"{assembly.campaign.path}: no training log identifies anything"
+def _nothing(assembly: _Assembly) -> Exception:
+    """The error of a campaign without any part: each part's reason, or that no log is for any;
+    unusable input in its own words."""
     reasons = "; ".join(dict.fromkeys(why.reason for why in assembly.failures))
+    error = error_of(assembly.failures, reasons)
+    if isinstance(error, InputError):
+        return error
+    start = f"{assembly.campaign.path}: no training log identifies anything"
     if reasons:
-        return f"{start}: {reasons}"
-    return f'{start}; add friction or valve tests with use = "fit"'
+        return type(error)(f"{start}: {reasons}")
+    return NotIdentifiedError(f'{start}; add friction or valve tests with use = "fit"')
 
 
 def _is_used(source: Source, assembly: _Assembly) -> bool:
@@ -193,7 +197,8 @@ def _friction_of(
     found = on_its_own(partial(fit_friction, trials, rig, kind=kinds))
     if isinstance(found, Failure):
         return None, found
-    return found, Failure(found.why_no_sliding, status=NotIdentifiedError.exit_code)
+    why = found.why_no_sliding
+    return found, Failure(why, error=NotIdentifiedError(why))
 
 
 @dataclass(frozen=True)

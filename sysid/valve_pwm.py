@@ -147,11 +147,12 @@ def _title(valve: str, direction: str) -> str:
 
 def _nothing(failed: Mapping[tuple[str, str], Failure], remarks: Remarks) -> Exception:
     """The error where no surface is identified; unusable input in its own words."""
-    error = error_of(list(failed.values()), "")
+    reasons = "; ".join(dict.fromkeys(why.reason for why in failed.values()))
+    error = error_of(list(failed.values()), reasons)
     if isinstance(error, InputError):
-        return InputError("; ".join(dict.fromkeys(why.reason for why in failed.values())))
-    reasons = (f"{_title(*key)}: {why.reason}" for key, why in failed.items())
-    return type(error)("; ".join((*reasons, *remarks.notices())))
+        return error
+    titled = (f"{_title(*key)}: {why.reason}" for key, why in failed.items())
+    return type(error)("; ".join((*titled, *remarks.notices())))
 
 
 def _averaged(

@@ -96,8 +96,11 @@ def test_what_is_not_the_parts_own_passes(error: Exception) -> None:
 def test_a_whole_without_a_part_fails_as_its_parts(
     statuses: tuple[int, ...], kind: type[Exception]
 ) -> None:
-    failures = [Failure("why", status=status) for status in statuses]
+    errors = {2: InputError("a; b"), 3: NotIdentifiedError("c"), 1: None}
+    failures = [Failure(f"why {n}", error=errors[n]) for n in statuses]
     assert type(error_of(failures, "why")) is kind
+    for failure in failures:
+        assert error_of(failures, failure.reason) is failure.error or failure.error is None
 
 
 # --- fits ---------------------------------------------------------------------------------

@@ -331,8 +331,8 @@ def _check(run: PipelineRun) -> None:
     """Raises InputError for a log that cannot be read; other reasons leave the checks out."""
     checks = _unless_failed(run, "not checked", run.subject.checks)
     if isinstance(checks, Failure):
-        if checks.status == InputError.exit_code:
-            raise InputError(checks.reason)
+        if isinstance(checks.error, InputError):
+            raise checks.error
         checks = []
     run.notices += [line for check in checks for line in check.said]
     logs = [check.to_json() for check in checks]

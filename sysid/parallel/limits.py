@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeVar
 
 from sysid.errors import InputError, NotIdentifiedError, SysidError, one_line
@@ -24,12 +24,17 @@ class OutOfTimeError(Exception):
 class Failure:
     """A job that came to no result: why, in a line, and whether only for want of time.
 
-    `status`: the exit status with which its error would have ended the command.
+    `error`: what would have ended the command, where that is not a fault of the program.
     """
 
     reason: str
     out_of_time: bool = False
-    status: int = 1
+    error: SysidError | None = field(default=None, compare=False, repr=False)
+
+    @property
+    def status(self) -> int:
+        """The exit status with which it would have ended the command."""
+        return 1 if self.error is None else self.error.exit_code
 
     @staticmethod
     def of(error: BaseException) -> Failure:
@@ -106,10 +111,10 @@ def on_its_own(part: Callable[[], Result]) -> Result | Failure:
     except (OutOfTimeError, OSError):
         raise
     except SysidError as error:
-        return Failure(str(error), status=error.exit_code)
+        return Failure(str(error), error=error)
     except (ArithmeticError, LinAlgError) as error:
         what = one_line(f"its equations cannot be solved: {error}")
-        return Failure(what, status=NotIdentifiedError.exit_code)
+        return Failure(what, error=NotIdentifiedError(what))
     except Exception as error:
         if os.environ.get("SYSID_DEBUG"):
             raise
@@ -121,8 +126,12 @@ def error_of(failures: Sequence[Failure], what: str) -> Exception:
     """The error, saying `what`, of a whole of which no part came to a result, as these failed.
 
     InputError where the input is unusable for every part, NotIdentifiedError where the data do not
-    suffice for some or there is none, RuntimeError where a fault of the program ended one.
+    suffice for some or there is none, RuntimeError where a fault of the program ended one. Where a
+    part's own error says it, that error.
     """
+    for failure in failures:
+        if failure.error is not None and failure.reason == what:
+            return failure.error
     statuses = {failure.status for failure in failures}
     if 1 in statuses:
         return RuntimeError(what)
