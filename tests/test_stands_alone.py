@@ -20,8 +20,11 @@ from sysid.assembly import fit_campaign
 from sysid.bundle import Bundle
 from sysid.checks.consistency import campaign as consistency
 from sysid.commands import stages
+from sysid.commands.printing import unless_failed
 from sysid.commands.run import RunReport, run_campaign
-from sysid.errors import InputError, NotIdentifiedError
+from sysid.diagnosis.bench.diagnose import _held_out
+from sysid.errors import InputError, NotIdentifiedError, SimulationError
+from sysid.estimation.linear import Estimate
 from sysid.io.campaign import Campaign, read_campaign
 from sysid.io.logs import Log
 from sysid.parallel import Failure, OutOfTimeError, error_of, on_its_own
@@ -178,7 +181,7 @@ def test_a_critical_ratio_that_cannot_be_found_leaves_the_flows(
     found = valve_discrete.fit_valve_discrete(bundled.read(entry).trials, bundled.rig)
     estimates = found[entry.valve or "a"].estimates
     assert estimates["choked_flow_fill_kg_s"].identified
-    assert "Singular matrix" in estimates["critical_ratio_fill"].reason
+    assert "Singular matrix" in str(estimates["critical_ratio_fill"].reason)
 
 
 def test_a_log_that_cannot_be_compared_is_said(
@@ -213,7 +216,7 @@ def test_a_motion_log_with_a_gap_leaves_the_others(
             kept = np.r_[0:500, 1500 : len(trial)]
             channels = {name: values[kept] for name, values in trial.channels.items()}
             trials.append(dataclasses.replace(trial, time=trial.time[kept], channels=channels))
-        return dataclasses.replace(log, trials=trials)
+        return dataclasses.replace(log, trials=tuple(trials))
 
     monkeypatch.setattr(Campaign, "read", without_rows)
     found = validate(some, fitted)
@@ -241,6 +244,38 @@ def test_a_valve_model_that_cannot_be_simulated_leaves_the_others(
     assert said in found.notices
     with pytest.raises(NotIdentifiedError, match="does not stay finite"):
         validate(only(bundled, "motion-discrete"), fitted)
+
+
+def test_an_inertia_that_cannot_be_is_named(bundled: Campaign, fitted: Bundle) -> None:
+    friction = fitted.friction
+    assert friction is not None
+    wrong = friction.replaced(inertia_kg_m2=Estimate.symmetric(-0.5, 0.2, "kg m2", 9.0))
+    with pytest.raises(NotIdentifiedError, match=r"inertia is -0\.5 kg m2, which cannot be"):
+        fitted.replaced(friction=wrong).model(bundled.rig)
+
+
+@dataclasses.dataclass
+class Held:
+    """Held-out tests of a part whose first law cannot be simulated."""
+
+    channel: str = "motor_torque_nm"
+    tests: tuple[str, ...] = ("1",)
+
+    def residuals(self, law: float, tests: Any) -> list[Any]:
+        return [np.full(4, law)]
+
+    def further_errors(self, law: float) -> dict[str, tuple[float, float]]:
+        if law == 2.0:
+            raise SimulationError("it switches without end")
+        return {"theta_rad": (0.1, 0.01)}
+
+
+def test_a_law_that_cannot_be_simulated_leaves_a_parts_diagnosis() -> None:
+    errors, floors, notices = _held_out(Held(), [2.0, 1.0], 0.5)  # type: ignore[arg-type, list-item]
+    assert [e["motor_torque_nm"] for e in errors] == [2.0, 1.0]
+    assert math.isnan(errors[0]["theta_rad"]) and errors[1]["theta_rad"] == 0.1
+    assert floors == {"motor_torque_nm": 0.5, "theta_rad": 0.01}
+    assert notices == ("held-out tests are not simulated: it switches without end",)
 
 
 # --- run ----------------------------------------------------------------------------------
@@ -333,6 +368,12 @@ def test_a_plot_of_what_is_no_number_does_not_end_its_page(
     monkeypatch.setattr(friction, "friction_section", lambda *_: drawn)
     html = render_report(campaign=only(bundled, "friction-static"), bundle=fitted)
     assert "This section could not be made" in html and "of nothing" not in html
+
+
+def test_a_page_is_made_without_what_it_shows_beside(capsys: pytest.CaptureFixture[str]) -> None:
+    assert unless_failed("not validated", failing(NotIdentifiedError("no law")), None) is None
+    assert capsys.readouterr().err == "sysid: notice: not validated: no law\n"
+    assert unless_failed("not validated", lambda: 3, None) == 3
 
 
 def test_a_verdict_that_cannot_be_worked_out_says_why(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ from sysid.commands.options import (
     report_option,
 )
 from sysid.commands.own_component import read_with
-from sysid.commands.printing import estimate_cells, notices, print_json, progress
+from sysid.commands.printing import estimate_cells, notices, print_json, progress, unless_failed
 from sysid.diagnosis import wording
 from sysid.diagnosis.evidence import is_of_actuator
 from sysid.diagnosis.looked import SECONDS
@@ -140,13 +141,14 @@ def _write_report(
     validation = None
     subject = subject_of(campaign)
     if subject.is_validated(found.bundle):
-        validation = subject.validate(found.bundle, catalogue_with(effects), progress)
+        validate = partial(subject.validate, found.bundle, catalogue_with(effects), progress)
+        validation = unless_failed("not validated", validate, None)
     write_report(
         path,
         campaign=campaign,
         bundle=found.bundle,
         validation=validation,
-        checks=subject.checks(),
+        checks=unless_failed("not checked", subject.checks, ()),
         diagnosis=found.content(),
         progress=progress,
     )

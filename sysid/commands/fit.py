@@ -6,6 +6,7 @@ import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +47,7 @@ from sysid.commands.printing import (
     print_written,
     progress,
     quality_table,
+    unless_failed,
 )
 from sysid.components.campaign import fit_own
 from sysid.display.numbers import ascii_text
@@ -382,10 +384,10 @@ def _write_report(
     from sysid.workflows.subject import subject_of
 
     tell = progress()
+    check = subject_of(campaign).checks
     if by_content:
-        checks = check_campaign(campaign, by_content=True)
-    else:
-        checks = subject_of(campaign).checks()
+        check = partial(check_campaign, campaign, by_content=True)
+    checks = unless_failed("not checked", check, ())
     write_report(path, campaign=campaign, bundle=bundle, checks=checks, progress=tell)
 
 

@@ -9,10 +9,10 @@ import json
 import math
 import re
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from rich.console import Console
 from rich.table import Table
@@ -27,10 +27,23 @@ from sysid.display.tables import ShownTable
 from sysid.display.terminal import console, new_table
 from sysid.errors import one_line
 from sysid.estimation.linear import Estimate
+from sysid.parallel import Failure, on_its_own
 from sysid.types import Progress, no_progress
+
+Result = TypeVar("Result")
+Other = TypeVar("Other")
 
 # Digits of a parameter, and how many it takes at most to tell an interval's ends apart.
 _FOUR, _MOST_DIGITS = ".4g", 9
+
+
+def unless_failed(not_done: str, work: Callable[[], Result], otherwise: Other) -> Result | Other:
+    """What a page shows beside what was asked for; `otherwise`, with a notice, where it fails."""
+    found = on_its_own(work)
+    if not isinstance(found, Failure):
+        return found
+    notices([f"{not_done}: {found.reason}"])
+    return otherwise
 
 
 def notices(lines: Iterable[str]) -> None:

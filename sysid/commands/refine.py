@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +20,7 @@ from sysid.commands.options import (
     report_option,
 )
 from sysid.commands.own_component import read_with
-from sysid.commands.printing import notices, print_json, print_written, progress
+from sysid.commands.printing import notices, print_json, print_written, progress, unless_failed
 from sysid.display.numbers import ascii_text
 from sysid.display.terminal import console, new_table
 from sysid.errors import input_error
@@ -124,12 +125,13 @@ def _written(
         from sysid.report import write_report
 
         subject = subject_of(campaign)
+        validate = partial(subject.validate, bundle, catalogue, progress)
         write_report(
             report,
             campaign=campaign,
             bundle=bundle,
-            validation=subject.validate(bundle, catalogue, progress),
-            checks=subject.checks(),
+            validation=unless_failed("not validated", validate, None),
+            checks=unless_failed("not checked", subject.checks, ()),
             progress=progress,
         )
         written.append(report)

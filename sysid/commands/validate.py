@@ -19,7 +19,14 @@ from sysid.commands.options import (
     report_option,
 )
 from sysid.commands.own_component import read_with
-from sysid.commands.printing import notices, print_json, print_written, progress, validation_table
+from sysid.commands.printing import (
+    notices,
+    print_json,
+    print_written,
+    progress,
+    unless_failed,
+    validation_table,
+)
 from sysid.display.terminal import console
 from sysid.model.effects.catalogue import catalogue_with
 from sysid.types import Progress, no_progress
@@ -101,7 +108,7 @@ def validate_campaign(
             campaign=campaign,
             bundle=bundle,
             validation=result,
-            checks=subject_of(campaign).checks(),
+            checks=unless_failed("not checked", subject_of(campaign).checks, ()),
             progress=progress,
         )
         written.append(report)
