@@ -7,12 +7,12 @@
 Campaign number i of `--count` has the generator's effect i, in turn and in a drawn form, so that
 each id is met; behind the last id campaigns have two drawn effects at once. Sizes are drawn log-
 uniform from 3 to 10 times what rigs usually show, and halved where the generator refuses them (a
-rig that does not move). `sysid fit`, `diagnose --quick` and `run --quick` (`--full`: without
-`--quick`) then see the files only, each a process of its own with one job. A line of JSON says for
-each campaign what was drawn and each command's exit status, last line on standard error, seconds,
-and what it came to; the last line counts those of which all commands ended with status 0, a bundle
-and a verdict. `--first` and `--step` spread one sweep over machines. Seeds below 9000 are for
-development.
+rig that does not move), down to the usual size; then other rigs are tried. `sysid fit`,
+`diagnose --quick` and `run --quick` (`--full`: without `--quick`) then see the files only, each a
+process of its own with one job. A line of JSON says for each campaign what was drawn, and each
+command's exit status, last line on standard error, seconds, and what it came to; the last line
+counts those of which all commands ended with status 0, a bundle and a verdict. `--first` and
+`--step` spread one sweep over machines. Seeds below 9000 are for development.
 """
 
 from __future__ import annotations
@@ -41,6 +41,8 @@ COMMANDS = ("fit", "diagnose", "run")
 # Times the usual size.
 SCALES = (3.0, 10.0)
 SECONDS = 3600
+# Rigs that are tried for an effect, and how far their seeds are apart.
+RIGS, OTHER_RIG = 5, 100_000
 
 
 def draw(seed: int, number: int) -> dict[str, Any]:
@@ -75,18 +77,24 @@ def call(*words: str) -> subprocess.CompletedProcess[str]:
 
 
 def generate(drawn: dict[str, Any], rig: Path, size: str) -> str:
-    """Write the campaign; its scales are halved until a rig can be run. Why not, or nothing."""
-    said = ""
-    while max(scale for _, scale in drawn["effects"]) >= 1.0:
-        words = ["-o", str(rig), "--seed", str(drawn["seed"]), "--size", size, "--parquet"]
-        words += ["--orientation", drawn["orientation"]]
-        for name, scale in drawn["effects"]:
-            words += ["--effect", f"{name}*{scale}"]
-        made = call("datasets.generator", *words)
-        if made.returncode == 0:
-            return ""
-        said = made.stderr.strip().splitlines()[-1][:200]
-        drawn["effects"] = [(name, round(scale / 2.0, 2)) for name, scale in drawn["effects"]]
+    """Write the campaign; why it cannot be, or nothing.
+
+    Its scales are halved, down to the usual size, until the rig can be run, and then on other rigs.
+    """
+    said, wanted = "", drawn["effects"]
+    for _ in range(RIGS):
+        drawn["effects"] = wanted
+        while max(scale for _, scale in drawn["effects"]) >= 1.0:
+            words = ["-o", str(rig), "--seed", str(drawn["seed"]), "--size", size, "--parquet"]
+            words += ["--orientation", drawn["orientation"]]
+            for name, scale in drawn["effects"]:
+                words += ["--effect", f"{name}*{scale}"]
+            made = call("datasets.generator", *words)
+            if made.returncode == 0:
+                return ""
+            said = made.stderr.strip().splitlines()[-1][:200]
+            drawn["effects"] = [(name, round(scale / 2.0, 2)) for name, scale in drawn["effects"]]
+        drawn["seed"] += OTHER_RIG
     return said
 
 
@@ -102,7 +110,10 @@ def ended(*words: str) -> tuple[dict[str, Any], dict[str, Any]]:
     if done.returncode != 0:
         found["said"] = done.stderr.strip().splitlines()[-1][:400] if done.stderr.strip() else ""
         return found, {}
-    printed: dict[str, Any] = json.loads(done.stdout)
+    try:
+        printed: dict[str, Any] = json.loads(done.stdout)
+    except ValueError as error:
+        return found | {"status": None, "said": f"no JSON: {error}"}, {}
     # What a user would have to read as a fault of the program.
     faults = [line for line in printed.get("notices", []) if "fault in sysid" in line]
     return (found | {"faults": faults} if faults else found), printed
@@ -137,6 +148,14 @@ def one(drawn: dict[str, Any], options: argparse.Namespace) -> dict[str, Any]:
     return drawn
 
 
+def guarded(drawn: dict[str, Any], options: argparse.Namespace) -> dict[str, Any]:
+    """`one`, with what keeps it from being carried out as its result."""
+    try:
+        return one(drawn, options)
+    except (subprocess.TimeoutExpired, OSError) as error:
+        return drawn | {"not_carried_out": str(error)[:200]}
+
+
 def verdict(diagnosis: dict[str, Any]) -> dict[str, Any]:
     """The verdict and the names, None without a diagnosis."""
     names = [effect["id"] for effect in diagnosis.get("effects", [])]
@@ -144,7 +163,7 @@ def verdict(diagnosis: dict[str, Any]) -> dict[str, Any]:
 
 
 def is_whole(result: dict[str, Any], commands: list[str]) -> bool:
-    """Whether every command that was called ended as it should."""
+    """Whether every command ended with status 0, no fault, and a verdict where it gives one."""
     outcomes = [result.get(name) for name in commands]
     return all(
         outcome is not None
@@ -171,7 +190,7 @@ def main() -> int:
     numbers = range(options.first, options.count, options.step)
     results = []
     with ThreadPoolExecutor(options.jobs) as pool:
-        for result in pool.map(lambda n: one(draw(options.seed, n), options), numbers):
+        for result in pool.map(lambda n: guarded(draw(options.seed, n), options), numbers):
             results.append(result)
             print(json.dumps(result), flush=True)
     made = [r for r in results if "not_generated" not in r]
