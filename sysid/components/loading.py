@@ -289,7 +289,10 @@ def _try_out(loaded: LoadedComponent, where: str) -> None:
     values = {p.name: p.value for p in made.parameters}
     try:
         if isinstance(made, DynamicComponent):
-            _try_dynamic(made, values, where)
+            from sysid.model.jax_setup import on_processor
+
+            with on_processor():
+                _try_dynamic(made, values, where)
         elif isinstance(made, StaticComponent):
             _try_static(made, values, where)
     except SysidError:

@@ -131,7 +131,7 @@ class _Compiled:
 
 @functools.lru_cache(maxsize=16)
 def _compiled(identity: _Identity) -> _Compiled:
-    from sysid.model.jax_setup import jax, jnp
+    from sysid.model.jax_setup import jax, jnp, on_processor
 
     made = identity.made
     one = functools.partial(_one_run, made)
@@ -146,7 +146,8 @@ def _compiled(identity: _Identity) -> _Compiled:
         return jax.vmap(moved)(directions)
 
     many = jax.vmap(each, (0, None, None, None, None, None))
-    return _Compiled(jax.jit(many), jax.jit(along))
+    there = on_processor()
+    return _Compiled(there(jax.jit(many)), there(jax.jit(along)))
 
 
 def _one_run(

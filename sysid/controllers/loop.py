@@ -39,13 +39,12 @@ from sysid.controllers.trajectories import DURATION_S
 from sysid.errors import NotIdentifiedError, SimulationError, input_error
 from sysid.model import plant
 from sysid.model.base import Array, array_namespace
+from sysid.model.jax_setup import jax, jnp, on_processor
 from sysid.model.period_step import (
     ValveIntervals,
     advance_period,
     command_duty,
     command_switch,
-    jax,
-    jnp,
     no_intervals,
 )
 from sysid.model.ports import Model, Point, stack_models
@@ -93,6 +92,7 @@ class _Fixed(NamedTuple):
     is_linear: bool
 
 
+@on_processor()
 def closed_loop(
     cases: Sequence[Case], duration: float = DURATION_S, *, compiled: bool = True
 ) -> list[ClosedLoopRun]:

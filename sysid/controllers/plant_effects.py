@@ -17,7 +17,8 @@ from sysid.errors import input_error
 from sysid.io.channels import SIDES
 from sysid.model.base import Array
 from sysid.model.effects.sensor import TimeSkew
-from sysid.model.period_step import KEPT_INTERVALS, jax
+from sysid.model.jax_setup import jax
+from sysid.model.period_step import KEPT_INTERVALS
 from sysid.model.ports import Effect, Model, overrides
 from sysid.model.sensors import VELOCITY_CHANNELS
 

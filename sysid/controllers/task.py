@@ -261,9 +261,8 @@ def run_task(
 
 
 def _run(task: Task, duration: float, progress: Progress) -> tuple[ClosedLoopRun, tuple[str, ...]]:
-    import jax
-
     from sysid.controllers.loop import closed_loop
+    from sysid.model.jax_setup import jax
 
     progress(f"simulating {duration:g} s of the closed loop")
     controller = task.make()

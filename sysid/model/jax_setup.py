@@ -1,13 +1,20 @@
-"""The one place where jax is configured: 64 bit, and a compilation cache that persists.
+"""The one place where jax is configured: 64 bit, a compilation cache that persists, the processor.
 
-Import jax through this module (`from sysid.model.jax_setup import jax, jnp`).
+Import jax through this module (`from sysid.model.jax_setup import jax, jnp`), and have what makes
+arrays or calls compiled functions within `on_processor`: a simulation is many small operations one
+after the other, which an accelerator does far slower than the processor.
 """
 
 from __future__ import annotations
 
+import functools
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+from sysid.errors import input_error
 
 # A simulation is one loop of many small operations. Below this size of its buffers XLA
 # compiles the whole loop to one function; above, it schedules each operation in every pass,
@@ -30,6 +37,29 @@ def cache_directory() -> Path:
     return base / CACHE_FOLDER
 
 
+@contextmanager
+def on_processor() -> Iterator[None]:
+    """Within this block, or the function that it decorates, jax's arrays lie on the processor.
+
+    In this thread alone, and whatever devices jax has found: the default of the user's own process
+    is untouched. Raises InputError where jax was told to leave the processor out.
+    """
+    with jax.default_device(_processor()):
+        yield
+
+
+@functools.cache
+def _processor() -> Any:
+    try:
+        return jax.local_devices(backend="cpu")[0]
+    except RuntimeError:
+        raise input_error(
+            "JAX_PLATFORMS",
+            "leaves out the processor, on which models are simulated",
+            "add cpu, as in JAX_PLATFORMS=cuda,cpu",
+        ) from None
+
+
 def _configure() -> None:
     config: Any = jax.config
     config.update("jax_enable_x64", True)
@@ -47,4 +77,4 @@ def _configure() -> None:
 
 _configure()
 
-__all__ = ["cache_directory", "jax", "jnp"]
+__all__ = ["cache_directory", "jax", "jnp", "on_processor"]

@@ -165,7 +165,5 @@ __all__ = [
     "advance_period",
     "command_duty",
     "command_switch",
-    "jax",
-    "jnp",
     "no_intervals",
 ]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from sysid.errors import NotIdentifiedError, SimulationError
 from sysid.io.channels import SIDES
 from sysid.model import plant
-from sysid.model.jax_setup import jax, jnp
+from sysid.model.jax_setup import jax, jnp, on_processor
 from sysid.model.lanes import Lanes, Table
 from sysid.model.ports import Model, Point, Structure, join, split, stack_models
 from sysid.model.preparation import (
@@ -164,6 +164,7 @@ def run_through(
     return lanes, states, reached.T
 
 
+@on_processor()
 def _advance_block(
     block: Block,
     inputs: list[Inputs],

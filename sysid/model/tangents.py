@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sysid.errors import SimulationError
-from sysid.model.jax_setup import jax, jnp
+from sysid.model.jax_setup import jax, jnp, on_processor
 from sysid.model.lanes import Lanes, Table
 from sysid.model.ports import Model, Structure, join, overrides, split, stack_models
 from sysid.model.preparation import Inputs, Shared, prepare
@@ -107,6 +107,7 @@ def simulate_tangents(
     return [found[i] for i in range(len(pairs))]
 
 
+@on_processor()
 def _block(
     pairs: list[tuple[Inputs, Model]],
     count: int,

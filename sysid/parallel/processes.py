@@ -165,6 +165,9 @@ def _numbered(number: int, job: Callable[[], Result]) -> tuple[int, Result]:
 def _serve(parent: int) -> None:
     """A worker leaves Ctrl-C to its parent, and ends when that has ended, however it did."""
     os.environ[VARIABLE] = "1"
+    # All that jax is for here runs on the processor: an accelerator that it found would cost each
+    # worker seconds, and of its memory, which the user's own process may need.
+    os.environ.setdefault("JAX_PLATFORMS", "cpu")
     share_one_heap()
     if not os.environ.get("SYSID_DEBUG"):
         warnings.simplefilter("ignore")  # they would stand beside the parent's one line

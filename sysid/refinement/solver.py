@@ -132,11 +132,12 @@ def _directions(problem: Problem, base: ReducedEquations) -> FloatArray:
 
 
 def _propose(problem: Problem, base: ReducedEquations, step_size: float) -> _Trial:
-    from sysid.model.jax_setup import jnp
+    from sysid.model.jax_setup import jnp, on_processor
 
     directions = _directions(problem, base)
     propose, _ = _optimistix(len(directions))
-    state = propose(_at(base, jnp.zeros(len(directions)), directions), jnp.asarray(step_size))
+    with on_processor():
+        state = propose(_at(base, jnp.zeros(len(directions)), directions), jnp.asarray(step_size))
     return _Trial(directions, state.y_eval, state)
 
 
@@ -147,12 +148,13 @@ def _answer(
 
     `base` may count fewer runs than that which the step was proposed from.
     """
-    from sysid.model.jax_setup import jnp
+    from sysid.model.jax_setup import jnp, on_processor
 
     propose, answer = _optimistix(len(given.directions))
-    at = _at(base, jnp.zeros(len(given.directions)), given.directions)
-    state = propose(at, jnp.asarray(step_size))
-    accepted, size = answer(at, _at(trial, given.y, given.directions), state, given.y)
+    with on_processor():
+        at = _at(base, jnp.zeros(len(given.directions)), given.directions)
+        state = propose(at, jnp.asarray(step_size))
+        accepted, size = answer(at, _at(trial, given.y, given.directions), state, given.y)
     return bool(accepted), float(size)
 
 

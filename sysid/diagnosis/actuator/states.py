@@ -87,22 +87,25 @@ def integrate_states(traces: Traces, model: Model, needs_flow: bool) -> dict[str
 
     Without `needs_flow` only the torque balance is concerned, and held tests are left out.
     """
+    from sysid.model.jax_setup import on_processor
+
     found = {name: np.zeros(len(traces)) for name in model.state_names}
     structure, numbers = split((model.parameters, *model.effects))
     # As numbers of one kind: jax compiles anew for each kind.
     inputs = [{name: np.asarray(v, dtype=float) for name, v in part.items()} for part in numbers]
     for pieces in _all_pieces(traces.runs, needs_flow):
         parts = max(1, int(np.ceil(pieces.period / _STATE_STEP_S * (1 - 1e-6))))
-        histories = _compiled()(
-            _signals(traces),
-            (pieces.low, pieces.last),
-            pieces.period / parts,
-            inputs,
-            structure=structure,
-            names=model.state_names,
-            steps=pieces.steps,
-            parts=parts,
-        )
+        with on_processor():
+            histories = _compiled()(
+                _signals(traces),
+                (pieces.low, pieces.last),
+                pieces.period / parts,
+                inputs,
+                structure=structure,
+                names=model.state_names,
+                steps=pieces.steps,
+                parts=parts,
+            )
         for name, history in zip(model.state_names, histories, strict=True):
             found[name][pieces.rows] = np.asarray(history)[pieces.counts]
     return found
@@ -187,8 +190,7 @@ def _padded(channel: _Channel) -> Any:
 @cache
 def _compiled() -> Any:
     """`_histories`, compiled; jax is loaded with the first effect that has a state."""
-    import jax
-
+    from sysid.model.jax_setup import jax
     from sysid.model.simulator import COMPILER_OPTIONS
 
     fixed = ("structure", "names", "steps", "parts")
