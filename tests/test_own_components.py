@@ -399,5 +399,5 @@ def test_a_law_without_a_fitting_term_is_unexplained(tmp_path: Path) -> None:
 def test_several_processes_run_the_file_again(servo: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SYSID_JOBS", "2")
     campaign = si.read_campaign(servo / "campaign.toml", component=f"{MOTOR}:GearedMotor")
-    found = si.diagnose(campaign, read_bundle(servo / "b.json"), budget=None)
+    found = si.diagnose(campaign, read_bundle(servo / "b.json"))
     assert [e.id for e in found.effects] == ["unbalance"] and found.looked.is_complete

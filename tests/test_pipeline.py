@@ -23,6 +23,7 @@ from sysid.commands.run import RunReport, run_campaign, show_run
 from sysid.commands.stages import (
     EXPORTS,
     PipelineRun,
+    _may_do_more,
     digests,
     has_whole_diagnosis,
     perform,
@@ -50,7 +51,31 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def first(campaign: Path, tmp_path_factory: pytest.TempPathFactory) -> RunReport:
-    return run_campaign(campaign, tmp_path_factory.mktemp("results"), refine=False, budget=None)
+    return run_campaign(campaign, tmp_path_factory.mktemp("results"), refine=False)
+
+
+BY_BUDGET = {"cut_short_after_s": 10.0, "cut_short_by_count": False}
+BY_COUNT = BY_BUDGET | {"cut_short_by_count": True}
+
+
+@pytest.mark.parametrize(
+    ("record", "budget", "again"),
+    [
+        ({}, None, False),
+        ({}, 20.0, False),
+        ({"cut_short_after_s": 10.0}, None, True),  # of an earlier program
+        (BY_BUDGET, None, True),
+        (BY_BUDGET, 10.0, False),
+        (BY_BUDGET, 20.0, True),
+        (BY_COUNT, None, False),
+        (BY_COUNT, 5.0, False),
+        (BY_COUNT, 20.0, True),
+    ],
+)
+def test_what_was_cut_short_is_done_again_where_more_can_be_done(
+    record: dict[str, Any], budget: float | None, again: bool
+) -> None:
+    assert _may_do_more(budget, record) is again
 
 
 def done(run: RunReport) -> list[str]:

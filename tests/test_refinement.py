@@ -14,6 +14,7 @@ from sysid.model.effects.chamber import TubeLag
 from sysid.model.effects.sensor import PressureLag
 from sysid.model.ports import Model
 from sysid.model.simulator import simulate
+from sysid.parallel import OutOfBudgetError, limited
 from sysid.refinement import lengthening
 from sysid.refinement.estimation import Estimated, FrictionScatter, estimate
 from sysid.refinement.lengthening import _neighbours, _Piece
@@ -52,6 +53,22 @@ def problem_of(runs: list[Run], model: Model) -> Problem:
 @pytest.fixture(scope="module")
 def found(simulated: tuple[list[Run], Model]) -> Estimated:
     return estimate(problem_of(*simulated), SCATTER)
+
+
+def test_an_estimation_cut_short_keeps_the_best_so_far(
+    simulated: tuple[list[Run], Model], found: Estimated
+) -> None:
+    problem = problem_of(*simulated)
+    with limited(evaluations=1), pytest.raises(OutOfBudgetError):
+        estimate(problem, SCATTER)
+    with limited() as whole:
+        estimate(problem, SCATTER)
+    with limited(evaluations=whole.made - 1):
+        cut = estimate(problem, SCATTER)
+    assert cut.cut_short and not found.cut_short
+    off = cut.solution.point.shared - found.solution.point.shared
+    errors = np.sqrt(np.diag(found.error_covariance()))[: len(off)]
+    assert np.all(np.abs(off) < errors)
 
 
 def test_parameters_are_found_within_their_errors(

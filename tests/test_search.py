@@ -15,13 +15,13 @@ from sysid.diagnosis.actuator.equation_error import CHANNELS
 from sysid.diagnosis.actuator.refit import Refit
 from sysid.diagnosis.actuator.search import _exchanged, _TwinRounds
 from sysid.diagnosis.bench.selection import select
-from sysid.diagnosis.looked import LATE, QUICK, Book, SearchStage
+from sysid.diagnosis.looked import QUICK, Book, SearchStage
 from sysid.diagnosis.search import MOST_EFFECTS, Rounds, Step, Tried, mark_removed, run
 from sysid.model.base import Array
 from sysid.model.effects import catalogue
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import Point
-from sysid.parallel import OutOfTimeError, time_limit
+from sysid.parallel import LATE, OutOfBudgetError, limited
 from sysid.types import no_progress
 
 
@@ -52,7 +52,7 @@ class Scripted(Rounds[Step]):
     def superfluous(self) -> Step | None:
         gone = self.without.get(self.steps[-1].id)
         if gone == "late":
-            raise OutOfTimeError
+            raise OutOfBudgetError
         return next((s for s in self.steps if s.id == gone), None)
 
     def remove(self, step: Step) -> None:
@@ -75,16 +75,16 @@ def test_what_a_later_effect_makes_superfluous_is_removed_and_not_tried_again() 
     assert all("one" in barred for barred in rounds.barred[1:])
 
 
-def test_a_removal_that_runs_out_of_time_leaves_the_effects() -> None:
+def test_a_removal_that_runs_out_of_budget_leaves_the_effects() -> None:
     rounds, book = Scripted(["one", "two"], {"two": "late"}), Book()
     run(rounds, book, no_progress)
     assert [s.id for s in rounds.steps] == ["one", "two"]
     (missed,) = book.closed().missed
     assert (missed.stage, missed.round) == (SearchStage.REMOVAL, 2)
-    assert missed.out_of_time and not missed.decides
+    assert missed.out_of_budget and not missed.decides
 
 
-def test_a_round_that_no_time_is_left_for_tried_nothing() -> None:
+def test_a_round_that_no_budget_is_left_for_tried_nothing() -> None:
     class Late(Scripted):
         def add(self, step: Step) -> None:
             super().add(step)
@@ -92,14 +92,14 @@ def test_a_round_that_no_time_is_left_for_tried_nothing() -> None:
 
         def proposal(self, number: int, barred: frozenset[str]) -> Step | None:
             if "late" in self.without:
-                raise OutOfTimeError
+                raise OutOfBudgetError
             return super().proposal(number, barred)
 
     book = Book()
     history = run(Late(["one"]), book, no_progress)
     assert [r.tried for r in history][1:] == [()]
     (missed,) = book.closed().missed
-    assert missed.out_of_time and missed.decides and missed.round == 2
+    assert missed.out_of_budget and missed.decides and missed.round == 2
 
 
 def test_of_a_removed_effect_it_is_said() -> None:
@@ -157,7 +157,7 @@ class Exchangeable(Scripted):
 
     def with_rival_first(self, book: Book) -> Exchangeable | None:
         if self.rival == "late":
-            raise OutOfTimeError
+            raise OutOfBudgetError
         if self.rival == "doubtful":
             return None
         assert self.rival is not None
@@ -191,17 +191,17 @@ def test_the_first_effect_stays_where_a_rival_leaves_as_much() -> None:
     assert start.book.notes == [] and start.book.missed == []
 
 
-def test_of_a_rival_that_ran_out_of_time_it_is_said() -> None:
+def test_of_a_rival_that_ran_out_of_budget_it_is_said() -> None:
     start = Exchangeable(["first"], {"two": "late"}, rival="one", after=("two",), less=False)
     assert exchanged(start)[0] is start
     (missed,) = start.book.missed
-    assert missed.stage == SearchStage.EXCHANGE and missed.out_of_time and not missed.decides
+    assert missed.stage == SearchStage.EXCHANGE and missed.out_of_budget and not missed.decides
 
 
 @pytest.mark.parametrize("rival", [None, "doubtful"])
 def test_the_first_effect_stays_where_there_is_no_rival(rival: str | None) -> None:
     start = Exchangeable(["first"], rival=rival)
-    with time_limit(1e-9):
+    with limited(evaluations=0):
         history = run(start, start.book, no_progress)
         before = list(start.book.missed)
         assert _exchanged(start, history, no_progress)[0] is start  # type: ignore[arg-type,comparison-overlap]
@@ -209,11 +209,11 @@ def test_the_first_effect_stays_where_there_is_no_rival(rival: str | None) -> No
     assert (start.book.missed == before) == (rival is None)  # what need not be done is not missed
 
 
-def test_an_exchange_that_runs_out_of_time_leaves_the_effects_and_says_so() -> None:
+def test_an_exchange_that_runs_out_of_budget_leaves_the_effects_and_says_so() -> None:
     start = Exchangeable(["first"], rival="late")
     assert exchanged(start)[0] is start
     (missed,) = start.book.closed().missed
-    assert missed.stage == SearchStage.EXCHANGE and missed.out_of_time and not missed.decides
+    assert missed.stage == SearchStage.EXCHANGE and missed.out_of_budget and not missed.decides
     assert missed.round == 0
 
 

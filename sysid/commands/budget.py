@@ -1,4 +1,4 @@
-"""The options that bound the time of a search; apart, as they import the diagnosis."""
+"""The options that bound a search."""
 
 from __future__ import annotations
 
@@ -6,11 +6,9 @@ import math
 
 import click
 
-from sysid.diagnosis.looked import SECONDS
 
-
-def _no_nan(_: click.Context, option: click.Parameter, value: float) -> float:
-    if math.isnan(value):
+def _no_nan(_: click.Context, option: click.Parameter, value: float | None) -> float | None:
+    if value is not None and math.isnan(value):
         raise click.BadParameter("nan is no time", param=option)
     return value
 
@@ -19,10 +17,10 @@ budget_option = click.option(
     "--budget",
     type=click.FloatRange(min=0.0, min_open=True),
     callback=_no_nan,
-    default=SECONDS,
-    show_default=True,
+    default=None,
     metavar="SECONDS",
-    help="Time for search and refinement; ends then with the best so far, says what it missed.",
+    help="Processor time of the command and its workers for search and refinement, in place of the "
+    "bound by counted evaluations; ends then with the best so far, says what it missed.",
 )
 
 quick_option = click.option(

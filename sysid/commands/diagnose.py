@@ -29,7 +29,6 @@ from sysid.commands.own_component import read_with
 from sysid.commands.printing import estimate_cells, notices, print_json, progress, unless_failed
 from sysid.diagnosis import wording
 from sysid.diagnosis.evidence import is_of_actuator
-from sysid.diagnosis.looked import SECONDS
 from sysid.diagnosis.result import Diagnosis
 from sysid.display.terminal import console, new_table
 from sysid.io.campaign import Campaign
@@ -94,7 +93,7 @@ def diagnose_campaign(
     component: str | None = None,
     refine: bool = True,
     seed: int = 0,
-    budget: float | None = SECONDS,
+    budget: float | None = None,
     quick: bool = False,
     progress: Progress = no_progress,
 ) -> Diagnosed:
@@ -102,9 +101,9 @@ def diagnose_campaign(
 
     `effects` is a Python file with effects in addition to the catalogue, `component` one of the
     user's own, whose logs are the campaign's; `refine` whether the numbers of what was found are
-    those of simulation error; after `budget` seconds it ends with the best so far, a `quick` one
-    after a first look. Raises InputError for unusable files, NotIdentifiedError where the bundle
-    or the campaign is insufficient.
+    those of simulation error; after `budget` seconds of processor time (None: after so many
+    evaluations) it ends with the best so far, a `quick` one after a first look. Raises InputError
+    for unusable files, NotIdentifiedError where the bundle or the campaign is insufficient.
     """
     campaign = read_with(campaign_path, component, progress)
     bundle = read_bundle(bundle_path)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -44,7 +43,6 @@ from sysid.commands.stages import (
     stages_of,
 )
 from sysid.commands.verdict import verdict_lines
-from sysid.diagnosis.looked import SECONDS
 from sysid.display.terminal import console, new_table
 from sysid.io.files import make_folder, remove_leftovers
 from sysid.io.locks import working_in
@@ -145,7 +143,7 @@ def run_campaign(
     diagnose: bool = True,
     refine: bool = True,
     effects: Path | None = None,
-    budget: float | None = SECONDS,
+    budget: float | None = None,
     quick: bool = False,
     component: str | None = None,
     progress: Progress = no_progress,
@@ -157,9 +155,10 @@ def run_campaign(
     whether to look for what the model lacks, `refine` whether to estimate all parameters together
     afterwards, `effects` is a Python file with further effects, `component` one with a component
     of the user's own; `progress` is called with a line for each step, `entered` with each stage's
-    name. The diagnosis ends after `budget` seconds (None: never); where it missed something then, a
-    call with more does it again. `quick`: a first diagnosis that leaves much out, and no
-    refinement; a call without it does both. No other call works in the folder meanwhile.
+    name. The diagnosis ends after `budget` seconds of processor time (None: after so many
+    evaluations); where it missed something then, a call with more does it again. `quick`: a first
+    diagnosis that leaves much out, and no refinement; a call without it does both. No other call
+    works in the folder meanwhile.
     """
     campaign = read_with(campaign_path, component, progress)
     if effects is not None:
@@ -180,7 +179,7 @@ def run_campaign(
             refine=refine,
             quick=quick,
             effects=effects,
-            budget=math.inf if budget is None else budget,
+            budget=budget,
         )
         if quick and has_whole_diagnosis(run):
             run.quick = False  # what is there already is more than a first look

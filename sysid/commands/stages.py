@@ -21,13 +21,12 @@ from sysid import __version__
 from sysid.bundle import Bundle, read_bundle, write_bundle
 from sysid.checks.log_check import LogCheck
 from sysid.components.loading import component_in
-from sysid.diagnosis.looked import SECONDS
 from sysid.errors import InputError
 from sysid.exporters import export_file
 from sysid.io.campaign import Campaign
 from sysid.io.files import make_folder, write_atomic
 from sysid.model.effects.catalogue import catalogue_with
-from sysid.parallel import Failure, on_its_own
+from sysid.parallel import Failure, on_its_own, processor_seconds
 from sysid.types import Progress
 from sysid.workflows.diagnosing import diagnose
 from sysid.workflows.subject import Subject, subject_of
@@ -45,8 +44,9 @@ _REFINED_FILE = "refined.json"
 _DIAGNOSIS_FILE = "diagnosis.json"
 _CHECKS_FILE = "checks.json"
 _NOT_DONE_YET = "not done yet"
-# In a stage's record: the budget that was too small for all of it, s.
-_CUT_SHORT = "cut_short_after_s"
+# In a stage's record: the processor time after which it was cut short, s; and whether that was by
+# the evaluations that it may make without a budget.
+_CUT_SHORT, _BY_COUNT = "cut_short_after_s", "cut_short_by_count"
 # In a stage's record: that only a first look was asked for.
 _QUICK = "quick"
 _NOTICES, _UNASKED = "notices", "unasked"
@@ -59,7 +59,7 @@ EXPORTS = {"c": "export/model.h", "mat": "export/model.mat", "json": "export/mod
 class StageReport:
     """The outcome of a stage: `why` it was done (None: it was up to date), and its duration, s.
 
-    `complete`: whether it did all of its work, not only what there was time for.
+    `complete`: whether it did all of its work, not only what its budget allowed.
     """
 
     name: str
@@ -88,7 +88,7 @@ class PipelineRun:
     diagnose: bool = True
     refine: bool = True
     effects: Path | None = None
-    budget: float = SECONDS
+    budget: float | None = None
     quick: bool = False
     notices: list[str] = field(default_factory=list)
     unasked: list[str] = field(default_factory=list)
@@ -157,8 +157,8 @@ class Stage:
     `reads_effects`: whether a file of further effects is one of its inputs; `reads_refine`:
     whether it does the refinement where one is asked for; `has_quick`: whether it has a quick form,
     which a call without --quick does again, as a whole; `was_cut_short`: whether its output says
-    that time ran out for some of it; `layout` is raised when the files that it writes change
-    theirs, so that those of an earlier program are made anew.
+    that its budget ended before all of it was done; `layout` is raised when the files that it
+    writes change theirs, so that those of an earlier program are made anew.
     """
 
     name: str
@@ -205,14 +205,16 @@ def perform(run: PipelineRun, stage: Stage) -> StageReport:
         run.unasked += before.get(_UNASKED, [])
         complete = _CUT_SHORT not in before and not before.get(_QUICK)
         if _CUT_SHORT in before:
-            run.notices.append(_incomplete(stage, before[_CUT_SHORT]))
+            run.notices.append(_incomplete(stage, before))
         run.notices += [_first_look(stage)] if before.get(_QUICK) else []
         return StageReport(stage.name, None, 0.0, complete)
     run.tell(f"{stage.name}: {'starts' if why == _NOT_DONE_YET else f'{why}; starts again'}")
     start, said, unasked = time.perf_counter(), len(run.notices), len(run.unasked)
+    used = processor_seconds()
     stage.perform(run)
     seconds = time.perf_counter() - start
-    state[stage.name] = {
+    used = processor_seconds() - used
+    record = state[stage.name] = {
         "made_from": given,
         "outputs": {name: _digest_if_made(run.path(name)) for name in stage.outputs},
         "seconds": round(seconds, 3),
@@ -221,22 +223,37 @@ def perform(run: PipelineRun, stage: Stage) -> StageReport:
     }
     quick = stage.has_quick and run.quick
     if quick:
-        state[stage.name][_QUICK] = True
+        record[_QUICK] = True
         run.notices.append(_first_look(stage))
     cut_short = stage.was_cut_short(run)
     if cut_short:
-        state[stage.name][_CUT_SHORT] = run.budget
-        run.notices.append(_incomplete(stage, run.budget))
+        record[_BY_COUNT] = run.budget is None
+        record[_CUT_SHORT] = round(used, 3) if run.budget is None else run.budget
+        run.notices.append(_incomplete(stage, record))
     write_atomic(run.path(STATE_FILE), json.dumps(state, indent=2) + "\n")
     whole = all(run.path(name).is_file() for name in stage.outputs)
     return StageReport(stage.name, why, seconds, whole and not (cut_short or quick))
 
 
-def _incomplete(stage: Stage, budget: float) -> str:
+def _incomplete(stage: Stage, record: Mapping[str, Any]) -> str:
+    seconds = f"{record[_CUT_SHORT]:.3g} s of processor time"
+    why, more = f"its {seconds} ran out", "a larger --budget does"
+    if record.get(_BY_COUNT):
+        why = f"it made all the evaluations that it may, in {seconds}"
+        more = "a --budget of more than that does"
     return (
-        f"{stage.name}: incomplete, as its {budget:g} s ran out: a larger --budget does it again "
-        f"(so does any, without {stage.outputs[0]})"
+        f"{stage.name}: incomplete, as {why}: {more} it again (so does any, without "
+        f"{stage.outputs[0]})"
     )
+
+
+def _may_do_more(budget: float | None, record: Mapping[str, Any]) -> bool:
+    """Whether a stage that was cut short is to be done again."""
+    if _CUT_SHORT not in record:
+        return False
+    if budget is None:
+        return not record.get(_BY_COUNT)
+    return bool(budget > record[_CUT_SHORT])
 
 
 def _first_look(stage: Stage) -> str:
@@ -300,9 +317,9 @@ def _stale(
     changed = [k for k in {**old, **made_from} if old.get(k) != made_from.get(k)]
     if changed:
         return f"stale, changed: {', '.join(changed)}"
-    cut_short = before.get(_CUT_SHORT)
-    if cut_short is not None and run.budget > cut_short:
-        return f"incomplete after --budget {cut_short:g}"
+    if _may_do_more(run.budget, before):
+        how = "s of processor time" if before.get(_BY_COUNT) else "s of --budget"
+        return f"incomplete after {before[_CUT_SHORT]:.3g} {how}"
     for name, digest in before.get("outputs", {}).items():
         path = run.path(name)
         if not path.is_file():
@@ -358,7 +375,7 @@ def _diagnose(run: PipelineRun) -> None:
             effects=run.effects,
             refine=run.refine,
             seed=run.seed,
-            budget=None if math.isinf(run.budget) else run.budget,
+            budget=run.budget,
             quick=run.quick,
             progress=run.tell,
         )
@@ -379,7 +396,7 @@ def _json_text(content: dict[str, Any]) -> str:
 
 
 def _was_cut_short(run: PipelineRun) -> bool:
-    """Whether the diagnosis missed something for want of time."""
+    """Whether the diagnosis missed something as its budget ended."""
     search = (run.diagnosis() or {}).get("search", {})
     return any(entry.get("out_of_time") for entry in search.get("missed", []))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,12 +18,11 @@ from sysid.diagnosis import Diagnosis
 from sysid.diagnosis.bench.component import Law
 from sysid.diagnosis.bench.diagnose import diagnose_component
 from sysid.diagnosis.bench.fitting import FittedLaw, fit_law
-from sysid.diagnosis.looked import SECONDS
+from sysid.diagnosis.looked import bounded
 from sysid.errors import InputError, NotIdentifiedError, input_error
 from sysid.io.campaign import Campaign
 from sysid.io.logs import Log, Trial
 from sysid.io.rig import Rig
-from sysid.parallel import time_limit
 from sysid.types import Progress, no_progress
 
 
@@ -214,7 +213,7 @@ def diagnose_own(
     campaign: Campaign,
     bundle: Bundle,
     *,
-    budget: float | None = SECONDS,
+    budget: float | None = None,
     quick: bool = False,
     progress: Progress = no_progress,
 ) -> tuple[Diagnosis, tuple[str, ...]]:
@@ -231,12 +230,12 @@ def diagnose_own(
     def build(kind: str, trials: Sequence[Trial], rig: Rig) -> OwnPart:
         return part_of(loaded, trials, scales, kept)
 
-    with time_limit(budget):
+    with bounded(budget) as limit:
         found = diagnose_component(
             loaded.kind, tests.fitted, tests.held_out, campaign.rig, bundle, {}, progress,
             quick=quick, build=build,
         )  # fmt: skip
-    return found, tests.notices
+    return replace(found, evaluations=limit.made), tests.notices
 
 
 def _other_law(bundle: Bundle, loaded: LoadedComponent) -> list[str]:

@@ -20,7 +20,7 @@ from sysid.diagnosis.actuator.known import Earlier
 from sysid.diagnosis.bench.diagnose import diagnose_component, held_out_errors
 from sysid.diagnosis.bench.evidence import HeldOutEvidence
 from sysid.diagnosis.bench.registry import AXIS, part_tested
-from sysid.diagnosis.looked import SECONDS, Book, SearchStage
+from sysid.diagnosis.looked import Book, SearchStage, bounded
 from sysid.diagnosis.refined import (
     Look,
     simulating_best,
@@ -34,7 +34,6 @@ from sysid.io.logs import Log
 from sysid.model.effects.catalogue import EffectSource, catalogue_from
 from sysid.model.effects.entry import Catalogue
 from sysid.model.effects.linear import for_rig
-from sysid.parallel import time_limit
 from sysid.refinement.draws import drawn_models
 from sysid.types import Progress, no_progress
 
@@ -49,7 +48,7 @@ def diagnose_logs(
     effects: EffectSource = None,
     refine: bool = True,
     seed: int = 0,
-    budget: float | None = SECONDS,
+    budget: float | None = None,
     quick: bool = False,
     progress: Progress = no_progress,
 ) -> tuple[Diagnosis, tuple[str, ...]]:
@@ -58,12 +57,14 @@ def diagnose_logs(
     An effect that the bundle already holds is part of the model under diagnosis. With `refine` the
     numbers of what an actuator lacks are those of simulation error on its motion logs, and so are
     those of an axis with a motor alone. Held-out logs tell errors, and decide nothing. Ends after
-    `budget` seconds with the best so far (None: never). `quick`: a first look without refinement.
+    `EVALUATIONS`, or after `budget` seconds of processor time in their place, with the best so far.
+    `quick`: a first look without refinement.
     """
-    with time_limit(budget):
+    with bounded(budget) as limit:
         found, notices = _diagnose_logs(
             campaign, bundle, effects, refine and not quick, seed, quick, progress
         )
+    found = replace(found, evaluations=limit.made)
     return (_unrefined(found) if quick and refine else found), notices
 
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from sysid.bundle import Bundle
-from sysid.diagnosis.found import BeforeAfter, FoundEffect, Verdict
-from sysid.diagnosis.looked import Because, Looked
+from sysid.diagnosis.found import BeforeAfter, FoundEffect
+from sysid.diagnosis.looked import Looked
 from sysid.diagnosis.search import Round, Step
 from sysid.estimation.linear import Estimate
 from sysid.model.effects.entry import CatalogueEffect
@@ -42,7 +42,7 @@ class ComponentEvidence(ABC):
     @property
     @abstractmethod
     def looked(self) -> Looked:
-        """What was looked at, and what was not: for want of time, or as it failed."""
+        """What was looked at, and what was not: as the budget ended, or as it failed."""
 
     @property
     @abstractmethod
@@ -73,12 +73,6 @@ class ComponentEvidence(ABC):
     def rejected(self) -> tuple[Any, ...]:
         """What the last round tried."""
         return self.rounds[-1].tried
-
-    def verdict(self, because: Because | None) -> Verdict:
-        """`because`: why it is `unexplained`, None where it is not."""
-        if because is not None:
-            return "unexplained"
-        return "effects-found" if self.steps else "adequate"
 
     def found(self, errors: Sequence[Mapping[str, float]]) -> tuple[FoundEffect, ...]:
         """The effects with what each gained; `errors` by channel: before, then after each step."""

@@ -12,7 +12,7 @@ from sysid.display.tables import Shown, ShownTable, estimate_records, estimate_t
 from sysid.estimation.linear import Estimate
 from sysid.model.effects.entry import CatalogueEffect
 
-Verdict = Literal["adequate", "effects-found", "unexplained"]
+Verdict = Literal["adequate", "effects-found", "incomplete", "unexplained"]
 
 
 @dataclass(frozen=True)

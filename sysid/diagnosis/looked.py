@@ -3,21 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, Literal, TypeVar
 
-from sysid.parallel import Failure
+from sysid.parallel import Failure, Limit, limited
 
 _Result = TypeVar("_Result")
 
-SECONDS = 120.0
-"""Default of the time for a search; what no verdict can do without is not cut short."""
+EVALUATIONS = 50_000
+"""Bound of a search in evaluations (`sysid.parallel.spend`), the same on any machine.
 
+Over ten times what searches with two missing effects make (2000 to 4000 of a lab's campaign).
+"""
 
 Because = Literal["structure", "held-out errors", "unfinished search"]
 """Why a verdict is `unexplained`: structure that no effect explains; held-out tests far off though
-no balance shows structure; or a search that missed something and found nothing."""
+no balance shows structure; or a search of which something failed, and that found nothing."""
+
+
+def bounded(budget: float | None) -> AbstractContextManager[Limit]:
+    """The limit of a search: so many seconds of processor time, where they are asked for, else
+    `EVALUATIONS`. What no verdict can do without is not cut short."""
+    return limited(evaluations=EVALUATIONS) if budget is None else limited(seconds=budget)
 
 
 class SearchStage(StrEnum):
@@ -50,8 +59,16 @@ class Missed:
     round: int
     subject: str
     reason: str
-    out_of_time: bool
+    out_of_budget: bool
     decides: bool = True
+
+    def not_done(self) -> dict[str, Any]:
+        """The stage, its round and the effect's id, None where there is none, as JSON types."""
+        return {
+            "stage": self.stage.value,
+            "round": self.round or None,
+            "effect": self.subject or None,
+        }
 
     def to_json(self) -> dict[str, Any]:
         """As JSON types: None for no round, and for a `subject` that is no effect's id."""
@@ -60,7 +77,7 @@ class Missed:
             "round": self.round or None,
             "subject": self.subject or None,
             "reason": self.reason,
-            "out_of_time": self.out_of_time,
+            "out_of_time": self.out_of_budget,
             "decides": self.decides,
         }
 
@@ -83,6 +100,11 @@ class Looked:
         """Whether nothing was missed on which the verdict depends."""
         return not any(miss.decides for miss in self.missed)
 
+    @property
+    def cut_short(self) -> tuple[Missed, ...]:
+        """What was missed as the budget ended."""
+        return tuple(miss for miss in self.missed if miss.out_of_budget)
+
     def to_json(self) -> dict[str, Any]:
         """As JSON types."""
         return {
@@ -100,8 +122,8 @@ class Looked:
             subjects = ", ".join(dict.fromkeys(m.subject for m in own if m.subject))
             reasons = "; ".join(dict.fromkeys(m.reason for m in own))
             of = f" of {subjects}" if subjects else ""
-            late = any(m.out_of_time for m in own)
-            mend = " (--budget allows more time)" if late else ""
+            late = any(m.out_of_budget for m in own)
+            mend = " (--budget SECONDS allows more)" if late else ""
             found.append(f"not done: {stage_text(stage, number)}{of}: {reasons}{mend}")
         return tuple(found)
 
@@ -167,7 +189,7 @@ class Book:
         """Note that the present stage failed, as a whole or for these effects."""
         for subject in subjects or ("",):
             entry = Missed(
-                self.stage, self.round, subject, failure.reason, failure.out_of_time, decides
+                self.stage, self.round, subject, failure.reason, failure.out_of_budget, decides
             )
             if entry not in self.missed:
                 self.missed.append(entry)
@@ -190,18 +212,17 @@ class Book:
         return Looked(screened, fitted, tuple(self.missed), tuple(self.notes))
 
 
-LATE = Failure("out of time", out_of_time=True)
 QUICK = Failure("left out by --quick")
 
 __all__ = [
-    "LATE",
+    "EVALUATIONS",
     "QUICK",
-    "SECONDS",
     "Because",
     "Book",
     "Looked",
     "Missed",
     "SearchStage",
+    "bounded",
     "stage_text",
     "why_unexplained",
 ]

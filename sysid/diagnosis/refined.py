@@ -16,14 +16,14 @@ import numpy as np
 
 from sysid.bundle import Bundle, EffectEntry
 from sysid.bundle.assembled_model import effects_from_bundle
-from sysid.diagnosis.looked import LATE, Book, SearchStage
+from sysid.diagnosis.looked import Book, SearchStage
 from sysid.diagnosis.result import BeforeAfter, Diagnosis, FoundEffect
 from sysid.display.numbers import number
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.estimation.linear import Estimate, chi_squared_quantile
 from sysid.io.campaign import Campaign
 from sysid.model.effects.entry import Catalogue, CatalogueEffect
-from sysid.parallel import Failure, attempt, time_limit
+from sysid.parallel import LATE, Failure, attempt
 from sysid.types import Progress, no_progress
 
 if TYPE_CHECKING:
@@ -49,6 +49,8 @@ def without_contradicted(
     """
     found, gone, notices = look(catalogue), [], []
     while (contradiction := _absent(found) or _beyond_its_range(found)) is not None:
+        if found.looked.cut_short:  # nothing is searched for again
+            break
         absent, why = contradiction
         progress(f"{absent.id}: motion contradicts it, searching without it")
         gone.append(absent.id)
@@ -156,20 +158,23 @@ def with_refined_numbers(
 
     `extended` is the bundle with the effects found; `held_out_errors` are a bundle's by channel,
     in its unit, None where no test is held out. Where nothing was found, or the refinement does not
-    hold or time runs out, the diagnosis is as it was, with a notice that says why.
+    hold, the diagnosis is as it was, with a notice that says why; so it is where the budget ends
+    before the refinement has found numbers, while those of one that it cuts short count.
     """
     if not diagnosis.effects:
         return diagnosis
     result = attempt(lambda: _numbers(campaign, extended, catalogue, progress))
     if isinstance(result, Failure):
-        if result.out_of_time:
-            return _out_of_time(diagnosis)
+        if result.out_of_budget:
+            return _cut_short(diagnosis)
         return _as_it_was(diagnosis, result.reason)
     errors = result.fits["fit"]
     if result.worse:
         why = f"the training tests would be simulated {result.worse}"
         return dataclasses.replace(_as_it_was(diagnosis, why), simulated=errors.before)
     residual, notices = _errors_after(diagnosis, result.bundle, held_out_errors)
+    if result.cut_short:
+        diagnosis = _cut_short(diagnosis)
     count = len(diagnosis.effects)
     own = effects_from_bundle(result.bundle, catalogue)[-count:]
     refined = zip(diagnosis.effects, result.bundle.effects[-count:], own, strict=True)
@@ -194,7 +199,7 @@ def _errors_after(
     if held_out_errors is None:
         notice = "errors before and after are those of the numbers before the refinement"
         return dict(diagnosis.residual), [notice] if diagnosis.residual else []
-    with time_limit(None):
+    with limited():
         after = attempt(lambda: held_out_errors(refined))
     if isinstance(after, Failure):
         return {}, [f"errors of held-out tests are not known: {after.reason}"]
@@ -245,7 +250,7 @@ def _as_it_was(diagnosis: Diagnosis, why: str) -> Diagnosis:
     return dataclasses.replace(diagnosis, not_refined=why, notices=notices)
 
 
-def _out_of_time(diagnosis: Diagnosis) -> Diagnosis:
+def _cut_short(diagnosis: Diagnosis) -> Diagnosis:
     book = Book(SearchStage.REFINEMENT)
     book.miss(LATE, decides=False)
     missed = book.closed()

@@ -34,15 +34,15 @@ class Diagnosis:
 
     `residual`: pooled RMSE on the held-out logs by channel. `remainder`: of the residuals after the
     last effect, how much repeats from test to test, by balance; none where that cannot be said.
-    `because`: why the verdict is `unexplained`, None where it is not. `refinement`: of the numbers
-    by simulation error, where they are from it; the errors after each effect are those before it.
-    `not_refined`: why its numbers were not taken, empty where they were or none was asked for.
-    `simulated`: errors (3,) of the tests to fit on with these numbers, where a refinement looked.
-    `missed`: what was not done after the search. `contradicted`: ids of effects that an earlier
-    search found and motion gives no strength, without which this one was made.
+    `because`: why the verdict is `unexplained`, unless it is `incomplete`.
+    `refinement`: of the numbers by simulation error, where they are from it; the errors after each
+    effect are those before it. `not_refined`: why its numbers were not taken, empty where they were
+    or none was asked for. `simulated`: errors (3,) of the tests to fit on with these numbers, where
+    a refinement looked. `missed`: what was not done after the search. `contradicted`: ids of
+    effects that an earlier search found and motion gives no strength, without which this one was
+    made. `evaluations`: how many were made (`sysid.parallel.spend`).
     """
 
-    verdict: Verdict
     effects: tuple[FoundEffect, ...]
     residual: Mapping[str, BeforeAfter]
     unexplained: tuple[Unexplained, ...]
@@ -56,6 +56,17 @@ class Diagnosis:
     notices: tuple[str, ...] = ()
     missed: tuple[Missed, ...] = ()
     contradicted: tuple[str, ...] = ()
+    evaluations: int = 0
+
+    @property
+    def verdict(self) -> Verdict:
+        """What the search says; that it is incomplete where its budget ended first, as what it did
+        not come to may say something else."""
+        if self.looked.cut_short:
+            return "incomplete"
+        if self.because is not None:
+            return "unexplained"
+        return "effects-found" if self.effects else "adequate"
 
     @property
     def component(self) -> str:
@@ -64,7 +75,7 @@ class Diagnosis:
 
     @property
     def looked(self) -> Looked:
-        """What was looked at, and what was not: for want of time, or as it failed."""
+        """What was looked at, and what was not: as the budget ended, or as it failed."""
         looked = self.evidence.looked
         return replace(looked, missed=(*looked.missed, *self.missed))
 
@@ -81,13 +92,15 @@ class Diagnosis:
             "effects": [effect.to_json() for effect in self.effects],
             "residual": {name: errors.to_json() for name, errors in self.residual.items()},
             "unexplained": [entry.to_json() for entry in self.unexplained],
-            "because": self.because,
+            "because": self.because if self.verdict == "unexplained" else None,
+            "not_done": [miss.not_done() for miss in self.looked.cut_short],
             "removed": [
                 *self.contradicted,
                 *(name for one in self.evidence.rounds for name in one.removed),
             ],
             "rejected": [tried.to_json() for tried in self.rejected],
             "search": self.looked.to_json(),
+            "evaluations": self.evaluations,
             "remainder": [rest.to_json() for rest in self.remainder],
             "seed": self.seed,
             "refined": self.refinement is not None,

@@ -10,12 +10,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 from sysid.diagnosis.looked import Book, SearchStage
 from sysid.model.effects.entry import CatalogueEffect
-from sysid.parallel import Failure, attempt
+from sysid.parallel import Failure, attempt, limited
 from sysid.types import Progress
 
 MOST_EFFECTS = 3
@@ -96,7 +97,7 @@ class Rounds(ABC, Generic[StepT]):
     def proposal(self, number: int, barred: frozenset[str]) -> StepT | None:
         """The best effect to be added in a round, of those not in `barred`; None: there is none.
 
-        Raises OutOfTimeError.
+        Raises OutOfBudgetError.
         """
 
     @abstractmethod
@@ -107,7 +108,7 @@ class Rounds(ABC, Generic[StepT]):
     def superfluous(self) -> StepT | None:
         """A step other than the last that the model does without; None: all are needed.
 
-        Raises OutOfTimeError.
+        Raises OutOfBudgetError.
         """
 
     @abstractmethod
@@ -124,9 +125,9 @@ def run(
 ) -> tuple[Round, ...]:
     """Add effects, and remove what they make superfluous, until no round adds one.
 
-    Goes on after the `earlier` rounds, without the effects `given_up`. Ends within the time limit
-    in force (`sysid.parallel`); what failed is in the book. A quick search ends with the first
-    effect.
+    Goes on after the `earlier` rounds, without the effects `given_up`. Ends within the limit in
+    force (`sysid.parallel`), but for the first round; what failed is in the book. A quick search
+    ends with the first effect.
     """
     history = list(earlier)
     removed = set(given_up)
@@ -135,14 +136,16 @@ def run(
         barred = frozenset({step.id for step in rounds.steps} | removed)
         book.enter(rounds.stage, number)
         rounds.tried = ()
-        proposed = attempt(lambda: rounds.proposal(number, barred))  # noqa: B023
-        if isinstance(proposed, Failure):
-            book.miss(proposed)
-            proposed = None
+        with limited() if number == 1 else nullcontext():
+            proposed = attempt(lambda: rounds.proposal(number, barred))  # noqa: B023
+            if isinstance(proposed, Failure):
+                book.miss(proposed)
+                proposed = None
+            if proposed is not None:
+                rounds.add(proposed)
         if proposed is None:
             history.append(Round(rounds.tried))
             return tuple(history)
-        rounds.add(proposed)
         gone = _removed(rounds, book, number, progress)
         removed |= set(gone)
         history.append(Round(proposed.tried, proposed, gone))

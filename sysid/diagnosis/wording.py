@@ -60,7 +60,10 @@ def _incomplete(content: Content) -> str:
     """The stages that a search did not come to the end of; empty where it did."""
     missed = content.get("search", {}).get("missed", [])
     stages = list(dict.fromkeys(stage_text(e["stage"], e.get("round")) for e in missed))
-    return f" The search is incomplete: not done: {joined(stages)}." if stages else ""
+    if not stages:
+        return ""
+    lead = "Not" if content["verdict"] == "incomplete" else "The search is incomplete: not"
+    return f" {lead} done: {joined(stages)}."
 
 
 def _is_undecided(content: Content) -> bool:
@@ -76,6 +79,9 @@ def _verdict(content: Content, titles: Mapping[str, str]) -> str:
         return f"Adequate: no test found structure above the noise{gained}."
     if content["verdict"] == "effects-found":
         return f"Effects found: {joined(ids)}{gained}."
+    if content["verdict"] == "incomplete":
+        so_far = f"effects so far: {joined(ids)}" if ids else "no effect found so far"
+        return f"Incomplete: the budget ended before the search did; {so_far}{gained}."
     helped = f"; {joined(ids)} {'helps' if len(ids) == 1 else 'help'}" if ids else ""
     return f"Unexplained: {joined(list(_remaining(content)))}{helped}{gained}."
 
@@ -114,7 +120,7 @@ def _gained(content: Content) -> str:
 _GROWN = 1.0 / 1.1
 _NO_STRUCTURE = {
     "held-out errors": "no balance shows why the held-out tests are simulated so badly",
-    "unfinished search": "what the search did not come to may be missing",
+    "unfinished search": "what failed in the search may be missing",
 }
 
 
@@ -172,10 +178,14 @@ def advice_on_rest(content: Content) -> tuple[str, ...]:
             "This was a first look: a diagnosis without --quick tries every form of every effect, "
             "looks for more than one, and refines the numbers."
         )
+    elif content["verdict"] == "incomplete":
+        lines.append(
+            "What was not looked at may change the verdict and the numbers: allow more processor "
+            "time with --budget SECONDS."
+        )
     elif _is_undecided(content):
         lines.append(
-            "Effects that were not looked at may explain what remains: allow more time (--budget "
-            "SECONDS); the notices name what failed."
+            "What could not be looked at may explain what remains: the notices name what failed."
         )
     elif content["unexplained"] and not _NO_STRUCTURE.get(content.get("because") or ""):
         lines.append(

@@ -9,10 +9,8 @@ from __future__ import annotations
 
 import importlib
 import logging
-import math
 import os
 import threading
-import time
 import uuid
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -22,7 +20,6 @@ from functools import partial
 from typing import Any, TypeVar
 
 from sysid.errors import input_error, one_line
-from sysid.parallel.limits import Limit, limit_in_force, within
 
 Result = TypeVar("Result")
 
@@ -132,50 +129,39 @@ def collect_on(
     cluster: Cluster,
     found: dict[int, Result],
     waiting: Mapping[int, Callable[[], Result]],
-    deadline: float = math.inf,
 ) -> None:
     """Put each job's result into `found`, by its number, as it comes.
 
     Where a job raises or dies with its workers, the others are waited for all the same: Dask cannot
     interrupt what runs, and a job that is sent again would run twice at once. Then raises what the
-    first of them raised; TimeoutError, what is left being cancelled, after the deadline.
+    first of them raised.
     """
     distributed = _distributed()
-    wall = deadline - time.monotonic() + time.time()
     numbers = {
         cluster.client.submit(
-            partial(_alone, job, wall), key=f"sysid-{uuid.uuid4().hex}", pure=False
+            partial(_alone, job), key=f"sysid-{uuid.uuid4().hex}", pure=False
         ): number
         for number, job in waiting.items()
     }
-    timeout = None if math.isinf(deadline) else max(deadline - time.monotonic(), 0.0)
     errors: list[Exception] = []
     try:
         loop = cluster.client.loop
-        for future in distributed.as_completed(list(numbers), loop=loop, timeout=timeout):
+        for future in distributed.as_completed(list(numbers), loop=loop):
             try:
                 found[numbers[future]] = future.result()
             except Exception as error:
                 errors.append(error)
-    except distributed.TimeoutError as error:
-        raise TimeoutError from error
     finally:
         cluster.client.cancel([f for f in numbers if not f.done()])
     if errors:
         raise errors[0]
 
 
-def _alone(job: Callable[[], Result], wall: float) -> Result:
-    """A job on a worker: no processes of its own, one thread of BLAS, one job at a time.
-
-    `wall` is the limit on the clock of the day, the only one that machines share.
-    """
+def _alone(job: Callable[[], Result]) -> Result:
+    """A job on a worker: no processes of its own, one thread of BLAS, one job at a time."""
     from threadpoolctl import threadpool_limits
 
-    limit = limit_in_force()
-    left = wall - time.time()
-    own = Limit(min(limit.deadline, time.monotonic() + left))
-    with _ONE_AT_A_TIME, threadpool_limits(1), _one_process(), within(own):
+    with _ONE_AT_A_TIME, threadpool_limits(1), _one_process():
         return job()
 
 

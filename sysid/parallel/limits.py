@@ -1,10 +1,13 @@
-"""Limits of time, and jobs that come to a result or say why they came to none."""
+"""How much a computation may do, and jobs that come to a result or say why they came to none.
+
+Work is counted in evaluations, which are the same on every machine whatever else it does. Processor
+time is looked at only where a bound of it was asked for.
+"""
 
 from __future__ import annotations
 
 import math
 import os
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -12,23 +15,24 @@ from dataclasses import dataclass, field
 from typing import TypeVar
 
 from sysid.errors import InputError, NotIdentifiedError, SysidError, one_line
+from sysid.parallel.clock import processor_seconds
 
 Result = TypeVar("Result")
 
 
-class OutOfTimeError(Exception):
-    """The time for a computation (`time_limit`) has run out."""
+class OutOfBudgetError(Exception):
+    """What a computation may do (`limited`) is done."""
 
 
 @dataclass(frozen=True)
 class Failure:
-    """A job that came to no result: why, in a line, and whether only for want of time.
+    """A job that came to no result: why, in a line, and whether only as its budget ended.
 
     `error`: what would have ended the command, where that is not a fault of the program.
     """
 
     reason: str
-    out_of_time: bool = False
+    out_of_budget: bool = False
     error: SysidError | None = field(default=None, compare=False, repr=False)
 
     @property
@@ -42,20 +46,43 @@ class Failure:
         return Failure(one_line(f"{type(error).__name__}: {error}"))
 
 
+LATE = Failure("out of budget", out_of_budget=True)
+
+
 @dataclass
 class Limit:
-    """When the computations of a context have to end, on the clock of `time.monotonic`."""
+    """What the computations of a context may do, and what they have done.
 
-    deadline: float = math.inf
+    `evaluations`: how many may be made; `until`: on the clock of `processor_seconds`, s; `made`:
+    the evaluations that were.
+    """
+
+    evaluations: float = math.inf
+    until: float = math.inf
+    made: int = 0
     is_stopped: bool = False
 
+    @property
+    def is_over(self) -> bool:
+        if self.is_stopped or self.made >= self.evaluations:
+            return True
+        return not math.isinf(self.until) and processor_seconds() > self.until
 
-_LIMIT: ContextVar[Limit] = ContextVar("limit", default=Limit())  # noqa: B039 - never changed
+    def for_a_job(self) -> Limit:
+        """That of one of several jobs that begin now.
+
+        Each may do all that is left: which of them come to their end depends neither on their
+        order nor on how many run at a time.
+        """
+        return Limit(self.evaluations - self.made, self.until, is_stopped=self.is_stopped)
+
+
+_LIMIT: ContextVar[Limit | None] = ContextVar("limit", default=None)
 
 
 def limit_in_force() -> Limit:
-    """That of the present context."""
-    return _LIMIT.get()
+    """That of the present context; one without bounds where none was set."""
+    return _LIMIT.get() or Limit()
 
 
 @contextmanager
@@ -69,27 +96,38 @@ def within(limit: Limit) -> Iterator[None]:
 
 
 @contextmanager
-def time_limit(seconds: float | None) -> Iterator[None]:
-    """`check_time` raises once so many seconds have passed; None: never."""
-    deadline = math.inf if seconds is None else time.monotonic() + seconds
-    with within(Limit(deadline)):
-        yield
+def limited(*, evaluations: float = math.inf, seconds: float = math.inf) -> Iterator[Limit]:
+    """`spend` raises once so many evaluations were made, or so much processor time was used.
+
+    In place of the limit in force, on which the evaluations count as well. The time is that of
+    this process and its workers, s.
+    """
+    outer = limit_in_force()
+    own = Limit(evaluations, math.inf if math.isinf(seconds) else processor_seconds() + seconds)
+    try:
+        with within(own):
+            yield own
+    finally:
+        outer.made += own.made
 
 
-def check_time() -> None:
-    """To be called within long loops. Raises OutOfTimeError."""
+def spend(evaluations: int = 1) -> None:
+    """To be called before so many evaluations of a model on all tests, by its balances or by its
+    simulation; 0 only looks whether there is more to spend. Raises OutOfBudgetError."""
     limit = limit_in_force()
-    if limit.is_stopped or time.monotonic() > limit.deadline:
-        raise OutOfTimeError
+    if limit.is_over:
+        raise OutOfBudgetError
+    limit.made += evaluations
 
 
 def attempt(job: Callable[[], Result]) -> Result | Failure:
     """The result of a job, or why there is none; with `SYSID_DEBUG` errors are raised."""
+    if limit_in_force().is_over:
+        return LATE
     try:
-        check_time()
         return job()
-    except OutOfTimeError:
-        return Failure("out of time", out_of_time=True)
+    except OutOfBudgetError:
+        return LATE
     except Exception as error:
         if os.environ.get("SYSID_DEBUG"):
             raise
@@ -101,14 +139,14 @@ def on_its_own(part: Callable[[], Result]) -> Result | Failure:
 
     What the data do not give (a SysidError) is a reason in its own words, and so is what cannot be
     computed from them: a singular matrix, an overflow. Anything else is a fault of the program:
-    its reason says so, and with `SYSID_DEBUG` it is raised. Running out of time, and what the
+    its reason says so, and with `SYSID_DEBUG` it is raised. A budget that ends, and what the
     machine refuses (OSError), are not the part's: they pass.
     """
     from numpy.linalg import LinAlgError
 
     try:
         return part()
-    except (OutOfTimeError, OSError):
+    except (OutOfBudgetError, OSError):
         raise
     except SysidError as error:
         return Failure(str(error), error=error)
@@ -139,14 +177,15 @@ def error_of(failures: Sequence[Failure], what: str) -> Exception:
 
 
 __all__ = [
+    "LATE",
     "Failure",
     "Limit",
-    "OutOfTimeError",
+    "OutOfBudgetError",
     "attempt",
-    "check_time",
     "error_of",
     "limit_in_force",
+    "limited",
     "on_its_own",
-    "time_limit",
+    "spend",
     "within",
 ]

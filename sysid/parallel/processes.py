@@ -1,4 +1,4 @@
-"""Jobs in several processes: how many, for how long, and that none outlives its parent."""
+"""Jobs in several processes: how many, how much they may do, and that none outlives its parent."""
 
 from __future__ import annotations
 
@@ -7,14 +7,17 @@ import os
 import signal
 import threading
 import time
+import uuid
 import warnings
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import TypeVar
+from typing import Generic, TypeVar
 
 from sysid.errors import input_error
+from sysid.parallel.clock import processor_seconds, tell, tell_remote
 from sysid.parallel.cluster import cluster_in_force, collect_on
-from sysid.parallel.limits import Failure, Limit, attempt, limit_in_force, within
+from sysid.parallel.limits import LATE, Failure, Limit, attempt, limit_in_force, within
 from sysid.parallel.memory import share_one_heap
 
 Result = TypeVar("Result")
@@ -22,9 +25,8 @@ Result = TypeVar("Result")
 VARIABLE = "SYSID_JOBS"
 _WATCH_S = 1.0
 _MOST = 4096
-# How long a worker may take to notice that its time is over, s.
+# Processor time that a worker may take to notice that its share is over, s.
 _GRACE_S = 3.0
-_LATE = Failure("out of time: its process was ended", out_of_time=True)
 
 
 def job_count() -> int:
@@ -63,92 +65,146 @@ def run_all(jobs: Iterable[Callable[[], Result]]) -> list[Result]:
 
 
 def attempt_all(jobs: Iterable[Callable[[], Result]]) -> list[Result | Failure]:
-    """`run_all`, with a `Failure` for each job that raises or has not ended in time.
+    """`run_all`, with a `Failure` for each job that raises or has not ended within its limit.
 
-    A worker that does not look at the time itself is killed soon after the limit. Where one
+    Each may make all the evaluations that are left now; of the processor time that is left each
+    worker has its share, and one that does not look at it itself ends soon after that. Where one
     dies, what was not done is tried again, each job with a process to itself.
     """
-    deadline = limit_in_force().deadline
-    on_cluster = cluster_in_force() is not None  # sets the limit itself: clocks differ there
-    waiting = {
-        i: partial(attempt, job) if on_cluster else partial(_attempt_by, job, deadline)
-        for i, job in enumerate(jobs)
-    }
+    limit = limit_in_force()
+    on_cluster = cluster_in_force() is not None
+    waiting = dict(enumerate(jobs))
     workers = min(job_count(), len(waiting))
     none_other = workers <= 1 and not on_cluster
-    if none_other or time.monotonic() > deadline:  # none is begun then, and no process started
-        return [job() for job in waiting.values()]
-    found: dict[int, Result | Failure] = {}
-    why = _collected(found, waiting, workers, deadline)
+    if none_other or limit.is_over:  # none is begun then, and no process started
+        return _in_turn(waiting.values(), limit)
+    found: dict[int, _Told[Result]] = {}
+    why = _collected(found, waiting, workers, limit)
+    failed: dict[int, Failure] = {}
     for number in [n for n in waiting if n not in found]:
-        if not why.out_of_time:
-            why = _collected(found, {number: waiting[number]}, 2, deadline)
-        found.setdefault(number, why)
-    return [found[number] for number in waiting]
+        if not limit.is_over:
+            why = _collected(found, {number: waiting[number]}, 1, limit)
+        failed[number] = LATE if limit.is_over else why
+    limit.made += sum(told.made for told in found.values())
+    return [found[number].result if number in found else failed[number] for number in waiting]
 
 
-def _attempt_by(job: Callable[[], Result], deadline: float) -> Result | Failure:
-    """`attempt` in another process: its clock is this one's."""
-    with within(Limit(deadline)):
-        return attempt(job)
+def _in_turn(jobs: Iterable[Callable[[], Result]], limit: Limit) -> list[Result | Failure]:
+    """Each job in this process, as if all began now."""
+    results, made, begun = list[Result | Failure](), 0, limit.for_a_job()
+    for job in jobs:
+        own = replace(begun)
+        with within(own):
+            results.append(attempt(job))
+        made += own.made
+    limit.made += made
+    return results
+
+
+@dataclass(frozen=True)
+class _Told(Generic[Result]):
+    """A job's result with the evaluations that it made, and the processor time that it used, s."""
+
+    result: Result | Failure
+    made: int
+    used: float
+
+
+@dataclass(frozen=True)
+class _Share:
+    """What a job in another process may do: `evaluations`, and `seconds` of processor time that
+    each process has for all jobs of this `block`."""
+
+    evaluations: float
+    seconds: float
+    block: str
+
+    @staticmethod
+    def of(limit: Limit, workers: int) -> _Share:
+        seconds = limit.until
+        if not math.isinf(seconds):
+            seconds = max(seconds - processor_seconds(), 0.0) / workers
+        return _Share(limit.evaluations - limit.made, seconds, uuid.uuid4().hex)
+
+
+@dataclass
+class _Worker:
+    """Of this process, where it is a worker: which block of jobs it is at, since when and until
+    when, in its processor time, s."""
+
+    block: str = ""
+    since: float = 0.0
+    until: float = math.inf
+
+
+_SELF = _Worker()
+
+
+def _attempt_by(job: Callable[[], Result], share: _Share) -> _Told[Result]:
+    """`attempt` in another process."""
+    begun = time.process_time()
+    if _SELF.block != share.block:
+        _SELF.block, _SELF.since = share.block, begun
+    _SELF.until = _SELF.since + share.seconds
+    own = Limit(share.evaluations, _SELF.until)
+    try:
+        with within(own):
+            result = attempt(job)
+    finally:
+        _SELF.until = math.inf
+    return _Told(result, own.made, time.process_time() - begun)
 
 
 def _collected(
-    found: dict[int, Result | Failure],
-    waiting: Mapping[int, Callable[[], Result | Failure]],
+    found: dict[int, _Told[Result]],
+    waiting: Mapping[int, Callable[[], Result]],
     workers: int,
-    deadline: float,
+    limit: Limit,
 ) -> Failure:
     """`_collect`; why jobs came to no result, if some did."""
+    share = _Share.of(limit, workers)
+    new: dict[int, _Told[Result]] = {}
     try:
-        _collect(found, waiting, workers, deadline + _GRACE_S)
-    except TimeoutError:
-        return _LATE
+        jobs = {number: partial(_attempt_by, job, share) for number, job in waiting.items()}
+        _collect(new, jobs, workers)
     except Exception as error:  # a worker that died, for want of memory perhaps
         if os.environ.get("SYSID_DEBUG"):
             raise
         return Failure.of(error)
+    finally:
+        found |= new
+        if cluster_in_force() is not None:
+            tell_remote(sum(told.used for told in new.values()))
     return Failure("no result")
 
 
 def _collect(
-    found: dict[int, Result],
-    waiting: Mapping[int, Callable[[], Result]],
-    workers: int,
-    deadline: float = math.inf,
+    found: dict[int, Result], waiting: Mapping[int, Callable[[], Result]], workers: int
 ) -> None:
     """Put each job's result into `found`, by its number, as it comes.
 
-    Raises TimeoutError, the workers killed, where jobs have not ended by the deadline, and
-    what a job raises. joblib kills its workers itself, those of other pools are left alone.
+    Raises what a job raises. joblib kills its workers itself, those of other pools are left alone.
     On a cluster the scheduler does all that.
     """
     cluster = cluster_in_force()
     if cluster is not None:
-        collect_on(cluster, found, waiting, deadline)
+        collect_on(cluster, found, waiting)
         return
-    import multiprocessing
-
     from joblib import Parallel, delayed, parallel_config
 
-    def left() -> float | None:
-        return None if math.isinf(deadline) else max(deadline - time.monotonic(), 0.0)
-
     config = parallel_config(
-        backend="loky", n_jobs=workers, initializer=_serve, initargs=(os.getpid(),)
+        backend="loky", n_jobs=max(workers, 2), initializer=_serve, initargs=(os.getpid(),)
     )
     try:
         with config:
             # In batches a job that hangs would take others along.
-            work = Parallel(return_as="generator_unordered", batch_size=1, timeout=left())
-            for number, result in work(delayed(_numbered)(*one) for one in waiting.items()):
+            work = Parallel(return_as="generator_unordered", batch_size=1)
+            for number, result, used in work(delayed(_numbered)(*one) for one in waiting.items()):
                 found[number] = result
-                work.timeout = left()  # joblib's own is from one result to the next
+                tell(*used)
     except (KeyboardInterrupt, SystemExit):  # Ctrl-C and SIGTERM
         _kill_workers()
         raise
-    except multiprocessing.TimeoutError as error:
-        raise TimeoutError from error
 
 
 def _kill_workers() -> None:
@@ -158,8 +214,9 @@ def _kill_workers() -> None:
     get_reusable_executor(reuse=True).shutdown(wait=False, kill_workers=True)
 
 
-def _numbered(number: int, job: Callable[[], Result]) -> tuple[int, Result]:
-    return number, job()
+def _numbered(number: int, job: Callable[[], Result]) -> tuple[int, Result, tuple[int, float]]:
+    """A job's number and result; the process and the processor time that it has used so far, s."""
+    return number, job(), (os.getpid(), time.process_time())
 
 
 def _serve(parent: int) -> None:
@@ -177,7 +234,7 @@ def _serve(parent: int) -> None:
 
 
 def _watch(parent: int) -> None:
-    while os.getppid() == parent:
+    while os.getppid() == parent and time.process_time() < _SELF.until + _GRACE_S:
         time.sleep(_WATCH_S)
     os._exit(1)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterable
 from contextvars import copy_context
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Generic, ParamSpec, TypeVar
 
 from sysid.parallel.limits import Failure, Limit, attempt, limit_in_force, within
@@ -20,28 +20,38 @@ def attempt_in_threads(jobs: Iterable[Callable[[], Result]]) -> list[Result | Fa
     """`attempt` of each job, in order, in threads of this process: nothing is copied.
 
     For jobs that spend their time in numpy on long arrays, which lets other threads run, and
-    that call `check_time`: a thread cannot be killed.
+    that call `spend`: a thread cannot be killed. Each may do all that is left now.
     """
     from concurrent.futures import ThreadPoolExecutor
 
     waiting = list(jobs)
     workers = min(job_count(), len(waiting))
-    if workers <= 1:
-        return [attempt(job) for job in waiting]
-    share_one_heap()
-    own = Limit(limit_in_force().deadline)
-    with within(own):
-        contexts = [copy_context() for _ in waiting]
-    with ThreadPoolExecutor(workers) as pool:
-        try:
-            pairs = zip(contexts, waiting, strict=True)
-            futures = [pool.submit(context.run, attempt, job) for context, job in pairs]
-            return [future.result() for future in futures]
-        except BaseException:
-            own.is_stopped = True
-            raise
-        finally:
-            give_back()
+    limit = limit_in_force()
+    own = [limit.for_a_job() for _ in waiting]
+    try:
+        if workers <= 1:
+            return [_attempt_within(*pair) for pair in zip(own, waiting, strict=True)]
+        share_one_heap()
+        with ThreadPoolExecutor(workers) as pool:
+            try:
+                futures = [
+                    pool.submit(copy_context().run, partial(_attempt_within, *pair))
+                    for pair in zip(own, waiting, strict=True)
+                ]
+                return [future.result() for future in futures]
+            except BaseException:
+                for one in own:
+                    one.is_stopped = True
+                raise
+            finally:
+                give_back()
+    finally:
+        limit.made += sum(one.made for one in own)
+
+
+def _attempt_within(limit: Limit, job: Callable[[], Result]) -> Result | Failure:
+    with within(limit):
+        return attempt(job)
 
 
 class PerThread(Generic[Given, Result]):

@@ -59,7 +59,7 @@ class Estimated:
     """The last problem and its solution, the runs that the model does not follow, the scatter.
 
     `shorter`: the first estimate that converged before the runs were joined, `joined` so many as
-    one (0: all of a test).
+    one (0: all of a test). `cut_short`: the budget ended before the estimation did.
     """
 
     problem: Problem
@@ -69,6 +69,7 @@ class Estimated:
     evaluations: int
     shorter: Estimated | None = None
     joined: int = 1
+    cut_short: bool = False
 
     def error_covariance(self) -> FloatArray:
         """Of the errors of the reduced unknowns (m, m): what the logs say, as exactly as their
@@ -118,7 +119,8 @@ def estimate(
 
     First each run's errors count by their own size; where a test is not followed, its static
     friction is scanned. Then the errors count as they are found to be: whitened, with the tests'
-    own scatter; with `robust` by their own size still.
+    own scatter; with `robust` by their own size still. Raises OutOfBudgetError where the budget
+    ends before the errors count as they are.
     """
     problem = dataclasses.replace(problem, by_differences=True)
     point, evaluations = point or problem.first_point(), 0
@@ -163,13 +165,16 @@ def estimate(
             break
     final, start, left_out, scatter = _final(problem, solution, follows, scatter, robust)
     progress("the errors as they are")
-    solution = solve(final, start, _FINAL_EVALUATIONS, _CLOSELY, first_step=_UNDAMPED, chords=True)
-    return Estimated(final, solution, left_out, scatter, evaluations + solution.evaluations)
+    solution = solve(
+        final, start, _FINAL_EVALUATIONS, _CLOSELY, first_step=_UNDAMPED, chords=True, partly=True
+    )
+    evaluations += solution.evaluations
+    return Estimated(final, solution, left_out, scatter, evaluations, cut_short=solution.cut_short)
 
 
 def with_slopes(found: Estimated, by_differences: bool) -> Estimated:
     """The estimate with slopes at the solution, of which its errors are: by forward mode through
-    the simulator, or as on the way by differences of neighbours. Raises OutOfTimeError.
+    the simulator, or as on the way by differences of neighbours. Raises OutOfBudgetError.
     """
     solution, problem = found.solution, found.problem
     exact = dataclasses.replace(problem, by_differences=by_differences)

@@ -19,7 +19,7 @@ import numpy as np
 
 from sysid.errors import SimulationError
 from sysid.model.ports import Model
-from sysid.parallel import OutOfTimeError
+from sysid.parallel import OutOfBudgetError
 from sysid.refinement.estimation import NO_INFORMATION, Estimated, followed, whitening_of
 from sysid.refinement.problem import Iterate, Problem
 from sysid.refinement.runs import Run, run_of
@@ -66,8 +66,8 @@ def lengthened(
         progress(f"{joined} segments as one" if joined else "whole tests")
         try:
             longer = _longer(found, tests, joined)
-        except OutOfTimeError:
-            break  # what the shorter runs gave is whole
+        except OutOfBudgetError:  # what the shorter runs gave is whole
+            return dataclasses.replace(found, cut_short=True)
         if longer is None:
             break
         after = _errors(longer, tests)

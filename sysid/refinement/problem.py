@@ -17,7 +17,7 @@ from sysid.model.sensors import measured_channels
 from sysid.model.simulator import MAX_STEP, Trajectory, simulate
 from sysid.model.static_reading import static_ratio
 from sysid.model.tangents import Direction, Tangents, number_of, simulate_tangents
-from sysid.parallel import check_time
+from sysid.parallel import spend
 from sysid.refinement.factors import triangular
 from sysid.refinement.prior import prior_factor
 from sysid.refinement.runs import STATES, Run
@@ -169,15 +169,15 @@ class Problem:
     def linearised(
         self, point: Iterate, slopes_of: Sequence[Linearised] | None = None
     ) -> list[Linearised]:
-        """Every run's equations at a point. Raises OutOfTimeError.
+        """Every run's equations at a point. Raises OutOfBudgetError.
 
         With `slopes_of`, the equations at a point near it, the slopes are those: they cost many
         times what the simulation does.
         """
-        check_time()
         models = self.models(point)
         inputs = self.inputs(point)
         if slopes_of is not None:
+            spend()
             residuals = self._residuals(inputs, models)
             errors = [
                 RunErrors(residual, known.errors.slopes).kept(run)
@@ -185,6 +185,7 @@ class Problem:
             ]
             return self.equations(errors, point)
         directions = self._directions()
+        spend(1 + len(directions))
         if self.by_differences:
             sizes = self.sizes(point, directions)
             found = simulate_differences(inputs, models, directions, sizes, self.max_step)
@@ -208,8 +209,8 @@ class Problem:
         return [self._equations(i, own, point) for i, own in enumerate(errors)]
 
     def residuals(self, point: Iterate) -> list[FloatArray]:
-        """Every run's (3, n), simulated less measured: rad or m, Pa. Raises OutOfTimeError."""
-        check_time()
+        """Every run's (3, n), simulated less measured: rad or m, Pa. Raises OutOfBudgetError."""
+        spend()
         return self._residuals(self.inputs(point), self.models(point))
 
     def _residuals(self, inputs: Sequence[Inputs], models: Sequence[Model]) -> list[FloatArray]:

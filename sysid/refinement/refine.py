@@ -11,7 +11,6 @@ part's errors.
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import math
 from collections.abc import Iterable, Sequence
@@ -32,7 +31,7 @@ from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.model.effects.entry import Catalogue
 from sysid.model.ports import Model, has_discrete_law
-from sysid.parallel import Failure, OutOfTimeError, error_of, on_its_own
+from sysid.parallel import Failure, OutOfBudgetError, error_of, on_its_own
 from sysid.refinement.declared import contradictions
 from sysid.refinement.estimation import (
     NO_INFORMATION,
@@ -126,7 +125,7 @@ def refine(
     found = _estimated(problem, scatter, tests, robust, progress, by_differences)
     if found.left_out:
         notices.append(_left_out_notice(found.left_out))
-    if not found.solution.converged:
+    if not (found.solution.converged or found.cut_short):
         notices.append(_stalled_notice(found))
     parameters, matrix = _parameters(found)
     values = np.array([p.estimate.value for p in parameters])
@@ -162,6 +161,7 @@ def refine(
         left_out=len(found.left_out),
         longest=max(float(np.ptp(run.inputs.time)) for run in found.problem.runs),
         profiles=profiles,
+        cut_short=found.cut_short,
         bundle=bundle,
         effort={
             use: _effort(some, model, after, campaign.rig, notices)
@@ -194,9 +194,12 @@ def _estimated(
         found = lengthened(found, tests, progress)
         progress("derivatives of the solution")
         # Those of the last steps tell the errors as well.
-        with contextlib.suppress(OutOfTimeError, SimulationError):
+        try:
             return with_slopes(found, by_differences)
-    return found
+        except SimulationError:
+            return found
+        except OutOfBudgetError:
+            return dataclasses.replace(found, cut_short=True)
 
 
 def check_on_off_law(bundle: Bundle, model: Model) -> None:

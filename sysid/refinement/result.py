@@ -82,6 +82,7 @@ class RefineResult(Shown):
     to test; `longest` segment, s; `evaluations` of the simulation with its derivatives;
     `profiles` by parameter, as asked. `effort`: where a motor alone drives, RMSE of the equation
     of motion along the measured motion before and after, by use and channel (Nm or N).
+    `cut_short`: the budget in force ended before the estimation did.
     """
 
     parameters: tuple[RefinedParameter, ...]
@@ -97,6 +98,7 @@ class RefineResult(Shown):
     bundle: Bundle
     profiles: Mapping[str, Profile] = field(default_factory=dict)
     notices: tuple[str, ...] = ()
+    cut_short: bool = False
     effort: Mapping[str, Mapping[str, tuple[float, float]]] = field(default_factory=dict)
 
     @property

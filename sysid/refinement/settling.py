@@ -15,7 +15,7 @@ from sysid.model.differences import simulate_differences
 from sysid.model.ports import Model
 from sysid.model.simulator import Trajectory, simulate
 from sysid.model.tangents import Direction, Tangents
-from sysid.parallel import check_time
+from sysid.parallel import spend
 from sysid.refinement.factors import triangular
 from sysid.refinement.problem import SLIDING, Iterate, Problem, RunErrors
 from sysid.refinement.runs import STATES
@@ -32,9 +32,9 @@ def settled(problem: Problem, points: Sequence[Iterate]) -> tuple[FloatArray, li
 
     The points differ in static friction alone. Only those that are the best of a test before
     anything moves are settled, and the first; the others cost infinitely much. Runs that the points
-    do not tell apart are linearised once. Raises OutOfTimeError.
+    do not tell apart are linearised once. Raises OutOfBudgetError.
     """
-    check_time()
+    spend(len(points))
     runs = len(problem.runs)
     inputs = [i for point in points for i in problem.inputs(point)]
     models = [own for point in points for own in problem.models(point)]

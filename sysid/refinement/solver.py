@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sysid.parallel import check_time
+from sysid.parallel import OutOfBudgetError, spend
 from sysid.refinement.problem import Iterate, Linearised, Problem
 from sysid.refinement.reduction import ReducedEquations, reduced
 from sysid.types import BoolArray, FloatArray
@@ -47,13 +47,14 @@ class Solution:
     """Where the solver ended: the equations there, and the runs that count (runs,).
 
     `evaluations` of all runs with their derivatives; `converged` false where they ran out or no
-    step helped.
+    step helped; `cut_short`: the budget ended first.
     """
 
     at: ReducedEquations
     evaluations: int
     converged: bool
     counted: BoolArray
+    cut_short: bool = False
 
     @property
     def point(self) -> Iterate:
@@ -168,6 +169,7 @@ def solve(
     first_step: float = 1.0,
     chords: bool = False,
     roughly: bool = False,
+    partly: bool = False,
     known: Sequence[Linearised] | None = None,
 ) -> Solution:
     """Minimise a problem's cost from a point, with `least` to `most` evaluations.
@@ -178,7 +180,8 @@ def solve(
 
     With `chords`, for a start near the solution, up to three steps are taken with the same slopes
     (the chord method: Ortega, Rheinboldt 1970, 7.1), which only a simulation is needed for; where
-    it ends is decided with the slopes there, `roughly` with these.
+    it ends is decided with the slopes there, `roughly` with these. Raises OutOfBudgetError;
+    `partly` only before the first evaluation, later it is cut short where it has come to.
     """
     count = len(problem.runs)
     counted, damping = np.ones(count, dtype=bool), np.zeros(count)
@@ -187,40 +190,46 @@ def solve(
     step_size, refused, evaluations, chord = first_step, 0, int(not known), 0
     steps = 0
     changes, costs = np.zeros(count, dtype=int), [base.cost]
-    while evaluations < most and refused < _MOST_REFUSED and steps < _MOST_STEPS * most:
-        check_time()
-        ended = (known or evaluations >= least) and (
-            _is_near(problem, base, near) or _stagnates(costs)
-        )
-        if ended and (roughly or not chord):
-            break
-        if chord and (ended or refused or chord == _MOST_CHORDS):
-            base, chord = _with_own_slopes(problem, base, damping, counted), 0
-            evaluations += 1
-            continue
-        steps += 1
-        given = _propose(problem, base, step_size)
-        to = base.moved(problem, given.step, counted)
-        runs = problem.linearised(to, base.runs if chords else None)
-        evaluations += not chords
-        damping = _next_damping(damping, problem, base, to, runs)
-        aside = _to_set_aside(problem, base, to, runs, counted)
-        fewer = counted & ~aside
-        trial = reduced(problem, to, runs, damping, fewer)
-        comparable = reduced(problem, base.point, base.runs, damping, fewer)
-        accepted, step_size = _answer(comparable, trial, given, step_size)
-        refused = 0 if accepted else refused + 1
-        if accepted:
-            back = _followed(problem, trial, fewer) & (changes < _MOST_CHANGES)
-            costs = [] if (aside | back).any() else [*costs, trial.cost]
-            changes += aside
-            base, counted, chord = trial, fewer | back, chord + chords
-        base = reduced(problem, base.point, base.runs, damping, counted)
-    if chord and not roughly:
+    cut_short = False
+    try:
+        while evaluations < most and refused < _MOST_REFUSED and steps < _MOST_STEPS * most:
+            spend(0)
+            ended = (known or evaluations >= least) and (
+                _is_near(problem, base, near) or _stagnates(costs)
+            )
+            if ended and (roughly or not chord):
+                break
+            if chord and (ended or refused or chord == _MOST_CHORDS):
+                base, chord = _with_own_slopes(problem, base, damping, counted), 0
+                evaluations += 1
+                continue
+            steps += 1
+            given = _propose(problem, base, step_size)
+            to = base.moved(problem, given.step, counted)
+            runs = problem.linearised(to, base.runs if chords else None)
+            evaluations += not chords
+            damping = _next_damping(damping, problem, base, to, runs)
+            aside = _to_set_aside(problem, base, to, runs, counted)
+            fewer = counted & ~aside
+            trial = reduced(problem, to, runs, damping, fewer)
+            comparable = reduced(problem, base.point, base.runs, damping, fewer)
+            accepted, step_size = _answer(comparable, trial, given, step_size)
+            refused = 0 if accepted else refused + 1
+            if accepted:
+                back = _followed(problem, trial, fewer) & (changes < _MOST_CHANGES)
+                costs = [] if (aside | back).any() else [*costs, trial.cost]
+                changes += aside
+                base, counted, chord = trial, fewer | back, chord + chords
+            base = reduced(problem, base.point, base.runs, damping, counted)
+    except OutOfBudgetError:
+        if not partly:
+            raise
+        cut_short = True
+    if chord and not (roughly or cut_short):
         base = _with_own_slopes(problem, base, damping, counted)
         evaluations += 1
     converged = _is_near(problem, base, max(near, _NEAR_ENOUGH))
-    return Solution(base, evaluations, converged, counted)
+    return Solution(base, evaluations, converged, counted, cut_short)
 
 
 def _with_own_slopes(

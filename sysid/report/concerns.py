@@ -55,6 +55,8 @@ def of_diagnosis(diagnosis: Mapping[str, Any] | None) -> Iterator[Concern]:
     if found == "unexplained":
         is_far_off = diagnosis.get("because") == "held-out errors"
         yield Concern("poor" if is_far_off else "fair", "the diagnosis, unexplained")
+    elif found == "incomplete":
+        yield Concern("fair", "the diagnosis, incomplete")
     else:
         yield Concern("good", "the diagnosis")
     if not is_of_actuator(diagnosis):

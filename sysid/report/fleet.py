@@ -29,10 +29,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _REPORT = "report.html"
-_LEVELS = {"adequate": "good", "effects-found": "fair", "unexplained": "poor"}
+_LEVELS = {
+    "adequate": "good", "effects-found": "fair", "incomplete": "fair", "unexplained": "poor",
+}  # fmt: skip
 _VERDICTS = {
     "adequate": "adequate",
     "effects-found": "effects found",
+    "incomplete": "incomplete",
     "unexplained": "unexplained",
     None: "not diagnosed",
 }
@@ -116,7 +119,8 @@ def _level(fleet: Fleet) -> str:
     """The worst of what stands below: a campaign without a result, a change, a verdict."""
     if fleet.failed or any(row.verdict == "unexplained" for row in fleet.rows):
         return "poor"
-    return "fair" if fleet.changes or any(row.effects for row in fleet.rows) else "good"
+    open_ones = any(row.effects or row.verdict == "incomplete" for row in fleet.rows)
+    return "fair" if fleet.changes or open_ones else "good"
 
 
 def _sentence(fleet: Fleet) -> str:

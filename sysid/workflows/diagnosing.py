@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from sysid.bundle import Bundle
 from sysid.diagnosis import content, wording
 from sysid.diagnosis.campaign import extended_bundle
-from sysid.diagnosis.looked import SECONDS, Looked
+from sysid.diagnosis.looked import Looked
 from sysid.diagnosis.result import BeforeAfter, Diagnosis, FoundEffect, Verdict
 from sysid.display.numbers import number
 from sysid.display.plots import bars, one_axes
@@ -38,7 +38,7 @@ class CampaignDiagnosis(Shown):
 
     @property
     def verdict(self) -> Verdict:
-        """ "adequate", "effects-found" or "unexplained"."""
+        """ "adequate", "effects-found", "incomplete" or "unexplained"."""
         return self.detail.verdict
 
     @property
@@ -53,7 +53,7 @@ class CampaignDiagnosis(Shown):
 
     @property
     def looked(self) -> Looked:
-        """What was looked at, and what was missed: for want of time, or as it failed."""
+        """What was looked at, and what was missed: as the budget ended, or as it failed."""
         return self.detail.looked
 
     def headline(self) -> str:
@@ -114,7 +114,7 @@ def diagnose(
     effects: EffectSource = None,
     refine: bool = True,
     seed: int = 0,
-    budget: float | None = SECONDS,
+    budget: float | None = None,
     quick: bool = False,
     progress: Progress | None = None,
 ) -> CampaignDiagnosis:
@@ -123,9 +123,11 @@ def diagnose(
     `effects`: effects in addition to the catalogue's, a Python file or the classes; `refine`:
     whether all parameters are estimated together by simulation error at the end, where an actuator
     lacked something; `seed` of the simulated twins. Takes from seconds (a part tested alone) to
-    minutes; `quick`: a first look in about a fifth of it. It ends after `budget` seconds (None:
-    never) with the best so far, and `looked` says what was missed or left out; one that ends by
-    itself finds the same whatever the budget. Raises InputError for logs that cannot be used or
+    minutes; `quick`: a first look in about a fifth of it. It ends after a number of
+    evaluations, the same on any machine, or in its place after `budget` seconds of processor time
+    (of this process and its workers), with the best so far: `verdict` is "incomplete" then, and
+    `looked` says what was missed or left out. One that ends by itself finds the same whatever the
+    budget. Raises InputError for logs that cannot be used or
     have changed since the fit, NotIdentifiedError where the bundle or the campaign is
     insufficient.
 

@@ -32,7 +32,7 @@ from sysid.io.logs import Log, Trial
 from sysid.io.rig import Rig
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import Model, has_discrete_law
-from sysid.parallel import Failure, on_its_own, time_limit
+from sysid.parallel import Failure, limited, on_its_own, spend
 from sysid.types import FloatArray
 from sysid.validation.motion_tests import CHAMBER_PRESSURES
 
@@ -77,7 +77,7 @@ def diagnose(
     logs among those held out are only simulated, before and after. `drawn` are models about the
     fitted one, as wrong as its numbers may be: what a right form may leave. Raises InputError for
     logs that cannot be used, NotIdentifiedError where the model or the logs do not suffice.
-    Ends within the time limit in force (`sysid.parallel`) with what was found by then. `earlier`:
+    Ends within the limit in force (`sysid.parallel`) with what was found by then. `earlier`:
     see `close_loop`.
     """
     if not has_discrete_law(model.parameters):
@@ -108,7 +108,7 @@ def diagnose(
             progress=progress,
         )
         progress("simulating the held-out logs, before and after")
-        with time_limit(None):
+        with limited():
             return _diagnosed(found, inside, outside, rig, model, drawn, seed)
     finally:
         forget()
@@ -138,9 +138,10 @@ def _diagnosed(
     curves = (*curves, *repeating(found, rests, curves, rig))
     structured = bool(curves)
     fitted = _fitted_floor(outside, model, found, drawn, seed)
-    far_off = not found.search.steps and is_far_off(errors[-1], floor, fitted)
+    cut_short = bool(found.looked.cut_short)
+    far_off = not (found.search.steps or cut_short) and is_far_off(errors[-1], floor, fitted)
     far_off = far_off and _is_beyond_draws(errors[-1], outside, model, found, drawn, seed)
-    undecided = not found.search.steps and not found.looked.is_decided
+    undecided = not (found.search.steps or cut_short or found.looked.is_decided)
     if (far_off or undecided) and not curves:
         curves = faintest(found)
         notices += [_FAR_OFF_NOTICE] * far_off
@@ -150,7 +151,6 @@ def _diagnosed(
     evidence = TwinEvidence(found, rig, curves)
     by_channel = _by_channel([*errors, floor], rig)
     return Diagnosis(
-        verdict=evidence.verdict(because),
         effects=evidence.found(by_channel[:-1]),
         residual=residual(by_channel[:-1], by_channel[-1]),
         unexplained=_unexplained(evidence),
@@ -171,7 +171,7 @@ def rivals_of(
     for search in evidence.loop.search.rivals:
         outside = _held_out(logs, rig)
         other = replace(evidence, loop=replace(evidence.loop, search=search))
-        with time_limit(None):
+        with limited():
             errors = _by_channel(_errors(outside, model, other.loop), rig)
         after = {name: replace(one, after=errors[-1][name]) for name, one in found.residual.items()}
         yield replace(found, effects=other.found(errors), residual=after, evidence=other)
@@ -195,7 +195,7 @@ def with_errors_after_judged(found: Diagnosis) -> Diagnosis:
     little off move the position alone: all three channels have to be known.
     """
     known = len(found.residual) == 1 + len(CHAMBER_PRESSURES)
-    if not (found.effects and found.because is None and known):
+    if not (found.verdict == "effects-found" and known):
         return found
     after, floor = (
         np.array([getattr(errors, name) for errors in found.residual.values()], dtype=float)
@@ -208,7 +208,6 @@ def with_errors_after_judged(found: Diagnosis) -> Diagnosis:
     because: Because = "held-out errors"
     return replace(
         found,
-        verdict=evidence.verdict(because),
         because=because,
         unexplained=_unexplained(evidence),
         evidence=evidence,
@@ -274,7 +273,11 @@ def _of_static_friction(found: Loop) -> Iterator[str]:
 
 
 def _log_error(tests: HeldOut, model: Model) -> float:
-    """Mean logarithm of the channels' open-loop RMSE: units do not count, 0 without tests."""
+    """Mean logarithm of the channels' open-loop RMSE: units do not count, 0 without tests.
+
+    Raises OutOfBudgetError.
+    """
+    spend()
     errors = tests.rmse(model) if tests.tests else np.ones(3)
     logged = errors[~np.isnan(errors)]
     return float(np.mean(np.log(logged))) if len(logged) else 0.0

@@ -38,7 +38,7 @@ from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import Model
-from sysid.parallel import Failure, attempt, time_limit
+from sysid.parallel import Failure, attempt, limited
 
 TWINS = 4
 CORRECTION_TWINS = 2
@@ -101,8 +101,8 @@ def begin(
     seed: int = 0,
     progress: Callable[[str], None] = lambda line: None,
 ) -> Start:
-    """Simulate what `close_loop` judges by; notes in `book` what the time limit kept back."""
-    with time_limit(None):
+    """Simulate what `close_loop` judges by; notes in `book` what failed."""
+    with limited():
         noise = sensor_noise(tests, rig)
         traces = prepare(tests, rig, model)
         model = with_sliding_friction(traces, model)
@@ -150,10 +150,10 @@ def begin(
         for twin in simulate_twins(traces, model, noise, scatter, count, seed, rig):
             judged.append(twin_frame(twin))
 
-    ended = attempt(judge)
-    if isinstance(ended, Failure):
-        book.miss(ended, decides=False)
-    with time_limit(None):
+    with limited():
+        ended = attempt(judge)
+        if isinstance(ended, Failure):
+            book.miss(ended, decides=False)
         null = Null(judged or [twin_frame(pilot)], forms, sensors, twins_beside)
     return Start(traces, model, noise, scatter, colour, forms, moving, null)
 
@@ -174,8 +174,8 @@ def close_loop(
 
     `simulation_error` is the logarithm of a model's error on the fitted motion logs: of the
     numbers with and without the twins' correction, the better-simulating ones are kept. Ends
-    within the time limit in force (`sysid.parallel`), save for what no verdict can do without:
-    the residual, and one twin. `quick`: a first look, with one twin, one form of
+    within the limit in force (`sysid.parallel`), save for what no verdict can do without: the
+    residual, the twins and the first round. `quick`: a first look, with one twin, one form of
     each effect, one effect at most and no correction. `earlier`: what searches of these tests with
     more effects know, to which this one adds.
     """
@@ -200,7 +200,7 @@ def close_loop(
             book.miss(better, decides=False)
         else:
             found = better
-    with time_limit(None):
+    with limited():
         after = build_frame(traces, found.model, start.colour, 0.0, start.moving)
         left = min(scatter_beside(after, found.model), start.scatter.sliding)
     return Loop(

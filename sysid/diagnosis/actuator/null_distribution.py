@@ -14,7 +14,7 @@ from sysid.diagnosis.actuator.equation_error import BALANCES, CHANNELS
 from sysid.diagnosis.actuator.screening import Projected, screen_group
 from sysid.diagnosis.actuator.signatures import Candidate
 from sysid.diagnosis.looked import Book
-from sysid.parallel import attempt_in_threads, check_time
+from sysid.parallel import attempt_in_threads, spend
 from sysid.types import FloatArray
 
 _SMALLEST_P = 1e-300
@@ -62,7 +62,7 @@ class Null:
         """The same, but that twins of this residual's own model say what is expected.
 
         A model that lacks an effect moves otherwise, and its twins leave another residual than one
-        that holds it. Raises SimulationError, OutOfTimeError.
+        that holds it. Raises SimulationError, OutOfBudgetError.
         """
         twins = self._twins_of(base) if self._twins_of is not None else ()
         if not twins:
@@ -76,7 +76,7 @@ class Null:
 
         Where the first twin gains as much, or next to nothing against it, or the gain is below
         `least`, the others are not screened. Returns those that could be screened. Raises
-        OutOfTimeError.
+        OutOfBudgetError.
         """
         self._screen(gains, self._twins[:1], book)
         known = [e for e in gains if e in self._gains]
@@ -105,7 +105,7 @@ class Null:
         forms = {e: [f for f in self._forms if f.id == e] for e in wanted}
         jobs = [(e, twin) for e in wanted for twin in twins]
         tried = attempt_in_threads(partial(screen_group, twin, forms[e]) for e, twin in jobs)
-        check_time()
+        spend(0)
         for e, results in book.results([e for e, _ in jobs], tried):
             best = max((r.gain for r in results), default=0.0)
             self._gains[e] = np.append(self._gains.get(e, np.zeros(0)), best)

@@ -19,7 +19,7 @@ from sysid.diagnosis.actuator.whitening import Frame, friction_scatter
 from sysid.diagnosis.looked import Book
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import Model
-from sysid.parallel import attempt_in_threads, check_time
+from sysid.parallel import attempt_in_threads, spend
 from sysid.types import FloatArray
 
 # Below this remaining share of its length a signature is one the base parameters can imitate.
@@ -103,7 +103,7 @@ class Explained:
 def screen(base: Projected, forms: Sequence[Candidate], book: Book) -> list[Explained]:
     """Every form against a residual, in parallel on the machine's cores.
 
-    Effects that cannot be screened are noted. Raises OutOfTimeError.
+    Effects that cannot be screened are noted. Raises OutOfBudgetError.
     """
     # The forms of one effect stay together: those on both sides build on those on either.
     groups = [list(group) for _, group in itertools.groupby(forms, key=lambda f: f.id)]
@@ -113,7 +113,7 @@ def screen(base: Projected, forms: Sequence[Candidate], book: Book) -> list[Expl
     tried = [one for _, one in sorted(zip(longest, done, strict=True), key=lambda pair: pair[0])]
     found = book.results([group[0].id for group in groups], tried)
     book.screened += [name for name, _ in found]
-    check_time()
+    spend(0)
     return [result for _, group in found for result in group]
 
 

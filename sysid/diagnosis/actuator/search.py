@@ -6,7 +6,6 @@ import contextlib
 import copy
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -47,13 +46,13 @@ from sysid.diagnosis.actuator.signatures import Candidate, finer
 from sysid.diagnosis.actuator.suspects import Suspect, suspects_of, worth_refitting
 from sysid.diagnosis.actuator.threshold_steps import best_near, with_steps
 from sysid.diagnosis.actuator.whitening import Frame
-from sysid.diagnosis.looked import LATE, Book, SearchStage
+from sysid.diagnosis.looked import Book, SearchStage
 from sysid.diagnosis.search import MOST_EFFECTS, Round, Rounds, Step, run
 from sysid.errors import SimulationError
 from sysid.estimation.linear import Estimate
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import Model, overrides
-from sysid.parallel import Failure, attempt, attempt_in_threads, time_limit
+from sysid.parallel import LATE, Failure, attempt, attempt_in_threads, limited
 from sysid.types import Progress
 
 # By how much an effect in them may gain more than they exceed the twins.
@@ -180,15 +179,15 @@ def search(
 
     A further effect must not raise `simulation_error`, the logarithm of a model's error on the
     fitted motion logs: one that only absorbs the misfit of the first may raise it. What fails,
-    or what time runs out for, is noted in `book`; the result is then the best so far. What is
+    or what the budget ends before, is noted in `book`; the result is then the best so far. What is
     `known` of the same frame is not worked out again.
     """
-    with time_limit(None):
+    with limited():
         first = projected(frame, model)
     rounds = _TwinRounds(first, candidates, null, progress, simulation_error, book, known)
     history = run(rounds, book, progress)
     rounds, history = _exchanged(rounds, history, progress)
-    with time_limit(None):
+    with limited():
         found = rounds.finished(history)
     if book.quick:
         return found
@@ -223,7 +222,7 @@ def _exchanged(
     begun = (Round(step.tried, step),)
     later = run(other, aside, progress, begun, {first.id})
     if not other.leaves_far_less_than(rounds):
-        if any(miss.out_of_time for miss in aside.missed[len(book.missed) :]):
+        if any(miss.out_of_budget for miss in aside.missed[len(book.missed) :]):
             book.miss(LATE, decides=False)
         return rounds, history
     book.take(aside)
@@ -314,9 +313,7 @@ class _TwinRounds(Rounds[RefittedStep]):
         excess = self.null.excess(base)
         forget()
         fitted = self._fitted(passing, starts)
-        # Of the first round's suspects the best that was fitted is taken, if time runs out then.
-        with time_limit(None) if not self.steps else nullcontext():
-            step = self._best(excess, fitted, number)
+        step = self._best(excess, fitted, number)
         if step is None:
             return None
         if number == 1:
@@ -649,7 +646,7 @@ class _TwinRounds(Rounds[RefittedStep]):
         frame = self.first.frame
         if self.book.quick or frame.scatter < _MUCH_SCATTER:
             return
-        with time_limit(None):
+        with limited():
             left = scatter_beside(frame, self.steps[-1].model)
             if left > _FAR_LESS * frame.scatter:
                 return
@@ -703,7 +700,7 @@ class _TwinRounds(Rounds[RefittedStep]):
         effects = [s.effect for s in before]
         given = self.first.model
         self.steps = before
-        with time_limit(None):
+        with limited():
             for later in after:
                 effects.append(later.effect)
                 model = Model(given.parameters, (*given.effects, *effects))
@@ -714,7 +711,7 @@ class _TwinRounds(Rounds[RefittedStep]):
         self, history: tuple[Round, ...]
     ) -> Iterator[tuple[_TwinRounds, tuple[Round, ...]]]:
         """These rounds with a rival in the place of an effect from which the balances do not tell
-        it, hardly beside the others either; with their history. Raises OutOfTimeError."""
+        it, hardly beside the others either; with their history. Raises OutOfBudgetError."""
         for step in self.steps:
             others = [s for s in self.steps if s is not step]
             for rival in step.alike:
@@ -758,7 +755,7 @@ class _TwinRounds(Rounds[RefittedStep]):
         return with_base_refitted(self.first, model)
 
     def _look_beside(self, model: Model) -> None:
-        with time_limit(None):
+        with limited():
             extra = own_columns(self.first.frame, model)
             self.base = projected(self.first.frame, model, extra=extra)
         if self.book.quick:

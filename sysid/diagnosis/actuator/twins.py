@@ -21,6 +21,7 @@ from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.model.ports import Model
 from sysid.model.sensors import measured_channels
+from sysid.parallel import spend
 from sysid.types import FloatArray
 
 if TYPE_CHECKING:
@@ -142,10 +143,11 @@ def simulate_twins(
     """`count` twins of the traces of a campaign's tests.
 
     A test in which nothing can move does not depend on scatter and is simulated once. The
-    seed determines every draw.
+    seed determines every draw. Raises OutOfBudgetError.
     """
     from sysid.model.simulator import simulate
 
+    spend(count)
     rng = np.random.default_rng(seed)
     moving = [run for run in traces.runs if run.moves]
     held = [run for run in traces.runs if not run.moves]

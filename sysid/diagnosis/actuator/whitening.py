@@ -28,7 +28,7 @@ from sysid.diagnosis.actuator.samples import Rows, Traces, Windows, windows
 from sysid.io.channels import SIDES
 from sysid.model.effects.entry import CatalogueEffect
 from sysid.model.ports import Model
-from sysid.parallel import check_time
+from sysid.parallel import spend
 from sysid.types import BoolArray, FloatArray, IntArray
 
 ORDER = 6
@@ -92,9 +92,9 @@ class Frame:
         """The whitened equation error of a model, (rows,).
 
         A trial model whose states diverge has a large one, not an undefined one. Raises
-        OutOfTimeError.
+        OutOfBudgetError.
         """
-        check_time()
+        spend()
         with np.errstate(over="ignore", invalid="ignore"):
             error = equation_error(self.traces, model, channels, self.rows_used)
             found = self.vector(error, channels)

@@ -90,8 +90,9 @@ def diagnose_component(
         structured = _repeating(structured, rest, left, errors[0].get(component.channel, error))
     if error < component.precision * _size_of(component):
         structured = []
-    undecided = not selection.additions and not selection.looked.is_decided
-    far_off = not selection.additions and floor > 0.0 and error > FAR_OFF * floor
+    nothing = not (selection.additions or selection.looked.cut_short)
+    undecided = nothing and not selection.looked.is_decided
+    far_off = nothing and floor > 0.0 and error > FAR_OFF * floor
     because = why_unexplained(bool(structured), far_off, undecided)
     if because == "held-out errors":
         notices = (*notices, _FAR_OFF_NOTICE)
@@ -105,7 +106,6 @@ def diagnose_component(
         structured = structured or left[:1]
     evidence = HeldOutEvidence(kind, selection, tuple(left), given, outside)
     return Diagnosis(
-        verdict=evidence.verdict(because),
         effects=evidence.found(errors),
         residual=residual(errors, floors),
         unexplained=tuple(Unexplained(c.channel, c.regressor, c.share) for c in structured),

@@ -25,7 +25,7 @@ from sysid.estimation.nested import nested_p_value
 from sysid.estimation.nonlinear import LeastSquaresFit, Parameter, central_jacobian_of_all, minimise
 from sysid.estimation.quality import FitQuality, repeated_scatter, repeats_test, scatter_test
 from sysid.model.effects.entry import CatalogueEffect, Quantity, with_values
-from sysid.parallel import check_time
+from sysid.parallel import spend
 from sysid.types import FloatArray
 
 _EVALUATIONS = 30
@@ -207,7 +207,7 @@ def _minimise(
     start = np.array([p.value for p in everything])
 
     def residuals(points: Sequence[FloatArray]) -> list[FloatArray]:
-        check_time()
+        spend()
         return residuals_of(component, [law_at(own, effects, point) for point in points], tests)
 
     def moved(i: int) -> FloatArray:

@@ -30,7 +30,7 @@ from sysid.diagnosis.thresholds import DIGITS, LEAST_GAIN, RIVAL_SHARE, SIGNIFIC
 from sysid.estimation.nonlinear import LeastSquaresFit
 from sysid.model.effects.catalogue import class_of
 from sysid.model.effects.entry import CatalogueEffect
-from sysid.parallel import Failure, attempt, attempt_all, time_limit
+from sysid.parallel import Failure, attempt, attempt_all, limited
 from sysid.types import FloatArray, Progress, no_progress
 
 Kind = type[CatalogueEffect]
@@ -106,8 +106,8 @@ def select(
 ) -> Selection:
     """Add effects to a part's law as long as they predict tests that were left out.
 
-    Ends within the time limit in force (`sysid.parallel`), but for the law itself. Raises
-    NotIdentifiedError where that is not identified.
+    Ends within the limit in force (`sysid.parallel`), but for the law itself and the first round.
+    Raises NotIdentifiedError where the law is not identified.
     """
     rounds = _HeldOutRounds(component, catalogue, progress)
     rounds.book.quick = quick
@@ -126,7 +126,7 @@ class _HeldOutRounds(Rounds[Addition]):
     ) -> None:
         self.component, self.progress, self.book = component, progress, Book()
         self.folds = folds_of(component)
-        with time_limit(None):
+        with limited():
             self.base = fit_law(component, (), range(len(component.tests)))
             self.first = cross_validated(component, (), self.folds, self.base.law)
         self.kinds = [
@@ -186,7 +186,7 @@ class _HeldOutRounds(Rounds[Addition]):
         return found
 
     def _repeats(self, name: str, contenders: Sequence[FittedLaw], number: int) -> Repeats:
-        """Whether parts of the tests name the first of these too; nothing where time runs out."""
+        """Whether parts of the tests name the first of these too; nothing where the budget ends."""
         nothing = Repeats(name, ())
         if self.book.quick:
             self.book.left_out(SearchStage.REPETITION, number)
@@ -220,7 +220,7 @@ class _HeldOutRounds(Rounds[Addition]):
         return None if least is None else least[1]
 
     def remove(self, step: Addition) -> None:
-        with time_limit(None):
+        with limited():
             place = self.steps.index(step)
             kept, later = self.steps[:place], self.steps[place + 1 :]
             for one in later:
@@ -246,7 +246,7 @@ def folds_of(component: Component) -> list[list[int]]:
 def _attempts(rounds: _HeldOutRounds, kinds: Sequence[Kind]) -> list[tuple[Attempt, FittedLaw]]:
     """Every open effect with its fit, the best prediction first; computed in parallel.
 
-    What fails, or what time runs out for, is noted.
+    What fails, or what the budget ends before, is noted.
     """
     component, book, without = rounds.component, rounds.book, rounds.so_far
     chosen = [type(effect) for effect in without.law.effects]

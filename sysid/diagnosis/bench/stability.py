@@ -18,7 +18,7 @@ import numpy as np
 from sysid.diagnosis.bench.component import Component
 from sysid.diagnosis.bench.fitting import FittedLaw, fit_law
 from sysid.diagnosis.thresholds import DIGITS, LEAST_GAIN, RIVAL_SHARE, SIGNIFICANCE
-from sysid.parallel import Failure, OutOfTimeError, attempt_all
+from sysid.parallel import Failure, OutOfBudgetError, attempt_all
 
 PARTS = 3
 # Below it a part is two thirds of the tests, not one.
@@ -71,7 +71,7 @@ class Repeats:
 def repeats(component: Component, without: FittedLaw, contenders: Sequence[FittedLaw]) -> Repeats:
     """What parts of the tests name, of contenders fitted to all of them, the winner first.
 
-    A contender has one effect beyond `without`, the last of its law. Raises OutOfTimeError.
+    A contender has one effect beyond `without`, the last of its law. Raises OutOfBudgetError.
     """
     found = attempt_all(
         partial(_named, component, without, contenders, part) for part in parts(component)
@@ -79,7 +79,7 @@ def repeats(component: Component, without: FittedLaw, contenders: Sequence[Fitte
     named = []
     for one in found:
         if isinstance(one, Failure):
-            raise OutOfTimeError if one.out_of_time else RuntimeError(one.reason)
+            raise OutOfBudgetError if one.out_of_budget else RuntimeError(one.reason)
         named.append(one)
     return Repeats(_id(contenders[0]), tuple(named))
 
