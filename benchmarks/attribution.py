@@ -47,9 +47,8 @@ KINDS = ("none", "one", "outside", "two")
 SHARES = (0.3, 0.45, 0.125, 0.125)
 SCATTERS = (0.0, 0.02, 0.04)
 CATALOGUED = tuple(name for name in FORMS if name not in OUT_OF_CATALOGUE)
-SECONDS = 900
-# Results do not depend on what else the machine does: the time is recorded, not limited.
-LIMIT = ("--budget", str(SECONDS))
+# Of a command that hangs. What a diagnosis finds does not depend on the time that it takes.
+SECONDS = 3600
 RESULTS = REPOSITORY / "benchmarks" / "attribution.jsonl"
 # Written by `detectable.py pairs`.
 PAIR_SIZES = REPOSITORY / "benchmarks" / "pair_sizes.jsonl"
@@ -89,7 +88,7 @@ def call(*words: str) -> subprocess.CompletedProcess[str]:
         cwd=REPOSITORY,
         capture_output=True,
         text=True,
-        timeout=SECONDS + 300,
+        timeout=SECONDS,
         check=False,
     )
 
@@ -114,7 +113,7 @@ def one(seed: int) -> dict[str, Any]:
         middle = time.perf_counter()
         if fitted.returncode != 0:
             return drawn | {"failed": f"fit: {fitted.stderr.strip()[-200:]}"}
-        found = call("sysid", "diagnose", campaign, "--bundle", bundle, "--json", *LIMIT)
+        found = call("sysid", "diagnose", campaign, "--bundle", bundle, "--json")
         if found.returncode != 0:
             return drawn | {"failed": f"diagnose: {found.stderr.strip()[-200:]}"}
         seconds = {"fit_s": middle - start, "diagnose_s": time.perf_counter() - middle}

@@ -206,7 +206,7 @@ def compare(folder: Path, count: int) -> None:
 def run_fleet(campaigns: Sequence[str], out: Path, words: Sequence[str]) -> subprocess.Popen[bytes]:
     """`sysid fleet` anew, in a process of its own."""
     shutil.rmtree(out, ignore_errors=True)
-    options = ["--no-refine", "--budget", "600", "-o", str(out), *words]
+    options = ["--no-refine", "-o", str(out), *words]
     return subprocess.Popen(
         [sys.executable, "-m", "sysid", "fleet", *campaigns, *options],
         stdout=subprocess.DEVNULL,

@@ -2,8 +2,7 @@
 
     sysid convert SOURCE --spec recipe.toml -o WORK/set/log.csv [--rows FIRST:LAST]
     sysid fit CAMPAIGN -o bundle.json
-    sysid diagnose CAMPAIGN --bundle bundle.json -o extended.json --report report.html --json \
-        --budget 86400
+    sysid diagnose CAMPAIGN --bundle bundle.json -o extended.json --report report.html --json
 
 Nothing here depends on a particular set. The commands' output is kept, without machine paths.
 """
@@ -38,9 +37,6 @@ from sysid.types import Progress
 
 # Conversions at a time.
 _PROCESSES = 2
-
-# s: what is found does not depend on what else the machine does.
-_UNLIMITED = "86400"
 
 
 class CommandFailedError(SysidError):
@@ -184,7 +180,6 @@ def _run_campaign(
         progress(f"{measured.name}: diagnosing {campaign.file}")
         report = str(results / "report.html")
         options = ["--bundle", bundle, "-o", extended, "--report", report, "--json"]
-        options += ["--budget", _UNLIMITED]
         found = _sysid(["diagnose", campaign.file, *options], work)
         found.pop("written", None)
         said["diagnosis"] = found
