@@ -23,7 +23,7 @@ from sysid.errors import InputError, NotIdentifiedError
 from sysid.estimation.linear import Estimate, chi_squared_quantile
 from sysid.io.campaign import Campaign
 from sysid.model.effects.entry import Catalogue, CatalogueEffect
-from sysid.parallel import LATE, Failure, attempt
+from sysid.parallel import LATE, Failure, attempt, limited
 from sysid.types import Progress, no_progress
 
 if TYPE_CHECKING:
