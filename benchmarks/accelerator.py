@@ -50,7 +50,7 @@ def times_real_time(runs: int, seconds: float) -> tuple[float, set[str]]:
         seen.update(devices_of(found))
         return found
 
-    simulator._advance_chunk = watched
+    simulator._advance_chunk = watched  # type: ignore[assignment]
     try:
         simulator.simulate(inputs[: min(runs, 32)], models[: min(runs, 32)])
         start = time.perf_counter()

@@ -43,7 +43,6 @@ REPOSITORY = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(REPOSITORY))
 
 from benchmarks.attribution import (  # noqa: E402
-    LIMIT,
     PAIR_SIZES,
     RESULTS,
     call,
@@ -237,7 +236,7 @@ def diagnosed(seed: int, form: str, smallest: float, times: float) -> dict[str, 
         try:
             generate(seed, Path(folder), "--effect", f"{form}*{times * smallest:.6g}")
             command("sysid", "fit", campaign, "-o", bundle)
-            found = command("sysid", "diagnose", campaign, "--bundle", bundle, "--json", *LIMIT)
+            found = command("sysid", "diagnose", campaign, "--bundle", bundle, "--json")
         except CommandFailedError as error:
             return {**drawn, "failed": str(error)}
     return {**drawn, "diagnosis": json.loads(found)}

@@ -200,7 +200,7 @@ def main(campaign_path: Path, bundle_path: Path, truth_path: Path) -> None:
     import numpy as np
 
     from sysid.bundle import read_bundle
-    from sysid.diagnosis.actuator.holdout import held_out
+    from sysid.diagnosis.actuator.holdout import motion_tests
     from sysid.io.campaign import read_campaign
 
     campaign = read_campaign(campaign_path)
@@ -210,7 +210,7 @@ def main(campaign_path: Path, bundle_path: Path, truth_path: Path) -> None:
         print("null")
         return
     logs = [(e.kind, campaign.read(e)) for e in campaign.logs if e.use == "holdout"]
-    errors = held_out(campaign.rig, logs).rmse(model)
+    errors = motion_tests(campaign.rig, logs).rmse(model)
     names = (campaign.rig.position_channel, "pressure_a_pa", "pressure_b_pa")
     print(json.dumps({n: e for n, e in zip(names, errors.tolist(), strict=True) if np.isfinite(e)}))
 
