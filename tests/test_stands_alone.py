@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 import shutil
 from collections.abc import Callable
@@ -12,12 +13,13 @@ from typing import Any, NoReturn
 
 import numpy as np
 import pytest
-from golden_folder import BUNDLED
+from golden_folder import BUNDLED, golden_bundle
 from test_valve_pwm import make_rig, make_trials
 
 from sysid import assembly, valve_discrete, valve_pwm
 from sysid.assembly import fit_campaign
-from sysid.bundle import Bundle
+from sysid.bundle import Bundle, read_bundle
+from sysid.bundle.assembled_model import assumed_parameters
 from sysid.checks.consistency import campaign as consistency
 from sysid.commands import stages
 from sysid.commands.printing import unless_failed
@@ -27,7 +29,7 @@ from sysid.errors import InputError, NotIdentifiedError, SimulationError
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import Campaign, read_campaign
 from sysid.io.logs import Log
-from sysid.parallel import Failure, OutOfTimeError, error_of, on_its_own
+from sysid.parallel import Failure, OutOfBudgetError, error_of, on_its_own
 from sysid.report import friction, page, render_report
 from sysid.report.blocks import Plot, Section
 from sysid.surfaces.comparison import SurfaceComparison
@@ -85,7 +87,7 @@ def test_faults_are_raised_for_those_who_look_for_them(monkeypatch: pytest.Monke
     assert isinstance(on_its_own(failing(NotIdentifiedError("no flow"))), Failure)
 
 
-@pytest.mark.parametrize("error", [OutOfTimeError(), OSError(28, "No space left")])
+@pytest.mark.parametrize("error", [OutOfBudgetError(), OSError(28, "No space left")])
 def test_what_is_not_the_parts_own_passes(error: Exception) -> None:
     with pytest.raises(type(error)):
         on_its_own(failing(error))
@@ -261,6 +263,9 @@ class Held:
     channel: str = "motor_torque_nm"
     tests: tuple[str, ...] = ("1",)
 
+    def noise_floor(self, law: float) -> float:
+        return 0.5
+
     def residuals(self, law: float, tests: Any) -> list[Any]:
         return [np.full(4, law)]
 
@@ -271,7 +276,7 @@ class Held:
 
 
 def test_a_law_that_cannot_be_simulated_leaves_a_parts_diagnosis() -> None:
-    errors, floors, notices = _held_out(Held(), [2.0, 1.0], 0.5)  # type: ignore[arg-type, list-item]
+    errors, floors, notices = _held_out(Held(), [2.0, 1.0])  # type: ignore[arg-type, list-item]
     assert [e["motor_torque_nm"] for e in errors] == [2.0, 1.0]
     assert math.isnan(errors[0]["theta_rad"]) and errors[1]["theta_rad"] == 0.1
     assert floors == {"motor_torque_nm": 0.5, "theta_rad": 0.01}
@@ -382,3 +387,22 @@ def test_a_verdict_that_cannot_be_worked_out_says_why(
     monkeypatch.setattr(page, "verdict", failing(ZeroDivisionError("division by zero")))
     html = render_report(campaign=only(bundled, "friction-static"), bundle=fitted)
     assert "No verdict could be worked out" in html and '<section id="friction"' in html
+
+
+@pytest.mark.parametrize("way", ["fill", "dis"])
+def test_a_flow_that_surfaces_alone_show_is_taken_from_them(way: str, tmp_path: Path) -> None:
+    """Without on/off tests and averaged law the surface at the largest opening has the flow."""
+    content = json.loads(golden_bundle("diagnosed").read_text())
+    valve = content["valves"]["a"]
+    assert "averaged" not in valve["pwm"]
+    known = read_bundle(golden_bundle("diagnosed")).model().parameters
+    for key in (f"choked_flow_{way}_kg_s", f"c_{way}"):
+        valve["discrete"][key] = {"value": None, "identified": False, "reason": "unsteady supply"}
+    path = tmp_path / "bundle.json"
+    path.write_text(json.dumps(content))
+    bundle = read_bundle(path)
+    name = f"choked_{way}_a"
+    found, wanted = (float(getattr(p, name)) for p in (bundle.model().parameters, known))
+    assert found == pytest.approx(wanted, rel=0.1)
+    said = [line for line in assumed_parameters(bundle) if "valves.a" in line]
+    assert len(said) == 2 and "surface of its PWM tests" in said[0] + said[1]

@@ -257,7 +257,7 @@ def _assumed_flows(bundle: BundleContent) -> Iterator[str]:
         if bundle.valve(side).discrete is None:
             continue
         for name, key in LAW_KEYS.items():
-            taken = _taken_from(bundle.valve(side), name)
+            taken = _taken_from(bundle.valve(side), name, bundle.rig)
             if taken:
                 yield (
                     f"{bundle.source}: valves.{side}.discrete: {key} is not identified: the model "
@@ -424,8 +424,8 @@ def _differs(fitted: object, declared: float | None, tolerance: float) -> bool:
 
 def _discrete_law(bundle: BundleContent, rig: Rig, side: str) -> ValveParameters:
     """The on/off law; NaN flows without one. A flow that its tests do not identify is that of the
-    PWM tests, else it follows from that of the other regime: the law is continuous where the valve
-    was never seen to be otherwise."""
+    PWM tests (their averaged law, else a choked one of their surface), else it follows from that of
+    the other regime: the law is continuous where the valve was never seen to be otherwise."""
     valve = bundle.valve(side)
     law = valve.discrete
     if law is None:
@@ -434,11 +434,11 @@ def _discrete_law(bundle: BundleContent, rig: Rig, side: str) -> ValveParameters
     test = f"valve-discrete tests of valve {side} (on and off again, piston held) would identify it"
     values: dict[str, float] = {}
     for name, key in LAW_KEYS.items():
-        measured = _measured_flow(valve, name)
+        measured = _measured_flow(valve, name, rig)
         if measured is not None:
             values[name] = measured
             continue
-        other = _measured_flow(valve, _OTHER_REGIME[name])
+        other = _measured_flow(valve, _OTHER_REGIME[name], rig)
         if other is None:
             values[name] = _identified(law, key, place, test)  # raises
             continue
@@ -447,25 +447,49 @@ def _discrete_law(bundle: BundleContent, rig: Rig, side: str) -> ValveParameters
     return ValveParameters(**values)
 
 
-def _measured_flow(valve: Valve, name: str) -> float | None:
+def _measured_flow(valve: Valve, name: str, rig: Rig) -> float | None:
     """A flow or coefficient as the on/off tests give it, else as the PWM tests do."""
     for law in (valve.discrete, valve.averaged()):
         own = None if law is None else getattr(law, LAW_KEYS[name])
         if own is not None and own.identified:
             return float(own.value)
+    return _choked_on_surface(valve, name, rig)
+
+
+def _choked_on_surface(valve: Valve, name: str, rig: Rig) -> float | None:
+    """A choked flow as a surface has it where the valve is open the most and nothing flows the
+    other way: into an empty chamber, and out of a full one. None of an unchoked coefficient."""
+    direction = {"choked_fill": "fill", "choked_dis": "discharge"}.get(name)
+    part = None if direction is None else valve.surfaces(direction)
+    longer = rig.valves.off_delay_s - rig.valves.on_delay_s if rig.valves else 0.0
+    gain = longer / rig.pwm.period_s if rig.pwm else 0.0
+    for kind in reversed(SURFACE_KINDS):  # the network follows its tests more closely
+        held = None if part is None else part.surface(kind)
+        if held is None:
+            continue
+        surface = held.model(f"the surface of {direction}")
+        empty, full = surface.domain_.pressure_range
+        pressure = empty if direction == "fill" else full
+        low, high = (float(limit[0]) for limit in surface.domain_.duty_limits(np.array([pressure])))
+        duty, share = (high, high + gain) if direction == "fill" else (low, 1.0 - low - gain)
+        flow = abs(float(surface.flow(duty, pressure)[0]))
+        return flow / share if flow > 0.0 and share > 0.0 else None
     return None
 
 
-def _taken_from(valve: Valve, name: str) -> str:
+def _taken_from(valve: Valve, name: str, rig: Rig) -> str:
     """Where the model has a flow from that the on/off tests do not identify; empty if they do, or
     if nothing gives it."""
     own = getattr(valve.discrete, LAW_KEYS[name])
     if own is None or own.identified:
         return ""
-    if _measured_flow(valve, name) is not None:
+    averaged = valve.averaged()
+    if averaged is not None and getattr(averaged, LAW_KEYS[name]).identified:
         return "that of the averaged law of its PWM tests"
+    if _measured_flow(valve, name, rig) is not None:
+        return "that of the surface of its PWM tests at the largest opening"
     other = _OTHER_REGIME[name]
-    known = _measured_flow(valve, other) is not None
+    known = _measured_flow(valve, other, rig) is not None
     return f"what {LAW_KEYS[other]} gives at the choked boundary" if known else ""
 
 
