@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -152,6 +153,14 @@ def test_a_part_is_added_to_a_bundle_with_its_rig(
     assert both.friction is not None and both.valve("a").discrete is not None
     assert "air.supply_pressure_pa" not in both.rig.assumed
     assert both.rig.require("air", "").supply_pressure_pa == pytest.approx(SUPPLY, rel=1e-3)
+    for _ in range(2):  # a page of its own, replaced by the same fit
+        assert main(["fit", "valve-discrete", "valve.csv", "--into", "all.json"]) == 0
+    # A rig file that contradicts the bundle's is refused, as it was.
+    shutil.copy(BUNDLED / "rig.toml", folder)
+    capsys.readouterr()
+    words = ["fit", "valve-discrete", "valve.csv", "--into", "all.json", "--no-report"]
+    assert main(words) == 2
+    assert "another rig file" in capsys.readouterr().err
 
 
 def test_volts_without_a_torque_constant_are_no_torque(

@@ -268,7 +268,7 @@ class Fitted:
 class _Given:
     """The rig and its logs; `fitted_with` is the rig that the logs are read and fitted with.
 
-    They differ where efforts are `in_volts`.
+    They differ where efforts are `in_volts`. `is_bare`: no rig file was given.
     """
 
     rig: Rig
@@ -276,6 +276,7 @@ class _Given:
     logs: tuple[Log, ...]
     notices: tuple[str, ...]
     in_volts: bool = False
+    is_bare: bool = False
 
 
 @dataclass(frozen=True)
@@ -336,7 +337,9 @@ def _fit_part(
         options={kind: options or {}},
     )
     if existing is not None:
-        bundle = existing.replaced(rig_content=rig.content).merged(bundle)
+        if given.is_bare:  # its rig is the bundle's own, of which this log may show more
+            existing = existing.replaced(rig_content=rig.content)
+        bundle = existing.merged(bundle)
     if target is not None:
         write_bundle(bundle, target)
     if page is not None:
@@ -413,7 +416,7 @@ def _read_logs(files: _Files, existing: Bundle | None) -> _Given:
         return _Given(rig, rig, logs, rig.notices)
     beside = None if existing is None else existing.rig_content
     bare = read_bare_logs(files.logs, mapping, beside)
-    return _Given(bare.rig, bare.read_with, bare.logs, bare.notices, bare.in_volts)
+    return _Given(bare.rig, bare.read_with, bare.logs, bare.notices, bare.in_volts, is_bare=True)
 
 
 # --- printing -----------------------------------------------------------------------------

@@ -10,7 +10,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sysid.bundle import Bundle, FittedValves, assumptions
+from sysid.bundle import Bundle, FittedValves, LogRecord, assumptions
+from sysid.bundle.provenance import family
 from sysid.diagnosis.evidence import is_of_actuator
 from sysid.errors import input_error
 from sysid.io.campaign import FRICTION_KINDS, MOTION_KINDS
@@ -289,7 +290,7 @@ def _fill(
         fitted=_moment(bundle.created),
         verdict=judged,
         assumed=_assumed(bundle),
-        origin=origin_text(bundle.provenance.logs),
+        origin=origin_text(_own_logs(campaign, bundle)),
         sections=sections,
         left_out=left_out,
         documents=documents,
@@ -306,6 +307,12 @@ def _assumed(bundle: Bundle) -> HtmlTable | None:
     if not rows:
         return None
     return table("Assumed constants", ("Reference rig", "What it does"), rows, text=(0, 1))
+
+
+def _own_logs(campaign: Campaign, bundle: Bundle) -> Iterator[LogRecord]:
+    """The campaign's logs as the bundle has them; it may hold other parts too."""
+    own = {(entry.path.name, family(entry.kind)) for entry in campaign.logs}
+    return (log for log in bundle.provenance.logs if (log.file, log.family) in own)
 
 
 def _moment(text: str) -> str:
