@@ -304,6 +304,72 @@ def test_assumed_names_constants_that_are_there(rig_text: str) -> None:
     assert read(["cylinder.area_a_m2"]).assumed == ("cylinder.area_a_m2",)
 
 
+def part_of(folder: Path, tests: slice, rows: slice = slice(None)) -> Path:
+    """Some tests of the bundled log under PWM, and of them some rows."""
+    frame = pd.read_parquet(BUNDLED / "valve_pwm_a.parquet")
+    kept = [own.iloc[rows] for _, own in list(frame.groupby("test"))[tests]]
+    pd.concat(kept).to_csv(folder / "run.csv", index=False)
+    return folder / "run.csv"
+
+
+@pytest.mark.parametrize("tests", [slice(0, 25), slice(25, 50)], ids=["filling", "emptying"])
+def test_tests_of_one_direction_show_the_supply(
+    tests: slice, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    part_of(folder, tests)
+    words = ["fit", "valve-pwm", "run.csv", "--surface", "bipolynomial", *UNWRITTEN, "--json"]
+    assert main(words) == 0
+    said = capsys.readouterr()
+    told = json.loads(said.out)
+    assert told["rig"]["air"]["supply_pressure_pa"] == pytest.approx(SUPPLY, rel=1e-3)
+    assert "the rig file" not in said.err and "from the log: " in said.err
+
+
+def test_low_duties_leave_the_supply_assumed_but_leave_no_test_out(folder: Path) -> None:
+    rig = read_bare_logs([part_of(folder, slice(0, 18))], {}).rig
+    supply = rig.require("air", "").supply_pressure_pa
+    assert "air.supply_pressure_pa" in rig.assumed and supply >= 300e3
+
+
+def test_a_period_that_rows_are_too_far_apart_for_is_assumed(folder: Path) -> None:
+    """Every fourth row: pulses of 5 ms look like those of 20 ms, but a third as large."""
+    rig = read_bare_logs([part_of(folder, slice(None), slice(None, None, 4))], {}).rig
+    assert "pwm.period_s" in rig.assumed and rig.require("pwm", "").period_s == 0.005
+
+
+def test_a_gauge_shows_no_atmosphere(folder: Path) -> None:
+    path = put(folder, "valve-discrete", pressure_a_pa=lambda p: p - 105e3, pressure_b_pa=None)
+    bare = read_bare_logs([path], parse_map(["pressure_a_pa=pressure_a_pa:Pa(g)"]))
+    assert "air.atmospheric_pressure_pa" in bare.rig.assumed
+    assert bare.rig.require("air", "").atmospheric_pressure_pa == 100e3
+    lowest = min(t["pressure_a_pa"].min() for t in bare.logs[0].trials)
+    assert lowest == pytest.approx(ATMOSPHERE - 5e3, rel=0.01)
+
+
+def test_numbers_that_a_part_takes_out_of_a_bundle_are_said(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    put(folder, "friction")
+    frame = pd.read_parquet(BUNDLED / "friction_sliding.parquet")
+    frame.to_csv(folder / "sliding.csv", index=False)
+    assert main(["fit", "friction", "sliding.csv", "-o", "all.json", "--no-report"]) == 0
+    capsys.readouterr()
+    assert main(["fit", "friction", "run.csv", "--into", "all.json", "--no-report"]) == 0
+    assert "coulomb_nm, viscous_nm_s_per_rad" in capsys.readouterr().err
+
+
+def test_an_assumed_inertia_gives_way_to_that_of_motion(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    frame = pd.read_parquet(BUNDLED / "friction_motion.parquet")
+    frame.to_csv(folder / ("x" * 150 + ".csv"), index=False)
+    assert main(["fit", "friction", "x" * 150 + ".csv", *UNWRITTEN, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["friction"]["inertia_kg_m2"]["value"] == pytest.approx(0.0198, rel=0.02)
+    resting = [one for one in told["assumed"] if "inertia.equivalent_kg_m2" in one["keys"]]
+    assert [one["numbers"] for one in resting] == [[]]
+
+
 def test_maps_serve_bare_logs(folder: Path) -> None:
     path = put(folder, "valve-discrete", pressure_a_pa=None, P1=0.0)
     frame = pd.read_csv(path)
@@ -313,3 +379,13 @@ def test_maps_serve_bare_logs(folder: Path) -> None:
     maps = parse_map(["pressure_a_pa=P1:kPa(g)"])
     air = read_bare_logs([path], maps).rig.require("air", "")
     assert air.supply_pressure_pa == pytest.approx(SUPPLY, rel=1e-3)
+
+
+def test_a_time_in_milliseconds_is_mapped_as_such(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = put(folder, "valve-discrete")
+    frame = pd.read_csv(path).rename(columns={"time_s": "time_ms"})
+    frame.to_csv(path, index=False)
+    assert main(["fit", "valve-discrete", "run.csv"]) == 2
+    assert '--map "time_s=time_ms:ms"' in capsys.readouterr().err

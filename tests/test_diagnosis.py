@@ -919,7 +919,7 @@ def test_effects_that_leave_every_channel_far_off_do_not_explain() -> None:
     errors += [{"theta_rad": 0.051, "pressure_a_pa": 924.0, "pressure_b_pa": 963.0}]
     floor = {"theta_rad": 0.0074, "pressure_a_pa": 217.0, "pressure_b_pa": 222.0}
     effects = evidence.found(errors)
-    found = Diagnosis("effects-found", effects, residual(errors, floor), (), (), evidence)
+    found = Diagnosis(effects, residual(errors, floor), (), (), evidence)
     judged = with_errors_after_judged(found)
     assert judged.verdict == "unexplained" and judged.because == "held-out errors"
     assert [e.id for e in judged.effects] == ["seal-friction"]

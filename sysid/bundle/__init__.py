@@ -6,7 +6,7 @@ model that it describes, `assumptions` what its numbers rest on that nobody decl
 and writes it, `schema` generates its JSON schema from these classes.
 """
 
-from sysid.bundle.assumptions import Assumption, assumptions
+from sysid.bundle.assumptions import Assumption, assumptions, shown_by_logs
 from sysid.bundle.base import Unread
 from sysid.bundle.bundle import Bundle
 from sysid.bundle.component import ComponentRecord
@@ -42,5 +42,6 @@ __all__ = [
     "assumptions",
     "bundle_text",
     "read_bundle",
+    "shown_by_logs",
     "write_bundle",
 ]

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 _FRICTION, _FLOWS, _MEANS = "friction", "flows", "surfaces"
 """The numbers of a bundle by what they are computed from: efforts, dP/dt, means over pulses."""
 _DELAYS = ("on_delay_s", "off_delay_s")
+FROM_LOG = "from_log"
+"""Among a fit's options: the constants of the rig that bare logs showed, as dotted keys."""
 _UNUSED = "no number here rests on it"
 
 
@@ -71,7 +73,8 @@ _GROUPS = (
     *(
         _Group(
             (f"cylinder.area_{side}_m2", f"cylinder.offset_{side}_m"),
-            friction="friction is what the chamber's effort, by its area, leaves of the motor's",
+            friction="friction is what the chamber's effort, by its piston area, leaves of the "
+            "motor's",
             flows="flows scale with it",
             surfaces="flows scale with it",
             side=side,
@@ -80,10 +83,9 @@ _GROUPS = (
     ),
     _Group(
         ("cylinder.stroke_m", "cylinder.pitch_radius_m"),
-        friction="the chambers' effort in friction scales with the pitch radius",
-        flows="the chamber's volume where the piston is held, and flows with it, follow from them",
-        surfaces="the chamber's volume where the piston is held, and flows with it, follow from "
-        "them",
+        friction="the chambers' effort in friction scales with it",
+        flows="the chamber's volume where the piston is held, and flows with it, follow from it",
+        surfaces="the chamber's volume where the piston is held, and flows with it, follow from it",
     ),
     _Group(
         ("air.gas_constant_j_per_kg_k", "air.heat_capacity_ratio", "air.temperature_k"),
@@ -137,8 +139,8 @@ def assumptions(bundle: Bundle) -> tuple[Assumption, ...]:
             names = tuple(_numbers(bundle, kind, group.side))
             said += [text] if names and text not in said else []
             rests += names
-        text = _text(rig, keys, group.side)
-        if rests:
+        text = _text(bundle, keys, group.side)
+        if rests and not _gives_way(bundle, keys):
             found.append(Assumption(keys, text, "; ".join(said), tuple(rests)))
         else:
             idle.append((keys, text))
@@ -146,6 +148,28 @@ def assumptions(bundle: Bundle) -> tuple[Assumption, ...]:
         keys = tuple(key for own, _ in idle for key in own)
         found.append(Assumption(keys, ", ".join(text for _, text in idle), _UNUSED, ()))
     return tuple(found)
+
+
+def _gives_way(bundle: Bundle, keys: Collection[str]) -> bool:
+    """Whether the fit took its own number: an assumed inertia gives way to that of motion."""
+    fitted = None if bundle.friction is None else bundle.friction.inertia
+    is_inertia = all(key.startswith("inertia.") for key in keys)
+    return is_inertia and fitted is not None and fitted.identified
+
+
+def shown_by_logs(bundle: Bundle) -> str:
+    """The constants that a fit took from its bare logs, with their values; empty without any."""
+    found: dict[str, None] = {}
+    for options in bundle.provenance.options.values():
+        keys = options.get(FROM_LOG) if isinstance(options, dict) else None
+        found |= dict.fromkeys(str(key) for key in keys) if isinstance(keys, list) else {}
+    held = [key for key in found if _holds(bundle.rig, key)]
+    return ", ".join(_one(bundle.rig, key) for key in held)
+
+
+def _holds(rig: Rig, key: str) -> bool:
+    section, _, name = key.partition(".")
+    return name in (rig.content.get(section) or {})
 
 
 def _others(assumed: Collection[str]) -> Iterator[_Group]:
@@ -161,7 +185,8 @@ def _numbers(bundle: Bundle, kind: str, side: str) -> Iterator[str]:
     """Dotted paths of the bundle's numbers of a kind; of one valve where a `side` is given."""
     if kind == _FRICTION:
         if bundle.friction is not None:
-            yield from (f"friction.{name}" for name in bundle.friction.estimates())
+            known = bundle.friction.estimates().items()
+            yield from (f"friction.{name}" for name, one in known if one.identified)
         return
     for own in SIDES if not side else (side,):
         valve = bundle.valve(own)
@@ -172,13 +197,18 @@ def _numbers(bundle: Bundle, kind: str, side: str) -> Iterator[str]:
             yield from (f"valves.{own}.pwm.{name}" for name in valve.pwm.given())
 
 
-def _text(rig: Rig, keys: Collection[str], side: str) -> str:
+def _text(bundle: Bundle, keys: Collection[str], side: str) -> str:
     """The constants of a group with their values, in units that a person reads."""
+    rig = bundle.rig
     if side and f"cylinder.offset_{side}_m" in keys and f"cylinder.area_{side}_m2" in keys:
         c = rig.cylinder
         assert c is not None
         volume = getattr(c, f"area_{side}_m2") * getattr(c, f"offset_{side}_m")
-        return f"chamber {side.upper()} {number(1e3 * volume, 2)} l"
+        area = f"piston area {side.upper()} {1e6 * getattr(c, f'area_{side}_m2'):.6g} mm2, "
+        shown = f"chamber {side.upper()} {number(1e3 * volume, 2)} l"
+        return (area if bundle.friction is not None else "") + shown
+    if "cylinder.pitch_radius_m" in keys:  # with the logged angle it gives the stroke
+        keys = [key for key in keys if key != "cylinder.stroke_m"]
     return ", ".join(_one(rig, key) for key in keys)
 
 
@@ -213,7 +243,7 @@ def _one(rig: Rig, key: str) -> str:
     if isinstance(value, str):
         return value
     words, scale, unit = _NAMES.get(key, (key, 1.0, ""))
-    return f"{words} {scale * value:.4g} {unit}".rstrip()
+    return f"{words} {scale * value:.6g} {unit}".rstrip()
 
 
-__all__ = ["Assumption", "assumptions"]
+__all__ = ["FROM_LOG", "Assumption", "assumptions", "shown_by_logs"]

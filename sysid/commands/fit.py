@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -21,8 +22,10 @@ from sysid.bundle import (
     Friction,
     assumptions,
     read_bundle,
+    shown_by_logs,
     write_bundle,
 )
+from sysid.bundle.assumptions import FROM_LOG
 from sysid.bundle.base import read_number
 from sysid.checks.consistency.campaign import check_consistency
 from sysid.commands.default_files import check_same_fit
@@ -52,7 +55,7 @@ from sysid.commands.printing import (
 from sysid.components.campaign import fit_own
 from sysid.display.numbers import ascii_text
 from sysid.display.terminal import console, new_table
-from sysid.errors import input_error
+from sysid.errors import SysidError, input_error
 from sysid.friction import FrictionResult, fit_friction
 from sysid.identification.friction.effort import classify_trial
 from sysid.identification.friction.volts import friction_in_volts
@@ -268,7 +271,8 @@ class Fitted:
 class _Given:
     """The rig and its logs; `fitted_with` is the rig that the logs are read and fitted with.
 
-    They differ where efforts are `in_volts`. `is_bare`: no rig file was given.
+    They differ where efforts are `in_volts`. `is_bare`: no rig file was given; the logs showed the
+    constants `shown` (dotted keys).
     """
 
     rig: Rig
@@ -277,6 +281,24 @@ class _Given:
     notices: tuple[str, ...]
     in_volts: bool = False
     is_bare: bool = False
+    shown: tuple[str, ...] = ()
+
+    def options(self) -> dict[str, Any]:
+        """What the provenance holds of a bare log's rig."""
+        return {FROM_LOG: list(self.shown)} if self.is_bare else {}
+
+    def said(self, line: str) -> str:
+        """A line about the rig, which no file may describe."""
+        return line.replace("the rig file", "the assumed rig") if self.is_bare else line
+
+    @contextlib.contextmanager
+    def errors(self) -> Iterator[None]:
+        """Errors in the block name the rig as it is."""
+        try:
+            yield
+        except SysidError as error:
+            error.args = tuple(self.said(str(one)) for one in error.args)
+            raise
 
 
 @dataclass(frozen=True)
@@ -324,7 +346,8 @@ def _fit_part(
     rig, logs = given.rig, given.logs
     sources = [Source.of(log, "fit", kind) for log in logs]
     target, page = files.bundle_path(kind, sources), files.report_path(kind, sources)
-    result = fit([t for log in logs for t in log.trials], given.fitted_with)
+    with given.errors():
+        result = fit([t for log in logs for t in log.trials], given.fitted_with)
     part = result.part()
     if given.in_volts and part.friction is not None:
         has_pressures = any(name in log.channels for log in logs for name in CHAMBER_PRESSURES)
@@ -334,8 +357,9 @@ def _fit_part(
         part,
         sources,
         seeds=seeds,
-        options={kind: options or {}},
+        options={kind: {**(options or {}), **given.options()}},
     )
+    lost = [] if existing is None else list(_lost(existing, bundle))
     if existing is not None:
         if given.is_bare:  # its rig is the bundle's own, of which this log may show more
             existing = existing.replaced(rig_content=rig.content)
@@ -346,8 +370,26 @@ def _fit_part(
         campaign = _as_campaign(given.fitted_with, logs, kind, files.maps, options or {})
         is_forced = bool((options or {}).get("kind"))
         _write_report(page, campaign, bundle, by_content=not is_forced)
-    notices = (*given.notices, *(n for log in logs for n in log.notices), *result.notices)
-    return Fitted(bundle, tuple(result.remarks), notices, target, page)
+    notices = (*lost, *given.notices, *(n for log in logs for n in log.notices), *result.notices)
+    remarks = tuple(map(given.said, result.remarks))
+    return Fitted(bundle, remarks, tuple(map(given.said, notices)), target, page)
+
+
+def _lost(existing: Bundle, added: Bundle) -> Iterator[str]:
+    """A notice of numbers of a bundle that a part in their place does not identify."""
+    if existing.friction is None or added.friction is None:
+        return
+    new = added.friction.estimates()
+    lost = [
+        name
+        for name, one in existing.friction.estimates().items()
+        if one.identified and not (name in new and new[name].identified)
+    ]
+    if lost:
+        yield (
+            f"{existing.source}: {', '.join(lost)} was identified there and is not by these logs: "
+            "friction is replaced whole; give all friction logs at once to keep it"
+        )
 
 
 def _as_campaign(
@@ -416,7 +458,9 @@ def _read_logs(files: _Files, existing: Bundle | None) -> _Given:
         return _Given(rig, rig, logs, rig.notices)
     beside = None if existing is None else existing.rig_content
     bare = read_bare_logs(files.logs, mapping, beside)
-    return _Given(bare.rig, bare.read_with, bare.logs, bare.notices, bare.in_volts, is_bare=True)
+    return _Given(
+        bare.rig, bare.read_with, bare.logs, bare.notices, bare.in_volts, True, bare.shown
+    )
 
 
 # --- printing -----------------------------------------------------------------------------
@@ -426,6 +470,8 @@ def _show(fitted: Fitted, as_json: bool, tables: Tables) -> None:
     """A fit's summary or its JSON, and where the bundle is."""
     notices(fitted.notices)
     assumed = [one.line for one in assumptions(fitted.bundle)]
+    if shown := shown_by_logs(fitted.bundle):
+        assumed.append(f"from the log: {shown}")
     if as_json:
         notices(assumed)
         print_json(fitted.to_json())

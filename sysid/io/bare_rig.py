@@ -32,6 +32,7 @@ SOURCE = "the reference rig"
 
 _LINEAR = ("position_m", "motor_force_n")
 _FULL_TURN = 2.0 * math.pi
+_LONGEST_NAME = 100
 # Above any supply: the first reading takes pressures as they are.
 _ANY_SUPPLY_PA = 5e6
 
@@ -41,14 +42,16 @@ class BareLogs:
     """Logs that were read without a rig file, and the rig that was made for them.
 
     `read_with` is that rig, but where the motor's effort is `in_volts`, as no torque constant is
-    declared: then one volt is one newton metre (or newton), and nothing else is known. `notices`:
-    what may be a slip though no rig file contradicts it.
+    declared: then one volt is one newton metre (or newton), and nothing else is known. `shown`:
+    the constants that the logs show, as dotted keys. `notices`: what may be a slip though no rig
+    file contradicts it.
     """
 
     rig: Rig
     read_with: Rig
     logs: tuple[Log, ...]
     in_volts: bool
+    shown: tuple[str, ...]
     notices: tuple[str, ...]
 
 
@@ -66,7 +69,7 @@ def read_bare_logs(
     tables = [log_table(path, mapping) for path in paths]
     present = {name for table in tables for name in _channels(table, mapping)}
     is_linear = any(name in present for name in _LINEAR)
-    reference = _reference(is_linear, paths[0].stem)
+    reference = _reference(is_linear, paths[0].stem[:_LONGEST_NAME])
     in_volts = "motor_volts" in present and not present & {"motor_torque_nm", "motor_force_n"}
     draft = _draft(reference, in_volts)
     shown = shown_constants(
@@ -76,11 +79,15 @@ def read_bare_logs(
     )
     content = reference if beside is None else {k: v for k, v in beside.items() if k != ASSUMED}
     free = set(_dotted(content)) if beside is None else set(beside.get(ASSUMED, ()))
+    if any(entry.gauge for entry in mapping.values()):
+        # Their zero is the atmosphere's pressure, whatever that was.
+        shown = dataclasses.replace(shown, atmosphere_pa=None, open_pa=())
     content, left = _completed(content, free, shown, present, in_volts)
+    found = [key for key in _dotted(content) if key in free and key not in left]
     rig = rig_from_content({ASSUMED: left, **content} if left else content, SOURCE)
     read_with = _volts_as_effort(rig) if in_volts else rig
     logs = tuple(log_of(table, read_with, mapping) for table in tables)
-    return BareLogs(rig, read_with, logs, in_volts, tuple(_doubts(logs, rig, shown)))
+    return BareLogs(rig, read_with, logs, in_volts, tuple(found), tuple(_doubts(logs, rig, shown)))
 
 
 def _channels(table: LogTable, mapping: Mapping[str, ColumnMap]) -> Iterator[str]:
@@ -168,8 +175,12 @@ def _completed(
         "pwm.period_s": shown.pwm_period_s,
     }
     low, high = known["air.atmospheric_pressure_pa"], known["air.supply_pressure_pa"]
-    if low is not None and high is not None and high <= low:
-        known["air.supply_pressure_pa"] = None
+    if high is not None and high <= (low or made["air"]["atmospheric_pressure_pa"]):
+        known["air.supply_pressure_pa"] = high = None
+    if high is None and "air.supply_pressure_pa" in free and shown.highest_pa is not None:
+        # An assumed supply leaves no test out.
+        lowest = max(made["air"]["supply_pressure_pa"], _rounded(shown.highest_pa))
+        made["air"]["supply_pressure_pa"] = lowest
     found = {key: value for key, value in known.items() if value is not None and key in free}
     stroke = _stroke(made, shown) if "cylinder.stroke_m" in free else None
     if stroke is not None:

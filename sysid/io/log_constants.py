@@ -8,23 +8,34 @@ from the ripple of its pulses in the pressure.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.io.channels import SIDES
+from sysid.io.channels import CHAMBER_PRESSURES, SIDES
 from sysid.io.declaration import NumberKey, key_of
 from sysid.io.rig_sections import Air
 from sysid.io.samples import Log, Trial
+from sysid.signals import longest_run
 from sysid.types import FloatArray
 
 # Chance that the ripple of a log without pulses is taken for a PWM period.
 _FALSE_RIPPLE = 1e-6
+# Rows of a test under pulses from which a spectrum is taken.
+_LEAST_ROWS = 64
+# Of its fastest rate, and in pulses: where a chamber's ripple is held against its mean rate.
+_FAST, _LEAST_PULSES = 0.7, 4
+# Of the line that pulses make at that rate, less what the rate falls meanwhile.
+_LEAST_SHARE = 0.85
 # Of a stretch under one command: its end, where the pressure has settled.
 _SETTLED = 0.2
 _OFF, _ON, _BEGUN = "off", "on", "begun"
 """What a chamber's valve does while its pressure rests; `begun`: a test, from either."""
+# A duty above which a chamber fills to the supply, but for the share of a pulse's end.
+_NEARLY_ON = 0.95
+_ATMOSPHERE = "atmospheric_pressure_pa"
 # Of a test's travel: a shaft that has gone so far moves.
 _MOVED = 1e-3
 
@@ -34,14 +45,15 @@ class ShownConstants:
     """What logs show of their rig, SI; None where they show nothing.
 
     `open_pa`: where chambers rest whose valves are off, the lowest first; all of them should be the
-    atmosphere's pressure.
-    `reach`: the largest distance of the position from zero, rad or m; `is_held`: whether the
-    piston never leaves its place, as at an end of its stroke.
+    atmosphere's pressure. `highest_pa`: of the pressures at the tests' ends, at most the supply's.
+    `reach`: the largest distance of the position from zero, rad or m; `is_held`: whether the piston
+    never leaves its place, as at an end of its stroke.
     """
 
     open_pa: tuple[float, ...]
     atmosphere_pa: float | None
     supply_pa: float | None
+    highest_pa: float | None
     temperature_k: float | None
     sampling_s: float
     pwm_period_s: float | None
@@ -58,15 +70,27 @@ def shown_constants(logs: Sequence[Log], position: str, effort: str) -> ShownCon
     efforts = [float(np.max(np.abs(trial[effort]))) for trial in trials if effort in trial]
     return ShownConstants(
         open_pa=rests,
-        atmosphere_pa=_within("atmospheric_pressure_pa", _known(rests[0] if rests else None)),
+        atmosphere_pa=_within(_ATMOSPHERE, _known(rests[0] if rests else None)),
         supply_pa=_within("supply_pressure_pa", high),
         temperature_k=_within("temperature_k", _known(_median_of(trials, "temperature_k"))),
-        sampling_s=_rounded(float(np.median([trial.period for trial in trials])), 4),
+        sampling_s=_rounded(float(np.median([_mean_period(trial) for trial in trials])), 6),
+        highest_pa=max((float(np.median(v)) for t in trials for v in _ends(t)), default=None),
         pwm_period_s=pwm_period(trials),
         reach=max((float(np.max(np.abs(place))) for place in places), default=None),
         is_held=all(_is_still(place) for place in places),
         largest_effort=max(efforts, default=None),
     )
+
+
+def _mean_period(trial: Trial) -> float:
+    """Mean sampling period, s: rounding of the time stamps is lost over the test."""
+    return float(trial.time[-1] - trial.time[0]) / max(1, len(trial) - 1)
+
+
+def _ends(trial: Trial) -> Iterator[FloatArray]:
+    """The last tenth of each chamber's pressure (m,)."""
+    last = max(1, len(trial) // 10)
+    yield from (trial[name][-last:] for name in CHAMBER_PRESSURES if name in trial)
 
 
 def _is_still(place: FloatArray) -> bool:
@@ -100,13 +124,16 @@ def _rests(trials: Sequence[Trial], position: str) -> tuple[tuple[float, ...], f
                 for state, values in _resting(trial, side, position):
                     found[state].append(float(np.median(values)))
     begun_open, begun_filled = _apart(found[_BEGUN])
+    if begun_open and not begun_filled and _within(_ATMOSPHERE, begun_open[0]) is None:
+        begun_open, begun_filled = [], begun_open  # every test empties
     rests = tuple(float(np.median(own)) for own in _apart([*found[_OFF], *begun_open]) if own)
     logged = _median_of(trials, "supply_pressure_pa")
-    if logged is not None or not rests:
+    if logged is not None:
         return rests, _known(logged)
     # Leaks and short stretches keep a chamber below the supply: the highest rests count.
     on = [*found[_ON], *begun_filled]
-    top = [value for value in on if value - rests[0] > 0.9 * (max(on) - rests[0])]
+    low = rests[0] if rests else 0.0
+    top = [value for value in on if value - low > 0.9 * (max(on) - low)]
     return rests, _known(float(np.median(top)) if top else None)
 
 
@@ -140,8 +167,8 @@ def _resting(trial: Trial, side: str, position: str) -> Iterator[tuple[str, Floa
     elif duty in trial and bool(np.any(trial[duty])):
         # The first row is from before the first pulse.
         yield _BEGUN, pressure[:1]
-        if bool(np.all(trial[duty] == 1.0)):
-            yield _ON, pressure[-max(1, round(_SETTLED * len(pressure))) :]
+        if bool(np.all(trial[duty] > _NEARLY_ON)):
+            yield _ON, pressure[-max(1, len(pressure) // 10) :]
     else:
         # A shaft that moves pumps air through the exhausts.
         place = trial[position] if position in trial else np.zeros(len(pressure))
@@ -173,46 +200,82 @@ def pwm_period(trials: Iterable[Trial]) -> float | None:
 
     The spectrum of the pressures' steps, summed over tests, has its strongest line at the pulses'
     frequency: harmonic n of pulses of duty d is as sin(pi n d) / n, the first the largest. The
-    line counts where noise alone would exceed it with a chance of 1e-6.
+    line counts where noise alone would exceed it with a chance of 1e-6, and where it is as large as
+    pulses of this period make it: sampled too seldom, those of a shorter one show a smaller line.
     """
+    from scipy.ndimage import median_filter
     from scipy.stats import chi2
 
-    steps = [s for trial in trials for s in _pulsed_steps(trial)]
-    if not steps:
+    ripples = [ripple for trial in trials for ripple in _ripples(trial)]
+    if not ripples:
         return None
-    period = float(np.median([trial_period for trial_period, _ in steps]))
-    rows = max(len(values) for _, values in steps)
+    period = float(np.median([ripple.period for ripple in ripples]))
+    rows = max(len(ripple.steps) for ripple in ripples)
     size = 1 << (2 * rows - 1).bit_length()
     power = np.zeros(size // 2 + 1)
-    for _, values in steps:
-        window = np.hanning(len(values))
-        spectrum = np.abs(np.fft.rfft(values * window, size)) ** 2
+    for ripple in ripples:
+        spectrum = np.abs(np.fft.rfft(ripple.steps * np.hanning(len(ripple.steps)), size)) ** 2
         power += spectrum / np.median(spectrum)
     first = 4 * size // rows  # slower than four periods a test is the filling itself
     if first >= len(power) - 1:
         return None
-    lines = power[first:]
-    at = first + int(np.argmax(lines))
-    degrees = 2 * len(steps)
-    chance = _FALSE_RIPPLE / len(lines)
-    level = chi2.isf(chance, degrees) / chi2.median(degrees)
-    if power[at] < level * float(np.median(lines)):
+    # The noise of steps grows with frequency: each line is held against its neighbours.
+    ground = median_filter(power, size=40 * size // rows, mode="nearest")
+    over = power[first:] / ground[first:]
+    at = first + int(np.argmax(over))
+    degrees = 2 * len(ripples)
+    level = chi2.isf(_FALSE_RIPPLE / len(over), degrees) / chi2.median(degrees)
+    place = _peak(power, at) / size
+    if over[at - first] < level:
         return None
-    return _even_period(_peak(power, at) / (size * period), rows * period)
+    shares = [ripple.share_of_pulses(place) for ripple in ripples]
+    if np.all(np.isnan(shares)) or np.nanquantile(shares, 0.25) < _LEAST_SHARE:
+        return None
+    return _even_period(place / period, rows * period)
 
 
-def _pulsed_steps(trial: Trial) -> Iterator[tuple[float, FloatArray]]:
-    """Sampling period, and a chamber's pressure steps (n,) less their slow part, under pulses."""
+@dataclass(frozen=True)
+class _Ripple:
+    """A chamber's pressure steps (n,) under pulses less their slow part, which is `slow` (n,)."""
+
+    period: float
+    duty: float
+    steps: FloatArray
+    slow: FloatArray
+
+    def share_of_pulses(self, frequency: float) -> float:
+        """Size of the line at a frequency (cycles a row), over that of pulses of this frequency.
+
+        NaN where the test is too short. While a chamber fills the fastest nothing leaves it: at a
+        mean rate m it takes m / d in a pulse of duty d, and one that empties loses m / (1 - d)
+        between pulses. Rows take means over their period.
+        """
+        fast = np.abs(self.slow) > _FAST * float(np.max(np.abs(self.slow)))
+        first, last = longest_run(fast)
+        if (last - first) * frequency < _LEAST_PULSES:
+            return math.nan
+        window = np.hanning(last - first)
+        turns = np.exp(-2j * np.pi * frequency * np.arange(last - first))
+        line = abs(np.sum(window * self.steps[first:last] * turns))
+        slow = self.slow[first:last]
+        share = np.where(slow > 0.0, self.duty, 1.0 - self.duty)
+        swing = np.abs(slow) / share * np.sin(np.pi * self.duty) / np.pi
+        return float(line / (np.sum(window * swing) * np.sinc(frequency)))
+
+
+def _ripples(trial: Trial) -> Iterator[_Ripple]:
+    """The ripple of each chamber whose valve is pulsed at a constant duty."""
     for side in SIDES:
         duty, pressure = f"duty_{side}", f"pressure_{side}_pa"
-        if duty not in trial or pressure not in trial or len(trial) < 64:
+        if duty not in trial or pressure not in trial or len(trial) < _LEAST_ROWS:
             continue
-        if not bool(np.any((trial[duty] > 0.0) & (trial[duty] < 1.0))):
+        share = float(np.median(trial[duty]))
+        if not 0.0 < share < 1.0:
             continue
         steps = np.diff(trial[pressure])
         kernel = np.ones(min(51, len(steps) // 2 * 2 - 1))
         slow = np.convolve(steps, kernel, "same") / np.convolve(np.ones_like(steps), kernel, "same")
-        yield trial.period, steps - slow
+        yield _Ripple(_mean_period(trial), share, steps - slow, slow)
 
 
 def _peak(power: FloatArray, at: int) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -171,10 +172,12 @@ def missing_time(table: LogTable) -> InputError:
     """That a table has no time column, and which it may be."""
     close = difflib.get_close_matches("time_s", table.header, 1, 0.4)
     guess = close[0] if close else "COLUMN"
+    named = re.search(r"[_ (\[](ms|us|min|h)[\])]?$", guess)
+    unit = named[1] if named else "s"
     return input_error(
         table.path,
         f"column time_s is missing (it has {', '.join(table.header[:12])})",
-        f'add it, or give --map "time_s={guess}:s"',
+        f'add it, or give --map "time_s={guess}:{unit}"',
     )
 
 

@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sysid.bundle import Bundle, FittedValves, LogRecord, assumptions
+from sysid.bundle import Bundle, FittedValves, LogRecord, assumptions, shown_by_logs
 from sysid.bundle.provenance import family
 from sysid.diagnosis.evidence import is_of_actuator
 from sysid.errors import input_error
@@ -290,6 +290,7 @@ def _fill(
         fitted=_moment(bundle.created),
         verdict=judged,
         assumed=_assumed(bundle),
+        shown=shown_by_logs(bundle),
         origin=origin_text(_own_logs(campaign, bundle)),
         sections=sections,
         left_out=left_out,

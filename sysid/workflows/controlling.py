@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from sysid.bundle import Bundle
 from sysid.controllers.cases import ClosedLoopRun
-from sysid.controllers.design_model import require_declared
+from sysid.controllers.design_model import assumed_constants, require_declared
 from sysid.controllers.interface import Controller
 from sysid.controllers.metrics import TrackingMetrics
 from sysid.controllers.modes import Mode
@@ -248,6 +248,9 @@ def control(
     with progress_or_shown(progress, "controlling") as tell:
         run, said = run_task(task, duration_s, tell)
     sources = bundle.source, (plant or bundle).source
+    if assumed := assumed_constants(bundle.rig):
+        names = ", ".join(assumed)
+        said = (f"the controller rests on constants that nobody declared: {names}", *said)
     return ControlledRun(run, task, sources, tuple(dict.fromkeys((*task.notices, *said))))
 
 
