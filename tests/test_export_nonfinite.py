@@ -220,7 +220,7 @@ def test_options_that_drop_the_checks_are_an_error(
     (tmp_path / "main.c").write_text('#include "controller.h"\nint main(void) { return 0; }\n')
     words = [compiler(command), "-std=c99", option, "-fsyntax-only", "main.c"]
     found = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert found.returncode != 0 and "#error" in found.stderr and "-ffast-math" in found.stderr
+    assert found.returncode != 0 and "compile without -ffast-math" in found.stderr
     again = subprocess.run([*words[:2], *words[3:]], cwd=tmp_path, check=False)
     assert again.returncode == 0
 
