@@ -139,7 +139,7 @@ def assumptions(bundle: Bundle) -> tuple[Assumption, ...]:
             names = tuple(_numbers(bundle, kind, group.side))
             said += [text] if names and text not in said else []
             rests += names
-        text = _text(bundle, keys, group.side)
+        text = _text(rig, keys, group.side, with_area=bundle.friction is not None)
         if rests and not _gives_way(bundle, keys):
             found.append(Assumption(keys, text, "; ".join(said), tuple(rests)))
         else:
@@ -163,13 +163,8 @@ def shown_by_logs(bundle: Bundle) -> str:
     for options in bundle.provenance.options.values():
         keys = options.get(FROM_LOG) if isinstance(options, dict) else None
         found |= dict.fromkeys(str(key) for key in keys) if isinstance(keys, list) else {}
-    held = [key for key in found if _holds(bundle.rig, key)]
-    return ", ".join(_one(bundle.rig, key) for key in held)
-
-
-def _holds(rig: Rig, key: str) -> bool:
-    section, _, name = key.partition(".")
-    return name in (rig.content.get(section) or {})
+    rig = bundle.rig
+    return ", ".join(_one(rig, key) for key in found if rig.constant(key) is not None)
 
 
 def _others(assumed: Collection[str]) -> Iterator[_Group]:
@@ -197,16 +192,14 @@ def _numbers(bundle: Bundle, kind: str, side: str) -> Iterator[str]:
             yield from (f"valves.{own}.pwm.{name}" for name in valve.pwm.given())
 
 
-def _text(bundle: Bundle, keys: Collection[str], side: str) -> str:
+def _text(rig: Rig, keys: Collection[str], side: str, *, with_area: bool) -> str:
     """The constants of a group with their values, in units that a person reads."""
-    rig = bundle.rig
     if side and f"cylinder.offset_{side}_m" in keys and f"cylinder.area_{side}_m2" in keys:
         c = rig.cylinder
         assert c is not None
         volume = getattr(c, f"area_{side}_m2") * getattr(c, f"offset_{side}_m")
-        area = f"piston area {side.upper()} {1e6 * getattr(c, f'area_{side}_m2'):.6g} mm2, "
-        shown = f"chamber {side.upper()} {number(1e3 * volume, 2)} l"
-        return (area if bundle.friction is not None else "") + shown
+        area = f"{_one(rig, f'cylinder.area_{side}_m2')}, " if with_area else ""
+        return f"{area}chamber {side.upper()} {number(1e3 * volume, 2)} l"
     if "cylinder.pitch_radius_m" in keys:  # with the logged angle it gives the stroke
         keys = [key for key in keys if key != "cylinder.stroke_m"]
     return ", ".join(_one(rig, key) for key in keys)
@@ -238,8 +231,7 @@ _NAMES: Mapping[str, tuple[str, float, str]] = {
 
 
 def _one(rig: Rig, key: str) -> str:
-    section, _, name = key.partition(".")
-    value = rig.content[section][name]
+    value = rig.constant(key)
     if isinstance(value, str):
         return value
     words, scale, unit = _NAMES.get(key, (key, 1.0, ""))

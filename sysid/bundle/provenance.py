@@ -34,6 +34,11 @@ class Provenance(Part):
     seeds: dict[str, JsonValue] = Field(default_factory=dict)
     options: dict[str, JsonValue] = Field(default_factory=dict)
 
+    @property
+    def fitted_on(self) -> frozenset[tuple[str, str]]:
+        """Kind and SHA-256 of each training log."""
+        return frozenset((log.kind or "", log.sha256) for log in self.logs if log.use == "fit")
+
     def with_logs(self, logs: Iterable[LogRecord]) -> Provenance:
         """With these logs too, each once."""
         known = {(e.sha256, e.kind, e.use): e for e in [*self.logs, *logs]}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from sysid.bundle import Bundle, read_bundle
+from sysid.bundle import read_bundle
 from sysid.errors import SysidError, input_error
 from sysid.io.source import Source
 from sysid.report.html import origin_of
@@ -35,16 +35,10 @@ def _origin(path: Path) -> _Origin | None:
     """What a bundle or a report says that it was made from; None where it says nothing."""
     try:
         if path.suffix == ".json":
-            return _of_bundle(read_bundle(path))
+            return read_bundle(path).provenance.fitted_on
         return origin_of(path.read_text("utf-8", errors="replace"))
     except (SysidError, OSError):
         return None
-
-
-def _of_bundle(bundle: Bundle) -> _Origin:
-    """Kind and SHA-256 of each log that a bundle was fitted on."""
-    logs = bundle.provenance.logs
-    return frozenset((log.kind or "", log.sha256) for log in logs if log.use == "fit")
 
 
 __all__ = ["check_same_fit"]

@@ -19,11 +19,11 @@ import numpy as np
 from sysid.io import plausibility
 from sysid.io.bundled import REFERENCE_BUNDLE, thesis_folder
 from sysid.io.channels import PRESSURES, VALVE_COMMANDS
-from sysid.io.declaration import NumberKey, key_of
+from sysid.io.declaration import LONGEST_TEXT, range_of
 from sysid.io.log_constants import ShownConstants, shown_constants
 from sysid.io.logs import Log, log_of, log_table
 from sysid.io.rig import ASSUMED, Rig, rig_from_content
-from sysid.io.rig_sections import Cylinder, Motor
+from sysid.io.rig_sections import Air, Cylinder, Motor
 from sysid.io.tables import LogTable
 from sysid.io.units import ColumnMap, find_column
 
@@ -32,9 +32,6 @@ SOURCE = "the reference rig"
 
 _LINEAR = ("position_m", "motor_force_n")
 _FULL_TURN = 2.0 * math.pi
-_LONGEST_NAME = 100
-# Above any supply: the first reading takes pressures as they are.
-_ANY_SUPPLY_PA = 5e6
 
 
 @dataclass(frozen=True)
@@ -69,7 +66,7 @@ def read_bare_logs(
     tables = [log_table(path, mapping) for path in paths]
     present = {name for table in tables for name in _channels(table, mapping)}
     is_linear = any(name in present for name in _LINEAR)
-    reference = _reference(is_linear, paths[0].stem[:_LONGEST_NAME])
+    reference = _reference(is_linear, paths[0].stem[:LONGEST_TEXT])
     in_volts = "motor_volts" in present and not present & {"motor_torque_nm", "motor_force_n"}
     draft = _draft(reference, in_volts)
     shown = shown_constants(
@@ -131,7 +128,8 @@ def _rounded(value: float) -> float:
 
 def _draft(reference: Mapping[str, Any], in_volts: bool) -> Rig:
     """A rig to read logs with before anything is known: it contradicts nothing but units."""
-    air = {**reference["air"], "supply_pressure_pa": _ANY_SUPPLY_PA}
+    highest = range_of(Air, "supply_pressure_pa").upper  # pressures are taken as they are
+    air = {**reference["air"], "supply_pressure_pa": highest}
     content = {"rig": reference["rig"], "air": air, "sensors": reference["sensors"]}
     draft = rig_from_content(content, SOURCE)
     return _volts_as_effort(draft) if in_volts else draft
@@ -216,10 +214,8 @@ def _stroke(content: Mapping[str, Any], shown: ShownConstants) -> float | None:
         return None
     cylinder = content["cylinder"]
     way = _rounded(2.0 * shown.reach * cylinder.get("pitch_radius_m", 1.0))
-    declared = key_of(Cylinder.model_fields["stroke_m"])
-    assert isinstance(declared, NumberKey)
     if shown.is_held:
-        return way if declared.range.holds(way) or way > declared.range.upper else None
+        return way if way >= range_of(Cylinder, "stroke_m").lower else None
     return way if way > cylinder["stroke_m"] else None
 
 

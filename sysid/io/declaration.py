@@ -137,7 +137,7 @@ class ChoiceKey(Key):
         return f"write one of {', '.join(map(repr, self.allowed))}"
 
 
-_LONGEST_TEXT = 200
+LONGEST_TEXT = 200
 
 
 @dataclass(frozen=True)
@@ -150,9 +150,9 @@ class TextKey(Key):
         if not isinstance(value, str):
             raise input_error(source, f"{where} = {value!r} is not text", "put it in quotes")
         plain = escaped(value) == value
-        if len(value) > _LONGEST_TEXT or not plain:
+        if len(value) > LONGEST_TEXT or not plain:
             fault = "too long" if plain else "no plain text (control characters)"
-            mend = f"at most {_LONGEST_TEXT} characters" if plain else "remove these characters"
+            mend = f"at most {LONGEST_TEXT} characters" if plain else "remove these characters"
             raise input_error(source, f"{where} = {value!r} is {fault}", mend)
         return value
 
@@ -211,6 +211,14 @@ class TomlSection(TomlTable):
 def key_of(field: FieldInfo) -> Key | None:
     """The declaration of a field; None for one that holds a table."""
     return next((m for m in field.metadata if isinstance(m, Key)), None)
+
+
+def range_of(model: type[BaseModel], name: str) -> Range:
+    """What a number's key of a table may be. Raises TypeError for a key that is no number's."""
+    declared = key_of(model.model_fields[name])
+    if not isinstance(declared, NumberKey):
+        raise TypeError(f"{name} is no number")
+    return declared.range
 
 
 def declared_keys(model: type[BaseModel]) -> dict[str, Key]:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.io.channels import CHAMBER_PRESSURES, SIDES
-from sysid.io.declaration import NumberKey, key_of
+from sysid.io.declaration import range_of
 from sysid.io.rig_sections import Air
 from sysid.io.samples import Log, Trial
 from sysid.signals import longest_run
@@ -88,9 +88,13 @@ def _mean_period(trial: Trial) -> float:
 
 
 def _ends(trial: Trial) -> Iterator[FloatArray]:
-    """The last tenth of each chamber's pressure (m,)."""
-    last = max(1, len(trial) // 10)
-    yield from (trial[name][-last:] for name in CHAMBER_PRESSURES if name in trial)
+    """The end of each chamber's pressure (m,)."""
+    yield from (_end(trial[name]) for name in CHAMBER_PRESSURES if name in trial)
+
+
+def _end(pressure: FloatArray) -> FloatArray:
+    """The last tenth of a test's pressure (n,), where it has come the nearest to rest."""
+    return pressure[-max(1, len(pressure) // 10) :]
 
 
 def _is_still(place: FloatArray) -> bool:
@@ -100,9 +104,7 @@ def _is_still(place: FloatArray) -> bool:
 
 def _within(key: str, value: float | None) -> float | None:
     """A pressure, where it is one that a rig can have as this key of [air]."""
-    declared = key_of(Air.model_fields[key])
-    assert isinstance(declared, NumberKey)
-    return value if value is not None and declared.range.holds(value) else None
+    return value if value is not None and range_of(Air, key).holds(value) else None
 
 
 def _rounded(value: float, digits: int) -> float:
@@ -168,7 +170,7 @@ def _resting(trial: Trial, side: str, position: str) -> Iterator[tuple[str, Floa
         # The first row is from before the first pulse.
         yield _BEGUN, pressure[:1]
         if bool(np.all(trial[duty] > _NEARLY_ON)):
-            yield _ON, pressure[-max(1, len(pressure) // 10) :]
+            yield _ON, _end(pressure)
     else:
         # A shaft that moves pumps air through the exhausts.
         place = trial[position] if position in trial else np.zeros(len(pressure))

@@ -131,14 +131,19 @@ class Rig:
     @property
     def has_declared_inertia(self) -> bool:
         """Whether the file gives an inertia, and not as an assumed one."""
-        return self.total_inertia() is not None and not any(
-            key.startswith("inertia.") for key in self.assumed
-        )
+        return self.total_inertia() is not None and not self._is_assumed("inertia")
 
     @property
     def has_declared_motor(self) -> bool:
         """Whether a motor is declared, and not only assumed."""
-        return self.motor is not None and not any(key.startswith("motor.") for key in self.assumed)
+        return self.motor is not None and not self._is_assumed("motor")
+
+    def _is_assumed(self, section: str) -> bool:
+        return any(key.startswith(f"{section}.") for key in self.assumed)
+
+    def constant(self, key: str) -> Any:
+        """The file's value of a dotted key ("cylinder.area_a_m2"); None where it has none."""
+        return constant_in(self.content, key)
 
     def require(self, section: str, why: str) -> Any:
         """The section, or an InputError that says what needs it."""
@@ -318,9 +323,7 @@ def _assumed(content: dict[str, Any], source: str) -> tuple[str, ...]:
             source, f"{ASSUMED} is not a list of keys", 'write ["cylinder.area_a_m2", ...]'
         )
     for key in keys:
-        section, _, name = key.partition(".")
-        table = content.get(section)
-        if not isinstance(table, dict) or name not in table:
+        if constant_in(content, key) is None:
             raise input_error(
                 source,
                 f"{ASSUMED} names {key}, which the file does not hold",
@@ -377,6 +380,13 @@ def _check_together(rig: Rig) -> None:
             )
 
 
+def constant_in(content: Mapping[str, Any], key: str) -> Any:
+    """A rig file's value of a dotted key; None where it has none."""
+    section, _, name = key.partition(".")
+    table = content.get(section)
+    return table.get(name) if isinstance(table, Mapping) else None
+
+
 def differing_sections(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
     """The sections in which two rig files' contents differ, sorted."""
     return [s for s in sorted({*one, *other} - {ASSUMED}) if one.get(s) != other.get(s)]
@@ -407,6 +417,7 @@ __all__ = [
     "Sensors",
     "Tank",
     "Valves",
+    "constant_in",
     "differing_sections",
     "find_rig_file",
     "nearest_rig_file",

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from sysid import __version__
-from sysid.bundle import LogRecord
 from sysid.errors import escaped
 
 _TEMPLATES = resources.files("sysid.report") / "templates"
@@ -46,9 +45,9 @@ def fill(template: str, *, folder: Path | None = None, **content: Any) -> str:
 _ORIGIN = re.compile(r'<meta name="sysid-fit" content="([^"]*)">')
 
 
-def origin_text(logs: Iterable[LogRecord]) -> str:
-    """The training logs of a page's bundle, as its head holds them for `origin_of`."""
-    return " ".join(f"{log.kind or ''}:{log.sha256}" for log in logs if log.use == "fit")
+def origin_text(fitted_on: Iterable[tuple[str, str]]) -> str:
+    """Kind and SHA-256 of a page's training logs, as its head holds them for `origin_of`."""
+    return " ".join(f"{kind}:{digest}" for kind, digest in sorted(fitted_on))
 
 
 def origin_of(page: str) -> frozenset[tuple[str, str]] | None:

@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sysid.bundle import Bundle, FittedValves, LogRecord, assumptions, shown_by_logs
+from sysid.bundle import Bundle, FittedValves, Provenance, assumptions, shown_by_logs
 from sysid.bundle.provenance import family
 from sysid.diagnosis.evidence import is_of_actuator
 from sysid.errors import input_error
@@ -291,7 +291,7 @@ def _fill(
         verdict=judged,
         assumed=_assumed(bundle),
         shown=shown_by_logs(bundle),
-        origin=origin_text(_own_logs(campaign, bundle)),
+        origin=origin_text(_own_provenance(campaign, bundle).fitted_on),
         sections=sections,
         left_out=left_out,
         documents=documents,
@@ -310,10 +310,11 @@ def _assumed(bundle: Bundle) -> HtmlTable | None:
     return table("Assumed constants", ("Reference rig", "What it does"), rows, text=(0, 1))
 
 
-def _own_logs(campaign: Campaign, bundle: Bundle) -> Iterator[LogRecord]:
-    """The campaign's logs as the bundle has them; it may hold other parts too."""
+def _own_provenance(campaign: Campaign, bundle: Bundle) -> Provenance:
+    """The bundle's, of the campaign's logs alone: it may hold other parts too."""
     own = {(entry.path.name, family(entry.kind)) for entry in campaign.logs}
-    return (log for log in bundle.provenance.logs if (log.file, log.family) in own)
+    whole = bundle.provenance
+    return whole.replaced(logs=[log for log in whole.logs if (log.file, log.family) in own])
 
 
 def _moment(text: str) -> str:
