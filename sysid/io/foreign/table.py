@@ -64,6 +64,8 @@ class ForeignTable:
 
     `columns` maps each name to a (n,) array of numbers, text or time stamps; their lengths
     may differ (.mat, TDMS). `skipped` gives the reason why other contents are not columns;
+    `units` is each column's unit as the file states it, `clocks` the times (n,) s of a column's own
+    samples on the file's one clock, where its channels are sampled at different instants;
     `stamped` names the columns that were read as time stamps or durations, in seconds.
     `origin` is the time stamp of second 0. `place` describes a row of the file for messages
     (row 0 is the first sample).
@@ -74,6 +76,8 @@ class ForeignTable:
     columns: dict[str, Column] = field(default_factory=dict)
     skipped: dict[str, str] = field(default_factory=dict)
     sampling: dict[str, SampleTimes] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
+    clocks: dict[str, NDArray[np.float64]] = field(default_factory=dict)
     notices: list[str] = field(default_factory=list)
     stamped: set[str] = field(default_factory=set)
     origin: Any = None
