@@ -186,10 +186,11 @@ def law_held(
     return Law({name: values[name] for name in names})
 
 
+Given = TypeVar("Given")
 Read = TypeVar("Read")
 
 
-def usable(trials: Sequence[Trial], read: Callable[[Trial], Read]) -> tuple[list[Read], list[str]]:
+def usable(trials: Sequence[Given], read: Callable[[Given], Read]) -> tuple[list[Read], list[str]]:
     """What is read of the trials that show something, and why others do not, a line each.
 
     Raises NotIdentifiedError where none does.

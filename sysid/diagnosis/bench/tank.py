@@ -33,25 +33,29 @@ KIND = "tank"
 _FLOW_UNIT = "kg/s"
 _COEFFICIENT_UNIT = "kg/(s Pa)"
 _PUMPS = ("pump_volts", "valve_a")
-# Residuals are means over this time.
-_BIN_S = 0.1
-# Steps of the simulation: short while the gas cools and is warmed again, longer later.
-_FIRST_STEP_S = 0.1
+# Times in units of the tank's own, in which its pressure falls by 1 - 1/e of all that it falls.
+# Residuals are means over a bin; steps of the simulation are short while the gas cools and is
+# warmed again, and longer later.
+_BIN = 0.01
+_LONGEST_STEP_BINS = 5.0
 _GROWTH = 1.03
-_LONGEST_STEP_S = 0.5
 # A parabola through this time of the discharge gives the pressure at its start: the first
-# samples still contain the pulses of the pump.
-_START_S = 0.5
-_FEWEST_BINS = 20
-# Falls below this are the sensor's, not a tank's.
-_LEAST_FALL_PA = 1e3
+# samples still contain the pulses of the pump. A slow logger's first rows may reach farther.
+_START = 0.05
+_LATEST_START = 0.5
+_FEWEST_IN_START = 4
+# What lies later says nothing on how the tank empties.
+_LONGEST = 50.0
+_FEWEST_BINS = 10
+# Of the atmosphere's pressure, which is known to about as much.
+_LEAST_FALL = 0.01
 # Share of the largest fall that an effect must change at its probing size to count as acting.
 _ACTS = 1e-7
 
 
 @dataclass(frozen=True)
 class Discharge:
-    """One test from the stop of the pump on: means of `_BIN_S`.
+    """One test from the stop of the pump on: means over bins of `bin_s`.
 
     `time` (n,) s since the stop, `pressure` (n,) Pa absolute, `start` the pressure at 0.
     """
@@ -60,6 +64,7 @@ class Discharge:
     time: FloatArray
     pressure: FloatArray
     start: float
+    bin_s: float
 
 
 @dataclass(frozen=True)
@@ -91,7 +96,8 @@ class TankComponent(Component):
         rates = []
         for d in self.discharges:
             excess = d.pressure - p.atmosphere
-            rates.append((d.start - d.pressure[-1]) / (float(excess.sum()) * _BIN_S))
+            width = np.diff(d.time, prepend=0.0)
+            rates.append((d.start - d.pressure[-1]) / float(excess @ width))
         per_rate = p.offset_a * p.area_a
         per_rate /= p.heat_capacity_ratio * p.gas_constant * p.temperature
         start = float(np.median(rates)) * per_rate
@@ -131,7 +137,8 @@ class TankComponent(Component):
         models = [Model(self._with_law(law), law.effects) for law in laws]
         starts = np.array([_true_start(d.start, model) for model in models for d in chosen])
         together = stack_models([m for m in models for _ in chosen]) if models[1:] else models[0]
-        times, *found = _simulated(starts, max(d.time[-1] for d in chosen), together)
+        end, first = max(d.time[-1] for d in chosen), min(d.bin_s for d in chosen)
+        times, *found = _simulated(starts, _grid(float(end), first), together)
         runs = zip(*(np.split(values, len(models), axis=1) for values in found), strict=True)
         return [
             self._left(chosen, model, times, *run) for model, run in zip(models, runs, strict=True)
@@ -220,52 +227,115 @@ def tank(trials: Sequence[Trial], rig: Rig) -> TankComponent:
     )
     if not trials:
         raise NotIdentifiedError("no tank test to fit; give a fill and its discharge")
-    found, left_out = usable(trials, lambda trial: _discharge(trial, air.atmospheric_pressure_pa))
-    return TankComponent(fixed, tuple(found), tuple(left_out))
+    ambient = air.atmospheric_pressure_pa
+    read, left_out = usable(trials, lambda trial: _discharge(trial, ambient))
+    bin_s = _round(_BIN * float(np.median([one.scale_s for one in read])))
+    found, short = usable(read, lambda one: _binned(one, bin_s))
+    late = [one.late for one in read if one.late]
+    return TankComponent(fixed, tuple(found), (*left_out, *short, *late))
 
 
-def _discharge(trial: Trial, atmosphere: float) -> Discharge:
+@dataclass(frozen=True)
+class _Fall:
+    """A test's rows from the stop of the pump on: `time` (n,) s since then, `pressure` (n,) Pa.
+
+    `start` is the pressure at 0, `scale_s` the time in which it falls by 1 - 1/e of its whole
+    fall; `late` says which rows are not used, where some are not.
+    """
+
+    trial: Trial
+    time: FloatArray
+    pressure: FloatArray
+    start: float
+    scale_s: float
+    late: str = ""
+
+
+def _discharge(trial: Trial, atmosphere: float) -> _Fall:
+    """The discharge that a trial holds. Raises as `tank` does."""
+    command = _command(trial)
+    on = np.flatnonzero(trial[command] != 0.0)
+    first = int(on[-1]) + 1 if len(on) else len(trial)
+    if len(trial) - first < _FEWEST_BINS:
+        raise NotIdentifiedError(
+            f"{trial.source}: c_dis is not identified: {command} is never switched off for good, "
+            f"as {_FEWEST_BINS} rows or more would show; a test that goes on after the pump has "
+            "stopped, or its valve is off, would do"
+        )
+    time = trial.time[first:] - trial.time[first]
+    pressure = trial["pressure_a_pa"][first:]
+    scale = _scale(time, pressure)
+    early = time <= max(_START * scale, float(time[_FEWEST_IN_START - 1]))
+    start = float(np.polynomial.Polynomial.fit(time[early], pressure[early], 2)(0.0))
+    if start - atmosphere < _LEAST_FALL * atmosphere:
+        raise NotIdentifiedError(
+            f"{trial.source}: c_dis is not identified: the discharge starts only "
+            f"{start - atmosphere:.3g} Pa above the atmosphere; a stronger fill would do"
+        )
+    if time[early][-1] > _LATEST_START * scale:
+        raise NotIdentifiedError(
+            f"{trial.source}: c_dis is not identified: the pressure falls by 1 - 1/e of its whole "
+            f"fall in {scale:.3g} s, within which only {int(np.count_nonzero(time <= scale))} rows "
+            f"lie; sample every {scale / 20.0:.2g} s or faster, or discharge a larger tank"
+        )
+    used = time <= _LONGEST * scale
+    late = ""
+    if not used.all():
+        late = (
+            f"{trial.source}: rows later than {_LONGEST * scale:.3g} s after {command} is 0 are "
+            "not used: the tank is empty long before"
+        )
+    return _Fall(trial, time[used], pressure[used], start, scale, late)
+
+
+def _command(trial: Trial) -> str:
+    """The channel that is 0 from the start of the discharge on. Raises InputError without one."""
     used = [name for name in _PUMPS if name in trial.unusable]
     trial.require(("pressure_a_pa", *used), "which a tank test needs")
     command = next((name for name in _PUMPS if name in trial), None)
     if command is None:
         raise input_error(
             trial.source,
-            "column pump_volts is missing, which shows when the tank is filled",
+            "column pump_volts is missing, which shows when the tank is filled (valve_a would do "
+            "as well)",
             'add it (or valve_a), or name it with --map "pump_volts=COLUMN:V"',
         )
-    on = np.flatnonzero(trial[command] != 0.0)
-    first = int(on[-1]) + 1 if len(on) else len(trial)
-    time = trial.time[first:] - trial.time[min(first, len(trial) - 1)]
-    pressure = trial["pressure_a_pa"][first:]
-    count = int(time[-1] / _BIN_S) if len(time) else 0
-    if count < _FEWEST_BINS:
-        raise NotIdentifiedError(
-            f"{trial.source}: c_dis is not identified: {command} is never switched off for "
-            f"{_FEWEST_BINS * _BIN_S:g} s; a test that goes on after the pump has stopped would do"
-        )
-    early = time <= _START_S
-    if np.count_nonzero(early) < 4:
-        raise input_error(
-            trial.source,
-            f"holds fewer than 4 rows in the first {_START_S:g} s after {command} is 0",
-            "sample at 10 Hz or more",
-        )
-    start = float(np.polynomial.Polynomial.fit(time[early], pressure[early], 2)(0.0))
-    if start - atmosphere < _LEAST_FALL_PA:
-        raise NotIdentifiedError(
-            f"{trial.source}: c_dis is not identified: the discharge starts only "
-            f"{start - atmosphere:.3g} Pa above the atmosphere; a stronger fill would do"
-        )
-    place = (time / _BIN_S).astype(int)
+    return command
+
+
+def _scale(time: FloatArray, pressure: FloatArray) -> float:
+    """The time, s, in which a pressure falls by 1 - 1/e of its whole fall; (n,) each."""
+    some = max(1, min(_FEWEST_IN_START, len(time) // 4))
+    first, last = float(np.mean(pressure[:some])), float(np.mean(pressure[-some:]))
+    fallen = np.flatnonzero(pressure <= first - (1.0 - math.exp(-1.0)) * (first - last))
+    place = max(int(fallen[0]) if len(fallen) else len(time) - 1, 1)
+    return float(time[place])
+
+
+def _round(value: float) -> float:
+    """The nearest of 1, 2, 5 and their decades."""
+    decade = 10.0 ** math.floor(math.log10(value))
+    return decade * min((1.0, 2.0, 5.0, 10.0), key=lambda d: abs(math.log(d * decade / value)))
+
+
+def _binned(fall: _Fall, bin_s: float) -> Discharge:
+    """Its means over bins of `bin_s`; NotIdentifiedError where too few rows give any."""
+    place = (fall.time / bin_s).astype(int)
+    # The last bin ends after the last row.
+    count = max(int(place[-1]), 1)
     inside = place < count
     rows = np.bincount(place[inside], minlength=count)
     filled = rows > 0
     means = [
         np.bincount(place[inside], values[inside], count)[filled] / rows[filled]
-        for values in (time, pressure)
+        for values in (fall.time, fall.pressure)
     ]
-    return Discharge(trial.title, means[0], means[1], start)
+    if len(means[0]) < _FEWEST_BINS:
+        raise NotIdentifiedError(
+            f"{fall.trial.source}: c_dis is not identified: the discharge is logged for "
+            f"{fall.time[-1]:.3g} s only; a longer one, or a faster logger, would do"
+        )
+    return Discharge(fall.trial.title, means[0], means[1], fall.start, bin_s)
 
 
 def _true_start(shown: float, model: Model) -> float:
@@ -311,10 +381,9 @@ def _rates(
 
 
 def _simulated(
-    starts: FloatArray, end: float, model: Model
+    starts: FloatArray, times: FloatArray, model: Model
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Times (m,) s, pressures (m, tests) Pa and their rates, by Heun's steps."""
-    times = _grid(end)
     pressures, rates = np.empty((2, len(times), len(starts)))
     pressure = starts
     extra = plant.initial_states(_point(0.0, pressure, {}, model), model)
@@ -331,12 +400,12 @@ def _simulated(
     return times, pressures, rates
 
 
-def _grid(end: float) -> FloatArray:
-    """Times of the steps (m,) s from 0 to `end` or just beyond."""
-    times, step = [0.0], _FIRST_STEP_S
+def _grid(end: float, first: float) -> FloatArray:
+    """Times of the steps (m,) s from 0 to `end` or just beyond, the `first` of so many s."""
+    times, step = [0.0], first
     while times[-1] < end:
         times.append(times[-1] + step)
-        step = min(step * _GROWTH, _LONGEST_STEP_S)
+        step = min(step * _GROWTH, _LONGEST_STEP_BINS * first)
     return np.array(times)
 
 
