@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from sysid.checks.friction import Identification
+from sysid.checks.friction import POINTS, Identification
 from sysid.errors import InputError, NotIdentifiedError
+from sysid.io.channels import VALVE_COMMANDS
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 
@@ -15,13 +16,26 @@ COLUMNS = {
     "time_to_pressure_s": "valve-time",
 }
 """Columns that logs of one kind alone have."""
+_TANK, _VALVE = "tank", "valve_a"
 BENCH_LAWS = tuple(COLUMNS.values())
 """Kinds of test that give a law of a tank or a valve."""
 
-
-def bench_kind(trial: Trial) -> str | None:
+def bench_kind(trial: Trial, rig: Rig) -> str | None:
     """The kind of a bench test by its columns; None for any other test."""
-    return next((kind for name, kind in COLUMNS.items() if name in trial), None)
+    if trial.is_readings:
+        return POINTS
+    found = next((kind for name, kind in COLUMNS.items() if name in trial), None)
+    return found or (_TANK if _is_of_a_tank(trial, rig) else None)
+
+
+def _is_of_a_tank(trial: Trial, rig: Rig) -> bool:
+    """Whether a test shows one pressure, and nothing that moves, beside a rig with a tank."""
+    if rig.tank is None or "pressure_a_pa" not in trial:
+        return False
+    others = {"pressure_b_pa", rig.position_channel, rig.effort_channel}
+    # Where there is an actuator as well, a valve's command may be of that.
+    others |= {*VALVE_COMMANDS} - ({_VALVE} if rig.is_tank_alone else set())
+    return not others & {*trial.channels}
 
 
 def bench_identified(kind: str, trials: Sequence[Trial], rig: Rig) -> Iterator[Identification]:
@@ -33,12 +47,20 @@ def bench_identified(kind: str, trials: Sequence[Trial], rig: Rig) -> Iterator[I
         component = component_of(kind, trials, rig)
         fitted = fit_law(component, (), range(len(component.tests)))
     except (InputError, NotIdentifiedError) as error:
-        yield Identification(f"the law of {kind} tests", False, str(error))
+        yield Identification(f"the law of {kind} tests", False, _why(kind, trials, error))
         return
     count = len(component.recordings)
     tests = f"{count} of {len(trials)} {kind} test{'s' * (len(trials) > 1)}"
     for name, estimate in fitted.base_estimates().items():
         yield Identification(name, estimate.identified, estimate.reason or tests)
+
+
+def _why(kind: str, trials: Sequence[Trial], error: Exception) -> str:
+    """Why tests give no law; of a tank without a command also what the log is."""
+    commands = {"pump_volts", _VALVE}
+    if kind != _TANK or any(commands & {*t.channels, *t.unusable} for t in trials):
+        return str(error)
+    return f"this is a tank's discharge (one pressure, beside a rig with [tank]): {error}"
 
 
 __all__ = ["BENCH_LAWS", "COLUMNS", "bench_identified", "bench_kind"]

@@ -20,7 +20,8 @@ from sysid.io.campaign import FRICTION_KINDS, MOTION_KINDS
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 
-_POINTS = "friction-points"
+POINTS = "friction-points"
+"""The kind of readings taken by hand."""
 _MOVING = "needs friction-sliding or friction-motion tests in both directions"
 _NO_TEST = "the campaign declares no friction or motion test of it"
 
@@ -52,7 +53,10 @@ def friction_identified(
         return
     found, why = _fitted(trials, rig, declared, estimate_inertia=False)
     for parameter, name in _names(u).items():
-        yield _identification(parameter, found, name, why)
+        if declared != POINTS or name in found or not found:
+            yield _identification(parameter, found, name, why)
+    if declared == POINTS:
+        return  # Readings of a steady motion, or of breakaway, are of nothing else.
     if rig.total_inertia() is not None:
         found, why = _fitted(trials, rig, declared, estimate_inertia=True)
     yield _identification("inertia", found, u.inertia, why)
@@ -81,7 +85,7 @@ def _fitted(
     trials: Sequence[Trial], rig: Rig, declared: str | None, *, estimate_inertia: bool
 ) -> tuple[dict[str, Estimate], str]:
     """The estimates of the fit by name, and the tests behind them, or why there are none."""
-    if declared == _POINTS:
+    if declared == POINTS:
         return _of_points(trials, rig)
     kind = MOTION if declared in MOTION_KINDS else declared
     if kind is not None and kind not in FRICTION_KINDS:
@@ -113,13 +117,11 @@ def _of_points(trials: Sequence[Trial], rig: Rig) -> tuple[dict[str, Estimate], 
     from sysid.diagnosis.bench.registry import component_of
 
     try:
-        component = component_of(_POINTS, trials, rig)
+        component = component_of(POINTS, trials, rig)
         fitted = fit_law(component, (), range(len(component.tests)))
     except (InputError, NotIdentifiedError) as error:
         return {}, str(error)
-    friction = component.part(fitted.base_estimates()).friction
-    estimates = {} if friction is None else friction.estimates()
-    return estimates, f"{len(component.tests)} readings"
+    return dict(fitted.base_estimates()), f"{len(component.tests)} readings"
 
 
-__all__ = ["Identification", "friction_identified"]
+__all__ = ["POINTS", "Identification", "friction_identified"]

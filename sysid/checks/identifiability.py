@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from sysid.checks.friction import Identification, friction_identified
+from sysid.checks.friction import POINTS, Identification, friction_identified
 from sysid.io.channels import DUTIES, SIDES, SWITCHES
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
@@ -31,7 +31,7 @@ def identifications(
     """
     yield from friction_identified([t for group in by_kind.values() for t in group], rig, declared)
     commanded = any(is_active(t, *DUTIES, *SWITCHES) for group in by_kind.values() for t in group)
-    if rig.cylinder is None or (rig.valves is None and not commanded):
+    if declared == POINTS or rig.cylinder is None or (rig.valves is None and not commanded):
         return
     for valve in SIDES:
         yield from _discrete(by_kind.get("valve-discrete", ()), rig, valve)

@@ -12,7 +12,7 @@ import numpy as np
 from sysid import signals
 from sysid.checks.bench import BENCH_LAWS, COLUMNS, bench_identified, bench_kind
 from sysid.checks.consistency.campaign import located_contradictions, readings_of
-from sysid.checks.friction import Identification
+from sysid.checks.friction import POINTS, Identification
 from sysid.checks.identifiability import excitation, identifications
 from sysid.display.plots import bars, one_axes
 from sysid.display.tables import Shown, ShownTable, record_table
@@ -186,6 +186,7 @@ def check_log(log: Log, rig: Rig, declared: str | None = None) -> LogCheck:
         by_kind.setdefault(kind, []).append(trial)
     channels = _measured_channels(log, rig)
     bench = next(iter(by_kind)) if set(by_kind) & {*BENCH_LAWS} else None
+    taken_as = POINTS if set(by_kind) == {POINTS} else declared
     return LogCheck(
         file=str(log.path),
         kinds=kinds,
@@ -199,7 +200,7 @@ def check_log(log: Log, rig: Rig, declared: str | None = None) -> LogCheck:
         channels=tuple(check_channel(log, name, rig) for name in channels),
         excitation=tuple(excitation(by_kind, rig)),
         identifies=tuple(
-            identifications(by_kind, rig, declared)
+            identifications(by_kind, rig, taken_as)
             if bench is None
             else bench_identified(bench, log.trials, rig)
         ),
@@ -210,9 +211,9 @@ def check_log(log: Log, rig: Rig, declared: str | None = None) -> LogCheck:
 
 def _kind_in(trial: Trial, rig: Rig, declared: str | None) -> str:
     """A trial's kind: of a bench as declared, else by its content."""
-    if declared in BENCH_LAWS:
+    if declared in BENCH_LAWS or declared == POINTS:
         return declared
-    return bench_kind(trial) or kind_of(trial, rig) or "nothing commanded"
+    return bench_kind(trial, rig) or kind_of(trial, rig) or "nothing commanded"
 
 
 def _measured_channels(log: Log, rig: Rig) -> list[str]:

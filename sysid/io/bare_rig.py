@@ -56,12 +56,14 @@ def read_bare_logs(
     paths: Sequence[Path],
     mapping: Mapping[str, ColumnMap],
     beside: Mapping[str, Any] | None = None,
+    *,
+    readings: bool = False,
 ) -> BareLogs:
     """Read logs of one rig without its rig file.
 
     `beside` is the content of a rig that other parts were fitted with: of it the assumed
-    constants that these logs show are replaced, and all others kept. Raises InputError as
-    `read_log` does.
+    constants that these logs show are replaced, and all others kept. `readings` and InputError as
+    `read_log` has them.
     """
     tables = [log_table(path, mapping) for path in paths]
     present = {name for table in tables for name in _channels(table, mapping)}
@@ -70,7 +72,7 @@ def read_bare_logs(
     in_volts = "motor_volts" in present and not present & {"motor_torque_nm", "motor_force_n"}
     draft = _draft(reference, in_volts)
     shown = shown_constants(
-        [log_of(table, draft, mapping) for table in tables],
+        [log_of(table, draft, mapping, readings=readings) for table in tables],
         draft.position_channel,
         draft.effort_channel,
     )
@@ -83,7 +85,7 @@ def read_bare_logs(
     found = [key for key in _dotted(content) if key in free and key not in left]
     rig = rig_from_content({ASSUMED: left, **content} if left else content, SOURCE)
     read_with = _volts_as_effort(rig) if in_volts else rig
-    logs = tuple(log_of(table, read_with, mapping) for table in tables)
+    logs = tuple(log_of(table, read_with, mapping, readings=readings) for table in tables)
     return BareLogs(rig, read_with, logs, in_volts, tuple(found), tuple(_doubts(logs, rig, shown)))
 
 

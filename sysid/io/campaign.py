@@ -171,7 +171,8 @@ class Campaign:
         return replace(log, trials=trials, notices=(*log.notices, line))
 
     def _as_recorded(self, entry: CampaignLog) -> Log:
-        return read_log(entry.path, self.rig, entry.mapping, entry.shared)
+        readings = entry.kind == "friction-points"
+        return read_log(entry.path, self.rig, entry.mapping, entry.shared, readings=readings)
 
     @cached_property
     def _effort_is_read(self) -> bool:

@@ -6,7 +6,7 @@ import difflib
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -66,14 +66,18 @@ def read_log(
     rig: Rig,
     mapping: Mapping[str, ColumnMap] | None = None,
     shared: Mapping[str, ColumnMap] | None = None,
+    *,
+    readings: bool = False,
 ) -> Log:
     """Read, check and convert one log file to SI.
 
     `mapping` translates foreign names and units (`sysid.io.units.parse_map`); `shared` does so
-    where the file has the column and `mapping` does not override it. Raises InputError, one
-    line that names the file, the row or column, and the fix.
+    where the file has the column and `mapping` does not override it. `readings`: it may be a table
+    of steady speeds and efforts without time, each row a reading (`friction-points`). Raises
+    InputError, one line that names the file, the row or column, and the fix.
     """
-    return log_of(log_table(path, {**(shared or {}), **(mapping or {})}), rig, mapping, shared)
+    table = log_table(path, {**(shared or {}), **(mapping or {})})
+    return log_of(table, rig, mapping, shared, readings=readings)
 
 
 def log_table(path: Path, maps: Mapping[str, ColumnMap]) -> LogTable:
@@ -88,6 +92,8 @@ def log_of(
     rig: Rig,
     mapping: Mapping[str, ColumnMap] | None = None,
     shared: Mapping[str, ColumnMap] | None = None,
+    *,
+    readings: bool = False,
 ) -> Log:
     """A table of `log_table` checked and converted to SI; arguments and errors of `read_log`."""
     maps, path = {**(shared or {}), **(mapping or {})}, table.path
@@ -98,18 +104,29 @@ def log_of(
             reading.notices.append(
                 f"{path}: has no column {column!r}, which the campaign maps to {target}"
             )
-    if "time_s" not in maps and "time_s" not in table.header:
-        raise missing_time(table)
+    timeless = "time_s" not in maps and "time_s" not in table.header
+    are_readings = timeless and _shows_readings(table, maps, rig)
+    if timeless and not (readings and are_readings):
+        raise missing_time(table, are_readings=are_readings)
     _take_columns(reading, maps)
+    if timeless:
+        reading.columns["time_s"] = np.arange(len(table.frame), dtype=np.float64)
+        reading.notices.append(
+            f"{path}: holds no time_s, but speeds and efforts: each row is a reading of friction "
+            "by itself (friction-points)"
+        )
     groups = groups_of(reading, maps)
     _convert_position(reading)
     _convert_motor(reading)
     _check_wraps(reading, groups)
     _check_values(reading)
-    check_time_column(reading, groups)
-    _count_from_the_start(reading)
-    _check_tests(reading, groups)
+    if not timeless:
+        check_time_column(reading, groups)
+        _count_from_the_start(reading)
+        _check_tests(reading, groups)
     trials = tuple(trial_of(reading, label, rows) for label, rows in groups)
+    if timeless:
+        trials = tuple(replace(trial, is_readings=True) for trial in trials)
     return Log(path, table.sha256, trials, tuple(map(one_line, reading.notices)), rig)
 
 
@@ -168,8 +185,21 @@ def _take(reading: LogReading, name: str) -> None:
         reading.origin[name] = name
 
 
-def missing_time(table: LogTable) -> InputError:
-    """That a table has no time column, and which it may be."""
+def _shows_readings(table: LogTable, maps: Mapping[str, ColumnMap], rig: Rig) -> bool:
+    """Whether a table has what a reading of friction needs, and nothing that a valve does."""
+    present = {*table.header, *maps}
+    needed = {velocity_channel(rig), rig.effort_channel}
+    return needed <= present and not present & {*CHAMBER_PRESSURES, *VALVE_COMMANDS}
+
+
+def velocity_channel(rig: Rig) -> str:
+    """`velocity_m_per_s` on a linear rig, else `velocity_rad_per_s`."""
+    return "velocity_m_per_s" if rig.is_linear else "velocity_rad_per_s"
+
+
+def missing_time(table: LogTable, *, are_readings: bool = False) -> InputError:
+    """That a table has no time column, and which it may be; `are_readings`: or that it may be a
+    table of readings, which has none."""
     close = difflib.get_close_matches("time_s", table.header, 1, 0.4)
     guess = close[0] if close else "COLUMN"
     named = re.search(r"[_ (\[](ms|us|min|h)[\])]?$", guess)
@@ -177,7 +207,13 @@ def missing_time(table: LogTable) -> InputError:
     return input_error(
         table.path,
         f"column time_s is missing (it has {', '.join(table.header[:12])})",
-        f'add it, or give --map "time_s={guess}:{unit}"',
+        f'add it, or give --map "time_s={guess}:{unit}"'
+        + (
+            '; if each row is a reading of friction, list it in a campaign as kind = '
+            '"friction-points", which needs no time'
+            if are_readings
+            else ""
+        ),
     )
 
 

@@ -31,7 +31,8 @@ class Trial:
     shaft, whatever column the file gave. `source` names file and test for messages.
     `unusable` gives the faults of columns that only few kinds of test need. `row_period`: the
     samples are not as measured but between measured ones so many seconds apart (`sysid convert
-    --resample`, `--join`), and their noise is correlated; None: as measured.
+    --resample`, `--join`), and their noise is correlated; None: as measured. `is_readings`: a
+    table without time, each row a reading by itself; `time` then counts the rows.
     """
 
     label: str
@@ -40,6 +41,7 @@ class Trial:
     source: str
     unusable: Mapping[str, str] = field(default_factory=dict)
     row_period: float | None = None
+    is_readings: bool = False
 
     def __contains__(self, name: str) -> bool:
         return name in self.channels
