@@ -20,6 +20,7 @@ _TANK, _VALVE = "tank", "valve_a"
 BENCH_LAWS = tuple(COLUMNS.values())
 """Kinds of test that give a law of a tank or a valve."""
 
+
 def bench_kind(trial: Trial, rig: Rig) -> str | None:
     """The kind of a bench test by its columns; None for any other test."""
     if trial.is_readings:

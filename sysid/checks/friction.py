@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.estimation.linear import Estimate
@@ -51,14 +52,35 @@ def friction_identified(
         for parameter in (*_names(u), "inertia"):
             yield Identification(parameter, False, why)
         return
-    found, why = _fitted(trials, rig, declared, estimate_inertia=False)
+    yield from _each(rig, declared, partial(_fitted, trials, rig, declared))
+
+
+def friction_together(
+    trials: Sequence[Trial], kinds: Sequence[str] | str, rig: Rig
+) -> Iterator[Identification]:
+    """The same of the tests of several logs, which are fitted together; `kinds` of each trial, or
+    `POINTS`."""
+    if kinds == POINTS:
+        yield from _each(rig, POINTS, lambda **_: _of_points(trials, rig))
+    elif trials:
+        yield from _each(rig, None, partial(_of_tests, trials, rig, kinds))
+    else:
+        yield from _each(rig, None, lambda **_: ({}, _NO_TEST))
+
+
+def _each(
+    rig: Rig, declared: str | None, fitted: Callable[..., tuple[dict[str, Estimate], str]]
+) -> Iterator[Identification]:
+    """What the fits with and without an inertia to estimate give of each parameter."""
+    u = units_of(rig)
+    found, why = fitted(estimate_inertia=False)
     for parameter, name in _names(u).items():
         if declared != POINTS or name in found or not found:
             yield _identification(parameter, found, name, why)
     if declared == POINTS:
         return  # Readings of a steady motion, or of breakaway, are of nothing else.
     if rig.total_inertia() is not None:
-        found, why = _fitted(trials, rig, declared, estimate_inertia=True)
+        found, why = fitted(estimate_inertia=True)
     yield _identification("inertia", found, u.inertia, why)
 
 
@@ -92,9 +114,22 @@ def _fitted(
         return {}, _NO_TEST
     if declared in MOTION_KINDS:
         trials = [t for t in trials if balances(t, rig)]
+    return _of_tests(
+        trials, rig, kind, estimate_inertia=estimate_inertia, be_possible=declared is None
+    )
+
+
+def _of_tests(
+    trials: Sequence[Trial],
+    rig: Rig,
+    kind: Sequence[str] | str | None,
+    *,
+    estimate_inertia: bool,
+    be_possible: bool = False,
+) -> tuple[dict[str, Estimate], str]:
     try:
         result = fit_friction(trials, rig, kind=kind, estimate_inertia=estimate_inertia)
-        if declared is None:
+        if be_possible:
             result.require_possible()
     except (InputError, NotIdentifiedError) as error:
         return {}, str(error)
@@ -124,4 +159,4 @@ def _of_points(trials: Sequence[Trial], rig: Rig) -> tuple[dict[str, Estimate], 
     return dict(fitted.base_estimates()), f"{len(component.tests)} readings"
 
 
-__all__ = ["POINTS", "Identification", "friction_identified"]
+__all__ = ["POINTS", "Identification", "friction_identified", "friction_together"]

@@ -30,10 +30,18 @@ def identifications(
     `by_kind` holds the log's trials by kind; `declared` is the kind that a campaign gives them.
     """
     yield from friction_identified([t for group in by_kind.values() for t in group], rig, declared)
+    if declared != POINTS:
+        yield from valves_identified(by_kind, rig)
+
+
+def valves_identified(
+    by_kind: TrialsByKind, rig: Rig, valves: Sequence[str] = SIDES
+) -> Iterator[Identification]:
+    """The flows of these valves, where the rig or the log has some."""
     commanded = any(is_active(t, *DUTIES, *SWITCHES) for group in by_kind.values() for t in group)
-    if declared == POINTS or rig.cylinder is None or (rig.valves is None and not commanded):
+    if rig.cylinder is None or (rig.valves is None and not commanded):
         return
-    for valve in SIDES:
+    for valve in valves:
         yield from _discrete(by_kind.get("valve-discrete", ()), rig, valve)
         yield from _pwm(by_kind.get("valve-pwm", ()), valve)
 
@@ -102,5 +110,6 @@ def _pwm(trials: Sequence[Trial], valve: str) -> Iterator[Identification]:
         good = len(duties) >= _FEWEST_DUTIES
         reason = f"{len(duties)} duties"
         if not good:
-            reason += f": needs valve-pwm tests, {what}, with at least {_FEWEST_DUTIES} duties"
+            tests = f"valve-pwm tests of valve {valve.upper()}, {what}"
+            reason += f": needs {tests}, with at least {_FEWEST_DUTIES} duties"
         yield Identification(f"valve {valve.upper()} PWM surface, {what}", good, reason)

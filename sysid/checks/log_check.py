@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -102,6 +103,17 @@ class LogCheck(Shown):
         """The notices of its reader, and those of its comparison with other logs."""
         return (*self.notices, *self.contradicts)
 
+    @property
+    def answer(self) -> str:
+        """In one line what the log identifies, and what it does not."""
+        yes, no = ([i for i in self.identifies if i.identified is good] for good in (True, False))
+        name = Path(self.file).name
+        if not yes:
+            why = f": {no[0].reason}" if no else ""
+            return f"{name} identifies nothing{why}"
+        lacking = f"; it does not identify {_listed(no)}" if no else ""
+        return f"{name} identifies {_listed(yes)}{lacking}"
+
     def headline(self) -> str:
         """The file, its tests and its sampling."""
         kinds = ", ".join(f"{count} x {kind}" for kind, count in self.kinds.items())
@@ -145,6 +157,20 @@ class LogCheck(Shown):
                 "contradicts": tuple(content.get("contradicts", ())),
             }
         )
+
+
+def _listed(items: Sequence[Identification]) -> str:
+    """Their parameters as a list; what several of a valve share is said once."""
+    return listed([i.parameter for i in items])
+
+
+def listed(names: Sequence[str]) -> str:
+    """Parameters as a list; a valve that follows itself is named once."""
+    valves, shown = ("valve A ", "valve B "), []
+    for before, name in zip(("", *names), names, strict=False):
+        same = next((v for v in valves if name.startswith(v) and before.startswith(v)), "")
+        shown.append(name.removeprefix(same).replace("surface, ", "surface "))
+    return ", ".join(shown)
 
 
 def _ratio(channel: ChannelCheck, size: float | None) -> float:

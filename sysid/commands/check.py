@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from pathlib import Path
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path, PurePath
 from typing import Any
 
 import click
 from rich.text import Text
 
+from sysid.checks.campaign_check import Answer, CampaignCheck
 from sysid.checks.log_check import LogCheck, check_log
 from sysid.commands.options import (
     component_option,
@@ -16,16 +18,24 @@ from sysid.commands.options import (
     logs_argument,
     map_option,
     rig_option,
+    verbose_option,
 )
 from sysid.commands.own_component import read_with
-from sysid.commands.printing import notices, print_json, progress
+from sysid.commands.printing import grouped_notices, notices, print_json, progress
 from sysid.display.terminal import console, new_table
 from sysid.errors import input_error
 from sysid.io.bare_rig import read_bare_logs
+from sysid.io.campaign import CampaignLog
 from sysid.io.logs import read_log
 from sysid.io.rig import find_rig_file, read_rig
+from sysid.io.tables import require_log
 from sysid.io.units import parse_map
 from sysid.workflows.subject import subject_of
+
+# Logs of one kind that a cell names; more are counted.
+_NAMED = 3
+# Lines of remarks, the first of the campaign's logs; all with -v.
+_REMARKS = 12
 
 
 @click.command()
@@ -33,30 +43,46 @@ from sysid.workflows.subject import subject_of
 @rig_option
 @map_option
 @component_option
+@verbose_option
 @json_option
 def check(
     logs: Sequence[Path],
     rig: Path | None,
     maps: Sequence[str],
     component: str | None,
+    verbose: bool,
     as_json: bool,
 ) -> None:
     """Data quality of each LOG, and what it can and cannot identify.
 
-    A campaign file in place of a LOG stands for all logs that it lists, which are then also
-    compared with one another and with the rig file.
+    A campaign file in place of a LOG stands for all logs that it lists: whether they identify
+    everything, by which of them, and in what they contradict one another or the rig file; -v shows
+    each log.
     """
-    checks: list[LogCheck] = []
+    checked: list[LogCheck | CampaignCheck] = []
     said: list[str] = []
     for path in logs:
         if path.suffix == ".toml":
-            checks += _campaign_checks(path, rig, maps, component, said)
+            checked.append(_campaign_check(path, rig, maps, component, said))
         elif component is not None:
             mend = "give the campaign file that lists it"
             raise input_error(path, "is no campaign file, which --component needs", mend)
         else:
-            checks.append(_log_check(path, rig or find_rig_file(path), maps, said))
-    _show(checks, said, as_json)
+            rig_file = rig or find_rig_file(path)
+            require_log(path)
+            checked.append(_log_check(path, rig_file, maps, said))
+    if as_json:
+        _tell(checked, said, all_of_them=True)
+        print_json(_content(checked))
+        return
+    _tell(checked, said, all_of_them=verbose)
+    out = console()
+    for one in checked:
+        blocks = _campaign(one, verbose) if isinstance(one, CampaignCheck) else _log(one)
+        for block in blocks:
+            # A line is folded by whatever shows it, a table to the width.
+            out.print(block, soft_wrap=isinstance(block, Text))
+        out.print()
 
 
 def _log_check(path: Path, rig: Path | None, maps: Sequence[str], said: list[str]) -> LogCheck:
@@ -64,8 +90,8 @@ def _log_check(path: Path, rig: Path | None, maps: Sequence[str], said: list[str
     mapping = parse_map(maps)
     if rig is not None:
         known = read_rig(rig)
-        return check_log(read_log(path, known, mapping), known)
-    bare = read_bare_logs([path], mapping)
+        return check_log(read_log(path, known, mapping, readings=True), known)
+    bare = read_bare_logs([path], mapping, readings=True)
     said += [
         f"{path}: no rig file: {', '.join(bare.rig.assumed)} are assumed, as on the reference rig "
         f"(`sysid init --from {path.name} rig.toml` writes one to correct)",
@@ -74,10 +100,10 @@ def _log_check(path: Path, rig: Path | None, maps: Sequence[str], said: list[str
     return check_log(bare.logs[0], bare.read_with)
 
 
-def _campaign_checks(
+def _campaign_check(
     path: Path, rig: Path | None, maps: Sequence[str], component: str | None, said: list[str]
-) -> list[LogCheck]:
-    """The checks of a campaign's logs; the reader's notices are added to `said`."""
+) -> CampaignCheck:
+    """The check of a campaign; the reader's notices are added to `said`."""
     if rig is not None or maps:
         given = "--rig" if rig is not None else "--map"
         raise input_error(
@@ -85,23 +111,117 @@ def _campaign_checks(
         )
     campaign = read_with(path, component, progress())
     said += [*campaign.notices, *campaign.rig.notices]
-    return subject_of(campaign).checks()
+    return subject_of(campaign).check()
+
+
+def _logs_of(checked: Iterable[LogCheck | CampaignCheck]) -> Iterator[LogCheck]:
+    for one in checked:
+        yield from one.logs if isinstance(one, CampaignCheck) else (one,)
+
+
+def _content(checked: Sequence[LogCheck | CampaignCheck]) -> dict[str, Any]:
+    """What `--json` prints: the answers, what campaigns identify, and each log."""
+    campaigns = [c for c in checked if isinstance(c, CampaignCheck)]
+    identifies = [{"campaign": c.path, **a.to_json()} for c in campaigns for a in c.answers]
+    return {
+        "answers": [one.answer for one in checked],
+        **({"identifies": identifies} if campaigns else {}),
+        "logs": [c.to_json() for c in _logs_of(checked)],
+    }
 
 
 # --- printing -----------------------------------------------------------------------------
 
 
-def _show(checks: Sequence[LogCheck], said: Sequence[str], as_json: bool) -> None:
-    """One block per log."""
-    notices([*said, *(line for c in checks for line in c.said)])
-    if as_json:
-        print_json({"logs": [c.to_json() for c in checks]})
+def _tell(
+    checked: Sequence[LogCheck | CampaignCheck], said: Sequence[str], *, all_of_them: bool
+) -> None:
+    """The notices on standard error; those alike as one, unless `all_of_them`."""
+    lines = [*said, *(line for c in _logs_of(checked) for line in c.notices)]
+    # A terminal that shows both streams has the contradictions under the answer.
+    if not (sys.stdout.isatty() and sys.stderr.isatty()):
+        notices(line for c in _logs_of(checked) for line in c.contradicts)
+    (notices if all_of_them else grouped_notices)(lines)
+
+
+def _campaign(check: CampaignCheck, verbose: bool) -> Iterable[Any]:
+    yield Text(check.answer, style="bold")
+    yield from (Text(f"- {line}") for line in check.contradictions)
+    training, held = len(check.training), len(check.entries) - len(check.training)
+    yield Text(f"{check.path}: {training} training log{'s' * (training != 1)}, {held} held out")
+    yield _table(check)
+    yield from _quality(check, verbose)
+    if verbose:
+        for one in check.logs:
+            yield Text("")
+            yield from _blocks(one)
+    else:
+        yield Text("-v shows each log: channels, noise, and what it identifies by itself")
+
+
+def _table(check: CampaignCheck) -> Any:
+    """One line per parameter: the logs that identify it, or why none does."""
+    table = new_table("", "parameter", "", "identified by")
+    names = _names(check.entries)
+    # What is not identified for one reason is one row: the reason is read once.
+    rows: dict[tuple[str, str], list[str]] = {}
+    for one in check.answers:
+        key = ("yes", one.parameter) if one.identified else ("no", one.needs or one.reason)
+        rows.setdefault(key, []).append(one.parameter)
+    answers = {one.parameter: one for one in check.answers}
+    for (mark, reason), parameters in rows.items():
+        by = _by(answers[parameters[0]], check, names) if mark == "yes" else reason
+        table.add_row("\n".join(parameters), mark, Text(by))
+    return table
+
+
+def _names(entries: Sequence[CampaignLog]) -> dict[str, str]:
+    """Short names of a campaign's logs: without their suffix, and the folder that all share."""
+    files = [PurePath(entry.file) for entry in entries]
+    stems = [f.with_suffix("") for f in files]
+    # Runs of one name and two formats are told apart by it.
+    kept = stems if len({*stems}) == len({*files}) else files
+    folders = {f.parent for f in files}
+    shared = folders.pop() if len(folders) == 1 else PurePath()
+    return {e.file: str(name.relative_to(shared)) for e, name in zip(entries, kept, strict=True)}
+
+
+def _by(answer: Answer, check: CampaignCheck, names: dict[str, str]) -> str:
+    """The logs that identify a parameter; of a kind of which there are many, their number."""
+    if not answer.logs:
+        return f"all together ({answer.reason})" if answer.together else answer.reason
+    of_kind: dict[str, list[str]] = {}
+    for entry in check.training:
+        of_kind.setdefault(entry.kind, []).append(entry.file)
+    parts = []
+    for kind, files in of_kind.items():
+        own = [f for f in dict.fromkeys(files) if f in answer.logs]
+        if len(own) <= _NAMED:
+            parts += [names[f] for f in own]
+            continue
+        others = [names[f] for f in dict.fromkeys(files) if f not in own]
+        but = f", not {', '.join(others)}" if 0 < len(others) <= _NAMED else ""
+        parts.append(f"{len(own)} of {len(files)} {kind} logs{but}")
+    return ", ".join(parts)
+
+
+def _quality(check: CampaignCheck, verbose: bool) -> Iterable[Text]:
+    """One line for each log whose quality is remarkable."""
+    found = list(check.remarks())
+    if not found:
+        yield Text("quality: no gaps, no sensor stuck or saturated, no noise beyond the rig file's")
         return
-    out = console()
-    for check in checks:
-        for block in _blocks(check):
-            out.print(block)
-        out.print()
+    shown = found if verbose else found[:_REMARKS]
+    for entry, line in shown:
+        held = " (held out)" if entry.use != "fit" else ""
+        yield Text(f"{entry.file}{held}: {line}")
+    if len(found) > len(shown):
+        yield Text(f"... and {len(found) - len(shown)} more logs with remarks: -v shows them")
+
+
+def _log(check: LogCheck) -> Iterable[Any]:
+    yield Text(check.answer, style="bold")
+    yield from _blocks(check)
 
 
 def _blocks(check: LogCheck) -> Iterable[Any]:

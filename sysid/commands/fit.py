@@ -66,6 +66,7 @@ from sysid.io.files import check_each_once
 from sysid.io.logs import Log, Trial, read_log
 from sysid.io.rig import Rig, find_rig_file, read_rig
 from sysid.io.source import Source
+from sysid.io.tables import require_log
 from sysid.io.units import parse_map
 from sysid.valve_discrete import fit_valve_discrete
 from sysid.valve_pwm import fit_valve_pwm
@@ -444,6 +445,8 @@ def _read_logs(files: _Files, existing: Bundle | None) -> _Given:
     check_each_once(files.logs, "log")
     mapping = parse_map(files.maps)
     found = {find_rig_file(p) for p in files.logs} if files.rig is None else {files.rig}
+    for log in files.logs:
+        require_log(log)
     if len(found) > 1:
         named = sorted("no rig file" if path is None else str(path) for path in found)
         raise input_error(

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sysid.errors import input_error, one_line, shortened
+from sysid.io.file_kinds import FOREIGN_SUFFIXES
 from sysid.io.foreign import ForeignTable, read_foreign
 from sysid.io.foreign.recipe import Recipe, extended, read_recipe
 from sysid.io.foreign_columns import log_columns, unused_columns, with_atmosphere
@@ -26,7 +27,7 @@ from sysid.io.reshaping import (
     reshaped,
     unwrapped,
 )
-from sysid.io.tables import FOREIGN_SUFFIXES, comments_in, open_input, sha256_of, write_table
+from sysid.io.tables import comments_in, open_input, sha256_of, write_table
 from sysid.io.units import (
     CANONICAL_UNITS,
     TEST_COLUMN,

@@ -209,7 +209,7 @@ def missing_time(table: LogTable, *, are_readings: bool = False) -> InputError:
         f"column time_s is missing (it has {', '.join(table.header[:12])})",
         f'add it, or give --map "time_s={guess}:{unit}"'
         + (
-            '; if each row is a reading of friction, list it in a campaign as kind = '
+            "; if each row is a reading of friction, list it in a campaign as kind = "
             '"friction-points", which needs no time'
             if are_readings
             else ""

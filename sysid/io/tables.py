@@ -32,6 +32,7 @@ from sysid.io.bounds import (
     check_rectangle,
     check_text,
 )
+from sysid.io.file_kinds import reject_foreign
 from sysid.io.files import note_input, open_atomic
 from sysid.io.parquet_columns import ParquetColumns
 
@@ -39,7 +40,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 PARQUET_SUFFIXES = (".parquet", ".pq")
-FOREIGN_SUFFIXES = (".mat", ".xlsx", ".xls", ".tdms")
 _NOTED = b"sysid.comments"
 # Comments stand at the head of a file.
 _HEAD_BYTES = 1 << 16
@@ -225,17 +225,17 @@ def _is_blank(file: BinaryIO) -> bool:
     return all(chunk.isspace() for chunk in iter(lambda: file.read(_CHUNK), b""))
 
 
+def require_log(path: Path) -> None:
+    """InputError where there is no such file: what else is wrong is said after that."""
+    if not path.exists():
+        raise input_error(path, "no such file", "give the path of a log")
+
+
 def read_table(path: Path, wanted: Collection[str], text: Collection[str] = ()) -> LogTable:
     """The `wanted` columns that the file has (CSV or Parquet, by its suffix).
 
     `text` names those that are labels, not numbers. Raises InputError.
     """
-    if path.suffix.lower() in FOREIGN_SUFFIXES:
-        raise input_error(
-            path,
-            f"a {path.suffix} file is not a log",
-            f"convert it first: `sysid convert {path.name} -o {path.stem}.csv --map ...`",
-        )
     if path.suffix.lower() == ".toml":
         raise input_error(
             path,
@@ -246,6 +246,7 @@ def read_table(path: Path, wanted: Collection[str], text: Collection[str] = ()) 
         with open_input(path, "a log") as file:
             if path.suffix.lower() in PARQUET_SUFFIXES:
                 return _read_parquet(path, file, wanted)
+            reject_foreign(path, file)
             check_text(path, file)
             return _read_csv(path, file.read(), wanted, text)
     except csv.Error as error:
@@ -512,13 +513,13 @@ def _is_number(text: str) -> bool:
 
 
 __all__ = [
-    "FOREIGN_SUFFIXES",
     "PARQUET_SUFFIXES",
     "LogTable",
     "comments_in",
     "open_input",
     "read_bytes",
     "read_table",
+    "require_log",
     "sha256_of",
     "write_table",
 ]

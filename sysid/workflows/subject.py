@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from sysid.bundle import Bundle
+from sysid.checks.campaign_check import CampaignCheck, check_whole
 from sysid.checks.log_check import LogCheck, check_campaign
 from sysid.components.loading import component_in
 from sysid.errors import input_error
@@ -78,6 +79,10 @@ class Subject(ABC):
     def checks(self) -> list[LogCheck]:
         """What each log is good for."""
 
+    @abstractmethod
+    def check(self) -> CampaignCheck:
+        """The same, and whether all training logs together identify everything."""
+
 
 @dataclass(frozen=True)
 class RigSubject(Subject):
@@ -143,6 +148,9 @@ class RigSubject(Subject):
     def checks(self) -> list[LogCheck]:
         return check_campaign(self.campaign)
 
+    def check(self) -> CampaignCheck:
+        return check_whole(self.campaign)
+
 
 @dataclass(frozen=True)
 class OwnSubject(Subject):
@@ -188,6 +196,11 @@ class OwnSubject(Subject):
         from sysid.components.log_check import check_own
 
         return check_own(self.campaign)
+
+    def check(self) -> CampaignCheck:
+        from sysid.components.log_check import check_own_whole
+
+        return check_own_whole(self.campaign)
 
 
 def subject_of(campaign: Campaign) -> Subject:

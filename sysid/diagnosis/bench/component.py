@@ -17,7 +17,6 @@ from sysid.errors import NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import Parameter
 from sysid.estimation.quality import FitQuality
-from sysid.io.logs import Trial
 from sysid.model.effects.entry import CatalogueEffect, Quantity
 from sysid.types import FloatArray, IntArray
 

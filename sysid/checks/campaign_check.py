@@ -1,0 +1,234 @@
+"""Whether a campaign can identify everything: each parameter with the training logs that do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from sysid.checks.bench import BENCH_LAWS, bench_identified
+from sysid.checks.friction import POINTS, Identification, friction_together
+from sysid.checks.identifiability import valves_identified
+from sysid.checks.log_check import LogCheck, check_campaign, kind_of, listed
+from sysid.identification.friction.effort import balances
+from sysid.io.campaign import BENCH_KINDS, FRICTION_KINDS, MOTION_KINDS, Campaign, CampaignLog
+from sysid.io.logs import Trial
+from sysid.io.rig import Rig
+
+# Times the noise that the rig file declares from which a sensor's is said to be above it.
+_NOISY = 3.0
+_SWITCHED = ("choked filling flow", "c_fill", "choked exhaust flow", "c_dis")
+
+
+@dataclass(frozen=True)
+class Answer:
+    """One parameter of a campaign.
+
+    `logs` are the training logs that identify it, each alone, as the campaign names them; none
+    where only all `together` do, or where the rig file gives it. `reason` says why it is not
+    identified, or what it follows from; `needs` which test would identify it ("" where it is).
+    """
+
+    parameter: str
+    identified: bool
+    logs: tuple[str, ...] = ()
+    together: bool = False
+    reason: str = ""
+    needs: str = ""
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values."""
+        return {**asdict(self), "logs": list(self.logs)}
+
+
+@dataclass(frozen=True)
+class CampaignCheck:
+    """The result of `sysid check` for a campaign: its logs in turn, and what they identify.
+
+    `entries` are the campaign's logs, one to each check.
+    """
+
+    path: str
+    entries: tuple[CampaignLog, ...]
+    logs: tuple[LogCheck, ...]
+    answers: tuple[Answer, ...]
+    noise_pa: float | None = None
+
+    @property
+    def training(self) -> tuple[CampaignLog, ...]:
+        """The logs that may identify something."""
+        return tuple(e for e in self.entries if e.use == "fit")
+
+    @property
+    def contradictions(self) -> tuple[str, ...]:
+        """In what the logs contradict one another or the rig file."""
+        return tuple(dict.fromkeys(line for c in self.logs for line in c.contradicts))
+
+    @property
+    def answer(self) -> str:
+        """Whether everything is identified, and else what is not and which test would do."""
+        lacking: dict[str, list[str]] = {}
+        for one in self.answers:
+            if not one.identified:
+                lacking.setdefault(one.needs or one.reason, []).append(one.parameter)
+        if not self.training:
+            said = 'nothing is identified: every log is held out; give some use = "fit"'
+        elif not lacking and self.answers:
+            said = "everything is identified"
+        else:
+            parts = (f"{listed(names)} ({why})" for why, names in lacking.items())
+            said = f"not identified: {'; '.join(parts)}"
+        return said + (", but logs or rig file contradict" if self.contradictions else "")
+
+    def remarks(self) -> Iterator[tuple[CampaignLog, str]]:
+        """What is remarkable in the quality of a log, one line for each that has something."""
+        for entry, check in zip(self.entries, self.logs, strict=True):
+            found = list(_remarks(check, self.noise_pa))
+            if found:
+                yield entry, "; ".join(found)
+
+
+def check_whole(campaign: Campaign) -> CampaignCheck:
+    """Check every log of a rig's campaign, and what all training logs identify.
+
+    A parameter is identified by a log alone, or by all of its kind together. Raises InputError.
+    """
+    checks = tuple(check_campaign(campaign))
+    answers = tuple(_answers(campaign, checks))
+    noise = campaign.rig.sensors.pressure_noise_pa
+    return CampaignCheck(str(campaign.path), campaign.logs, checks, answers, noise)
+
+
+def merged(
+    entries: Sequence[CampaignLog],
+    found: Sequence[Sequence[Identification]],
+    together: Mapping[str, Identification],
+) -> Iterator[Answer]:
+    """Each parameter once, from what training logs identify alone (`found`, one to each entry) and
+    together."""
+    alone: dict[str, list[str]] = {}
+    reasons: dict[str, str] = {}
+    for entry, own in zip(entries, found, strict=True):
+        for item in own:
+            by = alone.setdefault(item.parameter, [])
+            by += [entry.file] if item.identified else []
+            reasons.setdefault(item.parameter, item.reason)
+    for name in dict.fromkeys([*alone, *together]):
+        by, joint = alone.get(name, []), together.get(name)
+        if by:
+            yield Answer(name, True, tuple(by))
+        elif joint is not None and joint.identified:
+            yield Answer(name, True, together=True, reason=joint.reason)
+        else:
+            yield Answer(name, False, reason=joint.reason if joint else reasons[name])
+
+
+# --- of a rig -----------------------------------------------------------------------------
+
+
+def _answers(campaign: Campaign, checks: Sequence[LogCheck]) -> Iterator[Answer]:
+    pairs = [(e, c) for e, c in zip(campaign.logs, checks, strict=True) if e.use == "fit"]
+    entries = [e for e, _ in pairs]
+    found = [[i for i in c.identifies if _is_of(e, i.parameter)] for e, c in pairs]
+    yes = {i.parameter for own in found for i in own if i.identified}
+    lacking = {i.parameter for own in found for i in own} - yes
+    together: dict[str, Identification] = {}
+    if lacking and len(entries) > 1:
+        together = {i.parameter: i for i in _together(campaign, entries) if i.parameter not in yes}
+        # A law of which nothing is known is known by its parameters once tests give it.
+        found = [[i for i in own if i.parameter in {*yes, *together}] for own in found]
+    has_pwm = campaign.rig.pwm is not None or any("valve-pwm" in c.kinds for _, c in pairs)
+    for one in merged(entries, found, together):
+        if "PWM surface" in one.parameter and not (one.identified or has_pwm):
+            continue
+        yield one if one.identified else _asked(one, campaign.rig, {e.kind for e in entries})
+
+
+def _is_of(entry: CampaignLog, parameter: str) -> bool:
+    """Whether a log can be fitted for a parameter: not for one of the other valve."""
+    other = {"a": "valve B ", "b": "valve A "}.get(entry.valve or "", "")
+    return not (other and parameter.startswith(other))
+
+
+def _together(campaign: Campaign, entries: Sequence[CampaignLog]) -> Iterator[Identification]:
+    """What the training logs identify that no one of them does alone."""
+    rig = campaign.rig
+    tests = [(entry, trial) for entry in entries for trial in campaign.read(entry).trials]
+    for kind in BENCH_KINDS:
+        trials = [t for e, t in tests if e.kind == kind]
+        if trials and kind in BENCH_LAWS:
+            yield from bench_identified(kind, trials, rig)
+        elif trials:
+            yield from friction_together(trials, POINTS, rig)
+    rest = [(e, t) for e, t in tests if e.kind not in BENCH_KINDS]
+    if not rest:
+        return
+    moving = [
+        (t, "friction-motion" if e.kind in MOTION_KINDS else e.kind)
+        for e, t in rest
+        if e.kind in FRICTION_KINDS or (e.kind in MOTION_KINDS and balances(t, rig))
+    ]
+    yield from friction_together([t for t, _ in moving], [k for _, k in moving], rig)
+    for valve in ("a", "b"):
+        by_kind: dict[str, list[Trial]] = {}
+        for entry, trial in rest:
+            if entry.valve in (None, valve):
+                by_kind.setdefault(kind_of(trial, rig) or "", []).append(trial)
+        yield from valves_identified(by_kind, rig, (valve,))
+
+
+def _asked(one: Answer, rig: Rig, kinds: set[str]) -> Answer:
+    """A parameter that no log identifies: given by the rig file, or with the test that it needs."""
+    name = one.parameter
+    if name == "inertia" and rig.has_declared_inertia:
+        given = "as the rig file gives it; no log identifies it"
+        return Answer(name, True, reason=given)
+    suited, test = _test_for(name, rig)
+    needs = "" if suited & kinds or not test else f"needs {test}"
+    return Answer(name, False, reason=one.reason, needs=needs)
+
+
+def _test_for(name: str, rig: Rig) -> tuple[set[str], str]:
+    """The kinds of test that identify a parameter, and the test in words."""
+    moving = {"friction-motion", *MOTION_KINDS}
+    if name == "static friction":
+        effort = "force" if rig.is_linear else "torque"
+        return {"friction-static"}, f"a friction-static test: {effort} ramped slowly from zero"
+    if name in ("Coulomb friction", "viscous friction"):
+        test = "friction-sliding tests at two levels of the effort, or a friction-motion test"
+        return {"friction-sliding", *moving}, test
+    if name in ("torque offset", "force offset"):
+        test = "friction-sliding or friction-motion tests in both directions"
+        return {"friction-sliding", *moving}, test
+    if name == "inertia":
+        return moving, "a friction-motion test that accelerates and reverses"
+    valve = name.removeprefix("valve ")[:1]
+    if name.startswith("valve ") and name[8:] in _SWITCHED:
+        test = f"a valve-discrete test of valve {valve}: piston held, on 3 s, off"
+        return {"valve-discrete"}, test
+    if name.startswith("valve ") and "PWM surface" in name:
+        ways = "filling and discharging, at five duties or more"
+        return {"valve-pwm"}, f"valve-pwm tests of valve {valve}, {ways}"
+    return set(), ""
+
+
+# --- words --------------------------------------------------------------------------------
+
+
+def _remarks(check: LogCheck, noise_pa: float | None) -> Iterator[str]:
+    if check.gaps:
+        many = f"{check.gaps} gap{'s' * (check.gaps > 1)}"
+        yield f"{many}, {'the longest ' * (check.gaps > 1)}{check.longest_gap_s:.3g} s"
+    for channel in check.channels:
+        if channel.saturated_share:
+            yield f"{channel.name} saturated in {100.0 * channel.saturated_share:.2g} %"
+        elif channel.stuck_s:
+            yield f"{channel.name} stuck for {channel.stuck_s:.3g} s"
+        std = channel.sample_std
+        if channel.name.startswith("pressure_") and noise_pa and std and std > _NOISY * noise_pa:
+            times = std / noise_pa
+            yield f"{channel.name}: noise {std:.3g} Pa, {times:.2g} times the rig file's"
+    yield from (line for line in check.excitation if "does not change" in line)
+
+
+__all__ = ["Answer", "CampaignCheck", "check_whole", "merged"]
