@@ -1,11 +1,20 @@
-"""Samples whose friction is not yet, or no longer, that of sliding: left out as the residual says.
+"""Samples whose friction is not yet, or no longer, that of sliding: left out where they show it.
 
 After a reversal the contacts deform before they slide (presliding), and at low speed friction may
 be above Coulomb friction (Stribeck). Both bias Coulomb and viscous friction, which are the law of
-sliding. The samples are ordered by the travel since the last reversal, then by speed, and cut into
-bins of equal number; the lowest bin is left out as long as the law fitted on the bins above does
-not predict it: its mean residual along the motion exceeds a share of the friction and its own
-scatter over trials (or stretches of one).
+sliding. Lack of fit alone is no evidence of either: it has to have the shape.
+
+Presliding is memory: friction falls short after a reversal, and did not before it, at the same
+place and speed. What depends on the place or the speed is the same before and after, along the
+motion or against it, and what is missing after a reversal counts only as far as it exceeds that.
+It also ends within a distance that is small against the way from one reversal to the next.
+Stribeck friction is friction above the law of the faster motion, at the lower speeds.
+
+The samples are ordered by the way since the last reversal, then by speed, and cut into bins of
+equal number; the lowest bin is left out as long as it shows the effect against the law fitted on
+the bins above, by more than a share of the friction and its own scatter over trials (or stretches
+of one). Where that does not end, the samples are kept: what the law lacks is then something else,
+which belongs in the interval and in the verdict.
 """
 
 from __future__ import annotations
@@ -23,8 +32,10 @@ from sysid.identification.friction.motion_samples import COULOMB, MotionSamples
 from sysid.types import FloatArray
 
 BINS = 20
-# Of the bins, the most that may be left out by travel, and again by speed.
-_MOST_OUT = 14
+# Presliding ends within this share of the way between reversals, or it is none.
+_SMALL = 0.25
+# The law is that of most of the samples, or none of them are left out for their speed.
+_MOST_OUT = 0.5
 # A deviation of the lowest bin alone is left to the interval: it may be the filter's.
 _FEWEST_OUT = 2
 # So many bins in a row that are predicted end the search.
@@ -35,12 +46,17 @@ _LEVEL = 0.99
 _STRETCHES = 8
 
 RULE = (
-    "samples at low speed, and those shortly after a reversal, are left out as long as the law "
-    "fitted on the others does not predict them: as long as the mean residual of the lowest of "
-    f"{BINS} bins exceeds {100.0 * _TOLERATED:g} % of the friction and its own scatter"
+    "samples shortly after a reversal are left out as long as their friction falls short of the "
+    "law fitted on the others by more than that of the samples before the reversal deviates, and "
+    "samples at low speed as long as their friction exceeds it: each as long as the mean of the "
+    f"lowest of {BINS} bins does so by more than {100.0 * _TOLERATED:g} % of the friction and its "
+    f"own scatter; they are kept where that does not end within {100.0 * _SMALL:g} % of the way "
+    f"between reversals, or {100.0 * _MOST_OUT:g} % of the samples"
 )
 
 Fit = Callable[[Sequence[MotionSamples]], FloatArray]
+Order = Callable[[MotionSamples], FloatArray]
+_Shows = Callable[[Sequence[MotionSamples], float, float, FloatArray], bool]
 
 
 @dataclass(frozen=True)
@@ -56,22 +72,24 @@ class SlidingLimits:
         """What is left out and why, empty where nothing is."""
         parts = []
         if self.travel:
-            parts.append(f"within {self.travel:.2g} {position} after a reversal")
+            parts.append(
+                f"within {self.travel:.2g} {position} after a reversal (presliding: their friction "
+                "falls short)"
+            )
         if self.speed:
-            parts.append(f"below {self.speed:.2g} {speed}")
+            parts.append(f"below {self.speed:.2g} {speed} (their friction is above the law)")
         if not parts:
             return ""
         return (
             f"friction from motion: samples {' and '.join(parts)} are left out "
-            f"({100.0 * self.left_out:.0f} %): the law of the others does not predict them "
-            "(presliding, or friction that falls with speed)"
+            f"({100.0 * self.left_out:.0f} %)"
         )
 
 
 def sliding_only(
     samples: Sequence[MotionSamples], fit: Fit, separates: Callable[[Sequence[MotionSamples]], bool]
 ) -> tuple[list[MotionSamples], SlidingLimits]:
-    """The samples that the law predicts from those above them, and the limits.
+    """The samples in which the contacts slide as the law has it, and the limits.
 
     `fit` gives the four coefficients (4,) of samples; `separates` whether samples still identify
     them.
@@ -81,60 +99,133 @@ def sliding_only(
     if fit(found)[COULOMB] <= 0.0:
         # What is not friction is not mended by leaving samples out.
         return found, SlidingLimits()
-    travel, found = _raised(found, lambda s: s.travel, fit, separates)
-    speed, found = _raised(found, lambda s: np.abs(s.speed), fit, separates)
+    way = _between_reversals(found)
+    search = _Search(_since, _falls_short, _from_reversals, fit, separates, _SMALL * way)
+    travel, found = search.raised(found)
+    fastest = float(np.quantile(np.concatenate([_speed(s) for s in found]), _MOST_OUT))
+    speed, found = _Search(_speed, _exceeds, _speed, fit, separates, fastest).raised(found)
     left = 1.0 - sum(len(s.effort) for s in found) / total
     return found, SlidingLimits(travel, speed, left)
 
 
-def _raised(
-    samples: list[MotionSamples],
-    order: Callable[[MotionSamples], FloatArray],
-    fit: Fit,
-    separates: Callable[[Sequence[MotionSamples]], bool],
-) -> tuple[float, list[MotionSamples]]:
-    """The limit of one ordering, raised bin by bin, and the samples above it."""
-    values = np.concatenate([order(s) for s in samples])
-    edges = np.quantile(values, np.arange(BINS) / BINS)
-    limit, kept, predicted = 0.0, samples, 0
-    for low, high in pairwise(edges[: _MOST_OUT + 1]):
-        above = _above(samples, order, high)
-        if not separates(above):
-            break
-        own = [s.kept((order(s) >= low) & (order(s) < high)) for s in samples]
-        # Where friction rises and falls again, one bin on the way is predicted by chance.
-        predicted = predicted + 1 if _predicted(own, fit(above)) else 0
-        if predicted == _SETTLED:
-            break
-        if not predicted:
-            limit, kept = float(high), above
-    return (limit, kept) if limit > edges[_FEWEST_OUT - 1] else (0.0, samples)
+def _since(chosen: MotionSamples) -> FloatArray:
+    return chosen.since
 
 
-def _above(
-    samples: Sequence[MotionSamples], order: Callable[[MotionSamples], FloatArray], limit: float
-) -> list[MotionSamples]:
-    return [s.kept(order(s) >= limit) for s in samples]
+def _from_reversals(chosen: MotionSamples) -> FloatArray:
+    return np.asarray(np.minimum(chosen.since, chosen.until))
 
 
-def _predicted(samples: Sequence[MotionSamples], law: FloatArray) -> bool:
-    """Whether the mean residual along the motion is small, or within its scatter."""
+def _speed(chosen: MotionSamples) -> FloatArray:
+    return np.asarray(np.abs(chosen.speed))
+
+
+def _between_reversals(samples: Sequence[MotionSamples]) -> float:
+    """The median way from one reversal to the next, 0 where the motion has no two."""
+    ways = np.concatenate([s.since + s.until for s in samples])
+    ways = ways[np.isfinite(ways)]
+    return float(np.median(ways)) if len(ways) else 0.0
+
+
+@dataclass(frozen=True)
+class _Search:
+    """One ordering of the samples, what its lowest bin has to show, and the highest limit.
+
+    The law is fitted on the samples above a bin by `clear`: both sides of the reversals alike, lest
+    what depends on the place and is there before them bends it.
+    """
+
+    order: Order
+    shows: _Shows
+    clear: Order
+    fit: Fit
+    separates: Callable[[Sequence[MotionSamples]], bool]
+    most: float
+
+    def raised(self, samples: list[MotionSamples]) -> tuple[float, list[MotionSamples]]:
+        """The limit, raised bin by bin, and the samples above it; 0 and all where it has no end."""
+        values = np.concatenate([self.order(s) for s in samples])
+        values = values[np.isfinite(values)]
+        if len(values) < BINS:
+            return 0.0, samples
+        edges = np.quantile(values, np.arange(BINS) / BINS)
+        limit, ended = 0.0, 0
+        for low, high in pairwise(edges):
+            if ended == _SETTLED:
+                break
+            rest = self._above(samples, high)
+            if rest is None:
+                return 0.0, samples
+            law = self.fit(rest)
+            # Where friction rises and falls again, one bin on the way is predicted by chance.
+            if law[COULOMB] <= 0.0 or not self.shows(samples, low, high, law):
+                ended += 1
+            elif high > self.most:
+                return 0.0, samples
+            else:
+                ended, limit = 0, float(high)
+        if limit <= edges[_FEWEST_OUT - 1]:
+            return 0.0, samples
+        return limit, [s.kept(self.order(s) >= limit) for s in samples]
+
+    def _above(self, samples: list[MotionSamples], limit: float) -> list[MotionSamples] | None:
+        """What the law is fitted on, as far as it identifies it; else all above; else None."""
+        for order in (self.clear, self.order):
+            found = [s.kept(order(s) >= limit) for s in samples]
+            if self.separates(found):
+                return found
+        return None
+
+
+def _falls_short(
+    samples: Sequence[MotionSamples], low: float, high: float, law: FloatArray
+) -> bool:
+    """Whether friction after reversals falls short of the law by more than what is there before."""
+    after = _mean_along([s.kept((s.since >= low) & (s.since < high)) for s in samples], law)
+    before = _mean_along([s.kept((s.until >= low) & (s.until < high)) for s in samples], law)
+    if after is None or before is None:
+        return False
+    scatter = t_quantile(min(after.dof, before.dof), _LEVEL) * math.hypot(after.std, before.std)
+    return -after.mean - abs(before.mean) > max(_tolerated(law), scatter)
+
+
+def _exceeds(samples: Sequence[MotionSamples], low: float, high: float, law: FloatArray) -> bool:
+    """Whether friction at these speeds is above the law."""
+    slow = [s.kept((_speed(s) >= low) & (_speed(s) < high)) for s in samples]
+    found = _mean_along(slow, law)
+    if found is None:
+        return False
+    return found.mean > max(_tolerated(law), t_quantile(found.dof, _LEVEL) * found.std)
+
+
+def _tolerated(law: FloatArray) -> float:
+    return _TOLERATED * abs(float(law[COULOMB]))
+
+
+@dataclass(frozen=True)
+class _Mean:
+    """The mean residual along the motion, its standard error and its degrees of freedom."""
+
+    mean: float
+    std: float
+    dof: int
+
+
+def _mean_along(samples: Sequence[MotionSamples], law: FloatArray) -> _Mean | None:
+    """Over trials, or stretches of a few; None where there is nothing to take a mean over."""
     parts = [s for s in samples if len(s.effort)]
-    if not parts:
-        return True
     along = [np.sign(s.speed) * (s.effort - s.regressors @ law) for s in parts]
     pieces = along
     if len(parts) < _STRETCHES:
         pieces = [p for one in along for p in np.array_split(one, _STRETCHES) if len(p)]
+    if len(pieces) < 2:
+        return None
     means = np.array([float(np.mean(piece)) for piece in pieces])
     weights = np.array([float(len(piece)) for piece in pieces])
     mean = float(weights @ means / weights.sum())
-    if len(means) < 2:
-        return True
     spread = float(weights**2 @ (means - mean) ** 2) / weights.sum() ** 2
     error = math.sqrt(spread * len(means) / (len(means) - 1))
-    scatter = t_quantile(len(means) - 1, _LEVEL) * error
-    return abs(mean) <= max(_TOLERATED * abs(float(law[COULOMB])), scatter)
+    return _Mean(mean, error, len(means) - 1)
 
 
 def bins_of_speed(samples: Sequence[MotionSamples], count: int) -> list[NDArray[np.intp]]:

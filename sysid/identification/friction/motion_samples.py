@@ -45,15 +45,16 @@ class MotionSamples:
     """One trial, filtered: regressors (n, 4) for Coulomb, viscous, offset and inertia, and
     the effort (n,) that they balance; only samples that count, thinned so that the filter
     leaves them independent. `noise` (4,) is the variance of the regressors' noise,
-    `rest_speed` the rule's limit, `load` (n,) the cylinder's effort, `travel` (n,) the way since
-    the last reversal or rest (or the log's start)."""
+    `rest_speed` the rule's limit, `load` (n,) the cylinder's effort, `since` and `until` (n,) the
+    way since the last reversal of the motion and to the next one, infinite where there is none."""
 
     regressors: FloatArray
     effort: FloatArray
     noise: FloatArray
     rest_speed: float
     load: FloatArray
-    travel: FloatArray
+    since: FloatArray
+    until: FloatArray
 
     @property
     def speed(self) -> FloatArray:
@@ -67,7 +68,8 @@ class MotionSamples:
             regressors=self.regressors[rows],
             effort=self.effort[rows],
             load=self.load[rows],
-            travel=self.travel[rows],
+            since=self.since[rows],
+            until=self.until[rows],
         )
 
 
@@ -89,22 +91,35 @@ def motion_samples(trial: EvenTrial, cutoff_hz: float) -> MotionSamples:
     rows = np.flatnonzero(~left_out(trial, cutoff_hz))[:: max(1, length // A_LENGTH)]
     noise = np.array([0.0, speed_noise**2, 0.0, acceleration_noise**2])
     rest_speed = REST_NOISE_TIMES * speed_noise
+    since, until = _about_reversals(position, speed, rest_speed)
     return MotionSamples(
         regressors[rows],
         effort[rows],
         noise,
         rest_speed,
         trial.cylinder[rows],
-        _since_reversal(position, speed, rest_speed)[rows],
+        since[rows],
+        until[rows],
     )
 
 
-def _since_reversal(position: FloatArray, speed: FloatArray, rest_speed: float) -> FloatArray:
-    """The way since the last reversal or rest, (n,)."""
-    turns = np.abs(speed) <= rest_speed
-    turns[1:] |= np.sign(speed[1:]) != np.sign(speed[:-1])
-    last = np.maximum.accumulate(np.where(turns, np.arange(len(speed)), 0))
-    return np.asarray(np.abs(position - position[last]))
+def _about_reversals(
+    position: FloatArray, speed: FloatArray, rest_speed: float
+) -> tuple[FloatArray, FloatArray]:
+    """The way since the last reversal and to the next one, (n,) each, infinite without one.
+
+    A rest after which the motion goes on as before, and the log's start, are no reversals.
+    """
+    moving = np.flatnonzero(np.abs(speed) > rest_speed)
+    turns = np.flatnonzero(np.diff(np.sign(speed[moving])))
+    # The last row of the old direction, and the first of the new one.
+    before, after = moving[turns], moving[turns + 1]
+    rows, none = np.arange(len(speed)), np.array([math.inf])
+    came_from = np.concatenate([none, position[after - 1]])
+    goes_to = np.concatenate([position[before + 1], none])
+    since = np.abs(position - came_from[np.searchsorted(before, rows)])
+    until = np.abs(position - goes_to[np.searchsorted(before, rows)])
+    return np.asarray(since), np.asarray(until)
 
 
 def left_out(trial: EvenTrial, cutoff_hz: float) -> NDArray[np.bool_]:
