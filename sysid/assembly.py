@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Protocol
 
@@ -19,7 +19,7 @@ from sysid.io.campaign import (
     Campaign,
     CampaignLog,
 )
-from sysid.io.logs import Trial
+from sysid.io.logs import Trial, any_contradiction
 from sysid.io.rig import Rig
 from sysid.io.source import Source
 from sysid.parallel import Failure, attempt_all, error_of, on_its_own
@@ -49,6 +49,7 @@ class _Assembly:
     parts: Parts = field(default_factory=Parts)
     remarks: list[str] = field(default_factory=list)
     notices: list[str] = field(default_factory=list)
+    contradictions: list[str] = field(default_factory=list)
     failures: list[Failure] = field(default_factory=list)
     motion_for_friction: bool = False
 
@@ -57,6 +58,7 @@ class _Assembly:
         trials: list[Trial] = []
         for entry in entries:
             log = self.campaign.read(entry)
+            self.contradictions += log.contradictions
             self.notices += log.notices
             trials += log.trials
         return trials
@@ -84,11 +86,15 @@ class _Assembly:
 
 @dataclass(frozen=True)
 class CampaignFit:
-    """A campaign's bundle, with the remarks and notices of its fits."""
+    """A campaign's bundle, with the remarks and notices of its fits.
+
+    `contradictions` are the first of the notices: what logs and rig file say differently.
+    """
 
     bundle: Bundle
     remarks: tuple[str, ...]
     notices: tuple[str, ...]
+    contradictions: tuple[str, ...] = ()
 
 
 def fit_campaign(
@@ -122,13 +128,16 @@ def fit_campaign(
         seeds={"valve-pwm": seed} if has_surfaces else {},
         options={"valve-pwm": {"surface": surface}} if has_surfaces else {},
     )
-    return CampaignFit(bundle, tuple(assembly.remarks), tuple(assembly.notices))
+    wrong = tuple(dict.fromkeys(assembly.contradictions))
+    rest = (line for line in assembly.notices if line not in wrong)
+    return CampaignFit(bundle, tuple(assembly.remarks), (*wrong, *rest), wrong)
 
 
 def _nothing(assembly: _Assembly) -> Exception:
     """The error of a campaign without any part: each part's reason, or that no log is for any;
     unusable input in its own words."""
-    reasons = "; ".join(dict.fromkeys(why.reason for why in assembly.failures))
+    why = [*assembly.contradictions, *(failure.reason for failure in assembly.failures)]
+    reasons = "; ".join(dict.fromkeys(why)) if assembly.failures else ""
     error = error_of(assembly.failures, reasons)
     if isinstance(error, InputError):
         return error
@@ -228,11 +237,12 @@ def _bench_fit(kind: str, trials: list[Trial], rig: Rig) -> _FittedPart:
 
     component = component_of(kind, trials, rig)
     fitted = fit_law(component, (), range(len(component.tests)))
-    judged = fitted.quality()
+    judged = replace(fitted.quality(), contradicted=any_contradiction(trials))
     # A missing effect may cause it, which the diagnosis then names from this number.
     asks = "sysid diagnose names what the law lacks, if the data are right"
     short = [f"{kind}: {judged.shortfall}; {asks}"] if judged.explains_too_little else []
-    return _FittedPart(fitted.part(), notices=(*component.left_out, *short))
+    part = component.part(fitted.base_estimates(), judged)
+    return _FittedPart(part, notices=(*component.left_out, *short))
 
 
 @dataclass(frozen=True)

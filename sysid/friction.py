@@ -6,11 +6,13 @@ import math
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.estimation.linear import Estimate
+from sysid.estimation.quality import SCATTER_TIMES
 from sysid.identification.friction.clusters import Clusters, cluster_test
 from sysid.identification.friction.combinations import (
     Combination,
@@ -28,6 +30,7 @@ from sysid.identification.friction.effort import (
     EvenTrial,
     TrialUse,
     Units,
+    against_motion,
     by_reason,
     classify,
     classify_trial,
@@ -59,7 +62,7 @@ from sysid.identification.friction.static import (
 )
 from sysid.identification.friction.steady_stretch import sliding_points
 from sysid.io.effort_timing import effort_is_read, readings_line, with_commands
-from sysid.io.logs import Trial
+from sysid.io.logs import Trial, any_contradiction, with_channels
 from sysid.io.rig import Rig
 from sysid.parallel import Failure, error_of, on_its_own
 from sysid.signals import DEFAULT_CUTOFF_HZ
@@ -107,6 +110,7 @@ class _Fit:
     notices: list[str] = field(default_factory=list)
     failures: dict[str, Failure] = field(default_factory=dict)
     sums: tuple[Combination, ...] = ()
+    contradicted: bool = False
 
     def attempt(self, kind: str, fit: Callable[[], Result | None]) -> Result | None:
         """The fit of one kind of test; None, with the reason kept, where it gives nothing."""
@@ -145,6 +149,70 @@ def fit_friction(
     missing, NotIdentifiedError where the tests identify none of the parameters.
     """
     fit = _prepared(trials, rig, kind, cutoff_hz)
+    try:
+        found = _of(fit, estimate_inertia)
+    except NotIdentifiedError:
+        turned = against_motion(fit.uses)
+        line = _reversed(trials, rig, kind, estimate_inertia, cutoff_hz) if turned else ""
+        if not line:
+            raise
+        raise NotIdentifiedError(f"friction: {line}") from None
+    if found.is_negative or against_motion(found.trials):
+        line = _reversed(trials, rig, kind, estimate_inertia, cutoff_hz)
+        return replace(found, reversed_sign=line)
+    return found
+
+
+def _reversed(
+    trials: Sequence[Trial],
+    rig: Rig,
+    kind: str | Sequence[str | None] | None,
+    estimate_inertia: bool,
+    cutoff_hz: float | None,
+) -> str:
+    """Which channel's sign is reversed and how to map it, as a fit with the other sign is good;
+    empty where none is."""
+
+    found = {}
+    for channel in (rig.effort_channel, rig.position_channel):
+        turned = [with_channels(t, **{channel: -t[channel]}) for t in trials if channel in t]
+        fit = on_its_own(partial(_whole, turned, rig, kind, estimate_inertia, cutoff_hz))
+        if not isinstance(fit, Failure) and fit.is_trustworthy:
+            found[channel] = fit
+    if not found:
+        return ""
+    # The sign of a position with pressures beside it is not that of the effort.
+    ranked = sorted(found, key=lambda n: (-len(found[n].of_sliding()), found[n].misses))
+    name, best = ranked[0], found[ranked[0]]
+    likely = [n for n in ranked if _alike(found[n], best)]
+    mend = next(t.reversed_map(name) for t in trials if name in t)
+    numbers = ", ".join(f"{n} = {e.value:.3g} {e.unit}" for n, e in best.of_sliding().items())
+    return (
+        f"the sign of {' or of '.join(likely)} is reversed: with the other sign the fit is good"
+        f'{f" ({numbers})" if numbers else ""}; give --map "{mend}"'
+    )
+
+
+def _alike(one: FrictionResult, best: FrictionResult) -> bool:
+    """Whether a fit is as good as the best: one of the two signs cannot be told from the other."""
+    same = len(one.of_sliding()) == len(best.of_sliding())
+    return same and one.misses <= SCATTER_TIMES * best.misses
+
+
+def _whole(
+    trials: Sequence[Trial],
+    rig: Rig,
+    kind: str | Sequence[str | None] | None,
+    estimate_inertia: bool,
+    cutoff_hz: float | None,
+) -> FrictionResult:
+    """The fit of trials as they are."""
+    return _of(_prepared(trials, rig, kind, cutoff_hz), estimate_inertia)
+
+
+def _of(fit: _Fit, estimate_inertia: bool) -> FrictionResult:
+    """The fit of the trials by kind. Raises NotIdentifiedError where none gives anything."""
+    rig = fit.rig
     static = fit.attempt(STATIC, lambda: _static(fit))
     inertia = rig.total_inertia()
     declared = inertia if rig.has_declared_inertia else None
@@ -171,6 +239,7 @@ def _prepared(
         )
     highest = DEFAULT_CUTOFF_HZ if cutoff_hz is None else cutoff_hz
     fit = _Fit(rig, units_of(rig), highest, {name: [] for name in KINDS})
+    fit.contradicted = any_contradiction(trials)
     declared = [kind] * len(trials) if kind is None or isinstance(kind, str) else list(kind)
     moving: list[Trial] = []
     pauses: dict[str, list[TrialUse]] = {}
@@ -369,6 +438,7 @@ def _result(
         combinations=chosen.sums,
         most_effort=_most_effort(fit.rig),
         motor_limit=math.inf if fit.rig.max_effort is None else fit.rig.max_effort,
+        contradicted=fit.contradicted,
     )
 
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -39,7 +40,7 @@ from sysid.identification.valve_discrete.result import (
 )
 from sysid.identification.valve_discrete.trials import Piece, Screened, screen
 from sysid.io.channels import SIDES
-from sysid.io.logs import Trial
+from sysid.io.logs import Trial, any_contradiction
 from sysid.io.rig import Air, Rig
 from sysid.io.trial_kind import away_from_ends
 from sysid.model.base import CRITICAL_RATIO, exhaust_jump, filling_jump
@@ -140,7 +141,10 @@ def _fit_valve(
     if all(name in reasons for name in FLOWS):
         raise NotIdentifiedError(f"{title}: {_joined(reasons)}")
     curves = fit_curves(pieces, start, _free(reasons, read, pieces))
-    judged = _judged(curves, title)
+    contradicted = any_contradiction(used)
+    judged = {
+        way: replace(one, contradicted=contradicted) for way, one in _judged(curves, title).items()
+    }
     estimates = _estimates(curves, reasons, title, notices)
     estimates |= _ratios(curves, estimates) if find_ratio else {}
     estimates |= _jumps(curves, estimates, air)

@@ -35,7 +35,7 @@ from sysid.identification.valve_pwm.samples import (
 from sysid.identification.valve_pwm.selection import moved_valves, select_tests
 from sysid.identification.valve_pwm.supply import supply_of_surfaces
 from sysid.io.channels import SIDES
-from sysid.io.logs import Trial
+from sysid.io.logs import Trial, any_contradiction
 from sysid.io.rig import Rig
 from sysid.io.trial_kind import away_from_ends
 from sysid.parallel import Failure, error_of, on_its_own
@@ -132,6 +132,8 @@ def fit_valve_pwm(
     missing = {key: f"{_title(*key)}: {why.reason}" for key, why in failed.items()}
     if not fits:
         raise _nothing(failed, remarks)
+    contradicted = any_contradiction(trials)
+    fits = {key: replace(one, contradicted=contradicted) for key, one in fits.items()}
     averaged, unknown = _averaged(fits, rig, seed, remarks)
     unidentified = (*missing.values(), *unknown)
     away = away_from_ends([t for t in trials if any(f"duty_{v}" in t for v in SIDES)], rig)
@@ -166,7 +168,9 @@ def _averaged(
         if isinstance(average, Failure):
             unknown.append(f"valve {valve.upper()}: {average.reason}")
             continue
-        found[valve] = average
+        doubted = any(fit.contradicted for fit in own.values())
+        quality = {k: replace(q, contradicted=doubted) for k, q in average.quality.items()}
+        found[valve] = replace(average, quality=quality)
         remarks.lines += [f"valve {valve.upper()}, {line}" for line in average.notices]
     return found, unknown
 

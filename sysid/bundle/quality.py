@@ -21,12 +21,14 @@ class QualityRecord(Part):
     """`sysid.estimation.quality.FitQuality` in a file.
 
     `rmse` and `scatter` (the measurement's own) in `unit`, `rmse_share` is RMSE over the
-    signal's spread; `verdict` is "good", "usable", or begins with "poor" or "impossible".
+    signal's spread; `verdict` begins with "good", "usable", "poor" or "impossible"; `left_out` says
+    what was given and not used.
     """
 
     signal: str
     unit: str
     samples: int
+    left_out: Absent[list[str]] = None
     rmse: Number | None
     rmse_share: Number | None
     r2: Number | None

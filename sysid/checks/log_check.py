@@ -68,7 +68,7 @@ class LogCheck(Shown):
 
     `kinds` counts its tests by the kind that their content shows; `declared` is the kind and
     `use` the use that a campaign gives the log, None for one that was checked alone. `contradicts`
-    says in what it contradicts the campaign's other logs or the rig file.
+    says in what it contradicts the rig file or, in a campaign, the other logs.
     """
 
     file: str
@@ -100,8 +100,8 @@ class LogCheck(Shown):
 
     @property
     def said(self) -> tuple[str, ...]:
-        """The notices of its reader, and those of its comparison with other logs."""
-        return (*self.notices, *self.contradicts)
+        """What it contradicts, first, and the notices of its reader."""
+        return (*self.contradicts, *self.notices)
 
     @property
     def answer(self) -> str:
@@ -195,7 +195,9 @@ def check_campaign(campaign: Campaign, *, by_content: bool = False) -> list[LogC
     for found in located_contradictions(read, campaign.rig):
         # What is wrong in the rig file is said with the first log.
         lines[names.index(found.source) if found.source in names else 0].append(found.line)
-    return [replace(c, contradicts=tuple(own)) for c, own in zip(checks, lines, strict=True)]
+    return [
+        replace(c, contradicts=(*c.contradicts, *own)) for c, own in zip(checks, lines, strict=True)
+    ]
 
 
 def check_log(log: Log, rig: Rig, declared: str | None = None) -> LogCheck:
@@ -230,8 +232,9 @@ def check_log(log: Log, rig: Rig, declared: str | None = None) -> LogCheck:
             if bench is None
             else bench_identified(bench, log.trials, rig)
         ),
-        notices=log.notices,
+        notices=tuple(n for n in log.notices if n not in log.contradictions),
         declared=declared,
+        contradicts=log.contradictions,
     )
 
 

@@ -234,7 +234,7 @@ def _campaign(
     found = fit_campaign(read, progress=progress("fitting "))
     if output is not None:
         write_bundle(found.bundle, output)
-    notices = (*found.notices, *check_consistency(read, "fit"))
+    notices = (*found.contradictions, *check_consistency(read, "fit"), *found.notices)
     _write_report(report, read, found.bundle)
     fitted = Fitted(found.bundle, found.remarks, notices, output, report)
     _show(fitted, as_json, _campaign_tables)
@@ -298,6 +298,8 @@ class _Given:
         try:
             yield
         except SysidError as error:
+            # It may be why nothing was found.
+            notices(self.said(line) for log in self.logs for line in log.contradictions)
             error.args = tuple(self.said(str(one)) for one in error.args)
             raise
 
@@ -371,7 +373,9 @@ def _fit_part(
         campaign = _as_campaign(given.fitted_with, logs, kind, files.maps, options or {})
         is_forced = bool((options or {}).get("kind"))
         _write_report(page, campaign, bundle, by_content=not is_forced)
-    notices = (*lost, *given.notices, *(n for log in logs for n in log.notices), *result.notices)
+    wrong = (line for log in logs for line in log.contradictions)
+    read = (line for log in logs for line in log.notices)
+    notices = tuple(dict.fromkeys((*wrong, *lost, *given.notices, *read, *result.notices)))
     remarks = tuple(map(given.said, result.remarks))
     return Fitted(bundle, remarks, tuple(map(given.said, notices)), target, page)
 

@@ -351,7 +351,8 @@ def _check(run: PipelineRun) -> None:
         if isinstance(checks.error, InputError):
             raise checks.error
         checks = []
-    run.notices += [line for check in checks for line in check.said]
+    run.notices += [line for check in checks for line in check.contradicts]
+    run.notices += [line for check in checks for line in check.notices]
     logs = [check.to_json() for check in checks]
     write_atomic(run.path(_CHECKS_FILE), json.dumps({"logs": logs}, indent=2) + "\n")
 

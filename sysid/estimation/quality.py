@@ -9,6 +9,10 @@ not make a fit poor.
 The spread is that of the signal about its mean where the law has a constant of its own, and
 about zero where it has none: friction in one direction hardly varies, yet without friction the
 effort would be 0.
+
+The verdict is on all that was given, not on what a fit chose of it. What was left out is asked by
+the fitted law as far as it can be (`LeftOut`); a law that misses it is no better than that. And a
+fit of a log that contradicts its rig file is not good, however well it follows the log.
 """
 
 from __future__ import annotations
@@ -44,7 +48,15 @@ SCATTER_TIMES = 1.3
 itself, and correlated noise hides part of it from a noise floor."""
 SIGNIFICANT = 0.01
 
+FEW = 0.1
+"""Of what was given, the share that may be left out without a word in the verdict."""
+MOST_UNASKED = 0.25, 0.5
+"""Of the tests given, the share that may be unusable in a good and in a usable fit: what nobody
+can ask may say anything."""
+CONTRADICTED = "log and rig file contradict one another"
+
 REPEATS, SCATTER, RUNS, NONE = "repeats", "scatter", "runs", "none"
+_RANKS = ("good", "usable", "poor")
 
 
 @dataclass(frozen=True)
@@ -72,12 +84,43 @@ NOT_TESTABLE = LackOfFit(NONE)
 
 
 @dataclass(frozen=True)
+class LeftOut:
+    """What a fit left out of what it was given: `count` of `given` (`what`: tests, samples).
+
+    `unasked` of these say nothing about the law. `rmse` and `spread`: what the law leaves of, and
+    the spread of, all that it can be asked about, used or left out; None where that is only what
+    was used.
+    """
+
+    what: str
+    count: int
+    given: int
+    unasked: int = 0
+    rmse: float | None = None
+    spread: float | None = None
+
+    @property
+    def share(self) -> float:
+        """Of what was given."""
+        return self.count / self.given if self.given else 0.0
+
+    @property
+    def text(self) -> str:
+        """ "7 of 14 tests", "36 % of the samples"."""
+        if self.what == "samples":
+            return f"{100.0 * self.share:.0f} % of the samples are left out"
+        verb = "is" if self.count == 1 else "are"
+        return f"{self.count} of {self.given} {self.what} {verb} left out"
+
+
+@dataclass(frozen=True)
 class FitQuality:
     """How well a law follows one signal.
 
     `signal` says which; `count` samples; `rmse` and `spread` in `unit`. `scatter` is the
     measurement's own, None where it is not known. `impossible`: what cannot be in the
-    parameters, one line each.
+    parameters, one line each. `left_out`: what was given and not used. `contradicted`: whether a
+    log contradicts the rig file.
     """
 
     signal: str
@@ -88,6 +131,8 @@ class FitQuality:
     lack_of_fit: LackOfFit = NOT_TESTABLE
     scatter: float | None = None
     impossible: tuple[str, ...] = ()
+    left_out: tuple[LeftOut, ...] = ()
+    contradicted: bool = False
 
     @classmethod
     def of(
@@ -121,10 +166,13 @@ class FitQuality:
     @property
     def missed(self) -> float:
         """What the law misses beyond the scatter, over the signal's spread."""
+        return self._missed(self.rmse, self.spread)
+
+    def _missed(self, rmse: float, spread: float) -> float:
         scatter = self.scatter or 0.0
-        if self.rmse <= SCATTER_TIMES * scatter:
+        if rmse <= SCATTER_TIMES * scatter:
             return 0.0
-        return math.sqrt(self.rmse**2 - scatter**2) / self.spread if self.spread else math.inf
+        return math.sqrt(rmse**2 - scatter**2) / spread if spread else math.inf
 
     @property
     def explains_too_little(self) -> bool:
@@ -133,15 +181,40 @@ class FitQuality:
 
     @property
     def verdict(self) -> str:
-        """ "good", "usable", "poor: ..." or "impossible: ..."."""
+        """ "good", "usable", "usable: ...", "poor: ..." or "impossible: ..."."""
         if self.impossible:
             return f"impossible: {'; '.join(self.impossible)}"
+        found = [self._of_used(), *map(self._of_left_out, self.left_out)]
+        if self.contradicted:
+            found.append(("usable", CONTRADICTED))
+        rank, why = max(found, key=lambda one: (_RANKS.index(one[0]), bool(one[1])))
+        return f"{rank}: {why}" if why else rank
+
+    def _of_used(self) -> tuple[str, str]:
+        """The rank by what the fit used, and why."""
         if self.missed <= GOOD_SHARE:
             noisy = self.r2 < LEAST_EXPLAINED
-            return "poor: the scatter is as large as the signal" if noisy else "good"
-        if self.missed <= USABLE_SHARE:
-            return "usable"
-        return f"poor: {self.shortfall}"
+            return ("poor", "the scatter is as large as the signal") if noisy else ("good", "")
+        return ("usable", "") if self.missed <= USABLE_SHARE else ("poor", self.shortfall)
+
+    def _of_left_out(self, out: LeftOut) -> tuple[str, str]:
+        """The rank by what the fit left out, and why."""
+        if out.share <= FEW:
+            return "good", ""
+        good, usable = MOST_UNASKED
+        unasked = out.unasked / out.given
+        found = ["good" if unasked <= good else "usable" if unasked <= usable else "poor"]
+        why = out.text
+        if out.rmse is not None and out.spread is not None:
+            missed = self._missed(out.rmse, out.spread)
+            rank = (
+                "good" if missed <= GOOD_SHARE else "usable" if missed <= USABLE_SHARE else "poor"
+            )
+            found.append(rank)
+            if rank != "good":
+                why += f", with which the law misses {100.0 * missed:.0f} % of the spread"
+        rank = max(found, key=_RANKS.index)
+        return rank, "" if rank == "good" else why
 
     @property
     def shortfall(self) -> str:
@@ -166,6 +239,7 @@ class FitQuality:
             "signal": self.signal,
             "unit": self.unit,
             "samples": self.count,
+            **({"left_out": [out.text for out in self.left_out]} if self.left_out else {}),
             "rmse": finite_or_none(self.rmse),
             "rmse_share": finite_or_none(self.share),
             "r2": finite_or_none(self.r2),
@@ -270,6 +344,7 @@ def lack_of_fit_text(found: Mapping[str, Any]) -> str:
 
 
 __all__ = [
+    "CONTRADICTED",
     "GOOD_SHARE",
     "LEAST_EXPLAINED",
     "NOT_TESTABLE",
@@ -277,6 +352,7 @@ __all__ = [
     "USABLE_SHARE",
     "FitQuality",
     "LackOfFit",
+    "LeftOut",
     "lack_of_fit_text",
     "repeated_scatter",
     "repeats_lack_of_fit",

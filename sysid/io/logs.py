@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from sysid.io.channels import CHAMBER_PRESSURES, PRESSURES, VALVE_COMMANDS
 from sysid.io.reshaping import measured_period
 from sysid.io.responses import response_notices
 from sysid.io.rig import Rig
-from sysid.io.samples import Log, Trial, with_channels
+from sysid.io.samples import Log, Trial, any_contradiction, with_channels
 from sysid.io.tables import LogTable, read_table
 from sysid.io.units import CANONICAL_UNITS, ColumnMap, check_size, find_column, has_column, to_si
 from sysid.types import FloatArray
@@ -32,6 +32,8 @@ _SELDOM_NEEDED = (
     "pwm_period_s",
     "pump_volts",
 )
+# Columns of a file that become a channel of another name.
+_CONVERTED = ("motor_volts", "encoder_counts")
 # Of unknown columns, by name.
 _LISTED = 30
 # Consecutive rows of a second sampling period from which a test counts as mixed.
@@ -55,10 +57,17 @@ class LogReading:
     origin: dict[str, str] = field(default_factory=dict)
     notices: list[str] = field(default_factory=list)
     unusable: dict[str, str] = field(default_factory=dict)
+    maps: Mapping[str, ColumnMap] = field(default_factory=dict)
+    contradictions: list[str] = field(default_factory=list)
 
     @property
     def where(self) -> str:
         return str(self.table.path)
+
+    def contradict(self, section: str, line: str | None) -> None:
+        """Note what contradicts a section of the rig file: a notice, where nobody declared it."""
+        if line:
+            (self.notices if self.rig.assumes(section) else self.contradictions).append(line)
 
 
 def read_log(
@@ -97,7 +106,7 @@ def log_of(
 ) -> Log:
     """A table of `log_table` checked and converted to SI; arguments and errors of `read_log`."""
     maps, path = {**(shared or {}), **(mapping or {})}, table.path
-    reading = LogReading(table, rig)
+    reading = LogReading(table, rig, maps=maps)
     for target in sorted(set(shared or {}) - set(mapping or {})):
         if not has_column(table.header, maps[target]):
             column = maps.pop(target).column
@@ -124,10 +133,10 @@ def log_of(
         check_time_column(reading, groups)
         _count_from_the_start(reading)
         _check_tests(reading, groups)
-    trials = tuple(trial_of(reading, label, rows) for label, rows in groups)
+    log = log_from(reading, groups)
     if timeless:
-        trials = tuple(replace(trial, is_readings=True) for trial in trials)
-    return Log(path, table.sha256, trials, tuple(map(one_line, reading.notices)), rig)
+        return replace(log, trials=tuple(replace(t, is_readings=True) for t in log.trials))
+    return log
 
 
 def _count_from_the_start(reading: LogReading) -> None:
@@ -291,17 +300,16 @@ def _convert_motor(reading: LogReading) -> None:
         over = int(np.count_nonzero(np.abs(columns[target]) > limit * (1 + 1e-6)))
         if over:
             columns[target] = np.clip(columns[target], -limit, limit)
-            reading.notices.append(
+            line = (
                 f"{reading.where}: {target} exceeds the motor's limit of {limit:g} in {over} "
-                "rows; the limit is used there" + _volts_hint(highest / limit)
+                "rows; the limit is used there"
             )
-
-
-def _volts_hint(share: float) -> str:
-    """What to look at where a command goes far beyond the motor's limit."""
-    if share < _FAR_BEYOND:
-        return ""
-    return f" (it reaches {share:.3g} times that: a column in volts is motor_volts)"
+            share = highest / limit
+            if share < _FAR_BEYOND:
+                reading.notices.append(line)
+            else:
+                hint = f" (it reaches {share:.3g} times that: a column in volts is motor_volts)"
+                reading.contradict("motor", line + hint)
 
 
 def _check_values(reading: LogReading) -> None:
@@ -328,26 +336,28 @@ def _check_values(reading: LogReading) -> None:
     position = rig.position_channel
     if position in columns:
         values = columns[position]
-        notice = plausibility.check_position(
+        between = measured_period(reading.table.comments) is not None
+        beyond = plausibility.check_position(
             where,
             position,
             reading.origin[position],
             values,
             smallest_step(values),
             rig,
-            between_rows=measured_period(reading.table.comments) is not None,
+            between_rows=between,
         )
-        if notice:
-            reading.notices.append(notice)
+        reading.contradict("cylinder", beyond)
+        if not between and beyond is None:
+            resolution = plausibility.check_resolution(where, position, values, rig)
+            reading.contradict("sensors", resolution)
     if "temperature_k" in columns:
         plausibility.check_temperature(
             where, "temperature_k", reading.origin["temperature_k"], columns["temperature_k"]
         )
     if not any(np.any(columns[name] != 0.0) for name in VALVE_COMMANDS if name in columns):
         chambers = {name: columns[name] for name in CHAMBER_PRESSURES if name in columns}
-        notice = plausibility.check_rest(where, chambers, rig)
-        if notice:
-            reading.notices.append(notice)
+        reading.contradict("air", plausibility.check_rest(where, chambers, rig))
+    reading.contradict("air", plausibility.check_supply(where, columns, rig))
     reading.notices += response_notices(where, columns, position, rig.effort_channel)
 
 
@@ -381,13 +391,17 @@ def check_time_column(
         every.append(steps)
         _check_mixed(reading, rows, steps, name)
     period, column = float(np.median(periods)), reading.origin["time_s"]
+    wrong = plausibility.check_sampling(reading.where, column, period, reading.rig)
+    if measured_period(reading.table.comments) is None:
+        reading.contradict("sampling", wrong)
+    elif wrong:
+        # Rows brought onto another grid are not those of the recorder.
+        reading.notices.append(wrong)
     told = (
-        plausibility.check_sampling(reading.where, column, period, reading.rig),
         plausibility.check_speed(reading.where, column, period, len(time), reading.rig),
+        plausibility.check_evenness(reading.where, np.concatenate(every)),
     )
-    reading.notices += filter(
-        None, (*told, plausibility.check_evenness(reading.where, np.concatenate(every)))
-    )
+    reading.notices += filter(None, told)
 
 
 def _place(reading: LogReading, rows: NDArray[np.int64] | slice, index: int) -> str:
@@ -482,21 +496,40 @@ def _drop_spikes(
     )
 
 
+def log_from(reading: LogReading, groups: Sequence[tuple[str, NDArray[np.int64] | slice]]) -> Log:
+    """The log of a reading; what contradicts the rig file is the first of its notices."""
+    table, wrong = reading.table, tuple(map(one_line, reading.contradictions))
+    trials = tuple(trial_of(reading, label, rows) for label, rows in groups)
+    notices = (*wrong, *map(one_line, reading.notices))
+    return Log(table.path, table.sha256, trials, notices, reading.rig, wrong)
+
+
 def trial_of(reading: LogReading, label: str, rows: NDArray[np.int64] | slice) -> Trial:
     """One test of a reading."""
     channels = {n: v[rows] for n, v in reading.columns.items() if n != "time_s"}
     source = f"{reading.where}, test {label}" if label else reading.where
     time = reading.columns["time_s"][rows]
     between = measured_period(reading.table.comments)
-    return Trial(label, time, channels, source, reading.unusable, between)
+    wrong = tuple(map(one_line, reading.contradictions))
+    read_as = {name: _read_as(reading, name) for name in channels}
+    return Trial(label, time, channels, source, reading.unusable, between, read_as, wrong)
+
+
+def _read_as(reading: LogReading, name: str) -> ColumnMap:
+    """The map of a channel's column: of counts or volts, which are no channels, in their place."""
+    origin = reading.origin.get(name, name)
+    target = origin if origin in _CONVERTED else name
+    return reading.maps.get(target, ColumnMap(target, target))
 
 
 __all__ = [
     "Log",
     "LogReading",
     "Trial",
+    "any_contradiction",
     "check_time_column",
     "groups_of",
+    "log_from",
     "log_of",
     "log_table",
     "missing_time",

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sysid.errors import input_error, one_line
-from sysid.io.logs import LogReading, check_time_column, groups_of, missing_time, trial_of
+from sysid.errors import input_error
+from sysid.io.logs import LogReading, check_time_column, groups_of, log_from, missing_time
 from sysid.io.rig import Rig
 from sysid.io.samples import Log
 from sysid.io.tables import read_table
@@ -46,7 +46,7 @@ def read_own_log(
     for target in set(shared or {}) - set(mapping or {}):
         if target in maps and not has_column(table.header, maps[target]):
             del maps[target]
-    reading = LogReading(table, rig)
+    reading = LogReading(table, rig, maps=maps)
     if "time_s" not in maps and "time_s" not in table.header:
         raise missing_time(table)
     for name in units:
@@ -65,8 +65,7 @@ def read_own_log(
         raise input_error(path, "holds one row only", "a test needs at least two samples")
     groups = groups_of(reading, maps)
     check_time_column(reading, groups)
-    trials = tuple(trial_of(reading, label, rows) for label, rows in groups)
-    return Log(path, table.sha256, trials, tuple(map(one_line, reading.notices)), rig)
+    return log_from(reading, groups)
 
 
 def _checked_size(path: Path, name: str, unit: str, values: FloatArray) -> FloatArray:

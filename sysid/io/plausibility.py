@@ -40,6 +40,9 @@ _TIME_UNITS = {"ms": 1e-3, "us": 1e-6, "min": 60.0}
 # An actuator's chamber is never evacuated far below the atmosphere.
 _LOWEST_SHARE_OF_ATMOSPHERE = 0.5
 _HIGHEST_SHARE_OF_SUPPLY = 4.0
+# Pressures within this factor may be one: gauges, supplies and the weather differ by less.
+_SAME_PRESSURE = 1.15
+_HIGH = 0.9
 # Of the travel: a stop yields, and a pitch radius is known to some percent.
 _BEYOND_THE_STOP = 0.05
 # Levels from which a channel's resolution shows, and how far it may be from the declared one.
@@ -111,16 +114,12 @@ def check_position(
     """Position (n,) rad or m against the stroke and the encoder's resolution.
 
     `step` is the smallest change in the data, or None where it is unknown. Raises InputError on a
-    wrong unit; a notice where the zero cannot lie in the middle of the stroke, or where the
-    resolution is not the encoder's, else None. A log whose rows lie between measured ones
-    (`between_rows`) shows no resolution.
+    wrong unit; a line where the zero cannot lie in the middle of the stroke, else None. A log whose
+    rows lie between measured ones (`between_rows`) shows no resolution.
     """
-    if between_rows:
-        return _beyond_stops(where, target, column, values, rig)
-    _check_step(where, target, column, step, rig)
-    return _beyond_stops(where, target, column, values, rig) or _other_resolution(
-        where, target, values, rig
-    )
+    if not between_rows:
+        _check_step(where, target, column, step, rig)
+    return _beyond_stops(where, target, column, values, rig)
 
 
 def _beyond_stops(where: str, target: str, column: str, values: FloatArray, rig: Rig) -> str | None:
@@ -150,8 +149,8 @@ def _lengths(rig: Rig) -> str:
     return "stroke_m" if rig.is_linear else "stroke_m or pitch_radius_m"
 
 
-def _other_resolution(where: str, target: str, values: FloatArray, rig: Rig) -> str | None:
-    """A notice where all readings are multiples of another step than the encoder's."""
+def check_resolution(where: str, target: str, values: FloatArray, rig: Rig) -> str | None:
+    """A line where all readings are multiples of another step than the encoder's."""
     per_unit = _counts_per_unit(rig)
     if per_unit is None or len(np.unique(values)) < _LEAST_LEVELS:
         return None
@@ -290,7 +289,7 @@ def check_fraction(where: str, target: str, column: str, values: FloatArray) -> 
 
 
 def check_sampling(where: str, column: str, period: float, rig: Rig) -> str | None:
-    """Sampling period (s) against the rig's: raises on a wrong unit, else a notice or None."""
+    """Sampling period (s) against the rig's: raises on a wrong unit, else a line or None."""
     if period < _SHORTEST_S:
         raise input_error(
             where,
@@ -311,7 +310,8 @@ def check_sampling(where: str, column: str, period: float, rig: Rig) -> str | No
     if abs(ratio - 1.0) > 0.02:
         return (
             f"{where}: sampled every {period:.4g} s, the rig file declares "
-            f"{rig.sampling.period_s:.4g} s; the log's is used"
+            f"{rig.sampling.period_s:.4g} s: time_s or [sampling] period_s is wrong by "
+            f"{max(ratio, 1.0 / ratio):.3g}; the log's is used"
         )
     return None
 
@@ -344,22 +344,55 @@ def check_evenness(where: str, steps: FloatArray) -> str | None:
 
 
 def check_rest(where: str, pressures: Mapping[str, FloatArray], rig: Rig) -> str | None:
-    """Chamber pressures, (n,) Pa each, of a log whose valves never switch: a notice where the
-    chambers rest at the atmosphere's pressure twice over, else None.
+    """Chamber pressures, (n,) Pa each, of a log whose valves never switch: a line where all of them
+    rest at another pressure than the atmosphere's, else None.
 
     Only of a rig whose valves vent its chambers: others may stand under a regulator's pressure.
     """
     if rig.air is None or rig.valves is None or not pressures:
         return None
-    twice = 2.0 * rig.air.atmospheric_pressure_pa
+    ambient = float(rig.air.atmospheric_pressure_pa)
     rests = [float(np.median(values)) for values in pressures.values()]
-    lowest = min(float(np.min(values)) for values in pressures.values())
-    if lowest < 0.9 * twice or any(abs(rest / twice - 1.0) > 0.05 for rest in rests):
+    ratios = [rest / ambient for rest in rests]
+    # A piston in motion presses one chamber and draws on the other.
+    if min(ratios) < _SAME_PRESSURE and max(ratios) > 1.0 / _SAME_PRESSURE:
         return None
-    return (
-        f"{where}: {' and '.join(pressures)} rest at {rests[0]:.4g} Pa though no valve opens: is "
-        "the atmosphere's pressure added twice? Map an absolute pressure without (g)"
+    mend = (
+        "is the atmosphere's pressure added twice? Map an absolute pressure without (g)"
+        if all(abs(ratio / 2.0 - 1.0) <= 0.05 for ratio in ratios)
+        else "is its unit wrong, or [air] atmospheric_pressure_pa?"
     )
+    return (
+        f"{where}: {' and '.join(pressures)} rest at {rests[0]:.4g} Pa though no valve opens, the "
+        f"atmosphere of the rig file is {ambient:.4g} Pa: {mend}"
+    )
+
+
+def check_supply(where: str, columns: Mapping[str, FloatArray], rig: Rig) -> str | None:
+    """A log's columns (n,), SI: a line where its supply is not the rig file's, else None.
+
+    The logged supply, or the pressure of a chamber while its valve connects it to the supply.
+    """
+    if rig.air is None:
+        return None
+    declared = float(rig.air.supply_pressure_pa)
+    said = f"the rig file's supply_pressure_pa is {declared:.4g} Pa"
+    if "supply_pressure_pa" in columns:
+        logged = float(np.median(columns["supply_pressure_pa"]))
+        if max(logged / declared, declared / logged) <= _SAME_PRESSURE:
+            return None
+        return f"{where}: supply_pressure_pa is {logged:.4g} Pa, {said}: one of the two is wrong"
+    for side in "ab":
+        pressure, valve = columns.get(f"pressure_{side}_pa"), columns.get(f"valve_{side}")
+        if pressure is None or valve is None or not np.any(valve > 0.0):
+            continue
+        high = float(np.quantile(pressure[valve > 0.0], _HIGH))
+        if high > _SAME_PRESSURE * declared:
+            return (
+                f"{where}: pressure_{side}_pa reaches {high:.4g} Pa while its valve is on, {said}: "
+                "one of the two is wrong (a gauge pressure in the rig file?)"
+            )
+    return None
 
 
 def check_temperature(where: str, target: str, column: str, values: FloatArray) -> None:

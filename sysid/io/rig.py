@@ -131,14 +131,15 @@ class Rig:
     @property
     def has_declared_inertia(self) -> bool:
         """Whether the file gives an inertia, and not as an assumed one."""
-        return self.total_inertia() is not None and not self._is_assumed("inertia")
+        return self.total_inertia() is not None and not self.assumes("inertia")
 
     @property
     def has_declared_motor(self) -> bool:
         """Whether a motor is declared, and not only assumed."""
-        return self.motor is not None and not self._is_assumed("motor")
+        return self.motor is not None and not self.assumes("motor")
 
-    def _is_assumed(self, section: str) -> bool:
+    def assumes(self, section: str) -> bool:
+        """Whether nobody declared a constant of this section, and no log shows it."""
         return any(key.startswith(f"{section}.") for key in self.assumed)
 
     def constant(self, key: str) -> Any:

@@ -14,6 +14,7 @@ from sysid.display.plots import legend, some_axes
 from sysid.display.tables import Shown
 from sysid.errors import InputError, input_error
 from sysid.io.rig import Rig
+from sysid.io.units import ColumnMap
 from sysid.types import FloatArray
 
 if TYPE_CHECKING:
@@ -32,7 +33,8 @@ class Trial:
     `unusable` gives the faults of columns that only few kinds of test need. `row_period`: the
     samples are not as measured but between measured ones so many seconds apart (`sysid convert
     --resample`, `--join`), and their noise is correlated; None: as measured. `is_readings`: a
-    table without time, each row a reading by itself; `time` then counts the rows.
+    table without time, each row a reading by itself; `time` then counts the rows. `read_as` tells
+    from which column a channel was read, and how; `contradictions` are those of its log (`Log`).
     """
 
     label: str
@@ -41,6 +43,8 @@ class Trial:
     source: str
     unusable: Mapping[str, str] = field(default_factory=dict)
     row_period: float | None = None
+    read_as: Mapping[str, ColumnMap] = field(default_factory=dict)
+    contradictions: tuple[str, ...] = ()
     is_readings: bool = False
 
     def __contains__(self, name: str) -> bool:
@@ -75,6 +79,10 @@ class Trial:
 
         return pd.DataFrame({"time_s": self.time, **self.channels})
 
+    def reversed_map(self, name: str) -> str:
+        """The --map entry that reads a channel with the other sign."""
+        return self.read_as.get(name, ColumnMap(name, name)).reversed()
+
     def require(self, names: Sequence[str], why: str) -> None:
         """InputError that names the first channel of `names` that the log lacks."""
         for name in names:
@@ -93,7 +101,8 @@ class Log(Shown):
     """A log file as read: its trials, its SHA-256, and the reader's notices.
 
     `rig` is the rig that it was read with. Values are SI, pressures absolute. `len(log)` counts its
-    tests, `log[label]` is one of them.
+    tests, `log[label]` is one of them. `contradictions` are the notices, the first of them, of what
+    the log and the rig file say differently: one of the two is wrong.
 
     >>> log.frame.columns[:3].tolist()
     ['test', 'time_s', 'motor_torque_nm']
@@ -106,6 +115,7 @@ class Log(Shown):
     trials: tuple[Trial, ...]
     notices: tuple[str, ...] = field(default=())
     rig: Rig | None = None
+    contradictions: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.trials)
@@ -165,9 +175,14 @@ class Log(Shown):
         return panels
 
 
+def any_contradiction(trials: Iterable[Trial]) -> bool:
+    """Whether the log of one of these trials contradicts its rig file."""
+    return any(trial.contradictions for trial in trials)
+
+
 def with_channels(trial: Trial, **channels: FloatArray) -> Trial:
     """A copy of a trial with channels replaced or added, each (n,)."""
     return replace(trial, channels={**trial.channels, **channels})
 
 
-__all__ = ["Log", "Trial", "with_channels"]
+__all__ = ["Log", "Trial", "any_contradiction", "with_channels"]

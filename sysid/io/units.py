@@ -128,6 +128,15 @@ class ColumnMap:
             return f"{self.target}={self.column}" + (":" if ":" in self.column else "")
         return f"{self.target}={self.column}:{self.unit}"
 
+    def reversed(self) -> str:
+        """The entry that reads the column with the other sign: "motor_force_n=F:-1 N"."""
+        unit = self.unit or CANONICAL_UNITS[self.target] or ""
+        number = re.match(r"[-+]?[\d.]+(?:[eE][-+]?\d+)?(?=\s)", unit)
+        factor = number[0] if number else "1"
+        other = factor.removeprefix("-") if factor.startswith("-") else f"-{factor.lstrip('+')}"
+        unit = unit[number.end() :].strip() if number else unit
+        return f"{self.target}={self.column}:{other} {unit}"
+
 
 def parse_map(texts: Iterable[str], source: str = "--map") -> dict[str, ColumnMap]:
     """Map entries `target=column[:unit]` by target.

@@ -7,8 +7,8 @@ or m accordingly.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from sysid import signals
 from sysid.errors import InputError
+from sysid.estimation.quality import LeftOut, root_mean_square
 from sysid.io.channels import CHAMBER_PRESSURES, VALVE_COMMANDS
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
@@ -171,6 +172,32 @@ def left_out_lines(uses: Sequence[TrialUse]) -> list[str]:
     """Each reason for leaving tests out, once, with their number and their names."""
     left_out = by_reason([use for use in uses if not use.used])
     return [f"{len(own)} left out ({titles(own)}): {why}" for why, own in left_out.items()]
+
+
+def tests_left_out(uses: Sequence[TrialUse], asked: tuple[FloatArray, FloatArray]) -> LeftOut:
+    """What a fit left out of its tests; `asked`: what was measured in, and what the law leaves of,
+    the tests (n,) that it can be asked about, used or not."""
+    measured, left = asked
+    used = sum(use.used for use in uses)
+    unasked = len(uses) - max(len(measured), used)
+    out = LeftOut("tests", len(uses) - used, len(uses), unasked)
+    if len(measured) <= used:
+        return out
+    size = root_mean_square(measured)
+    return replace(out, rmse=root_mean_square(left), spread=size)
+
+
+def against_motion(uses: Sequence[TrialUse]) -> bool:
+    """Whether the effort works against the motion in most of the tests that tell."""
+    works = [work for use in uses if (work := _work(use.values)) is not None]
+    return 2 * sum(work < 0.0 for work in works) > len(works)
+
+
+def _work(values: Mapping[str, float]) -> float | None:
+    """What friction takes, or a ramp's effort gives; below zero where that cannot be."""
+    if "breakaway" in values:
+        return values["breakaway"] * values["direction"]
+    return values["friction"] * values["speed"] if "friction" in values else None
 
 
 def by_reason(uses: Sequence[TrialUse]) -> dict[str, list[TrialUse]]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.covariance import JointCovariance, shrunk
 from sysid.estimation.linear import Estimate, LinearFit, satterthwaite
-from sysid.estimation.quality import FitQuality, runs_test
+from sysid.estimation.quality import FitQuality, LeftOut, runs_test, spread
 from sysid.identification.friction.combinations import (
     Combination,
     Separation,
@@ -135,7 +135,7 @@ def fit_motion(
         samples = [s.kept(s.speed * shape.way > 0.0) for s in samples]
         samples = _long_enough(samples)
     model = _Model.of(samples, inertia, shape)
-    limits = SlidingLimits()
+    limits, given = SlidingLimits(), samples
     if shape.speeds:
         samples, limits = sliding_only(samples, model.law, model.separates)
         samples = _long_enough(samples)
@@ -143,7 +143,7 @@ def fit_motion(
     found = model.estimated(samples, fits)
     if shape.speeds:
         found = model.with_model_error(samples, found)
-    return _finished(samples, model, fits is not None, found, limits, units)
+    return _finished(samples, given, model, fits is not None, found, limits, units)
 
 
 def _long_enough(samples: Sequence[MotionSamples]) -> list[MotionSamples]:
@@ -298,6 +298,7 @@ def _accelerates(samples: Sequence[MotionSamples]) -> bool:
 
 def _finished(
     samples: Sequence[MotionSamples],
+    given: Sequence[MotionSamples],
     model: _Model,
     apart: bool,
     found: _Found,
@@ -338,7 +339,10 @@ def _finished(
         sums,
         model.shape.both,
         limits,
-        _quality(samples, effort, full, model, units),
+        replace(
+            _quality(samples, effort, full, model, units),
+            left_out=_left_out(samples, given, full, model),
+        ),
         _joint(model, found, units),
     )
 
@@ -361,6 +365,22 @@ def _quality(
         has_constant=model.shape.both,
         lack_of_fit=runs_test([part[::A_LENGTH] for part in left]),
     )
+
+
+def _left_out(
+    samples: Sequence[MotionSamples],
+    given: Sequence[MotionSamples],
+    full: FloatArray,
+    model: _Model,
+) -> tuple[LeftOut, ...]:
+    """What is not among the `samples` of those `given`, as the law `full` (4,) has it."""
+    count = sum(len(s.effort) for s in given)
+    out = LeftOut("samples", count - sum(len(s.effort) for s in samples), count)
+    if not out.count:
+        return ()
+    effort = np.concatenate([model.balanced(s) for s in given])
+    around = spread(effort, model.shape.both)
+    return (replace(out, rmse=_rmse(given, full)[0], spread=around),)
 
 
 def _joint(model: _Model, found: _Found, units: Units) -> JointCovariance:
@@ -403,8 +423,8 @@ def _rmse(samples: Sequence[MotionSamples], full: FloatArray) -> tuple[float, in
 
 def _explained(effort: FloatArray, rmse: float) -> float:
     """R2 of the effort (n,) that the parameters balance."""
-    spread = float(np.var(effort))
-    return 1.0 - rmse**2 / spread if spread > 0.0 else 0.0
+    variance = float(np.var(effort))
+    return 1.0 - rmse**2 / variance if variance > 0.0 else 0.0
 
 
 def effort_rmse(

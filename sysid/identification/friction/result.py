@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from sysid.display.tables import Shown, ShownTable, estimate_records, estimate_t
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.linear import Estimate, FTest
 from sysid.estimation.named import NamedEstimates
-from sysid.estimation.quality import LEAST_EXPLAINED, FitQuality
+from sysid.estimation.quality import LEAST_EXPLAINED, FitQuality, LeftOut
 from sysid.identification.friction.combinations import Combination
 from sysid.identification.friction.effort import (
     KINDS,
@@ -27,12 +27,14 @@ from sysid.identification.friction.effort import (
     TrialUse,
     Units,
     left_out_lines,
+    tests_left_out,
 )
 from sysid.identification.friction.low_speed import RULE as LOW_SPEED_RULE
 from sysid.identification.friction.motion import MotionFriction
 from sysid.identification.friction.motion_samples import RULE
 from sysid.identification.friction.sliding import SlidingFriction
-from sysid.identification.friction.static import CRITERION, StaticFriction
+from sysid.identification.friction.static import CRITERION, StaticFriction, breakaway_of
+from sysid.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -57,7 +59,8 @@ class FrictionResult(NamedEstimates, Shown):
     `cross_check` holds the estimates of the other kind of test, `combinations` the sums that
     are identified where their parts are not. `trials` gives the outcome of every test.
     `most_effort` is what the rig's motor and cylinder can give, `motor_limit` the motor alone,
-    N or Nm.
+    N or Nm. `contradicted`: whether a log contradicts the rig file. `reversed_sign`: which
+    channel's sign is reversed, where the fit with the other sign is good; else empty.
     """
 
     units: Units
@@ -73,6 +76,8 @@ class FrictionResult(NamedEstimates, Shown):
     combinations: tuple[Combination, ...] = ()
     most_effort: float = math.inf
     motor_limit: float = math.inf
+    contradicted: bool = False
+    reversed_sign: str = ""
 
     @property
     def rmse(self) -> dict[str, float]:
@@ -121,15 +126,37 @@ class FrictionResult(NamedEstimates, Shown):
         judged = {k: f.quality for k, f in fits.items() if f is not None}
         wrong = self._impossible()
         return {
-            k: quality.with_impossible(wrong.get(k, ()))
+            k: replace(
+                quality,
+                impossible=tuple(wrong.get(k, ())),
+                left_out=(*quality.left_out, *self._left_out(k)),
+                contradicted=self.contradicted,
+            )
             for k, quality in judged.items()
             if quality is not None
         }
 
+    def _left_out(self, kind: str) -> Iterator[LeftOut]:
+        """The tests of a kind that its fit left out, as far as its law can be asked about them."""
+        uses = [use for use in self.trials if use.kind == kind]
+        if not all(use.used for use in uses):
+            yield tests_left_out(uses, self._missed(kind, uses))
+
+    def _missed(self, kind: str, uses: Sequence[TrialUse]) -> tuple[FloatArray, FloatArray]:
+        """Measured effort, and what the law leaves of it, of the tests that it can be asked about;
+        (n,) each."""
+        if kind == STATIC and self.static is not None:
+            measured = np.array([breakaway_of(u) for u in uses if "breakaway" in u.values])
+            return measured, measured - self.static.estimate.value
+        if kind == SLIDING and self.sliding is not None:
+            return self.sliding.missed(uses)
+        return np.zeros(0), np.zeros(0)
+
     @property
     def impossible(self) -> tuple[str, ...]:
         """What cannot be in the estimates, one line each: the tests then show something else."""
-        return tuple(line for lines in self._impossible().values() for line in lines)
+        lines = [line for lines in self._impossible().values() for line in lines]
+        return tuple([self.reversed_sign, *lines] if lines and self.reversed_sign else lines)
 
     def _impossible(self) -> dict[str, list[str]]:
         """The same by the kind of test that says so."""
@@ -211,8 +238,22 @@ class FrictionResult(NamedEstimates, Shown):
         steady = [u.values for u in self.trials if u.used and u.values.get("steady")]
         return float(np.median([abs(v["inertial"] / v["friction"]) for v in steady] or [0.0]))
 
+    @property
+    def is_negative(self) -> bool:
+        """Whether Coulomb friction, or the sum that holds it, is below zero beyond its interval."""
+        own = self.parameters[self.units.coulomb]
+        sums = [c.estimate for c in self.combinations if self.units.coulomb in c.of]
+        return any(e.identified and e.interval[1] < 0.0 for e in (own, *sums))
+
+    @property
+    def is_trustworthy(self) -> bool:
+        """Whether nothing is impossible and no law that was fitted is poor."""
+        return not any(q.verdict.startswith(("poor", "imp")) for q in self.quality.values())
+
     def require_possible(self) -> None:
         """Raise NotIdentifiedError where an estimate cannot be friction (`impossible`)."""
+        if self.impossible and self.reversed_sign:
+            raise NotIdentifiedError(f"friction: {self.reversed_sign}")
         if self.impossible:
             raise NotIdentifiedError(
                 f"friction: {'; '.join(self.impossible)}: look for a wrong unit or time base, "
@@ -226,6 +267,16 @@ class FrictionResult(NamedEstimates, Shown):
         """Why Coulomb or viscous friction is not identified; empty where both are."""
         own = (self.parameters[name] for name in (self.units.coulomb, self.units.viscous))
         return next((e.reason or "" for e in own if not e.identified), "")
+
+    @property
+    def misses(self) -> float:
+        """RMSE of the fit that gave Coulomb friction, else of the breakaway, N or Nm."""
+        return self.rmse.get(self.source, self.rmse.get(STATIC, 0.0))
+
+    def of_sliding(self) -> dict[str, Estimate]:
+        """Coulomb and viscous friction by name, as far as they are identified."""
+        own = (self.units.coulomb, self.units.viscous)
+        return {name: self.parameters[name] for name in own if self.parameters[name].identified}
 
     @property
     def has_sliding(self) -> bool:

@@ -35,7 +35,7 @@ from sysid.estimation.linear import (
 )
 from sysid.estimation.quality import FitQuality, repeated_scatter, repeats_lack_of_fit
 from sysid.identification.friction.clusters import Clusters, find_clusters
-from sysid.identification.friction.effort import Units
+from sysid.identification.friction.effort import TrialUse, Units
 from sysid.types import FloatArray
 
 LEVEL_GAP = 0.03  # relative: set efforts closer than this are one level
@@ -89,6 +89,15 @@ class SlidingFriction:
     notices: tuple[str, ...]
     quality: FitQuality | None = None
     joint: JointCovariance | None = None
+
+    def missed(self, uses: Sequence[TrialUse]) -> tuple[FloatArray, FloatArray]:
+        """Mean friction of the trials (n,) that have one, used or left out, and what the law leaves
+        of it; in effort."""
+        known = [use.values for use in uses if "friction" in use.values]
+        friction, speed = (np.array([row[key] for row in known]) for key in ("friction", "speed"))
+        offset = self.offset.value if self.offset.identified else 0.0
+        law = self.coulomb.value * np.sign(speed) + self.viscous.value * speed + offset
+        return friction, friction - law
 
 
 def levels_of(set_effort: FloatArray) -> NDArray[np.intp]:

@@ -153,6 +153,7 @@ def breakaway(trial: EvenTrial, units: Units) -> TrialUse:
     motor = _carried_on(times, trial.motor[window], onset.time)
     cylinder = _carried_on(times, trial.cylinder[window], onset.time)
     effort = motor + cylinder - float(np.mean(trial.gravity[window]))
+    use.values = {"breakaway": effort, "direction": float(onset.direction)}
     if effort * onset.direction <= 0.0:
         use.leave_out(
             f"it moved against the applied effort ({effort:.3g} {units.effort}): is the sign of "
@@ -160,15 +161,18 @@ def breakaway(trial: EvenTrial, units: Units) -> TrialUse:
             "missing from the rig file?"
         )
         return use
-    use.values = {
-        "breakaway": effort,
-        "direction": float(onset.direction),
+    use.values |= {
         "position": float(trial.position[0]),
         "onset_s": onset.time,
         "travel_threshold": onset.threshold,
     }
     use.has_stopped = _has_stopped(trial.motor[: onset.index + 1])
     return use
+
+
+def breakaway_of(use: TrialUse) -> float:
+    """A ramp's breakaway effort along its motion: below zero where it moved against the effort."""
+    return use.values["breakaway"] * use.values["direction"]
 
 
 def _has_stopped(drive: FloatArray) -> bool:

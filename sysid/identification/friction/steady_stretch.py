@@ -249,6 +249,7 @@ def _use(trial: EvenTrial, inertia: float | None) -> TrialUse:
         use.leave_out("its speed is not steady, and the rig file gives no inertia")
         return use
     balance = momentum_balance(trial, stretch, inertia)
+    use.values = balance
     if balance["friction"] * balance["speed"] <= 0.0:
         use.leave_out("its effort does not drive its motion: is a load missing from the rig file?")
         return use

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -44,7 +44,8 @@ class DirectionFit(Shown):
     (`fitted`). `comparison`: both on the same held-out tests. `resolution`:
     Table 3.7.1, None for unevenly spaced duties. `sweep`: hidden sizes, where asked for.
     `boundaries_pa`: the choked boundaries, at which the flow jumps. `supply_pressure_pa`: the
-    supply that the tests show, at which the surfaces hold.
+    supply that the tests show, at which the surfaces hold. `contradicted`: whether a log of them
+    contradicts the rig file.
     """
 
     valve: str
@@ -61,6 +62,7 @@ class DirectionFit(Shown):
     resolution: ResolutionStudy | None = None
     sweep: SizeSweep | None = None
     boundaries_pa: tuple[float, ...] = ()
+    contradicted: bool = False
 
     @property
     def by_kind(self) -> dict[str, Bipolynomial | DutyNetwork]:
@@ -77,7 +79,10 @@ class DirectionFit(Shown):
     def quality(self) -> dict[str, FitQuality]:
         """How well each surface follows the tests, by its name."""
         return {
-            name: duty_quality(errors, self.points.duty, self.noise_rmse)
+            name: replace(
+                duty_quality(errors, self.points.duty, self.noise_rmse),
+                contradicted=self.contradicted,
+            )
             for name, errors in self.errors.items()
         }
 
