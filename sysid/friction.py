@@ -111,6 +111,7 @@ class _Fit:
     failures: dict[str, Failure] = field(default_factory=dict)
     sums: tuple[Combination, ...] = ()
     contradicted: bool = False
+    is_forced: bool = False
 
     def attempt(self, kind: str, fit: Callable[[], Result | None]) -> Result | None:
         """The fit of one kind of test; None, with the reason kept, where it gives nothing."""
@@ -172,12 +173,11 @@ def _reversed(
 ) -> str:
     """Which channel's sign is reversed and how to map it, as a fit with the other sign is good;
     empty where none is."""
-
-    found = {}
+    found: dict[str, FrictionResult] = {}
     for channel in (rig.effort_channel, rig.position_channel):
         turned = [with_channels(t, **{channel: -t[channel]}) for t in trials if channel in t]
         fit = on_its_own(partial(_whole, turned, rig, kind, estimate_inertia, cutoff_hz))
-        if not isinstance(fit, Failure) and fit.is_trustworthy:
+        if not isinstance(fit, Failure) and fit.is_beyond_doubt:
             found[channel] = fit
     if not found:
         return ""
@@ -219,7 +219,12 @@ def _of(fit: _Fit, estimate_inertia: bool) -> FrictionResult:
     motion = fit.attempt(MOTION, lambda: _motion(fit, None if estimate_inertia else declared))
     if declared is None and motion is not None and motion.inertia is not None:
         inertia = motion.inertia.value
+    said = len(fit.notices)
     sliding = fit.attempt(SLIDING, lambda: _sliding(fit, inertia))
+    lacking = motion is None or not motion.viscous.identified
+    if sliding is None and lacking and fit.by_kind[SLIDING] and not fit.is_forced:
+        whole = _as_motion(fit, None if estimate_inertia else declared, said)
+        motion = whole or motion
     if static is None and sliding is None and motion is None and not fit.sums:
         raise error_of(list(fit.failures.values()), _nothing(fit))
     return _result(fit, static, sliding, motion, estimate_inertia)
@@ -239,6 +244,7 @@ def _prepared(
         )
     highest = DEFAULT_CUTOFF_HZ if cutoff_hz is None else cutoff_hz
     fit = _Fit(rig, units_of(rig), highest, {name: [] for name in KINDS})
+    fit.is_forced = isinstance(kind, str)
     fit.contradicted = any_contradiction(trials)
     declared = [kind] * len(trials) if kind is None or isinstance(kind, str) else list(kind)
     moving: list[Trial] = []
@@ -341,6 +347,38 @@ def _sliding(fit: _Fit, inertia: float | None) -> SlidingFriction | None:
         one_way = Separation(False, True, float(points.direction[0]))
         fit.sums = combined([result.coulomb], (0.0, 0.0), one_way, fit.units)
     fit.notices += result.notices
+    return result
+
+
+def _as_motion(fit: _Fit, inertia: float | None, before: int) -> MotionFriction | None:
+    """Friction from constant-effort tests by all of their motion, where one number a test does not
+    identify it: a test may hold several levels, and speeds on the way to each. It replaces the
+    notices from the number `before` on. None where that does not identify it either; then nothing
+    is changed."""
+    trials = [*fit.by_kind[MOTION], *fit.by_kind[SLIDING]]
+    said: list[str] = []
+    cutoff = min((default_cutoff(e, fit.cutoff_hz) for e in trials if len(e) > 1), default=0.0)
+
+    def whole() -> tuple[MotionFriction, list[TrialUse]]:
+        samples, uses = usable_motion(trials, cutoff, said)
+        return fit_motion(samples, inertia, fit.units), uses
+
+    found = on_its_own(whole)
+    if isinstance(found, Failure):
+        return None
+    result, uses = found
+    if not result.viscous.identified:
+        return None
+    fit.cutoff_hz, fit.sums = cutoff, ()
+    fit.by_kind[MOTION], fit.by_kind[SLIDING] = trials, []
+    fit.uses = [use for use in fit.uses if use.kind not in (MOTION, SLIDING)] + uses
+    fit.notices[before:] = [
+        f"one speed of each {SLIDING} test does not separate Coulomb from viscous friction: they "
+        f"are taken as {MOTION}, with all of their speeds",
+        *said,
+        *result.notices,
+    ]
+    fit.failures = {k: why for k, why in fit.failures.items() if k not in (MOTION, SLIDING)}
     return result
 
 

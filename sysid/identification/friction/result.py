@@ -241,14 +241,26 @@ class FrictionResult(NamedEstimates, Shown):
     @property
     def is_negative(self) -> bool:
         """Whether Coulomb friction, or the sum that holds it, is below zero beyond its interval."""
-        own = self.parameters[self.units.coulomb]
-        sums = [c.estimate for c in self.combinations if self.units.coulomb in c.of]
-        return any(e.identified and e.interval[1] < 0.0 for e in (own, *sums))
+        return any(e.interval[1] < 0.0 for e in self._of_coulomb())
+
+    def _of_coulomb(self) -> list[Estimate]:
+        """Coulomb friction, or the sums that hold it, as far as they are identified."""
+        u = self.units
+        own = self.parameters[u.coulomb]
+        sums = [c.estimate for c in self.combinations if {u.coulomb} <= {*c.of} - {u.viscous}]
+        return [e for e in (own, *sums) if e.identified]
 
     @property
-    def is_trustworthy(self) -> bool:
-        """Whether nothing is impossible and no law that was fitted is poor."""
-        return not any(q.verdict.startswith(("poor", "imp")) for q in self.quality.values())
+    def is_beyond_doubt(self) -> bool:
+        """Whether all that was fitted is good or usable, and friction is above zero beyond its
+        interval: what a log that is broken otherwise does not show by chance."""
+        u = self.units
+        static, viscous = self.parameters[u.static], self.parameters[u.viscous]
+        told = self._of_coulomb() if viscous.identified else []
+        if self.source == STATIC:
+            told = [static] if static.identified else []
+        doubted = any(q.verdict.startswith(("poor", "imp")) for q in self.quality.values())
+        return bool(told) and min(e.interval[0] for e in told) > 0.0 and not doubted
 
     def require_possible(self) -> None:
         """Raise NotIdentifiedError where an estimate cannot be friction (`impossible`)."""
