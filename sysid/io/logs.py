@@ -21,6 +21,7 @@ from sysid.io.responses import response_notices
 from sysid.io.rig import Rig
 from sysid.io.samples import Log, Trial, any_contradiction, with_channels
 from sysid.io.tables import LogTable, read_table
+from sysid.io.trust.mending import Samples, mend
 from sysid.io.units import CANONICAL_UNITS, ColumnMap, check_size, find_column, has_column, to_si
 from sysid.types import FloatArray
 
@@ -49,7 +50,10 @@ _FAR_BEYOND = 3.0
 
 @dataclass
 class LogReading:
-    """A log while it is being read: columns by canonical name, and where they came from."""
+    """A log while it is being read: columns by canonical name, and where they came from.
+
+    `strides`: rows from one fresh reading to the next, of channels that repeat theirs.
+    """
 
     table: LogTable
     rig: Rig
@@ -59,6 +63,7 @@ class LogReading:
     unusable: dict[str, str] = field(default_factory=dict)
     maps: Mapping[str, ColumnMap] = field(default_factory=dict)
     contradictions: list[str] = field(default_factory=list)
+    strides: dict[str, float] = field(default_factory=dict)
 
     @property
     def where(self) -> str:
@@ -127,7 +132,8 @@ def log_of(
     groups = groups_of(reading, maps)
     _convert_position(reading)
     _convert_motor(reading)
-    _check_wraps(reading, groups)
+    if not timeless:
+        groups = _mended(reading, groups)
     _check_values(reading)
     if not timeless:
         check_time_column(reading, groups)
@@ -336,7 +342,7 @@ def _check_values(reading: LogReading) -> None:
     position = rig.position_channel
     if position in columns:
         values = columns[position]
-        between = measured_period(reading.table.comments) is not None
+        between = position in reading.strides or measured_period(reading.table.comments) is not None
         beyond = plausibility.check_position(
             where,
             position,
@@ -448,12 +454,28 @@ def _check_mixed(
             )
 
 
-def _check_wraps(reading: LogReading, groups: list[tuple[str, NDArray[np.int64] | slice]]) -> None:
-    """An angle that wraps: before its range and steps are judged, which a wrap spoils."""
-    position = reading.rig.position_channel
-    for label, rows in groups if position in reading.columns else ():
-        where = f"{reading.where}, test {label}" if label else reading.where
-        plausibility.check_wraps(where, position, reading.columns[position][rows], reading.rig)
+def _mended(
+    reading: LogReading, groups: list[tuple[str, NDArray[np.int64] | slice]]
+) -> list[tuple[str, NDArray[np.int64] | slice]]:
+    """What the samples show that they cannot be trusted in, mended with a notice.
+
+    Before ranges and steps are judged, which a wrap or a jump spoils; returns each test's rows, as
+    the last ones may tell nothing.
+    """
+    rig, name = reading.rig, reading.rig.position_channel
+    counts = reading.origin.get(name) == "encoder_counts"
+    samples = Samples(
+        columns=reading.columns,
+        tests=list(groups),
+        position=name,
+        count=rig.encoder_step if counts else None,
+        declared=rig.encoder_step if rig.has_declared_encoder else None,
+        place=reading.table.place,
+    )
+    mend(samples)
+    reading.notices += [f"{reading.where}: {line}" for line in samples.notices]
+    reading.strides.update(samples.strides)
+    return samples.tests
 
 
 def _check_tests(reading: LogReading, groups: list[tuple[str, NDArray[np.int64] | slice]]) -> None:
@@ -509,9 +531,9 @@ def trial_of(reading: LogReading, label: str, rows: NDArray[np.int64] | slice) -
     channels = {n: v[rows] for n, v in reading.columns.items() if n != "time_s"}
     source = f"{reading.where}, test {label}" if label else reading.where
     time = reading.columns["time_s"][rows]
-    between = measured_period(reading.table.comments)
     wrong = tuple(map(one_line, reading.contradictions))
     read_as = {name: _read_as(reading, name) for name in channels}
+    between = _between(reading, time)
     return Trial(label, time, channels, source, reading.unusable, between, read_as, wrong)
 
 
@@ -520,6 +542,13 @@ def _read_as(reading: LogReading, name: str) -> ColumnMap:
     origin = reading.origin.get(name, name)
     target = origin if origin in _CONVERTED else name
     return reading.maps.get(target, ColumnMap(target, target))
+
+
+def _between(reading: LogReading, time: FloatArray) -> float | None:
+    """The longest period (s) of readings between which samples of a test lie, if any do."""
+    said = measured_period(reading.table.comments)
+    slow = max(reading.strides.values(), default=0.0) * float(np.median(np.diff(time)))
+    return max(slow, said or 0.0) or None
 
 
 __all__ = [

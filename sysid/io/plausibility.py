@@ -198,20 +198,6 @@ def _check_step(where: str, target: str, column: str, step: float | None, rig: R
             )
 
 
-def check_wraps(where: str, target: str, values: FloatArray, rig: Rig) -> None:
-    """One test's angle (n,) rad: InputError where it wraps around at a full turn."""
-    if rig.is_linear or len(values) < 2:
-        return
-    steps = np.abs(np.diff(values))
-    wraps = np.abs(steps - 2.0 * math.pi) < 0.3
-    if wraps.any() and float(np.max(steps[~wraps], initial=0.0)) < 1.0:
-        raise input_error(
-            where,
-            f"{target} wraps around at 2 pi {int(np.count_nonzero(wraps))} times",
-            "unwrap it with `sysid convert --unwrap`",
-        )
-
-
 def folds(values: FloatArray) -> bool:
     """Whether a position (n,) of one test turns round at zero at full speed, as its size does."""
     low, step = float(np.min(values)), float(np.max(np.abs(np.diff(values)), initial=0.0))

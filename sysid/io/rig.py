@@ -138,6 +138,11 @@ class Rig:
         """Whether a motor is declared, and not only assumed."""
         return self.motor is not None and not self.assumes("motor")
 
+    @property
+    def has_declared_encoder(self) -> bool:
+        """Whether an encoder's count is declared, and not only assumed."""
+        return self.encoder_step is not None and not self.assumes("sensors")
+
     def assumes(self, section: str) -> bool:
         """Whether nobody declared a constant of this section, and no log shows it."""
         return any(key.startswith(f"{section}.") for key in self.assumed)

@@ -1,0 +1,3 @@
+"""What a log cannot be trusted in, found in its own samples: `mending` goes through `wraps` of a
+position's counter, readings that repeat (`stale`) and `jumps` of a position.
+"""

@@ -1,0 +1,180 @@
+"""A position that jumps within one sample: an index pulse that sets the counter, or lost counts.
+
+A mass has a speed that an impact, a slip or a valve may change within a sample, but it cannot take
+a step and go on as before. So a step is a jump where it lies outside all steps around it, by more
+than the sensor's errors and the irregularity of the motion around it allow. An impact's or a
+breakaway's step lies between the speeds before and after it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from sysid import signals
+from sysid.types import FloatArray
+
+# Steps to either side that show how the motion goes on.
+_SIDE = 3
+# Times the range of the steps around it about their line: less is a slip of some rows.
+_IRREGULAR = 3.0
+# Of a position in whole counts, each reading is within half a count of the truth.
+_COUNTS = 2.0
+# Chance of one false alarm in a test whose errors are as those of its other rows.
+_FALSE_ALARM = 1e-4
+_USUAL, _SELDOM = 0.9, 0.99
+# Of third differences, which leave hardly any motion; and their variance of white noise.
+_QUIET = 0.9
+_THIRD = 20.0
+# Steps from which a sensor's readings show its resolution.
+_FEWEST_STEPS = 10
+# Jumps in a test; a recording with more of them is no recording of a motion.
+_MOST = 50
+
+
+def _line() -> FloatArray:
+    """(s, s): the least-squares line through the steps to either side, at these steps."""
+    places = np.delete(np.arange(-_SIDE, _SIDE + 1.0), _SIDE)
+    return np.outer(places, places) / (places @ places) + 1.0 / len(places)
+
+
+_LINE = _line()
+
+
+@dataclass(frozen=True)
+class Jump:
+    """A jump before the row `row` of a test: its size in the position's unit, the speed of its
+    step, and the highest speed of the steps around it (both per second)."""
+
+    row: int
+    size: float
+    speed: float
+    usual_speed: float
+
+
+@dataclass(frozen=True)
+class _Around:
+    """The steps of a test that have `_SIDE` others on both sides, (m,) each.
+
+    `outside`: how far it lies outside the others; `range`: the
+    others' about their line; `expected`: their mean; `fastest`: their highest speed.
+    """
+
+    outside: FloatArray
+    range: FloatArray
+    expected: FloatArray
+    fastest: FloatArray
+
+
+@dataclass(frozen=True)
+class Resolution:
+    """The smallest step of a position; `is_whole`: all its readings are multiples of it."""
+
+    step: float
+    is_whole: bool
+
+
+def without_jumps(
+    time: FloatArray, position: FloatArray, resolution: Resolution
+) -> tuple[FloatArray, list[Jump]]:
+    """One test's position (n,) joined on after each jump, and the jumps by their rows.
+
+    `time` (n,) s, increasing; `position` m or rad. What follows a jump is moved to where the motion
+    around it leads; by whole counts where the position is in counts.
+    """
+    found: list[Jump] = []
+    joined = position
+    for _ in range(_MOST):
+        jump = _largest(time, joined, resolution)
+        if jump is None or jump.size == 0.0:
+            break
+        joined = joined.copy()
+        joined[jump.row :] -= jump.size
+        found.append(jump)
+    return joined, sorted(found, key=lambda jump: jump.row)
+
+
+def resolution_of(positions: FloatArray, declared: float | None = None) -> Resolution:
+    """The resolution of a sensor by all its readings (n,), of all tests of a file.
+
+    Readings with a few steps only do not show it, as a step of theirs may be a jump: then it is
+    the `declared` one, else unknown, and infinite.
+    """
+    steps = np.abs(np.diff(positions))
+    steps = steps[steps > 1e-9 * np.max(np.abs(positions), initial=0.0)]
+    if len(steps) < _FEWEST_STEPS:
+        return Resolution(math.inf if declared is None else declared, False)
+    whole = signals.quantum(positions)
+    return Resolution(whole or float(np.min(steps)), whole > 0.0)
+
+
+def _largest(time: FloatArray, position: FloatArray, resolution: Resolution) -> Jump | None:
+    """The clearest jump of a test; None without any."""
+    around = _around(time, position)
+    if around is None or not around.outside.any():
+        return None
+    errors = _allowed_errors(position, resolution.step)
+    ratio = around.outside / (errors + around.range)
+    clear = around.outside > errors + _IRREGULAR * around.range
+    clear &= ratio > _seldom_passed(ratio)
+    if not clear.any():
+        return None
+    step = int(np.argmax(np.where(clear, ratio, 0.0)))
+    row = step + _SIDE + 1
+    taken = float(position[row] - position[row - 1])
+    size = taken - float(around.expected[step])
+    if resolution.is_whole:
+        size = resolution.step * round(size / resolution.step)
+    speed = abs(taken) / float(time[row] - time[row - 1])
+    return Jump(row, size, speed, float(around.fastest[step]))
+
+
+def _allowed_errors(position: FloatArray, count: float) -> float:
+    """What the sensor's errors add to one step in a test's length: whole counts, and noise."""
+    from scipy.stats import norm
+
+    third = np.sort(np.abs(np.diff(position, 3)))
+    quiet = third[: max(1, math.ceil(_QUIET * len(third)))]
+    noise = math.sqrt(float(np.mean(quiet**2)) / _THIRD)
+    often = float(norm.isf(0.5 * _FALSE_ALARM / len(position)))
+    return _COUNTS * count + math.sqrt(2.0) * often * noise
+
+
+def _seldom_passed(ratio: FloatArray) -> float:
+    """What the largest of the test's ratios (m,) passes by `_FALSE_ALARM`: errors may have heavier
+    tails than noise, and their quantiles show it, which a few jumps do not touch."""
+    usual, seldom = np.quantile(ratio, (_USUAL, _SELDOM), method="lower")
+    decades = math.log10(max(1.0, (1.0 - _SELDOM) * len(ratio)) / _FALSE_ALARM)
+    return float(seldom + (seldom - usual) * decades)
+
+
+def _around(time: FloatArray, position: FloatArray) -> _Around | None:
+    periods, steps = np.diff(time), np.diff(position)
+    window = 2 * _SIDE + 1
+    if len(steps) < window + 2:
+        return None
+    others = np.delete(sliding_window_view(steps / periods, window), _SIDE, axis=1)
+    lengths = sliding_window_view(periods, window)
+    # A row's time stamp may be late: its step may have taken any of the periods around it.
+    short, long = lengths.min(axis=1), lengths.max(axis=1)
+    low, high = others.min(axis=1), others.max(axis=1)
+    above = steps[_SIDE:-_SIDE] - np.maximum(high * short, high * long)
+    below = np.minimum(low * short, low * long) - steps[_SIDE:-_SIDE]
+    outside = np.maximum(0.0, np.maximum(above, below))
+    # What happens in a pause of the recording is unknown.
+    paused = np.zeros(len(steps), dtype=bool)
+    paused[signals.pauses(time)] = True
+    outside[sliding_window_view(paused, window).any(axis=1)] = 0.0
+    left = others - others @ _LINE.T
+    return _Around(
+        outside,
+        np.ptp(left, axis=1) * long,
+        others.mean(axis=1) * periods[_SIDE:-_SIDE],
+        np.abs(others).max(axis=1),
+    )
+
+
+__all__ = ["Jump", "Resolution", "resolution_of", "without_jumps"]
