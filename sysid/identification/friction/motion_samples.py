@@ -81,7 +81,7 @@ def motion_samples(trial: EvenTrial, cutoff_hz: float) -> MotionSamples:
     speed = signals.first_derivative(position, dt)
     acceleration = signals.second_derivative(position, dt)
     speed_noise, acceleration_noise = (
-        trial.position_noise.total * gain for gain in _noise_gains(dt, cutoff_hz)
+        trial.position_noise.total * gain for gain in _noise_gains(dt, cutoff_hz, trial.stride)
     )
     sign = signals.lowpass(np.sign(speed), dt, cutoff_hz)
     regressors = np.column_stack([sign, speed, np.ones(len(speed)), acceleration])
@@ -127,7 +127,8 @@ def left_out(trial: EvenTrial, cutoff_hz: float) -> NDArray[np.bool_]:
     dt = trial.period
     length = signals.filter_length(dt, cutoff_hz)
     speed = signals.first_derivative(signals.lowpass(trial.position, dt, cutoff_hz), dt)
-    rest_speed = REST_NOISE_TIMES * trial.position_noise.total * _noise_gains(dt, cutoff_hz)[0]
+    gain, _ = _noise_gains(dt, cutoff_hz, trial.stride)
+    rest_speed = REST_NOISE_TIMES * trial.position_noise.total * gain
     rests = signals.long_runs(np.abs(speed) <= rest_speed, max(1, round(REST_S / dt)))
     found = signals.widened(rests | ~trial.inside | trial.lost, length)
     found[:length] = found[-length:] = True
@@ -137,15 +138,15 @@ def left_out(trial: EvenTrial, cutoff_hz: float) -> NDArray[np.bool_]:
 def default_cutoff(trial: EvenTrial, highest_hz: float) -> float:
     """The highest cut-off up to `highest_hz`, Hz, at which the motion exceeds the noise.
 
-    It stays clear of the Nyquist frequency, and is halved until the limit of rest is well
+    It stays clear of the Nyquist frequency of the position's readings, and is halved until the limit of rest is well
     below the speeds of the motion.
     """
     dt = trial.period
-    cutoff = min(highest_hz, 0.2 / dt)
+    cutoff = min(highest_hz, 0.2 / (trial.stride * dt))
     for _ in range(_HALVINGS):
         speed = signals.first_derivative(signals.lowpass(trial.position, dt, cutoff), dt)
         fast = float(np.quantile(np.abs(speed), 0.5))
-        noise = trial.position_noise.total * _noise_gains(dt, cutoff)[0]
+        noise = trial.position_noise.total * _noise_gains(dt, cutoff, trial.stride)[0]
         if REST_NOISE_TIMES * noise < _REST_SHARE * fast:
             break
         cutoff *= 0.5
@@ -180,12 +181,19 @@ def tells_speeds(speed: FloatArray, load: FloatArray) -> bool:
 
 
 @lru_cache(maxsize=32)
-def _noise_gains(period: float, cutoff_hz: float) -> tuple[float, float]:
-    """Noise of the filtered speed (1/s) and acceleration (1/s2) over that of the position."""
-    half = 10 * signals.filter_length(period, cutoff_hz)
-    impulse = np.zeros(2 * half + 1)
-    impulse[half] = 1.0
-    smooth = signals.lowpass(impulse, period, cutoff_hz)
+def _noise_gains(period: float, cutoff_hz: float, stride: int) -> tuple[float, float]:
+    """Noise of the filtered speed (1/s) and acceleration (1/s2) over that of the position.
+
+    Of samples on the line between readings `stride` of them apart an error takes in all samples to
+    the next readings: its mean square is that over where a sample lies between two of them.
+    """
+    half = 10 * signals.filter_length(period, cutoff_hz) + stride
+    rows = np.arange(-half, half + 1)
+    one = np.maximum(0.0, 1.0 - np.abs(rows) / stride)
+    smooth = signals.lowpass(one, period, cutoff_hz)
     speed = signals.first_derivative(smooth, period)
     acceleration = signals.second_derivative(smooth, period)
-    return math.sqrt(float(speed @ speed)), math.sqrt(float(acceleration @ acceleration))
+    return (
+        math.sqrt(float(speed @ speed) / stride),
+        math.sqrt(float(acceleration @ acceleration) / stride),
+    )
