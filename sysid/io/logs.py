@@ -21,7 +21,7 @@ from sysid.io.responses import response_notices
 from sysid.io.rig import Rig
 from sysid.io.samples import Log, Trial, any_contradiction, with_channels
 from sysid.io.tables import LogTable, read_table
-from sysid.io.trust.mending import Samples, mend
+from sysid.io.trust.mending import Recording, mend
 from sysid.io.units import CANONICAL_UNITS, ColumnMap, check_size, find_column, has_column, to_si
 from sysid.types import FloatArray
 
@@ -464,7 +464,7 @@ def _mended(
     """
     rig, name = reading.rig, reading.rig.position_channel
     counts = reading.origin.get(name) == "encoder_counts"
-    samples = Samples(
+    recording = Recording(
         columns=reading.columns,
         tests=list(groups),
         position=name,
@@ -472,10 +472,10 @@ def _mended(
         declared=rig.encoder_step if rig.has_declared_encoder else None,
         place=reading.table.place,
     )
-    mend(samples)
-    reading.notices += [f"{reading.where}: {line}" for line in samples.notices]
-    reading.strides.update(samples.strides)
-    return samples.tests
+    mend(recording)
+    reading.notices += [f"{reading.where}: {line}" for line in recording.notices]
+    reading.strides.update(recording.strides)
+    return recording.tests
 
 
 def _check_tests(reading: LogReading, groups: list[tuple[str, NDArray[np.int64] | slice]]) -> None:

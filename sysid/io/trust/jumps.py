@@ -21,8 +21,9 @@ from sysid.types import FloatArray
 _SIDE = 3
 # Times the range of the steps around it about their line: less is a slip of some rows.
 _IRREGULAR = 3.0
-# Of a position in whole counts, each reading is within half a count of the truth.
-_COUNTS = 2.0
+# Of a position in whole counts each reading is within half a count of the truth, and a step within
+# one: two steps differ by two counts at most.
+_COUNTS = 2.5
 # Chance of one false alarm in a test whose errors are as those of its other rows.
 _FALSE_ALARM = 1e-4
 _USUAL, _SELDOM = 0.9, 0.99
@@ -31,6 +32,8 @@ _QUIET = 0.9
 _THIRD = 20.0
 # Steps from which a sensor's readings show its resolution.
 _FEWEST_STEPS = 10
+# Jumps in a test that moves by nothing else.
+_FEW = 3
 # Jumps in a test; a recording with more of them is no recording of a motion.
 _MOST = 50
 
@@ -94,7 +97,16 @@ def without_jumps(
         joined = joined.copy()
         joined[jump.row :] -= jump.size
         found.append(jump)
+    if _is_the_motion(joined, found):
+        return position, []
     return joined, sorted(found, key=lambda jump: jump.row)
+
+
+def _is_the_motion(joined: FloatArray, found: list[Jump]) -> bool:
+    """Whether many jumps are more than half of the way that a test goes: slips too short for its
+    rows, and what is left of its position (n,) is no motion."""
+    way = float(np.sum(np.abs(np.diff(joined))))
+    return len(found) > _FEW and sum(abs(jump.size) for jump in found) > way
 
 
 def resolution_of(positions: FloatArray, declared: float | None = None) -> Resolution:
@@ -116,10 +128,12 @@ def _largest(time: FloatArray, position: FloatArray, resolution: Resolution) -> 
     around = _around(time, position)
     if around is None or not around.outside.any():
         return None
-    errors = _allowed_errors(position, resolution.step)
-    ratio = around.outside / (errors + around.range)
-    clear = around.outside > errors + _IRREGULAR * around.range
-    clear &= ratio > _seldom_passed(ratio)
+    count = resolution.step
+    noise = _largest_noise(position, count)
+    # What whole counts do not explain.
+    beyond = np.maximum(0.0, around.outside - _COUNTS * count)
+    ratio = beyond / (count + noise + around.range)
+    clear = (beyond > noise + _IRREGULAR * around.range) & (ratio > _seldom_passed(ratio))
     if not clear.any():
         return None
     step = int(np.argmax(np.where(clear, ratio, 0.0)))
@@ -132,15 +146,14 @@ def _largest(time: FloatArray, position: FloatArray, resolution: Resolution) -> 
     return Jump(row, size, speed, float(around.fastest[step]))
 
 
-def _allowed_errors(position: FloatArray, count: float) -> float:
-    """What the sensor's errors add to one step in a test's length: whole counts, and noise."""
+def _largest_noise(position: FloatArray, count: float) -> float:
+    """The most that noise, without the rounding to counts, adds to one step in a test's length."""
     from scipy.stats import norm
 
     third = np.sort(np.abs(np.diff(position, 3)))
     quiet = third[: max(1, math.ceil(_QUIET * len(third)))]
-    noise = math.sqrt(float(np.mean(quiet**2)) / _THIRD)
-    often = float(norm.isf(0.5 * _FALSE_ALARM / len(position)))
-    return _COUNTS * count + math.sqrt(2.0) * often * noise
+    noise = math.sqrt(max(0.0, float(np.mean(quiet**2)) / _THIRD - count**2 / 12.0))
+    return math.sqrt(2.0) * float(norm.isf(0.5 * _FALSE_ALARM / len(position))) * noise
 
 
 def _seldom_passed(ratio: FloatArray) -> float:

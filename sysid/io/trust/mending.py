@@ -7,7 +7,6 @@ repeat are taken at their fresh ones (`stale`), a position that jumps within a s
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 from sysid.io.channels import PRESSURES
 from sysid.io.trust.jumps import Jump, Resolution, resolution_of, without_jumps
 from sysid.io.trust.stale import Staleness, fresh_readings, staleness
-from sysid.io.trust.wraps import Wraps, counter_ranges, without_wraps
+from sysid.io.trust.wraps import counter_ranges, without_wraps
 from sysid.types import FloatArray
 
 Rows = NDArray[np.int64] | slice
@@ -28,7 +27,7 @@ _NAMED = 3
 
 
 @dataclass
-class Samples:
+class Recording:
     """A file's samples by tests while they are mended.
 
     `columns` (n,) each by name, SI; `tests`: (label, rows) of each; `position` names its channel,
@@ -76,54 +75,53 @@ class Fresh:
     values: FloatArray
 
 
-def mend(samples: Samples) -> None:
+def mend(recording: Recording) -> None:
     """Mend wraps, repeated readings and jumps, in `samples`.
 
     A file whose time does not increase, which is refused elsewhere, is left as it is.
     """
-    if any(np.any(np.diff(time) <= 0.0) for time in samples.parts("time_s")):
+    if any(np.any(np.diff(time) <= 0.0) for time in recording.parts("time_s")):
         return
-    if samples.position in samples.columns:
-        _follow(samples)
-    names = [n for n in (samples.position, *PRESSURES) if n in samples.columns]
-    slow = {name: how for name in names if (how := staleness(samples.parts(name))) is not None}
-    fresh = {name: _fresh(samples, name, how.stride) for name, how in slow.items()}
-    if samples.position in samples.columns:
-        _join_on(samples, fresh.get(samples.position))
+    if recording.position in recording.columns:
+        _follow(recording)
+    names = [n for n in (recording.position, *PRESSURES) if n in recording.columns]
+    slow = {name: how for name in names if (how := staleness(recording.parts(name))) is not None}
+    fresh = {name: _fresh(recording, name, how.stride) for name, how in slow.items()}
+    if recording.position in recording.columns:
+        _join_on(recording, fresh.get(recording.position))
     for name, how in slow.items():
-        _take_fresh(samples, name, how, fresh[name])
-    _end_at_fresh(samples, fresh.values())
+        _take_fresh(recording, name, how, fresh[name])
+    _end_at_fresh(recording, fresh.values())
 
 
-def _follow(samples: Samples) -> None:
+def _follow(recording: Recording) -> None:
     """A position over the wraps of its counter."""
-    name = samples.position
-    count = samples.count
-    if count is None:
-        resolution = resolution_of(samples.columns[name])
-        count = resolution.step if resolution.is_whole else None
-    ranges = counter_ranges(count, is_angle=name == "theta_rad")
-    parts, wraps = without_wraps(samples.parts(name), ranges)
+    name = recording.position
+    ranges = counter_ranges(_counts(recording), is_angle=name == "theta_rad")
+    parts, wraps = without_wraps(recording.parts(name), ranges)
     if wraps is None:
         return
     times = len(wraps.rows)
-    samples.put(name, parts)
-    samples.notices.append(
-        f"{name} wraps around at {_range(wraps, count)} {times} time{'s' * (times > 1)}, first in "
-        f"{samples.where(*wraps.rows[0])}: it is followed over its turns"
+    recording.put(name, parts)
+    recording.notices.append(
+        f"{name} wraps around at {ranges[wraps.range]} {times} time{'s' * (times > 1)}, first in "
+        f"{recording.where(*wraps.rows[0])}: it is followed over its wraps"
     )
 
 
-def _range(wraps: Wraps, count: float | None) -> str:
-    if count is None or math.isclose(wraps.range, 2.0 * math.pi):
-        return "2 pi"
-    return f"2^{round(math.log2(wraps.range / count))} counts"
+def _counts(recording: Recording) -> list[float]:
+    """What one count of the position may be."""
+    if recording.count is not None:
+        return [recording.count]
+    shown = resolution_of(recording.columns[recording.position])
+    found = [shown.step] if shown.is_whole else []
+    return found if recording.declared is None else [*found, recording.declared]
 
 
-def _fresh(samples: Samples, name: str, stride: float) -> list[Fresh]:
+def _fresh(recording: Recording, name: str, stride: float) -> list[Fresh]:
     """A channel's fresh readings, test by test."""
     found = []
-    for time, values in zip(samples.parts("time_s"), samples.parts(name), strict=True):
+    for time, values in zip(recording.parts("time_s"), recording.parts(name), strict=True):
         rows, readings = fresh_readings(values, stride)
         times = np.interp(rows, np.arange(len(time)), time)
         times += np.minimum(rows, 0.0) * np.median(np.diff(time))
@@ -131,13 +129,13 @@ def _fresh(samples: Samples, name: str, stride: float) -> list[Fresh]:
     return found
 
 
-def _join_on(samples: Samples, fresh: list[Fresh] | None) -> None:
+def _join_on(recording: Recording, fresh: list[Fresh] | None) -> None:
     """A position after its jumps; of a slow sensor its fresh readings, in place."""
-    name = samples.position
-    parts = samples.parts(name)
-    resolution = _resolution(samples)
+    name = recording.position
+    parts = recording.parts(name)
+    resolution = _resolution(recording)
     found: list[tuple[int, Jump]] = []
-    for test, (time, values) in enumerate(zip(samples.parts("time_s"), parts, strict=True)):
+    for test, (time, values) in enumerate(zip(recording.parts("time_s"), parts, strict=True)):
         if fresh is None:
             parts[test], jumps = without_jumps(time, values, resolution)
         else:
@@ -146,62 +144,62 @@ def _join_on(samples: Samples, fresh: list[Fresh] | None) -> None:
             jumps = [replace(jump, row=max(0, int(own.rows[jump.row]))) for jump in jumps]
         found += [(test, jump) for jump in jumps]
     if found:
-        samples.put(name, parts)
-        samples.notices.append(_jumps_line(samples, found))
+        recording.put(name, parts)
+        recording.notices.append(_jumps_line(recording, found))
 
 
-def _resolution(samples: Samples) -> Resolution:
-    if samples.count is not None:
-        return Resolution(samples.count, True)
-    return resolution_of(samples.columns[samples.position], samples.declared)
+def _resolution(recording: Recording) -> Resolution:
+    if recording.count is not None:
+        return Resolution(recording.count, True)
+    return resolution_of(recording.columns[recording.position], recording.declared)
 
 
-def _jumps_line(samples: Samples, found: Sequence[tuple[int, Jump]]) -> str:
+def _jumps_line(recording: Recording, found: Sequence[tuple[int, Jump]]) -> str:
     """What a notice says of all jumps of a file."""
-    is_linear = samples.position == "position_m"
+    is_linear = recording.position == "position_m"
     si, small = ("m", "mm") if is_linear else ("rad", "mrad")
     lines = []
     for test, jump in found[:_NAMED]:
         usual = f"{jump.usual_speed:.3g} {si}/s" if jump.usual_speed else "rests"
         verb = "the motion around it has " if jump.usual_speed else "the motion around it "
         lines.append(
-            f"by {1e3 * jump.size:.4g} {small} in {samples.where(test, jump.row)}: "
+            f"by {1e3 * jump.size:.4g} {small} in {recording.where(test, jump.row)}: "
             f"{jump.speed:.3g} {si}/s, where {verb}{usual}"
         )
     more = f", and {len(found) - _NAMED} more times" if len(found) > _NAMED else ""
     return (
-        f"{samples.position} jumps {'; '.join(lines)}{more}: an index pulse or lost counts; what "
+        f"{recording.position} jumps {'; '.join(lines)}{more}: an index pulse or lost counts; what "
         "follows is joined on where the motion would have been"
     )
 
 
-def _take_fresh(samples: Samples, name: str, how: Staleness, fresh: Sequence[Fresh]) -> None:
+def _take_fresh(recording: Recording, name: str, how: Staleness, fresh: Sequence[Fresh]) -> None:
     """A channel on the line between its fresh readings."""
-    times = samples.parts("time_s")
-    samples.put(
+    times = recording.parts("time_s")
+    recording.put(
         name,
         [np.interp(time, own.time, own.values) for time, own in zip(times, fresh, strict=True)],
     )
-    samples.strides[name] = how.stride
+    recording.strides[name] = how.stride
     period = how.stride * float(np.median(np.concatenate([np.diff(time) for time in times])))
-    samples.notices.append(
+    recording.notices.append(
         f"{name} repeats: {how.share:.0%} of its rows hold the reading before, a fresh one comes "
         f"every {period:.4g} s: only the fresh ones are used, with lines between them"
     )
 
 
-def _end_at_fresh(samples: Samples, fresh: Iterable[Sequence[Fresh]]) -> None:
+def _end_at_fresh(recording: Recording, fresh: Iterable[Sequence[Fresh]]) -> None:
     """Tests without the rows after the last fresh reading of a slow channel: what it would be
     there is unknown."""
     for readings in fresh:
         for test, own in enumerate(readings):
-            label, rows = samples.tests[test]
+            label, rows = recording.tests[test]
             kept = int(own.rows[-1]) + 1
             if isinstance(rows, slice):
                 stop = min(rows.stop, (rows.start or 0) + kept)
-                samples.tests[test] = (label, slice(rows.start, stop))
+                recording.tests[test] = (label, slice(rows.start, stop))
             else:
-                samples.tests[test] = (label, rows[:kept])
+                recording.tests[test] = (label, rows[:kept])
 
 
-__all__ = ["Samples", "mend"]
+__all__ = ["Recording", "mend"]

@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from sysid.types import FloatArray
 
 _BITS = (16, 24, 32)
-# Of the counter's range: an ordinary step, and what a wrapped one may differ from the range by.
+# Of the counter's range: more than any step of the motion.
 _ORDINARY = 0.25
-# Of the range: a turn of 360 degrees may have been written as 6.28.
-_ROUNDING = 1e-2
+# A step after a wrap, over the largest of the others; and of the range, for its rounding in a file.
+_LARGER = 2.0
+_ROUNDING = 2e-3
 _FULL_TURN = 2.0 * math.pi
 
 
@@ -31,10 +32,11 @@ class Wraps:
     rows: tuple[tuple[int, int], ...]
 
 
-def counter_ranges(count: float | None, *, is_angle: bool) -> tuple[float, ...]:
-    """The ranges that a counter may have, in the position's unit; `count` is its one count."""
-    turn = (_FULL_TURN,) if is_angle else ()
-    return turn if count is None else (*turn, *(count * 2.0**bits for bits in _BITS))
+def counter_ranges(counts: Iterable[float], *, is_angle: bool) -> dict[float, str]:
+    """The ranges that a counter may have, in the position's unit, and their names; `counts` are
+    what one count may be."""
+    ranges = {count * 2.0**bits: f"2^{bits} counts" for count in counts for bits in _BITS}
+    return ranges | ({_FULL_TURN: "2 pi"} if is_angle else {})
 
 
 def without_wraps(
@@ -42,19 +44,19 @@ def without_wraps(
 ) -> tuple[list[FloatArray], Wraps | None]:
     """The positions (n,) of a file's tests followed over the wraps of their counter, if it wraps.
 
-    A test goes on from where the one before it ended; all together they are moved by whole ranges
-    until their middle is next to zero, which is the middle of the stroke.
+    Each is moved by whole ranges until its middle is next to zero, which is the middle of the
+    stroke: a test without a wrap, too, may lie beyond one.
     """
-    for whole in ranges:
-        rows = tuple((i, int(row)) for i, part in enumerate(parts) for row in _wraps(part, whole))
-        if not rows or not all(_is_ordinary(part, whole) for part in parts):
-            continue
-        edges = np.cumsum([len(part) for part in parts])[:-1]
-        followed = _followed(np.concatenate(parts), whole)
-        middle = 0.5 * (float(np.min(followed)) + float(np.max(followed)))
-        followed -= whole * round(middle / whole)
-        return np.split(followed, edges), Wraps(whole, rows)
-    return list(parts), None
+    possible = [whole for whole in ranges if all(_is_ordinary(part, whole) for part in parts)]
+    apart = [_largest_after_wraps(parts, whole) for whole in possible]
+    if not any(map(math.isfinite, apart)):
+        return list(parts), None
+    whole = possible[int(np.argmin(apart))]
+    rows = tuple((i, int(row)) for i, part in enumerate(parts) for row in _wraps(part, whole))
+    followed = [_followed(part, whole) for part in parts]
+    middles = [0.5 * (float(np.min(part)) + float(np.max(part))) for part in followed]
+    moved = [p - whole * round(m / whole) for p, m in zip(followed, middles, strict=True)]
+    return moved, Wraps(whole, rows)
 
 
 def _wraps(values: FloatArray, whole: float) -> NDArray[np.intp]:
@@ -76,6 +78,22 @@ def _is_ordinary(values: FloatArray, whole: float) -> bool:
     steps = np.abs(np.diff(_followed(values, whole)))
     within = np.ptp(values) <= (1.0 + _ROUNDING) * whole
     return bool(within and np.max(steps, initial=0.0) < _ORDINARY * whole)
+
+
+def _largest_after_wraps(parts: Sequence[FloatArray], whole: float) -> float:
+    """The largest step over a wrap once followed; infinite without any, or if the others of its
+    test are clearly smaller: then it is another range, or a jump."""
+    largest = -math.inf
+    for part in parts:
+        rows = _wraps(part, whole)
+        if len(rows):
+            steps = np.abs(np.diff(_followed(part, whole)))
+            others = float(np.max(np.delete(steps, rows - 1), initial=0.0))
+            own = float(np.max(steps[rows - 1]))
+            if own > _LARGER * others + _ROUNDING * whole:
+                return math.inf
+            largest = max(largest, own)
+    return largest if largest >= 0.0 else math.inf
 
 
 __all__ = ["Wraps", "counter_ranges", "without_wraps"]
