@@ -35,6 +35,15 @@ from sysid.io.conversion import ConversionReport
     metavar="FIRST:LAST",
     help='Rows of the table to keep, counted from 0, LAST excluded; also "::3, 2::3".',
 )
+@click.option(
+    "--transpose", is_flag=True, help="Each line of a text file is a signal, its name first."
+)
+@click.option(
+    "--fill",
+    metavar="hold|linear",
+    help="How columns that are sampled more slowly are filled between their own rows: hold or "
+    "linear, all of them (else measurements linear, commands held).",
+)
 @click.option("--no-header", is_flag=True, help="The first row is data; columns are #1, #2, ...")
 @click.option("--sheet", help="Sheet of an Excel workbook.")
 @click.option(

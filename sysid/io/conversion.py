@@ -98,11 +98,15 @@ def convert(
     join: Sequence[Path] = (),
     join_maps: Iterable[str] = (),
     join_shift_s: float = 0.0,
+    transpose: bool = False,
+    fill: str | None = None,
 ) -> ConversionReport:
     """Read foreign file(s), map their columns to SI and write a log (CSV or Parquet).
 
     `maps` are entries `target=column[:unit]` (`sysid.io.units`), `constants` entries
     `target=value`, `rows` the slices of each file's rows that are kept ("0:500, 900:").
+    `transpose` reads a text file whose lines are signals; `fill` ("hold", "linear") says how every
+    column is filled between samples of its own (None: commands held, measurements linear).
     Several files become the tests of one log, labelled with their file names. `unwrap` follows an
     angle over its turns, `trim` ("FROM:TO", s) keeps a part of each test, `resample_s` gives the
     rows an even period (`sysid.io.reshaping`). The columns of the files `join`, by `join_maps`, are
@@ -128,10 +132,12 @@ def convert(
             "header": False if no_header else None,
             "skip_rows": skip_rows,
             "sheet": sheet,
+            "transpose": transpose or None,
         },
         period_s,
         atmosphere_pa,
         rows,
+        fill,
     )
     if len(paths) > 1 and (TEST_COLUMN in recipe.maps or TEST_COLUMN in recipe.constants):
         raise input_error(
@@ -155,7 +161,7 @@ def convert(
         others = _others(join, recipe, parse_map(join_maps, "--join-map"))
         first = files[0].timed(unwrap)
         further = [other.timed(unwrap, join_shift_s) for other in others]
-        whole, notice = joined(first, further)
+        whole, notice = joined(first, further, recipe.fill)
         notices += [notice, *(line for other in others for line in other.notices)]
         joined_lines.append(joined_line(max(c.row_period for c in (first, *further))))
         files += others
@@ -209,20 +215,22 @@ class _ForeignFile:
     @classmethod
     def read(cls, path: Path, what: str, recipe: Recipe) -> _ForeignFile:
         with open_input(path, what) as file:
-            table = read_foreign(path, file, recipe.read)
+            wanted = tuple(entry.column for entry in recipe.maps.values())
+            table = read_foreign(path, file, replace(recipe.read, names=wanted))
             return cls(path, table, sha256_of(file), comments_in(file))
 
     def mapped(self, recipe: Recipe, label: str | None = None) -> _MappedFile:
         """Its columns in the log format; `label` is its test's among several files."""
         table = self.table
+        frame = log_columns(table, recipe, label)
         return _MappedFile(
-            log_columns(table, recipe, label),
+            frame,
             table.origin,
             ForeignSource(str(self.path), table.format, self.sha256),
             tuple(table.notices),
             tuple(unused_columns(table, recipe)),
             # A log that is converted once more keeps what is known of its samples.
-            tuple(lines_between(self.comments)),
+            (*lines_between(self.comments), *table.shape),
         )
 
 
@@ -232,7 +240,7 @@ def _others(
     """The files to be joined: each with the maps whose columns it has."""
     found, used = [], set()
     for path in paths:
-        file = _ForeignFile.read(path, "a file to join", recipe)
+        file = _ForeignFile.read(path, "a file to join", replace(recipe, maps=maps))
         own = {t: m for t, m in maps.items() if has_column(list(file.table.columns), m)}
         used |= set(own)
         plain = replace(recipe, maps=own, constants={}, rows=(), period_s=None, notices=())

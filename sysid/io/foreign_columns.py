@@ -11,8 +11,26 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.errors import InputError, input_error
+from sysid.io.alignment import has_value, is_held, rows_held, values_at
 from sysid.io.foreign import ForeignTable, SampleTimes
 from sysid.io.foreign.recipe import Recipe, kept_rows
+from sysid.io.foreign_clocks import (
+    SlowerColumns,
+    Sources,
+    grid_of,
+    one_clock,
+    tell_left_out,
+    told,
+)
+from sysid.io.foreign_tests import (
+    Tests,
+    found_tests,
+    given_tests,
+    said_starts,
+    seconds_without_wraps,
+    without_wraps,
+)
+from sysid.io.reshaping import joined_line, median_period
 from sysid.io.rig import nearest_rig_file, read_rig
 from sysid.io.units import (
     CANONICAL_UNITS,
@@ -23,6 +41,7 @@ from sysid.io.units import (
     find_column,
     to_si,
 )
+from sysid.types import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -97,50 +116,163 @@ def unused_columns(table: ForeignTable, recipe: Recipe) -> list[str]:
 
 
 def log_columns(table: ForeignTable, recipe: Recipe, label: str | None) -> pd.DataFrame:
-    """One file's log columns, SI, in the order of the log format."""
+    """One file's log columns, SI, in the order of the log format.
+
+    Columns at rates of their own are brought to the rows of one (`sysid.io.alignment`); where the
+    recording starts again, a new test begins. Raises InputError naming row and column.
+    """
     import pandas as pd
 
     sources = _sources(table, recipe)
-    lengths = {name: len(table.columns[name]) for name, _ in sources.values()}
-    if len(set(lengths.values())) > 1:
-        told = ", ".join(f"{name} has {n}" for name, n in lengths.items())
+    if "time_s" in sources and recipe.period_s is not None:
+        raise input_error(table.path, "has a time_s column of its own", "omit --period")
+    made = _of_one_clock if one_clock(table, sources) else _of_several_clocks
+    columns, tests, has_row, kept = made(table, recipe, sources)
+    columns.update({key: np.full(tests.rows, value) for key, value in recipe.constants.items()})
+    _label(columns, tests, label)
+    has_row = tests.worth_keeping(has_row)
+    if not has_row.any():
         raise input_error(
             table.path,
-            f"the mapped columns differ in length: {told}",
+            "has no row in which every mapped column has a value",
+            "map columns that were recorded at the same time",
+        )
+    ordered = [name for name in CANONICAL_UNITS if name in columns]
+    return pd.DataFrame({name: np.asarray(columns[name])[has_row] for name in ordered})
+
+
+_Made = tuple[dict[str, Any], Tests, BoolArray, IntArray]
+
+
+def _of_one_clock(table: ForeignTable, recipe: Recipe, sources: Sources) -> _Made:
+    """Columns by target, their tests, which rows have a value in all, and the file's rows."""
+    lengths = {name: len(table.columns[name]) for name, _ in sources.values()}
+    if len(set(lengths.values())) > 1:
+        told_lengths = ", ".join(f"{name} has {n}" for name, n in lengths.items())
+        raise input_error(
+            table.path,
+            f"the mapped columns differ in length: {told_lengths}",
             "map signals of equal length (give a single value with --set)",
         )
+    total = next(iter(lengths.values()))
+    kept = _rows_to_keep(table, recipe, total)
     columns: dict[str, Any] = {}
+    full = {t: s for t, s in sources.items() if not table.empty(s[0])[kept].any()}
+    for target, (name, entry) in full.items():
+        if target not in ("time_s", TEST_COLUMN):
+            columns[target] = _si_values(table, recipe, target, name, entry, kept)
+    columns["time_s"], tests = _timed(table, recipe, sources, kept, total)
+    time, has_row = columns["time_s"], np.ones(len(kept), dtype=bool)
+    slower = SlowerColumns(table, recipe.fill)
     for target, (name, entry) in sources.items():
+        if target in columns or target == TEST_COLUMN:
+            continue
+        own = slower.rows_of(name, target, kept, time)
+        rows = kept if own is None else kept[own]
+        columns[target] = _si_values(table, recipe, target, name, entry, rows)
+        if own is not None:
+            columns[target], known = slower.filled(name, target, own, columns[target], time, tests)
+            has_row &= known
+    slower.tell(kept)
+    return columns, tests, has_row, kept
+
+
+def _of_several_clocks(table: ForeignTable, recipe: Recipe, sources: Sources) -> _Made:
+    """As `_of_one_clock`, of channels that the file samples at different instants."""
+    if recipe.period_s is not None:
+        raise input_error(
+            table.path, "its channels have times of their own, which differ", "omit --period"
+        )
+    grid = grid_of(table, sources)
+    kept = _rows_to_keep(table, recipe, len(table.columns[grid]))
+    instants = table.clocks[grid][kept]
+    if "time_s" in sources:
+        time = _si_values(table, recipe, "time_s", *sources["time_s"], kept)
+    else:
+        time = instants
+        table.notices.append(f"{table.path}: time follows from the file's own times of {grid}")
+    tests = found_tests(table, time, kept, said_starts(table, kept))
+    columns: dict[str, Any] = {"time_s": time}
+    has_row, others, longest = np.ones(len(kept), dtype=bool), [], 0.0
+    for target, (name, entry) in sources.items():
+        clock = table.clocks[name]
         if target == TEST_COLUMN:
-            columns[target] = table.labels(name)
-        else:
-            readings = table.numbers(name, target)
-            stamped = name in table.stamped
-            values = to_si(readings, entry, recipe.atmosphere_pa, stamped=stamped)
-            largest = LARGEST if target == "time_s" else sys.float_info.max
-            columns[target] = check_size(str(table.path), target, values, largest)
-    rows = next(iter(lengths.values()))
-    if "time_s" in columns and recipe.period_s is not None:
-        raise input_error(table.path, "has a time_s column of its own", "omit --period")
-    if "time_s" not in columns:
-        columns["time_s"] = _time(table, recipe, list(lengths), rows)
-    columns.update({key: np.full(rows, value) for key, value in recipe.constants.items()})
-    rows = _keep_rows(columns, table, recipe, rows)
-    if label is not None and TEST_COLUMN in columns:
-        inner = columns[TEST_COLUMN]
-        columns[TEST_COLUMN] = [f"{label}/{test}" for test in inner]
+            labels = np.asarray(table.labels(name), dtype=object)
+            tests = given_tests(table, labels[rows_held(instants, clock)])
+        elif target != "time_s" and np.array_equal(clock, table.clocks[grid]):
+            columns[target] = _si_values(table, recipe, target, name, entry, kept)
+        elif target != "time_s":
+            held = is_held(target, recipe.fill)
+            values = _si_values(table, recipe, target, name, entry, None)
+            columns[target] = values_at(instants, clock, values, held)
+            known = has_value(instants, clock, held)
+            tell_left_out(table, name, ~known, kept)
+            has_row &= known
+            others.append((name, held, median_period(clock)))
+            longest = max(longest, 0.0 if held else median_period(clock))
+    if others:
+        table.notices.append(f"{table.path}: {told(grid, others)}")
+    if longest:
+        table.shape.append(joined_line(longest))
+    return columns, tests, has_row, kept
+
+
+def _si_values(
+    table: ForeignTable,
+    recipe: Recipe,
+    target: str,
+    name: str,
+    entry: ColumnMap,
+    rows: IntArray | None,
+) -> FloatArray:
+    """A column in SI, in the `rows` that are asked for (None: all)."""
+    readings = table.numbers(name, target, rows)
+    values = to_si(readings, entry, recipe.atmosphere_pa, stamped=name in table.stamped)
+    largest = LARGEST if target == "time_s" else sys.float_info.max
+    return check_size(str(table.path), target, values, largest)
+
+
+def _timed(
+    table: ForeignTable, recipe: Recipe, sources: Sources, kept: IntArray, total: int
+) -> tuple[FloatArray, Tests]:
+    """The time of each row kept, s, without a counter's wraps, and the tests."""
+    tests, starts = None, said_starts(table, kept)
+    if TEST_COLUMN in sources:
+        name = sources[TEST_COLUMN][0]
+        tests = given_tests(table, np.asarray(table.labels(name, kept), dtype=object))
+        starts = tests.starts[1:]
+    if "time_s" not in sources:
+        time = _time(table, recipe, [name for name, _ in sources.values()], total)
+        if recipe.period_s is not None and kept[0] > kept[-1]:
+            time = time[::-1]
+        time = time[kept]
+    else:
+        name, entry = sources["time_s"]
+        readings = table.numbers(name, "time_s", kept)
+        stamped = name in table.stamped
+        counts = readings if stamped else without_wraps(table, name, readings, kept, starts)
+        time = to_si(counts, entry, recipe.atmosphere_pa, stamped=stamped)
+        time = check_size(str(table.path), "time_s", time, LARGEST)
+        if counts is readings and not stamped:
+            time = seconds_without_wraps(table, name, time, kept, starts)
+    return time, found_tests(table, time, kept, starts) if tests is None else tests
+
+
+def _label(columns: dict[str, Any], tests: Tests, label: str | None) -> None:
+    """Put the tests' labels into the columns, after what the user calls them all."""
+    called = columns.pop(TEST_COLUMN, None)
+    label = label if called is None or label is not None else str(called[0])
+    if tests.labels is not None:
+        inner = tests.labels
+        columns[TEST_COLUMN] = inner if label is None else [f"{label}/{test}" for test in inner]
     elif label is not None:
-        columns[TEST_COLUMN] = [label] * rows
-    return pd.DataFrame({name: columns[name] for name in CANONICAL_UNITS if name in columns})
+        columns[TEST_COLUMN] = [label] * tests.rows
 
 
-def _keep_rows(columns: dict[str, Any], table: ForeignTable, recipe: Recipe, rows: int) -> int:
-    """Keep the rows that the recipe asks for; a declared period counts in their direction.
-
-    Returns their number.
-    """
+def _rows_to_keep(table: ForeignTable, recipe: Recipe, rows: int) -> IntArray:
+    """The rows that the recipe asks for, in its direction."""
     if not recipe.rows:
-        return rows
+        return np.arange(rows)
     kept = kept_rows(recipe.rows, rows)
     if not kept:
         raise input_error(
@@ -148,17 +280,16 @@ def _keep_rows(columns: dict[str, Any], table: ForeignTable, recipe: Recipe, row
             f"rows = {recipe.rows_text!r} keeps none of its {rows} rows",
             "fix --rows, or rows in the recipe's [options]",
         )
-    if recipe.period_s is not None and kept[0] > kept[-1]:
-        columns["time_s"] = columns["time_s"][::-1]
-    for name, values in columns.items():
-        columns[name] = np.asarray(values)[kept]
-    return len(kept)
+    return np.asarray(kept, dtype=np.intp)
 
 
-def _time(table: ForeignTable, recipe: Recipe, names: Sequence[str], rows: int) -> Any:
+def _time(table: ForeignTable, recipe: Recipe, names: Sequence[str], rows: int) -> FloatArray:
     """Time of each sample, s, where no column holds it: declared, or the file's own base."""
     if recipe.period_s is not None:
         return SampleTimes(recipe.period_s).ticks(rows)
+    if (clock := table.clocks.get(names[0])) is not None:
+        table.notices.append(f"{table.path}: time follows from the file's own times")
+        return clock
     bases = {table.sampling.get(name) for name in names}
     if len(bases) > 1:
         raise input_error(

@@ -13,15 +13,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.errors import input_error
-from sysid.io.reshaping import HELD_COLUMNS, check_increasing, median_period
+from sysid.io.alignment import is_held, values_at, within
+from sysid.io.reshaping import check_increasing, median_period
 from sysid.io.units import TEST_COLUMN
 from sysid.types import FloatArray
 
 if TYPE_CHECKING:
     import pandas as pd
-
-# Of a period: time stamps this near are the same.
-_ROUNDING = 1e-6
 
 
 @dataclass(frozen=True)
@@ -65,10 +63,12 @@ class TimedColumns:
             ) from None
 
 
-def joined(first: TimedColumns, others: Sequence[TimedColumns]) -> tuple[pd.DataFrame, str]:
+def joined(
+    first: TimedColumns, others: Sequence[TimedColumns], fill: str | None = None
+) -> tuple[pd.DataFrame, str]:
     """The first file's rows with the others' columns, and a notice of what was kept.
 
-    Raises InputError where files have a column in common, hold several tests, do not increase
+    `fill` overrules whether columns are held or linear (`sysid.io.alignment`). Raises InputError where files have a column in common, hold several tests, do not increase
     in time, or do not overlap.
     """
     for one in (first, *others):
@@ -80,8 +80,7 @@ def joined(first: TimedColumns, others: Sequence[TimedColumns]) -> tuple[pd.Data
     inside = np.ones(len(time), dtype=bool)
     for clock, other in zip(clocks, others, strict=True):
         check_increasing(clock, other.where)
-        rounding = _ROUNDING * median_period(clock)
-        inside &= (time >= clock[0] - rounding) & (time <= clock[-1] + rounding)
+        inside &= within(time, clock)
         if np.count_nonzero(inside) < 2:
             raise input_error(
                 other.where,
@@ -91,7 +90,7 @@ def joined(first: TimedColumns, others: Sequence[TimedColumns]) -> tuple[pd.Data
             )
     frame = first.frame[inside].reset_index(drop=True)
     for clock, other in zip(clocks, others, strict=True):
-        _add(frame, time[inside], clock, other, first.where)
+        _add(frame, time[inside], clock, other, first.where, fill)
     kept = time[inside]
     return frame, (
         f"{first.where}: joined with {', '.join(o.where for o in others)} by time, where all have "
@@ -100,7 +99,12 @@ def joined(first: TimedColumns, others: Sequence[TimedColumns]) -> tuple[pd.Data
 
 
 def _add(
-    frame: pd.DataFrame, time: FloatArray, clock: FloatArray, other: TimedColumns, where: str
+    frame: pd.DataFrame,
+    time: FloatArray,
+    clock: FloatArray,
+    other: TimedColumns,
+    where: str,
+    fill: str | None,
 ) -> None:
     """Put the other file's columns at `time` (n,) s into the frame, in place."""
     for name in other.frame.columns:
@@ -111,12 +115,7 @@ def _add(
                 other.where, f"has {name}, and so has {where}", "leave one of them out of the maps"
             )
         values = other.frame[name].to_numpy(float)
-        if name in HELD_COLUMNS:
-            # Clocks that differ by a shift agree but for its rounding.
-            row = np.searchsorted(clock, time + _ROUNDING * median_period(clock), side="right") - 1
-            frame[name] = values[np.maximum(row, 0)]
-        else:
-            frame[name] = np.interp(time, clock, values)
+        frame[name] = values_at(time, clock, values, is_held(name, fill))
 
 
 __all__ = ["TimedColumns", "joined"]

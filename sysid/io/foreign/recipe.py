@@ -19,6 +19,9 @@ line takes precedence:
     sheet = "Run 3"
     rows = "0::3, 2::3"                  # rows of the table to keep, as Python's slices count
                                          # them; negative steps reverse the table
+    transpose = false                    # each line of a text file is a signal, its name first
+    fill = "linear"                      # between samples of slower columns: "hold", "linear";
+                                         # absent: measurements linear, commands held
     sampling_period_s = 0.001            # where no column holds the time
     atmosphere_pa = 101325.0             # added to gauge pressures
 """
@@ -33,6 +36,7 @@ from pathlib import Path
 from typing import Any
 
 from sysid.errors import input_error
+from sysid.io.alignment import FILLS
 from sysid.io.foreign.table import ReadOptions
 from sysid.io.rig import read_toml, reject_misspelt
 from sysid.io.units import CANONICAL_UNITS, TEST_COLUMN, ColumnMap, parse_map, parse_map_table
@@ -47,6 +51,8 @@ _OPTIONS: dict[str, tuple[type, ...]] = {
     "skip_rows": (int,),
     "sheet": (str,),
     "rows": (str,),
+    "transpose": (bool,),
+    "fill": (str,),
     "sampling_period_s": (int, float),
     "atmosphere_pa": (int, float),
 }
@@ -56,7 +62,8 @@ _OPTIONS: dict[str, tuple[type, ...]] = {
 class Recipe:
     """How foreign columns become a log: maps by target, constants, and how to read.
 
-    `rows` are the slices of rows to keep, `rows_text` as written; none: all.
+    `rows` are the slices of rows to keep, `rows_text` as written; none: all. `fill` says how
+    every column is filled between samples of its own (`sysid.io.alignment`).
     """
 
     maps: Mapping[str, ColumnMap] = field(default_factory=dict)
@@ -67,6 +74,7 @@ class Recipe:
     notices: tuple[str, ...] = ()
     rows: tuple[slice, ...] = ()
     rows_text: str = ""
+    fill: str | None = None
 
 
 def read_recipe(path: Path) -> Recipe:
@@ -101,7 +109,14 @@ def read_recipe(path: Path) -> Recipe:
         tuple(notices),
         _slices(options.get("rows", ""), f"{path} [options]"),
         options.get("rows", ""),
+        _fill(options.get("fill"), f"{path} [options]"),
     )
+
+
+def _fill(text: str | None, where: str) -> str | None:
+    if text is not None and text not in FILLS:
+        raise input_error(where, f"fill = {text!r} is not known", f"write {' or '.join(FILLS)}")
+    return text
 
 
 def _slices(text: str, where: str) -> tuple[slice, ...]:
@@ -141,11 +156,12 @@ def extended(
     period_s: float | None,
     atmosphere_pa: float | None,
     rows: str | None = None,
+    fill: str | None = None,
 ) -> Recipe:
     """`base` updated by the command line's entries, checked as a whole.
 
     `reading` holds `ReadOptions` by name, None where not given; `period_s` in s,
-    `atmosphere_pa` in Pa; `rows` as a recipe writes them. Raises InputError for what is
+    `atmosphere_pa` in Pa; `rows` and `fill` as a recipe writes them. Raises InputError for what is
     implausible or given twice.
     """
     extra = {}
@@ -163,6 +179,7 @@ def extended(
         atmosphere_pa=base.atmosphere_pa if atmosphere_pa is None else atmosphere_pa,
         rows=base.rows if rows is None else _slices(rows, "--rows"),
         rows_text=base.rows_text if rows is None else rows,
+        fill=base.fill if fill is None else _fill(fill, "--fill"),
     )
     for target in recipe.constants:
         if target in recipe.maps:

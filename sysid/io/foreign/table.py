@@ -32,7 +32,8 @@ class ReadOptions:
     `header` False: the first row is data and columns are named #1, #2 ...; `skip_rows`
     lines or rows stand above the table; `decimal` is `.` or `,`;
     `thousands` groups digits (equal to `decimal`: all but the last one do); `sheet` is an
-    Excel sheet.
+    Excel sheet; `transpose`: each line is a signal, its name first. `names` are the columns that
+    are asked for, by which a heading is found.
     """
 
     delimiter: str | None = None
@@ -41,6 +42,8 @@ class ReadOptions:
     header: bool | None = None
     skip_rows: int = 0
     sheet: str | None = None
+    transpose: bool | None = None
+    names: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -66,6 +69,8 @@ class ForeignTable:
     may differ (.mat, TDMS). `skipped` gives the reason why other contents are not columns;
     `units` is each column's unit as the file states it, `clocks` the times (n,) s of a column's own
     samples on the file's one clock, where its channels are sampled at different instants;
+    `starts` are the rows, after the first, at which the recording says that it starts again;
+    `shape` are lines for the log's head that say how its rows were made.
     `stamped` names the columns that were read as time stamps or durations, in seconds.
     `origin` is the time stamp of second 0. `place` describes a row of the file for messages
     (row 0 is the first sample).
@@ -78,7 +83,9 @@ class ForeignTable:
     sampling: dict[str, SampleTimes] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
     clocks: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    starts: tuple[int, ...] = ()
     notices: list[str] = field(default_factory=list)
+    shape: list[str] = field(default_factory=list)
     stamped: set[str] = field(default_factory=set)
     origin: Any = None
     place: Callable[[int], str] = lambda row: f"row {row + 1}"
@@ -109,46 +116,62 @@ class ForeignTable:
             parts.append(f"and {more} more")
         return ", ".join(parts) if parts else "none"
 
-    def numbers(self, name: str, target: str) -> NDArray[np.float64]:
+    def numbers(
+        self, name: str, target: str, rows: NDArray[np.intp] | None = None
+    ) -> NDArray[np.float64]:
         """A column as finite floats (n,); time stamps give seconds from the first (`time_s`).
 
-        Raises InputError at the first cell that is not a finite number.
+        `rows` (n,) are those that are asked for; None: all. Raises InputError at the first cell
+        that is not a finite number.
         """
         import pandas as pd
 
-        values = cells = self.columns[name]
+        values = cells = self.columns[name] if rows is None else self.columns[name][rows]
         if values.dtype.kind not in "fiub":
             series = pd.Series(values).infer_objects()
             if series.dtype.kind in "mM":
-                return self._seconds(name, target, series)
+                return self._seconds(name, target, series, rows)
             values = pd.to_numeric(series, errors="coerce").to_numpy(np.float64, na_value=np.nan)
             bad = np.flatnonzero(np.isnan(values) & series.notna().to_numpy())
             if bad.size and target == "time_s":
                 stamps = pd.to_datetime(series, format="ISO8601", errors="coerce", utc=True)
                 if not stamps.isna().any():
-                    return self._seconds(name, target, stamps)
+                    return self._seconds(name, target, stamps, rows)
                 if (clock := _clock_seconds(cells)) is not None:
                     self.stamped.add(name)
                     self._counts_from(name, str(cells[0]).strip())
                     return clock
             if bad.size:
-                row = int(bad[0])
-                raise input_error(
-                    f"{self.path}, {self.place(row)}",
-                    f"column {name} (for {target}) holds {_shown(series[row])}, not a number",
-                    "fix the cell or map another column (a decimal comma: --decimal; digits "
-                    "grouped by thousands: --thousands)",
-                )
+                raise self._not_a_number(name, target, int(bad[0]), series, rows)
         array = values.astype(np.float64)
         finite = np.isfinite(array)
         if not finite.all():
-            raise self._not_finite(name, target, int(np.flatnonzero(~finite)[0]), array)
+            first = int(np.flatnonzero(~finite)[0])
+            raise self._not_finite(name, target, _row(first, rows), bool(np.isinf(array[first])))
         return array
+
+    def empty(self, name: str) -> NDArray[np.bool_]:
+        """Which cells (n,) of a column hold nothing."""
+        import pandas as pd
+
+        return np.asarray(pd.isna(self.columns[name]), dtype=bool)
+
+    def _not_a_number(
+        self, name: str, target: str, at: int, cells: pd.Series, rows: NDArray[np.intp] | None
+    ) -> InputError:
+        return input_error(
+            f"{self.path}, {self.place(_row(at, rows))}",
+            f"column {name} (for {target}) holds {_shown(cells[at])}, not a number",
+            "fix the cell or map another column (a decimal comma: --decimal; digits "
+            "grouped by thousands: --thousands)",
+        )
 
     def _counts_from(self, name: str, first: str) -> None:
         self.notices.append(f"{self.path}: {name}: time counts from {first}")
 
-    def _seconds(self, name: str, target: str, series: pd.Series) -> NDArray[np.float64]:
+    def _seconds(
+        self, name: str, target: str, series: pd.Series, rows: NDArray[np.intp] | None
+    ) -> NDArray[np.float64]:
         """Seconds (n,) from the first time stamp, or of each duration; for `time_s` only."""
         if target != "time_s":
             raise input_error(
@@ -156,7 +179,7 @@ class ForeignTable:
             )
         gaps = np.flatnonzero(series.isna().to_numpy())
         if gaps.size:
-            raise self._not_finite(name, target, int(gaps[0]), None)
+            raise self._not_finite(name, target, _row(int(gaps[0]), rows))
         self.stamped.add(name)
         if series.dtype.kind == "m":
             return np.asarray(series.dt.total_seconds(), dtype=np.float64)
@@ -164,31 +187,38 @@ class ForeignTable:
         self._counts_from(name, str(series.iloc[0]))
         return np.asarray((series - series.iloc[0]).dt.total_seconds(), dtype=np.float64)
 
-    def labels(self, name: str) -> list[str]:
-        """A column as text labels; whole numbers without `.0`. InputError at a gap."""
+    def labels(self, name: str, rows: NDArray[np.intp] | None = None) -> list[str]:
+        """A column as text labels; whole numbers without `.0`. InputError at a gap.
+
+        `rows` (n,) are those that are asked for; None: all.
+        """
         import pandas as pd
 
-        values = self.columns[name]
+        values = self.columns[name] if rows is None else self.columns[name][rows]
         missing = np.flatnonzero(np.asarray(pd.isna(values)))
         if missing.size:
-            raise self._not_finite(name, "test", int(missing[0]), None)
+            raise self._not_finite(name, "test", _row(int(missing[0]), rows))
         if values.dtype.kind == "f":
             return [repr(int(v)) if float(v).is_integer() else repr(float(v)) for v in values]
         return [str(v).strip() for v in values]
 
     def _not_finite(
-        self, name: str, target: str, row: int, array: NDArray[np.float64] | None
+        self, name: str, target: str, row: int, infinite: bool = False
     ) -> InputError:
         explained = self.explain_gap(row)
         if explained is not None:
             return explained
-        infinite = array is not None and np.isinf(array[row])
         what = "infinite" if infinite else "empty or not a number (NaN)"
         return input_error(
             f"{self.path}, {self.place(row)}",
             f"column {name} (for {target}) is {what}",
             "delete the row, or fill in the value",
         )
+
+
+def _row(index: int, rows: NDArray[np.intp] | None) -> int:
+    """The row of the file that an index into the rows asked for stands for."""
+    return index if rows is None else int(rows[index])
 
 
 def _shown(value: Any) -> str:

@@ -1,0 +1,84 @@
+"""Signals sampled at instants of their own, brought to the rows of another clock.
+
+One way for the files of `sysid convert --join`, for columns that are empty in the rows between
+their own, and for channels that a file samples at different instants: measured signals lie on the
+line between their own samples, commands hold from one to the next.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid import signals
+from sysid.io.reshaping import HELD_COLUMNS, median_period
+from sysid.io.units import TEST_COLUMN
+from sysid.types import FloatArray, IntArray
+
+FILLS = ("hold", "linear")
+# Of a period: time stamps this near are the same.
+ROUNDING = 1e-6
+# Of its median: no step of a clock without a sample missing is longer.
+_MOST_UNEVEN = 1.5
+# Samples that show a rate.
+_FEWEST = 3
+
+
+def is_held(target: str, fill: str | None = None) -> bool:
+    """Whether a column of the log holds from sample to sample; `fill` overrules for all."""
+    if target == TEST_COLUMN:
+        return True
+    return target in HELD_COLUMNS if fill is None else fill == "hold"
+
+
+def values_at(grid: FloatArray, clock: FloatArray, values: FloatArray, held: bool) -> FloatArray:
+    """`values` (n,) sampled at `clock` (n,) s, taken at `grid` (m,) s: held, or linear between."""
+    if not held:
+        return np.asarray(np.interp(grid, clock, values), dtype=float)
+    return np.asarray(values[rows_held(grid, clock)])
+
+
+def rows_held(grid: FloatArray, clock: FloatArray) -> IntArray:
+    """Which sample of `clock` (n,) s is in force at each of `grid` (m,) s; before all the first."""
+    # Clocks that differ by a shift agree but for its rounding.
+    rounding = ROUNDING * median_period(clock)
+    return np.maximum(np.searchsorted(clock, grid + rounding, side="right") - 1, 0)
+
+
+def within(grid: FloatArray, clock: FloatArray) -> NDArray[np.bool_]:
+    """Which of `grid` (m,) s lie between the first and the last sample of `clock` (n,) s."""
+    rounding = ROUNDING * median_period(clock)
+    return (grid >= clock[0] - rounding) & (grid <= clock[-1] + rounding)
+
+
+def has_value(grid: FloatArray, clock: FloatArray, held: bool) -> NDArray[np.bool_]:
+    """Where a signal sampled at `clock` (n,) s has a value among `grid` (m,) s.
+
+    A measured one has none in a pause of its own; a command holds beyond its last sample for no
+    longer than it ever did before.
+    """
+    inside = within(grid, clock)
+    if not held:
+        return inside if len(clock) < _FEWEST else inside & ~signals.in_pauses(clock, grid)
+    rounding = ROUNDING * median_period(clock)
+    longest = float(np.max(np.diff(clock))) if len(clock) > 1 else np.inf
+    return inside | ((grid > clock[-1]) & (grid < clock[-1] + longest - rounding))
+
+
+def has_own_rate(rows: IntArray, time: FloatArray, held: bool) -> bool:
+    """Whether a column that is filled in `rows` (k,) alone is sampled at a rate of its own.
+
+    Then its rows lie apart from one another, or, where tables of two clocks were merged, its
+    own times are even although rows of the other lie between. `time` (n,) s is that of all rows.
+    A cell that is missing in a full column is neither.
+    """
+    if len(rows) < _FEWEST:
+        return held and len(rows) > 1 and 2 * len(rows) < len(time)
+    steps = np.diff(rows)
+    if np.median(steps) >= 2.0:
+        return True
+    own = np.diff(time[rows])
+    return bool(np.max(steps) > 1 and np.max(own) < _MOST_UNEVEN * np.median(own))
+
+
+__all__ = ["FILLS", "has_own_rate", "has_value", "is_held", "rows_held", "values_at", "within"]

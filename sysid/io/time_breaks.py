@@ -1,0 +1,119 @@
+"""Why a time goes back: a counter that wraps, a recording that starts again, rows out of order."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.types import FloatArray, IntArray
+
+_BITS = (32, 16)
+# (bits, unit in s, its name) of the counters that loggers count time with.
+_CLOCKS = (
+    (32, 1e-6, "microseconds"),
+    (32, 1e-3, "milliseconds"),
+    (32, 1e-9, "nanoseconds"),
+    (16, 1e-3, "milliseconds"),
+    (16, 1e-6, "microseconds"),
+)
+# Of the median step, and the share of steps, up to which a step over a wrap is an ordinary one.
+_ORDINARY = 2.0
+_ORDINARY_SHARE = 99.0
+# Of the median step: decimals of seconds round.
+_ROUNDED = 0.5
+
+
+@dataclass(frozen=True)
+class Wraps:
+    """A counter that wraps: its size in the column's unit, its name, and the rows after wraps."""
+
+    size: float
+    name: str
+    rows: IntArray
+
+    def unwrapped(self, values: FloatArray) -> FloatArray:
+        """The counter (n,) as one that has no end."""
+        turns = np.zeros(len(values))
+        turns[self.rows] = self.size
+        return np.asarray(values + np.cumsum(turns))
+
+
+def wraps_of(values: FloatArray) -> Wraps | None:
+    """The wraps of a column of counts (n,), whole numbers of whatever unit; None: there are none.
+
+    A wrap reaches the counter's size, and the step over it, modulo that size, is an ordinary one.
+    """
+    if not np.all(values == np.floor(values)):
+        return None
+    for bits in _BITS:
+        size = 2.0**bits
+        low = -size / 2 if np.min(values) < 0 else 0.0
+        if np.min(values) >= low and np.max(values) < low + size:
+            rows = _over(values, size, 0.0)
+            if rows.size:
+                return Wraps(size, f"a {bits}-bit counter", rows)
+    return None
+
+
+def wraps_of_seconds(time: FloatArray) -> Wraps | None:
+    """The wraps of times (n,) s that a counter of a common unit made; None: there are none."""
+    if len(time) < 3 or np.all(np.diff(time) >= 0.0):
+        return None
+    for bits, unit, unit_name in _CLOCKS:
+        size = 2.0**bits * unit
+        if np.ptp(time) < size:
+            rows = _over(time, size, _ROUNDED)
+            if rows.size:
+                return Wraps(size, f"a {bits}-bit counter of {unit_name}", rows)
+    return None
+
+
+def _over(values: FloatArray, size: float, slack: float) -> IntArray:
+    """The rows after steps back that are ordinary steps modulo `size`; `slack` of a step below."""
+    steps = np.diff(values)
+    forward = steps[steps > 0.0]
+    if not forward.size:
+        return np.zeros(0, dtype=np.intp)
+    usual = float(np.median(forward))
+    most = max(_ORDINARY * usual, float(np.percentile(forward, _ORDINARY_SHARE)))
+    over = steps + size
+    return np.flatnonzero((steps < 0.0) & (over <= most) & (over > -slack * usual)) + 1
+
+
+@dataclass(frozen=True)
+class TimeBreaks:
+    """The rows at which a time starts again, or else the first row that is out of order."""
+
+    starts: IntArray
+    disordered: int | None = None
+
+
+def time_breaks(time: FloatArray) -> TimeBreaks:
+    """Where times (n,) s go back, and whether a recording starts again there.
+
+    It does where the rows before and after are two recordings: sorted by time they would mix.
+    Single rows, or a block of rows, that sorting would put in their place are out of order.
+    """
+    back = np.flatnonzero(np.diff(time) < 0.0) + 1
+    bounds = [0, *back.tolist(), len(time)]
+    for number in range(1, len(bounds) - 1):
+        first, middle, last = bounds[number - 1 : number + 2]
+        if not _starts_again(time[first:middle], time[middle:last]):
+            return TimeBreaks(np.zeros(0, dtype=np.intp), middle)
+    return TimeBreaks(back)
+
+
+def _starts_again(before: FloatArray, after: FloatArray) -> bool:
+    """Whether times (n,) and (m,) s, each rising, are of two recordings."""
+    both = after[after <= before[-1]]
+    if len(before) < 2 or len(both) < 2:
+        return False
+    if after[0] <= before[0]:
+        return True
+    mixed = before[np.searchsorted(before, after[0]) :]
+    places = np.searchsorted(mixed, both)
+    return len(np.unique(places)) > 1
+
+
+__all__ = ["TimeBreaks", "Wraps", "time_breaks", "wraps_of", "wraps_of_seconds"]
