@@ -28,9 +28,7 @@ class SlowerColumns:
     _left_out: list[tuple[str, BoolArray]] = field(default_factory=list)
     _longest: float = 0.0
 
-    def rows_of(
-        self, name: str, target: str, kept: IntArray, time: FloatArray
-    ) -> IntArray | None:
+    def rows_of(self, name: str, target: str, kept: IntArray, time: FloatArray) -> IntArray | None:
         """Which of the rows `kept` (n,), at `time` (n,) s, a column is sampled in; None: in all.
 
         None also where cells are missing, which is for the column's reader to name. InputError
@@ -80,7 +78,12 @@ class SlowerColumns:
             )
 
     def filled(
-        self, name: str, target: str, own: IntArray, values: FloatArray, time: FloatArray,
+        self,
+        name: str,
+        target: str,
+        own: IntArray,
+        values: FloatArray,
+        time: FloatArray,
         tests: Tests,
     ) -> tuple[FloatArray, BoolArray]:
         """The column at all rows, and in which it has a value: `values` (k,) are in rows `own`."""
@@ -114,9 +117,7 @@ def _filled(held: bool) -> str:
 
 
 def _gap(rows: IntArray, time: FloatArray, every: float) -> str:
-    """That a column of even rate once misses samples of its own, which may be a cell that is lost.
-
-    """
+    """That a column of even rate once misses samples of its own, which may be a cell that is lost."""
     steps = np.diff(rows)
     usual = float(np.median(steps))
     if np.mean(steps == usual) < 0.9 or np.max(steps) < 1.5 * usual:

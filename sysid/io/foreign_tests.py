@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,7 +33,7 @@ class Tests:
     def parts(self) -> list[tuple[int, int]]:
         """[first, last) row of each test, in their order."""
         bounds = [*self.starts.tolist(), self.rows]
-        return list(zip(bounds[:-1], bounds[1:], strict=True))
+        return list(itertools.pairwise(bounds))
 
     def worth_keeping(self, has_row: BoolArray) -> BoolArray:
         """`has_row` (rows,) without the numbered tests that it leaves with one row, which is none.
@@ -58,9 +59,7 @@ def given_tests(table: ForeignTable, labels: NDArray[Any]) -> Tests:
     return Tests(table, len(labels), starts, labels)
 
 
-def found_tests(
-    table: ForeignTable, time: FloatArray, kept: IntArray, said: IntArray
-) -> Tests:
+def found_tests(table: ForeignTable, time: FloatArray, kept: IntArray, said: IntArray) -> Tests:
     """A test for each start that the file says, in rows `said`, and each at which time restarts.
 
     `time` (n,) s is that of the rows `kept` (n,) of the file. Notices say what was found, and
@@ -139,7 +138,7 @@ def _unwrapped(
 
 def _parts(starts: IntArray, rows: int) -> list[tuple[int, int]]:
     bounds = [0, *starts.tolist(), rows]
-    return list(zip(bounds[:-1], bounds[1:], strict=True))
+    return list(itertools.pairwise(bounds))
 
 
 def _listed(table: ForeignTable, rows: Any) -> str:

@@ -68,8 +68,9 @@ def joined(
 ) -> tuple[pd.DataFrame, str]:
     """The first file's rows with the others' columns, and a notice of what was kept.
 
-    `fill` overrules whether columns are held or linear (`sysid.io.alignment`). Raises InputError where files have a column in common, hold several tests, do not increase
-    in time, or do not overlap.
+    `fill` overrules whether columns are held or linear (`sysid.io.alignment`). Raises InputError
+    where files have a column in common, hold several tests, do not increase in time, or do not
+    overlap.
     """
     for one in (first, *others):
         if TEST_COLUMN in one.frame:

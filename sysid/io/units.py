@@ -27,6 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 from sysid.errors import InputError, input_error
 
 TEST_COLUMN = "test"
+_BRACKETED = re.compile(r"(.*?\S)[\s_]*[\[(][^\[\]]*[\])]\s*")
 
 # The log format's columns and their SI units, as pint writes them; a test's label has none.
 CANONICAL_UNITS: dict[str, str | None] = {
@@ -418,15 +419,28 @@ def check_size(
     )
 
 
+def bare_name(name: str) -> str:
+    """A heading's name without its unit in brackets."""
+    found = _BRACKETED.fullmatch(name)
+    return found[1] if found is not None else name
+
+
 def has_column(columns: Sequence[str], column_map: ColumnMap) -> bool:
     """Whether `find_column` would find the mapped column."""
     return _index_of(columns, column_map.column) is not None
 
 
 def _index_of(columns: Sequence[str], name: str) -> int | None:
-    """Index of a column by its name, else by its number (`#3` is 2); None if it is missing."""
+    """Index of a column by its name, else by its number (`#3` is 2); None if it is missing.
+
+    A name may be given without its unit in brackets, "P1" for "P1 [kPa]", if it is then the only
+    one.
+    """
     if name in columns:
         return list(columns).index(name)
+    bare = [i for i, column in enumerate(columns) if bare_name(column) == name]
+    if len(bare) == 1:
+        return bare[0]
     number = _COLUMN_NUMBER.fullmatch(name)
     index = int(number.group(1)) if number is not None else 0
     return index - 1 if 1 <= index <= len(columns) else None

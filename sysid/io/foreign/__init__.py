@@ -116,7 +116,8 @@ def _kind_of_archive(path: Path, file: BinaryIO) -> str:
 def _looks_like_text(raw: bytes) -> bool:
     if raw.startswith((b"\xff\xfe", b"\xfe\xff", b"\xef\xbb\xbf")):
         return True
-    return not any(byte < 32 and byte not in b"\t\n\r\f" for byte in raw)
+    # Loggers fill files up with zeros.
+    return not any(byte < 32 and byte not in b"\t\n\r\f" for byte in raw.rstrip(b"\0"))
 
 
 __all__ = ["ForeignTable", "ReadOptions", "SampleTimes", "read_foreign"]

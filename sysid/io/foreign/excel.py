@@ -9,8 +9,8 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from sysid.errors import InputError, input_error
+from sysid.io.foreign.heading import find_header
 from sysid.io.foreign.table import ForeignTable, ReadOptions, damaged, take_names
-from sysid.io.foreign.text import find_header
 from sysid.io.foreign.workbook_size import check_size
 
 

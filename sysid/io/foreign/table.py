@@ -202,9 +202,7 @@ class ForeignTable:
             return [repr(int(v)) if float(v).is_integer() else repr(float(v)) for v in values]
         return [str(v).strip() for v in values]
 
-    def _not_finite(
-        self, name: str, target: str, row: int, infinite: bool = False
-    ) -> InputError:
+    def _not_finite(self, name: str, target: str, row: int, infinite: bool = False) -> InputError:
         explained = self.explain_gap(row)
         if explained is not None:
             return explained

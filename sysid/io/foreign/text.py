@@ -1,99 +1,101 @@
-"""Text files: delimiter, decimal sign and header are detected, or given."""
+"""Text files: delimiter, decimal sign and heading are detected, or given."""
 
 from __future__ import annotations
 
 import csv
 import io
 import itertools
-import re
-from collections import Counter
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
-from sysid.errors import InputError, input_error
-from sysid.io.bounds import MOST_COLUMNS, check_columns, check_rectangle, check_text
-from sysid.io.foreign.table import Column, ForeignTable, ReadOptions, take_names
-
-BLANK = " "
-_DELIMITER_NAMES = {
-    "tab": "\t",
-    "\\t": "\t",
-    "comma": ",",
-    "semicolon": ";",
-    "space": BLANK,
-    "blank": BLANK,
-    "whitespace": BLANK,
-    "bar": "|",
-}
-_SAID = {"\t": "tabs", ",": "commas", ";": "semicolons", BLANK: "blanks", "|": "bars"}
-# In this order: of two that fit equally well the first is used.
-_CANDIDATES = (
-    (";", "."),
-    (";", ","),
-    ("\t", "."),
-    ("\t", ","),
-    ("|", "."),
-    (",", "."),
-    (BLANK, "."),
-    (BLANK, ","),
+from sysid.errors import InputError, input_error, shortened
+from sysid.io.bounds import check_rectangle, check_text
+from sysid.io.foreign import lvm, twincat
+from sysid.io.foreign.heading import Heading, Lines, find_heading, is_comment
+from sysid.io.foreign.stated_units import stated_units
+from sysid.io.foreign.table import ForeignTable, ReadOptions, SampleTimes, take_names
+from sysid.io.foreign.table_rows import check_widths, row_ends_early, rows_below
+from sysid.io.foreign.text_layout import (
+    BLANK,
+    Layout,
+    check_line_lengths,
+    find_layout,
+    is_number,
 )
-_COMMENTS = ("#", "%", "//")
-_SAMPLE_LINES = 200
-_WORDS = re.compile(r"\S+")
-
-
-@dataclass(frozen=True)
-class _Layout:
-    """How the lines are read; `fields` is the number of columns."""
-
-    delimiter: str
-    decimal: str
-    fields: int
-    thousands: str | None = None
+from sysid.io.foreign.text_parsing import parsed
+from sysid.io.units import bare_name
 
 
 def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
-    """Comment lines (#, %, //) at the top are skipped; `options` overrides what is detected."""
+    """A table of text, behind whatever preamble; `options` overrides what is detected.
+
+    LabVIEW's measurement files and TwinCAT Scope's exports have readers of their own.
+    """
     table = ForeignTable(path, "text")
     check_text(path, file)
     text = _decoded(table, file.read())
     lines = text.splitlines()
-    start = options.skip_rows
-    while start < len(lines) and (
-        not lines[start].strip() or lines[start].lstrip().startswith(_COMMENTS)
-    ):
-        start += 1
-    sample = [line for line in lines[start : start + _SAMPLE_LINES] if line.strip()]
-    if not sample:
+    check_line_lengths(path, itertools.islice(lines, 1000), options)
+    as_it_is = options.skip_rows == 0 and not options.transpose and options.header is not False
+    for own in (lvm, twincat) if as_it_is else ():
+        if own.is_format(lines):
+            check_line_lengths(path, lines, options)
+            return own.read(table, lines, options)
+    check_line_lengths(path, lines, options)
+    numbered = [
+        (number, line)
+        for number, line in enumerate(lines, start=1)
+        if number > options.skip_rows and line.strip()
+    ]
+    if options.transpose:
+        return _read_transposed(table, numbered, options)
+    return _read_lines(table, numbered, text.endswith(("\n", "\r")), options)
+
+
+def _read_lines(
+    table: ForeignTable, lines: Lines, whole: bool, options: ReadOptions
+) -> ForeignTable:
+    """The table in numbered lines that are not blank; `whole`: the last one is complete."""
+    path = table.path
+    plain = [line for _, line in lines if not is_comment(line) and line.strip(",;|\t ")]
+    if not plain:
         raise input_error(path, "holds no rows", "give another file (or fewer skip_rows)")
-    _check_columns(path, sample, options)
-    layout = _find_layout(path, sample, options)
-    rows = [_fields(line, layout.delimiter) for line in sample]
-    table.format = f"text, separated by {_SAID.get(layout.delimiter, layout.delimiter)}"
-    if layout.decimal == ",":
-        table.format += ", decimal comma"
-    names, units = find_header(rows, options.header, layout.decimal)
-    if units:
-        table.notices.append(
-            f"{path}: the row under the names was skipped ({'; '.join(rows[1][:8])})"
-        )
-    numbered = [(n + 1, line) for n, line in enumerate(lines) if n >= start and line.strip()]
-    body = numbered[units + (names is not None) :]
-    if not body:
+    layout = find_layout(path, plain, options)
+    heading = find_heading(path, lines, layout, options)
+    layout = heading.layout
+    table.format = layout.said
+    if heading.first >= len(lines):
         raise input_error(path, "has a header but no rows", "give another file")
-    _check_columns(path, lines, options)
-    _check_widths(path, names, numbered[0], body, layout)
-    _reject_cut_off(path, text, body, layout)
+    rows = rows_below(path, lines, heading)
+    body = rows.lines
+    _tell_heading(table, lines, heading, options)
+    table.notices += rows.notices
+    table.starts = tuple(rows.starts)
+    check_widths(path, body, layout, whole)
+    if not whole:
+        _reject_cut_off(path, body, layout)
     table.place = lambda row: f"line {body[row][0]}"
     table.explain_gap = lambda row: _short_row(path, body, row, layout)
     check_rectangle(path, len(body), layout.fields)
-    _parse(table, [line for _, line in body], layout, names)
+    names = _names(heading, options)
+    take_names(table, names, parsed(path, [line for _, line in body], layout))
+    _state_units(table, names, heading.under)
+    _take_sampling(table, heading, names)
     return table
 
 
 def _decoded(table: ForeignTable, raw: bytes) -> str:
+    """The text of a file's bytes, without the zeros that a program filled the file up with."""
+    text = _text_of(table, raw)
+    end = text[len(text.rstrip("\0 \t\r\n")) :]
+    if "\0" not in end:
+        return text
+    table.notices.append(f"{table.path}: {end.count(chr(0))} zero bytes at its end passed over")
+    return text[: len(text) - len(end) + end.index("\0")]
+
+
+def _text_of(table: ForeignTable, raw: bytes) -> str:
     encodings = ("utf-16",) if raw.startswith((b"\xff\xfe", b"\xfe\xff")) else ("utf-8-sig",)
     for encoding in (*encodings, "cp1252"):
         try:
@@ -106,155 +108,127 @@ def _decoded(table: ForeignTable, raw: bytes) -> str:
     raise input_error(table.path, "is text of an unknown encoding", "save it as UTF-8")
 
 
-def _check_columns(path: Path, lines: Iterable[str], options: ReadOptions) -> None:
-    """InputError at a line of more columns than are read, before it is cut into them."""
-    signs = ",;|\t" + (options.delimiter or "")
-    for line in lines:
-        if len(line) > MOST_COLUMNS:
-            words = itertools.islice(_WORDS.finditer(line), MOST_COLUMNS + 1)
-            check_columns(path, max(sum(1 for _ in words), *(line.count(s) + 1 for s in signs)))
-
-
-def _find_layout(path: Path, sample: Sequence[str], options: ReadOptions) -> _Layout:
-    """The delimiter and decimal sign under which most fields of most lines are numbers."""
-    # Headers and preambles come first, so the later half of the lines decides.
-    lines = sample[len(sample) // 2 :]
-    best: tuple[tuple[float, bool], _Layout] | None = None
-    thousands = options.thousands
-    for delimiter, decimal in _candidates(path, options):
-        rows = [_fields(line, delimiter) for line in lines]
-        width, votes = Counter(len(row) for row in rows).most_common(1)[0]
-        fields = [f for row in rows for f in row if f]
-        if thousands:
-            fields = [_ungrouped(f, thousands, decimal) for f in fields]
-        numeric = sum(is_number(f, decimal) for f in fields) / max(1, len(fields))
-        score = (round(votes / len(rows) * numeric, 2), width > 1)
-        if best is None or score > best[0]:
-            best = score, _Layout(delimiter, decimal, width, thousands)
-    assert best is not None  # always at least one candidate
-    return best[1]
-
-
-def _candidates(path: Path, options: ReadOptions) -> list[tuple[str, str]]:
-    decimals = [options.decimal] if options.decimal else [".", ","]
-    if options.decimal not in (None, ".", ","):
-        raise input_error(path, f"{options.decimal!r} is not a decimal sign", "give . or ,")
-    if options.thousands not in (None, ".", ",", "'", " "):
-        raise input_error(
-            path, f"{options.thousands!r} does not group digits", "give one of . , ' or a blank"
-        )
-    if options.delimiter is None:
-        return [c for c in _CANDIDATES if c[1] in decimals]
-    delimiter = _DELIMITER_NAMES.get(options.delimiter, options.delimiter)
-    if len(delimiter) != 1 or delimiter.isalnum() or delimiter in ".+-\"'\r\n":
-        raise input_error(
-            path,
-            f"{options.delimiter!r} cannot separate columns",
-            f"give one character, or {', '.join(k for k in _DELIMITER_NAMES if k.isalpha())}",
-        )
-    return [(delimiter, d) for d in decimals if d != delimiter]
-
-
-def _ungrouped(text: str, thousands: str, decimal: str) -> str:
-    """The number without the signs that group its digits by thousands (1.003.000 is 1003.000)."""
-    group, sign = re.escape(thousands), re.escape(decimal)
-    fraction = rf"({sign}\d+)" + ("" if thousands == decimal else "?")
-    grouped = re.fullmatch(rf"([+-]?\d{{1,3}}(?:{group}\d{{3}})+){fraction}", text.strip())
-    return text if grouped is None else grouped[1].replace(thousands, "") + (grouped[2] or "")
-
-
-def _fields(line: str, delimiter: str) -> list[str]:
-    """A line's fields; a delimiter at its very end does not start another field."""
-    if delimiter == BLANK:
-        return line.split()
-    fields = [f.strip() for f in next(csv.reader([line], delimiter=delimiter), [])]
-    return fields[:-1] if len(fields) > 1 and not fields[-1] else fields
-
-
-def is_number(text: str, decimal: str = ".") -> bool:
-    """Whether a field is a number under this decimal sign (NaN and inf are)."""
-    if decimal == ",":
-        if "." in text:
-            return False
-        text = text.replace(",", ".", 1)
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return "_" not in text
-
-
-def find_header(
-    rows: Sequence[Sequence[str]], wanted: bool | None, decimal: str = "."
-) -> tuple[list[str] | None, int]:
-    """The column names, or None; and 1 where a row of units follows them, else 0.
-
-    Names are text where the rows below hold numbers. `wanted` True or False overrides.
-    """
-    first, below = rows[0], rows[1:]
-    if wanted is False:
-        return None, 0
-    if not below and not any(is_number(field, decimal) for field in first):
-        return [name.strip() for name in first], 0
-    if wanted is None and not any(
-        field
-        and not is_number(field, decimal)
-        and any(is_number(row[i], decimal) for row in below[:20] if i < len(row))
-        for i, field in enumerate(first)
-    ):
-        return None, 0
-    has_units = len(below) > 1 and not any(is_number(f, decimal) for f in below[0])
-    numbers_follow = has_units and any(is_number(f, decimal) for f in below[1])
-    return [name.strip() for name in first], int(numbers_follow)
-
-
-def _check_widths(
-    path: Path,
-    names: list[str] | None,
-    first: tuple[int, str],
-    body: list[tuple[int, str]],
-    layout: _Layout,
+def _tell_heading(
+    table: ForeignTable, lines: Lines, heading: Heading, options: ReadOptions
 ) -> None:
-    """InputError where the header or a row has another number of fields than the rest."""
-    if names is not None and len(names) != layout.fields:
-        raise input_error(
-            f"{path}, line {first[0]}",
-            f"{len(names)} column names over {layout.fields} fields",
-            "make them agree, or give the number of lines above the table with skip_rows",
+    """Notices of the lines above the table and of those between its names and its rows."""
+    path, top = table.path, heading.first if heading.line is None else heading.line
+    above = [number for number, text in lines[:top] if not is_comment(text)]
+    if above:
+        where = f"line {lines[top][0]}"
+        table.notices.append(
+            f"{path}: the table begins in {where}; what is above was passed over "
+            f"(--skip-rows {lines[top][0] - 1})"
         )
-    for number, line in body:
-        if line.count(layout.delimiter) >= layout.fields or layout.delimiter == BLANK:
-            fields = len(_fields(line, layout.delimiter))
-            if fields > layout.fields:
-                raise input_error(
-                    f"{path}, line {number}",
-                    f"{fields} fields where the other lines have {layout.fields}",
-                    "fix the line (two lines run together, a decimal comma?)",
-                )
+    if heading.under:
+        table.notices.append(
+            f"{path}: the row under the names was skipped ({'; '.join(heading.under[:8])})"
+        )
+    for index in heading.passed:
+        number, text = lines[index]
+        if heading.layout.cells(text)[: heading.layout.fields] != heading.under:
+            table.notices.append(
+                f"{path}: line {number} passed over, none of the table's rows ({text.strip()[:60]})"
+            )
+
+
+def _read_transposed(table: ForeignTable, lines: Lines, options: ReadOptions) -> ForeignTable:
+    """A text whose lines are signals: the name, perhaps a unit, and the values."""
+    plain = [line for _, line in lines if not is_comment(line)]
+    if not plain:
+        raise input_error(table.path, "holds no rows", "give another file")
+    layout = find_layout(table.path, plain, options)
+    signals = [layout.cells(line) for line in plain]
+    if options.header is not False:
+        heads = sum(not layout.is_number(cells[0]) for cells in signals)
+        second = [cells[1] for cells in signals if len(cells) > 1]
+        stated = heads == len(signals) and not any(map(layout.is_number, second))
+    else:
+        heads, stated = 0, False
+    if heads not in (0, len(signals)):
+        wrong = next(i for i, cells in enumerate(signals) if layout.is_number(cells[0]))
+        raise input_error(
+            f"{table.path}, {shortened(plain[wrong])}",
+            "the line has no name, but others have",
+            "write it, or give --no-header where the first cells are values",
+        )
+    return _of_signals(table, signals, layout, bool(heads), stated)
+
+
+def _of_signals(
+    table: ForeignTable, signals: list[list[str]], layout: Layout, named: bool, stated: bool
+) -> ForeignTable:
+    """The table of signals (cells of each line), with names and units in their first cells."""
+    first = named + stated
+    longest = max(map(len, signals))
+    ends_empty = all(not cells[-1] for cells in signals if len(cells) == longest)
+    count = longest - first - ends_empty
+    check_rectangle(table.path, count, len(signals))
+    values = [[*cells[first : first + count], *[""] * count][:count] for cells in signals]
+    sheet = io.StringIO()
+    sign = ";" if layout.delimiter == BLANK else layout.delimiter
+    csv.writer(sheet, delimiter=sign, lineterminator="\n").writerows(zip(*values, strict=True))
+    turned = replace(layout, delimiter=sign, fields=len(signals))
+    names = [cells[0] for cells in signals] if named else None
+    columns = parsed(table.path, sheet.getvalue().splitlines(), turned)
+    if any(len(column) != count for column in columns):
+        raise input_error(table.path, "holds values that are empty in every line", "fix the file")
+    take_names(table, names, columns)
+    table.format = f"{layout.said}, transposed"
+    table.place = lambda row: f"value {row + 1} of the line"
+    units = [cells[1] if stated else "" for cells in signals]
+    _state_units(table, names, units)
+    return table
+
+
+def _names(heading: Heading, options: ReadOptions) -> list[str] | None:
+    """The columns' names: those asked for may also be cells of the lines around the heading."""
+    if heading.names is None:
+        return None
+    names = list(heading.names)
+    for wanted in options.names:
+        if wanted in names or wanted in map(bare_name, names):
+            continue
+        for cells in (heading.under, heading.above):
+            places = [i for i, cell in enumerate(cells[: len(names)]) if cell == wanted]
+            if len(places) == 1:
+                names[places[0]] = wanted
+                break
+    return names
+
+
+def _state_units(table: ForeignTable, names: list[str] | None, under: list[str]) -> None:
+    columns = list(table.columns)
+    for index, unit in stated_units(names or (), under).items():
+        if index < len(columns):
+            table.units[columns[index]] = unit
+
+
+def _take_sampling(table: ForeignTable, heading: Heading, names: list[str] | None) -> None:
+    """A scope's period and first instant, which stand as numbers in the row of units."""
+    stated = {
+        name.strip().lower(): float(cell)
+        for name, cell in zip(names or (), heading.under, strict=False)
+        if name.strip().lower() in ("start", "increment") and is_number(cell)
+    }
+    if len(stated) == 2 and stated["increment"] > 0.0:
+        base = SampleTimes(stated["increment"], stated["start"])
+        table.sampling.update(dict.fromkeys(table.columns, base))
 
 
 def _short_row(
-    path: Path, body: list[tuple[int, str]], row: int, layout: _Layout
+    path: Path, body: list[tuple[int, str]], row: int, layout: Layout
 ) -> InputError | None:
-    line = body[row][1]
-    empty_end = layout.delimiter != BLANK and line.rstrip(" ").endswith(layout.delimiter)
-    fields = len(_fields(line, layout.delimiter))
-    if fields + empty_end >= layout.fields:
+    if len(layout.cells(body[row][1])) >= layout.fields:
         return None
-    return input_error(
-        f"{path}, line {body[row][0]}",
-        f"the row ends early: {fields} of {layout.fields} fields",
-        "delete this last line: the recording was cut off there"
-        if row == len(body) - 1
-        else "complete the row, or give the number of lines above the table with skip_rows",
-    )
+    return row_ends_early(path, body, row, layout)
 
 
-def _reject_cut_off(path: Path, text: str, body: list[tuple[int, str]], layout: _Layout) -> None:
+def _reject_cut_off(path: Path, body: list[tuple[int, str]], layout: Layout) -> None:
     """A last line cut off within its last number would silently give a wrong value."""
-    if text.endswith(("\n", "\r")) or len(body) < 20:
+    if len(body) < 20:
         return
-    lengths = [len(_fields(line, layout.delimiter)[-1]) for _, line in body[-200:]]
+    lengths = [len(layout.cells(line)[-1]) for _, line in body[-200:]]
     if lengths[-1] < min(lengths[:-1]):
         raise input_error(
             f"{path}, line {body[-1][0]}",
@@ -262,48 +236,3 @@ def _reject_cut_off(path: Path, text: str, body: list[tuple[int, str]], layout: 
             "it looks cut off",
             "delete the line, or end it with a line break if it is whole",
         )
-
-
-def _parse(table: ForeignTable, lines: list[str], layout: _Layout, names: list[str] | None) -> None:
-    import pandas as pd
-
-    try:
-        frame = pd.read_csv(
-            io.StringIO("\n".join(lines)),
-            sep=r"\s+" if layout.delimiter == BLANK else layout.delimiter,
-            decimal=layout.decimal,
-            header=None,
-            names=range(layout.fields),
-            usecols=range(layout.fields),
-            index_col=False,
-            skipinitialspace=True,
-            **_exact(pd.__version__),
-            low_memory=False,
-        )
-    except (pd.errors.ParserError, pd.errors.EmptyDataError, ValueError) as error:
-        reason = str(error).splitlines()[0][:120]
-        raise input_error(
-            table.path, f"cannot be read as text ({reason})", "give --delimiter, or fix the file"
-        ) from None
-    take_names(table, names, (_tidied(frame[i].to_numpy(), layout) for i in frame.columns))
-
-
-def _exact(version: str) -> dict[str, Any]:
-    """What makes pandas read a decimal as the nearest double; from 3.1 on it always does."""
-    major, minor = (int(part) for part in version.split(".")[:2])
-    return {} if (major, minor) >= (3, 1) else {"float_precision": "round_trip"}
-
-
-def _tidied(values: Column, layout: _Layout) -> Column:
-    """Cells that pandas left as text, with what is a number written as Python writes it."""
-    if values.dtype != object or (layout.thousands is None and layout.decimal == "."):
-        return values
-    tidy = values.copy()
-    for row, cell in enumerate(values):
-        if isinstance(cell, str):
-            text = cell
-            if layout.thousands:
-                text = _ungrouped(text, layout.thousands, layout.decimal)
-            if is_number(text, layout.decimal):
-                tidy[row] = text.replace(layout.decimal, ".")
-    return tidy

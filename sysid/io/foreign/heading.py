@@ -1,0 +1,312 @@
+"""Where the table of a text begins: its heading, behind whatever a program writes above it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from sysid.errors import InputError, input_error
+from sysid.io.foreign.stated_units import are_units
+from sysid.io.foreign.table import ReadOptions
+from sysid.io.foreign.text_layout import BLANK, COMMENTS, Layout, is_number
+from sysid.io.units import CANONICAL_UNITS, bare_name
+
+# Lines, each with its number in the file.
+Lines = Sequence[tuple[int, str]]
+
+STAMP = re.compile(r"\d{1,2}:\d{2}|\b\d{4}-\d{2}-\d{2}\b|\b\d{1,2}[./]\d{1,2}[./]\d{2,4}\b")
+_COMMENT_COLUMN = re.compile(r"(?i)comments?|remarks?|notes?|kommentar|bemerkung")
+_WORD = re.compile(r"[^\W\d_]{2,}")
+
+
+@dataclass
+class Heading:
+    """The names (None: the file has none), the line that holds them, and the first row's index.
+
+    `under` are the cells of a row of units under the names; `above` further cells that may name
+    columns, of the lines around; `passed` the other lines between names and rows.
+    """
+
+    names: list[str] | None
+    line: int | None
+    first: int
+    layout: Layout
+    under: list[str] = field(default_factory=list)
+    above: list[str] = field(default_factory=list)
+    passed: list[int] = field(default_factory=list)
+
+
+def is_comment(text: str) -> bool:
+    """Whether a line is a comment."""
+    return text.lstrip().startswith(COMMENTS)
+
+
+def find_heading(path: Path, lines: Lines, layout: Layout, options: ReadOptions) -> Heading:
+    """The heading above the first rows of a text; `lines` are those that are not blank.
+
+    It is the line that holds the names asked for, else the one above the rows whose number of
+    cells has settled. Raises InputError where neither says which line it is.
+    """
+    search = _Search(path, lines, layout, options)
+    first = search.first_row()
+    if options.header is False:
+        return Heading(None, None, first, layout)
+    by_name = search.by_name(first)
+    by_place = by_name if by_name is not None else search.by_place(first)
+    if by_place is None and options.header and search.width_of(first):
+        by_place = search.heading(first)
+    if by_place is None:
+        return Heading(None, None, first, layout)
+    return search.below(by_place)
+
+
+@dataclass
+class _Search:
+    """The search for one file's heading."""
+
+    path: Path
+    lines: Lines
+    layout: Layout
+    options: ReadOptions
+
+    def cells(self, index: int) -> list[str]:
+        """A line's cells, those of a heading that is a comment too."""
+        text = self.lines[index][1]
+        if is_comment(text):
+            text = text.lstrip().lstrip("#%/")
+            text = text.lstrip(" ") if self.layout.delimiter != "\t" else text
+        cells = self.layout.cells(text)
+        if self.layout.delimiter == BLANK and len(cells) > self.layout.fields:
+            return _with_units(cells)
+        return cells
+
+    def has_numbers(self, cells: Sequence[str]) -> bool:
+        return any(map(self.layout.is_number, cells))
+
+    def is_row(self, index: int) -> bool:
+        """Whether a line has a cell for each column and numbers where the columns hold numbers."""
+        if not 0 <= index < len(self.lines) or is_comment(self.lines[index][1]):
+            return False
+        cells = self.cells(index)
+        numeric = [cells[i] for i in self.layout.numeric if i < len(cells) and cells[i]]
+        return (
+            self.layout.fits(cells) and bool(numeric) and all(map(self.layout.is_number, numeric))
+        )
+
+    def first_row(self) -> int:
+        """The index of the first row: damaged ones belong to the table that they stand above."""
+        count = len(self.lines)
+        found = next(
+            (
+                i
+                for i in range(count)
+                if self.is_row(i) and (i + 1 >= count or self.is_row(i + 1) or self.is_row(i + 2))
+            ),
+            None,
+        )
+        if found is None:
+            return self._first_of_any()
+        while found > 0 and self._continues_up(found - 1):
+            found -= 1
+        return found
+
+    def _continues_up(self, index: int) -> bool:
+        number, text = self.lines[index]
+        if is_comment(text) or number + 1 != self.lines[index + 1][0]:
+            return False
+        cells = self.cells(index)
+        begins = 0 in self.layout.numeric and bool(cells) and self.layout.is_number(cells[0])
+        return begins and (STAMP.search(text) is None or self.layout.fits(cells))
+
+    def _first_of_any(self) -> int:
+        """Where no line is a row: after a line of names, if it is one."""
+        plain = [i for i, (_, text) in enumerate(self.lines) if not is_comment(text)]
+        rows = [self.cells(i) for i in plain[:40]]
+        if not rows:
+            return len(self.lines)
+        names, _ = find_header(rows, self.options.header, self.layout.decimal)
+        return plain[0] + (names is not None)
+
+    def by_name(self, first: int) -> Heading | None:
+        """The heading that holds the names asked for, as cells; the best of several."""
+        asked = [name for name in self.options.names if not name.startswith("#")]
+        wanted = asked or list(CANONICAL_UNITS)
+        found = [
+            (bool(self.width_of(i)), matches, i)
+            for i in range(min(first, len(self.lines)))
+            if (matches := self.matches(i, wanted))
+        ]
+        if not found and asked:  # a table of numbers stands above
+            found = [
+                (True, len(asked), i)
+                for i in range(first, min(first + 5000, len(self.lines)))
+                if self.matches(i, asked) == len(asked) and self.width_of(i)
+            ][:1]
+        if not found:
+            return None
+        fitting, matches, index = max(found)
+        if not fitting:
+            if self.by_place(first, strict=False) is not None or 2 * matches < len(asked):
+                return None
+            raise self.disagrees(index)
+        return self.heading(index)
+
+    def matches(self, index: int, wanted: Sequence[str]) -> int:
+        """How many of the names asked for a line holds as cells; none where all are numbers."""
+        if not any(name in self.lines[index][1] for name in wanted):
+            return 0
+        cells = self.cells(index)
+        if all(map(self.layout.is_number, filter(None, cells))):
+            return 0
+        names = {*cells, *map(bare_name, cells)}
+        return sum(name in names for name in wanted)
+
+    def width_of(self, index: int) -> int:
+        """The number of columns under a line of names; 0 where it does not fit the rows."""
+        cells, layout = self.cells(index), self.layout
+        named = len(cells) - (len(cells) > 1 and not cells[-1])
+        if named == layout.fields or len(cells) == layout.fields:
+            return layout.fields
+        if named == layout.fields + 1:
+            if layout.ends_empty or self._has_wider_row(named):
+                return named
+            if _COMMENT_COLUMN.fullmatch(cells[named - 1]):
+                return layout.fields
+        return 0
+
+    def _has_wider_row(self, fields: int) -> bool:
+        """Whether some line has that many cells although most have fewer: the last are empty."""
+        for _, text in self.lines:
+            if text.count(self.layout.delimiter) + 1 >= fields and not is_comment(text):
+                cells = self.layout.cells(text)
+                if len(cells) == fields and self.layout.is_number(cells[0] or cells[-1]):
+                    return True
+        return False
+
+    def heading(self, index: int) -> Heading:
+        """The heading of a line that fits."""
+        width = self.width_of(index)
+        cells = self.cells(index)[:width]
+        numeric = self.layout.numeric | set(range(self.layout.fields, width))
+        layout = replace(self.layout, fields=width, numeric=frozenset(numeric))
+        if width > self.layout.fields:
+            layout = replace(layout, ends_empty=False)
+        above = self.cells(index - 1) if index > 0 else []
+        above = above[:width] if self.layout.fits(above) else []
+        return Heading([c.strip() for c in cells], index, index + 1, layout, above=above)
+
+    def by_place(self, first: int, strict: bool = True) -> Heading | None:
+        """The heading by its place above the rows, or None: InputError where it does not fit."""
+        above = [i for i in range(first) if not is_comment(self.lines[i][1])][-2:]
+        if not above:
+            return self._commented(first)
+        index = above[-1]
+        if self._names_columns(index):
+            upper = above[0] if len(above) == 2 else index
+            if upper != index and are_units(self.cells(index)) and self._names_columns(upper):
+                index = upper
+            return self.heading(index)
+        commented = self._commented(first)
+        cells = self.cells(index)
+        numbered = bool(self.options.names) and all(n.startswith("#") for n in self.options.names)
+        touches = self.lines[index][0] + 1 == self.lines[first][0] if first < len(self.lines) else 1
+        disagrees = len(cells) > 1 and not self.has_numbers(cells) and all(cells[:-1])
+        if strict and commented is None and disagrees and touches and not numbered:
+            raise self.disagrees(index)
+        if self.options.header and commented is None:
+            return self.heading(index) if self.width_of(index) else None
+        return commented
+
+    def _names_columns(self, index: int) -> bool:
+        """Whether a line has words where the columns hold numbers, and a cell for each."""
+        cells = self.cells(index)
+        words = [cells[i] for i in self.layout.numeric if i < len(cells) and cells[i]]
+        return bool(self.width_of(index)) and any(not self.layout.is_number(c) for c in words)
+
+    def _commented(self, first: int) -> Heading | None:
+        """A comment directly above the rows that is a heading."""
+        index = first - 1
+        if index < 0 or not is_comment(self.lines[index][1]) or self.layout.fields < 2:
+            return None
+        cells = self.cells(index)
+        if self.has_numbers(cells) or not all(cells[:-1]) or not self.width_of(index):
+            return None
+        return self.heading(index)
+
+    def below(self, heading: Heading) -> Heading:
+        """The heading with what stands between it and the first row: units, a date."""
+        assert heading.line is not None
+        for index in range(heading.line + 1, len(self.lines)):
+            heading.first = index
+            text = self.lines[index][1]
+            cells = self.cells(index)
+            if is_comment(text):
+                continue
+            if heading.layout.fits(cells) or len(cells) == len(heading.names or ()):
+                if not self.has_numbers(cells) or _begins_with_word(cells, heading.layout):
+                    if not heading.under:
+                        heading.under = cells[: heading.layout.fields]
+                    heading.passed.append(index)
+                    continue
+            elif not self.has_numbers(cells) or STAMP.search(text) is not None:
+                heading.passed.append(index)
+                continue
+            return heading
+        heading.first = len(self.lines)
+        return heading
+
+    def disagrees(self, index: int) -> InputError:
+        number = self.lines[index][0]
+        cells = self.cells(index)
+        named = len(cells) - (len(cells) > 1 and not cells[-1])
+        return input_error(
+            f"{self.path}, line {number}",
+            f"{named} column names over {self.layout.fields} fields",
+            f"make them agree; if the names are others, --skip-rows {number} starts below this "
+            "line, and with --no-header the columns are #1, #2 ... (in a recipe: skip_rows)",
+        )
+
+
+def _with_units(cells: Sequence[str]) -> list[str]:
+    """Names between blanks, each with the unit that stands in brackets after it."""
+    found: list[str] = []
+    for cell in cells:
+        if found and cell[:1] in "([":
+            found[-1] += f" {cell}"
+        else:
+            found.append(cell)
+    return found
+
+
+def _begins_with_word(cells: Sequence[str], layout: Layout) -> bool:
+    """A row of units in which a scope notes numbers too: "Sequence,Volt,-1.2E-3,4.0E-6"."""
+    return bool(cells) and 0 in layout.numeric and _WORD.fullmatch(cells[0]) is not None
+
+
+def find_header(
+    rows: Sequence[Sequence[str]], wanted: bool | None, decimal: str = "."
+) -> tuple[list[str] | None, int]:
+    """The column names, or None; and 1 where a row of units follows them, else 0.
+
+    Names are text where the rows below hold numbers. `wanted` True or False overrides.
+    """
+    first, below = rows[0], rows[1:]
+    if wanted is False:
+        return None, 0
+    if not below and not any(is_number(field, decimal) for field in first):
+        return [name.strip() for name in first], 0
+    if wanted is None and not any(
+        field
+        and not is_number(field, decimal)
+        and any(is_number(row[i], decimal) for row in below[:20] if i < len(row))
+        for i, field in enumerate(first)
+    ):
+        return None, 0
+    has_units = len(below) > 1 and not any(is_number(f, decimal) for f in below[0])
+    numbers_follow = has_units and any(is_number(f, decimal) for f in below[1])
+    return [name.strip() for name in first], int(numbers_follow)
+
+
+__all__ = ["STAMP", "Heading", "Lines", "find_header", "find_heading", "is_comment"]

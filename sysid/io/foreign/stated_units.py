@@ -1,0 +1,206 @@
+"""Units as a heading states them: in brackets, at the end of a name, or in a row of their own."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+
+_BRACKETED = re.compile(r"(?P<name>.*?\S)[\s_]*[\[(](?P<unit>[^\[\]]*)[\])]\s*")
+_ENDING = re.compile(r"(?P<name>.*[^_\s])_(?P<unit>[A-Za-z]{2,4})")
+_REFERENCE = re.compile(r"\s*\((?:g|a|gauge|abs|absolute)\)$|(?<=bar|psi)[ga]$", re.IGNORECASE)
+# As headings write them, without regard to capitals.
+_WORDS = frozenset(
+    [
+        "s",
+        "sec",
+        "secs",
+        "second",
+        "seconds",
+        "ms",
+        "msec",
+        "millisecond",
+        "milliseconds",
+        "us",
+        "µs",
+        "μs",
+        "usec",
+        "microseconds",
+        "ns",
+        "min",
+        "minutes",
+        "h",
+        "hours",
+        "hz",
+        "khz",
+        "pa",
+        "kpa",
+        "mpa",
+        "hpa",
+        "bar",
+        "mbar",
+        "psi",
+        "atm",
+        "torr",
+        "mmhg",
+        "inh2o",
+        "inhg",
+        "cmh2o",
+        "at",
+        "rad",
+        "mrad",
+        "deg",
+        "degree",
+        "degrees",
+        "°",
+        "grad",
+        "turn",
+        "turns",
+        "rev",
+        "m",
+        "cm",
+        "mm",
+        "um",
+        "µm",
+        "μm",
+        "inch",
+        "in",
+        "ft",
+        "rad/s",
+        "deg/s",
+        "°/s",
+        "rpm",
+        "1/min",
+        "u/min",
+        "min-1",
+        "m/s",
+        "mm/s",
+        "count",
+        "counts",
+        "cnt",
+        "cts",
+        "inc",
+        "incr",
+        "inkremente",
+        "%",
+        "percent",
+        "nm",
+        "n*m",
+        "n.m",
+        "mnm",
+        "ncm",
+        "n·m",
+        "lbf*ft",
+        "lbf-ft",
+        "n",
+        "kn",
+        "mn",
+        "newton",
+        "newtons",
+        "kgf",
+        "kp",
+        "lbf",
+        "v",
+        "mv",
+        "volt",
+        "volts",
+        "a",
+        "ma",
+        "amp",
+        "amps",
+        "ampere",
+        "kg/s",
+        "g/s",
+        "l/min",
+        "nl/min",
+        "slpm",
+        "sccm",
+        "scfm",
+        "l/s",
+        "m3/h",
+        "m³/h",
+        "k",
+        "c",
+        "°c",
+        "degc",
+        "degf",
+        "°f",
+        "celsius",
+        "g",
+        "m/s^2",
+        "m/s2",
+        "m/s²",
+        "w",
+        "kw",
+    ]
+)
+# What is written where a column has no unit.
+_NONE = frozenset(("", "-", "--", "none", "(none)", "[]", "()", "1", "n/a"))
+# Of a name's end: shorter ones are also letters that tell channels apart (x_m, cmd_a).
+_AT_END = frozenset(
+    [
+        "ms",
+        "us",
+        "ns",
+        "bar",
+        "mbar",
+        "psi",
+        "kpa",
+        "mpa",
+        "hpa",
+        "deg",
+        "mrad",
+        "rad",
+        "mm",
+        "um",
+        "cm",
+        "rpm",
+        "nm",
+        "mnm",
+        "ncm",
+        "kn",
+        "mn",
+        "kgf",
+        "lbf",
+        "mv",
+    ]
+)
+
+
+def unit_in(name: str) -> str | None:
+    """The unit that a heading's name states: "kPa" of "P1 [kPa]", "mm" of "x_mm"."""
+    found = _BRACKETED.fullmatch(name)
+    if found is not None and is_unit(found["unit"]):
+        return found["unit"].strip()
+    found = _ENDING.fullmatch(name)
+    return found["unit"] if found is not None and found["unit"].lower() in _AT_END else None
+
+
+def is_unit(text: str) -> bool:
+    """Whether a cell is a unit as people write them, with or without brackets."""
+    return _REFERENCE.sub("", _unbracketed(text)).strip().lower() in _WORDS
+
+
+def are_units(cells: Sequence[str]) -> bool:
+    """Whether a row of cells (at least one filled) is one of units."""
+    known = [cell for cell in cells if _unbracketed(cell).lower() not in _NONE]
+    return bool(known) and all(map(is_unit, known))
+
+
+def stated_units(names: Sequence[str], cells: Sequence[str]) -> Mapping[int, str]:
+    """Each column's unit, by its index: of the row under the names, else of the name itself."""
+    found = {}
+    for index, name in enumerate(names):
+        cell = _unbracketed(cells[index]) if index < len(cells) else ""
+        unit = cell if is_unit(cell) else unit_in(name)
+        if unit:
+            found[index] = unit
+    return found
+
+
+def _unbracketed(text: str) -> str:
+    text = text.strip()
+    closed = {"(": ")", "[": "]"}.get(text[:1])
+    return text[1:-1].strip() if closed and text.endswith(closed) else text
+
+
+__all__ = ["are_units", "is_unit", "stated_units", "unit_in"]

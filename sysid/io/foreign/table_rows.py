@@ -1,0 +1,226 @@
+"""The rows of a text's table, told from what else stands below its heading.
+
+Loggers that append write their heading, a date or a banner again at each start; programs fill up
+files with empty lines and close them with a word. Nothing is passed over without a notice.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from sysid.errors import InputError, input_error
+from sysid.io.alignment import has_own_rate
+from sysid.io.foreign.heading import STAMP, Heading, Lines, is_comment
+from sysid.io.foreign.text_layout import BLANK, Layout
+
+_END = re.compile(
+    r"\W*(?:eof|end(?:[ _](?:of[ _](?:file|data|record(?:ing)?|log)|data))?)\W*", re.I
+)
+# PuTTY's line at each start of a log that it appends to.
+_BANNER = re.compile(r"(?:=~)+=? PuTTY log .*")
+_SHOWN = 60
+
+
+@dataclass
+class Rows:
+    """The rows (line number, text), and which of them, after the first, begin a recording."""
+
+    lines: list[tuple[int, str]] = field(default_factory=list)
+    starts: list[int] = field(default_factory=list)
+    notices: list[str] = field(default_factory=list)
+
+
+def rows_below(path: Path, lines: Lines, heading: Heading) -> Rows:
+    """The table's rows from `heading.first` on. Raises InputError at another heading amid them."""
+    return _Sorting(path, lines, heading).sorted()
+
+
+@dataclass
+class _Sorting:
+    """The lines below a heading while they are sorted into rows and others."""
+
+    path: Path
+    lines: Lines
+    heading: Heading
+    rows: Rows = field(default_factory=Rows)
+    comments: list[int] = field(default_factory=list)
+    empty: list[int] = field(default_factory=list)
+    passed: list[int] = field(default_factory=list)
+    aside: list[int] = field(default_factory=list)
+    is_new: bool = False
+
+    def sorted(self) -> Rows:
+        layout, again = self.heading.layout, None
+        if self.heading.line is not None:
+            again = _bare(self.lines[self.heading.line][1], layout)
+        nothing = layout.delimiter + " \t\0"
+        stamped = any(
+            STAMP.search(text)
+            for _, text in self.lines[self.heading.first :][:100]
+            if layout.fits(layout.cells(text))
+        )
+        for index in range(self.heading.first, len(self.lines)):
+            text = self.lines[index][1]
+            if not text.strip(nothing):
+                self.empty.append(index)
+            elif again is not None and _bare(text, layout) == again:
+                self._start()
+            elif is_comment(text):
+                self.comments.append(index)
+            elif self._is_row(text, stamped):
+                self._take(index, stamped)
+            else:
+                self.aside.append(index)
+        # What stands below the last row is a footer.
+        self.passed += self.aside
+        self._tell()
+        return self.rows
+
+    def _start(self) -> None:
+        """The heading once more: what stood aside belongs to the start."""
+        self.passed += self.aside
+        self.aside = []
+        self.is_new = True
+
+    def _take(self, index: int, stamped: bool) -> None:
+        """A row; lines that stood aside are none of a table that goes on."""
+        for other in self.aside:
+            self._pass_amid(other, stamped)
+        self.aside = []
+        if self.is_new and self.rows.lines:
+            self.rows.starts.append(len(self.rows.lines))
+        self.is_new = False
+        self.rows.lines.append(self.lines[index])
+
+    def _pass_amid(self, index: int, stamped: bool) -> None:
+        number, text = self.lines[index]
+        layout = self.heading.layout
+        if _BANNER.fullmatch(text.strip()) or (not stamped and STAMP.search(text)):
+            self.is_new = True
+        elif not self.is_new and layout.fits(layout.cells(text)):
+            raise input_error(
+                f"{self.path}, line {number}",
+                f"words amid the rows ({text.strip()[:_SHOWN]!r}): another heading, or a damaged "
+                "row",
+                "delete the line if its columns are those above; else split the file there",
+            )
+        self.passed.append(index)
+
+    def _is_row(self, text: str, stamped: bool) -> bool:
+        """Whether a line belongs to the table, be it whole or damaged."""
+        layout = self.heading.layout
+        first = text.split(layout.delimiter, 1)[0] if layout.delimiter != BLANK else text
+        if layout.is_number(first.strip()):
+            return True
+        cells = layout.cells(text)
+        if not layout.numeric:
+            return True
+        if _BANNER.fullmatch(text.strip()) or _END.fullmatch(text.strip(layout.delimiter + " \t")):
+            return False
+        if layout.fits(cells):
+            filled = [cells[i] for i in layout.numeric if i < len(cells) and cells[i]]
+            return not filled or any(map(layout.is_number, filled))
+        if STAMP.search(text) is not None and not stamped:
+            return False
+        return any(map(layout.is_number, cells))
+
+    def _tell(self) -> None:
+        for indices, what in (
+            (self.comments, "a comment"),
+            (self.empty, "without values"),
+            (self.passed, "none of the table's rows"),
+        ):
+            if indices:
+                number, text = self.lines[indices[0]]
+                more = f" and {len(indices) - 1} more" if len(indices) > 1 else ""
+                shown = f" ({text.strip()[:_SHOWN]})" if what != "without values" else ""
+                self.rows.notices.append(
+                    f"{self.path}: line {number}{more} passed over, {what}{shown}"
+                )
+
+
+def _bare(text: str, layout: Layout) -> str:
+    return text.strip().rstrip(layout.delimiter).rstrip()
+
+
+@dataclass(frozen=True)
+class Widths:
+    """The number of cells of each row, and whether its last is empty."""
+
+    cells: np.ndarray
+    ends_empty: np.ndarray
+
+    @classmethod
+    def of(cls, rows: Sequence[tuple[int, str]], layout: Layout) -> Widths:
+        sign = layout.delimiter
+        if sign == BLANK:
+            counts = [len(text.split()) for _, text in rows]
+            return cls(np.array(counts), np.zeros(len(rows), dtype=bool))
+        counts = [
+            text.count(sign) + 1 if '"' not in text else len(layout.cells(text)) for _, text in rows
+        ]
+        ends = [text.rstrip(" ").endswith(sign) for _, text in rows]
+        return cls(np.array(counts), np.array(ends, dtype=bool))
+
+
+def check_widths(path: Path, rows: Sequence[tuple[int, str]], layout: Layout, whole: bool) -> None:
+    """InputError at a row of too many cells, or of too few where rows are not cut at their end.
+
+    Programs that write no delimiters after a row's last value leave out those of slower columns,
+    and of remarks; a row that lacks any other cell is damaged, for its values may have moved.
+    `whole`: the text ends with a line end.
+    """
+    widths = Widths.of(rows, layout)
+    cells = widths.cells - widths.ends_empty
+    most = cells > layout.fields
+    if most.any():
+        row = int(np.flatnonzero(most)[0])
+        raise input_error(
+            f"{path}, line {rows[row][0]}",
+            f"{cells[row]} fields where the other lines have {layout.fields}",
+            "fix the line (two lines run together, a decimal comma?)",
+        )
+    short = np.flatnonzero(widths.cells < layout.fields)
+    if short.size == 0:
+        return
+    padded = (widths.cells >= layout.fields) & (cells < layout.fields)
+    # Between blanks a cell that is missing leaves no trace.
+    drops_ends = layout.delimiter != BLANK and not padded.any()
+    drops_ends = drops_ends and (whole or short[-1] != len(rows) - 1)
+    if not drops_ends or not _may_lack(rows, layout, widths.cells):
+        raise row_ends_early(path, rows, int(short[0]), layout)
+
+
+def _may_lack(rows: Sequence[tuple[int, str]], layout: Layout, counts: np.ndarray) -> bool:
+    """Whether each column that short rows lack is one that need not be filled in every row."""
+    order = np.arange(len(rows), dtype=float)
+    for column in range(int(np.min(counts)), layout.fields):
+        filled = np.flatnonzero(counts > column)
+        is_remark = bool(filled.size) and not any(
+            layout.is_number(layout.cells(rows[row][1])[column]) for row in filled[:100].tolist()
+        )
+        if not is_remark and not has_own_rate(filled, order, held=False):
+            return False
+    return True
+
+
+def row_ends_early(
+    path: Path, rows: Sequence[tuple[int, str]], row: int, layout: Layout
+) -> InputError:
+    """The error for a row of fewer cells than there are columns."""
+    fields = len(layout.cells(rows[row][1]))
+    return input_error(
+        f"{path}, line {rows[row][0]}",
+        f"the row ends early: {fields} of {layout.fields} fields",
+        "delete this last line: the recording was cut off there"
+        if row == len(rows) - 1
+        else "complete the row, or give the number of lines above the table with skip_rows",
+    )
+
+
+__all__ = ["Rows", "check_widths", "row_ends_early", "rows_below"]
