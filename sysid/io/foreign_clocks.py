@@ -117,7 +117,7 @@ def _filled(held: bool) -> str:
 
 
 def _gap(rows: IntArray, time: FloatArray, every: float) -> str:
-    """That a column of even rate once misses samples of its own, which may be a cell that is lost."""
+    """That a column of even rate once misses a sample of its own, perhaps by a lost cell."""
     steps = np.diff(rows)
     usual = float(np.median(steps))
     if np.mean(steps == usual) < 0.9 or np.max(steps) < 1.5 * usual:

@@ -127,7 +127,7 @@ def log_columns(table: ForeignTable, recipe: Recipe, label: str | None) -> pd.Da
     if "time_s" in sources and recipe.period_s is not None:
         raise input_error(table.path, "has a time_s column of its own", "omit --period")
     made = _of_one_clock if one_clock(table, sources) else _of_several_clocks
-    columns, tests, has_row, kept = made(table, recipe, sources)
+    columns, tests, has_row = made(table, recipe, sources)
     columns.update({key: np.full(tests.rows, value) for key, value in recipe.constants.items()})
     _label(columns, tests, label)
     has_row = tests.worth_keeping(has_row)
@@ -141,11 +141,11 @@ def log_columns(table: ForeignTable, recipe: Recipe, label: str | None) -> pd.Da
     return pd.DataFrame({name: np.asarray(columns[name])[has_row] for name in ordered})
 
 
-_Made = tuple[dict[str, Any], Tests, BoolArray, IntArray]
+_Made = tuple[dict[str, Any], Tests, BoolArray]
 
 
 def _of_one_clock(table: ForeignTable, recipe: Recipe, sources: Sources) -> _Made:
-    """Columns by target, their tests, which rows have a value in all, and the file's rows."""
+    """Columns by target, their tests, and which rows have a value in all."""
     lengths = {name: len(table.columns[name]) for name, _ in sources.values()}
     if len(set(lengths.values())) > 1:
         told_lengths = ", ".join(f"{name} has {n}" for name, n in lengths.items())
@@ -174,7 +174,7 @@ def _of_one_clock(table: ForeignTable, recipe: Recipe, sources: Sources) -> _Mad
             columns[target], known = slower.filled(name, target, own, columns[target], time, tests)
             has_row &= known
     slower.tell(kept)
-    return columns, tests, has_row, kept
+    return columns, tests, has_row
 
 
 def _of_several_clocks(table: ForeignTable, recipe: Recipe, sources: Sources) -> _Made:
@@ -214,7 +214,7 @@ def _of_several_clocks(table: ForeignTable, recipe: Recipe, sources: Sources) ->
         table.notices.append(f"{table.path}: {told(grid, others)}")
     if longest:
         table.shape.append(joined_line(longest))
-    return columns, tests, has_row, kept
+    return columns, tests, has_row
 
 
 def _si_values(

@@ -21,6 +21,7 @@ from sysid.io.responses import response_notices
 from sysid.io.rig import Rig
 from sysid.io.samples import Log, Trial, any_contradiction, with_channels
 from sysid.io.tables import LogTable, read_table
+from sysid.io.time_breaks import time_breaks, wraps_of_seconds
 from sysid.io.trust.mending import Recording, mend
 from sysid.io.units import CANONICAL_UNITS, ColumnMap, check_size, find_column, has_column, to_si
 from sysid.types import FloatArray
@@ -418,7 +419,8 @@ def _place(reading: LogReading, rows: NDArray[np.int64] | slice, index: int) -> 
 def _time_error(
     reading: LogReading, rows: NDArray[np.int64] | slice, index: int, name: str
 ) -> InputError:
-    before, after = (float(t) for t in reading.columns["time_s"][rows][index : index + 2])
+    time = reading.columns["time_s"][rows]
+    before, after = (float(t) for t in time[index : index + 2])
     where = f"{reading.where}, {_place(reading, rows, index + 1)}"
     if before == after:
         return input_error(
@@ -426,10 +428,23 @@ def _time_error(
             f"time_s{name} repeats {after:.9g}",
             "delete the duplicate row or correct its time",
         )
-    mend = "sort the rows by time"
+    what = f"time_s{name} goes back from {before:.9g} to {after:.9g}"
+    file = reading.table.path
+    line = f"`sysid convert {file.name} -o {file.stem}_2.csv`"
+    wraps = wraps_of_seconds(time)
+    if wraps is not None and index + 1 in wraps.rows:
+        return input_error(
+            where, f"{what}: {wraps.name} wrapped", f"{line}, with the same maps, unwraps it"
+        )
+    if time_breaks(time).disordered is None:
+        mend = f"{line}, with the same maps, numbers the tests in a column `test`"
+        if name:
+            mend = "give each recording its own label in the column `test`"
+        return input_error(where, f"{what}: the recording starts again there", mend)
+    mend = "sort the rows by time, or correct it"
     if not name:
         mend += ", or distinguish several tests by a column `test`"
-    return input_error(where, f"time_s{name} goes back from {before:.9g} to {after:.9g}", mend)
+    return input_error(where, f"{what}, out of order", mend)
 
 
 def _check_mixed(

@@ -45,7 +45,7 @@ class _Segment:
     def stated(self, key: str, column: int) -> str:
         """What the header states over a column; empty where it does not."""
         cells = self.header.get(key, [])
-        return cells[column] if column < len(cells) else ""
+        return cells[column] if 0 < column < len(cells) else ""
 
 
 def is_format(lines: Sequence[str]) -> bool:
@@ -188,12 +188,14 @@ def _take_channels(
     bases = [_bases(table.path, segment, decimal) for segment in segments]
     if times == "No":
         columns[0] = _counted(segments, bases, 1)
-    take_names(table, first.names[: len(columns)], columns)
+    take_names(table, _called(first.names)[: len(columns)], columns)
     names = list(table.columns)
     time = 0
     for index in range(len(names)):
         if first.names[index] == _TIME:
             time = index
+            table.units[names[index]] = "s"
+            _take_times(table, names[index], columns[time])
         elif index == remarks:
             continue
         elif times == "No":
@@ -202,11 +204,18 @@ def _take_channels(
             _take_times(table, names[index], columns[time])
         if unit := first.stated("Y_Unit_Label", index):
             table.units[names[index]] = unit
-    if names[0] == _TIME:
-        table.units[_TIME] = "s"
-        table.clocks[_TIME] = np.asarray(columns[0])
     if times == "No":
         _state_period(table, bases)
+
+
+def _called(names: list[str]) -> list[str]:
+    """The columns' names: where each channel has a column of times, by the channel."""
+    if names.count(_TIME) == 1:
+        return names
+    return [
+        f"{_TIME} of {names[index + 1]}" if name == _TIME and index + 1 < len(names) else name
+        for index, name in enumerate(names)
+    ]
 
 
 def _take_times(table: ForeignTable, name: str, times: Column) -> None:

@@ -31,7 +31,7 @@ def is_format(lines: Sequence[str]) -> bool:
     return (
         bool(head)
         and head[0].startswith(_NAME)
-        and any(line.startswith(_STARTED) for line in head)
+        and any(line.lstrip('"').startswith(_STARTED) for line in head)
         and any(line.startswith(head[0][:5]) for line in lines[1:_HEAD])
     )
 
