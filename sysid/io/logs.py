@@ -170,14 +170,18 @@ def _take_columns(reading: LogReading, maps: Mapping[str, ColumnMap]) -> None:
             )
     for name in table.header:
         if name in known and name not in maps and name not in used and name != "test":
-            _take(reading, name)
+            _take(reading, name, maps)
     ambient = reading.rig.air.atmospheric_pressure_pa if reading.rig.air else None
     for target, entry in maps.items():
         if target != "test":
             column = sources[target]
+            absent = _absent(reading, target, column, maps)
+            if absent is not None and absent.all():
+                continue
             stamped = table.is_stamped(column)
-            values = to_si(table.numbers(column), entry, ambient, stamped=stamped)
-            reading.columns[target] = check_size(reading.where, target, values)
+            values = to_si(table.numbers(column, absent), entry, ambient, stamped=stamped)
+            check_size(reading.where, target, _known(values))
+            reading.columns[target] = values
             reading.origin[target] = sources[target]
     unknown = [n for n in table.header if n not in known and n not in used]
     if unknown:
@@ -188,10 +192,41 @@ def _take_columns(reading: LogReading, maps: Mapping[str, ColumnMap]) -> None:
         raise input_error(reading.where, "holds one row only", "a test needs at least two samples")
 
 
-def _take(reading: LogReading, name: str) -> None:
+def _absent(
+    reading: LogReading, target: str, column: str, maps: Mapping[str, ColumnMap]
+) -> NDArray[np.bool_] | None:
+    """The rows (n,) of tests in which a column is empty: there it is absent, which is said.
+
+    None for time, and where no test lacks it.
+    """
+    empty = reading.table.empty(column)
+    if target == "time_s" or not empty.any():
+        return None
+    tests = [(label, rows) for label, rows in groups_of(reading, maps) if empty[rows].all()]
+    if not tests:
+        return None
+    absent = np.zeros(len(empty), dtype=bool)
+    for _, rows in tests:
+        absent[rows] = True
+    where = "" if absent.all() else f" in test {', '.join(label for label, _ in tests[:_LISTED])}"
+    reading.notices.append(f"{reading.where}: {column} is empty{where}: taken as absent")
+    return absent
+
+
+def _known(values: FloatArray) -> FloatArray:
+    """A column's values but for tests in which it is absent."""
+    return values[~np.isnan(values)]
+
+
+def _take(reading: LogReading, name: str, maps: Mapping[str, ColumnMap]) -> None:
     """A column by its own name; one that only few kinds of test need may be unusable."""
+    absent = _absent(reading, name, name, maps)
+    if absent is not None and absent.all():
+        return
     try:
-        reading.columns[name] = check_size(reading.where, name, reading.table.numbers(name))
+        values = reading.table.numbers(name, absent)
+        check_size(reading.where, name, _known(values))
+        reading.columns[name] = values
     except InputError as error:
         if name not in _SELDOM_NEEDED:
             raise
@@ -300,10 +335,11 @@ def _convert_motor(reading: LogReading) -> None:
         reading.origin[target] = "motor_volts"
     if target not in columns:
         return
-    plausibility.check_effort(reading.where, target, reading.origin[target], columns[target], rig)
+    known = _known(columns[target])
+    plausibility.check_effort(reading.where, target, reading.origin[target], known, rig)
     limit = rig.max_effort
     if limit is not None:
-        highest = float(np.max(np.abs(columns[target])))
+        highest = float(np.max(np.abs(known)))
         over = int(np.count_nonzero(np.abs(columns[target]) > limit * (1 + 1e-6)))
         if over:
             columns[target] = np.clip(columns[target], -limit, limit)
@@ -324,12 +360,14 @@ def _check_values(reading: LogReading) -> None:
     rig, columns, where = reading.rig, reading.columns, reading.where
     for name in PRESSURES:
         if name in columns:
-            plausibility.check_pressure(where, name, reading.origin[name], columns[name], rig)
+            known = _known(columns[name])
+            plausibility.check_pressure(where, name, reading.origin[name], known, rig)
     for name in VALVE_COMMANDS:
         if name not in columns:
             continue
         if name.startswith("valve"):
-            bad = np.flatnonzero((columns[name] != 0.0) & (columns[name] != 1.0))
+            is_command = np.isin(columns[name], (0.0, 1.0)) | np.isnan(columns[name])
+            bad = np.flatnonzero(~is_command)
             if bad.size:
                 raise input_error(
                     f"{where}, {reading.table.place(int(bad[0]))}",
@@ -337,12 +375,13 @@ def _check_values(reading: LogReading) -> None:
                     f"write 0 (off) or 1 (on); a duty belongs in duty_{name[-1]}",
                 )
         else:
-            error = plausibility.check_fraction(where, name, reading.origin[name], columns[name])
+            known = _known(columns[name])
+            error = plausibility.check_fraction(where, name, reading.origin[name], known)
             if error is not None:
                 raise error
     position = rig.position_channel
     if position in columns:
-        values = columns[position]
+        values = _known(columns[position])
         between = position in reading.strides or measured_period(reading.table.comments) is not None
         beyond = plausibility.check_position(
             where,
@@ -359,13 +398,17 @@ def _check_values(reading: LogReading) -> None:
             reading.contradict("sensors", resolution)
     if "temperature_k" in columns:
         plausibility.check_temperature(
-            where, "temperature_k", reading.origin["temperature_k"], columns["temperature_k"]
+            where,
+            "temperature_k",
+            reading.origin["temperature_k"],
+            _known(columns["temperature_k"]),
         )
-    if not any(np.any(columns[name] != 0.0) for name in VALVE_COMMANDS if name in columns):
-        chambers = {name: columns[name] for name in CHAMBER_PRESSURES if name in columns}
+    if not any(np.any(_known(columns[n]) != 0.0) for n in VALVE_COMMANDS if n in columns):
+        chambers = {name: _known(columns[name]) for name in CHAMBER_PRESSURES if name in columns}
         reading.contradict("air", plausibility.check_rest(where, chambers, rig))
-    reading.contradict("air", plausibility.check_supply(where, columns, rig))
-    reading.notices += response_notices(where, columns, position, rig.effort_channel)
+    whole = {name: values for name, values in columns.items() if not np.isnan(values).any()}
+    reading.contradict("air", plausibility.check_supply(where, whole, rig))
+    reading.notices += response_notices(where, whole, position, rig.effort_channel)
 
 
 def smallest_step(values: FloatArray) -> float | None:
@@ -479,8 +522,9 @@ def _mended(
     """
     rig, name = reading.rig, reading.rig.position_channel
     counts = reading.origin.get(name) == "encoder_counts"
+    whole = {n: values for n, values in reading.columns.items() if not np.isnan(values).any()}
     recording = Recording(
-        columns=reading.columns,
+        columns=whole,
         tests=list(groups),
         position=name,
         count=rig.encoder_step if counts else None,
@@ -488,6 +532,7 @@ def _mended(
         place=reading.table.place,
     )
     mend(recording)
+    reading.columns.update(recording.columns)
     reading.notices += [f"{reading.where}: {line}" for line in recording.notices]
     reading.strides.update(recording.strides)
     return recording.tests
@@ -506,7 +551,7 @@ def _check_tests(reading: LogReading, groups: list[tuple[str, NDArray[np.int64] 
                     "missing"
                 )
         for name in (position, *PRESSURES):
-            if name in reading.columns:
+            if name in reading.columns and not np.isnan(reading.columns[name][rows]).any():
                 _drop_spikes(reading, name, rows, where)
 
 
@@ -544,6 +589,7 @@ def log_from(reading: LogReading, groups: Sequence[tuple[str, NDArray[np.int64] 
 def trial_of(reading: LogReading, label: str, rows: NDArray[np.int64] | slice) -> Trial:
     """One test of a reading."""
     channels = {n: v[rows] for n, v in reading.columns.items() if n != "time_s"}
+    channels = {n: v for n, v in channels.items() if not np.isnan(v).all()}
     source = f"{reading.where}, test {label}" if label else reading.where
     time = reading.columns["time_s"][rows]
     wrong = tuple(map(one_line, reading.contradictions))

@@ -73,10 +73,15 @@ class LogTable:
         """Whether a column holds time stamps or durations, as Parquet has them."""
         return bool(self.frame[column].dtype.kind in "mM")
 
-    def numbers(self, column: str) -> NDArray[np.float64]:
+    def empty(self, column: str) -> NDArray[np.bool_]:
+        """Which cells (n,) of a column hold nothing."""
+        return np.asarray(self.frame[column].isna(), dtype=bool)
+
+    def numbers(self, column: str, absent: NDArray[np.bool_] | None = None) -> NDArray[np.float64]:
         """A column as (n,) floats; InputError at the first cell that is not a finite number.
 
-        Time stamps count in seconds from the first, durations in seconds.
+        Time stamps count in seconds from the first, durations in seconds. In the rows `absent`
+        (n,) the column need not hold anything: NaN.
         """
         import pandas as pd
 
@@ -97,6 +102,8 @@ class LogTable:
             values = converted
         array = np.asarray(values.to_numpy(dtype=np.float64, na_value=np.nan))
         finite = np.isfinite(array)
+        if absent is not None:
+            finite |= absent & np.isnan(array)
         if not finite.all():
             raise self._not_finite(column, int(np.flatnonzero(~finite)[0]), array)
         return array

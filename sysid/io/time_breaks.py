@@ -19,7 +19,7 @@ _CLOCKS = (
 )
 # Of the median step, and the share of steps, up to which a step over a wrap is an ordinary one.
 _ORDINARY = 2.0
-_ORDINARY_SHARE = 99.0
+_ORDINARY_SHARE = 90.0
 # Of the median step: decimals of seconds round.
 _ROUNDED = 0.5
 
@@ -73,7 +73,8 @@ def _over(values: FloatArray, size: float, slack: float) -> IntArray:
     """The rows after steps back that are ordinary steps modulo `size`; `slack` of a step below."""
     steps = np.diff(values)
     forward = steps[steps > 0.0]
-    if not forward.size:
+    # A single wrong value goes back, and forward again.
+    if not forward.size or np.max(forward) > size / 2:
         return np.zeros(0, dtype=np.intp)
     usual = float(np.median(forward))
     most = max(_ORDINARY * usual, float(np.percentile(forward, _ORDINARY_SHARE)))

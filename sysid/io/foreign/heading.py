@@ -22,7 +22,7 @@ _WORD = re.compile(r"[^\W\d_]{2,}")
 
 
 @dataclass
-class Heading:
+class TableHeading:
     """The names (None: the file has none), the line that holds them, and the first row's index.
 
     `under` are the cells of a row of units under the names; `above` further cells that may name
@@ -43,7 +43,7 @@ def is_comment(text: str) -> bool:
     return text.lstrip().startswith(COMMENTS)
 
 
-def find_heading(path: Path, lines: Lines, layout: Layout, options: ReadOptions) -> Heading:
+def find_heading(path: Path, lines: Lines, layout: Layout, options: ReadOptions) -> TableHeading:
     """The heading above the first rows of a text; `lines` are those that are not blank.
 
     It is the line that holds the names asked for, else the one above the rows whose number of
@@ -52,13 +52,13 @@ def find_heading(path: Path, lines: Lines, layout: Layout, options: ReadOptions)
     search = _Search(path, lines, layout, options)
     first = search.first_row()
     if options.header is False:
-        return Heading(None, None, first, layout)
+        return TableHeading(None, None, first, layout)
     by_name = search.by_name(first)
     by_place = by_name if by_name is not None else search.by_place(first)
     if by_place is None and options.header and search.width_of(first):
         by_place = search.heading(first)
     if by_place is None:
-        return Heading(None, None, first, layout)
+        return TableHeading(None, None, first, layout)
     return search.below(by_place)
 
 
@@ -129,7 +129,7 @@ class _Search:
         names, _ = find_header(rows, self.options.header, self.layout.decimal)
         return plain[0] + (names is not None)
 
-    def by_name(self, first: int) -> Heading | None:
+    def by_name(self, first: int) -> TableHeading | None:
         """The heading that holds the names asked for, as cells; the best of several."""
         asked = [name for name in self.options.names if not name.startswith("#")]
         wanted = asked or list(CANONICAL_UNITS)
@@ -185,7 +185,7 @@ class _Search:
                     return True
         return False
 
-    def heading(self, index: int) -> Heading:
+    def heading(self, index: int) -> TableHeading:
         """The heading of a line that fits."""
         width = self.width_of(index)
         cells = self.cells(index)[:width]
@@ -195,9 +195,9 @@ class _Search:
             layout = replace(layout, ends_empty=False)
         above = self.cells(index - 1) if index > 0 else []
         above = above[:width] if self.layout.fits(above) else []
-        return Heading([c.strip() for c in cells], index, index + 1, layout, above=above)
+        return TableHeading([c.strip() for c in cells], index, index + 1, layout, above=above)
 
-    def by_place(self, first: int, strict: bool = True) -> Heading | None:
+    def by_place(self, first: int, strict: bool = True) -> TableHeading | None:
         """The heading by its place above the rows, or None: InputError where it does not fit."""
         above = [i for i in range(first) if not is_comment(self.lines[i][1])][-2:]
         if not above:
@@ -225,7 +225,7 @@ class _Search:
         words = [cells[i] for i in self.layout.numeric if i < len(cells) and cells[i]]
         return bool(self.width_of(index)) and any(not self.layout.is_number(c) for c in words)
 
-    def _commented(self, first: int) -> Heading | None:
+    def _commented(self, first: int) -> TableHeading | None:
         """A comment directly above the rows that is a heading."""
         index = first - 1
         if index < 0 or not is_comment(self.lines[index][1]) or self.layout.fields < 2:
@@ -235,7 +235,7 @@ class _Search:
             return None
         return self.heading(index)
 
-    def below(self, heading: Heading) -> Heading:
+    def below(self, heading: TableHeading) -> TableHeading:
         """The heading with what stands between it and the first row: units, a date."""
         assert heading.line is not None
         for index in range(heading.line + 1, len(self.lines)):
@@ -309,4 +309,4 @@ def find_header(
     return [name.strip() for name in first], int(numbers_follow)
 
 
-__all__ = ["STAMP", "Heading", "Lines", "find_header", "find_heading", "is_comment"]
+__all__ = ["STAMP", "Lines", "TableHeading", "find_header", "find_heading", "is_comment"]

@@ -15,7 +15,7 @@ import numpy as np
 
 from sysid.errors import InputError, input_error
 from sysid.io.alignment import has_own_rate
-from sysid.io.foreign.heading import STAMP, Heading, Lines, is_comment
+from sysid.io.foreign.heading import STAMP, Lines, TableHeading, is_comment
 from sysid.io.foreign.text_layout import BLANK, Layout
 
 _END = re.compile(
@@ -27,7 +27,7 @@ _SHOWN = 60
 
 
 @dataclass
-class Rows:
+class TableRows:
     """The rows (line number, text), and which of them, after the first, begin a recording."""
 
     lines: list[tuple[int, str]] = field(default_factory=list)
@@ -35,7 +35,7 @@ class Rows:
     notices: list[str] = field(default_factory=list)
 
 
-def rows_below(path: Path, lines: Lines, heading: Heading) -> Rows:
+def rows_below(path: Path, lines: Lines, heading: TableHeading) -> TableRows:
     """The table's rows from `heading.first` on. Raises InputError at another heading amid them."""
     return _Sorting(path, lines, heading).sorted()
 
@@ -46,15 +46,15 @@ class _Sorting:
 
     path: Path
     lines: Lines
-    heading: Heading
-    rows: Rows = field(default_factory=Rows)
+    heading: TableHeading
+    rows: TableRows = field(default_factory=TableRows)
     comments: list[int] = field(default_factory=list)
     empty: list[int] = field(default_factory=list)
     passed: list[int] = field(default_factory=list)
     aside: list[int] = field(default_factory=list)
     is_new: bool = False
 
-    def sorted(self) -> Rows:
+    def sorted(self) -> TableRows:
         layout, again = self.heading.layout, None
         if self.heading.line is not None:
             again = _bare(self.lines[self.heading.line][1], layout)
@@ -223,4 +223,4 @@ def row_ends_early(
     )
 
 
-__all__ = ["Rows", "check_widths", "row_ends_early", "rows_below"]
+__all__ = ["TableRows", "check_widths", "row_ends_early", "rows_below"]

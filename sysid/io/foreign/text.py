@@ -12,7 +12,7 @@ from typing import BinaryIO
 from sysid.errors import InputError, input_error, shortened
 from sysid.io.bounds import check_rectangle, check_text
 from sysid.io.foreign import lvm, twincat
-from sysid.io.foreign.heading import Heading, Lines, find_heading, is_comment
+from sysid.io.foreign.heading import Lines, TableHeading, find_heading, is_comment
 from sysid.io.foreign.stated_units import stated_units
 from sysid.io.foreign.table import ForeignTable, ReadOptions, SampleTimes, take_names
 from sysid.io.foreign.table_rows import check_widths, row_ends_early, rows_below
@@ -109,7 +109,7 @@ def _text_of(table: ForeignTable, raw: bytes) -> str:
 
 
 def _tell_heading(
-    table: ForeignTable, lines: Lines, heading: Heading, options: ReadOptions
+    table: ForeignTable, lines: Lines, heading: TableHeading, options: ReadOptions
 ) -> None:
     """Notices of the lines above the table and of those between its names and its rows."""
     path, top = table.path, heading.first if heading.line is None else heading.line
@@ -181,7 +181,7 @@ def _of_signals(
     return table
 
 
-def _names(heading: Heading, options: ReadOptions) -> list[str] | None:
+def _names(heading: TableHeading, options: ReadOptions) -> list[str] | None:
     """The columns' names: those asked for may also be cells of the lines around the heading."""
     if heading.names is None:
         return None
@@ -204,7 +204,7 @@ def _state_units(table: ForeignTable, names: list[str] | None, under: list[str])
             table.units[columns[index]] = unit
 
 
-def _take_sampling(table: ForeignTable, heading: Heading, names: list[str] | None) -> None:
+def _take_sampling(table: ForeignTable, heading: TableHeading, names: list[str] | None) -> None:
     """A scope's period and first instant, which stand as numbers in the row of units."""
     stated = {
         name.strip().lower(): float(cell)
