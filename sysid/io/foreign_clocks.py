@@ -11,7 +11,7 @@ from sysid.errors import input_error
 from sysid.io.alignment import has_own_rate, has_value, is_held, values_at
 from sysid.io.foreign import ForeignTable
 from sysid.io.foreign_tests import Tests
-from sysid.io.reshaping import check_increasing, joined_line, median_period
+from sysid.io.reshaping import joined_line, median_period
 from sysid.io.units import TEST_COLUMN, ColumnMap
 from sysid.types import BoolArray, FloatArray, IntArray
 
@@ -85,6 +85,7 @@ class SlowerColumns:
         values: FloatArray,
         time: FloatArray,
         tests: Tests,
+        kept: IntArray,
     ) -> tuple[FloatArray, BoolArray]:
         """The column at all rows, and in which it has a value: `values` (k,) are in rows `own`."""
         held = is_held(target, self.fill)
@@ -93,12 +94,23 @@ class SlowerColumns:
             inside = (own >= first) & (own < last)
             if inside.any():
                 rows, grid = own[inside], time[first:last]
-                check_increasing(time[rows], f"{self.table.path}, at the rows of {name}")
+                self._check_rising(name, rows, time, kept)
                 out[first:last] = values_at(grid, time[rows], values[inside], held)
                 known[first:last] = has_value(grid, time[rows], held)
                 out[rows], known[rows] = values[inside], True
         self._left_out.append((name, ~known))
         return out, known
+
+    def _check_rising(self, name: str, rows: IntArray, time: FloatArray, kept: IntArray) -> None:
+        """InputError where time, s, does not rise between the samples of a column."""
+        steps = np.flatnonzero(np.diff(time[rows]) <= 0.0)
+        if steps.size:
+            before, after = rows[steps[0] : steps[0] + 2]
+            raise input_error(
+                f"{self.table.path}, {self.table.place(int(kept[after]))}",
+                f"time_s is {time[after]:.9g}, at the sample of {name} before {time[before]:.9g}",
+                "correct the time, or sort the rows",
+            )
 
     def tell(self, kept: IntArray) -> None:
         """What was done: notices, and a line for the log's head."""
@@ -120,9 +132,11 @@ def _gap(rows: IntArray, time: FloatArray, every: float) -> str:
     """That a column of even rate once misses a sample of its own, perhaps by a lost cell."""
     steps = np.diff(rows)
     usual = float(np.median(steps))
-    if np.mean(steps == usual) < 0.9 or np.max(steps) < 1.5 * usual:
+    odd = np.flatnonzero(steps != usual)
+    if not 0 < len(odd) <= 0.25 * len(steps):
         return ""
-    return f", once {float(time[rows[np.argmax(steps) + 1]] - time[rows[np.argmax(steps)]]):.4g} s"
+    at = odd[np.argmax(np.abs(steps[odd] - usual))]
+    return f", once {float(time[rows[at + 1]] - time[rows[at]]):.4g} s"
 
 
 def tell_left_out(table: ForeignTable, name: str, missing: BoolArray, kept: IntArray) -> None:

@@ -171,7 +171,9 @@ def _of_one_clock(table: ForeignTable, recipe: Recipe, sources: Sources) -> _Mad
         rows = kept if own is None else kept[own]
         columns[target] = _si_values(table, recipe, target, name, entry, rows)
         if own is not None:
-            columns[target], known = slower.filled(name, target, own, columns[target], time, tests)
+            columns[target], known = slower.filled(
+                name, target, own, columns[target], time, tests, kept
+            )
             has_row &= known
     slower.tell(kept)
     return columns, tests, has_row

@@ -488,14 +488,21 @@ def _reject_cut_off(table: LogTable) -> None:
         return
     start = max(0, len(body) - 20_000)
     lines = body[start:].decode("utf-8", errors="ignore").splitlines()[1:]
-    lengths = [len(line.rsplit(",", 1)[-1]) for line in lines if line.strip()]
-    if len(lengths) > 10 and lengths[-1] < min(lengths[:-1]):
+    last = [line.rsplit(",", 1)[-1] for line in lines if line.strip()]
+    if len(last) > 10 and looks_cut(last):
         raise input_error(
             f"{table.path}, {table.place(len(table.frame) - 1)}",
             "the last line has no line end and its last number is shorter than all before it: "
             "it looks cut off",
             "delete the line, or end it with a line break if it is whole",
         )
+
+
+def looks_cut(cells: Sequence[str], decimal: str = ".") -> bool:
+    """Whether the last of cells is shorter than all before it, as a whole or after its point."""
+    lengths = [len(cell) for cell in cells]
+    digits = [len(cell.partition(decimal)[2]) for cell in cells]
+    return any(n[-1] < min(n[:-1]) for n in (lengths, digits))
 
 
 def _data_lines(body: bytes) -> list[tuple[int, str]]:
@@ -523,6 +530,7 @@ __all__ = [
     "PARQUET_SUFFIXES",
     "LogTable",
     "comments_in",
+    "looks_cut",
     "open_input",
     "read_bytes",
     "read_table",

@@ -41,6 +41,10 @@ def read_foreign(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTab
     file.seek(0)
     kind = _kind(path, file)
     file.seek(0)
+    if options.transpose and kind not in ("text", "excel"):
+        raise input_error(
+            path, "is no table of text or Excel, which --transpose is for", "omit --transpose"
+        )
     module = importlib.import_module(f"sysid.io.foreign.{kind}")
     reader: Reader = module.read
     try:

@@ -10,6 +10,7 @@ import numpy as np
 
 from sysid.errors import InputError, input_error
 from sysid.io.foreign.heading import find_header
+from sysid.io.foreign.stated_units import stated_units
 from sysid.io.foreign.table import ForeignTable, ReadOptions, damaged, take_names
 from sysid.io.foreign.workbook_size import check_size
 
@@ -38,8 +39,11 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
     frame = frame.iloc[options.skip_rows :].dropna(how="all").dropna(how="all", axis="columns")
     if frame.empty:
         raise input_error(path, f"sheet {name!r} holds no rows", "choose another with --sheet")
+    if options.transpose:
+        frame = _transposed(frame)
     rows = [["" if v is None or v != v else str(v) for v in row] for row in frame.values[:200]]
     names, skipped = find_header(rows, options.header)
+    units = stated_units(names or (), rows[1] if skipped else ())
     if skipped:
         table.notices.append(f"{path}: a row of units under the names was skipped")
     body = frame.iloc[skipped + (names is not None) :]
@@ -48,9 +52,21 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
             path, f"sheet {name!r} has a header but no rows", "choose another with --sheet"
         )
     numbers = [int(i) + 1 for i in body.index]
-    table.place = lambda row: f"sheet {name!r}, row {numbers[row]}"
+    across = "column" if options.transpose else "row"
+    table.place = lambda row: f"sheet {name!r}, {across} {numbers[row]}"
     take_names(table, names, (_values(body[column]) for column in body.columns))
+    columns = list(table.columns)
+    table.units.update({columns[index]: unit for index, unit in units.items()})
     return table
+
+
+def _transposed(frame: Any) -> Any:
+    """Rows that are signals as columns."""
+    import pandas as pd
+
+    turned = frame.T.infer_objects()
+    turned.index = pd.RangeIndex(len(turned))
+    return turned
 
 
 def _pick(path: Path, sheets: dict[Any, Any], wanted: str | None) -> tuple[str, Any]:

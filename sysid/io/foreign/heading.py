@@ -161,6 +161,8 @@ class _Search:
         if all(map(self.layout.is_number, filter(None, cells))):
             return 0
         names = {*cells, *map(bare_name, cells)}
+        if is_comment(self.lines[index][1]):
+            names |= {sign + cells[0] for sign in COMMENTS}
         return sum(name in names for name in wanted)
 
     def width_of(self, index: int) -> int:
@@ -245,7 +247,7 @@ class _Search:
             if is_comment(text):
                 continue
             if heading.layout.fits(cells) or len(cells) == len(heading.names or ()):
-                if not self.has_numbers(cells) or _begins_with_word(cells, heading.layout):
+                if not self.has_numbers(cells) or _is_of_words(cells, heading.layout):
                     if not heading.under:
                         heading.under = cells[: heading.layout.fields]
                     heading.passed.append(index)
@@ -280,9 +282,10 @@ def _with_units(cells: Sequence[str]) -> list[str]:
     return found
 
 
-def _begins_with_word(cells: Sequence[str], layout: Layout) -> bool:
+def _is_of_words(cells: Sequence[str], layout: Layout) -> bool:
     """A row of units in which a scope notes numbers too: "Sequence,Volt,-1.2E-3,4.0E-6"."""
-    return bool(cells) and 0 in layout.numeric and _WORD.fullmatch(cells[0]) is not None
+    over = [cells[column] for column in layout.numeric if column < len(cells)]
+    return bool(over) and all(_WORD.search(cell) and not layout.is_number(cell) for cell in over)
 
 
 def find_header(

@@ -17,6 +17,7 @@ from sysid.errors import InputError, input_error
 from sysid.io.alignment import has_own_rate
 from sysid.io.foreign.heading import STAMP, Lines, TableHeading, is_comment
 from sysid.io.foreign.text_layout import BLANK, Layout
+from sysid.types import BoolArray, IntArray
 
 _END = re.compile(
     r"\W*(?:eof|end(?:[ _](?:of[ _](?:file|data|record(?:ing)?|log)|data))?)\W*", re.I
@@ -148,24 +149,20 @@ def _bare(text: str, layout: Layout) -> str:
     return text.strip().rstrip(layout.delimiter).rstrip()
 
 
-@dataclass(frozen=True)
-class Widths:
-    """The number of cells of each row, and whether its last is empty."""
+def _widths(rows: Sequence[tuple[int, str]], layout: Layout) -> tuple[IntArray, BoolArray]:
+    """The number of cells (n,) of each row, and whether its last is empty.
 
-    cells: np.ndarray
-    ends_empty: np.ndarray
-
-    @classmethod
-    def of(cls, rows: Sequence[tuple[int, str]], layout: Layout) -> Widths:
-        sign = layout.delimiter
-        if sign == BLANK:
-            counts = [len(text.split()) for _, text in rows]
-            return cls(np.array(counts), np.zeros(len(rows), dtype=bool))
-        counts = [
-            text.count(sign) + 1 if '"' not in text else len(layout.cells(text)) for _, text in rows
-        ]
-        ends = [text.rstrip(" ").endswith(sign) for _, text in rows]
-        return cls(np.array(counts), np.array(ends, dtype=bool))
+    Where all lines end with a delimiter, what follows it is no cell.
+    """
+    sign = layout.delimiter
+    if sign == BLANK:
+        counts = [len(text.split()) for _, text in rows]
+        return np.array(counts, dtype=np.intp), np.zeros(len(rows), dtype=bool)
+    counts = [
+        text.count(sign) + 1 if '"' not in text else len(layout.cells(text)) for _, text in rows
+    ]
+    ends = np.array([text.rstrip(" ").endswith(sign) for _, text in rows], dtype=bool)
+    return np.array(counts, dtype=np.intp) - (ends & layout.ends_empty), ends
 
 
 def check_widths(path: Path, rows: Sequence[tuple[int, str]], layout: Layout, whole: bool) -> None:
@@ -175,28 +172,27 @@ def check_widths(path: Path, rows: Sequence[tuple[int, str]], layout: Layout, wh
     and of remarks; a row that lacks any other cell is damaged, for its values may have moved.
     `whole`: the text ends with a line end.
     """
-    widths = Widths.of(rows, layout)
-    cells = widths.cells - widths.ends_empty
-    most = cells > layout.fields
-    if most.any():
-        row = int(np.flatnonzero(most)[0])
+    cells, ends = _widths(rows, layout)
+    surplus = np.flatnonzero(cells > layout.fields)
+    if surplus.size:
+        row = int(surplus[0])
         raise input_error(
             f"{path}, line {rows[row][0]}",
             f"{cells[row]} fields where the other lines have {layout.fields}",
             "fix the line (two lines run together, a decimal comma?)",
         )
-    short = np.flatnonzero(widths.cells < layout.fields)
+    short = np.flatnonzero(cells < layout.fields)
     if short.size == 0:
         return
-    padded = (widths.cells >= layout.fields) & (cells < layout.fields)
     # Between blanks a cell that is missing leaves no trace.
-    drops_ends = layout.delimiter != BLANK and not padded.any()
+    drops_ends = layout.delimiter != BLANK and not layout.ends_empty
+    drops_ends = drops_ends and not np.any(ends & (cells == layout.fields))
     drops_ends = drops_ends and (whole or short[-1] != len(rows) - 1)
-    if not drops_ends or not _may_lack(rows, layout, widths.cells):
+    if not drops_ends or not _may_lack(rows, layout, cells):
         raise row_ends_early(path, rows, int(short[0]), layout)
 
 
-def _may_lack(rows: Sequence[tuple[int, str]], layout: Layout, counts: np.ndarray) -> bool:
+def _may_lack(rows: Sequence[tuple[int, str]], layout: Layout, counts: IntArray) -> bool:
     """Whether each column that short rows lack is one that need not be filled in every row."""
     order = np.arange(len(rows), dtype=float)
     for column in range(int(np.min(counts)), layout.fields):
@@ -213,7 +209,7 @@ def row_ends_early(
     path: Path, rows: Sequence[tuple[int, str]], row: int, layout: Layout
 ) -> InputError:
     """The error for a row of fewer cells than there are columns."""
-    fields = len(layout.cells(rows[row][1]))
+    fields = int(_widths([rows[row]], layout)[0][0])
     return input_error(
         f"{path}, line {rows[row][0]}",
         f"the row ends early: {fields} of {layout.fields} fields",

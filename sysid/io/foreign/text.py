@@ -18,12 +18,14 @@ from sysid.io.foreign.table import ForeignTable, ReadOptions, SampleTimes, take_
 from sysid.io.foreign.table_rows import check_widths, row_ends_early, rows_below
 from sysid.io.foreign.text_layout import (
     BLANK,
+    COMMENTS,
     Layout,
     check_line_lengths,
     find_layout,
     is_number,
 )
 from sysid.io.foreign.text_parsing import parsed
+from sysid.io.tables import looks_cut
 from sysid.io.units import bare_name
 
 
@@ -187,6 +189,8 @@ def _names(heading: TableHeading, options: ReadOptions) -> list[str] | None:
         return None
     names = list(heading.names)
     for wanted in options.names:
+        if wanted.startswith(COMMENTS) and wanted.lstrip("#%/ ") == names[0] and names[0]:
+            names[0] = wanted
         if wanted in names or wanted in map(bare_name, names):
             continue
         for cells in (heading.under, heading.above):
@@ -219,7 +223,7 @@ def _take_sampling(table: ForeignTable, heading: TableHeading, names: list[str] 
 def _short_row(
     path: Path, body: list[tuple[int, str]], row: int, layout: Layout
 ) -> InputError | None:
-    if len(layout.cells(body[row][1])) >= layout.fields:
+    if len(layout.cells(body[row][1])) >= layout.fields + layout.ends_empty:
         return None
     return row_ends_early(path, body, row, layout)
 
@@ -228,8 +232,8 @@ def _reject_cut_off(path: Path, body: list[tuple[int, str]], layout: Layout) -> 
     """A last line cut off within its last number would silently give a wrong value."""
     if len(body) < 20:
         return
-    lengths = [len(layout.cells(line)[-1]) for _, line in body[-200:]]
-    if lengths[-1] < min(lengths[:-1]):
+    last = [layout.cells(line)[-1] for _, line in body[-200:]]
+    if looks_cut(last, layout.decimal):
         raise input_error(
             f"{path}, line {body[-1][0]}",
             "the last line has no line end and its last number is shorter than all before it: "
