@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from sysid.errors import input_error, one_line, shortened
 from sysid.io.file_kinds import FOREIGN_SUFFIXES
-from sysid.io.foreign import ForeignTable, read_foreign
+from sysid.io.foreign import ForeignTable, is_bag, read_bag, read_foreign
 from sysid.io.foreign.recipe import Recipe, extended, read_recipe
 from sysid.io.foreign_columns import log_columns, unused_columns, with_atmosphere
 from sysid.io.joining import TimedColumns, joined
@@ -205,7 +205,8 @@ class _MappedFile:
 
 @dataclass(frozen=True)
 class _ForeignFile:
-    """A foreign file as read, its SHA-256 and its comments, if `write_table` wrote it."""
+    """A foreign file (a ROS 2 bag: a folder) as read, its SHA-256 (a folder's: of its files one
+    after the other), and its comments, if `write_table` wrote it."""
 
     path: Path
     table: ForeignTable
@@ -214,6 +215,8 @@ class _ForeignFile:
 
     @classmethod
     def read(cls, path: Path, what: str, recipe: Recipe) -> _ForeignFile:
+        if is_bag(path):
+            return cls(path, *read_bag(path), ())
         with open_input(path, what) as file:
             wanted = tuple(entry.column for entry in recipe.maps.values())
             table = read_foreign(path, file, replace(recipe.read, names=wanted))
@@ -264,7 +267,7 @@ def _others(
 def _check_joinable(table: ForeignTable, own: Mapping[str, ColumnMap]) -> None:
     """InputError where no map gives a joined file its times, or anything else."""
     known = {*own, *(name for name in table.columns if name in CANONICAL_UNITS)}
-    if "time_s" not in known and not any(table.sampling.values()):
+    if "time_s" not in known and not table.sampling and not table.clocks:
         raise input_error(
             table.path,
             f"time_s is not mapped; it has {table.describe()}",

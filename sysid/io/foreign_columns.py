@@ -106,7 +106,8 @@ def _nothing_mapped(table: ForeignTable) -> InputError:
     return input_error(
         table.path,
         f"no column is mapped to the log format; it has {table.describe()}",
-        f'map its columns: --map "time_s={time}:s" --map "pressure_a_pa={other}:kPa(g)"',
+        f'map its columns: --map "time_s={time}:s" --map "pressure_a_pa={other}:kPa(g)" '
+        f"({_listing(table)})",
     )
 
 
@@ -304,12 +305,17 @@ def _time(table: ForeignTable, recipe: Recipe, names: Sequence[str], rows: int) 
         raise input_error(
             table.path,
             f"time_s is not mapped; it has {table.describe()}",
-            'map it (--map "time_s=COLUMN:s"), or give --period SECONDS',
+            f'map it (--map "time_s=COLUMN:s"), or give --period SECONDS ({_listing(table)})',
         )
     table.notices.append(
         f"{table.path}: time follows from the file's own period, {base.period_s:g} s"
     )
     return base.ticks(rows)
+
+
+def _listing(table: ForeignTable) -> str:
+    """Where all columns of a file are to be seen, for a message."""
+    return f"all columns: sysid convert {table.path.name} --list"
 
 
 __all__ = ["log_columns", "unused_columns", "with_atmosphere"]

@@ -314,12 +314,13 @@ def _read_parquet(path: Path, file: BinaryIO, wanted: Collection[str]) -> LogTab
     return LogTable(path, digest, header, frame.reset_index(drop=True), None, comments=comments)
 
 
-def sha256_of(file: BinaryIO) -> str:
-    """The SHA-256 of a whole file, as hexadecimal digits."""
-    file.seek(0)
+def sha256_of(*files: BinaryIO) -> str:
+    """The SHA-256 of a whole file, or of several one after the other, as hexadecimal digits."""
     digest = hashlib.sha256()
-    while chunk := file.read(_CHUNK):
-        digest.update(chunk)
+    for file in files:
+        file.seek(0)
+        while chunk := file.read(_CHUNK):
+            digest.update(chunk)
     return digest.hexdigest()
 
 

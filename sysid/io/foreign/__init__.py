@@ -5,18 +5,42 @@ Each returns a `ForeignTable` in the file's own names and units; `sysid.io.conve
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import importlib
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-from sysid.errors import input_error
+from sysid.errors import input_error, shortened
+from sysid.io.foreign.json_text import looks_like_json
 from sysid.io.foreign.table import ForeignTable, ReadOptions, SampleTimes, damaged
+from sysid.io.tables import open_input, sha256_of
 
 Reader = Callable[[Path, BinaryIO, ReadOptions], ForeignTable]
 
+_EXTRA = "sysid[formats]"
+# By their first bytes: which reader, and what the file is.
+_SIGNATURES = (
+    (b"TDSm", "tdms"),
+    (b"PAR1", "parquet"),
+    (b"MATLAB 5.0", "matlab"),
+    (b"MDF     ", "mdf"),
+    (b"UnFinMF ", "mdf"),
+    (b"\x89MCAP", "mcap"),
+    (b"#ROSBAG V", "rosbag"),
+    (b"SQLite format 3\x00", "rosbag"),
+    (b"ULog\x01\x12\x35", "ulog"),
+    (b"\x93NUMPY", "arrays"),
+)
+# Readers by libraries of the extra.
+_LIBRARIES = {
+    "mdf": "an MDF4 file",
+    "mcap": "an MCAP file",
+    "rosbag": "a ROS bag",
+    "ulog": "a ULog file",
+}
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _HEAD_BYTES = 4096
 _OLE = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
@@ -29,6 +53,14 @@ _BY_NAME = {
     ".pq": ("parquet", "Parquet"),
     ".h5": ("hdf5", "an HDF5 file"),
     ".hdf5": ("hdf5", "an HDF5 file"),
+    ".mf4": ("mdf", "an MDF4 file"),
+    ".mdf": ("mdf", "an MDF file"),
+    ".mcap": ("mcap", "an MCAP file"),
+    ".bag": ("rosbag", "a ROS 1 bag"),
+    ".db3": ("rosbag", "a ROS 2 bag"),
+    ".ulg": ("ulog", "a ULog file"),
+    ".npy": ("arrays", "a numpy file"),
+    ".npz": ("arrays", "a numpy archive"),
 }
 
 
@@ -45,28 +77,72 @@ def read_foreign(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTab
         raise input_error(
             path, "is no table of text or Excel, which --transpose is for", "omit --transpose"
         )
-    module = importlib.import_module(f"sysid.io.foreign.{kind}")
-    reader: Reader = module.read
+    with _installed(path, kind):
+        reader: Reader = importlib.import_module(f"sysid.io.foreign.{kind}").read
+        try:
+            table = reader(path, file, options)
+        except csv.Error as error:
+            raise input_error(
+                path,
+                f"cannot be read as text ({error})",
+                "export fewer columns, or another format",
+            ) from None
+    return _with_columns(table)
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path is a ROS 2 bag's folder."""
+    if not path.is_dir():
+        return False
+    from sysid.io.foreign import rosbag
+
+    return rosbag.is_bag(path)
+
+
+def read_bag(folder: Path) -> tuple[ForeignTable, str]:
+    """A ROS 2 bag, which is a folder, and the SHA-256 of its files one after the other.
+
+    Raises InputError as `read_foreign` does.
+    """
+    from sysid.io.foreign import rosbag
+
+    with _installed(folder, "rosbag"), contextlib.ExitStack() as opened:
+        paths, packing = rosbag.bag_files(folder)
+        files = [(path, opened.enter_context(open_input(path, "a bag's file"))) for path in paths]
+        table = _with_columns(rosbag.read_files(folder, files, packing))
+        return table, sha256_of(*(file for _, file in files))
+
+
+@contextlib.contextmanager
+def _installed(path: Path, kind: str) -> Iterator[None]:
+    """InputError, with what to install, where a library of the extra is not there."""
     try:
-        table = reader(path, file, options)
-    except csv.Error as error:
+        yield
+    except ModuleNotFoundError as error:
+        if kind not in _LIBRARIES or (error.name or "").startswith("sysid"):
+            raise
         raise input_error(
-            path, f"cannot be read as text ({error})", "export fewer columns, or another format"
+            path,
+            f"is {_LIBRARIES[kind]}, and {error.name} is not installed",
+            f'install its reader: pip install "{_EXTRA}"',
         ) from None
-    if not any(len(values) for values in table.columns.values()):
-        raise input_error(path, f"holds no columns ({table.format})", "give another file")
-    return table
+
+
+def _with_columns(table: ForeignTable) -> ForeignTable:
+    if any(len(values) for values in table.columns.values()):
+        return table
+    found = [f"{shortened(name)} is {reason}" for name, reason in table.skipped.items()][:4]
+    more = ", ..." if len(table.skipped) > len(found) else ""
+    told = f": {', '.join(found)}{more}" if found else ""
+    raise input_error(table.path, f"holds no columns ({table.format}){told}", "give another file")
 
 
 def _kind(path: Path, file: BinaryIO) -> str:
     """Which reader: by the signature at the head of the file, else by the file's name."""
     raw = file.read(_HEAD_BYTES)
-    if raw.startswith(b"TDSm"):
-        return "tdms"
-    if raw.startswith(b"PAR1"):
-        return "parquet"
-    if raw.startswith(b"MATLAB 5.0"):
-        return "matlab"
+    for signature, kind in _SIGNATURES:
+        if raw.startswith(signature):
+            return kind
     if raw.startswith(_HDF5) or raw[512:520] == _HDF5:
         return "hdf5"
     if raw.startswith(b"PK\x03\x04"):
@@ -81,13 +157,15 @@ def _kind(path: Path, file: BinaryIO) -> str:
     if raw.startswith(b"\x1f\x8b"):
         raise input_error(path, "is compressed (gzip)", "unpack it with gunzip first")
     is_text = _looks_like_text(raw)
+    if is_text and looks_like_json(path, raw):
+        return "json_text"
     kind, what = _BY_NAME.get(path.suffix.lower(), ("text", "text"))
     if kind == "text" or (is_text and path.suffix.lower() == ".mat"):
         if not is_text:
             raise input_error(
                 path,
                 "is a binary file of an unknown format",
-                "save it as .mat, .xlsx, .tdms, Parquet or text",
+                "save it as one of the formats that `sysid convert --help` lists",
             )
         return "text"
     if kind == "matlab":  # version 4 has no signature
@@ -111,9 +189,12 @@ def _kind_of_archive(path: Path, file: BinaryIO) -> str:
         with zipfile.ZipFile(file) as archive:
             names = archive.namelist()
     except (zipfile.BadZipFile, OSError, ValueError) as error:
-        raise damaged(path, "an Excel workbook", error) from None
+        what = "a numpy archive" if path.suffix.lower() == ".npz" else "an Excel workbook"
+        raise damaged(path, what, error) from None
     if "xl/workbook.xml" in names:
         return "excel"
+    if any(name.endswith(".npy") for name in names) or path.suffix.lower() == ".npz":
+        return "arrays"
     raise input_error(path, "is an archive, not an Excel workbook", "unpack it first")
 
 
@@ -124,4 +205,4 @@ def _looks_like_text(raw: bytes) -> bool:
     return not any(byte < 32 and byte not in b"\t\n\r\f" for byte in raw.rstrip(b"\0"))
 
 
-__all__ = ["ForeignTable", "ReadOptions", "SampleTimes", "read_foreign"]
+__all__ = ["ForeignTable", "ReadOptions", "SampleTimes", "is_bag", "read_bag", "read_foreign"]

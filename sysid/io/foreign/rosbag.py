@@ -1,0 +1,299 @@
+"""ROS 1 bags, and ROS 2 bags of SQLite (`.db3`), by rosbags; a ROS 2 bag is a folder of files.
+
+The files of a ROS 2 bag are read by themselves, in the order that its `metadata.yaml` gives.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sqlite3
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, BinaryIO
+from urllib.parse import quote
+
+from sysid.errors import InputError, input_error
+from sysid.io.bounds import check_length
+from sysid.io.foreign import mcap
+from sysid.io.foreign.messages import Messages
+from sysid.io.foreign.ros_types import Decoder, ros_decoder
+from sysid.io.foreign.table import ForeignTable, ReadOptions, damaged
+from sysid.io.foreign.unpacking import unpacked
+
+METADATA = "metadata.yaml"
+SQLITE = b"SQLite format 3\x00"
+_SUFFIXES = (".db3", ".mcap")
+_MOST_METADATA = 1 << 24
+_CHUNK = 1 << 20
+_TABLES = ("messages", "topics", "schema", "message_definitions", "metadata")
+
+
+def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
+    """A ROS 1 bag, or one SQLite file of a ROS 2 bag (see `sysid.io.foreign.messages`).
+
+    Raises InputError where it is damaged or not indexed, or holds more cells than are read.
+    """
+    is_first = file.read(1) == b"#"
+    file.seek(0)
+    table = ForeignTable(path, "ROS 1 bag" if is_first else "ROS 2 bag")
+    messages = Messages(table)
+    if is_first:
+        _read_first(table, messages, path, file)
+    else:
+        _read_second(table, messages, path, file, None)
+    return _finished(table, messages)
+
+
+def _finished(table: ForeignTable, messages: Messages) -> ForeignTable:
+    messages.finish()
+    if not table.columns and table.skipped:
+        name, reason = next(iter(table.skipped.items()))
+        raise input_error(table.path, f"holds no numbers: {name}: {reason}", "record other topics")
+    return table
+
+
+# --- ROS 1 ---------------------------------------------------------------------------------
+
+
+class _Kept:
+    """An open file in place of a path, for a library that opens and closes what it reads."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+
+    def exists(self) -> bool:
+        """That there is such a file."""
+        return True
+
+    def open(self, mode: str) -> BinaryIO:
+        """The open file, from its start; closing it leaves it open."""
+        self._file.seek(0)
+        kept: Any = _Open(self._file)
+        return kept
+
+
+class _Open:
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self._size = file.seek(0, os.SEEK_END)
+        file.seek(0)
+        self.seek, self.tell, self.readline = file.seek, file.tell, file.readline
+
+    def read(self, count: int) -> bytes:
+        return self._file.read(min(count, self._size))
+
+    def close(self) -> None:
+        pass
+
+
+def _read_first(table: ForeignTable, messages: Messages, path: Path, file: BinaryIO) -> None:
+    from rosbags.rosbag1 import Reader
+
+    source: Any = _Kept(file)
+    try:
+        with Reader(source) as bag:
+            for pos, chunk in bag.chunks.items():
+                how = chunk.decompressor.__module__.partition(".")[0]
+                unpack = partial(_chunk, path, how if how in ("bz2", "_bz2", "lz4") else "")
+                bag.chunks[pos] = chunk._replace(decompressor=unpack)
+            decoders = {known.id: _decoder(table, known, is_cdr=False) for known in bag.connections}
+            read = [known for known in bag.connections if decoders[known.id] is not None]
+            for known, logged, data in bag.messages(read) if read else ():
+                _add(messages, known.topic, decoders[known.id], data, logged)
+    except InputError:
+        raise
+    except Exception as error:  # rosbags passes on what struct, bz2, lz4 and asserts raise
+        if "not indexed" in str(error):
+            raise input_error(
+                path, "has no index (the recorder was stopped)", f"run `rosbag reindex {path.name}`"
+            ) from None
+        raise damaged(path, "a ROS 1 bag", error) from None
+
+
+def _chunk(path: Path, how: str, packed: bytes) -> bytes:
+    return unpacked(path, "a chunk", packed, how.lstrip("_"), None)
+
+
+def _decoder(table: ForeignTable, known: Any, *, is_cdr: bool) -> Decoder | None:
+    """What decodes a topic's messages; None, and the reason in `skipped`, where nothing does."""
+    encoding = {1: "ros2msg", 2: "ros2idl"}.get(int(known.msgdef.format.value), "")
+    try:
+        return ros_decoder(known.msgtype, known.msgdef.data, encoding, is_cdr=is_cdr)
+    except Exception as error:  # parsers of definitions raise errors of their own
+        reason = f"its messages are not decoded ({str(error).strip()[:120]})"
+        table.skipped.setdefault(known.topic, reason)
+        return None
+
+
+def _add(messages: Messages, topic: str, decode: Any, data: bytes, logged: int) -> None:
+    try:
+        message = decode(data)
+    except Exception as error:
+        raise ValueError(f"a message of topic {topic}: {error}") from None
+    messages.add(topic, message, logged)
+
+
+# --- ROS 2 ---------------------------------------------------------------------------------
+
+
+def _read_second(
+    table: ForeignTable, messages: Messages, path: Path, file: BinaryIO, packed: str | None
+) -> None:
+    """A SQLite file's messages; `packed` is how each is packed, None: not at all."""
+    from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
+
+    waiting = path.with_name(f"{path.name}-wal")
+    if waiting.is_file() and waiting.stat().st_size:
+        table.notices.append(
+            f"{path}: {waiting.name} holds messages that are not in it yet: they are left out (to "
+            f"put them in: sqlite3 {path.name} 'PRAGMA wal_checkpoint')"
+        )
+    try:
+        with _named(path, file) as name:
+            _check_tables(path, name)
+            # The library makes a URI of the path.
+            bag = Sqlite3Reader(Path(quote(str(name))))
+            bag.open()
+            try:
+                decoders = {
+                    known.id: _decoder(table, known, is_cdr=True) for known in bag.connections
+                }
+                read = [known for known in bag.connections if decoders[known.id] is not None]
+                for known, logged, data in bag.messages(read) if read else ():
+                    if packed is not None:
+                        data = unpacked(path, "a message", data, packed, None)
+                    _add(messages, known.topic, decoders[known.id], data, logged)
+            finally:
+                bag.close()
+    except InputError:
+        raise
+    except Exception as error:  # apsw and rosbags raise errors of their own
+        raise damaged(path, "a ROS 2 bag", error) from None
+
+
+@contextmanager
+def _named(path: Path, file: BinaryIO) -> Iterator[Path]:
+    """A path under which SQLite opens the file: its own, or a copy's of what has none."""
+    if getattr(file, "name", None) == str(path):
+        yield path.absolute()
+        return
+    with tempfile.TemporaryDirectory(prefix="sysid-") as folder:
+        copy = Path(folder) / "bag.db3"
+        with copy.open("wb") as whole:
+            shutil.copyfileobj(file, whole)
+        yield copy
+
+
+def _check_tables(path: Path, name: Path) -> None:
+    """InputError where a table of a bag is missing, or is computed: it might have no end."""
+    opened = sqlite3.connect(f"file:{quote(str(name))}?mode=ro&immutable=1", uri=True)
+    try:
+        kinds = dict(opened.execute("SELECT name, type FROM sqlite_master").fetchall())
+        for table in _TABLES:
+            if table not in kinds:
+                continue
+            columns = opened.execute(f"PRAGMA table_xinfo({table})").fetchall()
+            if kinds[table] != "table" or any(column[6] for column in columns):
+                raise input_error(path, f"its {table} are computed, not stored", "record it again")
+    finally:
+        opened.close()
+    if not {"messages", "topics"} <= set(kinds):
+        raise input_error(
+            path, "is an SQLite file, not a ROS 2 bag", "export the table that is needed as CSV"
+        )
+
+
+@contextmanager
+def _plain(path: Path, packed: BinaryIO, packing: Packing) -> Iterator[BinaryIO]:
+    """A file of a bag, unpacked where it is packed as a whole."""
+    if packing.mode != "file":
+        yield packed
+        return
+    if packing.how != "zstd":
+        raise input_error(path, f"is packed by {packing.how!r}", "unpack it, and reindex the bag")
+    import zstandard
+
+    with tempfile.TemporaryFile() as plain:
+        try:
+            with zstandard.ZstdDecompressor().stream_reader(packed, closefd=False) as stream:
+                while chunk := stream.read(_CHUNK):
+                    check_length(path, plain.tell() + len(chunk))
+                    plain.write(chunk)
+        except zstandard.ZstdError as error:
+            raise damaged(path, "packed by zstd", error) from None
+        plain.seek(0)
+        yield plain
+
+
+def is_bag(folder: Path) -> bool:
+    """Whether a folder is a ROS 2 bag."""
+    return (folder / METADATA).is_file() or bool(_files_in(folder))
+
+
+@dataclass(frozen=True)
+class Packing:
+    """What of a ROS 2 bag is packed ("file", "message", else nothing), and how ("zstd")."""
+
+    mode: str = ""
+    how: str = ""
+
+
+def bag_files(folder: Path) -> tuple[list[Path], Packing]:
+    """The files of a ROS 2 bag in their order, and how they are packed.
+
+    Raises InputError where `metadata.yaml` is damaged, or names a file that is missing.
+    """
+    about = folder / METADATA
+    if not about.is_file():
+        return _files_in(folder), Packing()
+    try:
+        if about.stat().st_size > _MOST_METADATA:
+            raise ValueError("it is too long")
+        from ruamel.yaml import YAML
+
+        content = YAML(typ="safe").load(about.read_text("utf-8"))["rosbag2_bagfile_information"]
+        names = [Path(str(name)).name for name in content["relative_file_paths"]]
+        how = str(content.get("compression_format") or "zstd")
+        mode = str(content.get("compression_mode") or "").lower()
+    except ModuleNotFoundError:
+        raise
+    except Exception as error:  # YAML's parser raises errors of its own
+        raise damaged(about, "the description of a ROS 2 bag", error) from None
+    paths = [folder / name for name in names]
+    for path in paths:
+        if not path.is_file():
+            raise input_error(about, f"{path.name} is missing", "copy the whole folder again")
+    return paths, Packing(mode, how)
+
+
+def _files_in(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.iterdir() if path.suffix in _SUFFIXES and path.is_file())
+
+
+def read_files(folder: Path, files: list[tuple[Path, BinaryIO]], packing: Packing) -> ForeignTable:
+    """The messages of a ROS 2 bag's files (see `bag_files`). Raises InputError as `read` does."""
+    table = ForeignTable(folder, "ROS 2 bag")
+    messages = Messages(table)
+    if not (folder / METADATA).is_file():
+        table.notices.append(
+            f"{folder}: it has no {METADATA} (the recorder was stopped): its files are read by "
+            "their names"
+        )
+    for path, packed in files:
+        with _plain(path, packed, packing) as file:
+            head = file.read(len(SQLITE))
+            file.seek(0)
+            if head == SQLITE:
+                each = packing.how if packing.mode == "message" else None
+                _read_second(table, messages, path, file, each)
+            else:
+                mcap.read_into(table, messages, path, file)
+    return _finished(table, messages)
+
+
+__all__ = ["METADATA", "Packing", "bag_files", "is_bag", "read", "read_files"]

@@ -1,0 +1,103 @@
+"""PX4's ULog, by pyulog."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from sysid.errors import InputError
+from sysid.io.bounds import Cells, check_columns
+from sysid.io.foreign.table import ForeignTable, ReadOptions, damaged
+
+_MAX_DEPTH = 12
+_US = 1e6
+
+
+def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
+    """Fields as `topic.field`, of a further instance as `topic[1].field`; the clock is `timestamp`.
+
+    Times count from the first message. Raises InputError where the file is damaged, or declares
+    more columns or cells than are read.
+    """
+    from pyulog import ULog
+
+    try:
+        # pyulog prints what it finds damaged, and closes what it is given.
+        with contextlib.redirect_stdout(io.StringIO()):
+            _check_formats(path, ULog(_not_closed(file), parse_header_only=True).message_formats)
+            file.seek(0)
+            content = ULog(_not_closed(file))
+        table = _table(path, content)
+    except InputError:
+        raise
+    except Exception as error:  # pyulog passes on what struct and numpy raise
+        raise damaged(path, "a ULog file", error) from None
+    if content.file_corruption:
+        table.notices.append(f"{path}: parts of it are damaged; their messages are left out")
+    if lost := sum(dropout.duration for dropout in content.dropouts):
+        table.notices.append(
+            f"{path}: the logger lost messages {len(content.dropouts)} times, for {lost} ms in all"
+        )
+    return table
+
+
+def _not_closed(file: BinaryIO) -> Any:
+    class Kept:
+        read, seek, tell = file.read, file.seek, file.tell
+
+        def close(self) -> None:
+            pass
+
+    return Kept()
+
+
+def _check_formats(path: Path, formats: dict[str, Any]) -> None:
+    """InputError where a message, with all that is nested in it, has too many fields."""
+    known: dict[str, int] = {}
+
+    def width(name: str, depth: int) -> int:
+        if name in known or name not in formats:
+            return known.get(name, 1)
+        if depth > _MAX_DEPTH:
+            raise ValueError(f"messages {name!r} are nested too deep")
+        found = sum(max(n, 1) * width(kind, depth + 1) for kind, n, _ in formats[name].fields)
+        check_columns(path, found)
+        known[name] = found
+        return found
+
+    for name in formats:
+        width(name, 0)
+
+
+def _table(path: Path, content: Any) -> ForeignTable:
+    table, cells = ForeignTable(path, "ULog"), Cells(path)
+    timed = {id(topic) for topic in content.data_list if "timestamp" in topic.data}
+    begun = min(
+        (int(topic.data["timestamp"].min()) for topic in content.data_list if id(topic) in timed),
+        default=0,
+    )
+    check_columns(path, sum(len(topic.field_data) for topic in content.data_list))
+    for topic in content.data_list:
+        name = topic.name if topic.multi_id == 0 else f"{topic.name}[{topic.multi_id}]"
+        if id(topic) not in timed:
+            table.skipped[name] = "it has no timestamp"
+            continue
+        stamps = topic.data["timestamp"]
+        clock = np.asarray((stamps - stamps.dtype.type(begun)).astype(np.float64) / _US)
+        for field in topic.field_data:
+            full = f"{name}.{field.field_name}"
+            if field.type_str == "char":
+                table.skipped[full] = "text"
+                continue
+            cells.add(len(clock), f"topic {name}")
+            table.columns[full] = np.ascontiguousarray(topic.data[field.field_name])
+            table.clocks[full] = clock
+        table.units[f"{name}.timestamp"] = "us"
+    return table
+
+
+__all__ = ["read"]
