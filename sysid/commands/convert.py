@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,15 +11,24 @@ from rich.text import Text
 
 from sysid.commands.options import PathArgument, json_option, map_option
 from sysid.commands.printing import notices, print_json
-from sysid.display.terminal import console
+from sysid.display.terminal import console, new_table
+from sysid.errors import one_line, shortened
 from sysid.io import conversion
 from sysid.io.conversion import ConversionReport
+from sysid.io.listing import Channel, Listing, channels_of
+
+# A table of channels is as wide as its longest name asks for, up to this.
+_WIDEST = 10_000
 
 
 @click.command()
 @click.argument("foreign", nargs=-1, required=True, type=PathArgument, metavar="FOREIGN...")
+@click.option("-o", "output", type=PathArgument, help="log.csv or log.parquet to write.")
 @click.option(
-    "-o", "output", required=True, type=PathArgument, help="log.csv or log.parquet to write."
+    "--list",
+    "is_listed",
+    is_flag=True,
+    help="Show the channels of each file instead: name, unit, rate, rows, first values.",
 )
 @map_option
 @click.option(
@@ -83,9 +92,77 @@ from sysid.io.conversion import ConversionReport
     help="Seconds to add to the times of the joined files (else one clock, or time stamps).",
 )
 @json_option
-def convert(foreign: Sequence[Path], output: Path, as_json: bool, **options: Any) -> None:
-    """Bring a lab's own file (.mat, text, Excel, TDMS, Parquet) into the log format."""
+def convert(
+    foreign: Sequence[Path], output: Path | None, is_listed: bool, as_json: bool, **options: Any
+) -> None:
+    """Bring a lab's own file (text, Excel, MATLAB, TDMS, MDF, ROS bags ...) into the log format.
+
+    Text, Excel, .mat, TDMS, Parquet, HDF5, .npz and JSON; with the extra sysid[formats] also
+    MDF, MCAP, ROS bags and ULog.
+    """
+    if is_listed:
+        _list(foreign, output, as_json, options)
+        return
+    if output is None:
+        context = click.get_current_context()
+        missing = next(option for option in context.command.params if option.name == "output")
+        raise click.MissingParameter(ctx=context, param=missing)
     show_conversion(conversion.convert(foreign, output, **options), as_json)
+
+
+def _list(
+    foreign: Sequence[Path], output: Path | None, as_json: bool, options: Mapping[str, Any]
+) -> None:
+    """The channels of each file; options that only a conversion has are named in a notice."""
+    reading = {key: options[key] for key in ("delimiter", "decimal", "thousands", "skip_rows")}
+    reading |= {"sheet": options["sheet"], "header": False if options["no_header"] else None}
+    listings = channels_of(foreign, spec_file=options["spec_file"], **reading)
+    if output is not None:
+        notices([f"--list writes nothing: -o {output} is ignored"])
+    for listing in listings:
+        notices(listing.notices)
+    if as_json:
+        print_json({"files": [listing.to_json() for listing in listings]})
+        return
+    for listing in listings:
+        show_listing(listing)
+
+
+def show_listing(listing: Listing) -> None:
+    """A line for each channel, its name whole: the table may be wider than the terminal."""
+    out = console()
+    out.width = max(out.width, _WIDEST)
+    counted = f"{len(listing.channels):,} channel{'s' * (len(listing.channels) != 1)}"
+    out.print(Text(f"{listing.path}: {listing.format}, {counted}"))
+    table = new_table("", "channel", "unit", "rate", "rows", "first values")
+    table.title = None
+    for column in table.columns:
+        column.no_wrap = True
+    for number in (2, 3):
+        table.columns[number].justify = "right"
+    for channel in listing.channels:
+        name = channel.name + "".join(f" = {other}" for other in channel.also)
+        cells = (name, channel.unit or "-", _rate(channel.period_s), f"{channel.rows}")
+        table.add_row(*map(Text, (*cells, _first(channel))))
+    out.print(table)
+    if listing.skipped:
+        out.print(Text("not channels:"))
+        for name, reason in listing.skipped.items():
+            out.print(Text(f"  {name}: {one_line(reason)}"))
+
+
+def _rate(period_s: float | None) -> str:
+    """A rate in Hz, or a period above a second."""
+    if period_s is None:
+        return "-"
+    return f"{1.0 / period_s:.4g} Hz" if period_s <= 1.0 else f"{period_s:.4g} s"
+
+
+def _first(channel: Channel) -> str:
+    """The first values; of texts and time stamps only one, for they are long."""
+    if any(isinstance(value, str) for value in channel.first):
+        return shortened(next(value for value in channel.first if isinstance(value, str)))
+    return ", ".join("(empty)" if value is None else f"{value:.6g}" for value in channel.first)
 
 
 def show_conversion(report: ConversionReport, as_json: bool) -> None:

@@ -73,11 +73,10 @@ def _sources(table: ForeignTable, recipe: Recipe) -> dict[str, tuple[str, Column
     names = list(table.columns)
     found = {}
     for target, entry in recipe.maps.items():
-        if entry.column in table.skipped and entry.column not in names:
+        if (left_out := _left_out(table, entry.column)) is not None:
             raise input_error(
                 table.path,
-                f"{entry.column} (mapped to {target}) is not a column: "
-                f"{table.skipped[entry.column]}",
+                f"{left_out} (mapped to {target}) is not a column: {table.skipped[left_out]}",
                 "map another, by its name or number (#3)",
             )
         matrix = f"{entry.column}#1"
@@ -96,6 +95,14 @@ def _sources(table: ForeignTable, recipe: Recipe) -> dict[str, tuple[str, Column
     if not set(found) - {"time_s", TEST_COLUMN}:
         raise _nothing_mapped(table)
     return found
+
+
+def _left_out(table: ForeignTable, column: str) -> str | None:
+    """What of the file a mapped column is, or is a part of, that is not read; None: neither."""
+    if column in table.columns or column in table.skipped:
+        return None if column in table.columns else column
+    wholes = (column[:end] for end, sign in enumerate(column) if sign == ".")
+    return next((whole for whole in wholes if whole in table.skipped), None)
 
 
 def _nothing_mapped(table: ForeignTable) -> InputError:

@@ -99,6 +99,17 @@ def is_bag(path: Path) -> bool:
     return rosbag.is_bag(path)
 
 
+def read_any(path: Path, what: str, options: ReadOptions) -> ForeignTable:
+    """A file, or a ROS 2 bag's folder, by its path; `what` it is, for the error without one.
+
+    Raises InputError as `read_foreign` does, and where there is no such file.
+    """
+    if is_bag(path):
+        return read_bag(path)[0]
+    with open_input(path, what) as file:
+        return read_foreign(path, file, options)
+
+
 def read_bag(folder: Path) -> tuple[ForeignTable, str]:
     """A ROS 2 bag, which is a folder, and the SHA-256 of its files one after the other.
 
@@ -205,4 +216,12 @@ def _looks_like_text(raw: bytes) -> bool:
     return not any(byte < 32 and byte not in b"\t\n\r\f" for byte in raw.rstrip(b"\0"))
 
 
-__all__ = ["ForeignTable", "ReadOptions", "SampleTimes", "is_bag", "read_bag", "read_foreign"]
+__all__ = [
+    "ForeignTable",
+    "ReadOptions",
+    "SampleTimes",
+    "is_bag",
+    "read_any",
+    "read_bag",
+    "read_foreign",
+]

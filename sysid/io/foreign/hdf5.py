@@ -20,7 +20,7 @@ import numpy as np
 
 from sysid.errors import InputError, input_error, shortened
 from sysid.io.bounds import MOST_COLUMNS, Cells, check_columns
-from sysid.io.foreign.matlab import OBJECT_REASON
+from sysid.io.foreign.matlab_objects import only_objects, reason
 from sysid.io.foreign.table import ForeignTable, ReadOptions, damaged
 
 _MAX_DEPTH = 12
@@ -47,16 +47,28 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
             for name, node in found.wanted:
                 _check_packed(path, name, node)
                 table.add(name, np.asarray(node[()]).T)
+                unit = _attribute(node, b"units") or _attribute(node, b"unit")
+                if isinstance(unit, str) and unit.strip():
+                    _set_unit(table, name, unit.strip())
     except InputError:
         raise
     except Exception as error:  # h5py raises OSError, KeyError, RuntimeError, ValueError ...
         raise damaged(path, f"an HDF5 ({table.format}) file", error) from None
+    if found.objects and not table.columns:
+        raise only_objects(path, found.objects)
     return table
+
+
+def _set_unit(table: ForeignTable, name: str, unit: str) -> None:
+    """A data set's unit, for all signals that it holds."""
+    of_it = [n for n in table.columns if n == name or n.rpartition("#")[0] == name]
+    table.units |= dict.fromkeys(of_it, unit)
 
 
 @dataclass
 class _Objects:
-    """Looks through a file: `wanted` are the data sets to read, by name.
+    """Looks through a file: `wanted` are the data sets to read, `objects` the classes of MATLAB's
+    own objects, by name.
 
     `_seen` has the names of the objects that were met, `_searched` the groups whose links were
     found to stay within the file, both by the objects' addresses.
@@ -65,6 +77,7 @@ class _Objects:
     table: ForeignTable
     file: Any
     wanted: list[tuple[str, Any]] = field(default_factory=list)
+    objects: dict[str, str] = field(default_factory=dict)
     _seen: dict[int, str] = field(default_factory=dict)
     _searched: set[int] = field(default_factory=set)
     _later: deque[Callable[[], None]] = field(default_factory=deque)
@@ -139,8 +152,14 @@ class _Objects:
             skipped[full] = f"the same object as {self._seen[address]}"
             return
         self._seen[address] = full
-        if depth > _MAX_DEPTH or h5py.h5a.exists(node, b"MATLAB_object_decode"):
-            skipped[full] = OBJECT_REASON
+        if h5py.h5a.exists(node, b"MATLAB_object_decode"):
+            is_group = isinstance(node, h5py.h5g.GroupID)
+            whole = h5py.Group(node) if is_group else h5py.Dataset(node)
+            kind = str(_attribute(whole, b"MATLAB_class") or "")
+            self.objects[full] = kind
+            skipped[full] = reason(full, kind, self.table.path)
+        elif depth > _MAX_DEPTH:
+            skipped[full] = "nested too deep"
         elif isinstance(node, h5py.h5g.GroupID):
             self._refuse_outside(node)
             self._enter(node, full, depth + 1)

@@ -121,13 +121,8 @@ class _Walk:
         if len(holders) != 1:
             return
         within = f"{holders[0]}."
-        for named in (self._table.columns, self._table.units):
-            whole = dict(named)
-            named.clear()
-            for name, value in whole.items():
-                if name.startswith(within) and name.removeprefix(within) not in whole:
-                    named[name.removeprefix(within)] = value
-                named[name] = value
+        self._table.columns = _also_without(within, self._table.columns)
+        self._table.units = _also_without(within, self._table.units)
 
     def _visit(self, name: str, value: Any, depth: int) -> None:
         if depth > _MAX_DEPTH:
@@ -232,6 +227,17 @@ class _Walk:
             self._table.skipped[name] = "an array of values of several kinds"
             return
         self._table.columns[name] = column
+
+
+def _also_without(prefix: str, named: dict[str, Any]) -> dict[str, Any]:
+    """What names begin with a prefix for, by the rest of these names, too."""
+    found: dict[str, Any] = {}
+    for name, value in named.items():
+        short = name.removeprefix(prefix)
+        if short not in named:
+            found[short] = value
+        found[name] = value
+    return found
 
 
 def _flatten(cells: dict[str, Any], name: str, value: Any, depth: int) -> None:

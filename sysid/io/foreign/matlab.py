@@ -11,11 +11,11 @@ import numpy as np
 
 from sysid.errors import InputError
 from sysid.io.bounds import Cells
+from sysid.io.foreign.matlab_objects import only_objects, reason
 from sysid.io.foreign.matlab_size import check_size
 from sysid.io.foreign.table import ForeignTable, ReadOptions, damaged
 
 _MAX_DEPTH = 12
-OBJECT_REASON = "a MATLAB object (table, timeseries): save its columns as plain variables"
 
 
 def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
@@ -28,7 +28,7 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            _check_size(path, file)
+            objects = _check_size(path, file)
             file.seek(0)
             content = loadmat(file, struct_as_record=True)
     except InputError:
@@ -37,25 +37,29 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
         raise damaged(path, "a MATLAB file", error) from None
     table = ForeignTable(path, "MATLAB")
     for name, value in content.items():
-        if not name.startswith("__"):
+        # An object of MATLAB has no name here: scipy calls it None.
+        if not name.startswith("__") and not (name == "None" and objects):
             _walk(table, name, value, 0)
-        elif name == "__function_workspace__":
-            table.skipped[name] = OBJECT_REASON
+    table.skipped |= {name: reason(name, kind, path) for name, kind in objects.items()}
+    if objects and not table.columns:
+        raise only_objects(path, objects)
     return table
 
 
-def _check_size(path: Path, file: BinaryIO) -> None:
+def _check_size(path: Path, file: BinaryIO) -> dict[str, str]:
+    """The objects of MATLAB among the variables; InputError beyond the bound of cells."""
     from scipy.io import whosmat
     from scipy.io.matlab import matfile_version
 
     version, _ = matfile_version(file)
     if version == 1:
-        check_size(path, file)
-    elif version == 0:
+        return check_size(path, file)
+    if version == 0:
         cells = Cells(path)
         file.seek(0)
         for name, shape, _ in whosmat(file):
             cells.add(math.prod(map(int, shape)), f"variable {name}")
+    return {}
 
 
 def _walk(table: ForeignTable, name: str, value: Any, depth: int) -> None:
@@ -63,7 +67,7 @@ def _walk(table: ForeignTable, name: str, value: Any, depth: int) -> None:
 
     array = value.toarray() if hasattr(value, "toarray") else np.asarray(value)
     if isinstance(value, MatlabOpaque | MatlabFunction) or depth > _MAX_DEPTH:
-        table.skipped[name] = OBJECT_REASON
+        table.skipped[name] = reason(name, _class_of(value), table.path)
     elif array.dtype.names:
         for index, element in enumerate(array.ravel(order="F")):
             which = f"({index + 1})" if array.size > 1 else ""
@@ -76,3 +80,10 @@ def _walk(table: ForeignTable, name: str, value: Any, depth: int) -> None:
         table.add(name, array)
     else:
         table.skipped[name] = "text" if array.dtype.kind in "US" else f"of type {array.dtype}"
+
+
+def _class_of(value: Any) -> str:
+    """The class of an object of MATLAB, "" where it is not known."""
+    names = value.dtype.names or ()
+    kind = value["s2"].ravel()[0] if "s2" in names and value.size else b""
+    return kind.decode("latin-1") if isinstance(kind, bytes) else ""

@@ -25,26 +25,30 @@ _DIMENSION_BYTES, _CELL_BYTES = 4, 8
 _CHUNK = 1 << 16
 
 
-def check_size(path: Path, file: BinaryIO) -> None:
-    """InputError where the variables have more cells than are read, or hold what is no array.
+def check_size(path: Path, file: BinaryIO) -> dict[str, str]:
+    """The variables that are objects of MATLAB, with their classes.
 
-    The file is read from its start; the arrays of structs and cells count too, and an array's
+    InputError where the variables have more cells than are read, or hold what is no array. The file is read from its start; the arrays of structs and cells count too, and an array's
     values may not take more bytes than its dimensions say.
     """
     file.seek(_HEAD_BYTES - 2)
     order = "<" if file.read(2) == b"IM" else ">"
     size = file.seek(0, os.SEEK_END)
-    cells = Cells(path)
+    cells, objects = Cells(path), dict[str, str]()
     at = _HEAD_BYTES
     while at + 8 <= size:
         file.seek(at)
         kind, length = struct.unpack(f"{order}2I", file.read(8))
         at += 8 + length
         if kind == _COMPRESSED:
-            _Arrays(path, _Unpacked(path, file, length), order, cells).variable()
+            source: _Plain | _Unpacked = _Unpacked(path, file, length)
         elif kind == _MATRIX:
             file.seek(at - length - 8)
-            _Arrays(path, _Plain(path, file, size), order, cells).variable()
+            source = _Plain(path, file, size)
+        else:
+            continue
+        objects |= _Arrays(path, source, order, cells).variable()
+    return objects
 
 
 class _Plain:
@@ -110,10 +114,12 @@ class _Arrays:
     def __init__(self, path: Path, source: _Plain | _Unpacked, order: str, cells: Cells) -> None:
         self._path, self._source, self._order, self._cells = path, source, order, cells
         self._name, self._elements_found = "", 0
+        self._object: dict[str, str] = {}
 
-    def variable(self) -> None:
-        """A variable of the file."""
+    def variable(self) -> dict[str, str]:
+        """A variable of the file: its name and class where it is an object."""
         self._nested()
+        return self._object
 
     def _nested(self) -> None:
         kind, length, short = self._tag()
@@ -127,8 +133,9 @@ class _Arrays:
         flags, _ = struct.unpack(f"{self._order}2I", self._short_data(8))
         kind, is_complex = flags & 0xFF, bool(flags & _COMPLEX)
         if kind == _OPAQUE:
-            for _ in range(3):  # its names
-                self._short_data()
+            name, _, kind = (self._short_data().decode("latin-1") for _ in range(3))
+            if name:  # within a struct or a cell it has none
+                self._object = {name: kind}
             self._nested()
             return
         sizes = self._short_data()

@@ -52,10 +52,11 @@ def _silent() -> Iterator[None]:
 
 
 def _take_all(table: ForeignTable, path: Path, file: BinaryIO) -> None:
-    from asammdf import MDF
+    import asammdf
 
+    load: Any = asammdf.MDF
     source: Any = io.BytesIO(file.read())  # what is given is closed, and may be written to
-    with MDF(source, process_bus_logging=False) as content:
+    with load(source, process_bus_logging=False) as content:
         table.format = f"MDF {content.version}"
         _set_origin(table, content)
         names = _names(content)

@@ -285,9 +285,7 @@ def _leaves(name: str, value: Any, depth: int) -> Iterator[tuple[str, Any]]:
         yield name, int(value)
     elif isinstance(value, float | int | np.number):
         yield name, float(value)
-    elif isinstance(value, str):
-        yield name, value
-    elif isinstance(value, np.ndarray):
+    elif isinstance(value, str | np.ndarray):
         yield name, value
     elif isinstance(value, list | tuple):
         yield from _elements(name, value, depth)

@@ -174,7 +174,7 @@ def extended(
         base,
         maps={**base.maps, **parse_map(maps)},
         constants={**base.constants, **extra},
-        read=replace(base.read, **{k: v for k, v in reading.items() if v is not None}),
+        read=with_reading(base.read, reading),
         period_s=base.period_s if period_s is None else period_s,
         atmosphere_pa=base.atmosphere_pa if atmosphere_pa is None else atmosphere_pa,
         rows=base.rows if rows is None else _slices(rows, "--rows"),
@@ -199,9 +199,15 @@ def extended(
             f"{atmosphere:g} Pa is not an atmospheric pressure",
             "give Pa: about 101325",
         )
-    if recipe.read.skip_rows < 0:
-        raise input_error("skip_rows", "is negative", "give the number of lines above the table")
     return recipe
+
+
+def with_reading(base: ReadOptions, given: Mapping[str, Any]) -> ReadOptions:
+    """How to read a file, updated by what the command line gives (None: not given)."""
+    found = replace(base, **{key: value for key, value in given.items() if value is not None})
+    if found.skip_rows < 0:
+        raise input_error("skip_rows", "is negative", "give the number of lines above the table")
+    return found
 
 
 def _constant(target: str, text: str, where: str) -> str | float:

@@ -70,11 +70,10 @@ class _Kept:
         """That there is such a file."""
         return True
 
-    def open(self, mode: str) -> BinaryIO:
+    def open(self, mode: str) -> Any:
         """The open file, from its start; closing it leaves it open."""
         self._file.seek(0)
-        kept: Any = _Open(self._file)
-        return kept
+        return _Open(self._file)
 
 
 class _Open:

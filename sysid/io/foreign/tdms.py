@@ -55,6 +55,9 @@ def _take(table: ForeignTable, name: str, channel: Any) -> None:
         table.skipped[name] = "empty"
         return
     table.columns[name] = values
+    unit = channel.properties.get("unit_string") or channel.properties.get("NI_UnitDescription")
+    if isinstance(unit, str) and unit.strip():
+        table.units[name] = unit.strip()
     period = channel.properties.get("wf_increment")
     if isinstance(period, float | int | np.number) and np.isfinite(period) and period > 0:
         start = channel.properties.get("wf_start_offset", 0.0)

@@ -64,7 +64,8 @@ def _check_formats(path: Path, formats: dict[str, Any]) -> None:
             return known.get(name, 1)
         if depth > _MAX_DEPTH:
             raise ValueError(f"messages {name!r} are nested too deep")
-        found = sum(max(n, 1) * width(kind, depth + 1) for kind, n, _ in formats[name].fields)
+        fields = formats[name].fields
+        found = sum(max(int(n), 1) * width(kind, depth + 1) for kind, n, _ in fields)
         check_columns(path, found)
         known[name] = found
         return found
@@ -76,10 +77,8 @@ def _check_formats(path: Path, formats: dict[str, Any]) -> None:
 def _table(path: Path, content: Any) -> ForeignTable:
     table, cells = ForeignTable(path, "ULog"), Cells(path)
     timed = {id(topic) for topic in content.data_list if "timestamp" in topic.data}
-    begun = min(
-        (int(topic.data["timestamp"].min()) for topic in content.data_list if id(topic) in timed),
-        default=0,
-    )
+    begun = min((_first(topic) for topic in content.data_list if id(topic) in timed), default=0)
+    unset = 0
     check_columns(path, sum(len(topic.field_data) for topic in content.data_list))
     for topic in content.data_list:
         name = topic.name if topic.multi_id == 0 else f"{topic.name}[{topic.multi_id}]"
@@ -87,17 +86,30 @@ def _table(path: Path, content: Any) -> ForeignTable:
             table.skipped[name] = "it has no timestamp"
             continue
         stamps = topic.data["timestamp"]
-        clock = np.asarray((stamps - stamps.dtype.type(begun)).astype(np.float64) / _US)
+        is_set = stamps != 0
+        unset += int(np.sum(~is_set))
+        clock = (stamps[is_set].astype(np.int64) - begun) / _US
+        if not len(clock):
+            table.skipped[name] = "its timestamp is not set"
+            continue
         for field in topic.field_data:
             full = f"{name}.{field.field_name}"
             if field.type_str == "char":
                 table.skipped[full] = "text"
                 continue
             cells.add(len(clock), f"topic {name}")
-            table.columns[full] = np.ascontiguousarray(topic.data[field.field_name])
+            table.columns[full] = topic.data[field.field_name][is_set]
             table.clocks[full] = clock
         table.units[f"{name}.timestamp"] = "us"
+    if unset:
+        table.notices.append(f"{path}: {unset} messages have no timestamp and are left out")
     return table
+
+
+def _first(topic: Any) -> int:
+    """The first timestamp of a topic that is set, us."""
+    stamps = topic.data["timestamp"]
+    return int(np.min(stamps, where=stamps != 0, initial=np.iinfo(np.int64).max))
 
 
 __all__ = ["read"]

@@ -1,0 +1,118 @@
+"""`sysid convert FILE --list`: what a foreign file of any format holds, channel by channel."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.io.foreign import ForeignTable, ReadOptions, read_any
+from sysid.io.foreign.recipe import read_recipe, with_reading
+
+# First values that are shown of each channel.
+FIRST = 3
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A channel: its name and others for the same values, its unit as the file states it, the
+    median period of its own clock (s), how many values it has, and the first of them."""
+
+    name: str
+    also: tuple[str, ...]
+    unit: str | None
+    period_s: float | None
+    rows: int
+    first: tuple[float | str | None, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """The channel as JSON types; `rate_hz` is the period's inverse."""
+        rate = None if self.period_s is None else 1.0 / self.period_s
+        return {**vars(self), "also": list(self.also), "first": list(self.first), "rate_hz": rate}
+
+
+@dataclass(frozen=True)
+class Listing:
+    """A file's channels, what of it is none and why, and what its reader had to say."""
+
+    path: str
+    format: str
+    channels: tuple[Channel, ...]
+    skipped: dict[str, str]
+    notices: tuple[str, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """The listing as JSON types."""
+        return {
+            "path": self.path,
+            "format": self.format,
+            "channels": [channel.to_json() for channel in self.channels],
+            "skipped": self.skipped,
+            "notices": list(self.notices),
+        }
+
+
+def channels_of(
+    paths: Sequence[Path], *, spec_file: Path | None = None, **reading: Any
+) -> list[Listing]:
+    """What each file holds, read as `sysid.io.conversion.convert` reads it.
+
+    `reading` is as `sysid.io.foreign.ReadOptions` has it, None where not given. Raises InputError
+    where a file cannot be read.
+    """
+    base = ReadOptions() if spec_file is None else read_recipe(spec_file).read
+    options = with_reading(base, reading)
+    return [_listing(path, read_any(path, "a file to list", options)) for path in paths]
+
+
+def _listing(path: Path, table: ForeignTable) -> Listing:
+    periods: dict[int, float | None] = {}
+    names: dict[int, list[str]] = {}
+    for name, values in table.columns.items():
+        names.setdefault(id(values), []).append(name)
+    channels = []
+    for name, values in table.columns.items():
+        others = names[id(values)]
+        # The last of several names says most: position[elbow] for position[0].
+        if name != others[-1]:
+            continue
+        clock = table.clocks.get(name)
+        period: float | None = None
+        if name in table.sampling:
+            period = table.sampling[name].period_s
+        elif clock is not None:
+            if id(clock) not in periods:
+                periods[id(clock)] = _period(clock)
+            period = periods[id(clock)]
+        first = tuple(_value(value) for value in values[:FIRST])
+        unit = table.units.get(name)
+        channels.append(Channel(name, tuple(others[:-1]), unit, period, len(values), first))
+    return Listing(
+        str(path), table.format, tuple(channels), dict(table.skipped), tuple(table.notices)
+    )
+
+
+def _period(clock: NDArray[np.float64]) -> float | None:
+    """The median period of a clock (n,) s; None of one that does not run."""
+    steps = np.diff(clock)
+    found = float(np.median(steps)) if len(steps) else 0.0
+    return found if math.isfinite(found) and found > 0 else None
+
+
+def _value(value: Any) -> float | str | None:
+    """A value as it is listed: a finite number, None where it is empty, else its text."""
+    if value is None:
+        return None
+    if isinstance(value, bool | int | float | np.number | np.bool_):
+        number = float(value)
+        return number if math.isfinite(number) else None if math.isnan(number) else str(number)
+    text = str(value)
+    return None if text in ("NaT", "<NA>") else text
+
+
+__all__ = ["FIRST", "Channel", "Listing", "channels_of"]
