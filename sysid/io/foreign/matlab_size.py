@@ -28,8 +28,9 @@ _CHUNK = 1 << 16
 def check_size(path: Path, file: BinaryIO) -> dict[str, str]:
     """The variables that are objects of MATLAB, with their classes.
 
-    InputError where the variables have more cells than are read, or hold what is no array. The file is read from its start; the arrays of structs and cells count too, and an array's
-    values may not take more bytes than its dimensions say.
+    InputError where the variables have more cells than are read, or hold what is no array. The
+    file is read from its start; the arrays of structs and cells count too, and an array's values
+    may not take more bytes than its dimensions say.
     """
     file.seek(_HEAD_BYTES - 2)
     order = "<" if file.read(2) == b"IM" else ">"

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import logging
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -18,6 +18,8 @@ from sysid.io.foreign.table import ForeignTable, ReadOptions, damaged
 
 # The synchronisation of a master channel with time, in both versions.
 _TIME = 1
+# The type of a channel whose values, mostly texts, have no fixed length (version 4).
+_VARYING_LENGTH = 1
 
 
 def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
@@ -28,9 +30,9 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
     more cells than are read.
     """
     table = ForeignTable(path, "MDF")
-    check_size(path, file)
-    file.seek(0)
     try:
+        check_size(path, file)
+        file.seek(0)
         with _silent():
             _take_all(table, path, file)
     except InputError:
@@ -40,13 +42,14 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
     return table
 
 
-@contextmanager
+@contextlib.contextmanager
 def _silent() -> Iterator[None]:
-    """Without asammdf's own log; what it finds wrong is raised or in the notices."""
+    """Without what asammdf logs and prints; what it finds wrong is raised."""
     logger = logging.getLogger("asammdf")
     before, logger.disabled = logger.disabled, True
     try:
-        yield
+        with contextlib.redirect_stdout(io.StringIO()):
+            yield
     finally:
         logger.disabled = before
 
@@ -59,13 +62,13 @@ def _take_all(table: ForeignTable, path: Path, file: BinaryIO) -> None:
     with load(source, process_bus_logging=False) as content:
         table.format = f"MDF {content.version}"
         _set_origin(table, content)
-        names = _names(content)
+        names, is_four = _names(content), content.version >= "4"
         lost: list[str] = []
         for number, group in enumerate(content.groups):
             wanted = [
                 (None, number, index)
                 for index, channel in enumerate(group.channels)
-                if _is_wanted(table, names[number, index], channel)
+                if _is_wanted(table, names[number, index], channel, is_four)
             ]
             if not wanted or not group.channel_group.cycles_nr:
                 for _, _, index in wanted:
@@ -123,9 +126,12 @@ def _group_name(group: Any) -> str:
     return "" if line.startswith("<") else line
 
 
-def _is_wanted(table: ForeignTable, name: str, channel: Any) -> bool:
+def _is_wanted(table: ForeignTable, name: str, channel: Any, is_four: bool) -> bool:
     """Whether a channel holds numbers; else the table says why not."""
     kind = getattr(channel, "dtype_fmt", np.dtype(np.float64))
+    if is_four and channel.channel_type == _VARYING_LENGTH:
+        table.skipped[name] = "text"
+        return False
     if kind.names:
         table.skipped[name] = "a structure: its parts are channels of their own"
     elif kind.kind not in "fiub" or kind.shape:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
 
-from sysid.io.bounds import Cells, check_columns, most_cells
+from sysid.io.bounds import Cells, check_columns
 from sysid.io.foreign.table import damaged
 from sysid.io.foreign.unpacking import unpacked
 
@@ -25,6 +25,13 @@ _MOST_LINKS = 1 << 20
 _PACKED = struct.Struct("<2sBBIQQ")
 _HOW = {0: "zlib", 1: "zlib", 2: "zstd", 3: "zstd", 4: "lz4", 5: "lz4"}
 _BYTES_EACH = 8
+# CG: record's id, samples, flags, bytes of values and of validity; CN: type, synchronisation, data
+# type, place in the record, length, flags, place of its validity.
+_GROUP = struct.Struct("<QQHxxxxxxII")
+_CHANNEL = struct.Struct("<BBBBIIII")
+_NOT_IN_RECORDS = 0b1001
+_MAY_BE_INVALID = 0b10
+_VIRTUAL = (3, 6)
 
 
 def check_size(path: Path, file: BinaryIO) -> None:
@@ -75,6 +82,14 @@ class _Blocks:
         return damaged(self.path, "an MDF file", reason)
 
 
+@dataclass(frozen=True)
+class _Record:
+    """The bytes of values and of their validity in a group's record."""
+
+    values: int
+    invalid: int
+
+
 class _Four:
     """The blocks of MDF 4: an identifier, the number of links, the links, the data."""
 
@@ -85,14 +100,21 @@ class _Four:
         """All groups, their channels and their data."""
         links, _ = self._block(_HEADER_AT, b"##HD", 0)
         groups = 0
+        self._record = _Record(0, 0)
         for dg, _ in self._chain(links[0], b"##DG", 0):
-            before = self._blocks.cells.found
-            for cg, data in self._chain(dg[1], b"##CG", 16):
+            wanted, is_whole = 0, True
+            for cg, data in self._chain(dg[1], b"##CG", _GROUP.size):
                 groups += 1
+                _, cycles, flags, values, invalid = _GROUP.unpack(data)
+                self._record = _Record(values, invalid)
                 channels = self._channels(cg[1], 0)
-                cycles = struct.unpack_from("<Q", data, 8)[0]
                 self._blocks.group(channels, cycles, f"group {groups}")
-            self._data(dg[2], self._blocks.cells.found - before)
+                wanted += cycles * (values + invalid)
+                is_whole = is_whole and not flags & _NOT_IN_RECORDS
+            total = self._data(dg[2])
+            # Those of varying length, or with their master elsewhere, are counted otherwise.
+            if is_whole and total < wanted:
+                raise self._blocks.damage(f"group {groups} has fewer samples than it says")
         for chain in (links[1], links[3], links[4]):  # history, attachments, events
             for _ in self._chain(chain, b"##", 0):
                 pass
@@ -124,8 +146,13 @@ class _Four:
         if depth > 16:
             raise self._blocks.damage("its channels are nested too deep")
         found = 0
-        for links, _ in self._chain(place, b"##C", 0):
+        for links, data in self._chain(place, b"##CN", _CHANNEL.size):
             found += 1
+            kind, _, _, bit, byte, bits, flags, invalid = _CHANNEL.unpack(data)
+            if kind not in _VIRTUAL and byte + (bit + bits + 7) // 8 > self._record.values:
+                raise self._blocks.damage("a channel lies beyond its record")
+            if flags & _MAY_BE_INVALID and invalid >= 8 * self._record.invalid:
+                raise self._blocks.damage("a channel's validity lies beyond its record")
             if links[1]:
                 found += self._parts(links[1], depth)
         return found
@@ -146,8 +173,8 @@ class _Four:
             check_columns(self._blocks.path, count)
         return count + (self._parts(links[0], depth + 1) if links[0] else 0)
 
-    def _data(self, place: int, cells: int) -> None:
-        """The data of a group: one block, or lists of them, of which some are packed."""
+    def _data(self, place: int) -> int:
+        """The bytes of a group's data: of one block, or of lists of them, some of them packed."""
         waiting, total = [place], 0
         while waiting:
             place = waiting.pop()
@@ -160,9 +187,14 @@ class _Four:
             elif kind in (b"##HL", b"##DL", b"##LD"):
                 links, _ = self._block(place, kind, 0)
                 waiting += links
-        # A record is at most as wide as its channels are, but for gaps: a bound, not a count.
-        if total > _BYTES_EACH * max(most_cells(), cells):
-            Cells(self._blocks.path).add(total // _BYTES_EACH, "its packed data")
+            elif kind in (b"##DT", b"##DV", b"##DI", b"##RD", b"##RV", b"##RI", b"##SD"):
+                length = struct.unpack_from("<Q", self._blocks.at(place, _BLOCK_HEAD), 8)[0]
+                self._blocks.at(place + max(length, 1) - 1, 1)
+                total += max(length - _BLOCK_HEAD, 0)
+            else:
+                raise self._blocks.damage(f"a block {kind!r} where data are due")
+        Cells(self._blocks.path).add(total // _BYTES_EACH, "its data")
+        return total
 
     def _packed(self, place: int) -> int:
         """The bytes of a packed block, of which it holds no more than it says."""
@@ -193,10 +225,19 @@ class _Three:
                 self._blocks.visit(group)
                 groups += 1
                 channels, channel = 0, self._at(group, b"CG", "I", 8)
+                width, cycles = self._at(group, b"CG", "H", 20), self._at(group, b"CG", "I", 22)
                 while channel:
                     self._blocks.visit(channel)
-                    channels, channel = channels + 1, self._at(channel, b"CN", "I", 4)
-                self._blocks.group(channels, self._at(group, b"CG", "I", 22), f"group {groups}")
+                    channels += 1
+                    bit, bits = self._at(channel, b"CN", "H", 186), self._at(channel, b"CN", "H", 188)
+                    length = self._at(channel, b"CN", "H", 2)
+                    more = self._at(channel, b"CN", "H", 226) if length >= 228 else 0
+                    if more + (bit + bits + 7) // 8 > width:
+                        raise self._blocks.damage("a channel lies beyond its record")
+                    channel = self._at(channel, b"CN", "I", 4)
+                self._blocks.group(channels, cycles, f"group {groups}")
+                if cycles and self._at(place, b"DG", "I", 16) + width * cycles > self._blocks.size:
+                    raise self._blocks.damage(f"group {groups} has fewer samples than it says")
                 group = self._at(group, b"CG", "I", 4)
             place = following
 
