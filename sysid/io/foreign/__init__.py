@@ -199,7 +199,7 @@ def _kind_of_archive(path: Path, file: BinaryIO) -> str:
     try:
         with zipfile.ZipFile(file) as archive:
             names = archive.namelist()
-    except (zipfile.BadZipFile, OSError, ValueError) as error:
+    except (zipfile.BadZipFile, NotImplementedError, OSError, ValueError) as error:
         what = "a numpy archive" if path.suffix.lower() == ".npz" else "an Excel workbook"
         raise damaged(path, what, error) from None
     if "xl/workbook.xml" in names:

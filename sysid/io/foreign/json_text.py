@@ -141,6 +141,10 @@ class _Walk:
         if isinstance(names, list) and isinstance(rows, list) and _all(rows, list):
             self._rows(name, rows, [str(part) for part in names])
             return
+        schema = value.get("schema")
+        if isinstance(schema, dict) and "fields" in schema and isinstance(rows, list):
+            self._array(name, rows, depth)  # pandas' orient="table"
+            return
         inner = list(value.values())
         if len(inner) > 1 and _all(inner, dict) and _are_numbers(value):
             self._records(name, inner, depth)  # pandas' orient="index"

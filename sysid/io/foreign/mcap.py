@@ -48,7 +48,7 @@ def read_into(table: ForeignTable, messages: Messages, path: Path, file: BinaryI
     try:
         for record in _records(path, file):
             content.take(record)
-    except InputError:
+    except (InputError, ModuleNotFoundError):
         raise
     except EndOfFile:
         found = len(messages) - before

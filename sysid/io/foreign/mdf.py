@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import io
 import logging
+import sys
+import warnings
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -30,15 +33,20 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
     more cells than are read.
     """
     table = ForeignTable(path, "MDF")
-    try:
-        check_size(path, file)
-        file.seek(0)
-        with _silent():
+    failed: InputError | None = None
+    with _silent():
+        try:
+            check_size(path, file)
+            file.seek(0)
             _take_all(table, path, file)
-    except InputError:
-        raise
-    except Exception as error:  # asammdf passes on what numpy, struct and codecs raise
-        raise damaged(path, "an MDF file", error) from None
+        except (InputError, ModuleNotFoundError):
+            raise
+        except Exception as error:  # asammdf passes on what numpy, struct and codecs raise
+            failed = damaged(path, "an MDF file", error)
+        if failed is not None:
+            gc.collect()  # asammdf fails once more where what it did not load ends
+    if failed is not None:
+        raise failed
     return table
 
 
@@ -47,11 +55,13 @@ def _silent() -> Iterator[None]:
     """Without what asammdf logs and prints; what it finds wrong is raised."""
     logger = logging.getLogger("asammdf")
     before, logger.disabled = logger.disabled, True
+    hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
     try:
-        with contextlib.redirect_stdout(io.StringIO()):
+        with contextlib.redirect_stdout(io.StringIO()), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
             yield
     finally:
-        logger.disabled = before
+        logger.disabled, sys.unraisablehook = before, hook
 
 
 def _take_all(table: ForeignTable, path: Path, file: BinaryIO) -> None:

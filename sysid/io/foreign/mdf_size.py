@@ -229,7 +229,8 @@ class _Three:
                 while channel:
                     self._blocks.visit(channel)
                     channels += 1
-                    bit, bits = self._at(channel, b"CN", "H", 186), self._at(channel, b"CN", "H", 188)
+                    bit = self._at(channel, b"CN", "H", 186)
+                    bits = self._at(channel, b"CN", "H", 188)
                     length = self._at(channel, b"CN", "H", 2)
                     more = self._at(channel, b"CN", "H", 226) if length >= 228 else 0
                     if more + (bit + bits + 7) // 8 > width:

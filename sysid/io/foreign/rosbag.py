@@ -104,14 +104,19 @@ def _read_first(table: ForeignTable, messages: Messages, path: Path, file: Binar
             read = [known for known in bag.connections if decoders[known.id] is not None]
             for known, logged, data in bag.messages(read) if read else ():
                 _add(messages, known.topic, decoders[known.id], data, logged)
-    except InputError:
+    except (InputError, ModuleNotFoundError):
         raise
     except Exception as error:  # rosbags passes on what struct, bz2, lz4 and asserts raise
         if "not indexed" in str(error):
             raise input_error(
                 path, "has no index (the recorder was stopped)", f"run `rosbag reindex {path.name}`"
             ) from None
-        raise damaged(path, "a ROS 1 bag", error) from None
+        reason = (str(error).strip().splitlines() or [type(error).__name__])[0][:120]
+        raise input_error(
+            path,
+            f"is damaged or not a ROS 1 bag ({reason})",
+            f"run `rosbag reindex {path.name}`, or copy it again from where it was recorded",
+        ) from None
 
 
 def _chunk(path: Path, how: str, packed: bytes) -> bytes:
@@ -169,7 +174,7 @@ def _read_second(
                     _add(messages, known.topic, decoders[known.id], data, logged)
             finally:
                 bag.close()
-    except InputError:
+    except (InputError, ModuleNotFoundError):
         raise
     except Exception as error:  # apsw and rosbags raise errors of their own
         raise damaged(path, "a ROS 2 bag", error) from None

@@ -32,7 +32,7 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
             file.seek(0)
             content = ULog(_not_closed(file))
         table = _table(path, content)
-    except InputError:
+    except (InputError, ModuleNotFoundError):
         raise
     except Exception as error:  # pyulog passes on what struct and numpy raise
         raise damaged(path, "a ULog file", error) from None
