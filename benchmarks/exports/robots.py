@@ -13,12 +13,11 @@ from benchmarks.exports.record import Channel, Record, Sheet, column, style, tab
 _START_NS = 1715693370_000000000
 
 
-def _joints(prefix: str, unit: str = "bar", decimals: int | None = None) -> tuple[Channel, ...]:
-    dot = "/" if prefix.startswith("/") else ""
+def _state(prefix: str, unit: str = "bar", decimals: int | None = None) -> tuple[Channel, ...]:
     return (
-        column("pressure_a_pa", f"{prefix}{dot}pressure_a", unit, decimals),
-        column("pressure_b_pa", f"{prefix}{dot}pressure_b", unit, decimals),
-        column("theta_rad", f"{prefix}{dot}angle", "deg", decimals),
+        column("pressure_a_pa", f"{prefix}.pressure_a", unit, decimals),
+        column("pressure_b_pa", f"{prefix}.pressure_b", unit, decimals),
+        column("theta_rad", f"{prefix}.angle", "deg", decimals),
     )
 
 
@@ -89,7 +88,7 @@ def _write_bag(path: Path, record: Record, version: int, storage: str = "") -> N
             writer.write(connection, stamp, encode(message, name))
 
 
-@style("ROS 1 bag", "run.bag", _joints("/cylinder"), timed=False)
+@style("ROS 1 bag", "run.bag", _state("/cylinder"), timed=False)
 def ros1(path: Path, record: Record) -> None:
     _write_bag(path, record, 1)
 
@@ -102,12 +101,12 @@ def _file_of_bag(path: Path, record: Record, storage: str, suffix: str) -> None:
         path.write_bytes(next(folder.glob(f"*{suffix}")).read_bytes())
 
 
-@style("ROS 2 bag, SQLite", "run_0.db3", _joints("/cylinder"), timed=False)
+@style("ROS 2 bag, SQLite", "run_0.db3", _state("/cylinder"), timed=False)
 def ros2_sqlite(path: Path, record: Record) -> None:
     _file_of_bag(path, record, "SQLITE3", ".db3")
 
 
-@style("ROS 2 bag, MCAP", "run_0.mcap", _joints("/cylinder"), timed=False)
+@style("ROS 2 bag, MCAP", "run_0.mcap", _state("/cylinder"), timed=False)
 def ros2_mcap(path: Path, record: Record) -> None:
     _file_of_bag(path, record, "MCAP", ".mcap")
 
@@ -115,7 +114,7 @@ def ros2_mcap(path: Path, record: Record) -> None:
 @style(
     "MCAP, JSON messages",
     "foxglove.mcap",
-    _joints("/cylinder", "kPa", 6),
+    _state("/cylinder", "kPa", 6),
     timed=False,
 )
 def mcap_json(path: Path, record: Record) -> None:
@@ -128,7 +127,7 @@ def mcap_json(path: Path, record: Record) -> None:
         known = writer.register_schema("State", "jsonschema", json.dumps(schema).encode())
         channel = writer.register_channel("/cylinder", "json", known)
         columns = [record.cells(c.target) for c in record.channels]
-        names = [c.name.removeprefix("/cylinder/") for c in record.channels]
+        names = [c.name.removeprefix("/cylinder.") for c in record.channels]
         for row, cells in enumerate(zip(*columns, strict=True)):
             body = ", ".join(f'"{n}": {cell}' for n, cell in zip(names, cells, strict=True))
             stamp = _START_NS + row * 1_000_000
@@ -143,11 +142,7 @@ def _ulog_message(kind: bytes, content: bytes) -> bytes:
 @style(
     "PX4 ULog",
     "log_1.ulg",
-    [
-        column("pressure_a_pa", "cylinder_state.pressure_a", "bar", None),
-        column("pressure_b_pa", "cylinder_state.pressure_b", "bar", None),
-        column("theta_rad", "cylinder_state.angle", "deg", None),
-    ],
+    _state("cylinder_state"),
     timed=False,
 )
 def ulog(path: Path, record: Record) -> None:
