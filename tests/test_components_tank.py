@@ -336,3 +336,43 @@ def test_measured_tank_is_predicted_twice_as_well(shared_data: Path, tmp_path: P
         for c_dis in np.linspace(3e-10, 9e-10, 13)
     )
     assert extended < 0.5 * iso
+
+
+def resized(trial: Trial, size: float, every: int) -> Trial:
+    """The discharge of a tank `size` times as large, of which every so many rows are logged."""
+    chosen = slice(None, None, every)
+    channels = {name: values[chosen] for name, values in trial.channels.items()}
+    return Trial(trial.label, size * trial.time[chosen], channels, trial.source)
+
+
+@pytest.mark.parametrize("every", [1, 10])
+@pytest.mark.parametrize("size", [3e-3, 0.1, 1.0, 40.0])
+def test_a_tank_of_any_size_on_its_own_time_scale(size: float, every: int) -> None:
+    """The same rows over another time: 0.13 to 1680 s, down to some 19 rows a time constant."""
+    content = {**RIG, "tank": {"volume_m3": size * VOLUME}}
+    trials = [resized(discharge(level, 5, noise=4.0), size, every) for level in LEVELS_PA]
+    part = tank(trials, rig_from_content(content, "rig.toml"))
+    assert part.left_out == ()
+    found = fit_law(part, (), range(len(part.tests))).base_estimates()["c_dis"]
+    assert found.value == pytest.approx(C_DIS, rel=2e-3)
+
+
+def test_rows_that_are_too_far_apart_for_a_tank_are_named() -> None:
+    with pytest.raises(NotIdentifiedError, match=r"only \d rows lie; sample every"):
+        tank([resized(discharge(4e4, 5), 1.0, 60)], rig())
+
+
+def test_an_empty_tank_is_not_looked_at_for_hours() -> None:
+    """Rows long after the discharge say nothing of it, and a line says that they are not used."""
+    trial = discharge(4e4, 5)
+    step = float(np.diff(trial.time[-2:])[0])
+    more = trial.time[-1] + step * np.arange(1.0, 20001.0)
+    channels = {
+        "pressure_a_pa": np.concatenate([trial["pressure_a_pa"], np.full(len(more), P0)]),
+        "pump_volts": np.concatenate([trial["pump_volts"], np.zeros(len(more))]),
+    }
+    part = tank([Trial("1", np.concatenate([trial.time, more]), channels, "long")], rig())
+    assert part.discharges[0].time[-1] < 600.0
+    assert any("are not used: the tank is empty long before" in line for line in part.left_out)
+    found = fit_law(part, (), [0]).base_estimates()["c_dis"]
+    assert found.value == pytest.approx(C_DIS, rel=5e-3)

@@ -32,8 +32,10 @@ if TYPE_CHECKING:
 _GAP_PERIODS = 1.5
 _FEWEST_SAMPLES = 16
 _MOST_TESTS_FOR_NOISE = 9
-# A dithering sensor does not repeat a reading so often by chance.
+# A sensor is stuck from so many equal readings on, and from as many as a dithering one gives by
+# chance in one log of this many.
 _STUCK_RUN = 25
+_BY_CHANCE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -112,7 +114,8 @@ class LogCheck(Shown):
             why = f": {no[0].reason}" if no else ""
             return f"{name} identifies nothing{why}"
         lacking = f"; it does not identify {_listed(no)}" if no else ""
-        return f"{name} identifies {_listed(yes)}{lacking}"
+        apart = "; it contradicts the rig file" if self.contradicts else ""
+        return f"{name} identifies {_listed(yes)}{lacking}{apart}"
 
     def headline(self) -> str:
         """The file, its tests and its sampling."""
@@ -266,8 +269,9 @@ def check_channel(log: Log, name: str, rig: Rig) -> ChannelCheck:
     dithers = noise is not None and noise > 0.5 * quantum
     if name in PRESSURES and (dithers or np.ptp(values) == 0.0):
         low, high = float(np.min(values)), float(np.max(values))
+        shortest = _stuck_run(noise or 0.0, quantum, len(values))
         for trial in log.trials:
-            for start, stop in _runs(trial[name], _STUCK_RUN):
+            for start, stop in _runs(trial[name], shortest):
                 stuck_s = max(stuck_s, float(trial.time[stop - 1] - trial.time[start]))
                 if low < high and trial[name][start] in (low, high):
                     saturated += stop - start
@@ -280,6 +284,17 @@ def check_channel(log: Log, name: str, rig: Rig) -> ChannelCheck:
         stuck_s=stuck_s,
         saturated_share=saturated / len(values),
     )
+
+
+def _stuck_run(noise: float, quantum: float, rows: int) -> int:
+    """Equal readings in a row that a dithering sensor does not give by chance in so many rows.
+
+    A reading repeats at most as often as noise around the middle of a step stays within the step.
+    """
+    same = math.erf(0.5 * quantum / (math.sqrt(2.0) * noise)) if noise > 0.0 else 0.0
+    if not 0.0 < same < 1.0:
+        return _STUCK_RUN
+    return max(_STUCK_RUN, math.ceil(math.log(_BY_CHANCE / rows) / math.log(same)))
 
 
 def _combs(trial: Trial, name: str, rig: Rig) -> list[FloatArray]:

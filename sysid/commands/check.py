@@ -221,6 +221,7 @@ def _quality(check: CampaignCheck, verbose: bool) -> Iterable[Text]:
 
 def _log(check: LogCheck) -> Iterable[Any]:
     yield Text(check.answer, style="bold")
+    yield from (Text(f"- {line}") for line in check.contradicts)
     yield from _blocks(check)
 
 

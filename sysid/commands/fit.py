@@ -89,7 +89,7 @@ class _FitGroup(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         first = args[0]
         if self.get_command(ctx, first) is None and (
-            first.endswith(".toml") or os.sep in first or Path(first).exists()
+            Path(first).suffix or os.sep in first or Path(first).exists()
         ):
             return "campaign", self.get_command(ctx, "campaign"), args
         return super().resolve_command(ctx, args)

@@ -53,8 +53,13 @@ def reject_foreign(path: Path, file: BinaryIO) -> None:
     raise input_error(
         path,
         f"is {what}, not a log",
-        f"convert it first: `sysid convert {path.name} -o {path.stem}.csv --map ...`",
+        f"convert it first: `sysid convert {path.name} -o {_log_name(path)} --map ...`",
     )
+
+
+def _log_name(path: Path) -> str:
+    """A name for the log that it becomes."""
+    return f"{path.stem}{'_log' if path.suffix.lower() == '.csv' else ''}.csv"
 
 
 def _by_content(head: bytes, file: BinaryIO) -> str | None:

@@ -26,7 +26,8 @@ PRESSURE_UNITS = {
     "bar": 1e5,
     "MPa": 1e6,
 }
-_LEAST_SPREAD_PA = 50.0
+# Of the atmosphere's pressure: what a real sensor shows of noise at the least.
+_LEAST_SPREAD = 5e-4
 _SLOWEST_S = 0.25
 _SHORTEST_S = 1e-7
 # Ratio of the long to the short steps from which a log counts as uneven.
@@ -36,9 +37,13 @@ _LEAST_FOR_SPIKES = 50
 _MOST_SPIKES = 3
 _APART = 0.5
 _STEPS_APART = 20.0
+_COLDEST_K, _HOTTEST_K, _ZERO_C = 150.0, 500.0, 273.15
 _TIME_UNITS = {"ms": 1e-3, "us": 1e-6, "min": 60.0}
-# An actuator's chamber is never evacuated far below the atmosphere.
+# A gauge pressure is near 0 wherever a chamber is open. One that begins at the atmosphere's is
+# absolute, and a closed chamber that is pulled open may then fall far below it.
 _LOWEST_SHARE_OF_ATMOSPHERE = 0.5
+_LOWEST_FROM_REST = 0.1
+_AT_REST = 0.2
 _HIGHEST_SHARE_OF_SUPPLY = 4.0
 # Pressures within this factor may be one: gauges, supplies and the weather differ by less.
 _SAME_PRESSURE = 1.15
@@ -73,7 +78,8 @@ def check_pressure(where: str, target: str, column: str, values: FloatArray, rig
         return
     ambient, supply = rig.air.atmospheric_pressure_pa, rig.air.supply_pressure_pa
     low, high = float(np.min(values)), float(np.max(values))
-    floor = _LOWEST_SHARE_OF_ATMOSPHERE * ambient
+    rests = abs(float(values[0]) / ambient - 1.0) < _AT_REST
+    floor = (_LOWEST_FROM_REST if rests else _LOWEST_SHARE_OF_ATMOSPHERE) * ambient
     ceiling = _HIGHEST_SHARE_OF_SUPPLY * supply
     if low >= floor and high <= ceiling:
         return
@@ -91,9 +97,9 @@ def _pressure_mend(
         shift = ambient if gauge else 0.0
         for unit, factor in PRESSURE_UNITS.items():
             fits = low * factor + shift >= floor and high * factor + shift <= ceiling
-            rests = abs(low * factor + shift - ambient) < 0.2 * ambient
+            rests = abs(low * factor + shift - ambient) < _AT_REST * ambient
             # Every gauge unit reads zero at rest; a real sensor shows some noise there.
-            lives = (high - low) * factor > _LEAST_SPREAD_PA
+            lives = (high - low) * factor > _LEAST_SPREAD * ambient
             if fits and rests and lives:
                 kind = "a gauge pressure" if gauge else "an absolute pressure"
                 name = f"{unit}(g)" if gauge else unit
@@ -280,7 +286,8 @@ def check_sampling(where: str, column: str, period: float, rig: Rig) -> str | No
         raise input_error(
             where,
             f"time_s advances by {period:.4g} s per row, less than {_SHORTEST_S:g} s",
-            _mapping("time_s", column, "ms"),
+            _mapping("time_s", column, "d") + " (or h; a unit smaller than the second was mapped "
+            "to it?)",
         )
     if rig.sampling is None:
         return None
@@ -312,8 +319,8 @@ def check_speed(where: str, column: str, period: float, rows: int, rig: Rig) -> 
     if rig.sampling is not None or rig.cylinder is None or not slow:
         return None
     return (
-        f"{where}: time_s advances by {period:.4g} s per row, too slow for an actuator's motion: "
-        + _mapping("time_s", column, "ms")
+        f"{where}: time_s advances by {period:.4g} s per row, too slow for an actuator's motion "
+        "unless it is a slow one: " + _mapping("time_s", column, "ms")
     )
 
 
@@ -382,10 +389,13 @@ def check_supply(where: str, columns: Mapping[str, FloatArray], rig: Rig) -> str
 
 
 def check_temperature(where: str, target: str, column: str, values: FloatArray) -> None:
-    """Ambient temperature (n,) K."""
-    if float(np.min(values)) < 150.0 or float(np.max(values)) > 500.0:
-        raise input_error(
-            where,
-            f"{target} runs from {float(np.min(values)):.4g} to {float(np.max(values)):.4g} K",
-            _mapping(target, column, "degC"),
-        )
+    """Ambient temperature (n,) K: InputError where air is never so cold or hot."""
+    low, high = float(np.min(values)), float(np.max(values))
+    if low >= _COLDEST_K and high <= _HOTTEST_K:
+        return
+    # Degrees Celsius are named where they would make the readings possible.
+    as_celsius = low + _ZERO_C >= _COLDEST_K and high + _ZERO_C <= _HOTTEST_K
+    mend = "fix the values, or leave the column out (a sensor that is not connected?)"
+    if as_celsius:
+        mend = _mapping(target, column, "degC")
+    raise input_error(where, f"{target} runs from {low:.4g} to {high:.4g} K", mend)

@@ -251,7 +251,7 @@ def read_rig(path: Path) -> Rig:
 
 def read_toml(path: Path, what: str) -> dict[str, Any]:
     """A TOML file's tables, or an InputError that names the line."""
-    if path.suffix.lower() in (".csv", *PARQUET_SUFFIXES):
+    if path.suffix.lower() in (".csv", *PARQUET_SUFFIXES) and path.exists():
         raise input_error(
             path,
             f"is a log, not {what}",

@@ -32,7 +32,7 @@ from sysid.io.bounds import (
     check_rectangle,
     check_text,
 )
-from sysid.io.file_kinds import reject_foreign
+from sysid.io.file_kinds import FOREIGN_SUFFIXES, reject_foreign
 from sysid.io.files import note_input, open_atomic
 from sysid.io.parquet_columns import ParquetColumns
 
@@ -235,7 +235,10 @@ def _is_blank(file: BinaryIO) -> bool:
 def require_log(path: Path) -> None:
     """InputError where there is no such file: what else is wrong is said after that."""
     if not path.exists():
-        raise input_error(path, "no such file", "give the path of a log")
+        mend = "give the path of a log"
+        if path.suffix.lower() in FOREIGN_SUFFIXES:
+            mend += f"; what other programs write, as {path.suffix}, goes through `sysid convert`"
+        raise input_error(path, "no such file", mend)
 
 
 def read_table(path: Path, wanted: Collection[str], text: Collection[str] = ()) -> LogTable:

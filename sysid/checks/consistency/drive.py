@@ -49,12 +49,14 @@ def gains(trials: Sequence[EvenTrial], inertia: float) -> list[Gain]:
     if not parts:
         return []
     table = np.concatenate(parts)
+    if len(table) < 2 * MIN_SAMPLES:  # of a shaft that hardly moves
+        return []
     columns = [i for i in (0, 1) if _drives(table, i)]
     if not any(t.valves_move for t in trials):
         columns = [i for i in columns if i == 0]  # air that only breathes follows the speed
     inertial = inertia * table[:, 6]
     moved = float(np.std(table[:, :2].sum(axis=1)))
-    if not columns or len(table) < 2 * MIN_SAMPLES:
+    if not columns:
         return []
     known = [(MOTOR, CYLINDER)[i] for i in columns]
     # A drive that hardly acts is taken at its word.
