@@ -7,6 +7,7 @@ from types import TracebackType
 PAGES = {
     "sysid.io.foreign": "how-to/file-formats",
     "sysid.io.bounds": "how-to/file-formats",
+    "sysid.io.file_kinds": "how-to/file-formats",
     "sysid.io.parquet_columns": "how-to/file-formats",
     "sysid.io.conversion": "how-to/file-formats",
     "sysid.io.joining": "how-to/file-formats",

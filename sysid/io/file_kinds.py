@@ -25,6 +25,7 @@ _SIGNATURES = (
     (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "an old Excel workbook (.xls)"),
     (b"\x1f\x8b", "a compressed file (gzip)"),
 )
+_BUNDLE = b'"schema": "sysid-bundle/'
 _JSON = re.compile(rb"\s*[{\[]\s*([\"{\[\d}\]-]|null|true|false)")
 _BY_SUFFIX = {
     ".mat": "a MATLAB file",
@@ -48,6 +49,8 @@ def reject_foreign(path: Path, file: BinaryIO) -> None:
     file.seek(start)
     if what is None:
         return
+    if _BUNDLE in head:
+        raise input_error(path, "is a fitted bundle, not a log", "give the path of a log")
     if "gzip" in what:
         raise input_error(path, f"is {what}, not a log", "unpack it with gunzip first")
     raise input_error(
