@@ -18,6 +18,7 @@ from test_own_component_files import RIG as CART_RIG
 
 from sysid.commands.app import main
 from sysid.io.logs import Trial
+from sysid.io.rig import BARE, rig_from_content
 
 BUNDLED = Path(__file__).resolve().parent.parent / "datasets" / "bundled"
 ARM = '[rig]\nname = "arm"\norientation = "horizontal"\n'
@@ -346,3 +347,10 @@ def test_other_programs_files_are_named_for_what_they_are(
     assert main(["check", str(path)]) == 2
     said = capsys.readouterr().err
     assert f"is {wanted}, not a log; convert it first: `sysid convert {name} -o " in said
+
+
+def test_an_assumed_rig_is_not_called_a_file() -> None:
+    line = "swing the shaft less, or correct stroke_m in the rig file"
+    content = {"rig": {"name": "arm", "orientation": "horizontal"}}
+    assert rig_from_content(content, BARE).said(line).endswith("in the assumed rig")
+    assert rig_from_content(content, "rig.toml").said(line) == line

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -97,7 +98,13 @@ def _log_check(path: Path, rig: Path | None, maps: Sequence[str], said: list[str
         f"(`sysid init --from {path.name} rig.toml` writes one to correct)",
         *bare.notices,
     ]
-    return check_log(bare.logs[0], bare.read_with)
+    found, rig_said = check_log(bare.logs[0], bare.read_with), bare.rig.said
+    return replace(
+        found,
+        identifies=tuple(replace(i, reason=rig_said(i.reason)) for i in found.identifies),
+        notices=tuple(map(rig_said, found.notices)),
+        contradicts=tuple(map(rig_said, found.contradicts)),
+    )
 
 
 def _campaign_check(

@@ -290,7 +290,7 @@ class _Given:
 
     def said(self, line: str) -> str:
         """A line about the rig, which no file may describe."""
-        return line.replace("the rig file", "the assumed rig") if self.is_bare else line
+        return self.rig.said(line)
 
     @contextlib.contextmanager
     def errors(self) -> Iterator[None]:

@@ -22,12 +22,12 @@ from sysid.io.channels import PRESSURES, VALVE_COMMANDS
 from sysid.io.declaration import LONGEST_TEXT, range_of
 from sysid.io.log_constants import ShownConstants, shown_constants
 from sysid.io.logs import Log, log_of, log_table
-from sysid.io.rig import ASSUMED, Rig, rig_from_content
+from sysid.io.rig import ASSUMED, BARE, Rig, rig_from_content
 from sysid.io.rig_sections import Air, Cylinder, Motor
 from sysid.io.tables import LogTable
 from sysid.io.units import ColumnMap, find_column
 
-SOURCE = "the reference rig"
+SOURCE = BARE
 """What messages name in place of a rig file."""
 
 _LINEAR = ("position_m", "motor_force_n")

@@ -36,7 +36,9 @@ RIG_FILE_NAME = "rig.toml"
 ASSUMED = "assumed"
 """The key of the rig file's constants that nobody declared, before its sections."""
 
-
+BARE = "the reference rig"
+"""The `source` of a rig that was made without a rig file."""
+_NO_FILE = "the assumed rig"
 _NO_INERTIA = Inertia.model_construct()
 _NO_SENSORS = Sensors.model_construct()
 
@@ -69,6 +71,15 @@ class Rig:
     content: dict[str, Any] = dataclasses.field(default_factory=dict, compare=False)
     notices: tuple[str, ...] = ()
     assumed: tuple[str, ...] = ()
+
+    def said(self, line: str) -> str:
+        """A line about the rig: one that no file describes is not called a file."""
+        return line.replace("the rig file", _NO_FILE) if self.is_bare else line
+
+    @property
+    def is_bare(self) -> bool:
+        """Whether no rig file was given: what the logs do not show is assumed."""
+        return self.source == BARE
 
     @property
     def is_linear(self) -> bool:
