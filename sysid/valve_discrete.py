@@ -46,7 +46,13 @@ from sysid.io.trial_kind import away_from_ends
 from sysid.model.base import CRITICAL_RATIO, exhaust_jump, filling_jump
 from sysid.parallel import Failure, error_of, on_its_own
 
-__all__ = ["DiscreteFit", "PressureCurve", "ValveDiscreteResult", "fit_valve_discrete"]
+__all__ = [
+    "DiscreteFit",
+    "PressureCurve",
+    "ValveDiscreteResult",
+    "fit_valve_discrete",
+    "flows_not_shown",
+]
 
 # With a standard error above this share, a flow is not identified.
 _LARGEST_ERROR = 0.3
@@ -128,10 +134,7 @@ def _fit_valve(
             f"{title}: no test switches it on (valve_{valve} stays 0): none of its parameters is "
             "identified; a valve-discrete test of it (off, on for 3 s, off, piston held) would"
         )
-    screened = [screen(t, valve, rig) for t in used]
-    if len(used) >= _FEWEST_RISES and all(s.never_still for s in screened):
-        # A supply that is never steady belongs to the rig: the tests' scatter shows its influence.
-        screened = [screen(t, valve, rig, keep_rise=True) for t in used]
+    screened = _screened(used, valve, rig)
     notices += [n for s in screened for n in s.notices]
     away = away_from_ends(used, rig)
     notices += [f"{title}: {away}"] if away else []
@@ -158,6 +161,26 @@ def _fit_valve(
     notices += delay_notices(estimates, title, rig)
     remarks += verdicts(estimates, title)
     return _result(valve, curves, estimates, read, air, judged)
+
+
+def _screened(used: Sequence[Trial], valve: str, rig: Rig) -> list[Screened]:
+    screened = [screen(t, valve, rig) for t in used]
+    if len(used) >= _FEWEST_RISES and all(s.never_still for s in screened):
+        # A supply that is never steady belongs to the rig: the tests' scatter shows its influence.
+        screened = [screen(t, valve, rig, keep_rise=True) for t in used]
+    return screened
+
+
+def flows_not_shown(trials: Sequence[Trial], rig: Rig, valve: str) -> dict[str, str]:
+    """Why a fit of these tests would not identify flows of a valve, by their names in a bundle.
+
+    As far as their samples say before anything is fitted. Raises as `fit_valve_discrete`.
+    """
+    rig.require("air", "which the valve law needs")
+    screened = _screened([t for t in trials if _is_switched(t, valve)], valve, rig)
+    read = [read_stretches(p) for s in screened for p in s.pieces]
+    _, reasons = _start(screened, read, rig)
+    return {name: why for name, why in reasons.items() if name in FLOWS}
 
 
 def _judged(curves: CurveFit, title: str) -> dict[str, FitQuality]:

@@ -16,6 +16,7 @@ from test_friction_combinations import moved, slid
 from sysid.commands.app import main
 from sysid.io.logs import Trial
 
+BUNDLED = Path(__file__).resolve().parent.parent / "datasets" / "bundled"
 NAMES = {
     "static friction": "static_nm",
     "Coulomb friction": "coulomb_nm",
@@ -149,3 +150,44 @@ def test_check_and_fit_agree_on_readings(
     assert status == (0 if torques > 1 else 3)
     assert yes == {key for key in NAMES.values() if friction.get(key, {}).get("value") is not None}
     assert bool(yes) == (torques > 1)
+
+
+FLOWS = {
+    "valve A choked filling flow": "choked_flow_fill_kg_s",
+    "valve A c_fill": "c_fill",
+    "valve A choked exhaust flow": "choked_flow_dis_kg_s",
+    "valve A c_dis": "c_dis",
+}
+# Seconds of each test that are kept, and how many rows to the next one.
+CUTS = {
+    "whole": (0.0, 9.0, 5),
+    "slow": (0.0, 9.0, 60),
+    "filling alone": (0.0, 3.9, 5),
+    "the choked filling alone": (0.0, 1.06, 1),
+    "no valve switched": (0.0, 0.9, 5),
+}
+
+
+@pytest.mark.parametrize("name", CUTS)
+def test_check_and_fit_agree_on_an_on_off_valve(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first, last, every = CUTS[name]
+    frame = pd.read_parquet(BUNDLED / "valve_discrete_a.parquet")
+    since = frame.time_s - frame.groupby("test").time_s.transform("min")
+    kept = frame[(since >= first) & (since <= last) & frame.test.isin(frame.test.unique()[:3])]
+    kept = kept[kept.groupby("test").cumcount() % every == 0]
+    log = tmp_path / "run.csv"
+    kept.to_csv(log, index=False)
+    rig = (BUNDLED / "rig.toml").read_text()
+    sampling = rig.replace("period_s = 0.001\n", f"period_s = {0.001 * every:g}\n")
+    (tmp_path / "rig.toml").write_text(sampling)
+    assert main(["check", str(log), "--json"]) == 0
+    checked = json.loads(capsys.readouterr().out)["logs"][0]["identifies"]
+    yes = {FLOWS[i["parameter"]] for i in checked if i["parameter"] in FLOWS and i["identified"]}
+    status = main(["fit", "valve-discrete", str(log), "--json", *UNWRITTEN])
+    said = capsys.readouterr()
+    assert status in (0, 3), said.err
+    fitted = json.loads(said.out)["valves"]["a"]["discrete"] if status == 0 else {}
+    assert yes == {key for key in FLOWS.values() if fitted.get(key, {}).get("value") is not None}
+    assert bool(yes) == (name != "no valve switched")

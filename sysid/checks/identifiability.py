@@ -1,6 +1,7 @@
 """Which parameters a log's tests can identify, and which test would identify the rest.
 
-Friction: what its fit returns, so that the two cannot differ.
+Friction: what its fit returns, and the flows of an on/off valve: what its fit finds in the
+samples, so that the two do not differ.
 """
 
 from __future__ import annotations
@@ -10,16 +11,25 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from sysid.checks.friction import POINTS, Identification, friction_identified
+from sysid.errors import InputError, NotIdentifiedError
 from sysid.io.channels import DUTIES, SIDES, SWITCHES
 from sysid.io.logs import Trial
-from sysid.io.rig import Rig
+from sysid.io.rig import Air, Rig
 from sysid.io.trial_kind import is_active
 from sysid.model.base import CRITICAL_RATIO
 from sysid.types import FloatArray
+from sysid.valve_discrete import flows_not_shown
 
 TrialsByKind = Mapping[str, Sequence[Trial]]
 
 _FEWEST_DUTIES = 5
+# An on/off valve's flows, by their names in a bundle.
+_FLOW_NAMES = {
+    "choked_flow_fill_kg_s": "choked filling flow",
+    "c_fill": "c_fill",
+    "choked_flow_dis_kg_s": "choked exhaust flow",
+    "c_dis": "c_dis",
+}
 
 
 def identifications(
@@ -59,32 +69,39 @@ def excitation(by_kind: TrialsByKind, rig: Rig) -> Iterator[str]:
 
 
 def _discrete(trials: Sequence[Trial], rig: Rig, valve: str) -> Iterator[Identification]:
+    """The flows of an on/off valve: those that a fit of the tests finds in their samples."""
     pressure = f"pressure_{valve}_pa"
     used = [t for t in trials if is_active(t, f"valve_{valve}") and pressure in t]
-    air = rig.air
-    parameters = ("choked filling flow", "c_fill", "choked exhaust flow", "c_dis")
-    if not used or air is None:
-        why = f"needs a valve-discrete test of valve {valve.upper()}: piston held, on 3 s, off"
-        for name in parameters:
-            yield Identification(f"valve {valve.upper()} {name}", False, why)
-        return
+    title = f"valve {valve.upper()}"
+    lacking = dict.fromkeys(
+        _FLOW_NAMES, f"needs a valve-discrete test of {title}: piston held, on 3 s, off"
+    )
+    counts = dict.fromkeys(_FLOW_NAMES, 0)
+    if used and rig.air is not None:
+        counts = _in_regime(used, rig.air, valve)
+        try:
+            lacking = flows_not_shown(used, rig, valve)
+        except (InputError, NotIdentifiedError) as error:
+            lacking = dict.fromkeys(_FLOW_NAMES, str(error))
+    for name, shown in _FLOW_NAMES.items():
+        reason = lacking.get(name, f"{counts[name]} samples in its regime")
+        yield Identification(f"{title} {shown}", name not in lacking, reason)
+
+
+def _in_regime(trials: Sequence[Trial], air: Air, valve: str) -> dict[str, int]:
+    """How many samples show each flow, choked or not, by its name in a bundle."""
     boundary_fill = CRITICAL_RATIO * air.supply_pressure_pa
     boundary_dis = air.atmospheric_pressure_pa / CRITICAL_RATIO
-    filling = np.concatenate([t[pressure][t[f"valve_{valve}"] > 0] for t in used])
-    exhaust = np.concatenate([_after_on(t, valve) for t in used])
-    checks = (
-        (filling, np.less, boundary_fill, "fill from the atmosphere"),
-        (filling, np.greater, boundary_fill, "hold the valve on longer"),
-        (exhaust, np.greater, boundary_dis, "fill further before switching off"),
-        (exhaust, np.less, boundary_dis, "record longer after switching off"),
+    filling = np.concatenate([t[f"pressure_{valve}_pa"][t[f"valve_{valve}"] > 0] for t in trials])
+    exhaust = np.concatenate([_after_on(t, valve) for t in trials])
+    inside = (
+        filling < boundary_fill,
+        filling > boundary_fill,
+        exhaust > boundary_dis,
+        exhaust < boundary_dis,
     )
-    for name, (values, relation, boundary, remedy) in zip(parameters, checks, strict=True):
-        share = int(np.count_nonzero(relation(values, boundary)))
-        good = share >= 20
-        reason = f"{share} samples in its regime (boundary {boundary:.0f} Pa)"
-        yield Identification(
-            f"valve {valve.upper()} {name}", good, reason if good else f"{reason}: {remedy}"
-        )
+    found = (int(np.count_nonzero(rows)) for rows in inside)
+    return dict(zip(_FLOW_NAMES, found, strict=True))
 
 
 def _after_on(trial: Trial, valve: str) -> FloatArray:
