@@ -354,3 +354,76 @@ def test_an_assumed_rig_is_not_called_a_file() -> None:
     content = {"rig": {"name": "arm", "orientation": "horizontal"}}
     assert rig_from_content(content, BARE).said(line).endswith("in the assumed rig")
     assert rig_from_content(content, "rig.toml").said(line) == line
+
+
+# --- what a healthy log may be, and what a broken one is called -----------------------------
+
+
+def pressure_log(path: Path, rig_text: str, **columns: np.ndarray) -> Path:
+    (path / "rig.toml").write_text(rig_text)
+    time = 0.001 * np.arange(400)
+    position = 0.5 * np.sin(20.0 * time)
+    frame = pd.DataFrame({"time_s": time, "theta_rad": position, "motor_torque_nm": 0.1})
+    frame.assign(**columns).to_csv(path / "run.csv", index=False)
+    return path / "run.csv"
+
+
+def test_a_closed_chamber_may_be_pulled_far_below_the_atmosphere(
+    tmp_path: Path, rig_text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """From rest at the atmosphere; a gauge pressure in Pa, near 0 where it rests, is refused."""
+    pulled = 1e5 / (1.0 + 2.5 * np.linspace(0.0, 1.0, 400))
+    assert main(["check", str(pressure_log(tmp_path, rig_text, pressure_a_pa=pulled))]) == 0
+    capsys.readouterr()
+    gauge = np.linspace(40.0, 2e5, 400)
+    assert main(["check", str(pressure_log(tmp_path, rig_text, pressure_a_pa=gauge))]) == 2
+    assert "it looks like a gauge pressure in Pa" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("reading", "mend"), [(21.0, "degC"), (0.0, "degC"), (65535.0, "leave")])
+def test_an_impossible_temperature(
+    reading: float,
+    mend: str,
+    tmp_path: Path,
+    rig_text: str,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Degrees Celsius are named where they would be possible."""
+    path = pressure_log(tmp_path, rig_text, temperature_k=np.full(400, reading))
+    assert main(["check", str(path)]) == 2
+    said = capsys.readouterr().err
+    assert mend in said.split("; ")[1] and ("degC" in said) == (mend == "degC")
+
+
+def test_a_position_with_another_zero(
+    tmp_path: Path, rig_text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its span is the stroke's: not the stroke is wrong, but the zero, or the unit."""
+    path = pressure_log(tmp_path, rig_text)
+    frame = pd.read_csv(path)
+    frame.assign(theta_rad=frame.theta_rad + 20.0).to_csv(path, index=False)
+    assert main(["check", str(path)]) == 2
+    said = capsys.readouterr().err
+    assert "its zero is not the middle of the stroke" in said and "stroke_m" not in said
+
+
+@pytest.mark.parametrize("seed", [2, 7, 11])
+def test_a_coarse_sensor_that_repeats_by_chance_is_not_stuck(
+    seed: int, tmp_path: Path, rig_text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Noise of 0.55 steps repeats a reading 25 to 30 times in a row in 200 000 samples."""
+    rng, rows = np.random.default_rng(seed), 200_000
+    (tmp_path / "rig.toml").write_text(rig_text)
+    time = 0.001 * np.arange(rows)
+    pressure = 1e5 + 100.0 * np.round(0.55 * rng.standard_normal(rows))
+    frame = pd.DataFrame({"time_s": time, "pressure_a_pa": pressure, "theta_rad": 0.0})
+    frame.to_csv(tmp_path / "run.csv", index=False)
+    assert main(["check", str(tmp_path / "run.csv"), "--json"]) == 0
+    (log,) = json.loads(capsys.readouterr().out)["logs"]
+    (found,) = (c for c in log["channels"] if c["name"] == "pressure_a_pa")
+    assert found["stuck_s"] == 0.0
+    pressure[5000:5200] = pressure[5000]
+    frame.assign(pressure_a_pa=pressure).to_csv(tmp_path / "run.csv", index=False)
+    assert main(["check", str(tmp_path / "run.csv"), "--json"]) == 0
+    (log,) = json.loads(capsys.readouterr().out)["logs"]
+    assert max(c["stuck_s"] for c in log["channels"]) == pytest.approx(0.2, abs=0.05)

@@ -133,7 +133,17 @@ def _beyond_stops(where: str, target: str, column: str, values: FloatArray, rig:
         return None
     low, high = float(np.min(values)), float(np.max(values))
     unit, si = ("mm", "m") if rig.is_linear else ("deg", "rad")
-    if high - low > 1.15 * rig.travel or max(-low, high) > 1.5 * rig.travel:
+    if high - low <= 1.15 * rig.travel < 1.5 * rig.travel < max(-low, high):
+        raise input_error(
+            where,
+            f"{target} runs from {low:.4g} to {high:.4g} {si}, far outside the stroke of "
+            f"{rig.travel:.4g} {si} about 0: its unit is wrong, or its zero is not the middle of "
+            "the stroke",
+            _mapping(target, column, unit)
+            + "; else subtract the reading at mid-stroke (encoder_counts: [sensors] "
+            "encoder_zero_counts)",
+        )
+    if high - low > 1.15 * rig.travel:
         raise input_error(
             where,
             f"{target} runs from {low:.4g} to {high:.4g} {si}, "
