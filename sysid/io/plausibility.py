@@ -140,7 +140,7 @@ def _beyond_stops(where: str, target: str, column: str, values: FloatArray, rig:
             f"{rig.travel:.4g} {si} about 0: its unit is wrong, or its zero is not the middle of "
             "the stroke",
             _mapping(target, column, unit)
-            + "; else subtract the reading at mid-stroke (encoder_counts: [sensors] "
+            + ", else subtract the reading at mid-stroke (encoder_counts: [sensors] "
             "encoder_zero_counts)",
         )
     if high - low > 1.15 * rig.travel:
