@@ -43,11 +43,11 @@ class InputError(SysidError):
 class NotIdentifiedError(SysidError):
     """The data were read, but cannot identify the requested parameters (exit 3).
 
-    >>> valves_still = si.read_log("friction_static.parquet", campaign.rig)
+    >>> moving = si.read_log("motion_pwm.parquet", campaign.rig)
     >>> try:
-    ...     si.fit_valve_pwm(valves_still)
+    ...     si.fit_valve_pwm(moving)
     ... except si.NotIdentifiedError as error:
-    ...     print("never leaves zero" in str(error))
+    ...     print("is not constant" in str(error))
     True
     """
 

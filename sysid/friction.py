@@ -10,6 +10,8 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
+import numpy as np
+
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.estimation.linear import Estimate
 from sysid.estimation.quality import SCATTER_TIMES
@@ -385,9 +387,31 @@ def _as_motion(fit: _Fit, inertia: float | None, before: int) -> MotionFriction 
 def _motion(fit: _Fit, inertia: float | None) -> MotionFriction | None:
     samples, uses = usable_motion(fit.by_kind[MOTION], fit.cutoff_hz, fit.notices)
     fit.uses += uses
+    if not samples:
+        raise NotIdentifiedError(_why_still(fit))
     result = fit_motion(samples, inertia, fit.units)
     fit.notices += result.notices
     return result
+
+
+def _why_still(fit: _Fit) -> str:
+    """Why no motion test gives a sample: what the logs show instead."""
+    trials, rig = fit.by_kind[MOTION], fit.rig
+    files = ", ".join(dict.fromkeys(_file(trial) for trial in trials))
+    if any(trial.valves_on for trial in trials):
+        return (
+            f"{files}: valves are on while the shaft is held, which shows no friction: it is a log "
+            "for `sysid fit valve-discrete` or `sysid fit valve-pwm`"
+        )
+    if not any(np.any(trial.motor) for trial in trials):
+        return (
+            f"{files}: {rig.effort_channel} is missing or zero, and {rig.position_channel} hardly "
+            f"changes: map the motor's effort, or give tests in which it drives the motion"
+        )
+    return (
+        f"{files}: {rig.position_channel} hardly changes: Coulomb and viscous friction need motion "
+        "tests that cross the stroke in both directions"
+    )
 
 
 def _nothing(fit: _Fit) -> str:

@@ -60,6 +60,7 @@ SURFACES = ("bipolynomial", "ann", "both")
 # The names of the surfaces in results.
 _FIELDS = {"bipolynomial": "bipolynomial", "ann": "network"}
 FOLDS = 4
+_NO_TEST = "no usable test"
 _OTHER = {"fill": "discharge", "discharge": "fill"}
 # A test that stays this close to its start, as a share of the range from atmosphere to supply,
 # shows no mean flow: duties differ there by less than the pressure's noise.
@@ -93,10 +94,13 @@ def fit_valve_pwm(
     moved = moved_valves(trials)
     valves = moved if valve is None else [v for v in moved if v == valve]
     if not valves:
-        name = "duty_a and duty_b" if valve is None else f"duty_{valve}"
+        names = [f"duty_{v}" for v in (SIDES if valve is None else (valve,))]
+        if trials and not any(name in t for name in names for t in trials):
+            raise _no_duty(trials, names)
+        verb = "never leave zero" if len(names) > 1 else "never leaves zero"
         raise NotIdentifiedError(
-            f"{_place(trials)}: the PWM surfaces cannot be identified: {name} never leaves zero; "
-            "valve-pwm tests (piston held, one constant duty per test) would identify them"
+            f"{_place(trials)}: {' and '.join(names)} {verb}: no PWM surface is identified; "
+            "valve-pwm tests (piston held, one constant duty per test) would identify it"
         )
     remarks = Remarks()
     measured: dict[tuple[str, str], DirectionFit] = {}
@@ -153,8 +157,28 @@ def _nothing(failed: Mapping[tuple[str, str], Failure], remarks: Remarks) -> Exc
     error = error_of(list(failed.values()), reasons)
     if isinstance(error, InputError):
         return error
+    left_out = remarks.notices()
+    if left_out and all(why.reason.startswith(_NO_TEST) for why in failed.values()):
+        # What keeps the tests out is the cause, and what follows from it is the same everywhere.
+        more = f" (and {len(left_out) - 1} more like it)" * (len(left_out) > 1)
+        return type(error)(
+            f"{left_out[0]}{more}; no test is left: give valve-pwm tests, one constant duty each, "
+            "piston held, from the atmosphere and from the supply"
+        )
     titled = (f"{_title(*key)}: {why.reason}" for key, why in failed.items())
-    return type(error)("; ".join((*titled, *remarks.notices())))
+    return type(error)("; ".join((*left_out, *titled)))
+
+
+def _no_duty(trials: Sequence[Trial], names: Sequence[str]) -> InputError:
+    """The error of a log without the commands of a PWM valve: which commands it has instead."""
+    other = next((n for n in ("valve_a", "valve_b") if n in trials[0]), None)
+    what = f"column {names[0]} is missing"
+    if len(names) > 1:
+        what = f"columns {' and '.join(names)} are missing"
+    mend = f'add a duty, or map it with --map "{names[0]}=COLUMN:%"'
+    if other is not None:
+        mend += f"; it holds {other}, for `sysid fit valve-discrete`"
+    return input_error(_place(trials), what, mend)
 
 
 def _averaged(
@@ -200,7 +224,7 @@ def _measured(
     if len(samples) == 0:
         start = "the atmosphere" if direction == "fill" else "the supply"
         raise NotIdentifiedError(
-            f"no usable test; valve-pwm tests from {start}, one constant duty each, piston held, "
+            f"{_NO_TEST}; valve-pwm tests from {start}, one constant duty each, piston held, "
             "would identify the surface"
         )
     require_sign(samples, direction)

@@ -120,7 +120,8 @@ class FitQuality:
     `signal` says which; `count` samples; `rmse` and `spread` in `unit`. `scatter` is the
     measurement's own, None where it is not known. `impossible`: what cannot be in the
     parameters, one line each. `left_out`: what was given and not used. `contradicted`: whether a
-    log contradicts the rig file.
+    log contradicts the rig file. `spare`: how many more values than parameters there are, where
+    that may be none: then nothing shows how far the law is off.
     """
 
     signal: str
@@ -133,6 +134,7 @@ class FitQuality:
     impossible: tuple[str, ...] = ()
     left_out: tuple[LeftOut, ...] = ()
     contradicted: bool = False
+    spare: int | None = None
 
     @classmethod
     def of(
@@ -187,6 +189,8 @@ class FitQuality:
         found = [self._of_used(), *map(self._of_left_out, self.left_out)]
         if self.contradicted:
             found.append(("usable", CONTRADICTED))
+        if self.spare == 0:
+            found.append(("usable", "no test repeats it, so that nothing shows how far it is off"))
         rank, why = max(found, key=lambda one: (_RANKS.index(one[0]), bool(one[1])))
         return f"{rank}: {why}" if why else rank
 

@@ -104,6 +104,7 @@ class EvenTrial:
     travel: float | None
     lost: NDArray[np.bool_]
     valves_move: bool = False
+    valves_on: bool = False
     stride: int = 1
 
     def __len__(self) -> int:
@@ -251,6 +252,7 @@ def even_trial(trial: Trial, rig: Rig, notices: list[str]) -> EvenTrial:
         travel=travel,
         lost=signals.in_pauses(trial.time, grid),
         stride=trial.stride,
+        valves_on=any(name in trial and np.any(trial[name]) for name in VALVE_COMMANDS),
         valves_move=any(name in trial and np.ptp(trial[name]) > 0.0 for name in VALVE_COMMANDS),
     )
 

@@ -99,6 +99,8 @@ class StaticFriction:
         """Repeatability and tests, one line each."""
         unit = self.estimate.unit
         lines = [f"static friction repeats to {self.repeatability:.3g} {unit} (one std)"]
+        if not math.isfinite(self.repeatability):
+            lines = ["static friction: no test repeats another, so that its scatter is not known"]
         for factor, test in self.tests.items():
             verdict = "matters" if self.matters(factor) else "is not significant"
             lines.append(
@@ -389,7 +391,7 @@ def static_summary(
 def _quality(values: FloatArray, cell: FloatArray, scatter: float | None, unit: str) -> FitQuality:
     """How well one number, the mean, stands for all places and directions."""
     test = nested_f_test(cell, np.ones((len(values), 1)), values)
-    return FitQuality.of(
+    found = FitQuality.of(
         "breakaway effort",
         unit,
         values,
@@ -398,6 +400,7 @@ def _quality(values: FloatArray, cell: FloatArray, scatter: float | None, unit: 
         lack_of_fit=repeats_lack_of_fit(test),
         scatter=scatter,
     )
+    return replace(found, spare=len(values) - 1)
 
 
 def _within(design: FloatArray, values: FloatArray) -> tuple[float, int]:
