@@ -228,10 +228,14 @@ def _add_bench(assembly: _Assembly) -> None:
         entries = assembly.campaign.select([kind])
         if entries:
             trials = assembly.read(entries)
-            assembly.add(kind, partial(_bench_fit, kind, trials, assembly.campaign.rig))
+            assembly.add(kind, partial(bench_fit, kind, trials, assembly.campaign.rig))
 
 
-def _bench_fit(kind: str, trials: list[Trial], rig: Rig) -> _FittedPart:
+def bench_fit(kind: str, trials: Sequence[Trial], rig: Rig) -> PartResult:
+    """The law of a part on a bench from its tests of a kind, with how well it follows them.
+
+    Raises InputError for a missing column, NotIdentifiedError where the tests identify no law.
+    """
     from sysid.diagnosis.bench.fitting import fit_law
     from sysid.diagnosis.bench.registry import component_of
 

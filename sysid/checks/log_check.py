@@ -190,7 +190,8 @@ def check_campaign(campaign: Campaign, *, by_content: bool = False) -> list[LogC
     checks, read = [], []
     for entry in campaign.logs:
         log = campaign.read(entry)
-        declared = None if by_content else entry.kind
+        by_row = all(trial.is_readings for trial in log.trials)
+        declared = None if by_content and not by_row else entry.kind
         checks.append(replace(check_log(log, campaign.rig, declared), use=entry.use))
         read.append(readings_of(log, entry.kind, campaign.rig, entry.file))
     names = [entry.file for entry in campaign.logs]

@@ -15,7 +15,7 @@ import click
 from rich.table import Table
 from rich.text import Text
 
-from sysid.assembly import PartResult, fit_campaign
+from sysid.assembly import PartResult, bench_fit, fit_campaign
 from sysid.bundle import (
     Bundle,
     FittedValves,
@@ -56,11 +56,11 @@ from sysid.components.campaign import fit_own
 from sysid.display.numbers import ascii_text
 from sysid.display.terminal import console, new_table
 from sysid.errors import SysidError, input_error
-from sysid.friction import FrictionResult, fit_friction
+from sysid.friction import fit_friction
 from sysid.identification.friction.effort import classify_trial
 from sysid.identification.friction.volts import friction_in_volts
 from sysid.io.bare_rig import read_bare_logs
-from sysid.io.campaign import Campaign, CampaignLog
+from sysid.io.campaign import FRICTION_POINTS, Campaign, CampaignLog
 from sysid.io.channels import CHAMBER_PRESSURES
 from sysid.io.files import check_each_once
 from sysid.io.logs import Log, Trial, read_log
@@ -129,8 +129,8 @@ _valve_option = click.option(
 @logs_argument
 @click.option(
     "--kind",
-    type=click.Choice(["static", "sliding", "motion"]),
-    help="Treat every test as this kind, whatever its content.",
+    type=click.Choice(["static", "sliding", "motion", "points"]),
+    help="Treat every test as this kind, whatever its content (points: a reading a row).",
 )
 @click.option("--inertia", "estimate_inertia", is_flag=True, help="Estimate the inertia too.")
 @click.option(
@@ -147,24 +147,32 @@ def _friction(
     as_json: bool,
     **files: Any,
 ) -> None:
-    """Static, Coulomb and viscous friction from ramped, constant or general motion tests."""
+    """Static, Coulomb and viscous friction from ramped, constant or general motion tests.
+
+    A table of speed and effort without a time is one of readings, a row each.
+    """
+
+    def fit(trials: list[Trial], rig: Rig) -> PartResult:
+        if kind == "points" or (kind is None and _are_readings(trials)):
+            return bench_fit(FRICTION_POINTS, trials, rig)
+        found = fit_friction(
+            trials, rig, kind=kind, estimate_inertia=estimate_inertia, cutoff_hz=cutoff_hz
+        )
+        found.require_possible()
+        return found
+
     fitted = _fit_part(
         "friction",
-        lambda trials, rig: _possible(
-            fit_friction(
-                trials, rig, kind=kind, estimate_inertia=estimate_inertia, cutoff_hz=cutoff_hz
-            )
-        ),
-        _Files(**files),
+        fit,
+        _Files(**files, readings=kind in (None, "points")),
         options={"cutoff_hz": cutoff_hz, "kind": kind},
     )
     _show(fitted, as_json, _friction_tables)
 
 
-def _possible(result: FrictionResult) -> FrictionResult:
-    """The result; NotIdentifiedError where it cannot be friction."""
-    result.require_possible()
-    return result
+def _are_readings(trials: Sequence[Trial]) -> bool:
+    """Whether all rows are readings taken by hand, without a time."""
+    return bool(trials) and all(trial.is_readings for trial in trials)
 
 
 @fit.command("valve-discrete")
@@ -315,6 +323,7 @@ class _Files:
     into: Path | None
     report: Path | None
     no_report: bool = False
+    readings: bool = False
 
     def bundle_path(self, kind: str, sources: Sequence[Source]) -> Path | None:
         """Where the bundle of a fit goes; None for nowhere. Raises InputError."""
@@ -416,6 +425,8 @@ def _kind_of(log: Log, rig: Rig, kind: str) -> str:
     """A campaign's kind; of friction tests the one that most of them are."""
     if kind != "friction":
         return kind
+    if _are_readings(log.trials):
+        return FRICTION_POINTS
     found = Counter(classify_trial(trial, rig) for trial in log.trials)
     return found.most_common(1)[0][0]
 
@@ -461,10 +472,10 @@ def _read_logs(files: _Files, existing: Bundle | None) -> _Given:
     (path,) = found
     if path is not None:
         rig = read_rig(path)
-        logs = tuple(read_log(log, rig, mapping) for log in files.logs)
+        logs = tuple(read_log(p, rig, mapping, readings=files.readings) for p in files.logs)
         return _Given(rig, rig, logs, rig.notices)
     beside = None if existing is None else existing.rig_content
-    bare = read_bare_logs(files.logs, mapping, beside)
+    bare = read_bare_logs(files.logs, mapping, beside, readings=files.readings)
     return _Given(
         bare.rig, bare.read_with, bare.logs, bare.notices, bare.in_volts, True, bare.shown
     )

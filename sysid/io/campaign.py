@@ -42,6 +42,7 @@ KINDS: tuple[str, ...] = get_args(Kind)
 FRICTION_KINDS = KINDS[:3]
 MOTION_KINDS = KINDS[5:8]
 BENCH_KINDS = KINDS[8:]
+FRICTION_POINTS = KINDS[-1]
 # Their force or torque is balanced with the motion, row by row.
 _BALANCED = ("friction-motion", "motion-motor")
 USES: tuple[str, ...] = get_args(Use)
@@ -171,7 +172,7 @@ class Campaign:
         return replace(log, trials=trials, notices=(*log.notices, line))
 
     def _as_recorded(self, entry: CampaignLog) -> Log:
-        readings = entry.kind == "friction-points"
+        readings = entry.kind == FRICTION_POINTS
         return read_log(entry.path, self.rig, entry.mapping, entry.shared, readings=readings)
 
     @cached_property
