@@ -400,17 +400,18 @@ def _why_still(fit: _Fit) -> str:
     files = ", ".join(dict.fromkeys(_file(trial) for trial in trials))
     if any(trial.valves_on for trial in trials):
         return (
-            f"{files}: valves are on while the shaft is held, which shows no friction: it is a log "
-            "for `sysid fit valve-discrete` or `sysid fit valve-pwm`"
+            f"{files}: valves are on while the shaft is held, which shows no friction; use `sysid "
+            "fit valve-discrete` or `sysid fit valve-pwm`"
         )
+    still = f"{rig.position_channel} hardly changes"
     if not any(np.any(trial.motor) for trial in trials):
-        return (
-            f"{files}: {rig.effort_channel} is missing or zero, and {rig.position_channel} hardly "
-            f"changes: map the motor's effort, or give tests in which it drives the motion"
-        )
+        has_motor = any(trial.has_motor for trial in trials)
+        lacking = f"{rig.effort_channel} stays zero" if has_motor else "nothing drives the shaft"
+        mend = "give tests" if has_motor else f"map {rig.effort_channel}, or give tests"
+        return f"{files}: {lacking} and {still}; {mend} in which the motor moves the shaft"
     return (
-        f"{files}: {rig.position_channel} hardly changes: Coulomb and viscous friction need motion "
-        "tests that cross the stroke in both directions"
+        f"{files}: {still}; Coulomb and viscous friction need motion tests that cross the stroke "
+        "in both directions"
     )
 
 

@@ -34,10 +34,10 @@ from sysid.identification.valve_pwm.samples import (
 )
 from sysid.identification.valve_pwm.selection import moved_valves, select_tests
 from sysid.identification.valve_pwm.supply import supply_of_surfaces
-from sysid.io.channels import SIDES
+from sysid.io.channels import SIDES, SWITCHES
 from sysid.io.logs import Trial, any_contradiction
 from sysid.io.rig import Rig
-from sysid.io.trial_kind import away_from_ends
+from sysid.io.trial_kind import away_from_ends, is_active, is_held
 from sysid.parallel import Failure, error_of, on_its_own
 from sysid.surfaces.bipolynomial import N_TERMS, Bipolynomial
 from sysid.surfaces.comparison import (
@@ -96,7 +96,7 @@ def fit_valve_pwm(
     if not valves:
         names = [f"duty_{v}" for v in (SIDES if valve is None else (valve,))]
         if trials and not any(name in t for name in names for t in trials):
-            raise _no_duty(trials, names)
+            raise _no_duty(trials, names, rig)
         verb = "never leave zero" if len(names) > 1 else "never leaves zero"
         raise NotIdentifiedError(
             f"{_place(trials)}: {' and '.join(names)} {verb}: no PWM surface is identified; "
@@ -169,15 +169,16 @@ def _nothing(failed: Mapping[tuple[str, str], Failure], remarks: Remarks) -> Exc
     return type(error)("; ".join((*left_out, *titled)))
 
 
-def _no_duty(trials: Sequence[Trial], names: Sequence[str]) -> InputError:
-    """The error of a log without the commands of a PWM valve: which commands it has instead."""
-    other = next((n for n in ("valve_a", "valve_b") if n in trials[0]), None)
+def _no_duty(trials: Sequence[Trial], names: Sequence[str], rig: Rig) -> InputError:
+    """The error of a log without the commands of a PWM valve; one of on/off valves is named."""
+    held = [t for t in trials if is_held(t, rig)]
+    other = next((n for n in SWITCHES if any(is_active(t, n) for t in held)), None)
     what = f"column {names[0]} is missing"
     if len(names) > 1:
         what = f"columns {' and '.join(names)} are missing"
     mend = f'add a duty, or map it with --map "{names[0]}=COLUMN:%"'
     if other is not None:
-        mend += f"; it holds {other}, for `sysid fit valve-discrete`"
+        mend = f"{other} switches: use `sysid fit valve-discrete`"
     return input_error(_place(trials), what, mend)
 
 

@@ -105,6 +105,7 @@ class EvenTrial:
     lost: NDArray[np.bool_]
     valves_move: bool = False
     valves_on: bool = False
+    has_motor: bool = True
     stride: int = 1
 
     def __len__(self) -> int:
@@ -252,6 +253,7 @@ def even_trial(trial: Trial, rig: Rig, notices: list[str]) -> EvenTrial:
         travel=travel,
         lost=signals.in_pauses(trial.time, grid),
         stride=trial.stride,
+        has_motor=has_motor,
         valves_on=any(name in trial and np.any(trial[name]) for name in VALVE_COMMANDS),
         valves_move=any(name in trial and np.ptp(trial[name]) > 0.0 for name in VALVE_COMMANDS),
     )
