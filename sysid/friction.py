@@ -62,7 +62,7 @@ from sysid.identification.friction.static import (
     fit_static,
     static_summary,
 )
-from sysid.identification.friction.steady_stretch import sliding_points
+from sysid.identification.friction.steady_stretch import levels_of_tests, sliding_points
 from sysid.io.effort_timing import effort_is_read, readings_line, with_commands
 from sysid.io.logs import Trial, any_contradiction, with_channels
 from sysid.io.rig import Rig
@@ -222,11 +222,12 @@ def _of(fit: _Fit, estimate_inertia: bool) -> FrictionResult:
     if declared is None and motion is not None and motion.inertia is not None:
         inertia = motion.inertia.value
     said = len(fit.notices)
-    sliding = fit.attempt(SLIDING, lambda: _sliding(fit, inertia))
+    sliding = fit.attempt(SLIDING, lambda: _sliding(fit.by_kind[SLIDING], fit, inertia))
     lacking = motion is None or not motion.viscous.identified
     if sliding is None and lacking and fit.by_kind[SLIDING] and not fit.is_forced:
         whole = _as_motion(fit, None if estimate_inertia else declared, said)
         motion = whole or motion
+        sliding = None if whole else _by_levels(fit, inertia, said)
     if static is None and sliding is None and motion is None and not fit.sums:
         raise error_of(list(fit.failures.values()), _nothing(fit))
     return _result(fit, static, sliding, motion, estimate_inertia)
@@ -331,8 +332,8 @@ def _static(fit: _Fit) -> StaticFriction | None:
     return result
 
 
-def _sliding(fit: _Fit, inertia: float | None) -> SlidingFriction | None:
-    points, uses = sliding_points(fit.by_kind[SLIDING], inertia, fit.units, fit.notices)
+def _sliding(trials: Sequence[EvenTrial], fit: _Fit, inertia: float | None) -> SlidingFriction:
+    points, uses = sliding_points(trials, inertia, fit.units, fit.notices)
     fit.uses += uses
     if points is None:
         raise NotIdentifiedError(
@@ -350,6 +351,26 @@ def _sliding(fit: _Fit, inertia: float | None) -> SlidingFriction | None:
         fit.sums = combined([result.coulomb], (0.0, 0.0), one_way, fit.units)
     fit.notices += result.notices
     return result
+
+
+def _by_levels(fit: _Fit, inertia: float | None, before: int) -> SlidingFriction | None:
+    """Friction from each level of constant-effort tests that hold several. It replaces the notices
+    from the number `before` on. None, and nothing is changed, where that does not identify it."""
+    levels = levels_of_tests(fit.by_kind[SLIDING])
+    if len(levels) == len(fit.by_kind[SLIDING]):
+        return None
+    kept = fit.sums, fit.notices, fit.uses
+    fit.sums, fit.notices = (), fit.notices[:before]
+    fit.uses = [use for use in fit.uses if use.kind != SLIDING]
+    found = on_its_own(partial(_sliding, levels, fit, inertia))
+    if isinstance(found, Failure):
+        fit.sums, fit.notices, fit.uses = kept
+        return None
+    fit.notices.append(
+        f"{len(levels)} levels of {len(fit.by_kind[SLIDING])} {SLIDING} tests are used"
+    )
+    del fit.failures[SLIDING]
+    return found
 
 
 def _as_motion(fit: _Fit, inertia: float | None, before: int) -> MotionFriction | None:

@@ -214,7 +214,7 @@ def test_several_levels_in_a_test_are_all_used() -> None:
     found = fit_friction(tests, rig)
     assert found.coulomb_nm.identified and found.viscous_nm_s_per_rad.identified
     assert 0.1 < found.coulomb_nm.value < 0.208 and 0.0488 < found.viscous_nm_s_per_rad.value < 0.1
-    assert any("taken as friction-motion" in n for n in found.notices)
+    assert any("8 levels of 4 friction-sliding tests" in n for n in found.notices)
     assert not any("give constant-effort" in n for n in found.notices)
 
 

@@ -111,6 +111,16 @@ class EvenTrial:
     def __len__(self) -> int:
         return len(self.time)
 
+    def part(self, start: int, stop: int, label: str) -> EvenTrial:
+        """The rows [start, stop) as a trial of their own."""
+        rows = slice(start, stop)
+        own = {
+            name: getattr(self, name)[rows]
+            for name in ("position", "motor", "cylinder", "gravity", "lost")
+        }
+        time = self.time[rows] - self.time[start]
+        return replace(self, label=label, time=time, **own)
+
     @property
     def applied(self) -> FloatArray:
         """What friction and inertia balance: motor + cylinder - gravity (3.4.2)."""
@@ -342,10 +352,13 @@ def constant_run(drive: FloatArray) -> tuple[int, int]:
     """
     n = len(drive)
     level = float(np.median(drive[n // 2 :])) if n else 0.0
+    return signals.longest_run(np.abs(drive - level) <= level_tolerance(drive))
+
+
+def level_tolerance(drive: FloatArray) -> float:
+    """What a drive (n,) may vary by at one level."""
     noise = signals.noise_floor(drive).noise if len(np.unique(drive)) > 10 else 0.0
-    tolerance = max(0.01 * float(np.max(np.abs(drive))), 5.0 * noise)
-    near = np.abs(drive - level) <= tolerance
-    return signals.longest_run(near)
+    return max(0.01 * float(np.max(np.abs(drive))), 5.0 * noise)
 
 
 def pushed_along(trials: Sequence[EvenTrial]) -> str | None:

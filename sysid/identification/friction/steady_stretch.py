@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from sysid.identification.friction.effort import (
     TrialUse,
     Units,
     constant_run,
+    level_tolerance,
     titles,
 )
 from sysid.identification.friction.sliding import SlidingPoints
@@ -209,6 +211,37 @@ def sliding_points(
     laws = (table["intercept"], table["slope"]) if within else None
     points = SlidingPoints(labels, direction, set_effort, table["friction"], table["speed"], laws)
     return points, uses
+
+
+def levels_of_tests(trials: Sequence[EvenTrial]) -> list[EvenTrial]:
+    """Each stretch of constant effort as a trial of its own, of tests that hold several, as far as
+    its speed becomes steady; tests of one level as they are."""
+    found: list[EvenTrial] = []
+    for trial in trials:
+        levels = [part for part in _levels(trial) if _is_settled(part)]
+        found += levels if len(levels) > 1 else [trial]
+    return found
+
+
+def _levels(trial: EvenTrial) -> Iterator[EvenTrial]:
+    """The stretches in which the motor's effort stays at a level other than zero."""
+    drive = trial.motor
+    tolerance = level_tolerance(drive)
+    steps = np.flatnonzero(np.abs(np.diff(drive)) > tolerance) + 1
+    bounds = np.concatenate([[0], steps, [len(drive)]])
+    number = 0
+    for start, stop in pairwise(bounds.tolist()):
+        own = drive[start:stop]
+        long_enough = (stop - start) * trial.period >= 2.0 * MIN_STRETCH_S
+        if not long_enough or np.ptp(own) > 2.0 * tolerance or abs(own[0]) <= tolerance:
+            continue
+        number += 1
+        yield trial.part(start, stop, f"{trial.label} level {number}".strip())
+
+
+def _is_settled(trial: EvenTrial) -> bool:
+    stretch = find_stretch(trial)
+    return not isinstance(stretch, str) and stretch.steady
 
 
 def _keep_one_method(uses: Sequence[TrialUse], notices: list[str]) -> bool:
