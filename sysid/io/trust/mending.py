@@ -2,19 +2,21 @@
 
 In this order: a position whose counter wraps around is followed (`wraps`), channels whose readings
 repeat are taken at their fresh ones (`stale`), a position that jumps within a sample is joined on
-(`jumps`).
+(`jumps`). Rows too far apart for what they sample (`slow`) are said.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.io.channels import PRESSURES
+from sysid.io.channels import CHAMBER_PRESSURES, PRESSURES, SIDES
 from sysid.io.trust.jumps import Jump, Resolution, resolution_of, without_jumps
+from sysid.io.trust.slow import RESOLVED_STEP, WANTED_ROWS, largest_step, rows_per_reversal
 from sysid.io.trust.stale import Staleness, fresh_readings, staleness
 from sysid.io.trust.wraps import counter_ranges, without_wraps
 from sysid.types import FloatArray
@@ -76,7 +78,7 @@ class Fresh:
 
 
 def mend(recording: Recording) -> None:
-    """Mend wraps, repeated readings and jumps, in `samples`.
+    """Mend wraps, repeated readings and jumps, in place; rows too far apart are said.
 
     A file whose time does not increase, which is refused elsewhere, is left as it is.
     """
@@ -92,6 +94,7 @@ def mend(recording: Recording) -> None:
     for name, how in slow.items():
         _take_fresh(recording, name, how, fresh[name])
     _end_at_fresh(recording, fresh.values())
+    recording.notices += _too_slow(recording)
 
 
 def _follow(recording: Recording) -> None:
@@ -200,6 +203,45 @@ def _end_at_fresh(recording: Recording, fresh: Iterable[Sequence[Fresh]]) -> Non
                 recording.tests[test] = (label, slice(rows.start, stop))
             else:
                 recording.tests[test] = (label, rows[:kept])
+
+
+def _too_slow(recording: Recording) -> Iterator[str]:
+    """What rows too far apart, or readings of a slow sensor, do not resolve."""
+    times = recording.parts("time_s")
+    period = float(np.median(np.concatenate([np.diff(time) for time in times])))
+    name = recording.position
+    if name in recording.columns:
+        apart = max(1, round(recording.strides.get(name, 1.0)))
+        count = _resolution(recording).step
+        rows = rows_per_reversal([part[::apart] for part in recording.parts(name)], count)
+        if rows is not None:
+            inertia = "mass" if name == "position_m" else "inertia"
+            yield (
+                f"{name} reverses every {rows:.2g} readings, {apart * period:.3g} s apart: too few "
+                f"for this motion, and friction and {inertia} from it are wrong by what happens "
+                f"between them; log every {_rounded(rows * apart * period / WANTED_ROWS)} s"
+            )
+    for side, name in zip(SIDES, CHAMBER_PRESSURES, strict=True):
+        if name not in recording.columns:
+            continue
+        apart = max(1, round(recording.strides.get(name, 1.0)))
+        valves = [v for v in recording.columns if v.startswith((f"valve_{side}", f"duty_{side}"))]
+        active = {i for v in valves for i, on in enumerate(recording.parts(v)) if np.any(on)}
+        parts = [p[::apart] for i, p in enumerate(recording.parts(name)) if i in active]
+        share = largest_step(parts)
+        if share is not None:
+            yield (
+                f"{name} changes by {share:.0%} of its range from one reading to the next, "
+                f"{apart * period:.3g} s apart: too few to resolve how the chamber fills and "
+                "empties, and flows and delays of its valve are wrong by it; log at least "
+                f"{math.ceil(share / RESOLVED_STEP)} times as often"
+            )
+
+
+def _rounded(period: float) -> str:
+    """A period (s) to one digit, downwards."""
+    scale = 10.0 ** math.floor(math.log10(period))
+    return f"{math.floor(period / scale) * scale:.1g}"
 
 
 __all__ = ["Recording", "mend"]

@@ -1,0 +1,91 @@
+"""Rows too far apart for what they sample: a motion that reverses within a few of them, a pressure
+that changes within a few of them. No fit gets back what happens between two rows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sysid.types import FloatArray
+
+# Rows from one reversal to the next from which a motion is resolved: of a sine the acceleration
+# comes out 1 % too small with 9.
+_FEWEST = 9
+WANTED_ROWS = 20
+# Reversals that show a motion, and the share of the test's range that each crosses.
+_REVERSALS = 8
+_CROSSED = 0.05
+_COUNTS = 10.0
+# Of a pressure's range in a test: an exponential so changes in a third of its time constant.
+_STEP = 0.25
+# What it should change by at most.
+RESOLVED_STEP = 0.05
+_FEWEST_ROWS = 20
+# A pressure's range over the largest step of its quietest rows.
+_ABOVE_NOISE = 10.0
+_BLOCK = 10
+
+
+def rows_per_reversal(parts: Sequence[FloatArray], count: float) -> float | None:
+    """Rows from one reversal of a position to the next, where they are too few to resolve it.
+
+    `parts` (n,) are its tests, `count` its resolution. The median over all tests; None where the
+    motion is resolved, or there is none.
+    """
+    found = [_between_reversals(part, count) for part in parts if _is_fast(part, count)]
+    rows = np.concatenate(found) if found else np.zeros(0)
+    if len(rows) < _REVERSALS:
+        return None
+    usual = float(np.median(rows))
+    return usual if usual < _FEWEST else None
+
+
+def _is_fast(values: FloatArray, count: float) -> bool:
+    """Whether a test (n,) may reverse within so few rows at all: most logs are told at once."""
+    if len(values) < _FEWEST_ROWS:
+        return False
+    way, low, high = np.mean(np.abs(np.diff(values))), np.min(values), np.max(values)
+    return bool(high - low > _COUNTS * count and _FEWEST * way > _CROSSED * (high - low))
+
+
+def _between_reversals(values: FloatArray, count: float) -> FloatArray:
+    """Rows between the reversals of a test (n,), each of which crosses a share of its range."""
+    least = max(_CROSSED * float(np.ptp(values)), _COUNTS * count)
+    at: list[int] = []
+    way, low, high = 0, 0, 0
+    for row, value in enumerate(values):
+        if way >= 0 and value > values[high]:
+            high = row
+        if way <= 0 and value < values[low]:
+            low = row
+        if way >= 0 and values[high] - value > least:
+            at, way, low = [*at, high], -1, row
+        elif way <= 0 and value - values[low] > least:
+            at, way, high = [*at, low], 1, row
+    return np.diff(at).astype(float)
+
+
+def largest_step(parts: Sequence[FloatArray]) -> float | None:
+    """The share of its range by which a pressure changes from one row to the next, where that is
+    too much to resolve the change; `parts` (n,) are the tests in which a valve moves.
+
+    The median of the tests' largest; None where the changes are resolved.
+    """
+    shares = []
+    for part in parts:
+        if len(part) < _FEWEST_ROWS:
+            continue
+        steps, whole = np.abs(np.diff(part)), float(np.ptp(part))
+        if whole > _ABOVE_NOISE * _quietest(steps):
+            shares.append(float(np.max(steps)) / whole)
+    usual = float(np.median(shares)) if shares else 0.0
+    return usual if usual > _STEP else None
+
+
+def _quietest(steps: FloatArray) -> float:
+    """The largest of steps (n,) where they are smallest: the sensor's noise."""
+    return min(float(np.max(part)) for part in np.array_split(steps, max(1, len(steps) // _BLOCK)))
+
+
+__all__ = ["RESOLVED_STEP", "WANTED_ROWS", "largest_step", "rows_per_reversal"]
