@@ -43,6 +43,7 @@ from sysid.identification.friction.effort import (
     units_of,
 )
 from sysid.identification.friction.motion import (
+    HARDLY_MOVES,
     MotionFriction,
     effort_rmse,
     fit_motion,
@@ -409,7 +410,9 @@ def _motion(fit: _Fit, inertia: float | None) -> MotionFriction | None:
     samples, uses = usable_motion(fit.by_kind[MOTION], fit.cutoff_hz, fit.notices)
     fit.uses += uses
     if not samples:
-        raise NotIdentifiedError(_why_still(fit))
+        others = [use for use in uses if use.reason != HARDLY_MOVES]
+        why = f"Coulomb and viscous friction: {_reasons(others)}" if others else _why_still(fit)
+        raise NotIdentifiedError(why)
     result = fit_motion(samples, inertia, fit.units)
     fit.notices += result.notices
     return result

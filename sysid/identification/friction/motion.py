@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid import signals
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.covariance import JointCovariance, shrunk
 from sysid.estimation.linear import Estimate, LinearFit, satterthwaite
@@ -42,6 +43,7 @@ from sysid.identification.friction.motion_samples import (
     OFFSET,
     VISCOUS,
     MotionSamples,
+    fastest_cutoff,
     motion_samples,
     tells_speeds,
 )
@@ -52,6 +54,7 @@ MIN_TRIALS_APART = 3
 _MOST_ONE_WAY = 0.98
 # A trial's variance inflation beyond which its parameters cannot be distinguished in practice.
 _MOST_INFLATION = 100.0
+HARDLY_MOVES = "it hardly moves"
 # Of a trial's samples that are left.
 _FEWEST_SAMPLES = 20
 _BINS = 10
@@ -107,12 +110,31 @@ def usable_motion(
             chosen = motion_samples(trial, cutoff_hz)
             use.values = {"samples": float(len(chosen.effort)), "rest_speed": chosen.rest_speed}
             if len(chosen.effort) < MIN_SAMPLES:
-                use.leave_out("it hardly moves")
+                use.leave_out(_why_few(trial, chosen))
             else:
                 samples.append(chosen)
         if not use.used:
             notices.append(f"{use.title}: left out of friction from motion, {use.reason}")
     return samples, uses
+
+
+def _why_few(trial: EvenTrial, chosen: MotionSamples) -> str:
+    """Why a test has few samples that count: it rests, or its rows are too far apart.
+
+    The latter where the time for which it moves would give enough of them at the filter's usual
+    cut-off, which the sampling does not allow.
+    """
+    speed = np.abs(signals.first_derivative(trial.position, trial.period))
+    moves = (speed > chosen.rest_speed) & trial.inside & ~trial.lost
+    enough_s = MIN_SAMPLES / (A_LENGTH * signals.DEFAULT_CUTOFF_HZ)
+    is_slow = fastest_cutoff(trial) < signals.DEFAULT_CUTOFF_HZ
+    if not is_slow or np.count_nonzero(moves) * trial.period < enough_s:
+        return HARDLY_MOVES
+    return (
+        f"it moves, but is sampled too slowly: with {trial.stride * trial.period:.3g} s from one "
+        f"reading to the next {len(chosen.effort)} samples remain clear of its rests and reversals "
+        f"by the filter's length, and {MIN_SAMPLES} are needed"
+    )
 
 
 def fit_motion(

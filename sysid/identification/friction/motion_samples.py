@@ -135,14 +135,19 @@ def left_out(trial: EvenTrial, cutoff_hz: float) -> NDArray[np.bool_]:
     return found
 
 
+def fastest_cutoff(trial: EvenTrial) -> float:
+    """The highest cut-off, Hz, that stays clear of the Nyquist frequency of the readings."""
+    return 0.2 / (trial.stride * trial.period)
+
+
 def default_cutoff(trial: EvenTrial, highest_hz: float) -> float:
     """The highest cut-off up to `highest_hz`, Hz, at which the motion exceeds the noise.
 
-    It stays clear of the Nyquist frequency of the position's readings, and is halved until the limit of rest is well
-    below the speeds of the motion.
+    It stays clear of the Nyquist frequency of the position's readings, and is halved until the
+    limit of rest is well below the speeds of the motion.
     """
     dt = trial.period
-    cutoff = min(highest_hz, 0.2 / (trial.stride * dt))
+    cutoff = min(highest_hz, fastest_cutoff(trial))
     for _ in range(_HALVINGS):
         speed = signals.first_derivative(signals.lowpass(trial.position, dt, cutoff), dt)
         fast = float(np.quantile(np.abs(speed), 0.5))

@@ -17,8 +17,8 @@ WANTED_ROWS = 20
 _REVERSALS = 8
 _CROSSED = 0.05
 _COUNTS = 10.0
-# Of a pressure's range in a test: an exponential so changes in a third of its time constant.
-_STEP = 0.25
+# Of a pressure's range in a test: an exponential so changes in half of its time constant.
+_STEP = 0.4
 # What it should change by at most.
 RESOLVED_STEP = 0.05
 _FEWEST_ROWS = 20
