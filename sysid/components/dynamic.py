@@ -207,7 +207,7 @@ class DynamicPart(OwnPart):
         """The measurement's own noise: from the channel itself, or from one row's residual to the
         next, whichever is less: motion adds to both."""
         long = [t for t in self.trials if len(t) >= _FEWEST_FOR_NOISE]
-        floors = [signals.noise_floor(t[name], stride=t.stride).total for t in long]
+        floors = [signals.noise_floor(t[name], stride=t.stride_of(name)).total for t in long]
         outputs, i = self._simulated([law])[0], self.made.outputs.index(name)
         steps = [
             np.diff(self.stretches[k].trial[name][a:b] - outputs[r, : b - a, i])

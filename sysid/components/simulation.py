@@ -278,7 +278,7 @@ def _noise_of(trial: Trial, made: DynamicComponent) -> dict[str, float]:
     """The noise of each column, in its unit; 0 in a test too short to tell."""
     if len(trial) < _FEWEST_FOR_NOISE:
         return dict.fromkeys(made.columns, 0.0)
-    return {n: signals.noise_floor(trial[n], stride=trial.stride).total for n in made.columns}
+    return {n: signals.noise_floor(trial[n], stride=trial.stride_of(n)).total for n in made.columns}
 
 
 def _at(trial: Trial, name: str, row: int, column: LogColumn, noise: float) -> tuple[float, float]:

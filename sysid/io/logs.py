@@ -590,12 +590,20 @@ def trial_of(reading: LogReading, label: str, rows: NDArray[np.int64] | slice) -
     """One test of a reading."""
     channels = {n: v[rows] for n, v in reading.columns.items() if n != "time_s"}
     channels = {n: v for n, v in channels.items() if not np.isnan(v).all()}
-    source = f"{reading.where}, test {label}" if label else reading.where
     time = reading.columns["time_s"][rows]
-    wrong = tuple(map(one_line, reading.contradictions))
-    read_as = {name: _read_as(reading, name) for name in channels}
-    between = _between(reading, time)
-    return Trial(label, time, channels, source, reading.unusable, between, read_as, wrong)
+    said = measured_period(reading.table.comments)
+    slow = {n: stride * float(np.median(np.diff(time))) for n, stride in reading.strides.items()}
+    return Trial(
+        label,
+        time,
+        channels,
+        f"{reading.where}, test {label}" if label else reading.where,
+        reading.unusable,
+        row_period=max([*slow.values(), said or 0.0]) or None,
+        slow=slow if said is None else {},
+        read_as={name: _read_as(reading, name) for name in channels},
+        contradictions=tuple(map(one_line, reading.contradictions)),
+    )
 
 
 def _read_as(reading: LogReading, name: str) -> ColumnMap:
@@ -603,13 +611,6 @@ def _read_as(reading: LogReading, name: str) -> ColumnMap:
     origin = reading.origin.get(name, name)
     target = origin if origin in _CONVERTED else name
     return reading.maps.get(target, ColumnMap(target, target))
-
-
-def _between(reading: LogReading, time: FloatArray) -> float | None:
-    """The longest period (s) of readings between which samples of a test lie, if any do."""
-    said = measured_period(reading.table.comments)
-    slow = max(reading.strides.values(), default=0.0) * float(np.median(np.diff(time)))
-    return max(slow, said or 0.0) or None
 
 
 __all__ = [

@@ -32,9 +32,11 @@ class Trial:
     shaft, whatever column the file gave. `source` names file and test for messages.
     `unusable` gives the faults of columns that only few kinds of test need. `row_period`: the
     samples are not as measured but between measured ones so many seconds apart (`sysid convert
-    --resample`, `--join`), and their noise is correlated; None: as measured. `is_readings`: a
-    table without time, each row a reading by itself; `time` then counts the rows. `read_as` tells
-    from which column a channel was read, and how; `contradictions` are those of its log (`Log`).
+    --resample`, `--join`, a sensor slower than the logger), and their noise is correlated; None: as
+    measured. `slow`: where only some channels are so, their names with the period (s) of each.
+    `is_readings`: a table without time, each row a reading by itself; `time` then counts the rows.
+    `read_as` tells from which column a channel was read, and how; `contradictions` are those of its
+    log (`Log`).
     """
 
     label: str
@@ -46,6 +48,7 @@ class Trial:
     read_as: Mapping[str, ColumnMap] = field(default_factory=dict)
     contradictions: tuple[str, ...] = ()
     is_readings: bool = False
+    slow: Mapping[str, float] = field(default_factory=dict)
 
     def __contains__(self, name: str) -> bool:
         return name in self.channels
@@ -71,6 +74,12 @@ class Trial:
     def stride(self) -> int:
         """Samples from one to the next whose errors are not shared: 1 where all are measured."""
         return 1 if self.row_period is None else max(1, math.ceil(self.row_period / self.period))
+
+    def stride_of(self, channel: str) -> int:
+        """`stride`, of one channel."""
+        if not self.slow:
+            return self.stride
+        return max(1, math.ceil(self.slow.get(channel, 0.0) / self.period))
 
     @property
     def frame(self) -> pd.DataFrame:

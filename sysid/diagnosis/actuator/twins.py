@@ -72,11 +72,11 @@ def sensor_noise(tests: Sequence[tuple[str, str, Trial]], rig: Rig) -> SensorNoi
     blocks of all tests, where neither motion nor flow shows; so too the position of logs whose
     samples lie between measured ones, which correlates their noise.
     """
-    pressures = CHAMBER_PRESSURES
+    position, pressures = rig.position_channel, CHAMBER_PRESSURES
     floors = [
-        signals.noise_floor(t[rig.position_channel], stride=t.stride)
+        signals.noise_floor(t[position], stride=t.stride_of(position))
         for _, _, t in sorted(tests, key=lambda item: len(item[2]))[-24:]
-        if rig.position_channel in t and len(t) >= 64
+        if position in t and len(t) >= 64
     ]
     noise = float(np.median([f.noise for f in floors])) if floors else 0.0
     step = float(np.median([f.quantum for f in floors])) if floors else 0.0
@@ -89,8 +89,8 @@ def sensor_noise(tests: Sequence[tuple[str, str, Trial]], rig: Rig) -> SensorNoi
         steps = [s for s in (signals.quantum(c) for c in channels[:24]) if s > 0.0]
         quantum.append(float(np.median(steps)) if steps else 0.0)
         kernels.append(_noise_kernel(channels, quantum[-1], lags))
-    if between:
-        positions = [t[rig.position_channel] for t in between if rig.position_channel in t]
+    positions = [t[position] for t in between if position in t and t.stride_of(position) > 1]
+    if positions:
         kernels[0] = _noise_kernel(positions, step, lags)
     return SensorNoise((kernels[0], kernels[1], kernels[2]), np.array(quantum))
 

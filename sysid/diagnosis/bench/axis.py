@@ -249,7 +249,7 @@ class Axis(Component):
             )
             gaps.append(position - simulate([inputs], [model])[0].position)
         name = self.rig.position_channel
-        noise = [signals.noise_floor(t[name], stride=t.stride).total for t in self.trials]
+        noise = [signals.noise_floor(t[name], stride=t.stride_of(name)).total for t in self.trials]
         return {self.rig.position_channel: (rmse(gaps), math.hypot(*noise) / math.sqrt(len(noise)))}
 
 

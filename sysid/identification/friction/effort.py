@@ -262,7 +262,7 @@ def even_trial(trial: Trial, rig: Rig, notices: list[str]) -> EvenTrial:
         limit=math.inf if travel is None else (0.5 - END_MARGIN) * travel,
         travel=travel,
         lost=signals.in_pauses(trial.time, grid),
-        stride=trial.stride,
+        stride=trial.stride_of(rig.position_channel),
         has_motor=has_motor,
         valves_on=any(name in trial and np.any(trial[name]) for name in VALVE_COMMANDS),
         valves_move=any(name in trial and np.ptp(trial[name]) > 0.0 for name in VALVE_COMMANDS),

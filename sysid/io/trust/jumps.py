@@ -24,6 +24,8 @@ _IRREGULAR = 3.0
 # Of a position in whole counts each reading is within half a count of the truth, and a step within
 # one: two steps differ by two counts at most.
 _COUNTS = 2.5
+# The range that rounding gives the steps of an even motion about their line.
+_ROUNDED = 1.0
 # Chance of one false alarm in a test whose errors are as those of its other rows.
 _FALSE_ALARM = 1e-4
 _USUAL, _SELDOM = 0.9, 0.99
@@ -133,7 +135,8 @@ def _largest(time: FloatArray, position: FloatArray, resolution: Resolution) -> 
     # What whole counts do not explain.
     beyond = np.maximum(0.0, around.outside - _COUNTS * count)
     ratio = beyond / (count + noise + around.range)
-    clear = (beyond > noise + _IRREGULAR * around.range) & (ratio > _seldom_passed(ratio))
+    irregular = np.maximum(0.0, around.range - _ROUNDED * count)
+    clear = (beyond > noise + _IRREGULAR * irregular) & (ratio > _seldom_passed(ratio))
     if not clear.any():
         return None
     step = int(np.argmax(np.where(clear, ratio, 0.0)))

@@ -30,6 +30,8 @@ _SEVERAL = 1.5
 _REGULAR = 0.9
 _JITTER = 0.2
 _MULTIPLES = 3
+# Of a stride: a reading may come so much early.
+_EARLY = 0.25
 
 
 @dataclass(frozen=True)
@@ -75,7 +77,7 @@ def fresh_readings(values: FloatArray, stride: float) -> tuple[FloatArray, Float
         return np.array([0.0, len(values) - 1.0]), values[[0, -1]]
     gaps = np.diff(changes, prepend=0, append=len(values))
     # Of the readings from one change to the next; what follows the last may be a part of a stride.
-    times = np.maximum(1, np.round(gaps / stride).astype(int))
+    times = np.maximum(1, np.floor(gaps / stride + _EARLY).astype(int))
     times[-1] = max(1, math.floor((gaps[-1] - 1) / stride) + 1)
     before = changes[0] - stride * np.arange(times[0], 0, -1)
     after = changes[-1] + stride * np.arange(times[-1])
@@ -104,8 +106,9 @@ def _regular(gaps: NDArray[np.intp]) -> float | None:
     if len(gaps) < _FEWEST // 2:
         return None
     usual = float(np.median(gaps))
-    times = np.clip(np.round(gaps / usual), 1, _MULTIPLES)
-    is_regular = np.abs(gaps - times * usual) <= np.maximum(1.0, _JITTER * usual)
+    jitter = max(1.0, _JITTER * usual)
+    times = np.clip(np.ceil((gaps - jitter) / usual), 1, _MULTIPLES)
+    is_regular = np.abs(gaps - times * usual) <= jitter
     if np.mean(is_regular) < _REGULAR or usual <= 1.0:
         return None
     return float(np.sum(gaps[is_regular]) / np.sum(times[is_regular]))
