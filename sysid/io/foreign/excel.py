@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -13,6 +14,7 @@ from sysid.io.foreign.heading import find_header
 from sysid.io.foreign.stated_units import stated_units
 from sysid.io.foreign.table import ForeignTable, ReadOptions, damaged, take_names
 from sysid.io.foreign.workbook_size import check_size
+from sysid.io.units import bare_name
 
 
 def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
@@ -42,6 +44,10 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
     if options.transpose:
         frame = _transposed(frame)
     rows = [["" if v is None or v != v else str(v) for v in row] for row in frame.values[:200]]
+    above = _rows_above(rows, options.names)
+    if above:
+        table.notices.append(f"{path}: {above} rows above the names passed over")
+        frame, rows = frame.iloc[above:], rows[above:]
     names, skipped = find_header(rows, options.header)
     units = stated_units(names or (), rows[1] if skipped else ())
     if skipped:
@@ -58,6 +64,16 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
     columns = list(table.columns)
     table.units.update({columns[index]: unit for index, unit in units.items()})
     return table
+
+
+def _rows_above(rows: Sequence[Sequence[str]], asked: Sequence[str]) -> int:
+    """How many rows stand above the one that holds the names asked for; 0 where none does."""
+    names = [name for name in asked if not name.startswith("#")]
+    found = [
+        sum(name in row or name in map(bare_name, row) for name in names) if names else 0
+        for row in rows
+    ]
+    return found.index(max(found)) if any(found) else 0
 
 
 def _transposed(frame: Any) -> Any:

@@ -191,10 +191,10 @@ class _Search:
         """The heading of a line that fits."""
         width = self.width_of(index)
         cells = self.cells(index)[:width]
-        numeric = self.layout.numeric | set(range(self.layout.fields, width))
-        layout = replace(self.layout, fields=width, numeric=frozenset(numeric))
+        layout = replace(self.layout, fields=width)
         if width > self.layout.fields:
-            layout = replace(layout, ends_empty=False)
+            more = () if layout.ends_empty else range(self.layout.fields, width)
+            layout = replace(layout, ends_empty=False, numeric=layout.numeric.union(more))
         above = self.cells(index - 1) if index > 0 else []
         above = above[:width] if self.layout.fits(above) else []
         return TableHeading([c.strip() for c in cells], index, index + 1, layout, above=above)

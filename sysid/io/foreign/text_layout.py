@@ -39,6 +39,7 @@ _CANDIDATES = (
     (BLANK, ","),
 )
 _SAMPLE_LINES = 100
+_FEWEST_LINES = 20
 _WORDS = re.compile(r"\S+")
 
 
@@ -117,8 +118,9 @@ def check_line_lengths(path: Path, lines: Iterable[str], options: ReadOptions) -
 
 def find_layout(path: Path, lines: Sequence[str], options: ReadOptions) -> Layout:
     """The delimiter and decimal sign under which most cells of most lines are numbers."""
-    # Headings and preambles come first, so the later half of the lines decides.
-    late = lines[len(lines) // 2 :]
+    # Headings and preambles come first, so the last lines decide.
+    late = lines[-max(_FEWEST_LINES, len(lines) // 10) :]
+    late = late[len(late) // 2 :] if len(late) == len(lines) else late
     late = late[:: max(1, len(late) // _SAMPLE_LINES)]
     best: tuple[tuple[float, bool], Layout] | None = None
     for delimiter, decimal in _candidates(path, options):

@@ -1,0 +1,265 @@
+"""Tables of text as programs export them: preambles, headings, rows that are none, damage."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import openpyxl
+import pandas as pd
+import pytest
+from foreign_files import log_of, refused
+
+from sysid.errors import InputError
+from sysid.io.conversion import ConversionReport, convert
+from sysid.io.foreign import ForeignTable, ReadOptions, read_foreign
+
+ROWS = 40
+TIME = np.arange(ROWS) / 1000.0
+POSITION = np.round(50.0 + 8.0 * np.sin(30.0 * TIME), 4)  # mm
+FORCE = np.round(5.0 * np.cos(30.0 * TIME), 4)
+BY_NAME = ("time_s=t", "position_m=pos:mm", "motor_force_n=u")
+BY_NUMBER = ("time_s=#1", "position_m=#2:mm", "motor_force_n=#3")
+
+
+def rows(sep: str = ",", decimal: str = ".", end: str = "") -> str:
+    cells = (
+        [f"{a:.3f}", f"{b:.4f}", f"{c:.4f}"] for a, b, c in zip(TIME, POSITION, FORCE, strict=True)
+    )
+    return "".join(sep.join(row).replace(".", decimal) + end + "\n" for row in cells)
+
+
+def read(tmp_path: Path, text: str | bytes, *maps: str, **how: object) -> ConversionReport:
+    path = tmp_path / "rec.csv"
+    path.write_bytes(text.encode() if isinstance(text, str) else text)
+    return convert(path, tmp_path / "log.csv", maps=maps, **how)  # type: ignore[arg-type]
+
+
+def expect(tmp_path: Path) -> None:
+    """The log holds TIME, POSITION and FORCE, to the last digit."""
+    frame = log_of(tmp_path / "log.csv")
+    assert frame["time_s"].tolist() == TIME.tolist()
+    assert frame["position_m"].tolist() == (POSITION / 1000.0).tolist()
+    assert frame["motor_force_n"].tolist() == FORCE.tolist()
+
+
+def table_of(tmp_path: Path, text: str, *names: str) -> ForeignTable:
+    path = tmp_path / "rec.csv"
+    path.write_text(text)
+    with path.open("rb") as file:
+        return read_foreign(path, file, ReadOptions(names=names))
+
+
+# --- preambles and headings -----------------------------------------------------------
+
+SCOPE = "Model,MSO24\nProbe Attenuation,1,1\nVertical Offset,0,0\n,,\nLabel,,\n"
+BANNER = "=~=~=~=~=~=~=~=~=~=~=~= PuTTY log 2024.05.06 14:22:10 =~=~=~=~=~=~=~=~=~=~=~=\n"
+LECROY = (
+    "LECROYWR64Xi,12345,Waveform\nSegments,1,SegmentSize,40\nSegment,TrigTime,TimeSinceSegment1\n"
+    "#1,20-Nov-2012 15:32:30,0\n"
+)
+HEADINGS = {
+    "plain": "t,pos,u\n" + rows(),
+    "scope": SCOPE + "t,pos,u\n" + rows(),
+    "LeCroy": LECROY + "t,pos,u\n" + rows(),
+    "PicoScope": "t,pos,u\n(s),(mm),(V)\n\n" + rows(),
+    "Rigol": "t(s),pos(V),u(V),\n" + rows(end=","),
+    "Siglent": "Source,pos,u\nt,Volt,Volt\n" + rows(),
+    "Siemens": '"Trace";"X"\n"Date";"06.05.2024 14:22:10"\n\n"t";"pos";"u"\n"s";"mm";"N"\n'
+    + rows(";", ","),
+    "PuTTY": BANNER + "t,pos,u\n" + rows(),
+    "long": "".join(f"Key{i},{i}\n" for i in range(300)) + "t,pos,u\n" + rows(),
+    "rostopic": "%t,pos,u\n" + rows(),
+    "savetxt": "# run of May\n# t pos u\n" + rows(" "),
+    "comments": "# rig 3\nt\tpos\tu\tComment\n" + rows("\t"),
+    "trailing": "t;pos;u;\n" + rows(";", ",", ";"),
+    "trailing heading": "t;pos;u;\n" + rows(";", ","),
+    "in brackets": "t [s],pos [mm],u [N]\n" + rows(),
+    "blanks and brackets": "t [s] pos [mm] u [N]\n" + rows(" "),
+}
+
+
+@pytest.mark.parametrize("style", HEADINGS)
+def test_the_heading_is_found(tmp_path: Path, style: str) -> None:
+    read(tmp_path, HEADINGS[style], *BY_NAME)
+    expect(tmp_path)
+    if not style.startswith("Siglent"):
+        read(tmp_path, HEADINGS[style], *BY_NUMBER)
+        expect(tmp_path)
+
+
+def test_names_that_are_numbers(tmp_path: Path) -> None:
+    text = "x-axis,1,2\nsecond,Volt,Volt\n" + rows()
+    read(tmp_path, text, "time_s=x-axis", "position_m=1:mm", "motor_force_n=2")
+    expect(tmp_path)
+
+
+def test_a_comment_sign_may_be_part_of_the_name(tmp_path: Path) -> None:
+    read(tmp_path, HEADINGS["rostopic"], "time_s=%t", *BY_NAME[1:])
+    expect(tmp_path)
+
+
+def test_period_of_a_scope_that_states_it(tmp_path: Path) -> None:
+    cells = "".join(
+        f"{i},{b:.4f},{c:.4f},,\n" for i, (b, c) in enumerate(zip(POSITION, FORCE, strict=True))
+    )
+    text = "X,pos,u,Start,Increment\nSequence,Volt,Volt,0.0,1.0E-3\n" + cells
+    report = read(tmp_path, text, *BY_NAME[1:])
+    expect(tmp_path)
+    assert any("the file's own period, 0.001 s" in notice for notice in report.notices)
+
+
+def test_what_stands_above_is_said(tmp_path: Path) -> None:
+    report = read(tmp_path, SCOPE + "t,pos,u\n" + rows(), *BY_NAME)
+    assert any("begins in line 6;" in n and "(--skip-rows 5)" in n for n in report.notices)
+
+
+def test_units_as_the_heading_states_them(tmp_path: Path) -> None:
+    table = table_of(tmp_path, "t;pos [mm];x_mm;act;F (raw)\ns;;;%;\n1;2;3;4;5\n2;3;4;5;6\n")
+    assert table.units == {"t": "s", "pos [mm]": "mm", "x_mm": "mm", "act": "%"}
+
+
+def test_names_without_their_unit_must_tell_columns_apart(tmp_path: Path) -> None:
+    text = "t,p [bar],p [kPa],u\n1,2,3,4\n2,3,4,5\n"
+    with pytest.raises(
+        InputError, match=r"has no column 'p'.*its columns are t, p \[bar\], p \[kPa\]"
+    ):
+        read(tmp_path, text, "time_s=t", "pressure_a_pa=p")
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("t,pos,u,w\n" + rows(), "line 1: 4 column names over 3 fields.*--skip-rows 1"),
+        ("t,pos\n" + rows(), "line 1: 2 column names over 3 fields"),
+        ("T,Pos,U\n" + rows(), "has no column 't'"),
+        (rows(), "has no column 't'.*#1"),
+    ],
+)
+def test_headings_that_do_not_fit(tmp_path: Path, text: str, what: str) -> None:
+    with pytest.raises(InputError, match=what):
+        read(tmp_path, text, *BY_NAME)
+
+
+def test_sheet_with_rows_above_its_names(tmp_path: Path) -> None:
+    book = openpyxl.Workbook()
+    for row in (["Rig", 3], ["Date", "today", "x"], ["t", "q [deg]"], ["s", "deg"]):
+        book.active.append(row)
+    for time in range(5):
+        book.active.append([time, 2.0 * time])
+    book.save(tmp_path / "rec.xlsx")
+    convert(tmp_path / "rec.xlsx", tmp_path / "log.csv", maps=["time_s=t", "theta_rad=q"])
+    assert log_of(tmp_path / "log.csv")["theta_rad"].tolist() == [0.0, 2.0, 4.0, 6.0, 8.0]
+
+
+# --- lines that are no rows ------------------------------------------------------------
+
+HALF = rows().splitlines(keepends=True)
+PASSED = {
+    "EOF": (rows() + "EOF\n", "line 42 passed over.*EOF"),
+    "padding": (rows() + ",,\n,,\n\nEND\n", "line 42 and 1 more passed over, without values"),
+    "footer": (rows() + "\nrecorded by logger\n", "line 43 passed over.*recorded"),
+    "comment": ("".join([*HALF[:9], "# paused\n", *HALF[9:]]), "line 11 passed over, a comment"),
+    "zeros": (rows() + "\0" * 9000, "9000 zero bytes"),
+}
+
+
+@pytest.mark.parametrize("style", PASSED)
+def test_lines_passed_over(tmp_path: Path, style: str) -> None:
+    text, what = PASSED[style]
+    report = read(tmp_path, "t,pos,u\n" + text, *BY_NAME)
+    expect(tmp_path)
+    assert pd.Series(report.notices).str.contains(what).any(), report.notices
+
+
+def test_signals_in_rows(tmp_path: Path) -> None:
+    columns = [line.split(",") for line in rows().splitlines()]
+    lines = [[name, *cells] for name, cells in zip("tpu", zip(*columns, strict=True), strict=True)]
+    maps = ("time_s=t", "position_m=p:mm", "motor_force_n=u")
+    text = "".join(",".join(line) + "\n" for line in lines)
+    read(tmp_path, text, *maps, transpose=True)
+    expect(tmp_path)
+    united = "".join(
+        ";".join([line[0], unit, *line[1:]]).replace(".", ",") + "\n"
+        for line, unit in zip(lines, ("s", "mm", "N"), strict=True)
+    )
+    read(tmp_path, united, *maps, transpose=True)
+    expect(tmp_path)
+    spec = tmp_path / "lab.toml"
+    spec.write_text("[options]\ntranspose = true\nheader = false\n")
+    bare = "".join(" ".join(line[1:]) + "\n" for line in lines)
+    read(tmp_path, bare, *BY_NUMBER, spec_file=spec)
+    expect(tmp_path)
+    with pytest.raises(InputError, match=r"value 4 of the line: column p .* is empty"):
+        read(tmp_path, text.replace(lines[1][4], "", 1), *maps, transpose=True)
+
+
+def test_sheet_of_signals_in_rows(tmp_path: Path) -> None:
+    book = openpyxl.Workbook()
+    book.active.append(["t", 0.0, 0.1, 0.2])
+    book.active.append(["q", 1.0, 2.0, 4.0])
+    book.save(tmp_path / "rec.xlsx")
+    maps = ["time_s=t", "theta_rad=q"]
+    convert(tmp_path / "rec.xlsx", tmp_path / "log.csv", maps=maps, transpose=True)
+    assert log_of(tmp_path / "log.csv")["theta_rad"].tolist() == [1.0, 2.0, 4.0]
+    pd.DataFrame({"t": TIME, "q": FORCE}).to_parquet(tmp_path / "rec.parquet")
+    refused(
+        tmp_path / "rec.parquet", tmp_path / "x.csv", "omit --transpose", maps=maps, transpose=True
+    )
+
+
+# --- damage: named, or said ------------------------------------------------------------
+
+
+def _cell(row: int, column: int, text: str | None) -> Callable[[list[list[str]]], None]:
+    def change(cells: list[list[str]]) -> None:
+        if text is None:
+            cells[row].pop(column)
+        else:
+            cells[row][column] = text
+
+    return change
+
+
+def _run_together(cells: list[list[str]]) -> None:
+    following = cells.pop(11)
+    cells[10][-1] += following[0]
+    cells[10] += following[1:]
+
+
+DAMAGE: dict[str, tuple[Callable[[list[list[str]]], None], str]] = {
+    "an empty cell": (_cell(10, 1, ""), "line 12: column pos .* is empty"),
+    "an empty last cell": (_cell(10, 2, ""), "line 12: column u .* is empty"),
+    "a cell that is missing": (_cell(10, 1, None), "line 12: the row ends early: 2 of 3 fields"),
+    "a first row cut short": (_cell(0, 1, None), "line 2: the row ends early"),
+    "a word": (_cell(10, 1, "err"), "line 12: column pos .* holds 'err'"),
+    "a word in the first row": (_cell(0, 0, "x0"), "line 2: column t .* holds 'x0'|holds 'x0'"),
+    "a decimal comma": (_cell(10, 1, "50,1"), "line 12: 4 fields where the other lines have 3"),
+    "rows run together": (_run_together, "line 12: 5 fields where the other lines have 3"),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+@pytest.mark.parametrize("above", ["", SCOPE])
+def test_a_damaged_row_is_named(tmp_path: Path, damage: str, above: str) -> None:
+    change, what = DAMAGE[damage]
+    cells = [line.split(",") for line in rows().splitlines()]
+    change(cells)
+    text = above + "t,pos,u\n" + "".join(",".join(row) + "\n" for row in cells)
+    if above:
+        what = what.replace("line 12", "line 17").replace("line 2:", "line 7:")
+    with pytest.raises(InputError, match=what):
+        read(tmp_path, text, *BY_NAME)
+
+
+def test_a_line_cut_within_its_last_number(tmp_path: Path) -> None:
+    for cut in (2, 3, 6, 9, 15):
+        with pytest.raises(InputError, match=r"line 41: .*(cut off|ends early)"):
+            read(tmp_path, ("t,pos,u\n" + rows())[:-cut], *BY_NAME)
+
+
+def test_another_heading_amid_the_rows(tmp_path: Path) -> None:
+    text = "".join(["t,pos,u\n", *HALF[:9], "u,pos,t\n", *HALF[9:]])
+    with pytest.raises(InputError, match=r"line 11: words amid the rows \('u,pos,t'\)"):
+        read(tmp_path, text, *BY_NAME)

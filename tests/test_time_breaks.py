@@ -1,0 +1,177 @@
+"""A time that goes back: counters that wrap, recordings that start again, rows out of order."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from foreign_files import log_of, plain
+
+from sysid.commands.app import main
+from sysid.io.conversion import convert
+from sysid.io.time_breaks import time_breaks, wraps_of, wraps_of_seconds
+
+MAPS = ("time_s=t:us", "theta_rad=q")
+STEPS = np.arange(80)
+
+
+def recorded(folder: Path, *parts: np.ndarray, **more: np.ndarray) -> Path:
+    time = np.concatenate(parts)
+    return plain(folder, t=time, q=np.arange(len(time)) / 7.0, **more)
+
+
+@pytest.mark.parametrize("bits", [16, 32])
+@pytest.mark.parametrize("signed", [False, True])
+def test_a_counter_is_unwrapped(tmp_path: Path, bits: int, signed: bool) -> None:
+    size = 1 << bits
+    true = size - 20 * 997 + 997 * STEPS
+    counts = true % size - (size // 2 if signed else 0)
+    report = convert(recorded(tmp_path, counts), tmp_path / "o.csv", maps=MAPS)
+    time = log_of(tmp_path / "o.csv")["time_s"].to_numpy()
+    np.testing.assert_allclose(np.diff(time), 997e-6, rtol=1e-6)
+    assert any(f"a {bits}-bit counter, {size}) in line 22" in n for n in report.notices)
+    assert report.tests == ()
+
+
+def test_a_counter_wraps_more_than_once(tmp_path: Path) -> None:
+    counts = (60_000 + 9_000 * STEPS) % 65536
+    convert(recorded(tmp_path, counts), tmp_path / "o.csv", maps=("time_s=t:ms", "theta_rad=q"))
+    np.testing.assert_allclose(np.diff(log_of(tmp_path / "o.csv")["time_s"]), 9.0, rtol=1e-12)
+
+
+def test_seconds_that_were_a_counter(tmp_path: Path) -> None:
+    true = (1 << 32) - 20_000 + 1000 * STEPS
+    convert(
+        recorded(tmp_path, (true % (1 << 32)) / 1e6),
+        tmp_path / "o.csv",
+        maps=("time_s=t", "theta_rad=q"),
+    )
+    np.testing.assert_allclose(np.diff(log_of(tmp_path / "o.csv")["time_s"]), 1e-3, rtol=1e-6)
+
+
+def test_what_is_no_wrap() -> None:
+    again = np.r_[0:50, 0:50].astype(float)
+    assert wraps_of(again) is None
+    assert wraps_of_seconds(again / 1000.0) is None
+    # One wrong value near nothing amid values near the counter's size.
+    wrong = 2.0**32 - 1000.0 * np.arange(50, 0, -1)
+    wrong[25] = 3.0
+    assert wraps_of(wrong) is None
+    assert wraps_of(np.arange(50.0)) is None
+
+
+def test_a_time_that_starts_again_is_a_new_test(tmp_path: Path) -> None:
+    first, second = 1000 * STEPS, 5000 + 1000 * STEPS[:30]
+    report = convert(recorded(tmp_path, first, second), tmp_path / "o.csv", maps=MAPS)
+    assert report.tests == ("1", "2")
+    assert any("time starts again in line 82: 2 tests" in notice for notice in report.notices)
+    assert log_of(tmp_path / "o.csv").groupby("test").size().tolist() == [80, 30]
+
+
+def test_labels_that_the_file_has_are_kept(tmp_path: Path) -> None:
+    names = np.repeat(["up", "down"], 80)
+    path = recorded(tmp_path, 1000 * STEPS, 1000 * STEPS, test=names)
+    report = convert(path, tmp_path / "o.csv", maps=MAPS)
+    assert report.tests == ("up", "down")
+    assert not any("again" in notice for notice in report.notices)
+
+
+def test_tests_of_what_the_user_calls_them(tmp_path: Path) -> None:
+    path = recorded(tmp_path, 1000 * STEPS, 1000 * STEPS)
+    report = convert(path, tmp_path / "o.csv", maps=MAPS, constants=["test=up"])
+    assert report.tests == ("up/1", "up/2")
+    (tmp_path / "b.csv").write_bytes(path.read_bytes())
+    report = convert([path, tmp_path / "b.csv"], tmp_path / "o.csv", maps=MAPS)
+    assert report.tests == ("rec/1", "rec/2", "b/1", "b/2")
+
+
+def test_a_heading_with_a_single_row_is_no_test(tmp_path: Path) -> None:
+    (tmp_path / "rec.csv").write_text("t,q\n0,1\n1,2\nt,q\nt,q\n0,5\nt,q\n0,3\n1,4\n")
+    report = convert(tmp_path / "rec.csv", tmp_path / "o.csv", maps=["time_s=t", "theta_rad=q"])
+    assert log_of(tmp_path / "o.csv")["theta_rad"].tolist() == [1.0, 2.0, 3.0, 4.0]
+    assert any("1 test of a single row left out (in line 6)" in n for n in report.notices)
+
+
+@pytest.mark.parametrize(
+    ("time", "starts", "disordered"),
+    [
+        ([0, 1, 2, 0, 1, 2], [3], None),
+        ([0, 1, 3, 2, 4, 5], [], 3),
+        ([0, 1, 4, 5, 2, 3, 6], [], 4),
+        ([0, 1, 2, 3, 0, 5, 6], [], 4),
+        ([5, 6, 7, 8, 0, 1, 2, 3], [4], None),
+        ([0, 1, 2, 3, 4, 5, 1.5, 2.5, 3.5, 4.5, 5.5], [6], None),
+        ([0, 1, 1, 2, 3], [], None),
+    ],
+)
+def test_recordings_and_rows_out_of_order(
+    time: list[float], starts: list[int], disordered: int | None
+) -> None:
+    found = time_breaks(np.array(time, dtype=float))
+    assert (found.starts.tolist(), found.disordered) == (starts, disordered)
+
+
+def test_rows_out_of_order_are_no_test(tmp_path: Path) -> None:
+    time = 1000 * STEPS
+    time[[20, 21]] = time[[21, 20]]
+    report = convert(recorded(tmp_path, time), tmp_path / "o.csv", maps=MAPS)
+    assert report.tests == ()
+    assert any("line 23: time_s goes back" in n and "out of order" in n for n in report.notices)
+
+
+# --- the strict reader names the cause -------------------------------------------------
+
+CAUSES = {
+    "wrap": ("a 32-bit counter of microseconds wrapped", "unwraps it"),
+    "restart": ("the recording starts again there", "numbers the tests in a column `test`"),
+    "disorder": ("out of order", "sort the rows by time"),
+}
+
+
+@pytest.mark.parametrize("cause", CAUSES)
+def test_the_cause_that_the_data_show(
+    tmp_path: Path, rig_text: str, cause: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    time = STEPS / 1000.0
+    if cause == "wrap":
+        time = ((1 << 32) - 20_000 + 1000 * STEPS) % (1 << 32) / 1e6
+    elif cause == "restart":
+        time = np.r_[time[:40], time[:40]]
+    else:
+        time[[20, 21]] = time[[21, 20]]
+    (tmp_path / "rig.toml").write_text(rig_text)
+    log = tmp_path / "run.csv"
+    table = pd.DataFrame({"time_s": time, "theta_rad": np.sin(STEPS / 9.0), "motor_torque_nm": 0.1})
+    table.to_csv(log, index=False)
+    assert main(["check", str(log)]) == 2
+    line = capsys.readouterr().err
+    assert all(words in line for words in CAUSES[cause])
+    assert ("sort" in line) == (cause == "disorder")
+    if cause == "disorder":
+        return
+    assert "sysid convert run.csv -o run_2.csv" in line
+    assert main(["convert", str(log), "-o", str(tmp_path / "run_2.csv")]) == 0
+    assert main(["check", str(tmp_path / "run_2.csv")]) == 0
+
+
+def test_an_empty_column_is_absent(
+    tmp_path: Path, rig_text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "rig.toml").write_text(rig_text)
+    time = np.tile(STEPS / 1000.0, 2)
+    table = pd.DataFrame({"time_s": time, "test": np.repeat(["a", "b"], len(STEPS))})
+    table["theta_rad"] = 0.1 * np.sin(np.arange(len(time)) / 9.0)
+    table["motor_torque_nm"] = 0.1
+    table["pressure_a_pa"] = np.where(table["test"] == "a", 1e5, np.nan)
+    table["temperature_k"] = np.nan
+    table.to_csv(tmp_path / "run.csv", index=False)
+    assert main(["check", str(tmp_path / "run.csv")]) == 0
+    said = " ".join("".join(capsys.readouterr()).split())
+    assert "temperature_k is empty: taken as absent" in said
+    assert "pressure_a_pa is empty in test b: taken as absent" in said
+    table.loc[3, "pressure_a_pa"] = np.nan
+    table.to_csv(tmp_path / "run.csv", index=False)
+    assert main(["check", str(tmp_path / "run.csv")]) == 2
+    assert "line 5: pressure_a_pa is empty" in capsys.readouterr().err
