@@ -250,28 +250,27 @@ def _kind_in(trial: Trial, rig: Rig, declared: str | None) -> str:
 
 
 def _measured_channels(log: Log, rig: Rig) -> list[str]:
-    present = log.trials[0].channels
+    present = log.channels
     names = [rig.position_channel, *PRESSURES, "temperature_k", rig.effort_channel, *COLUMNS]
     return [n for n in names if n in present]
 
 
 def check_channel(log: Log, name: str, rig: Rig) -> ChannelCheck:
     """Range, resolution, noise, stuck and saturated stretches of one channel."""
-    parts = [t[name] for t in log.trials]
+    trials = [t for t in log.trials if name in t]
+    parts = [t[name] for t in trials]
     values = np.concatenate(parts)
     quantum = signals.quantum(values)
     is_command = name in COLUMNS
     noise = (
-        None
-        if is_command
-        else _noise([c for t in log.trials for c in _combs(t, name, rig)], quantum)
+        None if is_command else _noise([c for t in trials for c in _combs(t, name, rig)], quantum)
     )
     stuck_s, saturated = 0.0, 0
     dithers = noise is not None and noise > 0.5 * quantum
     if name in PRESSURES and (dithers or np.ptp(values) == 0.0):
         low, high = float(np.min(values)), float(np.max(values))
         shortest = _stuck_run(noise or 0.0, quantum, len(values))
-        for trial in log.trials:
+        for trial in trials:
             for start, stop in _runs(trial[name], shortest):
                 stuck_s = max(stuck_s, float(trial.time[stop - 1] - trial.time[start]))
                 if low < high and trial[name][start] in (low, high):

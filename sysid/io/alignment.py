@@ -8,12 +8,11 @@ line between their own samples, commands hold from one to the next.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sysid import signals
 from sysid.io.reshaping import HELD_COLUMNS, median_period
 from sysid.io.units import TEST_COLUMN
-from sysid.types import FloatArray, IntArray
+from sysid.types import BoolArray, FloatArray, IntArray
 
 FILLS = ("hold", "linear")
 # Of a period: time stamps this near are the same.
@@ -45,13 +44,13 @@ def rows_held(grid: FloatArray, clock: FloatArray) -> IntArray:
     return np.maximum(np.searchsorted(clock, grid + rounding, side="right") - 1, 0)
 
 
-def within(grid: FloatArray, clock: FloatArray) -> NDArray[np.bool_]:
+def within(grid: FloatArray, clock: FloatArray) -> BoolArray:
     """Which of `grid` (m,) s lie between the first and the last sample of `clock` (n,) s."""
     rounding = ROUNDING * median_period(clock)
-    return (grid >= clock[0] - rounding) & (grid <= clock[-1] + rounding)
+    return np.asarray((grid >= clock[0] - rounding) & (grid <= clock[-1] + rounding))
 
 
-def has_value(grid: FloatArray, clock: FloatArray, held: bool) -> NDArray[np.bool_]:
+def has_value(grid: FloatArray, clock: FloatArray, held: bool) -> BoolArray:
     """Where a signal sampled at `clock` (n,) s has a value among `grid` (m,) s.
 
     A measured one has none in a pause of its own; a command holds beyond its last sample for no
@@ -62,7 +61,7 @@ def has_value(grid: FloatArray, clock: FloatArray, held: bool) -> NDArray[np.boo
         return inside if len(clock) < _FEWEST else inside & ~signals.in_pauses(clock, grid)
     rounding = ROUNDING * median_period(clock)
     longest = float(np.max(np.diff(clock))) if len(clock) > 1 else np.inf
-    return inside | ((grid > clock[-1]) & (grid < clock[-1] + longest - rounding))
+    return np.asarray(inside | ((grid > clock[-1]) & (grid < clock[-1] + longest - rounding)))
 
 
 def has_own_rate(rows: IntArray, time: FloatArray, held: bool) -> bool:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import itertools
 from dataclasses import replace
 from pathlib import Path
 from typing import BinaryIO
@@ -38,13 +37,12 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
     check_text(path, file)
     text = _decoded(table, file.read())
     lines = text.splitlines()
-    check_line_lengths(path, itertools.islice(lines, 1000), options)
     as_it_is = options.skip_rows == 0 and not options.transpose and options.header is not False
-    for own in (lvm, twincat) if as_it_is else ():
-        if own.is_format(lines):
-            check_line_lengths(path, lines, options)
-            return own.read(table, lines, options)
     check_line_lengths(path, lines, options)
+    if as_it_is and lvm.is_format(lines):
+        return lvm.read(table, lines, options)
+    if as_it_is and twincat.is_format(lines):
+        return twincat.read(table, lines, options)
     numbered = [
         (number, line)
         for number, line in enumerate(lines, start=1)
