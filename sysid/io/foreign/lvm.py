@@ -149,7 +149,9 @@ def _heading(
 def _check_rows(path: Path, segment: _Segment, layout: Layout) -> None:
     """InputError at a row of too many cells, or that lacks those of a channel still sampled."""
     channels = len(segment.names) - (segment.names[-1] == _COMMENT)
-    samples = [segment.stated("Samples", i) for i in range(len(segment.names))]
+    # A channel's column of times stands before its own.
+    own = [i + (name == _TIME and i > 0) for i, name in enumerate(segment.names)]
+    samples = [segment.stated("Samples", i) for i in own]
     ends = [int(s) if s.isdigit() else None for s in samples]
     longest = max((end for end in ends if end is not None), default=None)
     for row, (number, text) in enumerate(segment.rows):

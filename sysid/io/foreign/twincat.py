@@ -106,8 +106,9 @@ def _take(
     for index, (name, values) in enumerate(zip(names, columns, strict=True)):
         if index == 0 or name == _NAME:
             time = index
-            called = f"Time of {names[index + 1]}" if index + 1 < len(names) else "Time"
-            table.columns[called] = _own(table, called, values, values, rows)
+            first = names[index + 1] if index + 1 < len(names) else "no channel"
+            called = f"Time of {first}"
+            table.columns[called] = _own(table, first, values, values, rows)
             table.units[called] = "ms"
         else:
             symbol = about.get("SymbolName", [])
