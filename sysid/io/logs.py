@@ -484,10 +484,8 @@ def _time_error(
         if name:
             mend = "give each recording its own label in the column `test`"
         return input_error(where, f"{what}: the recording starts again there", mend)
-    mend = "sort the rows by time, or correct it"
-    if not name:
-        mend += ", or distinguish several tests by a column `test`"
-    return input_error(where, f"{what}, out of order", mend)
+    mend = "sort the rows by time, or correct the time of this one"
+    return input_error(where, f"{what}: rows are out of order", mend)
 
 
 def _check_mixed(
