@@ -298,7 +298,10 @@ def _time(table: ForeignTable, recipe: Recipe, names: Sequence[str], rows: int) 
     if recipe.period_s is not None:
         return SampleTimes(recipe.period_s).ticks(rows)
     if (clock := table.clocks.get(names[0])) is not None:
-        table.notices.append(f"{table.path}: time follows from the file's own times")
+        period = median_period(clock)
+        table.notices.append(
+            f"{table.path}: time follows from the file's own times, {period:.6g} s apart"
+        )
         return clock
     bases = {table.sampling.get(name) for name in names}
     if len(bases) > 1:

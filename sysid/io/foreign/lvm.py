@@ -206,8 +206,6 @@ def _take_channels(
             _take_times(table, names[index], columns[time])
         if unit := first.stated("Y_Unit_Label", index):
             table.units[names[index]] = unit
-    if times == "No":
-        _state_period(table, bases)
 
 
 def _called(names: list[str]) -> list[str]:
@@ -258,14 +256,6 @@ def _counted(
         rows, own = len(segment.rows), base[column] if column < len(base) else None
         parts.append(np.full(rows, np.nan) if own is None else own.ticks(rows))
     return np.concatenate(parts)
-
-
-def _state_period(table: ForeignTable, bases: list[list[SampleTimes | None]]) -> None:
-    periods = sorted({base.period_s for segment in bases for base in segment if base is not None})
-    if len(periods) == 1:
-        table.notices.append(
-            f"{table.path}: its header states the period, {periods[0]:g} s (Delta_X)"
-        )
 
 
 __all__ = ["is_format", "read"]
