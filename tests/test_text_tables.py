@@ -75,6 +75,8 @@ HEADINGS = {
     "comments": "# rig 3\nt\tpos\tu\tComment\n" + rows("\t"),
     "trailing": "t;pos;u;\n" + rows(";", ",", ";"),
     "trailing heading": "t;pos;u;\n" + rows(";", ","),
+    "quoted decimal commas": '"t","pos","u"\n'
+    + "".join(f'"{line}"\n' for line in rows('","', ",").splitlines()),
     "in brackets": "t [s],pos [mm],u [N]\n" + rows(),
     "blanks and brackets": "t [s] pos [mm] u [N]\n" + rows(" "),
 }

@@ -25,6 +25,7 @@ _END = re.compile(
 # PuTTY's line at each start of a log that it appends to.
 _BANNER = re.compile(r"(?:=~)+=? PuTTY log .*")
 _SHOWN = 60
+_BEGINS = "0123456789+-."
 
 
 @dataclass
@@ -65,8 +66,13 @@ class _Sorting:
             for _, text in self.lines[self.heading.first :][:100]
             if layout.fits(layout.cells(text))
         )
+        begins = "" if again is not None and again[:1] in _BEGINS else _BEGINS
         for index in range(self.heading.first, len(self.lines)):
             text = self.lines[index][1]
+            # Nearly all lines: a row whose first cell is a number.
+            if text[0] in begins and layout.is_number(text.split(layout.delimiter, 1)[0]):
+                self._take(index, stamped)
+                continue
             if not text.strip(nothing):
                 self.empty.append(index)
             elif again is not None and _bare(text, layout) == again:

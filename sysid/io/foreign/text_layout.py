@@ -37,6 +37,7 @@ _CANDIDATES = (
     (",", "."),
     (BLANK, "."),
     (BLANK, ","),
+    (",", ","),  # cells in quotes
 )
 _SAMPLE_LINES = 100
 _FEWEST_LINES = 20
@@ -167,7 +168,7 @@ def _candidates(path: Path, options: ReadOptions) -> list[tuple[str, str]]:
             f"{options.delimiter!r} cannot separate columns",
             f"give one character, or {', '.join(k for k in _DELIMITER_NAMES if k.isalpha())}",
         )
-    return [(delimiter, d) for d in decimals if d != delimiter]
+    return [(delimiter, d) for d in decimals if d != delimiter or options.decimal]
 
 
 __all__ = [
