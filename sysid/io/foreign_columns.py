@@ -119,8 +119,10 @@ def _nothing_mapped(table: ForeignTable) -> InputError:
 
 
 def unused_columns(table: ForeignTable, recipe: Recipe) -> list[str]:
-    used = {column for column, _ in _sources(table, recipe).values()}
-    return [name for name in (*table.columns, *table.skipped) if name not in used]
+    """The names of what is not mapped; not those of the same values under another name."""
+    used = {id(table.columns[column]) for column, _ in _sources(table, recipe).values()}
+    unread = [name for name, values in table.columns.items() if id(values) not in used]
+    return [*unread, *table.skipped]
 
 
 def log_columns(table: ForeignTable, recipe: Recipe, label: str | None) -> pd.DataFrame:

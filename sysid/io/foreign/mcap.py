@@ -33,9 +33,6 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
     messages = Messages(table)
     read_into(table, messages, path, file)
     messages.finish()
-    if not table.columns and table.skipped:
-        name, reason = next(iter(table.skipped.items()))
-        raise input_error(path, f"holds no numbers: {name}: {reason}", "record other topics")
     return table
 
 
@@ -143,7 +140,7 @@ class _Content:
             return _decoder_of(channel.message_encoding, schema)
         except ModuleNotFoundError as error:
             package = "protobuf" if channel.message_encoding == "protobuf" else str(error.name)
-            reason = f"its messages are {channel.message_encoding}: pip install {package}"
+            reason = f"its messages are {channel.message_encoding} (pip install {package})"
         except Exception as error:  # parsers of definitions raise errors of their own
             reason = f"its messages are not decoded ({str(error).strip()[:120]})"
         self._table.skipped.setdefault(channel.topic, reason)
@@ -173,6 +170,11 @@ def _protobuf(schema: Any) -> Decoder:
     return lambda data: _fields(kind.FromString(data), 0)
 
 
+def _is_repeated(about: Any) -> bool:
+    found = getattr(about, "is_repeated", None)  # protobuf before 6 has only the label
+    return bool(about.label == about.LABEL_REPEATED if found is None else found)
+
+
 def _fields(message: Any, depth: int) -> dict[str, Any]:
     """A protobuf message's fields by name; those that are not set have their default."""
     found: dict[str, Any] = {}
@@ -180,7 +182,7 @@ def _fields(message: Any, depth: int) -> dict[str, Any]:
         return found
     for about in message.DESCRIPTOR.fields:
         value = getattr(message, about.name)
-        if about.is_repeated:
+        if _is_repeated(about):
             if about.message_type is None:
                 found[about.name] = list(value)
             elif not about.message_type.GetOptions().map_entry:

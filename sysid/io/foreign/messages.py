@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.errors import shortened
+from sysid.errors import input_error, shortened
 from sysid.io.bounds import Cells, check_columns
 from sysid.io.foreign.table import ForeignTable
 
@@ -126,9 +126,23 @@ class Messages:
         held.messages.append(number)
 
     def finish(self) -> None:
-        """Give the table the columns, their clocks, the origin and the notices."""
-        if not self._topics:
-            return
+        """Give the table the columns, their clocks, the origin and the notices.
+
+        Raises InputError where no topic has a number.
+        """
+        if self._topics:
+            self._give_all()
+        if not self._table.columns and self._table.skipped:
+            name, reason = next(iter(self._table.skipped.items()))
+            raise input_error(
+                self._table.path,
+                f"holds no numbers: {name}: {reason}",
+                "install what is missing"
+                if "pip install" in reason
+                else "record topics with numbers (JSON, ROS, protobuf)",
+            )
+
+    def _give_all(self) -> None:
         logged = {name: np.array(topic.logged) for name, topic in self._topics.items()}
         begun = min(int(times.min()) for times in logged.values())
         ended = max(int(times.max()) for times in logged.values())

@@ -46,14 +46,7 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
         _read_first(table, messages, path, file)
     else:
         _read_second(table, messages, path, file, None)
-    return _finished(table, messages)
-
-
-def _finished(table: ForeignTable, messages: Messages) -> ForeignTable:
     messages.finish()
-    if not table.columns and table.skipped:
-        name, reason = next(iter(table.skipped.items()))
-        raise input_error(table.path, f"holds no numbers: {name}: {reason}", "record other topics")
     return table
 
 
@@ -297,7 +290,8 @@ def read_files(folder: Path, files: list[tuple[Path, BinaryIO]], packing: Packin
                 _read_second(table, messages, path, file, each)
             else:
                 mcap.read_into(table, messages, path, file)
-    return _finished(table, messages)
+    messages.finish()
+    return table
 
 
 __all__ = ["METADATA", "Packing", "bag_files", "is_bag", "read", "read_files"]
