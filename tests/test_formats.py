@@ -263,6 +263,11 @@ def test_types_of_an_older_bag_are_ros_own(tmp_path: Path) -> None:
     with sqlite3.connect(file) as opened:
         opened.execute("UPDATE topics SET type = 'lab_msgs/msg/Gauge' WHERE name = '/p1'")
     assert "does not define" in table_of(file).skipped["/p1"]
+    with sqlite3.connect(file) as opened:
+        opened.execute("UPDATE topics SET type = 'std_msgs/msg/Float64' WHERE name = '/p1'")
+    found = table_of(file)
+    assert "do not fit" in found.skipped["/p1"]
+    assert_array_equal(found.columns["/joint_states.position[0]"], ANGLE_DEG)
 
 
 def test_folders_and_databases_that_are_no_bags(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from sysid.display.terminal import console, new_table
 from sysid.errors import one_line, shortened
 from sysid.io import conversion
 from sysid.io.conversion import ConversionReport
-from sysid.io.listing import Channel, Listing, channels_of
+from sysid.io.listing import ListedChannel, Listing, channels_of
 
 # A table of channels is as wide as its longest name asks for, up to this.
 _WIDEST = 10_000
@@ -158,7 +158,7 @@ def _rate(period_s: float | None) -> str:
     return f"{1.0 / period_s:.4g} Hz" if period_s <= 1.0 else f"{period_s:.4g} s"
 
 
-def _first(channel: Channel) -> str:
+def _first(channel: ListedChannel) -> str:
     """The first values; of texts and time stamps only one, for they are long."""
     if any(isinstance(value, str) for value in channel.first):
         return shortened(next(value for value in channel.first if isinstance(value, str)))

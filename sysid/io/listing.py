@@ -19,7 +19,7 @@ FIRST = 3
 
 
 @dataclass(frozen=True)
-class Channel:
+class ListedChannel:
     """A channel: its name and others for the same values, its unit as the file states it, the
     median period of its own clock (s), how many values it has, and the first of them."""
 
@@ -42,7 +42,7 @@ class Listing:
 
     path: str
     format: str
-    channels: tuple[Channel, ...]
+    channels: tuple[ListedChannel, ...]
     skipped: dict[str, str]
     notices: tuple[str, ...]
 
@@ -91,7 +91,7 @@ def _listing(path: Path, table: ForeignTable) -> Listing:
             period = periods[id(clock)]
         first = tuple(_value(value) for value in values[:FIRST])
         unit = table.units.get(name)
-        channels.append(Channel(name, tuple(others[:-1]), unit, period, len(values), first))
+        channels.append(ListedChannel(name, tuple(others[:-1]), unit, period, len(values), first))
     return Listing(
         str(path), table.format, tuple(channels), dict(table.skipped), tuple(table.notices)
     )
@@ -115,4 +115,4 @@ def _value(value: Any) -> float | str | None:
     return None if text in ("NaT", "<NA>") else text
 
 
-__all__ = ["FIRST", "Channel", "Listing", "channels_of"]
+__all__ = ["FIRST", "ListedChannel", "Listing", "channels_of"]

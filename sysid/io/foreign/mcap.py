@@ -126,12 +126,7 @@ class _Content:
             self._topics.setdefault(record.id, (record.topic, self._decoder(record)))
         elif isinstance(record, Message):
             topic, decode = self._topics[record.channel_id]
-            if decode is not None:
-                try:
-                    message = decode(record.data)
-                except Exception as error:
-                    raise ValueError(f"a message of topic {topic}: {error}") from None
-                self._messages.add(topic, message, record.log_time)
+            self._messages.decode(topic, decode, record.data, record.log_time)
 
     def _decoder(self, channel: Any) -> Decoder | None:
         """What decodes a channel's messages; None, and the reason in `skipped`, where nothing."""
@@ -142,7 +137,7 @@ class _Content:
             package = "protobuf" if channel.message_encoding == "protobuf" else str(error.name)
             reason = f"its messages are {channel.message_encoding} (pip install {package})"
         except Exception as error:  # parsers of definitions raise errors of their own
-            reason = f"its messages are not decoded ({str(error).strip()[:120]})"
+            reason = f"its messages are not decoded ({' '.join(str(error).split())[:80]})"
         self._table.skipped.setdefault(channel.topic, reason)
         return None
 

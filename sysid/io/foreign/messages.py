@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from array import array
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -74,10 +74,32 @@ class Messages:
     def __init__(self, table: ForeignTable) -> None:
         self._table, self._cells = table, Cells(table.path)
         self._topics: dict[str, _Topic] = {}
+        self._left_out: set[str] = set()
         self._names = 0
 
     def __len__(self) -> int:
         return sum(len(topic.logged) for topic in self._topics.values())
+
+    def decode(
+        self, topic: str, decoder: Callable[[bytes], Any] | None, data: bytes, logged_ns: int
+    ) -> None:
+        """Add a message by its bytes; nothing without a decoder.
+
+        A topic whose first message does not fit its definition is left out: others of the file
+        are as good as they were. Raises ValueError where a later one does not.
+        """
+        if decoder is None or topic in self._left_out:
+            return
+        try:
+            message = decoder(data)
+        except Exception as error:  # decoders raise errors of their own
+            reason = " ".join(str(error).split())[:80]
+            if topic in self._topics:
+                raise ValueError(f"a message of topic {topic}: {reason}") from None
+            self._left_out.add(topic)
+            self._table.skipped[topic] = f"its messages do not fit their definition ({reason})"
+            return
+        self.add(topic, message, logged_ns)
 
     def add(self, topic: str, message: Any, logged_ns: int) -> None:
         """A message: nested mappings or dataclasses of numbers, texts and sequences.

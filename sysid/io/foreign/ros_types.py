@@ -18,26 +18,46 @@ Decoder = Callable[[bytes], Any]
 def ros_decoder(name: str, definition: str, encoding: str, *, is_cdr: bool) -> Decoder:
     """What turns a message's bytes into an object with its fields.
 
-    `encoding` of the definition is "ros2msg", "ros1msg", "ros2idl", or "" where there is
-    none: then it is one of ROS 2's own. Types are in a store of their own: two topics may
-    define one differently. Raises ValueError where the type is not known.
+    `encoding` of the definition is "ros2msg", "ros1msg", "ros2idl", or "" where there is none:
+    then it is one of ROS 2's own, of the release that fits the messages. Types are in a store of
+    their own: two topics may define one differently. Raises ValueError where the type is not
+    known.
     """
     from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
     if not encoding:
-        store = get_typestore(Stores.LATEST)
-        if name not in store.fielddefs:
-            raise ValueError(f"the file does not define its message type, {name}")
-    else:
-        store = get_typestore(Stores.EMPTY)
-        is_idl = encoding == "ros2idl"
-        types = get_types_from_idl(definition) if is_idl else get_types_from_msg(definition, name)
-        _check_names(types)
-        store.register({key: known for key, known in types.items() if key not in store.fielddefs})
-        if name not in store.fielddefs:
-            name = next(key for key in types if key.replace("/msg/", "/") == name)
+        return _of_some_release(name)
+    store = get_typestore(Stores.EMPTY)
+    is_idl = encoding == "ros2idl"
+    types = get_types_from_idl(definition) if is_idl else get_types_from_msg(definition, name)
+    _check_names(types)
+    store.register({key: known for key, known in types.items() if key not in store.fielddefs})
+    if name not in store.fielddefs:
+        name = next(key for key in types if key.replace("/msg/", "/") == name)
     read = store.deserialize_cdr if is_cdr else store.deserialize_ros1
     return lambda data: read(data, name)
+
+
+def _of_some_release(name: str) -> Decoder:
+    """Messages of a type of ROS 2's own, by the newest release whose definition fits them all."""
+    from rosbags.typesys import Stores, get_typestore
+
+    names = [store for store in Stores if store.name.startswith("ROS2_")]
+    stores = [get_typestore(store) for store in reversed(names)]
+    fitting = [store for store in stores if name in store.fielddefs]
+    if not fitting:
+        raise ValueError(f"the file does not define its message type, {name}")
+
+    def decode(data: bytes) -> Any:
+        while True:
+            try:
+                return fitting[0].deserialize_cdr(data, name)
+            except Exception:
+                if len(fitting) == 1:
+                    raise
+                del fitting[0]
+
+    return decode
 
 
 def _check_names(types: Any) -> None:

@@ -96,7 +96,7 @@ def _read_first(table: ForeignTable, messages: Messages, path: Path, file: Binar
             decoders = {known.id: _decoder(table, known, is_cdr=False) for known in bag.connections}
             read = [known for known in bag.connections if decoders[known.id] is not None]
             for known, logged, data in bag.messages(read) if read else ():
-                _add(messages, known.topic, decoders[known.id], data, logged)
+                messages.decode(known.topic, decoders[known.id], data, logged)
     except (InputError, ModuleNotFoundError):
         raise
     except Exception as error:  # rosbags passes on what struct, bz2, lz4 and asserts raise
@@ -122,17 +122,9 @@ def _decoder(table: ForeignTable, known: Any, *, is_cdr: bool) -> Decoder | None
     try:
         return ros_decoder(known.msgtype, known.msgdef.data, encoding, is_cdr=is_cdr)
     except Exception as error:  # parsers of definitions raise errors of their own
-        reason = f"its messages are not decoded ({str(error).strip()[:120]})"
+        reason = f"its messages are not decoded ({' '.join(str(error).split())[:80]})"
         table.skipped.setdefault(known.topic, reason)
         return None
-
-
-def _add(messages: Messages, topic: str, decode: Any, data: bytes, logged: int) -> None:
-    try:
-        message = decode(data)
-    except Exception as error:
-        raise ValueError(f"a message of topic {topic}: {error}") from None
-    messages.add(topic, message, logged)
 
 
 # --- ROS 2 ---------------------------------------------------------------------------------
@@ -164,7 +156,7 @@ def _read_second(
                 for known, logged, data in bag.messages(read) if read else ():
                     if packed is not None:
                         data = unpacked(path, "a message", data, packed, None)
-                    _add(messages, known.topic, decoders[known.id], data, logged)
+                    messages.decode(known.topic, decoders[known.id], data, logged)
             finally:
                 bag.close()
     except (InputError, ModuleNotFoundError):
