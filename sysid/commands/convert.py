@@ -95,10 +95,10 @@ _WIDEST = 10_000
 def convert(
     foreign: Sequence[Path], output: Path | None, is_listed: bool, as_json: bool, **options: Any
 ) -> None:
-    """Bring a lab's own file (text, Excel, MATLAB, TDMS, MDF, ROS bags ...) into the log format.
+    """Bring a lab's own file (.mat, text, Excel, TDMS, Parquet) into the log format.
 
-    Text, Excel, .mat, TDMS, Parquet, HDF5, .npz and JSON; with the extra sysid[formats] also
-    MDF, MCAP, ROS bags and ULog.
+    Also HDF5, .npy, .npz, JSON and JSON lines; with the extra sysid[formats] MDF, MCAP, ROS 1 and
+    ROS 2 bags and ULog.
     """
     if is_listed:
         _list(foreign, output, as_json, options)
