@@ -1,7 +1,7 @@
 """What befalls an export: a cell, a row, a heading, a unit, a cut file.
 
 Not drawn is what nobody can see: a digit in place of another, a number that lost its last digits,
-rows missing where no time is written.
+a cut between two lines, rows missing where no time is written, a sample missing in a slower column.
 """
 
 from __future__ import annotations
@@ -42,6 +42,8 @@ def damaged(draw: random.Random, style: Style, sheet: Sheet | None, data: bytes)
 def _binary(draw: random.Random, data: bytes) -> Damage:
     if draw.random() < 0.6:
         end = draw.randrange(len(data) // 10, len(data) * 19 // 20)
+        while data[end - 1] in b"}\n":  # a line's end: nothing of it is missing
+            end -= 1
         return Damage(f"cut off after {end} of {len(data)} bytes", data[:end], ())
     changed = bytearray(data)
     place = draw.randrange(16)
@@ -112,6 +114,9 @@ def _whole_row(kind: str) -> Callable[[Callable[[random.Random, Sheet, int], boo
             row = _row(draw, sheet)
             before = copy.deepcopy(sheet)
             if ("missing" in kind or "doubled" in kind) and not style.timed:
+                return None
+            slowest = max(channel.every for channel in style.channels)
+            if "missing" in kind and slowest > 1 and row % slowest == 0:
                 return None
             if not change(draw, sheet, row):
                 return None
