@@ -135,7 +135,7 @@ def rigol(path: Path, record: Record) -> Sheet:
         ["X", "CH1", "CH2", "Start", "Increment", ""],
         ["Sequence", "VOLT", "VOLT", "-5.000000e-02", "1.000000e-03", ""],
     ]
-    sheet.body = [[str(number), *cells, "", ""] for number, cells in enumerate(sheet.body)]
+    sheet.body = [[str(number), *cells, ""] for number, cells in enumerate(sheet.body)]
     sheet.places = record.places(1)
     return sheet
 
