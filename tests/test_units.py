@@ -210,3 +210,19 @@ def test_a_unit_may_be_a_part_of_one(text: str) -> None:
 def test_a_rate_is_no_part_of_a_unit() -> None:
     with pytest.raises(InputError, match="is 1 / second"):
         parse_unit("1/s", "Pa", "--map")
+
+
+def test_a_factor_of_a_power_of_ten_leaves_the_digits() -> None:
+    bars = np.array([float(f"{k / 1000:.3f}") for k in range(20001)])
+    assert to_si(bars, one("pressure_a_pa=p:bar")).tolist() == [100.0 * k for k in range(20001)]
+    gauge = to_si(bars, one("pressure_a_pa=p:bar(g)"), 101325.0)
+    assert gauge.tolist() == [101325.0 + 100.0 * k for k in range(20001)]
+
+
+def test_a_conversion_never_leaves_the_rounding_of_its_product() -> None:
+    readings = (
+        np.random.default_rng(3).uniform(-10.0, 10.0, 20000) * 10.0 ** np.arange(-5, 5)[:, None]
+    )
+    product = readings * 1e5
+    found = to_si(readings, one("pressure_a_pa=p:bar"))
+    assert np.all(np.abs(found - product) <= 2.0 * np.spacing(np.abs(product)))

@@ -18,7 +18,7 @@ from sysid.checks.identifiability import excitation, identifications
 from sysid.display.plots import bars, one_axes
 from sysid.display.tables import Shown, ShownTable, record_table
 from sysid.identification.friction.effort import classify_trial
-from sysid.io.campaign import FRICTION_POINTS, Campaign
+from sysid.io.campaign import Campaign
 from sysid.io.channels import DUTIES, PRESSURES, SWITCHES
 from sysid.io.logs import Log, Trial
 from sysid.io.rig import Rig

@@ -12,6 +12,8 @@ PAGES = {
     "sysid.io.conversion": "how-to/file-formats",
     "sysid.io.joining": "how-to/file-formats",
     "sysid.io.units": "how-to/file-formats",
+    "sysid.io.unit_text": "how-to/file-formats",
+    "sysid.io.sensor_range": "how-to/file-formats",
     "sysid.io.logs": "reference/log-format",
     "sysid.io.tables": "reference/log-format",
     "sysid.io.plausibility": "slips",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -24,6 +25,9 @@ from sysid.io.campaign import Campaign
 from sysid.io.logs import Log, Trial
 from sysid.io.rig import Rig
 from sysid.types import Progress, no_progress
+
+# Of a bound: a factor that is typed with three digits is off by at most so much.
+_ROUNDING = 5e-3
 
 
 @dataclass(frozen=True)
@@ -96,7 +100,7 @@ def missing_column(log: Log, name: str, unit: str) -> InputError:
     """That a log lacks a column, and how to add it."""
     return input_error(
         log.path,
-        f"column {name} ({unit or 'no unit'}) is missing",
+        f"column {name} ({unit or 'a ratio'}) is missing",
         f'add it, or map it in the campaign file: map = {{ {name} = "COLUMN:UNIT" }}',
     )
 
@@ -105,13 +109,16 @@ def out_of_range(loaded: LoadedComponent, trials: Sequence[Trial]) -> list[str]:
     """A line for each column that leaves what its declaration says can be measured."""
     lines = []
     for name, column in loaded.definition.columns.items():
+        sizes = [abs(b) for b in (column.lower, column.upper) if math.isfinite(b)]
+        slack = _ROUNDING * max(sizes, default=0.0)
         for trial in trials:
             low, high = float(np.min(trial[name])), float(np.max(trial[name]))
-            if low < column.lower or high > column.upper:
-                bounds = f"{column.lower:g} to {column.upper:g} {column.unit}"
+            if low < column.lower - slack or high > column.upper + slack:
+                bounds = f"{column.lower:g} to {column.upper:g} {column.unit}".rstrip()
+                asked = f"is it in {column.unit}?" if column.unit else "is it a ratio?"
                 lines.append(
                     f"{trial.source}: {name} runs from {low:.4g} to {high:.4g}, outside the "
-                    f"declared {bounds}: is it in {column.unit}?"
+                    f"declared {bounds}: {asked}"
                 )
                 break
     return lines

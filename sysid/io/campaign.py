@@ -47,10 +47,34 @@ FRICTION_POINTS = KINDS[-1]
 _BALANCED = ("friction-motion", "motion-motor")
 USES: tuple[str, ...] = get_args(Use)
 
+_TWO_NUMBERS = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
+# A log's column as "column:unit", or as a table, with a sensor's range: readings and their values.
+_COLUMN_SCHEMA = {
+    "anyOf": [
+        {"type": "string"},
+        {
+            "type": "object",
+            "properties": {
+                "column": {"type": "string"},
+                "unit": {"type": "string"},
+                "from": _TWO_NUMBERS,
+                "to": _TWO_NUMBERS,
+            },
+            "required": ["column"],
+            "dependentRequired": {"from": ["to"], "to": ["from"]},
+            "additionalProperties": False,
+        },
+    ]
+}
 # A table that says which column of a log holds which column of the log format.
 ColumnTable = Annotated[
-    dict[str, str],
-    Field(json_schema_extra={"propertyNames": {"enum": [*CANONICAL_UNITS]}}),
+    dict[str, str | dict[str, Any]],
+    Field(
+        json_schema_extra={
+            "propertyNames": {"enum": [*CANONICAL_UNITS]},
+            "additionalProperties": _COLUMN_SCHEMA,
+        }
+    ),
 ]
 
 
@@ -67,7 +91,8 @@ class LogEntry(TomlTable):
     ] = None
     map: ColumnTable = Field(
         default_factory=dict,
-        description='This log\'s own columns, each as "column:unit"; it must have them.',
+        description="This log's own columns, each as \"column:unit\" or with a sensor's range; it "
+        "must have them.",
     )
 
 
@@ -79,7 +104,8 @@ class CampaignFile(TomlTable):
     log: Annotated[list[LogEntry], Field(description="One entry per log.", min_length=1)]
     map: ColumnTable = Field(
         default_factory=dict,
-        description='Columns of the logs that have them, each as "column:unit".',
+        description='Columns of the logs that have them, each as "column:unit" or with a sensor\'s '
+        "range.",
     )
 
 

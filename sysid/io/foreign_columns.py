@@ -33,12 +33,12 @@ from sysid.io.foreign_tests import (
 from sysid.io.reshaping import joined_line, median_period
 from sysid.io.rig import nearest_rig_file, read_rig
 from sysid.io.units import (
-    CANONICAL_UNITS,
     LARGEST,
     TEST_COLUMN,
     ColumnMap,
     check_size,
     find_column,
+    in_stated_unit,
     to_si,
 )
 from sysid.types import BoolArray, FloatArray, IntArray
@@ -90,10 +90,10 @@ def _sources(table: ForeignTable, recipe: Recipe) -> dict[str, tuple[str, Column
     used = {column for column, _ in found.values()}
     for name in names:
         spoken_for = name in found or name in used or name in recipe.constants
-        if name in CANONICAL_UNITS and not spoken_for:
+        if name in recipe.units and not spoken_for:
             found[name] = name, ColumnMap(name, name)
     if not set(found) - {"time_s", TEST_COLUMN}:
-        raise _nothing_mapped(table)
+        raise _nothing_mapped(table, recipe)
     return found
 
 
@@ -105,7 +105,7 @@ def _left_out(table: ForeignTable, column: str) -> str | None:
     return next((whole for whole in wholes if whole in table.skipped), None)
 
 
-def _nothing_mapped(table: ForeignTable) -> InputError:
+def _nothing_mapped(table: ForeignTable, recipe: Recipe) -> InputError:
     longest = max(len(values) for values in table.columns.values())
     signals = [name for name, values in table.columns.items() if len(values) == longest]
     time = next((name for name in signals if name.lower().startswith("t")), signals[0])
@@ -113,9 +113,17 @@ def _nothing_mapped(table: ForeignTable) -> InputError:
     return input_error(
         table.path,
         f"no column is mapped to the log format; it has {table.describe()}",
-        f'map its columns: --map "time_s={time}:s" --map "pressure_a_pa={other}:kPa(g)" '
+        f'map its columns: --map "time_s={time}:s" --map "{_example(other, recipe)}" '
         f"({_listing(table)})",
     )
+
+
+def _example(column: str, recipe: Recipe) -> str:
+    """A map entry of this column to one that the log may have."""
+    if "pressure_a_pa" in recipe.units:
+        return f"pressure_a_pa={column}:kPa(g)"
+    target = next((t for t in recipe.units if t not in ("time_s", TEST_COLUMN)), "COLUMN")
+    return f"{target}={column}:{recipe.units.get(target) or 'percent'}"
 
 
 def unused_columns(table: ForeignTable, recipe: Recipe) -> list[str]:
@@ -147,7 +155,7 @@ def log_columns(table: ForeignTable, recipe: Recipe, label: str | None) -> pd.Da
             "has no row in which every mapped column has a value",
             "map columns that were recorded at the same time",
         )
-    ordered = [name for name in CANONICAL_UNITS if name in columns]
+    ordered = [name for name in recipe.units if name in columns]
     return pd.DataFrame({name: np.asarray(columns[name])[has_row] for name in ordered})
 
 
@@ -239,9 +247,23 @@ def _si_values(
 ) -> FloatArray:
     """A column in SI, in the `rows` that are asked for (None: all)."""
     readings = table.numbers(name, target, rows)
-    values = to_si(readings, entry, recipe.atmosphere_pa, stamped=name in table.stamped)
+    stamped = name in table.stamped
+    entry = entry if stamped else _as_stated(table, name, entry, recipe)
+    values = to_si(readings, entry, recipe.atmosphere_pa, stamped=stamped)
+    at = np.arange(len(readings)) if rows is None else rows
+    table.notices += entry.notices(readings, str(table.path), lambda i: table.place(int(at[i])))
     largest = LARGEST if target == "time_s" else sys.float_info.max
-    return check_size(str(table.path), target, values, largest)
+    return check_size(str(table.path), target, values, largest, recipe.units)
+
+
+def _as_stated(table: ForeignTable, name: str, entry: ColumnMap, recipe: Recipe) -> ColumnMap:
+    """A column's map beside the unit that the file states for it; what is done, as a notice."""
+    if name not in table.units:
+        return entry
+    si = recipe.units[entry.target]
+    entry, notice = in_stated_unit(entry, table.units[name], si, str(table.path))
+    table.notices += [] if notice is None else [notice]
+    return entry
 
 
 def _timed(
@@ -262,6 +284,7 @@ def _timed(
         name, entry = sources["time_s"]
         readings = table.numbers(name, "time_s", kept)
         stamped = name in table.stamped
+        entry = entry if stamped else _as_stated(table, name, entry, recipe)
         counts = readings if stamped else without_wraps(table, name, readings, kept, starts)
         time = to_si(counts, entry, recipe.atmosphere_pa, stamped=stamped)
         time = check_size(str(table.path), "time_s", time, LARGEST)

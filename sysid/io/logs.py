@@ -29,6 +29,7 @@ from sysid.types import FloatArray
 # For kinds of test that the log format leaves open; in other logs a lab's own columns.
 _SELDOM_NEEDED = (
     "velocity_rad_per_s",
+    "velocity_m_per_s",
     "flow_a_kg_s",
     "time_to_pressure_s",
     "pwm_period_s",
@@ -179,7 +180,9 @@ def _take_columns(reading: LogReading, maps: Mapping[str, ColumnMap]) -> None:
             if absent is not None and absent.all():
                 continue
             stamped = table.is_stamped(column)
-            values = to_si(table.numbers(column, absent), entry, ambient, stamped=stamped)
+            readings = table.numbers(column, absent)
+            values = to_si(readings, entry, ambient, stamped=stamped)
+            reading.notices += entry.notices(readings, reading.where, table.place)
             check_size(reading.where, target, _known(values))
             reading.columns[target] = values
             reading.origin[target] = sources[target]
@@ -379,6 +382,7 @@ def _check_values(reading: LogReading) -> None:
             error = plausibility.check_fraction(where, name, reading.origin[name], known)
             if error is not None:
                 raise error
+            _clip_duty(reading, name)
     position = rig.position_channel
     if position in columns:
         values = _known(columns[position])
@@ -409,6 +413,19 @@ def _check_values(reading: LogReading) -> None:
     whole = {name: values for name, values in columns.items() if not np.isnan(values).any()}
     reading.contradict("air", plausibility.check_supply(where, whole, rig))
     reading.notices += response_notices(where, whole, position, rig.effort_channel)
+
+
+def _clip_duty(reading: LogReading, name: str) -> None:
+    """A duty that rounding puts beyond 0 or 1 is taken as that."""
+    values = reading.columns[name]
+    clipped = np.clip(values, 0.0, 1.0)
+    beyond = np.abs(values - clipped)
+    if np.any(beyond > 0.0):
+        reading.columns[name] = clipped
+        reading.notices.append(
+            f"{reading.where}: {name} leaves 0 to 1 by at most {float(np.max(beyond)):.2g} in "
+            f"{int(np.count_nonzero(beyond))} rows; 0 or 1 is used there"
+        )
 
 
 def smallest_step(values: FloatArray) -> float | None:

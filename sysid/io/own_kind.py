@@ -14,7 +14,7 @@ from sysid.io.logs import LogReading, check_time_column, groups_of, log_from, mi
 from sysid.io.rig import Rig
 from sysid.io.samples import Log
 from sysid.io.tables import read_table
-from sysid.io.units import LARGEST, ColumnMap, find_column, has_column, to_si
+from sysid.io.units import LARGEST, TEST_COLUMN, ColumnMap, find_column, has_column, to_si
 from sysid.types import FloatArray
 
 
@@ -24,6 +24,16 @@ class OwnKind:
 
     kind: str
     columns: Mapping[str, str]
+
+    @property
+    def held(self) -> tuple[str, ...]:
+        """Columns that hold from row to row, as a command does; the others are linear."""
+        return ()
+
+    @property
+    def units(self) -> dict[str, str | None]:
+        """The unit of each column that a log of this kind may have, in their order."""
+        return {"time_s": "s", TEST_COLUMN: None, **self.columns}
 
 
 def read_own_log(
@@ -54,7 +64,9 @@ def read_own_log(
             column = table.header[find_column(table.header, maps[name], str(path))]
             stamped = table.is_stamped(column)
             atmosphere = rig.air.atmospheric_pressure_pa if rig.air else None
-            values = to_si(table.numbers(column), maps[name], atmosphere, stamped=stamped)
+            readings = table.numbers(column)
+            values = to_si(readings, maps[name], atmosphere, stamped=stamped)
+            reading.notices += maps[name].notices(readings, str(path), table.place)
         elif name in table.header:
             column, values = name, table.numbers(name)
         else:

@@ -58,6 +58,8 @@ _FOLD_SPEED = 0.2  # of the test's highest speed
 _STRAIGHT = 0.7
 _ROTARY_STEPS = {"deg": 180.0 / math.pi, "rev": 0.5 / math.pi, "mrad": 1e3}
 _LINEAR_STEPS = {"mm": 1e3, "um": 1e6, "cm": 1e2}
+# A factor that is typed with three digits is off by at most so much; so is a converter's zero.
+DUTY_ROUNDING = 5e-3
 _NAMES = {
     "deg": "degrees",
     "rev": "revolutions",
@@ -279,14 +281,21 @@ def check_effort(where: str, target: str, column: str, values: FloatArray, rig: 
 
 
 def check_fraction(where: str, target: str, column: str, values: FloatArray) -> SysidError | None:
-    """Duty (n,): the error to raise where it leaves 0 to 1."""
+    """Duty (n,): the error to raise where it leaves 0 to 1 by more than rounding."""
     low, high = float(np.min(values)), float(np.max(values))
-    if low >= 0.0 and high <= 1.0:
+    if low >= -DUTY_ROUNDING and high <= 1.0 + DUTY_ROUNDING:
         return None
     if low >= 0.0 and 1.5 < high <= 100.0:
         mend = _mapping(target, column, "percent")
+    elif low >= 0.0 and high > 100.0 and not np.any(values % 1.0):
+        # A converter's or timer's full scale.
+        full = (1 << int(high).bit_length()) - 1
+        mend = f'if {full} is full duty, give --map "{target}={column}:1/{full}"'
     else:
-        mend = "fix the values: a duty lies between 0 and 1"
+        mend = (
+            "fix the values: a duty lies between 0 and 1 (a command of 5 to 10 V: --map "
+            f'"{target}={column}:5..10 -> 0..1")'
+        )
     return input_error(where, f"{target} runs from {low:.4g} to {high:.4g}, outside 0 to 1", mend)
 
 

@@ -5,26 +5,32 @@ An entry is `target=column[:unit]`:
 - `target` is a column of the log format (`CANONICAL_UNITS`), which carries its SI unit.
 - `column` is the foreign name, or `#3` for the third column of a file without names. The
   last colon separates the unit; a name that holds a colon itself is ended by one (`a:b:`).
-- `unit` is anything that pint knows, preceded by a multiple where one unit of the reading is
-  not one unit (`35.15 N` per volt, `0.02 bar(g)` per step), and for pressures followed by
-  `(g)` for gauge or `(a)` for absolute (`psig`, `barg`, `bara` mean the same). Without a unit
-  the column is already in SI; without `(g)` a pressure is absolute.
+- `unit` is anything that pint knows (`sysid.io.unit_text`), preceded by a multiple where one unit
+  of the reading is not one unit (`35.15 N` per volt, `0.02 bar(g)` per step), and for pressures
+  followed by `(g)` for gauge or `(a)` for absolute (`psig`, `barg`, `bara` mean the same). Without
+  a unit the column is in the unit that its file states, else already in SI; without `(g)` a
+  pressure is absolute.
+- In place of the unit a sensor's range: `0.5..4.5 V -> 0..100 psi(g)` (`sysid.io.sensor_range`).
+
+In TOML an entry is the text "column:unit" or a table of `column`, `unit`, `from` and `to`.
 """
 
 from __future__ import annotations
 
 import difflib
-import functools
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sysid.errors import InputError, input_error
+from sysid.io.sensor_range import SensorRange, ends_of, is_range, parse_range, range_text
+from sysid.io.unit_text import check_unit, parse_unit, ratio_of, without_multiple
+from sysid.types import FloatArray
 
 TEST_COLUMN = "test"
 _BRACKETED = re.compile(r"(.*?\S)[\s_]*[\[(][^\[\]]*[\])]\s*")
@@ -39,6 +45,7 @@ CANONICAL_UNITS: dict[str, str | None] = {
     "theta_rad": "rad",
     "velocity_rad_per_s": "rad/s",
     "position_m": "m",
+    "velocity_m_per_s": "m/s",
     "encoder_counts": "count",
     "valve_a": "dimensionless",
     "valve_b": "dimensionless",
@@ -54,56 +61,13 @@ CANONICAL_UNITS: dict[str, str | None] = {
     "temperature_k": "K",
 }
 
-# The name of each SI unit's quantity in a message, and the units to choose from.
-_KINDS = {
-    "s": ("a time", "s, ms, us, min"),
-    "Pa": ("a pressure", "Pa, kPa, MPa, bar, mbar, psi, with (g) for gauge"),
-    "rad": ("an angle", "rad, mrad, deg, turn"),
-    "rad/s": ("an angular velocity", "rad/s, deg/s, rpm"),
-    "m": ("a length", "m, cm, mm, um, inch"),
-    "count": ("a number of encoder counts", "count"),
-    "dimensionless": ("a ratio", "percent, or a bare factor such as 0.01"),
-    "N*m": ("a torque", "Nm, mNm, Ncm, lbf*ft"),
-    "N": ("a force", "N, kN, mN, kgf, lbf"),
-    "V": ("a voltage", "V, mV"),
-    "kg/s": ("a mass flow", "kg/s, g/s, or the value of one step, such as 2.0e-5 kg/s"),
-    "K": ("a temperature", "K, degC, degF"),
-}
-# Common spellings that pint lacks, or reads as something else ("Nm" as number-metre).
-_ALIASES = {
-    "Nm": "N*m",
-    "mNm": "mN*m",
-    "kNm": "kN*m",
-    "Ncm": "N*cm",
-    "Nmm": "N*mm",
-    "ozin": "force_ounce*inch",
-    "psig": "psi(g)",
-    "psia": "psi(a)",
-    "rev": "turn",
-    "kp": "kgf",
-    "at": "technical_atmosphere",
-    "kgf/cm2": "kgf/cm**2",
-    "kp/cm2": "kgf/cm**2",
-    "N/mm2": "N/mm**2",
-}
-# What a misspelt unit is compared with.
-_COMMON_UNITS = (
-    *("s", "ms", "us", "min", "Pa", "kPa", "MPa", "hPa", "bar", "mbar", "barg", "bara"),
-    *("psi", "psig", "atm", "torr", "mmHg", "kgf/cm**2", "rad", "mrad", "deg", "turn", "cycle"),
-    *("m", "cm", "mm", "um", "inch", "count", "counts", "percent", "Nm", "mNm", "Ncm", "lbf*ft"),
-    *("N", "kN", "mN", "kgf", "lbf", "V", "mV", "K", "degC", "degF"),
-)
-
-_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
-_REFERENCE = re.compile(r"\s*\(\s*([ga]|gauge|gage|abs|absolute)\s*\)\s*$", re.IGNORECASE)
-_OVER_NUMBER = re.compile(r"(?P<unit>[^\d\s/][^/]*)/(?P<number>\d+\.?\d*(?:[eE][+-]?\d+)?)")
-_ONE_OVER = re.compile(
-    r"1\s*/\s*(?P<number>\d+\.?\d*(?:[eE][+-]?\d+)?)\s*\*?\s*(?P<unit>[^\d\s/].*)"
-)
 _COLUMN_NUMBER = re.compile(r"#(\d{1,6})")
-_MAX_UNIT_LENGTH = 80
 # In SI: no time, pressure, angle, count, force, voltage, flow or temperature of a log is larger.
 LARGEST = 1e12
+_TABLE_KEYS = ("column", "unit", "from", "to")
+# Digits of a factor that a person gave, those of a double, and the powers of ten that are exact.
+_SHORT, _DIGITS = 10, 15
+_TENS = np.array([10.0**k for k in range(23)])
 
 
 @dataclass(frozen=True)
@@ -111,8 +75,9 @@ class ColumnMap:
     """One foreign column that fills one column of the log format.
 
     SI value = `factor` * reading + `offset`, plus the atmosphere where `gauge` is True.
-    `unit` is the unit as written (None: SI already); `gauge` is None where it is
-    not given; `source` is where the entry was written, for messages.
+    `unit` is the unit or range as written (None: SI already); `gauge` is None where it is
+    not given; `source` is where the entry was written, for messages; `sensor` is the range of the
+    readings where one was given; `remark` says what the unit was taken for.
     """
 
     target: str
@@ -122,6 +87,8 @@ class ColumnMap:
     factor: float = 1.0
     offset: float = 0.0
     source: str = "--map"
+    sensor: SensorRange | None = None
+    remark: str = ""
 
     def __str__(self) -> str:
         """The entry as it would be written on the command line."""
@@ -131,16 +98,34 @@ class ColumnMap:
 
     def reversed(self) -> str:
         """The entry that reads the column with the other sign: "motor_force_n=F:-1 N"."""
-        unit = self.unit or CANONICAL_UNITS[self.target] or ""
+        si = CANONICAL_UNITS[self.target] or ""
+        if self.sensor is not None:
+            ends = (self.sensor.start, self.sensor.end)
+            first, last = (f"{-(self.factor * end + self.offset):.12g}" for end in ends)
+            readings = f"{ends[0]:.12g}..{ends[1]:.12g}"
+            return f"{self.target}={self.column}:{readings} -> {first}..{last} {si}"
+        unit = self.unit or si
         number = re.match(r"[-+]?[\d.]+(?:[eE][-+]?\d+)?(?=\s)", unit)
         factor = number[0] if number else "1"
         other = factor.removeprefix("-") if factor.startswith("-") else f"-{factor.lstrip('+')}"
         unit = unit[number.end() :].strip() if number else unit
         return f"{self.target}={self.column}:{other} {unit}"
 
+    def notices(self, readings: FloatArray, where: str, place: Callable[[int], str]) -> list[str]:
+        """What is to be said of readings (n,) as this entry takes them, at `place(row)`."""
+        said = [f"{where}: {self.column}: {self.remark}"] if self.remark else []
+        found = None if self.sensor is None else self.sensor.beyond(readings)
+        if found is not None:
+            said.append(f"{where}, {place(found[0])}: {self.column}: {found[1]}")
+        return said
 
-def parse_map(texts: Iterable[str], source: str = "--map") -> dict[str, ColumnMap]:
-    """Map entries `target=column[:unit]` by target.
+
+def parse_map(
+    texts: Iterable[str],
+    source: str = "--map",
+    units: Mapping[str, str | None] = CANONICAL_UNITS,
+) -> dict[str, ColumnMap]:
+    """Map entries `target=column[:unit]` by target; `units` of the targets, by name.
 
     Raises InputError for an entry of another form, an unknown or repeated target, an unknown
     unit, and a unit of another quantity than the target's.
@@ -153,7 +138,7 @@ def parse_map(texts: Iterable[str], source: str = "--map") -> dict[str, ColumnMa
                 f"{source} {text!r}", "has no '='", 'write it as "pressure_a_pa=P1:kPa(g)"'
             )
         entries.append((target.strip(), rest))
-    return _parse_entries(entries, source)
+    return _parse_entries(entries, source, units)
 
 
 def parse_map_table(
@@ -161,26 +146,34 @@ def parse_map_table(
 ) -> dict[str, ColumnMap]:
     """The same from a TOML table {target: "column:unit"}; `source` names file and table.
 
-    `units` of the targets, by name.
+    A target's value may be a table as well: {column, unit, from, to}.
     """
-    entries: list[tuple[str, str]] = []
+    entries: list[tuple[str, str | Mapping[str, Any]]] = []
     for target, value in table.items():
-        if not isinstance(value, str):
+        if not isinstance(value, str | Mapping):
             raise input_error(
-                source, f"{target} = {value!r} is not text", f'write {target} = "column:unit"'
+                source,
+                f"{target} = {value!r} is not text",
+                f'write {target} = "column:unit", or {{ column = ..., unit = ... }}',
             )
         entries.append((target, value))
     return _parse_entries(entries, source, units)
 
 
 def _parse_entries(
-    entries: Iterable[tuple[str, str]],
+    entries: Iterable[tuple[str, str | Mapping[str, Any]]],
     source: str,
-    units: Mapping[str, str | None] = CANONICAL_UNITS,
+    units: Mapping[str, str | None],
 ) -> dict[str, ColumnMap]:
     maps: dict[str, ColumnMap] = {}
     for target, rest in entries:
-        entry = _parse_entry(target, rest, source, units)
+        if target not in units:
+            raise _no_target(target, source, units)
+        entry = (
+            _parse_entry(target, rest, source, units[target])
+            if isinstance(rest, str)
+            else _table_entry(target, rest, source, units[target])
+        )
         if target in maps:
             raise input_error(
                 source,
@@ -191,11 +184,14 @@ def _parse_entries(
     return maps
 
 
-def _parse_entry(target: str, rest: str, source: str, units: Mapping[str, str | None]) -> ColumnMap:
-    if target not in units:
-        close = difflib.get_close_matches(target, units, 1, 0.5)
-        mend = f"did you mean {close[0]}?" if close else f"use one of {', '.join(units)}"
-        raise input_error(source, f"{target!r} is not a column of the log format", mend)
+def _no_target(target: str, source: str, units: Mapping[str, str | None]) -> InputError:
+    close = difflib.get_close_matches(target, units, 1, 0.5)
+    mend = f"did you mean {close[0]}?" if close else f"use one of {', '.join(units)}"
+    format_ = "the log format" if set(CANONICAL_UNITS) <= set(units) else "the component's logs"
+    return input_error(source, f"{target!r} is not a column of {format_}", mend)
+
+
+def _parse_entry(target: str, rest: str, source: str, si: str | None) -> ColumnMap:
     column, colon, unit = rest.rpartition(":")
     if not colon:
         column, unit = rest, ""
@@ -203,163 +199,143 @@ def _parse_entry(target: str, rest: str, source: str, units: Mapping[str, str | 
     where = f"{source} {target}={rest.strip()}"
     if not column:
         raise input_error(where, "names no column", f'write it as "{target}=column:unit"')
+    return _with_unit(ColumnMap(target, column, source=source), unit, si, where)
+
+
+def _with_unit(entry: ColumnMap, unit: str, si: str | None, where: str) -> ColumnMap:
+    """The entry in this unit or range ("": none)."""
     if not unit:
-        return ColumnMap(target, column, source=source)
-    si = units[target]
+        return entry
     if si is None:
         raise input_error(
-            where, f"{target} is a label and has no unit", f'write "{target}={column}"'
+            where,
+            f"{entry.target} is a label and has no unit",
+            f'write "{entry.target}={entry.column}"',
         )
-    gauge, factor, offset = parse_unit(unit, si, where)
-    return ColumnMap(target, column, unit, gauge, factor, offset, source)
+    sensor = None
+    if is_range(unit):
+        sensor, found = parse_range(unit, si, where)
+    else:
+        found = parse_unit(unit, si, where)
+    return replace(
+        entry,
+        unit=unit,
+        gauge=found.gauge,
+        factor=found.factor,
+        offset=found.offset,
+        sensor=sensor,
+        remark=found.remark,
+    )
 
 
-def parse_unit(text: str, si: str, where: str) -> tuple[bool | None, float, float]:
-    """(gauge, factor, offset) that turn a reading in unit `text` into the SI unit `si`.
-
-    `si` is one of the units in `CANONICAL_UNITS`; `where` opens the message of an
-    InputError. Gauge is True for `(g)`, False for `(a)` and None without either;
-    the offset never includes the atmosphere.
-    """
-    if len(text) > _MAX_UNIT_LENGTH:
-        raise _unknown_unit(text[:20] + "...", si, where)
-    multiple, unit = _split_multiple(_per_number(text), where)
-    unit, gauge = _split_reference(unit)
-    if gauge is not None and si != "Pa":
-        said = "gauge" if gauge else "absolute"
+def _table_entry(target: str, table: Mapping[str, Any], source: str, si: str | None) -> ColumnMap:
+    """An entry from a TOML table {column, unit, from, to}."""
+    where = f"{source} {target}"
+    for key in table:
+        if key not in _TABLE_KEYS:
+            close = difflib.get_close_matches(str(key), _TABLE_KEYS, 1, 0.5)
+            known = f"did you mean {close[0]}?" if close else f"use {', '.join(_TABLE_KEYS)}"
+            raise input_error(where, f"{key} is not a key of a column's table", known)
+    for key in ("column", "unit"):
+        value = table.get(key, "")
+        if not isinstance(value, str):
+            raise input_error(where, f"{key} = {value!r} is not text", "put it in quotes")
+    column, unit = table.get("column", "").strip(), table.get("unit", "").strip()
+    if not column:
+        raise input_error(where, "names no column", 'write { column = "NAME", unit = ... }')
+    entry = ColumnMap(target, column, source=source)
+    given = [key for key in ("from", "to") if key in table]
+    if not given:
+        return _with_unit(entry, unit, si, where)
+    if len(given) == 1:
+        lacking = "to" if given == ["from"] else "from"
         raise input_error(
             where,
-            f"{text!r} is declared {said}, but {_kind_of(si)[0]} is expected",
-            f"omit the {'(g)' if gauge else '(a)'}",
+            f"{given[0]} is given without {lacking}",
+            "give both ends: from = [0.5, 4.5], to = [0, 100]",
         )
-    if not unit:
-        if si not in ("dimensionless", "count") and multiple is not None:
-            raise input_error(where, f"{text!r} has no unit", f"write {text} {si.replace('*', '')}")
-        return gauge, (1.0 if multiple is None else multiple), 0.0
-    factor, offset = _pint_factor(unit, si, where)
-    return gauge, (factor if multiple is None else multiple * factor), offset
+    if is_range(unit):
+        raise input_error(where, f"unit = {unit!r} holds a range of its own", "omit from and to")
+    ends = [range_text(ends_of(table[key], key, where)) for key in ("from", "to")]
+    return _with_unit(entry, f"{' -> '.join(ends)} {unit}".strip(), si, where)
 
 
-def check_unit(unit: str, where: str) -> None:
-    """InputError, that opens with `where`, for a unit that nobody knows; empty: none."""
+def in_stated_unit(
+    entry: ColumnMap, stated: str, si: str | None, where: str
+) -> tuple[ColumnMap, str | None]:
+    """An entry beside the unit that the file itself states for its column; and a notice, or None.
+
+    An entry without a unit takes it; one with another keeps its own. Raises InputError where an
+    entry without a unit meets one that is unknown or of another quantity than `si`.
+    """
+    stated = stated.strip().strip("[]").strip()
+    if si is None or stated in ("", "-", "1", "?", "none", "None", "n/a", "N/A"):
+        return entry, None
+    if entry.unit is None:
+        return _stated_alone(entry, stated, si, where)
+    if entry.sensor is not None:
+        return _stated_beside_range(entry, stated, where)
+    bare = without_multiple(entry.unit)
+    said = f"{where}: {entry.column} is in {stated!r} by the file, mapped as {entry.unit!r}"
     try:
-        if unit not in ("", "1"):
-            _registry().parse_units(_ALIASES.get(unit, unit))
-    except Exception:  # pint and its tokenizer raise a dozen kinds
-        close = _closest(unit)
-        mend = f"did you mean {close}?" if close else "write it as N*m or kg/s; a ratio has none"
-        raise input_error(where, f"{unit!r} is not a known unit", mend) from None
+        own = parse_unit(stated, si, where)
+    except InputError:
+        if bare is not None or ratio_of(stated, stated) is None:
+            return entry, None
+        return entry, f"{said}: the map is used"
+    gauge = own.gauge is not None and own.gauge != bool(entry.gauge)
+    same = math.isclose(own.factor, entry.factor, rel_tol=1e-6)
+    # A sign or a gear's ratio in front of the file's own unit.
+    scaled = bare is not None and math.isclose(ratio_of(bare, stated) or 0.0, 1.0)
+    if (same or scaled) and not gauge:
+        return entry, None
+    return entry, f"{said}: the map is used"
 
 
-def _per_number(text: str) -> str:
-    """`V/341.33` and `1/341.33 V`, of a converter's counts, as `0.0029297 V`."""
-    over = _OVER_NUMBER.fullmatch(text) or _ONE_OVER.fullmatch(text)
-    if over is None or not float(over["number"]):
-        return text
-    return f"{1.0 / float(over['number'])!r} {over['unit']}"
-
-
-def _split_multiple(text: str, where: str) -> tuple[float | None, str]:
-    """A leading number and the rest; `1/s` is a unit, not a multiple."""
-    match = _NUMBER.match(text)
-    if match is None or text[match.end() :].lstrip().startswith("/"):
-        return None, text
-    multiple = float(match.group())
-    if not math.isfinite(multiple) or multiple == 0.0:
-        raise input_error(where, f"the multiple {match.group()} is unusable", "give another")
-    rest = text[match.end() :].lstrip()
-    return multiple, rest.removeprefix("*").lstrip()
-
-
-def _split_reference(unit: str) -> tuple[str, bool | None]:
-    """The unit without its `(g)` or `(a)`, and whether it was gauge."""
-    unit = _ALIASES.get(unit, unit)
-    match = _REFERENCE.search(unit)
-    if match is not None:
-        bare = unit[: match.start()]
-        return _ALIASES.get(bare, bare), match.group(1).lower().startswith("g")
-    # barg, kPaa and the like; no pressure unit of pint itself ends like this.
-    if re.fullmatch(r"[kMhm]?(?:Pa|bar)[ _]?[ga]", unit):
-        return unit[:-1].rstrip(" _"), unit.endswith("g")
-    return unit, None
-
-
-@functools.cache
-def _registry() -> Any:
-    """Pint's registry; half a second to import, so only where a unit needs it."""
-    import pint
-
-    return pint.UnitRegistry()
-
-
-def _pint_factor(unit: str, si: str, where: str) -> tuple[float, float]:
-    if unit in (si, si.replace("*", "")):
-        return 1.0, 0.0
-    registry = _registry()
+def _stated_alone(
+    entry: ColumnMap, stated: str, si: str, where: str
+) -> tuple[ColumnMap, str | None]:
     try:
-        # Brackets belong to Python's expressions, never to a unit that a person writes.
-        if re.search(r"[\[\]{}=;,'\"]", unit):
-            raise ValueError(unit)
-        parsed = registry.parse_units(_ALIASES.get(unit, unit))
-        same = _is_same_kind(unit, si)
-    except Exception:  # pint and its tokenizer raise a dozen kinds
-        raise _unknown_unit(unit, si, where) from None
-    if not same:
-        raise _wrong_kind(unit, parsed, si, where)
-    offset = float(registry.Quantity(0.0, parsed).to(si).magnitude)
-    if offset == 0.0:
-        return float(registry.Quantity(1.0, parsed).to(si).magnitude), 0.0
-    delta = registry.parse_units(f"delta_{parsed}")
-    return float(registry.Quantity(1.0, delta).to(si).magnitude), offset
-
-
-def _unknown_unit(unit: str, si: str, where: str) -> InputError:
-    kind, examples = _kind_of(si)
-    close = _closest(unit)
-    mend = f"did you mean {close}?" if close else f"give a unit of {kind}: {examples}"
-    return input_error(where, f"{unit!r} is not a known unit", mend)
-
-
-def _kind_of(si: str) -> tuple[str, str]:
-    """The name of a unit's quantity, and units to choose from."""
-    return _KINDS.get(si, (f"a quantity in {si}", si))
-
-
-def _closest(unit: str) -> str | None:
-    for known in _COMMON_UNITS:
-        if known.lower() == unit.lower() and known != unit:
-            return known
-    close = difflib.get_close_matches(unit, _COMMON_UNITS, 1, 0.6)
-    return close[0] if close and close[0] != unit else None
-
-
-def _wrong_kind(unit: str, parsed: Any, si: str, where: str) -> InputError:
-    registry = _registry()
-    root = registry.get_root_units(parsed)[1]
-    found = next(
-        (kind for known, (kind, _) in _KINDS.items() if registry.get_root_units(known)[1] == root),
-        f"{parsed}",
-    )
-    kind, examples = _kind_of(si)
-    meant = {"C": "degC", "F": "degF"}.get(unit) or next(
-        (known for known in _COMMON_UNITS if known.lower() == unit.lower() != known), None
-    )
-    if meant is not None and _is_same_kind(meant, si):
-        return input_error(where, f"{unit!r} is {found}, not {kind}", f"did you mean {meant}?")
-    worth = "0.001" if si == "dimensionless" else f"0.5 {si.replace('*', '')}"
-    return input_error(
-        where,
-        f"{unit!r} is {found}, not {kind}",
-        f"give a unit such as {examples}; for a raw reading, the value of one unit of it "
-        f"(such as {worth})",
+        found = _with_unit(entry, stated, si, where)
+    except InputError as error:
+        reason = str(error).partition(f"{where}: ")[2].partition("; ")[0]
+        example = "0..24 -> 0..1" if si == "dimensionless" else f"0.5..4.5 -> 0..100 {_shown(si)}"
+        raise input_error(
+            where,
+            f"{entry.column} (for {entry.target}) is in {stated!r} by the file: {reason}",
+            f'give its unit, or its range: --map "{entry.target}={entry.column}:{example}"',
+        ) from None
+    if found.factor == 1.0 and found.offset == 0.0 and not found.gauge:
+        return entry, None
+    absolute = ", absolute" if si == "Pa" and found.gauge is None else ""
+    return found, (
+        f"{where}: {entry.column} (for {entry.target}) is in {stated}{absolute}, as the file states"
     )
 
 
-def _is_same_kind(unit: str, si: str) -> bool:
-    """Compares root units: by dimension an angle, a ratio and a count are the same."""
-    registry = _registry()
-    parsed = registry.parse_units(_ALIASES.get(unit, unit))
-    return bool(registry.get_root_units(parsed)[1] == registry.get_root_units(si)[1])
+def _stated_beside_range(entry: ColumnMap, stated: str, where: str) -> tuple[ColumnMap, str | None]:
+    """Readings in another unit than that of the range's left side are brought to it."""
+    sensor = entry.sensor
+    if sensor is None or not sensor.unit:
+        return entry, None
+    worth = ratio_of(stated, sensor.unit)
+    if worth is None:
+        if None in (ratio_of(stated, stated), ratio_of(sensor.unit, sensor.unit)):
+            return entry, None
+        said = f"{where}: {entry.column} is in {stated!r} by the file, mapped from {sensor.unit!r}"
+        return entry, f"{said}: the map is used"
+    if math.isclose(worth, 1.0, rel_tol=1e-9):
+        return entry, None
+    moved = SensorRange(sensor.start / worth, sensor.end / worth, stated)
+    return (
+        replace(entry, factor=entry.factor * worth, sensor=moved),
+        f"{where}: {entry.column} is in {stated} by the file, its range in {sensor.unit}: "
+        "converted",
+    )
+
+
+def _shown(si: str) -> str:
+    return (si or "").replace("*", "")
 
 
 def to_si(
@@ -394,14 +370,45 @@ def to_si(
     inverse = round(1.0 / factor) if 1e-15 < abs(factor) < 1.0 else 0
     with np.errstate(over="ignore"):  # `check_size` finds it
         if inverse and 1.0 / inverse == factor:
-            readings = readings / inverse
+            scaled = readings / inverse
         elif factor != 1.0:
-            readings = readings * factor
-        return readings + offset if offset else readings.copy()
+            scaled = _decimal(readings * factor, np.abs(readings * factor), factor)
+        else:
+            scaled = readings
+        if not offset:
+            return scaled.copy()
+        return _decimal(scaled + offset, np.maximum(np.abs(scaled), abs(offset)), factor, offset)
+
+
+def _decimal(
+    values: NDArray[np.float64], size: NDArray[np.float64], *numbers: float
+) -> NDArray[np.float64]:
+    """Values without what rounding left of decimal readings: 1.46 - 1 is 0.46, not 0.45999...96.
+
+    The decimals of 15 digits, counted from `size`, of the largest term, that lie within the
+    rounding; the values themselves where none does, or where `numbers` are no short decimals.
+    """
+    if not all(map(_is_short, numbers)):
+        return values
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        places = _DIGITS - np.ceil(np.log10(size))
+        tens = _TENS[np.clip(np.nan_to_num(places), 0, len(_TENS) - 1).astype(np.intp)]
+        rounded = np.rint(values * tens) / tens
+        close = np.abs(rounded - values) <= 2.0 * np.spacing(size)
+    return np.asarray(np.where(close, rounded, values))
+
+
+def _is_short(number: float) -> bool:
+    """Whether a number has few decimal digits: then readings of few have results of few."""
+    return len(repr(number).partition("e")[0].strip("-0.").replace(".", "")) <= _SHORT
 
 
 def check_size(
-    where: str, target: str, values: NDArray[np.float64], largest: float = LARGEST
+    where: str,
+    target: str,
+    values: NDArray[np.float64],
+    largest: float = LARGEST,
+    units: Mapping[str, str | None] = CANONICAL_UNITS,
 ) -> NDArray[np.float64]:
     """Values in SI as they are; InputError where one is beyond all that is measured.
 
@@ -410,7 +417,7 @@ def check_size(
     found = float(np.max(np.abs(values), initial=0.0))
     if found <= largest:
         return values
-    unit = CANONICAL_UNITS[target] or ""
+    unit = units[target] or ""
     raise input_error(
         where,
         f"{target} reaches {found:.3g} {unit.replace('*', '')}, beyond anything measured "
@@ -468,3 +475,20 @@ def find_column(columns: Sequence[str], column_map: ColumnMap, where: str) -> in
         f"has no column {name!r} (mapped to {column_map.target})",
         f"did you mean {listed}?" if close else f"its columns are {listed}",
     )
+
+
+__all__ = [
+    "CANONICAL_UNITS",
+    "LARGEST",
+    "TEST_COLUMN",
+    "ColumnMap",
+    "check_size",
+    "check_unit",
+    "find_column",
+    "has_column",
+    "in_stated_unit",
+    "parse_map",
+    "parse_map_table",
+    "parse_unit",
+    "to_si",
+]

@@ -63,7 +63,8 @@ class Recipe:
     """How foreign columns become a log: maps by target, constants, and how to read.
 
     `rows` are the slices of rows to keep, `rows_text` as written; none: all. `fill` says how
-    every column is filled between samples of its own (`sysid.io.alignment`).
+    every column is filled between samples of its own (`sysid.io.alignment`). `units` are those of
+    the columns that may be written, by name: the log format's, or a component's.
     """
 
     maps: Mapping[str, ColumnMap] = field(default_factory=dict)
@@ -75,10 +76,14 @@ class Recipe:
     rows: tuple[slice, ...] = ()
     rows_text: str = ""
     fill: str | None = None
+    units: Mapping[str, str | None] = field(default_factory=lambda: CANONICAL_UNITS)
 
 
-def read_recipe(path: Path) -> Recipe:
-    """The recipe of a `--spec` TOML file. Raises InputError naming the key and the fix."""
+def read_recipe(path: Path, units: Mapping[str, str | None] = CANONICAL_UNITS) -> Recipe:
+    """The recipe of a `--spec` TOML file; `units` are those of the columns to be written.
+
+    Raises InputError naming the key and the fix.
+    """
     content = read_toml(path, "a TOML file with [map] and [options]")
     notices = reject_misspelt(content, _SECTIONS, "section ", str(path))
     for section in _SECTIONS:
@@ -99,9 +104,9 @@ def read_recipe(path: Path) -> Recipe:
             raise input_error(
                 path, f"[constants] {key} = {value!r} is neither a number nor text", "fix the value"
             )
-        constants[key] = _constant(key, str(value), f"{path} [constants]")
+        constants[key] = _constant(key, str(value), f"{path} [constants]", units)
     return Recipe(
-        parse_map_table(content.get("map", {}), f"{path} [map]"),
+        parse_map_table(content.get("map", {}), f"{path} [map]", units),
         constants,
         ReadOptions(**{k: options[k] for k in ReadOptions.__dataclass_fields__ if k in options}),
         options.get("sampling_period_s"),
@@ -110,6 +115,7 @@ def read_recipe(path: Path) -> Recipe:
         _slices(options.get("rows", ""), f"{path} [options]"),
         options.get("rows", ""),
         _fill(options.get("fill"), f"{path} [options]"),
+        units,
     )
 
 
@@ -169,10 +175,10 @@ def extended(
         target, equals, value = text.partition("=")
         if not equals:
             raise input_error(f"--set {text!r}", "has no '='", 'write "temperature_k=293.15"')
-        extra[target.strip()] = _constant(target.strip(), value.strip(), "--set")
+        extra[target.strip()] = _constant(target.strip(), value.strip(), "--set", base.units)
     recipe = replace(
         base,
-        maps={**base.maps, **parse_map(maps)},
+        maps={**base.maps, **parse_map(maps, units=base.units)},
         constants={**base.constants, **extra},
         read=with_reading(base.read, reading),
         period_s=base.period_s if period_s is None else period_s,
@@ -210,9 +216,9 @@ def with_reading(base: ReadOptions, given: Mapping[str, Any]) -> ReadOptions:
     return found
 
 
-def _constant(target: str, text: str, where: str) -> str | float:
-    if target not in CANONICAL_UNITS or target == "time_s":
-        names = ", ".join(name for name in CANONICAL_UNITS if name != "time_s")
+def _constant(target: str, text: str, where: str, units: Mapping[str, str | None]) -> str | float:
+    if target not in units or target == "time_s":
+        names = ", ".join(name for name in units if name != "time_s")
         raise input_error(where, f"{target!r} cannot be a constant", f"use one of {names}")
     if target == TEST_COLUMN:
         return text
