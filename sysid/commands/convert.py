@@ -9,8 +9,9 @@ from typing import Any
 import click
 from rich.text import Text
 
-from sysid.commands.options import PathArgument, json_option, map_option
-from sysid.commands.printing import notices, print_json
+from sysid.commands.options import PathArgument, component_option, json_option, map_option
+from sysid.commands.own_component import own_kind
+from sysid.commands.printing import notices, print_json, progress
 from sysid.display.terminal import console, new_table
 from sysid.errors import one_line, shortened
 from sysid.io import conversion
@@ -91,9 +92,15 @@ _WIDEST = 10_000
     default=0.0,
     help="Seconds to add to the times of the joined files (else one clock, or time stamps).",
 )
+@component_option
 @json_option
 def convert(
-    foreign: Sequence[Path], output: Path | None, is_listed: bool, as_json: bool, **options: Any
+    foreign: Sequence[Path],
+    output: Path | None,
+    is_listed: bool,
+    component: str | None,
+    as_json: bool,
+    **options: Any,
 ) -> None:
     """Bring a lab's own file (.mat, text, Excel, TDMS, Parquet) into the log format.
 
@@ -107,7 +114,8 @@ def convert(
         context = click.get_current_context()
         missing = next(option for option in context.command.params if option.name == "output")
         raise click.MissingParameter(ctx=context, param=missing)
-    show_conversion(conversion.convert(foreign, output, **options), as_json)
+    own = own_kind(component, progress())
+    show_conversion(conversion.convert(foreign, output, own=own, **options), as_json)
 
 
 def _list(

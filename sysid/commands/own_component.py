@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from sysid.io.campaign import Campaign, read_campaign
+from sysid.io.own_kind import OwnKind
 from sysid.types import Progress
 
 
@@ -23,4 +24,18 @@ def read_with(path: Path, component: str | None, tell: Progress) -> Campaign:
     return campaign
 
 
-__all__ = ["read_with"]
+def own_kind(component: str | None, tell: Progress) -> OwnKind | None:
+    """The kind of log of a component, as text of the option; None without one.
+
+    Raises InputError for a file that cannot be used.
+    """
+    if component is None:
+        return None
+    from sysid.components.loading import one_component
+
+    loaded = one_component(component)
+    tell(f"runs the user's own code: {loaded.path} ({loaded.name})")
+    return loaded
+
+
+__all__ = ["own_kind", "read_with"]

@@ -53,6 +53,11 @@ class LoadedComponent(OwnKind):
     path: Path | None = None
 
     @property
+    def held(self) -> tuple[str, ...]:
+        columns = self.definition.columns
+        return tuple(n for n, c in columns.items() if c.role == "input" and c.between == "held")
+
+    @property
     def name(self) -> str:
         """The class's name."""
         return type(self.definition).__name__
@@ -96,6 +101,22 @@ def with_component(path: str | Path, component: ComponentSource) -> Campaign:
             "give each kind its own campaign",
         )
     return campaign
+
+
+def one_component(component: ComponentSource) -> LoadedComponent:
+    """The component of a source, checked. Runs its file.
+
+    Raises InputError where the file does not run, a component is incomplete, or it holds several.
+    """
+    offered = _offered(component)
+    if len(offered) > 1:
+        names = [one.name for one in offered]
+        raise input_error(
+            str(component),
+            f"defines {len(names)} components, {', '.join(names)}",
+            f"name one: --component {component}:{names[0]}",
+        )
+    return offered[0]
 
 
 def component_in(campaign: Campaign) -> LoadedComponent | None:
@@ -378,4 +399,4 @@ def _source_of(cls: type[OwnComponent]) -> str:
         return ""
 
 
-__all__ = ["ComponentSource", "LoadedComponent", "component_in", "with_component"]
+__all__ = ["ComponentSource", "LoadedComponent", "component_in", "one_component", "with_component"]

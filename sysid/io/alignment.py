@@ -7,10 +7,12 @@ line between their own samples, commands hold from one to the next.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from sysid import signals
-from sysid.io.reshaping import HELD_COLUMNS, median_period
+from sysid.io.reshaping import median_period
 from sysid.io.units import TEST_COLUMN
 from sysid.types import BoolArray, FloatArray, IntArray
 
@@ -23,11 +25,12 @@ _MOST_UNEVEN = 1.5
 _FEWEST = 3
 
 
-def is_held(target: str, fill: str | None = None) -> bool:
-    """Whether a column of the log holds from sample to sample; `fill` overrules for all."""
+def is_held(target: str, fill: str | None, held: Sequence[str]) -> bool:
+    """Whether a column of the log holds from sample to sample: those of `held` do, and all or none
+    where `fill` says so."""
     if target == TEST_COLUMN:
         return True
-    return target in HELD_COLUMNS if fill is None else fill == "hold"
+    return target in held if fill is None else fill == "hold"
 
 
 def values_at(grid: FloatArray, clock: FloatArray, values: FloatArray, held: bool) -> FloatArray:

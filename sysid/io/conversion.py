@@ -18,7 +18,9 @@ from sysid.io.foreign import ForeignTable, is_bag, read_bag, read_foreign
 from sysid.io.foreign.recipe import Recipe, extended, read_recipe
 from sysid.io.foreign_columns import log_columns, unused_columns, with_atmosphere
 from sysid.io.joining import TimedColumns, joined
+from sysid.io.own_kind import OwnKind
 from sysid.io.reshaping import (
+    HELD_COLUMNS,
     Reshaping,
     joined_line,
     lines_between,
@@ -100,6 +102,7 @@ def convert(
     join_shift_s: float = 0.0,
     transpose: bool = False,
     fill: str | None = None,
+    own: OwnKind | None = None,
 ) -> ConversionReport:
     """Read foreign file(s), map their columns to SI and write a log (CSV or Parquet).
 
@@ -112,6 +115,7 @@ def convert(
     rows an even period (`sysid.io.reshaping`). The columns of the files `join`, by `join_maps`, are
     put beside those of the one foreign file by time, `join_shift_s` added to theirs
     (`sysid.io.joining`).
+    `own`: the log is of a component's kind, and the targets are its columns, in their units.
     Without maps, columns that already have the log format's names are used; without
     `atmosphere_pa`, gauge pressures use that of the rig file nearest to the files. Raises
     InputError, one line with the place and the fix; the output is complete or absent.
@@ -121,8 +125,9 @@ def convert(
         raise input_error(
             output, "a log is CSV or Parquet", f"write it as {output.stem or 'log'}.csv or .parquet"
         )
+    units = CANONICAL_UNITS if own is None else own.units
     recipe = extended(
-        Recipe() if spec_file is None else read_recipe(spec_file),
+        Recipe(units=units) if spec_file is None else read_recipe(spec_file, units),
         maps,
         constants,
         {
@@ -143,14 +148,15 @@ def convert(
         raise input_error(
             "convert", "several files are several tests, but `test` is given too", "omit it"
         )
-    recipe = with_atmosphere(recipe, paths)
+    held = HELD_COLUMNS if own is None else own.held
+    recipe = replace(with_atmosphere(recipe, paths), held=held)
     files = []
     for path, label in zip(paths, _labels(paths), strict=True):
         if path.exists() and output.exists() and path.samefile(output):
             raise input_error(output, "is the file to be converted", "choose another with -o")
         files.append(_ForeignFile.read(path, "a file to convert", recipe).mapped(recipe, label))
     notices = [*recipe.notices, *(notice for file in files for notice in file.notices)]
-    how = Reshaping(unwrap, read_trim(trim), resample_s)
+    how = Reshaping(unwrap, read_trim(trim), resample_s, held)
     whole = _joined([file.frame for file in files], paths)
     joined_lines: list[str] = []
     if join:
@@ -158,9 +164,9 @@ def convert(
             raise input_error(
                 "--join", "several files are several tests", "convert them one by one"
             )
-        others = _others(join, recipe, parse_map(join_maps, "--join-map"))
-        first = files[0].timed(unwrap)
-        further = [other.timed(unwrap, join_shift_s) for other in others]
+        others = _others(join, recipe, parse_map(join_maps, "--join-map", units))
+        first = files[0].timed(unwrap, held)
+        further = [other.timed(unwrap, held, join_shift_s) for other in others]
         whole, notice = joined(first, further, recipe.fill)
         notices += [notice, *(line for other in others for line in other.notices)]
         joined_lines.append(joined_line(max(c.row_period for c in (first, *further))))
@@ -197,10 +203,10 @@ class _MappedFile:
     unmapped: tuple[str, ...]
     said: tuple[str, ...]
 
-    def timed(self, unwrap: bool, shift_s: float = 0.0) -> TimedColumns:
+    def timed(self, unwrap: bool, held: tuple[str, ...], shift_s: float = 0.0) -> TimedColumns:
         """The columns to be joined by time; `unwrap` follows their angle over its turns."""
         frame = unwrapped(self.frame) if unwrap else self.frame
-        return TimedColumns(self.source.path, frame, self.origin, shift_s)
+        return TimedColumns(self.source.path, frame, self.origin, shift_s, held)
 
 
 @dataclass(frozen=True)
@@ -248,7 +254,7 @@ def _others(
         used |= set(own)
         plain = replace(recipe, maps=own, constants={}, rows=(), period_s=None, notices=())
         plain = with_atmosphere(plain, [path])
-        _check_joinable(file.table, own)
+        _check_joinable(file.table, own, recipe.units)
         mapped = file.mapped(plain)
         said = [f"map: {entry} (joined)" for entry in own.values()]
         if any(entry.gauge for entry in own.values()) and plain.atmosphere_pa is not None:
@@ -264,9 +270,11 @@ def _others(
     return found
 
 
-def _check_joinable(table: ForeignTable, own: Mapping[str, ColumnMap]) -> None:
+def _check_joinable(
+    table: ForeignTable, own: Mapping[str, ColumnMap], units: Mapping[str, str | None]
+) -> None:
     """InputError where no map gives a joined file its times, or anything else."""
-    known = {*own, *(name for name in table.columns if name in CANONICAL_UNITS)}
+    known = {*own, *(name for name in table.columns if name in units)}
     if "time_s" not in known and not table.sampling and not table.clocks:
         raise input_error(
             table.path,

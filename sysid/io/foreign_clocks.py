@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sysid.errors import input_error
-from sysid.io.alignment import has_own_rate, has_value, is_held, values_at
+from sysid.io.alignment import has_own_rate, has_value, values_at
 from sysid.io.foreign import ForeignTable
+from sysid.io.foreign.recipe import Recipe
 from sysid.io.foreign_tests import Tests
 from sysid.io.reshaping import joined_line, median_period
 from sysid.io.units import TEST_COLUMN, ColumnMap
@@ -20,10 +21,10 @@ Sources = Mapping[str, tuple[str, ColumnMap]]
 
 @dataclass
 class SlowerColumns:
-    """Columns of a table that are empty in the rows between their own; `fill` as the user says."""
+    """Columns of a table that are empty in the rows between their own, filled as the recipe says."""
 
     table: ForeignTable
-    fill: str | None = None
+    recipe: Recipe
     _said: list[str] = field(default_factory=list)
     _left_out: list[tuple[str, BoolArray]] = field(default_factory=list)
     _longest: float = 0.0
@@ -50,8 +51,8 @@ class SlowerColumns:
                 f"{said} holds a single value, {self.table.columns[name][kept[rows[0]]]}",
                 f"give it for all rows: --set {target}=VALUE (SI)",
             )
-        held = is_held(target, self.fill)
-        if self.fill is None and not has_own_rate(rows, time, held):
+        held = self.recipe.is_held(target)
+        if self.recipe.fill is None and not has_own_rate(rows, time, held):
             self._reject_ends(said, rows, kept)
             return None
         share = np.count_nonzero(empty) / len(empty)
@@ -88,7 +89,7 @@ class SlowerColumns:
         kept: IntArray,
     ) -> tuple[FloatArray, BoolArray]:
         """The column at all rows, and in which it has a value: `values` (k,) are in rows `own`."""
-        held = is_held(target, self.fill)
+        held = self.recipe.is_held(target)
         out, known = np.full(len(time), np.nan), np.zeros(len(time), dtype=bool)
         for first, last in tests.parts():
             inside = (own >= first) & (own < last)
@@ -158,7 +159,7 @@ def one_clock(table: ForeignTable, sources: Sources) -> bool:
     )
 
 
-def grid_of(table: ForeignTable, sources: Sources) -> str:
+def grid_of(table: ForeignTable, recipe: Recipe, sources: Sources) -> str:
     """The column whose samples are the log's rows: the mapped time, else the fastest measured one.
 
     Raises InputError where a mapped column has no times, or times that do not rise.
@@ -185,7 +186,7 @@ def grid_of(table: ForeignTable, sources: Sources) -> str:
             )
     if "time_s" in sources:
         return sources["time_s"][0]
-    measured = [name for target, (name, _) in sources.items() if not is_held(target)]
+    measured = [name for target, (name, _) in sources.items() if target not in recipe.held]
     candidates = measured or [n for t, (n, _) in sources.items() if t != TEST_COLUMN]
     return min(candidates, key=lambda name: _period(table.clocks[name]))
 

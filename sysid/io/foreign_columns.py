@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.errors import InputError, input_error
-from sysid.io.alignment import has_value, is_held, rows_held, values_at
+from sysid.io.alignment import has_value, rows_held, values_at
 from sysid.io.foreign import ForeignTable, SampleTimes
 from sysid.io.foreign.recipe import Recipe, kept_rows
 from sysid.io.foreign_clocks import (
@@ -181,7 +181,7 @@ def _of_one_clock(table: ForeignTable, recipe: Recipe, sources: Sources) -> _Mad
             columns[target] = _si_values(table, recipe, target, name, entry, kept)
     columns["time_s"], tests = _timed(table, recipe, sources, kept, total)
     time, has_row = columns["time_s"], np.ones(len(kept), dtype=bool)
-    slower = SlowerColumns(table, recipe.fill)
+    slower = SlowerColumns(table, recipe)
     for target, (name, entry) in sources.items():
         if target in columns or target == TEST_COLUMN:
             continue
@@ -203,7 +203,7 @@ def _of_several_clocks(table: ForeignTable, recipe: Recipe, sources: Sources) ->
         raise input_error(
             table.path, "its channels have times of their own, which differ", "omit --period"
         )
-    grid = grid_of(table, sources)
+    grid = grid_of(table, recipe, sources)
     kept = _rows_to_keep(table, recipe, len(table.columns[grid]))
     instants = table.clocks[grid][kept]
     if "time_s" in sources:
@@ -222,7 +222,7 @@ def _of_several_clocks(table: ForeignTable, recipe: Recipe, sources: Sources) ->
         elif target != "time_s" and np.array_equal(clock, table.clocks[grid]):
             columns[target] = _si_values(table, recipe, target, name, entry, kept)
         elif target != "time_s":
-            held = is_held(target, recipe.fill)
+            held = recipe.is_held(target)
             values = _si_values(table, recipe, target, name, entry, None)
             columns[target] = values_at(instants, clock, values, held)
             known = has_value(instants, clock, held)

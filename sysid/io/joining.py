@@ -14,7 +14,7 @@ import numpy as np
 
 from sysid.errors import input_error
 from sysid.io.alignment import is_held, values_at, within
-from sysid.io.reshaping import check_increasing, median_period
+from sysid.io.reshaping import HELD_COLUMNS, check_increasing, median_period
 from sysid.io.units import TEST_COLUMN
 from sysid.types import FloatArray
 
@@ -26,13 +26,14 @@ if TYPE_CHECKING:
 class TimedColumns:
     """A file's columns (SI) with `time_s`; `origin` is the time stamp of second 0, if it has one.
 
-    `shift_s` is added to its times.
+    `shift_s` is added to its times; columns that `held` names hold from row to row.
     """
 
     where: str
     frame: pd.DataFrame
     origin: Any = None
     shift_s: float = 0.0
+    held: tuple[str, ...] = HELD_COLUMNS
 
     @property
     def row_period(self) -> float:
@@ -116,7 +117,7 @@ def _add(
                 other.where, f"has {name}, and so has {where}", "leave one of them out of the maps"
             )
         values = other.frame[name].to_numpy(float)
-        frame[name] = values_at(time, clock, values, is_held(name, fill))
+        frame[name] = values_at(time, clock, values, is_held(name, fill, other.held))
 
 
 __all__ = ["TimedColumns", "joined"]

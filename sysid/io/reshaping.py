@@ -33,12 +33,17 @@ _COUNTS = "encoder_counts"
 
 @dataclass(frozen=True)
 class Reshaping:
-    """What to do with a log's rows: `unwrap` its angle, keep the seconds from `trim_s[0]` to
-    `trim_s[1]` of each test (None: open), `period_s` (s) of the rows afterwards."""
+    """What to do with a log's rows.
+
+    `unwrap` its angle, keep the seconds from `trim_s[0]` to `trim_s[1]` of each test (None: open),
+    `period_s` (s) of the rows afterwards. Between rows a column that `held` names is held, any
+    other linear.
+    """
 
     unwrap: bool = False
     trim_s: tuple[float | None, float | None] = (None, None)
     period_s: float | None = None
+    held: tuple[str, ...] = HELD_COLUMNS
 
     def lines(self, row_period: float) -> Iterable[str]:
         """What a log's header says about it, one line each; `row_period` (s) of the rows before."""
@@ -68,7 +73,7 @@ def read_trim(text: str | None) -> tuple[float | None, float | None]:
 
 def reshaped(frame: pd.DataFrame, how: Reshaping, where: str) -> pd.DataFrame:
     """The log's columns (SI) after `how`, test by test. Raises InputError, naming `where`."""
-    if how == Reshaping():
+    if how == Reshaping(held=how.held):
         return frame
     import pandas as pd
 
@@ -94,7 +99,7 @@ def _one(frame: pd.DataFrame, how: Reshaping, where: str) -> pd.DataFrame:
     if not kept.any():
         raise input_error("--trim", f"keeps no row of {where}", "give seconds within the test")
     frame = frame[kept]
-    return frame if how.period_s is None else _resampled(frame, how.period_s, where)
+    return frame if how.period_s is None else _resampled(frame, how, how.period_s, where)
 
 
 def _require_angle(frame: pd.DataFrame, where: str) -> None:
@@ -140,7 +145,7 @@ def unwrapped(frame: pd.DataFrame) -> pd.DataFrame:
     return frame.assign(theta_rad=np.unwrap(frame["theta_rad"].to_numpy(float)))
 
 
-def _resampled(frame: pd.DataFrame, period: float, where: str) -> pd.DataFrame:
+def _resampled(frame: pd.DataFrame, how: Reshaping, period: float, where: str) -> pd.DataFrame:
     """Rows every `period` s from the test's first to its last, but for pauses of the recording."""
     import pandas as pd
 
@@ -162,7 +167,7 @@ def _resampled(frame: pd.DataFrame, period: float, where: str) -> pd.DataFrame:
         values = frame[name].to_numpy()
         if name == "time_s":
             columns[name] = grid
-        elif name == TEST_COLUMN or name in HELD_COLUMNS:
+        elif name == TEST_COLUMN or name in how.held:
             columns[name] = values[held]
         else:
             columns[name] = np.interp(grid, time, values.astype(float))

@@ -36,8 +36,9 @@ from pathlib import Path
 from typing import Any
 
 from sysid.errors import input_error
-from sysid.io.alignment import FILLS
+from sysid.io.alignment import FILLS, is_held
 from sysid.io.foreign.table import ReadOptions
+from sysid.io.reshaping import HELD_COLUMNS
 from sysid.io.rig import read_toml, reject_misspelt
 from sysid.io.units import CANONICAL_UNITS, TEST_COLUMN, ColumnMap, parse_map, parse_map_table
 
@@ -64,7 +65,8 @@ class Recipe:
 
     `rows` are the slices of rows to keep, `rows_text` as written; none: all. `fill` says how
     every column is filled between samples of its own (`sysid.io.alignment`). `units` are those of
-    the columns that may be written, by name: the log format's, or a component's.
+    the columns that may be written, by name: the log format's, or a component's; those that `held`
+    names hold from sample to sample.
     """
 
     maps: Mapping[str, ColumnMap] = field(default_factory=dict)
@@ -77,6 +79,11 @@ class Recipe:
     rows_text: str = ""
     fill: str | None = None
     units: Mapping[str, str | None] = field(default_factory=lambda: CANONICAL_UNITS)
+    held: tuple[str, ...] = HELD_COLUMNS
+
+    def is_held(self, target: str) -> bool:
+        """Whether a column holds from one of its samples to the next."""
+        return is_held(target, self.fill, self.held)
 
 
 def read_recipe(path: Path, units: Mapping[str, str | None] = CANONICAL_UNITS) -> Recipe:
