@@ -216,7 +216,8 @@ def _quality(check: CampaignCheck, verbose: bool) -> Iterable[Text]:
     """One line for each log whose quality is remarkable."""
     found = list(check.remarks())
     if not found:
-        yield Text("quality: no gaps, no sensor stuck or saturated, no noise beyond the rig file's")
+        noise = "" if check.noise_pa is None else ", no noise beyond the rig file's"
+        yield Text(f"quality: no gaps, no sensor stuck or saturated{noise}")
         return
     shown = found if verbose else found[:_REMARKS]
     for entry, line in shown:
