@@ -1,5 +1,6 @@
 """What a log can be used for: `log_check` its quality, `identifiability` its parameters.
 
-`friction` says which friction parameters it identifies, `consistency` compares the logs of a
-campaign with one another and with the rig file.
+`campaign_check` says whether all training logs of a campaign identify everything, `friction` which
+friction parameters a log identifies, `bench` those of a part tested alone, `consistency` compares
+the logs of a campaign with one another and with the rig file.
 """
