@@ -432,7 +432,7 @@ def _why_still(fit: _Fit) -> str:
         has_motor = any(trial.has_motor for trial in trials)
         lacking = f"{rig.effort_channel} stays zero" if has_motor else "nothing drives the shaft"
         mend = "give tests" if has_motor else f"map {rig.effort_channel}, or give tests"
-        return f"{files}: {lacking} and {still}; {mend} in which the motor moves the shaft"
+        return f"{files}: {lacking} and {still}; {mend} in which the motor moves the shaft, for its friction"
     return (
         f"{files}: {still}; Coulomb and viscous friction need motion tests that cross the stroke "
         "in both directions"
@@ -581,7 +581,8 @@ def _compare(
 
 def _order(parameters: dict[str, Estimate], u: Units, notices: list[str]) -> None:
     static, coulomb = parameters[u.static], parameters[u.coulomb]
-    if static.identified and coulomb.identified and static.value < coulomb.value:
+    apart = static.interval[1] < coulomb.interval[0]
+    if static.identified and coulomb.identified and apart:
         notices.append(
             f"static friction ({static.value:.4g} {u.effort}) is below Coulomb friction "
             f"({coulomb.value:.4g} {u.effort}), which is not physical: check the ramps"

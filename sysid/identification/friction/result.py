@@ -17,7 +17,7 @@ from sysid.display.tables import Shown, ShownTable, estimate_records, estimate_t
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.linear import Estimate, FTest
 from sysid.estimation.named import NamedEstimates
-from sysid.estimation.quality import LEAST_EXPLAINED, FitQuality, LeftOut
+from sysid.estimation.quality import CONTRADICTED, LEAST_EXPLAINED, FitQuality, LeftOut
 from sysid.identification.friction.combinations import Combination
 from sysid.identification.friction.effort import (
     KINDS,
@@ -267,12 +267,25 @@ class FrictionResult(NamedEstimates, Shown):
         if self.impossible and self.reversed_sign:
             raise NotIdentifiedError(f"friction: {self.reversed_sign}")
         if self.impossible:
-            raise NotIdentifiedError(
-                f"friction: {'; '.join(self.impossible)}: look for a wrong unit or time base, "
-                "swapped or wrong pressures, an effort that is not logged, or a load that the rig "
-                "file lacks; friction that changes along the stroke does it too: name the logs in "
-                "a campaign, and `sysid diagnose` tells what is missing"
+            raise NotIdentifiedError(f"friction: {'; '.join(self.impossible)}: {self._causes()}")
+
+    def _causes(self) -> str:
+        """What makes friction impossible, by what the log shows; the likeliest first."""
+        if self.contradicted:
+            return f"{CONTRADICTED}, as the first notice says: correct that first"
+        lacks = "name the logs in a campaign, and `sysid diagnose` tells what the law lacks"
+        viscous = self.parameters[self.units.viscous]
+        falls = viscous.identified and viscous.interval[1] < 0.0
+        if falls and not self.is_negative and len(self.impossible) == 1:
+            return (
+                "friction that falls with speed or changes along the stroke does that, or an "
+                f"effort that is not the one that drives the motion; {lacks}"
             )
+        return (
+            "look for a wrong unit or time base, swapped or wrong pressures, an effort that is not "
+            "logged, or a load that the rig file lacks; friction that changes along the stroke "
+            f"does it too: {lacks}"
+        )
 
     @property
     def why_no_sliding(self) -> str:

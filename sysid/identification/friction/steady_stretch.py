@@ -284,7 +284,10 @@ def _use(trial: EvenTrial, inertia: float | None) -> TrialUse:
     balance = momentum_balance(trial, stretch, inertia)
     use.values = balance
     if balance["friction"] * balance["speed"] <= 0.0:
-        use.leave_out("its effort does not drive its motion: is a load missing from the rig file?")
+        use.leave_out(
+            "its effort does not drive its motion: a pressure or the effort is wrong, or a load is "
+            "missing from the rig file"
+        )
         return use
     if not stretch.steady and inertia is not None:
         law = trial_law(trial, stretch.start, stretch.stop, inertia)
