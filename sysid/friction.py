@@ -432,7 +432,10 @@ def _why_still(fit: _Fit) -> str:
         has_motor = any(trial.has_motor for trial in trials)
         lacking = f"{rig.effort_channel} stays zero" if has_motor else "nothing drives the shaft"
         mend = "give tests" if has_motor else f"map {rig.effort_channel}, or give tests"
-        return f"{files}: {lacking} and {still}; {mend} in which the motor moves the shaft, for its friction"
+        return (
+            f"{files}: {lacking} and {still}; {mend} in which the motor moves the shaft, for its "
+            "friction"
+        )
     return (
         f"{files}: {still}; Coulomb and viscous friction need motion tests that cross the stroke "
         "in both directions"

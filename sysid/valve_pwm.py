@@ -162,8 +162,8 @@ def _nothing(failed: Mapping[tuple[str, str], Failure], remarks: Remarks) -> Exc
         # What keeps the tests out is the cause, and what follows from it is the same everywhere.
         more = f" (and {len(left_out) - 1} more like it)" * (len(left_out) > 1)
         return type(error)(
-            f"{left_out[0]}{more}; no usable test is left: give valve-pwm tests, one constant duty each, "
-            "piston held, from the atmosphere and from the supply"
+            f"{left_out[0]}{more}; no usable test is left: give valve-pwm tests, one constant duty "
+            "each, piston held, from the atmosphere and from the supply"
         )
     titled = (f"{_title(*key)}: {why.reason}" for key, why in failed.items())
     return type(error)("; ".join((*left_out, *titled)))
