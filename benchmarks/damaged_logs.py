@@ -1,4 +1,4 @@
-"""Index jumps, stale rows and counter wraps drawn into healthy logs: found, and what a fit then says.
+"""Index jumps, stale rows and counter wraps in healthy logs: found, and what a fit then says.
 
     python -m benchmarks.damaged_logs [--count 100] [--first 51000] [--jobs 2]
 
@@ -15,6 +15,7 @@ log's: both within 3 standard errors of the undamaged log's, and of either fit's
 from __future__ import annotations
 
 import argparse
+import itertools
 import math
 import re
 import tempfile
@@ -287,7 +288,7 @@ def show(found: list[Outcome], count: int) -> None:
             by_size: dict[float, list[bool]] = defaultdict(list)
             for size, ok in drawn:
                 by_size[next(limit for limit in SIZES[1:] if size < limit)].append(ok)
-            for low, limit in zip(SIZES[:-1], SIZES[1:], strict=True):
+            for low, limit in itertools.pairwise(SIZES):
                 print(f"   {low:g} to {limit:g} counts: {share(by_size[limit])}")
         for title, d in own:
             if not all(ok for _, ok in d.drawn) or (d.within is not None and not all(d.within)):

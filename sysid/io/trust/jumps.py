@@ -32,6 +32,9 @@ _USUAL, _SELDOM = 0.9, 0.99
 # Of third differences, which leave hardly any motion; and their variance of white noise.
 _QUIET = 0.9
 _THIRD = 20.0
+# Third differences whose median is the noise around a step; that median in standard deviations.
+_BLOCK = 32
+_MEDIAN = 0.6745
 # Steps from which a sensor's readings show its resolution.
 _FEWEST_STEPS = 10
 # Jumps in a test that moves by nothing else.
@@ -120,7 +123,10 @@ def resolution_of(positions: FloatArray, declared: float | None = None) -> Resol
     steps = np.abs(np.diff(positions))
     steps = steps[steps > 1e-9 * np.max(np.abs(positions), initial=0.0)]
     if len(steps) < _FEWEST_STEPS:
-        return Resolution(math.inf if declared is None else declared, False)
+        smallest = float(np.min(steps, initial=math.inf))
+        if np.count_nonzero(steps < 1.5 * smallest) < 2:
+            smallest = math.inf if declared is None else declared
+        return Resolution(smallest, False)
     whole = signals.quantum(positions)
     return Resolution(whole or float(np.min(steps)), whole > 0.0)
 
@@ -149,14 +155,26 @@ def _largest(time: FloatArray, position: FloatArray, resolution: Resolution) -> 
     return Jump(row, size, speed, float(around.fastest[step]))
 
 
-def _largest_noise(position: FloatArray, count: float) -> float:
-    """The most that noise, without the rounding to counts, adds to one step in a test's length."""
+def _largest_noise(position: FloatArray, count: float) -> FloatArray:
+    """The most that noise, without the rounding to counts, adds to each step (m,) with `_SIDE`
+    others on both sides, in a test's length.
+
+    By third differences over all rows, and over the blocks around a step: the noise of a clock
+    whose jitter is not logged grows with the speed.
+    """
     from scipy.stats import norm
 
-    third = np.sort(np.abs(np.diff(position, 3)))
-    quiet = third[: max(1, math.ceil(_QUIET * len(third)))]
-    noise = math.sqrt(max(0.0, float(np.mean(quiet**2)) / _THIRD - count**2 / 12.0))
-    return math.sqrt(2.0) * float(norm.isf(0.5 * _FALSE_ALARM / len(position))) * noise
+    third = np.abs(np.diff(position, 3))
+    quiet = np.sort(third)[: max(1, math.ceil(_QUIET * len(third)))]
+    everywhere = math.sqrt(float(np.mean(quiet**2)) / _THIRD)
+    blocks = [np.median(b) for b in np.array_split(third, max(1, len(third) // _BLOCK))]
+    around = np.max(sliding_window_view(np.pad(blocks, 1, mode="edge"), 3), axis=1)
+    sizes = [len(b) for b in np.array_split(third, len(blocks))]
+    # Step k + 3 is in third differences k + 1 to k + 3.
+    local = np.repeat(around, sizes)[2 : 2 + len(position) - 1 - 2 * _SIDE]
+    noise = np.maximum(everywhere, local / (_MEDIAN * math.sqrt(_THIRD)))
+    free = np.sqrt(np.maximum(0.0, noise**2 - count**2 / 12.0))
+    return math.sqrt(2.0) * float(norm.isf(0.5 * _FALSE_ALARM / len(position))) * free
 
 
 def _seldom_passed(ratio: FloatArray) -> float:
