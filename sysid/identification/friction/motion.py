@@ -110,7 +110,7 @@ def usable_motion(
             chosen = motion_samples(trial, cutoff_hz)
             use.values = {"samples": float(len(chosen.effort)), "rest_speed": chosen.rest_speed}
             if len(chosen.effort) < MIN_SAMPLES:
-                use.leave_out(_why_few(trial, chosen))
+                use.leave_out(_why_few(trial, chosen, cutoff_hz))
             else:
                 samples.append(chosen)
         if not use.used:
@@ -118,13 +118,14 @@ def usable_motion(
     return samples, uses
 
 
-def _why_few(trial: EvenTrial, chosen: MotionSamples) -> str:
+def _why_few(trial: EvenTrial, chosen: MotionSamples, cutoff_hz: float) -> str:
     """Why a test has few samples that count: it rests, or its rows are too far apart.
 
     The latter where the time for which it moves would give enough of them at the filter's usual
     cut-off, which the sampling does not allow.
     """
-    speed = np.abs(signals.first_derivative(trial.position, trial.period))
+    smooth = signals.lowpass(trial.position, trial.period, cutoff_hz)
+    speed = np.abs(signals.first_derivative(smooth, trial.period))
     moves = (speed > chosen.rest_speed) & trial.inside & ~trial.lost
     enough_s = MIN_SAMPLES / (A_LENGTH * signals.DEFAULT_CUTOFF_HZ)
     is_slow = fastest_cutoff(trial) < signals.DEFAULT_CUTOFF_HZ

@@ -1,0 +1,256 @@
+"""What a log cannot be trusted in (`sysid.io.trust`): jumps, repeats, wraps, slow rows."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from sysid.errors import NotIdentifiedError
+from sysid.friction import FrictionResult, fit_friction
+from sysid.io.bare_rig import read_bare_logs
+from sysid.io.logs import Log, read_log
+from sysid.io.rig import Rig, Sensors
+from sysid.io.trust.jumps import Resolution, without_jumps
+from sysid.types import FloatArray
+
+MASS, COULOMB, VISCOUS = 2.0, 8.0, 25.0
+COUNT = 2e-5
+
+
+def axis_frame(period: float = 1e-3, length_s: float = 12.0, count: float = COUNT) -> pd.DataFrame:
+    """A linear axis driven to two sines of speed."""
+    rng = np.random.default_rng(1)
+    t = period * np.arange(round(length_s / period))
+    w1, w2 = 2.0 * np.pi * 0.4, 2.0 * np.pi * 1.1
+    v = 0.25 * np.sin(w1 * t) + 0.1 * np.sin(w2 * t + 0.3)
+    a = 0.25 * w1 * np.cos(w1 * t) + 0.1 * w2 * np.cos(w2 * t + 0.3)
+    x = -0.25 / w1 * np.cos(w1 * t) - 0.1 / w2 * np.cos(w2 * t + 0.3)
+    f = MASS * a + COULOMB * np.tanh(v / 1e-3) + VISCOUS * v + 0.3 * rng.standard_normal(len(t))
+    counts = np.round(x / count)
+    return pd.DataFrame({"time_s": t, "position_m": count * counts, "motor_force_n": f})
+
+
+def bare(frame: pd.DataFrame, folder: Path) -> tuple[Log, FrictionResult]:
+    path = folder / "log.csv"
+    frame.to_csv(path, index=False)
+    logs = read_bare_logs([path], {})
+    return logs.logs[0], fit_friction(logs.logs[0].trials, logs.rig)
+
+
+def jumped(frame: pd.DataFrame, row: int, size: float) -> pd.DataFrame:
+    return frame.assign(position_m=frame["position_m"] + size * (np.arange(len(frame)) >= row))
+
+
+def stale(values: FloatArray, strides: list[int]) -> FloatArray:
+    """Readings that come every `strides` rows in turn."""
+    fresh = np.cumsum(np.resize(strides, len(values)))
+    held = np.searchsorted(fresh, np.arange(len(values)), side="right")
+    return values[np.concatenate([[0], fresh])[held].clip(0, len(values) - 1)]
+
+
+def is_near(result: FrictionResult) -> None:
+    """The axis' parameters, within 3 standard errors and some percent."""
+    found = result.by_name()
+    for name, true in (
+        ("coulomb_n", COULOMB),
+        ("viscous_n_s_per_m", VISCOUS),
+        ("mass_kg", MASS),
+    ):
+        assert abs(found[name].value - true) < 3.0 * found[name].std + 0.005 * true
+        assert found[name].std < 0.02 * true
+
+
+# --- jumps ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("size", [0.0137, -0.0137, 20 * COUNT, -0.2])
+def test_a_jump_is_named_and_the_log_joined_on(size: float, tmp_path: Path) -> None:
+    frame = axis_frame()
+    log, result = bare(jumped(frame, 5000, size), tmp_path)
+    (line,) = (n for n in log.notices if "jumps by" in n)
+    assert "line 5002 (5 s)" in line
+    assert "index pulse or lost counts" in line
+    joined = log.trials[0]["position_m"] - frame["position_m"]
+    assert np.ptp(joined) < 2.1 * COUNT
+    is_near(result)
+
+
+def test_several_jumps_in_several_tests_are_one_notice(tmp_path: Path) -> None:
+    one = axis_frame(length_s=4.0)
+    frames = [
+        jumped(jumped(one, 800, 0.003), 2500, -0.02).assign(test=1),
+        one.assign(test=2),
+        jumped(one, 1500, 0.05).assign(test=3),
+    ]
+    log, _ = bare(pd.concat(frames), tmp_path)
+    (line,) = (n for n in log.notices if "jumps by" in n)
+    assert "test 1, 0.8 s" in line
+    assert "test 1, 2.5 s" in line
+    assert "test 3, 1.5 s" in line
+    assert "test 2" not in line
+
+
+def test_a_shaft_at_rest_jumps_by_counts_of_a_declared_encoder() -> None:
+    time, held = 1e-3 * np.arange(4000.0), np.full(4000, 0.3)
+    held[1700:] += 12 * 7.85e-5
+    joined, (jump,) = without_jumps(time, held, Resolution(7.85e-5, False))
+    assert jump.row == 1700
+    assert jump.usual_speed == 0.0
+    assert np.ptp(joined) < 1e-12
+
+
+@pytest.mark.parametrize("period", [0.0005, 0.002, 0.01])
+def test_an_impact_is_no_jump(period: float) -> None:
+    """A speed that turns round within a sample, at every bounce."""
+    t = period * np.arange(round(4.0 / period))
+    bounces = 0.1 * np.abs(np.mod(3.0 * t, 2.0) - 1.0)
+    position = COUNT * np.round(bounces / COUNT)
+    assert without_jumps(t, position, Resolution(COUNT, True))[1] == []
+
+
+@pytest.mark.parametrize("period", [0.001, 0.005, 0.05])
+@pytest.mark.parametrize("count", [1e-6, 1e-4])
+def test_stick_slip_is_no_jump(period: float, count: float) -> None:
+    """Slips of 10 ms once in 0.2 s, resolved or not."""
+    t = period * np.arange(round(8.0 / period))
+    phase = np.clip(np.mod(t, 0.2) / 0.01, 0.0, 1.0)
+    slips = 0.002 * (np.floor(t / 0.2) + 0.5 - 0.5 * np.cos(np.pi * phase))
+    position = count * np.round(slips / count)
+    assert without_jumps(t, position, Resolution(count, True))[1] == []
+
+
+def test_a_clock_that_jitters_or_loses_rows_is_no_jump() -> None:
+    rng = np.random.default_rng(3)
+    frame = axis_frame()
+    t, x = frame["time_s"].to_numpy(), frame["position_m"].to_numpy()
+    true = t + 2e-4 * rng.standard_normal(len(t))
+    jittered = COUNT * np.round(np.interp(true, t, x) / COUNT)
+    assert without_jumps(t, jittered, Resolution(COUNT, True))[1] == []
+    kept = rng.random(len(t)) > 0.01
+    assert without_jumps(t[kept], x[kept], Resolution(COUNT, True))[1] == []
+
+
+# --- readings that repeat ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("strides", "share"), [([10], "90%"), ([4, 5], "78%"), ([2, 3], "60%")])
+def test_a_slow_position_is_taken_at_its_fresh_readings(
+    strides: list[int], share: str, tmp_path: Path
+) -> None:
+    frame = axis_frame()
+    held = frame.assign(position_m=stale(frame["position_m"].to_numpy(), strides))
+    log, result = bare(held, tmp_path)
+    (line,) = (n for n in log.notices if "repeats" in n)
+    assert f"position_m repeats: {share} of its rows" in line
+    (trial,) = log.trials
+    assert trial.row_period == pytest.approx(1e-3 * np.mean(strides), rel=0.02)
+    assert trial.stride_of("position_m") == math.ceil(np.mean(strides))
+    assert trial.stride_of("motor_force_n") == 1
+    late = trial["position_m"] - frame["position_m"][: len(trial)]
+    assert np.max(np.abs(late)) < 3 * COUNT
+    is_near(result)
+
+
+def test_a_slow_position_that_jumps_is_both(tmp_path: Path) -> None:
+    frame = jumped(axis_frame(), 6003, 0.01)
+    held = frame.assign(position_m=stale(frame["position_m"].to_numpy(), [10]))
+    log, result = bare(held, tmp_path)
+    assert any("repeats" in n for n in log.notices)
+    assert any("jumps by" in n for n in log.notices)
+    is_near(result)
+
+
+def test_a_coarse_encoder_a_held_command_and_a_rest_repeat_rightly(tmp_path: Path) -> None:
+    frame = axis_frame(count=0.002)
+    frame["motor_force_n"] = stale(frame["motor_force_n"].to_numpy(), [10])
+    frame["pressure_a_pa"] = 1e5 + 26.0 * np.round(np.random.default_rng(2).normal(0, 0.3, 12000))
+    log, _ = bare(frame, tmp_path)
+    assert not any("repeats" in n for n in log.notices)
+    assert log.trials[0].row_period is None
+
+
+# --- counters that wrap -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("bits", [16, 32])
+def test_a_counter_that_wraps_is_followed(bits: int, tmp_path: Path) -> None:
+    frame = axis_frame(length_s=4.0)
+    rig = Rig("axis", "horizontal", "linear", sensors=Sensors(encoder_counts_per_m=1.0 / COUNT))
+    counts = np.round(frame["position_m"] / COUNT).to_numpy()
+    wrapped = frame.drop(columns="position_m").assign(encoder_counts=np.mod(counts, 2.0**bits))
+    wrapped.to_csv(tmp_path / "log.csv", index=False)
+    log = read_log(tmp_path / "log.csv", rig)
+    (line,) = (n for n in log.notices if "wraps around" in n)
+    assert f"2^{bits} counts" in line
+    assert not any("jumps by" in n for n in log.notices)
+    np.testing.assert_allclose(log.trials[0]["position_m"], frame["position_m"], atol=1e-9)
+
+
+def test_the_tests_of_a_counter_that_wraps_are_on_one_side(tmp_path: Path) -> None:
+    """A test that lies beyond the wrap as a whole shows none of its own."""
+    frame = axis_frame(length_s=4.0)
+    rig = Rig("axis", "horizontal", "linear", sensors=Sensors(encoder_counts_per_m=1.0 / COUNT))
+    below = frame.assign(position_m=frame["position_m"] - 0.2)
+    parts = [frame.assign(test=1), below.assign(test=2)]
+    both = pd.concat(parts)
+    counts = np.mod(np.round(both["position_m"] / COUNT), 2.0**16)
+    both.drop(columns="position_m").assign(encoder_counts=counts).to_csv(
+        tmp_path / "log.csv", index=False
+    )
+    log = read_log(tmp_path / "log.csv", rig)
+    for trial, part in zip(log.trials, parts, strict=True):
+        np.testing.assert_allclose(trial["position_m"], part["position_m"], atol=1e-9)
+
+
+# --- rows too far apart -----------------------------------------------------------------------
+
+
+def test_rows_too_far_apart_for_the_motion_are_said(tmp_path: Path) -> None:
+    frame = axis_frame(length_s=16.0)
+    path = tmp_path / "slow.csv"
+    frame[::200].to_csv(path, index=False)
+    logs = read_bare_logs([path], {})
+    assert any("position_m reverses every" in n for n in logs.logs[0].notices)
+    with pytest.raises(NotIdentifiedError, match="it moves, but is sampled too slowly"):
+        fit_friction(logs.logs[0].trials, logs.rig)
+    log, _ = bare(frame, tmp_path)
+    assert not any("reverses every" in n for n in log.notices)
+
+
+def test_a_shaft_that_rests_is_not_called_sampled_too_slowly(tmp_path: Path) -> None:
+    frame = axis_frame(period=0.01)
+    frame["position_m"] = COUNT * np.round(np.random.default_rng(4).normal(0, 0.4, len(frame)))
+    frame.to_csv(tmp_path / "rest.csv", index=False)
+    logs = read_bare_logs([tmp_path / "rest.csv"], {})
+    with pytest.raises(NotIdentifiedError, match="hardly moves"):
+        fit_friction(logs.logs[0].trials, logs.rig, kind="motion")
+
+
+@pytest.mark.parametrize(("every", "is_said"), [(1, False), (100, True)])
+def test_a_chamber_that_fills_within_a_row_is_said(
+    every: int, is_said: bool, tmp_path: Path
+) -> None:
+    t = 1e-3 * np.arange(6000)
+    on = ((t > 1.0) & (t < 4.0)).astype(int)
+    level = np.where(
+        t < 4.0, 1.0 - np.exp(-np.clip(t - 1.0, 0, 9) / 0.05), np.exp(-(t - 4.0) / 0.05)
+    )
+    noise = 250.0 * np.random.default_rng(5).standard_normal((2, len(t)))
+    frame = pd.DataFrame(
+        {
+            "time_s": t,
+            "position_m": 0.05,
+            "valve_a": on,
+            "valve_b": 0,
+            "pressure_a_pa": np.round(1e5 + 2e5 * level + noise[0]),
+            "pressure_b_pa": np.round(1e5 + noise[1]),
+        }
+    )
+    frame[::every].to_csv(tmp_path / "v.csv", index=False)
+    (log,) = read_bare_logs([tmp_path / "v.csv"], {}).logs
+    lines = [n for n in log.notices if "of its range from one reading" in n]
+    assert [("pressure_a_pa" in n) for n in lines] == [True] * is_said
