@@ -100,7 +100,7 @@ def slips() -> list[Slip]:
                 Slip("gauge", log, scaled(PRESSURES[0], 1.0, -100200.0), "-"),
                 Slip("inertia x 1000", log, lambda f: f, "-", inertia=1e3),
             ]
-    found.append(Slip("angle wraps", "friction_motion", wrapped, "-"))
+    found.append(Slip("angle wraps", "friction_motion", wrapped, "wraps around"))
     for log in ("valve_pwm_a", "valve_discrete_a"):
         found += [Slip(f"time x {x:g}", log, scaled("time_s", x), TIME) for x in (1.5, 2, 10, 1e3)]
         found += [

@@ -210,7 +210,7 @@ def test_the_tests_of_a_counter_that_wraps_are_on_one_side(tmp_path: Path) -> No
 
 
 def test_rows_too_far_apart_for_the_motion_are_said(tmp_path: Path) -> None:
-    frame = axis_frame(length_s=16.0)
+    frame = axis_frame(length_s=11.0)
     path = tmp_path / "slow.csv"
     frame[::200].to_csv(path, index=False)
     logs = read_bare_logs([path], {})

@@ -122,13 +122,14 @@ def _why_few(trial: EvenTrial, chosen: MotionSamples, cutoff_hz: float) -> str:
     """Why a test has few samples that count: it rests, or its rows are too far apart.
 
     The latter where the time for which it moves would give enough of them at the filter's usual
-    cut-off, which the sampling does not allow.
+    cut-off, which the sampling does not allow, nor does the noise demand a lower one.
     """
     smooth = signals.lowpass(trial.position, trial.period, cutoff_hz)
     speed = np.abs(signals.first_derivative(smooth, trial.period))
     moves = (speed > chosen.rest_speed) & trial.inside & ~trial.lost
     enough_s = MIN_SAMPLES / (A_LENGTH * signals.DEFAULT_CUTOFF_HZ)
-    is_slow = fastest_cutoff(trial) < signals.DEFAULT_CUTOFF_HZ
+    fastest = fastest_cutoff(trial)
+    is_slow = fastest < signals.DEFAULT_CUTOFF_HZ and cutoff_hz >= 0.99 * fastest
     if not is_slow or np.count_nonzero(moves) * trial.period < enough_s:
         return HARDLY_MOVES
     return (
