@@ -20,13 +20,15 @@ from __future__ import annotations
 import argparse
 import contextlib
 import csv
+import functools
+import importlib.metadata
 import io
 import math
 import random
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
@@ -38,7 +40,6 @@ sys.path.insert(0, str(REPOSITORY))
 from benchmarks.exports import STYLES, Style  # noqa: E402
 from benchmarks.exports.damages import Damage, damaged  # noqa: E402
 from benchmarks.exports.record import Channel, Truth, draw_truth  # noqa: E402
-from sysid.commands.app import main as sysid  # noqa: E402
 
 # For doubles: units in the last place of the column's largest value.
 _PLACES = 4
@@ -67,13 +68,21 @@ class Verdict:
     text: str = ""
 
 
+@functools.cache
+def _command() -> Callable[[list[str]], int]:
+    """`sysid` as it is installed."""
+    (entry,) = importlib.metadata.entry_points(group="console_scripts", name="sysid")
+    main: Callable[[list[str]], int] = entry.load()
+    return main
+
+
 def read(style: Style, source: Path, output: Path) -> Reading:
     """The style's one line, in this process."""
     output.unlink(missing_ok=True)
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         try:
-            code = sysid(style.words(str(source), str(output)))
+            code = _command()(style.words(str(source), str(output)))
         except BaseException as error:  # whatever it is, it should not come out
             return Reading(1, (f"escaped: {type(error).__name__}: {error}",), {}, [])
     said = tuple(err.getvalue().splitlines())
@@ -98,7 +107,8 @@ def judged(style: Style, truth: Truth, reading: Reading, kept: Sequence[int]) ->
     exact = True
     for channel in _compared(style):
         got = reading.columns[channel.target]
-        expected = [channel.expected(truth)[row] for row in kept]
+        whole = channel.expected(truth)
+        expected = [whole[row] for row in kept]
         if channel.target == "time_s":
             got, expected = _from_starts(style, got, kept), _from_starts(style, expected, kept)
         off = _first_off(channel, reading.columns[channel.target], got, expected)
