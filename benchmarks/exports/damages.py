@@ -150,7 +150,8 @@ def _cut(draw: random.Random, sheet: Sheet, row: int) -> bool:
         return False
     at = draw.choice(filled[:-1])
     cell = sheet.body[row][at]
-    sheet.body[row] = [*sheet.body[row][:at], cell[: draw.randrange(1, len(cell) + 1)]]
+    first = len(cell) - len(cell.lstrip()) + 1
+    sheet.body[row] = [*sheet.body[row][:at], cell[: draw.randrange(first, len(cell) + 1)]]
     return True
 
 
