@@ -248,3 +248,24 @@ def appending_dated(path: Path, record: Record) -> Sheet:
 )
 def counts(path: Path, record: Record) -> Sheet:
     return table(record)
+
+
+@style(
+    "the log format's own names",
+    "own.csv",
+    [
+        column(name, name, "", decimals, mapped=False)
+        for name, decimals in (
+            ("time_s", 4),
+            ("pressure_a_pa", 1),
+            ("pressure_b_pa", 1),
+            ("theta_rad", 6),
+            ("duty_a", 4),
+            ("valve_a", 0),
+            ("motor_torque_nm", 4),
+        )
+    ],
+)
+def own_names(path: Path, record: Record) -> Sheet:
+    """A log as this program writes it: without any map."""
+    return table(record)
