@@ -227,6 +227,12 @@ def test_ros_2_bag(tmp_path: Path, storage: str, mode: str | None) -> None:
     assert len(report.sources[0].sha256) == 64
 
 
+def test_a_file_of_packed_messages_alone(tmp_path: Path) -> None:
+    write_bag2(tmp_path / "bag", "sqlite3", "message")
+    (file,) = (tmp_path / "bag").glob("*.db3")
+    assert_array_equal(table_of(file).columns["/p1.fluid_pressure"], PRESSURE_KPA)
+
+
 def test_joints_that_change_their_order_are_known_by_their_names(tmp_path: Path) -> None:
     folder = tmp_path / "bag"
     write_bag2(folder, "mcap", turned=True)

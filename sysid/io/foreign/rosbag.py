@@ -30,6 +30,7 @@ SQLITE = b"SQLite format 3\x00"
 _SUFFIXES = (".db3", ".mcap")
 _MOST_METADATA = 1 << 24
 _CHUNK = 1 << 20
+_ZSTD = b"\x28\xb5\x2f\xfd"
 _TABLES = ("messages", "topics", "schema", "message_definitions", "metadata")
 
 
@@ -154,8 +155,10 @@ def _read_second(
                 }
                 read = [known for known in bag.connections if decoders[known.id] is not None]
                 for known, logged, data in bag.messages(read) if read else ():
-                    if packed is not None:
-                        data = unpacked(path, "a message", data, packed, None)
+                    # A message begins with its encapsulation, of which no packed one does.
+                    how = "zstd" if data[: len(_ZSTD)] == _ZSTD else packed
+                    if how is not None:
+                        data = unpacked(path, "a message", data, how, None)
                     messages.decode(known.topic, decoders[known.id], data, logged)
             finally:
                 bag.close()
