@@ -203,6 +203,24 @@ def test_messages_that_are_not_decoded_say_why(tmp_path: Path) -> None:
     refused(path, tmp_path / "log.csv", "holds no numbers: /p: .*encoded as 'cbor'")
 
 
+def test_protobuf_without_its_library_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from mcap.writer import Writer
+
+    path = tmp_path / "rec.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema("lab.Gauge", "protobuf", b"")
+        channel = writer.register_channel("/p", "protobuf", schema)
+        writer.add_message(channel, 1, b"", 1)
+        writer.finish()
+    monkeypatch.setitem(sys.modules, "google", None)
+    monkeypatch.delitem(sys.modules, "google.protobuf", raising=False)
+    refused(path, tmp_path / "log.csv", r"/p: its messages are protobuf \(pip install protobuf\)")
+
+
 # --- ROS bags -----------------------------------------------------------------------------------
 
 
@@ -771,3 +789,28 @@ def test_messages_where_nothing_is_mapped_point_to_the_list(tmp_path: Path) -> N
     entries = ["pressure_a_pa=P1:kPa", "theta_rad=slow/phi:deg"]
     with pytest.raises(InputError):  # channels of two rates
         convert(path, tmp_path / "log.csv", maps=entries)
+
+
+@pytest.mark.parametrize(
+    ("name", "signature"),
+    [
+        ("a.mf4", b"MDF     4.10    sysid   " + bytes(4) + (410).to_bytes(2, "little")),
+        ("a.mdf", b"MDF     3.30    sysid   " + bytes(4) + (330).to_bytes(2, "little")),
+        ("b.mf4", b"UnFinMF 4.11    sysid   " + bytes(4) + (411).to_bytes(2, "little")),
+        ("a.mcap", b"\x89MCAP0\r\n"),
+        ("a.bag", b"#ROSBAG V2.0\n"),
+        ("a.db3", b"SQLite format 3\x00"),
+        ("a.ulg", b"ULog\x01\x12\x35\x01"),
+        ("a.npy", b"\x93NUMPY\x01\x00"),
+        ("a.npz", b"PK\x03\x04"),
+        ("a.json", b'{"t": '),
+    ],
+)
+@pytest.mark.parametrize("rest", [b"", bytes(3000), b"\xff" * 3000, b"garbage " * 400])
+def test_a_signature_alone_is_no_file(
+    tmp_path: Path, name: str, signature: bytes, rest: bytes, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / name
+    path.write_bytes(signature + rest)
+    refused(path, tmp_path / "log.csv", "; ")
+    assert capfd.readouterr() == ("", "")
