@@ -369,15 +369,13 @@ def to_si(
     # 273 ms is 0.273 s to the last digit if divided by 1000, not if multiplied by 0.001.
     inverse = round(1.0 / factor) if 1e-15 < abs(factor) < 1.0 else 0
     with np.errstate(over="ignore"):  # `check_size` finds it
-        if inverse and 1.0 / inverse == factor:
-            scaled = readings / inverse
-        elif factor != 1.0:
-            scaled = _decimal(readings * factor, np.abs(readings * factor), factor)
-        else:
-            scaled = readings
-        if not offset:
-            return scaled.copy()
-        return _decimal(scaled + offset, np.maximum(np.abs(scaled), abs(offset)), factor, offset)
+        divides = bool(inverse) and 1.0 / inverse == factor
+        scaled = readings / inverse if divides else readings * factor
+        if offset:
+            size = np.maximum(np.abs(scaled), abs(offset))
+            return _decimal(scaled + offset, size, factor, offset)
+        exact = divides or factor == 1.0
+        return scaled if exact else _decimal(scaled, np.abs(scaled), factor)
 
 
 def _decimal(
