@@ -170,7 +170,9 @@ def test_lvm_of_channels_at_two_rates(tmp_path: Path) -> None:
         (10, ["", "50.1"], "line 34: the row ends early: 2 of 3 fields"),
         (10, ["", "50.1", ""], "line 34: column force .* is empty"),
         (10, ["", "5x", "1"], "line 34: column pos .* holds '5x'"),
-        (10, ["", "1", "2", "3", "4"], "line 34: 5 fields under 4 names"),
+        (10, ["", "1", "2", "3", "4"], "line 34: 5 fields, but 3 are of channels"),
+        (10, ["", "7", "50.1", "2.5"], "line 34: 4 fields, but 3 are of channels"),
+        (39, ["", "50.1", ""], "line 63: column force .* is empty"),
         (39, ["", "50.1"], "line 63: the row ends early.*delete this last line"),
     ],
 )
@@ -289,6 +291,8 @@ def test_twincat_channels_of_one_name(tmp_path: Path) -> None:
     [
         ("2\t{}\t", "\t{}\t", "line 19: the time of pos is missing"),
         ("2\t{}\t", "2\t\t", "line 19: column pos .* is empty"),
+        ("2\t{}\t", "x\t{}\t", "line 19: the time of .*pos holds 'x', not a number"),
+        ("2\t{}\t", "1\t{}\t", "line 19: the times of pos .* go from 0.0015 to 0.001 s"),
         ("2\t{}\t", "2\tx\t", "line 19: column pos .* holds 'x'"),
         ("2\t{}\t", "2\t1\t1\t1\t{}\t", "line 19: 7 fields under 4 names|line 19: 6 fields"),
     ],

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from foreign_files import log_of, plain
+from foreign_files import log_of, plain, refused
 
 from sysid.commands.app import main
 from sysid.io.conversion import convert
@@ -85,6 +85,29 @@ def test_tests_of_what_the_user_calls_them(tmp_path: Path) -> None:
     (tmp_path / "b.csv").write_bytes(path.read_bytes())
     report = convert([path, tmp_path / "b.csv"], tmp_path / "o.csv", maps=MAPS)
     assert report.tests == ("rec/1", "rec/2", "b/1", "b/2")
+
+
+def test_a_cell_that_is_missing_where_a_test_begins(tmp_path: Path) -> None:
+    text = "t,q\n" + "".join(f"{i},{i}.5\n" for i in range(20))
+    (tmp_path / "rec.csv").write_text(text + text.replace("0,0.5", "0,"))
+    refused(
+        tmp_path / "rec.csv",
+        tmp_path / "o.csv",
+        "line 23: column q .* is empty",
+        maps=["time_s=t", "theta_rad=q"],
+    )
+
+
+@pytest.mark.parametrize("sep", [",", ";", " ", "\t"])
+@pytest.mark.parametrize("date", ["02 13 20 12:13:20", "2024-05-06 14:22:10", "06.05.2024"])
+def test_dates_beside_headings(tmp_path: Path, sep: str, date: str) -> None:
+    rows = "".join(f"{i}.0{sep}{i}.5{sep}0.1\n" for i in range(20))
+    heading = sep.join("tqu") + "\n"
+    for block in (heading + f"{date}\n" + rows, f"{date}\n" + heading + rows):
+        (tmp_path / "rec.txt").write_text(2 * block)
+        report = convert(tmp_path / "rec.txt", tmp_path / "o.csv", maps=["time_s=t", "theta_rad=q"])
+        assert report.tests == ("1", "2")
+        assert log_of(tmp_path / "o.csv").groupby("test").size().tolist() == [20, 20]
 
 
 def test_a_heading_with_a_single_row_is_no_test(tmp_path: Path) -> None:

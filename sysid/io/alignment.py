@@ -67,20 +67,38 @@ def has_value(grid: FloatArray, clock: FloatArray, held: bool) -> BoolArray:
     return np.asarray(inside | ((grid > clock[-1]) & (grid < clock[-1] + longest - rounding)))
 
 
-def has_own_rate(rows: IntArray, time: FloatArray, held: bool) -> bool:
+def has_own_rate(
+    rows: IntArray, time: FloatArray, held: bool, starts: IntArray | None = None
+) -> bool:
     """Whether a column that is filled in `rows` (k,) alone is sampled at a rate of its own.
 
     Then its rows lie apart from one another, or, where tables of two clocks were merged, its
-    own times are even although rows of the other lie between. `time` (n,) s is that of all rows.
-    A cell that is missing in a full column is neither.
+    own times are even although rows of the other lie between. `time` (n,) s is that of all rows,
+    `starts` the first rows of tests. A cell that is missing in a full column is neither.
     """
     if len(rows) < _FEWEST:
         return held and len(rows) > 1 and 2 * len(rows) < len(time)
-    steps = np.diff(rows)
-    if np.median(steps) >= 2.0:
+    if np.median(np.diff(rows)) >= 2.0:
         return True
+    first = np.zeros(1, dtype=np.intp) if starts is None else starts
+    lacking = [
+        own
+        for test, own in zip(
+            np.split(np.arange(len(time)), first[1:]),
+            np.split(rows, np.searchsorted(rows, first[1:])),
+            strict=True,
+        )
+        if len(own) < len(test)
+    ]
+    return all(_is_even_between_others(own, time) for own in lacking)
+
+
+def _is_even_between_others(rows: IntArray, time: FloatArray) -> bool:
+    """Whether times of `rows` (k,) are even, and other rows lie between."""
+    if len(rows) < _FEWEST:
+        return False
     own = np.diff(time[rows])
-    return bool(np.max(steps) > 1 and np.max(own) < _MOST_UNEVEN * np.median(own))
+    return bool(np.max(np.diff(rows)) > 1 and np.max(own) < _MOST_UNEVEN * np.median(own))
 
 
 __all__ = ["FILLS", "has_own_rate", "has_value", "is_held", "rows_held", "values_at", "within"]

@@ -29,8 +29,12 @@ class SlowerColumns:
     _left_out: list[tuple[str, BoolArray]] = field(default_factory=list)
     _longest: float = 0.0
 
-    def rows_of(self, name: str, target: str, kept: IntArray, time: FloatArray) -> IntArray | None:
+    def rows_of(
+        self, name: str, target: str, kept: IntArray, time: FloatArray, starts: IntArray
+    ) -> IntArray | None:
         """Which of the rows `kept` (n,), at `time` (n,) s, a column is sampled in; None: in all.
+
+        `starts` are the first rows of the tests.
 
         None also where cells are missing, which is for the column's reader to name. InputError
         for a column of no value, or one, and where it begins later or ends before the others.
@@ -52,7 +56,7 @@ class SlowerColumns:
                 f"give it for all rows: --set {target}=VALUE (SI)",
             )
         held = self.recipe.is_held(target)
-        if self.recipe.fill is None and not has_own_rate(rows, time, held):
+        if self.recipe.fill is None and not has_own_rate(rows, time, held, starts):
             self._reject_ends(said, rows, kept)
             return None
         share = np.count_nonzero(empty) / len(empty)
@@ -178,17 +182,28 @@ def grid_of(table: ForeignTable, recipe: Recipe, sources: Sources) -> str:
                 f"{name} (for {target}) has no times of its own, which the other channels have",
                 "map another" if target != "time_s" else "omit it: the channels' times are used",
             )
-        if len(clock) != len(table.columns[name]) or np.any(np.diff(clock) < 0.0):
-            raise input_error(
-                table.path,
-                f"the times of {name} (for {target}) go back, or are not one to a sample",
-                "record it again, or map another",
-            )
+        _check_clock(table, name, target, clock)
     if "time_s" in sources:
         return sources["time_s"][0]
     measured = [name for target, (name, _) in sources.items() if target not in recipe.held]
     candidates = measured or [n for t, (n, _) in sources.items() if t != TEST_COLUMN]
     return min(candidates, key=lambda name: _period(table.clocks[name]))
+
+
+def _check_clock(table: ForeignTable, name: str, target: str, clock: FloatArray) -> None:
+    """InputError where a channel's times are not one to a sample, or go back."""
+    said = f"the times of {name} (for {target})"
+    if len(clock) != len(table.columns[name]):
+        count = f"are {len(clock)} of {len(table.columns[name])} samples"
+        raise input_error(table.path, f"{said} {count}", "record it again, or map another")
+    back = np.flatnonzero(~(np.diff(clock) >= 0.0))
+    if back.size:
+        before, after = clock[back[0] : back[0] + 2]
+        raise input_error(
+            f"{table.path}, {table.place(int(back[0]) + 1)}",
+            f"{said} go from {before:.9g} to {after:.9g} s",
+            "correct them, or map another channel",
+        )
 
 
 def _period(clock: FloatArray) -> float:

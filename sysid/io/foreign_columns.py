@@ -185,7 +185,7 @@ def _of_one_clock(table: ForeignTable, recipe: Recipe, sources: Sources) -> _Mad
     for target, (name, entry) in sources.items():
         if target in columns or target == TEST_COLUMN:
             continue
-        own = slower.rows_of(name, target, kept, time)
+        own = slower.rows_of(name, target, kept, time, tests.starts)
         rows = kept if own is None else kept[own]
         columns[target] = _si_values(table, recipe, target, name, entry, rows)
         if own is not None:

@@ -117,8 +117,17 @@ class _Search:
         if is_comment(text) or number + 1 != self.lines[index + 1][0]:
             return False
         cells = self.cells(index)
-        begins = 0 in self.layout.numeric and bool(cells) and self.layout.is_number(cells[0])
-        return begins and (STAMP.search(text) is None or self.layout.fits(cells))
+        if 0 not in self.layout.numeric or not cells:
+            return False
+        if not self.layout.is_number(cells[0]):
+            return self._is_damaged_row(cells)
+        return STAMP.search(text) is None or self.layout.fits(cells)
+
+    def _is_damaged_row(self, cells: Sequence[str]) -> bool:
+        """Whether only the first cell of a line is no number, but was one: it has digits."""
+        others = [cells[i] for i in self.layout.numeric if 0 < i < len(cells)]
+        numbers = self.layout.fits(cells) and all(map(self.layout.is_number, others))
+        return numbers and bool(others) and any(map(str.isdigit, cells[0]))
 
     def _first_of_any(self) -> int:
         """Where no line is a row: after a line of names, if it is one."""

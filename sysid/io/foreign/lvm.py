@@ -24,7 +24,7 @@ from sysid.io.foreign.table import (
     take_names,
 )
 from sysid.io.foreign.text_layout import Layout, find_layout, is_number
-from sysid.io.foreign.text_parsing import parsed
+from sysid.io.foreign.text_parsing import parsed, times_of
 from sysid.types import FloatArray
 
 _FIRST = "LabVIEW Measurement"
@@ -46,6 +46,18 @@ class _Segment:
         """What the header states over a column; empty where it does not."""
         cells = self.header.get(key, [])
         return cells[column] if 0 < column < len(cells) else ""
+
+    def samples(self, column: int) -> int | None:
+        """The samples of a column as stated; a channel's column of times stands before its own."""
+        is_time = self.names[column] == _TIME and column > 0
+        stated = self.stated("Samples", column + is_time)
+        return int(stated) if stated.isdecimal() else None
+
+    def ends_before_others(self, column: int) -> bool:
+        """Whether the header states fewer samples of a column than of another."""
+        stated = [self.samples(index) for index in range(len(self.names))]
+        own = stated[column]
+        return own is not None and own < max(count for count in stated if count is not None)
 
 
 def is_format(lines: Sequence[str]) -> bool:
@@ -149,22 +161,20 @@ def _heading(
 def _check_rows(path: Path, segment: _Segment, layout: Layout) -> None:
     """InputError at a row of too many cells, or that lacks those of a channel still sampled."""
     channels = len(segment.names) - (segment.names[-1] == _COMMENT)
-    # A channel's column of times stands before its own.
-    own = [i + (name == _TIME and i > 0) for i, name in enumerate(segment.names)]
-    samples = [segment.stated("Samples", i) for i in own]
-    ends = [int(s) if s.isdigit() else None for s in samples]
-    longest = max((end for end in ends if end is not None), default=None)
+    ends = [segment.samples(i) for i in range(len(segment.names))]
     for row, (number, text) in enumerate(segment.rows):
         found = text.count(layout.delimiter) + 1 if '"' not in text else len(layout.cells(text))
-        if found > len(segment.names) and any(layout.cells(text)[len(segment.names) :]):
-            raise input_error(
-                f"{path}, line {number}",
-                f"{found} fields under {len(segment.names)} names",
-                "fix the line (two lines run together, a decimal comma?)",
-            )
+        if found > channels:
+            surplus = [cell for cell in layout.cells(text)[channels:] if cell]
+            if len(surplus) > len(segment.names) - channels or any(map(layout.is_number, surplus)):
+                raise input_error(
+                    f"{path}, line {number}",
+                    f"{found} fields, but {channels} are of channels and their times",
+                    "fix the line (two lines run together, a decimal comma?)",
+                )
         for column in range(found, channels):
             end = ends[column]
-            if end is None or end == longest or row < end:
+            if end is None or not segment.ends_before_others(column) or row < end:
                 raise input_error(
                     f"{path}, line {number}",
                     f"the row ends early: {found} of {channels} fields",
@@ -194,16 +204,17 @@ def _take_channels(
     names = list(table.columns)
     time = 0
     for index in range(len(names)):
+        ends = index > 0 and first.ends_before_others(index)
         if first.names[index] == _TIME:
             time = index
             table.units[names[index]] = "s"
-            _take_times(table, names[index], columns[time])
+            _take_times(table, names[index], times_of(table, columns[time], _TIME), ends)
         elif index == remarks:
             continue
         elif times == "No":
-            _take_times(table, names[index], _counted(segments, bases, index))
+            _take_times(table, names[index], _counted(segments, bases, index), ends)
         else:
-            _take_times(table, names[index], columns[time])
+            _take_times(table, names[index], times_of(table, columns[time], _TIME), ends)
         if unit := first.stated("Y_Unit_Label", index):
             table.units[names[index]] = unit
 
@@ -218,20 +229,28 @@ def _called(names: list[str]) -> list[str]:
     ]
 
 
-def _take_times(table: ForeignTable, name: str, times: Column) -> None:
-    """A channel's own samples and their times: those before it has no more."""
+def _take_times(table: ForeignTable, name: str, times: FloatArray, ends: bool) -> None:
+    """A channel's own samples and their times: it may end before others, where `ends` says so."""
     values = table.columns[name]
     filled = ~np.asarray([cell != cell for cell in values], dtype=bool)
-    count = int(np.flatnonzero(filled)[-1]) + 1 if filled.any() else 0
-    if count == 0:
+    if not filled.any():
         table.skipped[name] = "empty"
         del table.columns[name]
         return
-    if times.dtype.kind not in "fiu":
+    count = len(values)
+    if ends and not table.starts:
+        count = int(np.flatnonzero(filled)[-1]) + 1
+    if np.isnan(times).all():  # without Delta_X
         return
-    whole = len(values) if table.starts else count
-    table.columns[name] = values[:whole]
-    table.clocks[name] = np.asarray(times[:whole], dtype=np.float64)
+    missing = np.flatnonzero(np.isnan(times[:count]))
+    if missing.size:
+        raise input_error(
+            f"{table.path}, {table.place(int(missing[0]))}",
+            f"{_TIME} is empty",
+            "fill in the time, or delete the row",
+        )
+    table.columns[name] = values[:count]
+    table.clocks[name] = times[:count]
 
 
 def _bases(path: Path, segment: _Segment, decimal: str) -> list[SampleTimes | None]:

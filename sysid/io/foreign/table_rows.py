@@ -66,14 +66,16 @@ class _Sorting:
             for _, text in self.lines[self.heading.first :][:100]
             if layout.fits(layout.cells(text))
         )
-        begins = "" if again is not None and again[:1] in _BEGINS else _BEGINS
+        # Of dates between blanks too, the first cell is a number.
+        numbered = layout.delimiter == BLANK or (again is not None and again[:1] in _BEGINS)
+        begins = "" if numbered else _BEGINS
         for index in range(self.heading.first, len(self.lines)):
             text = self.lines[index][1]
             # Nearly all lines: a row whose first cell is a number.
-            if text[0] in begins and layout.is_number(text.split(layout.delimiter, 1)[0]):
+            plain = text[0] in begins and not self.is_new
+            if plain and layout.is_number(text.split(layout.delimiter, 1)[0]):
                 self._take(index, stamped)
-                continue
-            if not text.strip(nothing):
+            elif not text.strip(nothing):
                 self.empty.append(index)
             elif again is not None and _bare(text, layout) == again:
                 self._start()
@@ -121,20 +123,16 @@ class _Sorting:
     def _is_row(self, text: str, stamped: bool) -> bool:
         """Whether a line belongs to the table, be it whole or damaged."""
         layout = self.heading.layout
-        first = text.split(layout.delimiter, 1)[0] if layout.delimiter != BLANK else text
-        if layout.is_number(first.strip()):
-            return True
         cells = layout.cells(text)
-        if not layout.numeric:
+        is_date = not stamped and STAMP.search(text) is not None and not layout.fits(cells)
+        if not layout.numeric or (layout.is_number(cells[0]) and not is_date):
             return True
         if _BANNER.fullmatch(text.strip()) or _END.fullmatch(text.strip(layout.delimiter + " \t")):
             return False
         if layout.fits(cells):
             filled = [cells[i] for i in layout.numeric if i < len(cells) and cells[i]]
             return not filled or any(map(layout.is_number, filled))
-        if STAMP.search(text) is not None and not stamped:
-            return False
-        return any(map(layout.is_number, cells))
+        return not is_date and any(map(layout.is_number, cells))
 
     def _tell(self) -> None:
         for indices, what in (

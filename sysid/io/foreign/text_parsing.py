@@ -7,9 +7,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from sysid.errors import input_error
-from sysid.io.foreign.table import Column
+from sysid.io.foreign.table import Column, ForeignTable
 from sysid.io.foreign.text_layout import BLANK, Layout, is_number, ungrouped
+from sysid.types import FloatArray
 
 
 def parsed(path: Path, lines: Sequence[str], layout: Layout) -> list[Column]:
@@ -35,6 +38,20 @@ def parsed(path: Path, lines: Sequence[str], layout: Layout) -> list[Column]:
             path, f"cannot be read as text ({reason})", "give --delimiter, or fix the file"
         ) from None
     return [_tidied(frame[i].to_numpy(), layout) for i in frame.columns]
+
+
+def times_of(table: ForeignTable, cells: Column, name: str) -> FloatArray:
+    """A column of times (n,), NaN for no cell. InputError at a cell that is no number."""
+    if cells.dtype.kind in "fiu":
+        return np.asarray(cells, dtype=np.float64)
+    for row, cell in enumerate(cells):
+        if isinstance(cell, str) and not is_number(cell):
+            raise input_error(
+                f"{table.path}, {table.place(row)}",
+                f"{name} holds {cell[:40]!r}, not a number",
+                "fix the cell",
+            )
+    return np.array([float(cell) for cell in cells])
 
 
 def _filled_up(line: str, layout: Layout) -> str:
@@ -64,4 +81,4 @@ def _tidied(values: Column, layout: Layout) -> Column:
     return tidy
 
 
-__all__ = ["parsed"]
+__all__ = ["parsed", "times_of"]

@@ -16,7 +16,7 @@ from sysid.errors import input_error
 from sysid.io.bounds import check_rectangle
 from sysid.io.foreign.table import Column, ForeignTable, ReadOptions
 from sysid.io.foreign.text_layout import Layout, find_layout
-from sysid.io.foreign.text_parsing import parsed
+from sysid.io.foreign.text_parsing import parsed, times_of
 
 _NAME = "Name"
 _STARTED = "Starttime of export"
@@ -117,8 +117,7 @@ def _take(
             table.columns[called] = _own(table, called, values, columns[time], rows)
             _take_unit(table, called, about.get("Unit", [])[index : index + 1])
         times = _own(table, called, columns[time], columns[time], rows)
-        if times.dtype.kind in "fiu":
-            table.clocks[called] = np.asarray(times, dtype=np.float64) / _MS
+        table.clocks[called] = times_of(table, times, f"the time of {called}") / _MS
 
 
 def _take_unit(table: ForeignTable, name: str, cells: list[str]) -> None:
