@@ -102,6 +102,23 @@ def test_a_comment_sign_may_be_part_of_the_name(tmp_path: Path) -> None:
     expect(tmp_path)
 
 
+def test_nanoseconds_since_1970_keep_their_digits(tmp_path: Path) -> None:
+    start = 1_715_004_130_123_456_789
+    cells = "".join(f"{start + 1_000_003 * i},{v:.4f}\n" for i, v in enumerate(FORCE))
+    maps = ("time_s=%time:ns", "motor_force_n=field.u")
+    report = read(tmp_path, "%time,field.u\n" + cells, *maps)
+    frame = log_of(tmp_path / "log.csv")
+    assert frame["time_s"].tolist() == [1_000_003 * i / 1e9 for i in range(ROWS)]
+    assert any(f"time counts from {start}" in notice for notice in report.notices)
+    later = start + 500_000_000
+    other = tmp_path / "other.csv"
+    other.write_text(f"%time,p\n{start - 10**9},0\n{later},15\n")
+    how = {"join": [other], "join_maps": ["time_s=%time:ns", "pressure_a_pa=p"]}
+    read(tmp_path, "%time,field.u\n" + cells, *maps, **how)
+    joined = log_of(tmp_path / "log.csv")["pressure_a_pa"]
+    assert joined.iloc[0] == pytest.approx(10.0, rel=1e-6)
+
+
 def test_period_of_a_scope_that_states_it(tmp_path: Path) -> None:
     cells = "".join(
         f"{i},{b:.4f},{c:.4f},,\n" for i, (b, c) in enumerate(zip(POSITION, FORCE, strict=True))

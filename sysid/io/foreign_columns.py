@@ -282,7 +282,7 @@ def _timed(
         time = time[kept]
     else:
         name, entry = sources["time_s"]
-        readings = table.numbers(name, "time_s", kept)
+        readings = _times_read(table, name, entry, kept)
         stamped = name in table.stamped
         entry = entry if stamped else _as_stated(table, name, entry, recipe)
         counts = readings if stamped else without_wraps(table, name, readings, kept, starts)
@@ -291,6 +291,21 @@ def _timed(
         if counts is readings and not stamped:
             time = seconds_without_wraps(table, name, time, kept, starts)
     return time, found_tests(table, time, kept, starts) if tests is None else tests
+
+
+def _times_read(table: ForeignTable, name: str, entry: ColumnMap, kept: IntArray) -> FloatArray:
+    """The readings (n,) of a time column; whole numbers beyond a double's digits from the first.
+
+    Nanoseconds since 1970 are of this kind.
+    """
+    import pandas as pd
+
+    cells = table.columns[name][kept]
+    if cells.dtype.kind != "i" or np.max(np.abs(cells)) <= 2**sys.float_info.mant_dig:
+        return table.numbers(name, "time_s", kept)
+    table.origin = pd.Timedelta(int(cells[0]) * entry.factor, unit="s")
+    table.notices.append(f"{table.path}: {name}: time counts from {cells[0]}")
+    return np.asarray(cells - cells[0], dtype=np.float64)
 
 
 def _label(columns: dict[str, Any], tests: Tests, label: str | None) -> None:

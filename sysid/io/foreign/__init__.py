@@ -1,6 +1,8 @@
 """Readers of foreign files, one per format; `read_foreign` picks by content, not by name.
 
 Each returns a `ForeignTable` in the file's own names and units; `sysid.io.conversion` maps it.
+`text` finds the table of a text: how its lines are cut (`text_layout`), where it begins
+(`heading`), which lines are rows (`table_rows`); `lvm` and `twincat` read their own headers.
 """
 
 from __future__ import annotations
