@@ -24,6 +24,7 @@ ROWS = 60
 TIME = np.round(np.arange(ROWS) / 1000.0, 6)
 POSITION = np.round(0.05 + 0.01 * np.sin(30.0 * TIME), 7)
 FORCE = np.round(5.0 * np.cos(30.0 * TIME), 6)
+ALL = list(zip(TIME, POSITION, FORCE, strict=True))
 MAPS = ("time_s=t", "position_m=x", "motor_force_n=u")
 
 
@@ -166,6 +167,37 @@ def test_columns_that_cannot_be_filled(tmp_path: Path, values: Sequence[float], 
     path = write(tmp_path, t=TIME, x=POSITION, u=values)
     with pytest.raises(InputError, match=what):
         convert(path, tmp_path / "o.csv", maps=MAPS)
+
+
+@pytest.mark.parametrize(
+    ("line", "what"),
+    [
+        ("0.007,0,0520794,", "line 9: 4 fields where the other lines have 3"),
+        ("0.007,7,0.0520794,", "line 9: 4 fields where the other lines have 3"),
+        ("0.007,0.0520794", "line 9: the row ends early: 2 of 3 fields"),
+        ("0.007,,", "line 9: column x .* is empty"),
+        ("0.001,0.0520794,", None),
+    ],
+)
+def test_damage_amid_cells_that_are_empty(tmp_path: Path, line: str, what: str | None) -> None:
+    path = write(tmp_path, t=TIME, x=POSITION, u=every(FORCE, 5))
+    lines = path.read_text().splitlines()
+    lines[8] = line
+    path.write_text("\n".join([*lines, ""]))
+    if what is not None:
+        with pytest.raises(InputError, match=what):
+            convert(path, tmp_path / "o.csv", maps=MAPS)
+        return
+    report = convert(path, tmp_path / "o.csv", maps=MAPS)
+    assert "line 9: time_s goes back from 0.006 to 0.001" in told(report)
+
+
+def test_rows_that_end_with_their_last_value(tmp_path: Path) -> None:
+    rows = [f"{t},{x}" + (f",{u}" if i % 5 == 0 else "") for i, (t, x, u) in enumerate(ALL)]
+    (tmp_path / "rec.csv").write_text("\n".join(["t,x,u", *rows, ""]))
+    convert(tmp_path / "rec.csv", tmp_path / "o.csv", maps=MAPS)
+    held = pd.Series(every(FORCE, 5)).ffill().tolist()
+    assert log_of(tmp_path / "o.csv")["motor_force_n"].tolist() == held
 
 
 def test_what_shows_a_rate_of_its_own() -> None:

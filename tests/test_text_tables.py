@@ -179,6 +179,10 @@ PASSED = {
     "EOF": (rows() + "EOF\n", "line 42 passed over.*EOF"),
     "padding": (rows() + ",,\n,,\n\nEND\n", "line 42 and 1 more passed over, without values"),
     "footer": (rows() + "\nrecorded by logger\n", "line 43 passed over.*recorded"),
+    "long footer": (
+        rows() + "".join(f"Statistic {i}: none\n" for i in range(15)),
+        "line 42 and 14 more passed over",
+    ),
     "comment": ("".join([*HALF[:9], "# paused\n", *HALF[9:]]), "line 11 passed over, a comment"),
     "zeros": (rows() + "\0" * 9000, "9000 zero bytes"),
 }

@@ -40,7 +40,7 @@ _CANDIDATES = (
     (",", ","),  # cells in quotes
 )
 _SAMPLE_LINES = 100
-_FEWEST_LINES = 20
+_FEWEST_LINES = 40
 _WORDS = re.compile(r"\S+")
 
 
