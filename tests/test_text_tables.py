@@ -91,6 +91,33 @@ def test_the_heading_is_found(tmp_path: Path, style: str) -> None:
         expect(tmp_path)
 
 
+def test_numbers_amid_the_lines_above(tmp_path: Path) -> None:
+    """National Instruments' SignalExpress."""
+    above = (
+        "channel names: \nt\tpos\tu\nstart times: \n05/14/2024 01:29:30 PM\t05/14/2024 01:29:30 PM"
+    )
+    above += "\t05/14/2024 01:29:30 PM\ndt: \n0.001\t0.001\t0.001\ndata: \n"
+    for maps in (BY_NAME, BY_NUMBER):
+        read(tmp_path, above + rows("\t"), *maps)
+        expect(tmp_path)
+
+
+@pytest.mark.parametrize(("group", "option"), [("\u00a0", " "), ("\u202f", " "), ("\u2019", "'")])
+def test_signs_that_no_keyboard_has(tmp_path: Path, group: str, option: str) -> None:
+    cells = "".join(f"{i},0;1{group}{i:03d},25;\u2212{i},5\n" for i in range(20))
+    maps = ("time_s=t", "position_m=x", "motor_force_n=u")
+    read(tmp_path, "t;x;u\n" + cells, *maps, thousands=option)
+    frame = log_of(tmp_path / "log.csv")
+    assert frame["position_m"].tolist() == [1000.25 + i for i in range(20)]
+    assert frame["motor_force_n"].tolist() == [-i - 0.5 for i in range(20)]
+
+
+def test_dates_between_dots(tmp_path: Path) -> None:
+    cells = "".join(f"14.05.2024 13:29:{30 + i},500;{i}\n" for i in range(20))
+    read(tmp_path, "t;u\n" + cells, "time_s=t", "motor_force_n=u")
+    assert log_of(tmp_path / "log.csv")["time_s"].tolist() == list(range(20))
+
+
 def test_names_that_are_numbers(tmp_path: Path) -> None:
     text = "x-axis,1,2\nsecond,Volt,Volt\n" + rows()
     read(tmp_path, text, "time_s=x-axis", "position_m=1:mm", "motor_force_n=2")

@@ -102,7 +102,9 @@ class _Search:
             (
                 i
                 for i in range(count)
-                if self.is_row(i) and (i + 1 >= count or self.is_row(i + 1) or self.is_row(i + 2))
+                if self.is_row(i)
+                and (i + 1 >= count or self.is_row(i + 1) or self.is_row(i + 2))
+                and not self._is_caption(i + 1)
             ),
             None,
         )
@@ -111,6 +113,13 @@ class _Search:
         while found > 0 and self._continues_up(found - 1):
             found -= 1
         return found
+
+    def _is_caption(self, index: int) -> bool:
+        """Whether a line holds words alone: "data:". What stands above is none of the table."""
+        if index >= len(self.lines) - 1 or is_comment(self.lines[index][1]):
+            return False
+        cells = self.cells(index)
+        return not self.layout.fits(cells) and not self.has_numbers(cells)
 
     def _continues_up(self, index: int) -> bool:
         number, text = self.lines[index]
@@ -262,6 +271,9 @@ class _Search:
                     heading.passed.append(index)
                     continue
             elif not self.has_numbers(cells) or STAMP.search(text) is not None:
+                heading.passed.append(index)
+                continue
+            if self._is_caption(index + 1):
                 heading.passed.append(index)
                 continue
             return heading

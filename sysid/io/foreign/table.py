@@ -20,6 +20,10 @@ if TYPE_CHECKING:
 Column = NDArray[Any]
 
 _CLOCK = re.compile(r"\s*(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d+)?)\s*")
+_DOTTED = re.compile(
+    r"(?P<day>\d{1,2})\.(?P<month>\d{1,2})\.(?P<year>\d{4})[ T]+"
+    r"(?P<time>\d{2}:\d{2}:\d{2}(?:[.,]\d+)?)"
+)
 _DAY_S = 86400.0
 
 _LISTED = 24
@@ -134,7 +138,9 @@ class ForeignTable:
             values = pd.to_numeric(series, errors="coerce").to_numpy(np.float64, na_value=np.nan)
             bad = np.flatnonzero(np.isnan(values) & series.notna().to_numpy())
             if bad.size and target == "time_s":
-                stamps = pd.to_datetime(series, format="ISO8601", errors="coerce", utc=True)
+                stamps = _dated(series)
+                if stamps is None:
+                    stamps = pd.to_datetime(series, format="ISO8601", errors="coerce", utc=True)
                 if not stamps.isna().any():
                     return self._seconds(name, target, stamps, rows)
                 if (clock := _clock_seconds(cells)) is not None:
@@ -217,6 +223,21 @@ class ForeignTable:
 def _row(index: int, rows: NDArray[np.intp] | None) -> int:
     """The row of the file that an index into the rows asked for stands for."""
     return index if rows is None else int(rows[index])
+
+
+def _dated(cells: pd.Series) -> pd.Series | None:
+    """Time stamps of dates between dots, day first; None where a cell is anything else."""
+    import pandas as pd
+
+    found = [_DOTTED.fullmatch(str(cell).strip()) for cell in cells]
+    if not all(found):
+        return None
+    written = [
+        f"{m['year']}-{m['month']:0>2}-{m['day']:0>2}T{m['time'].replace(',', '.')}"
+        for m in found
+        if m
+    ]
+    return pd.Series(pd.to_datetime(written, format="ISO8601", errors="coerce", utc=True))
 
 
 def _shown(value: Any) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import BinaryIO
@@ -35,7 +36,7 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
     """
     table = ForeignTable(path, "text")
     check_text(path, file)
-    text = _decoded(table, file.read())
+    text = _plain_digits(_decoded(table, file.read()), options)
     lines = text.splitlines()
     as_it_is = options.skip_rows == 0 and not options.transpose and options.header is not False
     check_line_lengths(path, lines, options)
@@ -93,6 +94,16 @@ def _decoded(table: ForeignTable, raw: bytes) -> str:
         return text
     table.notices.append(f"{table.path}: {end.count(chr(0))} zero bytes at its end passed over")
     return text[: len(text) - len(end) + end.index("\0")]
+
+
+def _plain_digits(text: str, options: ReadOptions) -> str:
+    """Numbers with the signs of the keyboard: a minus, and what groups digits by thousands."""
+    if text.isascii():
+        return text
+    text = re.sub(r"\u2212(?=[\d.,])", "-", text)
+    if options.thousands == " ":
+        return re.sub(r"(?<=\d)[\u00a0\u202f\u2009](?=\d)", " ", text)
+    return re.sub(r"(?<=\d)\u2019(?=\d)", "'", text) if options.thousands == "'" else text
 
 
 def _text_of(table: ForeignTable, raw: bytes) -> str:
