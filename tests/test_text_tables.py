@@ -77,6 +77,9 @@ HEADINGS = {
     "trailing heading": "t;pos;u;\n" + rows(";", ","),
     "quoted decimal commas": '"t","pos","u"\n'
     + "".join(f'"{line}"\n' for line in rows('","', ",").splitlines()),
+    "serial monitor": "".join(
+        f"13:29:30.{i:03d} -> {line}\n" for i, line in enumerate(["t,pos,u", *rows().splitlines()])
+    ),
     "in brackets": "t [s],pos [mm],u [N]\n" + rows(),
     "blanks and brackets": "t [s] pos [mm] u [N]\n" + rows(" "),
 }

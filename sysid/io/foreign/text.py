@@ -28,6 +28,8 @@ from sysid.io.foreign.text_parsing import parsed
 from sysid.io.tables import looks_cut
 from sysid.io.units import bare_name
 
+_MONITOR = re.compile(r"\d{1,2}:\d{2}:\d{2}\.\d{3} -> ")
+
 
 def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
     """A table of text, behind whatever preamble; `options` overrides what is detected.
@@ -37,7 +39,7 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
     table = ForeignTable(path, "text")
     check_text(path, file)
     text = _plain_digits(_decoded(table, file.read()), options)
-    lines = text.splitlines()
+    lines = _without_monitor(table, text.splitlines())
     as_it_is = options.skip_rows == 0 and not options.transpose and options.header is not False
     check_line_lengths(path, lines, options)
     if as_it_is and lvm.is_format(lines):
@@ -94,6 +96,15 @@ def _decoded(table: ForeignTable, raw: bytes) -> str:
         return text
     table.notices.append(f"{table.path}: {end.count(chr(0))} zero bytes at its end passed over")
     return text[: len(text) - len(end) + end.index("\0")]
+
+
+def _without_monitor(table: ForeignTable, lines: list[str]) -> list[str]:
+    """Lines without the time of day that Arduino's serial monitor puts before each."""
+    head = [line for line in lines[:20] if line.strip()]
+    if not head or not all(map(_MONITOR.match, head)):
+        return lines
+    table.notices.append(f"{table.path}: the serial monitor's times before -> passed over")
+    return [_MONITOR.sub("", line) for line in lines]
 
 
 def _plain_digits(text: str, options: ReadOptions) -> str:
