@@ -276,7 +276,9 @@ class FrictionResult(NamedEstimates, Shown):
         lacks = "name the logs in a campaign, and `sysid diagnose` tells what the law lacks"
         viscous = self.parameters[self.units.viscous]
         falls = viscous.identified and viscous.interval[1] < 0.0
-        if falls and not self.is_negative and len(self.impossible) == 1:
+        # An effort that drives nothing leaves no Coulomb friction either.
+        slides = any(e.interval[0] > 0.0 for e in self._of_coulomb())
+        if falls and slides and len(self.impossible) == 1:
             return (
                 "friction that falls with speed or changes along the stroke does that, or an "
                 f"effort that is not the one that drives the motion; {lacks}"
