@@ -46,7 +46,7 @@ _MOST = 50
 def _line() -> FloatArray:
     """(s, s): the least-squares line through the steps to either side, at these steps."""
     places = np.delete(np.arange(-_SIDE, _SIDE + 1.0), _SIDE)
-    return np.outer(places, places) / (places @ places) + 1.0 / len(places)
+    return np.asarray(np.outer(places, places) / (places @ places) + 1.0 / len(places))
 
 
 _LINE = _line()
