@@ -21,6 +21,7 @@ from sysid.identification.friction.effort import classify_trial
 from sysid.io.campaign import Campaign
 from sysid.io.channels import DUTIES, PRESSURES, SWITCHES
 from sysid.io.logs import Log, Trial
+from sysid.io.measured_speed import velocity_channel
 from sysid.io.rig import Rig
 from sysid.io.trial_kind import is_active, is_held, rows_per_ripple
 from sysid.types import FloatArray
@@ -251,7 +252,10 @@ def _kind_in(trial: Trial, rig: Rig, declared: str | None) -> str:
 
 def _measured_channels(log: Log, rig: Rig) -> list[str]:
     present = log.channels
-    names = [rig.position_channel, *PRESSURES, "temperature_k", rig.effort_channel, *COLUMNS]
+    # A speed's integral is no measurement: its range and noise are the speed's.
+    motion = [rig.position_channel] if all(t.place_known for t in log.trials) else []
+    motion.append(velocity_channel(rig))
+    names = [*motion, *PRESSURES, "temperature_k", rig.effort_channel, *COLUMNS]
     return [n for n in names if n in present]
 
 

@@ -14,6 +14,7 @@ PAGES = {
     "sysid.io.units": "how-to/file-formats",
     "sysid.io.unit_text": "how-to/file-formats",
     "sysid.io.sensor_range": "how-to/file-formats",
+    "sysid.io.measured_speed": "reference/log-format",
     "sysid.io.logs": "reference/log-format",
     "sysid.io.tables": "reference/log-format",
     "sysid.io.plausibility": "slips",

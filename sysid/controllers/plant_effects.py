@@ -14,13 +14,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sysid.errors import input_error
-from sysid.io.channels import SIDES
+from sysid.io.channels import SIDES, VELOCITY_CHANNELS
 from sysid.model.base import Array
 from sysid.model.effects.sensor import TimeSkew
 from sysid.model.jax_setup import jax
 from sysid.model.period_step import KEPT_INTERVALS
 from sysid.model.ports import Effect, Model, overrides
-from sysid.model.sensors import VELOCITY_CHANNELS
 
 _OWN_ROOM = "sysid.model.effects"
 SensorMemory = tuple[tuple[Array, ...], ...]

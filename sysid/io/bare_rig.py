@@ -30,7 +30,7 @@ from sysid.io.units import ColumnMap, find_column
 SOURCE = BARE
 """What messages name in place of a rig file."""
 
-_LINEAR = ("position_m", "motor_force_n")
+_LINEAR = ("position_m", "velocity_m_per_s", "motor_force_n")
 _FULL_TURN = 2.0 * math.pi
 
 

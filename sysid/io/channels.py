@@ -8,6 +8,9 @@ SIDES = ("a", "b")
 CHAMBER_PRESSURES = ("pressure_a_pa", "pressure_b_pa")
 PRESSURES = (*CHAMBER_PRESSURES, "supply_pressure_pa")
 
+VELOCITY_CHANNELS = {"theta_rad": "velocity_rad_per_s", "position_m": "velocity_m_per_s"}
+"""The channel of the speed that goes with a log's position channel."""
+
 DUTIES = ("duty_a", "duty_b")
 SWITCHES = ("valve_a", "valve_b")
 VALVE_COMMANDS = (*SWITCHES, *DUTIES)

@@ -16,6 +16,14 @@ from sysid import signals
 from sysid.errors import InputError, input_error, one_line, shortened
 from sysid.io import plausibility
 from sysid.io.channels import CHAMBER_PRESSURES, PRESSURES, VALVE_COMMANDS
+from sysid.io.measured_speed import (
+    are_readings,
+    check_motion,
+    contradiction,
+    instead_of_position,
+    integral,
+    velocity_channel,
+)
 from sysid.io.reshaping import measured_period
 from sysid.io.responses import response_notices
 from sysid.io.rig import Rig
@@ -141,6 +149,7 @@ def log_of(
         check_time_column(reading, groups)
         _count_from_the_start(reading)
         _check_tests(reading, groups)
+        _use_speed(reading, groups)
     log = log_from(reading, groups)
     if timeless:
         return replace(log, trials=tuple(replace(t, is_readings=True) for t in log.trials))
@@ -246,11 +255,6 @@ def _shows_readings(table: LogTable, maps: Mapping[str, ColumnMap], rig: Rig) ->
     return needed <= present and not present & {*CHAMBER_PRESSURES, *VALVE_COMMANDS}
 
 
-def velocity_channel(rig: Rig) -> str:
-    """`velocity_m_per_s` on a linear rig, else `velocity_rad_per_s`."""
-    return "velocity_m_per_s" if rig.is_linear else "velocity_rad_per_s"
-
-
 def missing_time(table: LogTable, *, are_readings: bool = False) -> InputError:
     """That a table has no time column, and which it may be; `are_readings`: or that it may be a
     table of readings, which has none."""
@@ -290,6 +294,7 @@ def groups_of(
 
 def _convert_position(reading: LogReading) -> None:
     rig, columns = reading.rig, reading.columns
+    check_motion(reading.where, columns, rig)
     target = rig.position_channel
     other = "theta_rad" if rig.is_linear else "position_m"
     if other in columns:
@@ -313,6 +318,28 @@ def _convert_position(reading: LogReading) -> None:
     scale = (1.0 if rig.is_linear else 2 * math.pi) / per_unit
     columns[target] = (counts - rig.sensors.encoder_zero_counts) * scale
     reading.origin[target] = "encoder_counts"
+
+
+def _use_speed(reading: LogReading, groups: list[tuple[str, NDArray[np.int64] | slice]]) -> None:
+    """A measured speed: its integral for a position that was not logged, else compared with it."""
+    rig, columns = reading.rig, reading.columns
+    speed, position, time = velocity_channel(rig), rig.position_channel, columns["time_s"]
+    if speed not in columns:
+        return
+    if position in columns:
+        if rig.effort_channel not in columns or not are_readings(columns, rig):
+            tests = [(time[r], columns[position][r], columns[speed][r]) for _, r in groups]
+            found = contradiction(tests, rig)
+            reading.notices += [] if found is None else [f"{reading.where}: {found}"]
+        return
+    taken, notice = instead_of_position(reading.where, columns, rig)
+    reading.notices += [] if notice is None else [notice]
+    if taken:
+        way = np.zeros(len(time))
+        for _, rows in groups:
+            way[rows] = integral(time[rows], columns[speed][rows])
+        columns[position] = way
+        reading.origin[position] = speed
 
 
 def _convert_motor(reading: LogReading) -> None:
@@ -608,6 +635,7 @@ def trial_of(reading: LogReading, label: str, rows: NDArray[np.int64] | slice) -
     time = reading.columns["time_s"][rows]
     said = measured_period(reading.table.comments)
     slow = {n: stride * float(np.median(np.diff(time))) for n, stride in reading.strides.items()}
+    position = reading.rig.position_channel
     return Trial(
         label,
         time,
@@ -618,6 +646,7 @@ def trial_of(reading: LogReading, label: str, rows: NDArray[np.int64] | slice) -
         slow=slow if said is None else {},
         read_as={name: _read_as(reading, name) for name in channels},
         contradictions=tuple(map(one_line, reading.contradictions)),
+        place_known=reading.origin.get(position) != velocity_channel(reading.rig),
     )
 
 

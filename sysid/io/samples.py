@@ -36,7 +36,7 @@ class Trial:
     measured. `slow`: where only some channels are so, their names with the period (s) of each.
     `is_readings`: a table without time, each row a reading by itself; `time` then counts the rows.
     `read_as` tells from which column a channel was read, and how; `contradictions` are those of its
-    log (`Log`).
+    log (`Log`). `place_known` is False where the position is the integral of a measured speed.
     """
 
     label: str
@@ -49,6 +49,7 @@ class Trial:
     contradictions: tuple[str, ...] = ()
     is_readings: bool = False
     slow: Mapping[str, float] = field(default_factory=dict)
+    place_known: bool = True
 
     def __contains__(self, name: str) -> bool:
         return name in self.channels

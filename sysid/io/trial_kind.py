@@ -8,6 +8,7 @@ from fractions import Fraction
 import numpy as np
 
 from sysid.io.logs import Trial, smallest_step
+from sysid.io.measured_speed import moves, velocity_channel
 from sysid.io.rig import Rig
 
 # A held piston moves by encoder counts and a little elasticity, not by a stroke.
@@ -20,10 +21,10 @@ _MAX_PERIODS = 4
 
 
 def is_held(trial: Trial, rig: Rig) -> bool:
-    """Whether the piston stayed in place (without a position channel it is assumed to be held)."""
-    name = rig.position_channel
+    """Whether the piston stayed in place; assumed where neither position nor speed is logged."""
+    name, speed = rig.position_channel, velocity_channel(rig)
     if name not in trial:
-        return True
+        return speed not in trial or not moves(trial[speed])
     moved = float(np.ptp(trial[name]))
     step = smallest_step(trial[name]) or 0.0
     give = _HELD_SHARE_OF_STROKE * rig.travel if rig.travel is not None else 0.0

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid.model.effects.sensor import VELOCITY_CHANNELS
+from sysid.io.channels import VELOCITY_CHANNELS
 from sysid.model.ports import Model
 from sysid.model.preparation import History
 from sysid.types import FloatArray
@@ -130,7 +130,6 @@ def _names(position: str) -> tuple[str, str, str, str]:
 
 
 __all__ = [
-    "VELOCITY_CHANNELS",
     "after_seeing",
     "before_sensors",
     "measured_channels",

@@ -21,6 +21,7 @@ from sysid.errors import InputError
 from sysid.estimation.quality import LeftOut, root_mean_square
 from sysid.io.channels import CHAMBER_PRESSURES, VALVE_COMMANDS
 from sysid.io.logs import Trial
+from sysid.io.measured_speed import place_needed, velocity_channel, with_position
 from sysid.io.rig import Rig
 from sysid.model.base import cylinder_effort, gravity_effort
 from sysid.types import FloatArray
@@ -89,7 +90,8 @@ class EvenTrial:
     `motor`, `cylinder` and `gravity` are efforts as in thesis 3.3.7: the first two drive,
     the third resists. `limit` is the largest |position| at a sufficient distance from an end stop
     (infinite where the rig declares no stroke). `stride`: samples whose errors are shared. `lost`:
-    samples in pauses of the recording, of which nothing is known.
+    samples in pauses of the recording, of which nothing is known. `speed_noise`: of the measured
+    speed whose integral the position is; None where the position was measured.
     """
 
     label: str
@@ -107,6 +109,7 @@ class EvenTrial:
     valves_on: bool = False
     has_motor: bool = True
     stride: int = 1
+    speed_noise: signals.NoiseFloor | None = None
 
     def __len__(self) -> int:
         return len(self.time)
@@ -128,7 +131,22 @@ class EvenTrial:
 
     @cached_property
     def position_noise(self) -> signals.NoiseFloor:
+        """Of a speed's integral: how far it has drifted by the end."""
+        if self.speed_noise is not None:
+            return signals.NoiseFloor(self.drift(len(self)), 0.0)
         return signals.noise_floor(self.position, stride=self.stride)
+
+    def drift(self, samples: int) -> float:
+        """Noise of the position, of a speed's integral as it grows over so many samples."""
+        if self.speed_noise is not None:
+            return self.speed_noise.total * self.period * math.sqrt(samples)
+        return self.position_noise.total
+
+    def mean_speed_noise(self, samples: int) -> float:
+        """Noise of the mean speed over so many samples."""
+        if self.speed_noise is not None:
+            return self.speed_noise.total / math.sqrt(samples)
+        return self.position_noise.total / (samples * self.period)
 
     @property
     def inside(self) -> NDArray[np.bool_]:
@@ -233,6 +251,7 @@ def even_trial(trial: Trial, rig: Rig, notices: list[str]) -> EvenTrial:
 
     Missing pressures are set to P0, with a notice, as the log format specifies.
     """
+    trial = with_position(trial, rig)
     trial.require([rig.position_channel], "and friction cannot be identified without motion")
     if rig.has_declared_motor or not set(CHAMBER_PRESSURES) <= set(trial.channels):
         trial.require([rig.effort_channel], "and the motor's effort is what friction balances")
@@ -259,14 +278,24 @@ def even_trial(trial: Trial, rig: Rig, notices: list[str]) -> EvenTrial:
         motor=motor,
         cylinder=_cylinder(trial, rig, even, len(grid), notices),
         gravity=gravity,
-        limit=math.inf if travel is None else (0.5 - END_MARGIN) * travel,
+        limit=(
+            (0.5 - END_MARGIN) * travel if travel is not None and trial.place_known else math.inf
+        ),
         travel=travel,
         lost=signals.in_pauses(trial.time, grid),
         stride=trial.stride_of(rig.position_channel),
+        speed_noise=_speed_noise(trial, rig),
         has_motor=has_motor,
         valves_on=any(name in trial and np.any(trial[name]) for name in VALVE_COMMANDS),
         valves_move=any(name in trial and np.ptp(trial[name]) > 0.0 for name in VALVE_COMMANDS),
     )
+
+
+def _speed_noise(trial: Trial, rig: Rig) -> signals.NoiseFloor | None:
+    """Of the measured speed that a trial's position is the integral of; None for another."""
+    if trial.place_known or len(trial) < MIN_SAMPLES:
+        return None
+    return signals.noise_floor(trial[velocity_channel(rig)], stride=trial.stride)
 
 
 def _cylinder(trial: Trial, rig: Rig, even: Any, n: int, notices: list[str]) -> FloatArray:
@@ -305,7 +334,10 @@ def balances(trial: Trial, rig: Rig) -> bool:
     """Whether a motion trial has every channel of the balance that friction closes: without a
     pressure, what the cylinder does would be taken for friction."""
     pressures = () if rig.cylinder is None else CHAMBER_PRESSURES
-    return all(c in trial for c in (rig.position_channel, rig.effort_channel, *pressures))
+    shows_motion = rig.position_channel in trial or (
+        velocity_channel(rig) in trial and place_needed(rig) is None
+    )
+    return shows_motion and all(c in trial for c in (rig.effort_channel, *pressures))
 
 
 def classify_trial(trial: Trial, rig: Rig) -> str:

@@ -80,9 +80,7 @@ def motion_samples(trial: EvenTrial, cutoff_hz: float) -> MotionSamples:
     position = signals.lowpass(trial.position, dt, cutoff_hz)
     speed = signals.first_derivative(position, dt)
     acceleration = signals.second_derivative(position, dt)
-    speed_noise, acceleration_noise = (
-        trial.position_noise.total * gain for gain in _noise_gains(dt, cutoff_hz, trial.stride)
-    )
+    speed_noise, acceleration_noise = _filtered_noise(trial, cutoff_hz)
     sign = signals.lowpass(np.sign(speed), dt, cutoff_hz)
     regressors = np.column_stack([sign, speed, np.ones(len(speed)), acceleration])
     effort = signals.lowpass(
@@ -127,8 +125,7 @@ def left_out(trial: EvenTrial, cutoff_hz: float) -> NDArray[np.bool_]:
     dt = trial.period
     length = signals.filter_length(dt, cutoff_hz)
     speed = signals.first_derivative(signals.lowpass(trial.position, dt, cutoff_hz), dt)
-    gain, _ = _noise_gains(dt, cutoff_hz, trial.stride)
-    rest_speed = REST_NOISE_TIMES * trial.position_noise.total * gain
+    rest_speed = REST_NOISE_TIMES * _filtered_noise(trial, cutoff_hz)[0]
     rests = signals.long_runs(np.abs(speed) <= rest_speed, max(1, round(REST_S / dt)))
     found = signals.widened(rests | ~trial.inside | trial.lost, length)
     found[:length] = found[-length:] = True
@@ -151,7 +148,7 @@ def default_cutoff(trial: EvenTrial, highest_hz: float) -> float:
     for _ in range(_HALVINGS):
         speed = signals.first_derivative(signals.lowpass(trial.position, dt, cutoff), dt)
         fast = float(np.quantile(np.abs(speed), 0.5))
-        noise = trial.position_noise.total * _noise_gains(dt, cutoff, trial.stride)[0]
+        noise = _filtered_noise(trial, cutoff)[0]
         if REST_NOISE_TIMES * noise < _REST_SHARE * fast:
             break
         cutoff *= 0.5
@@ -183,6 +180,30 @@ def tells_speeds(speed: FloatArray, load: FloatArray) -> bool:
         if spans and not tied:
             return True
     return False
+
+
+def _filtered_noise(trial: EvenTrial, cutoff_hz: float) -> tuple[float, float]:
+    """Noise of the filtered speed and acceleration, from that of what was measured."""
+    if trial.speed_noise is None:
+        measured = trial.position_noise
+        gains = _noise_gains(trial.period, cutoff_hz, trial.stride)
+    else:
+        measured, gains = trial.speed_noise, _noise_gains_of_speed(trial.period, cutoff_hz)
+    return measured.total * gains[0], measured.total * gains[1]
+
+
+@lru_cache(maxsize=32)
+def _noise_gains_of_speed(period: float, cutoff_hz: float) -> tuple[float, float]:
+    """Noise of the filtered speed (-) and acceleration (1/s) over that of a measured speed,
+    whose integral by trapezoids is filtered and differentiated."""
+    half = 10 * signals.filter_length(period, cutoff_hz)
+    impulse = np.zeros(2 * half + 1)
+    impulse[half : half + 2] = 0.5 * period
+    smooth = signals.lowpass(np.cumsum(impulse), period, cutoff_hz)
+    inner = slice(2, -2)  # the integral ends on its step: the filter's ends see no impulse
+    speed = signals.first_derivative(smooth, period)[inner]
+    acceleration = signals.second_derivative(smooth, period)[inner]
+    return math.sqrt(float(speed @ speed)), math.sqrt(float(acceleration @ acceleration))
 
 
 @lru_cache(maxsize=32)

@@ -208,11 +208,12 @@ def find_onset(trial: EvenTrial) -> Onset | str:
         return "it is too short"
     noise = trial.position_noise
     span = trial.travel if trial.travel is not None else 20.0 * float(np.ptp(x))
-    threshold = max(TRAVEL_SHARE * span, NOISE_TIMES * noise.total, QUANTUM_TIMES * noise.quantum)
     counts = _counts(trial, TRAVEL_SHARE * span)
     hold = max(2, round(REST_S / dt), _rest_in_counts(counts))
+    drift = trial.drift(hold)
+    threshold = max(TRAVEL_SHARE * span, NOISE_TIMES * drift, QUANTUM_TIMES * noise.quantum)
     # Over `hold` samples a shaft at rest moves by less than this.
-    still = max(6.0 * noise.total, 1.5 * noise.quantum, 0.05 * threshold)
+    still = max(6.0 * drift, 1.5 * noise.quantum, 0.05 * threshold)
     moving = np.abs(x[hold:] - x[:-hold]) > still
     for start, end in signals.runs(moving):
         before = _first_of_its_counts(counts, start)

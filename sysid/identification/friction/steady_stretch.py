@@ -71,7 +71,7 @@ def find_stretch(trial: EvenTrial) -> SteadyStretch | str:
     covered = np.diff(x[marks])
     direction = 1.0 if x[-1] > x[0] else -1.0
     speed = direction * covered / (block * trial.period)
-    noise = 3.0 * trial.position_noise.total / (block * trial.period)
+    noise = 3.0 * trial.mean_speed_noise(block)
     if float(np.max(speed)) <= 3.0 * noise:
         return STALLED
     if not _stalls(speed, noise):

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from sysid import signals
+from sysid.io.channels import VELOCITY_CHANNELS
 from sysid.model.base import Array, Parameters, array_namespace, limit_effort
 from sysid.model.effects.entry import CatalogueEffect, Quantity
-from sysid.model.effects.sensor import VELOCITY_CHANNELS, lagged, position_channels
+from sysid.model.effects.sensor import lagged, position_channels
 from sysid.model.ports import Point
 
 # The shortest time constant that the simulator's explicit steps of 1 ms follow, s.

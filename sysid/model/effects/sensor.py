@@ -15,13 +15,11 @@ from typing import Any
 import numpy as np
 
 from sysid import signals
-from sysid.io.channels import SIDES
+from sysid.io.channels import SIDES, VELOCITY_CHANNELS
 from sysid.model.base import Array, Parameters, array_namespace
 from sysid.model.effects.entry import CatalogueEffect, Quantity, of_side
 from sysid.types import FloatArray
 
-VELOCITY_CHANNELS = {"theta_rad": "velocity_rad_per_s", "position_m": "velocity_m_per_s"}
-"""Name of the simulated velocity that goes with a log's position channel."""
 # Keeps a quotient finite where there is no lag, s.
 _LEAST_LAG_S = 1e-9
 

@@ -1,0 +1,179 @@
+"""A measured speed beside a log's position, or in place of it.
+
+Where a motion log holds a speed and no position, the position is the speed's integral: its
+changes are right, its place in the stroke is not known (`Trial.place_known`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from sysid import signals
+from sysid.errors import input_error
+from sysid.io.channels import VALVE_COMMANDS, VELOCITY_CHANNELS
+from sysid.io.rig import Rig
+from sysid.io.samples import Trial, with_channels
+from sysid.types import FloatArray
+
+# Windows of a test over which position and speed are compared, and the least of all tests.
+_WINDOWS = 50
+_FEWEST = 10
+_ALIKE, _STRANGERS = 0.9, 0.5
+_STANDARD_ERRORS = 5.0
+# A wheel's or a gear's size is known to some percent.
+_SAME_SCALE = 0.05
+_NOISE = 3.0
+# Declared sampling periods from which rows are no recording.
+_SAMPLED = 10.0
+_SLIPS = {
+    "rotary": {"deg/s": math.pi / 180.0, "rpm": math.pi / 30.0, "rev/s": 2.0 * math.pi},
+    "linear": {"mm/s": 1e-3, "m/min": 1.0 / 60.0, "in/s": 0.0254},
+}
+
+
+def velocity_channel(rig: Rig) -> str:
+    """`velocity_m_per_s` on a linear rig, else `velocity_rad_per_s`."""
+    return VELOCITY_CHANNELS[rig.position_channel]
+
+
+def check_motion(where: str, present: Iterable[str], rig: Rig) -> None:
+    """InputError where a log holds the speed of another motion than the rig's."""
+    other = velocity_channel(rig)
+    for name in VELOCITY_CHANNELS.values():
+        if name in present and name != other:
+            motion = "rotary" if rig.is_linear else "linear"
+            raise input_error(
+                where,
+                f"holds {name}, but {rig.source} describes a {rig.motion} rig",
+                f'set [rig] motion = "{motion}" there, or map {other}',
+            )
+
+
+def integral(time: FloatArray, speed: FloatArray) -> FloatArray:
+    """Way (n,) from the first row, of speeds (n,) at times (n,) s, by the trapezoidal rule."""
+    steps = 0.5 * (speed[1:] + speed[:-1]) * np.diff(time)
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def moves(speed: FloatArray) -> bool:
+    """Whether speeds (n,) show more than their noise."""
+    if len(speed) < 2 * _FEWEST:
+        return bool(np.any(speed != speed[0]))
+    return float(np.std(speed)) > _NOISE * signals.noise_floor(speed).total
+
+
+def place_needed(rig: Rig) -> str | None:
+    """Why the position's place in the stroke matters to a balance of efforts; None: it does not."""
+    if rig.is_vertical and not rig.is_linear:
+        return "gravity's torque follows from the angle"
+    if "spring" in rig.content:
+        return "a spring's effort follows from the position"
+    return None
+
+
+def are_readings(channels: Mapping[str, FloatArray], rig: Rig) -> bool:
+    """Whether rows (n,) are settled readings of friction (`friction-points`), not a recording.
+
+    None of them at rest among others, each with an effort along its speed, and not at the rig's
+    sampling: a recorded motion starts at rest and is slowed down. `channels` include `time_s`.
+    """
+    speed, effort = channels[velocity_channel(rig)], channels[rig.effort_channel]
+    period = float(np.median(np.diff(channels["time_s"])))
+    if rig.sampling is not None and period < _SAMPLED * rig.sampling.period_s:
+        return False
+    return bool(np.all(speed == 0.0) or np.all(speed * effort > 0.0))
+
+
+def instead_of_position(
+    where: str, channels: Mapping[str, FloatArray], rig: Rig
+) -> tuple[bool, str | None]:
+    """Whether a log's position is taken from its speed, and what a notice says of it.
+
+    `channels` (n,) of the whole file. Not where the place matters, and not where a valve moves:
+    the chambers' volumes follow from it.
+    """
+    speed, position = velocity_channel(rig), rig.position_channel
+    if position in channels or speed not in channels or rig.effort_channel not in channels:
+        return False, None
+    if are_readings(channels, rig):
+        return False, None
+    if (why := place_needed(rig)) is not None:
+        return False, f"{where}: holds {speed} but no {position}, which is needed: {why}"
+    if any(np.ptp(channels[name]) > 0.0 for name in VALVE_COMMANDS if name in channels):
+        return False, (
+            f"{where}: holds {speed} but no {position}: friction is fitted from the speed; flows "
+            f"need {position}, from which the chambers' volumes follow"
+        )
+    return True, (
+        f"{where}: {position} is the integral of {speed}, from 0 at the start of each test: where "
+        "in the stroke it moves is not known"
+    )
+
+
+def with_position(trial: Trial, rig: Rig) -> Trial:
+    """A trial whose position is its speed's integral where it has none; else as it is.
+
+    For balances of efforts. Raises InputError where the place matters.
+    """
+    name, speed = rig.position_channel, velocity_channel(rig)
+    if name in trial or speed not in trial:
+        return trial
+    if (why := place_needed(rig)) is not None:
+        raise input_error(
+            trial.source, f"holds {speed} but no {name}, and {why}", f"log {name} as well"
+        )
+    way = integral(trial.time, trial[speed])
+    return replace(with_channels(trial, **{name: way}), place_known=False)
+
+
+def contradiction(
+    tests: Iterable[tuple[FloatArray, FloatArray, FloatArray]], rig: Rig
+) -> str | None:
+    """What a position and a speed that are both logged say against one another; None: nothing.
+
+    `tests`: times (n,) s, positions and speeds (n,) of each. Compared are the ways over windows,
+    in which the noise of both is small.
+    """
+    ways, sums = [], []
+    for time, position, speed in tests:
+        step = max(1, (len(time) - 1) // _WINDOWS)
+        if len(time) > _FEWEST and np.ptp(position) > 0.0 and moves(speed):
+            ways.append(np.diff(position[::step]))
+            sums.append(np.diff(integral(time, speed)[::step]))
+    if not ways:
+        return None
+    way, total = np.concatenate(ways), np.concatenate(sums)
+    if len(way) < _FEWEST or not np.any(way) or not np.any(total):
+        return None
+    share = float(way @ total) / math.sqrt(float(way @ way) * float(total @ total))
+    ratio = math.copysign(math.sqrt(float(way @ way) / float(total @ total)), share)
+    name, speed_name = rig.position_channel, velocity_channel(rig)
+    if share**2 < _STRANGERS:
+        return f"{name} and {speed_name} do not belong to one motion ({name} is used)"
+    error = math.sqrt(max(1.0 - share**2, 0.0) / len(way))
+    if share**2 < _ALIKE or abs(ratio - 1.0) <= max(_SAME_SCALE, _STANDARD_ERRORS * error):
+        return None
+    if abs(ratio + 1.0) <= max(_SAME_SCALE, _STANDARD_ERRORS * error):
+        return f"{speed_name} has the opposite sign of the motion of {name} ({name} is used)"
+    unit = next(
+        (u for u, f in _SLIPS[rig.motion].items() if abs(abs(ratio) / f - 1.0) < _SAME_SCALE), None
+    )
+    guess = f": is it in {unit}?" if unit else ""
+    return f"{name} moves {ratio:.4g} times as far as {speed_name} says ({name} is used){guess}"
+
+
+__all__ = [
+    "are_readings",
+    "check_motion",
+    "contradiction",
+    "instead_of_position",
+    "integral",
+    "moves",
+    "place_needed",
+    "velocity_channel",
+    "with_position",
+]
