@@ -262,6 +262,11 @@ def _prepared(
             continue
         even = even_trial(trial, rig, fit.notices)
         full = _kind(name) if name else classify(even)
+        if full == STATIC and not trial.has_its_start:
+            use = TrialUse(trial.label, trial.source, full)
+            use.leave_out("its start is excluded, and a ramp is read from rest on")
+            fit.uses.append(use)
+            continue
         paused = pause_line(trial)
         if paused:
             use = TrialUse(trial.label, trial.source, full)

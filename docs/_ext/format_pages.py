@@ -86,6 +86,8 @@ def campaign_file() -> str:
     shared = (CampaignFile.model_fields["map"].description or "").strip()
     own = (LogEntry.model_fields["map"].description or "").strip()
     table = "| `map` | | | optional | {} |"
+    said = (LogEntry.model_fields["exclude"].description or "").strip()
+    excluded = table.replace("map", "exclude").format(said)
     return "\n".join(
         [
             "# Campaign file\n",
@@ -94,8 +96,9 @@ def campaign_file() -> str:
             "## At the top\n",
             _HEAD + "\n".join([*_rows(CampaignFile), table.format(shared)]) + "\n",
             "## `[[log]]`, one per log\n",
-            _HEAD + "\n".join([*_rows(LogEntry), table.format(own)]) + "\n",
-            "The kinds are described under [log format](log-format.md).\n",
+            _HEAD + "\n".join([*_rows(LogEntry), table.format(own), excluded]) + "\n",
+            "[A test went wrong](../how-to/test-went-wrong.md) shows what `exclude` does. The kinds "
+            "are described under [log format](log-format.md).\n",
         ]
     )
 

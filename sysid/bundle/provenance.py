@@ -13,13 +13,26 @@ from sysid.io.source import Source
 Digest = Annotated[str, StringConstraints(pattern="^[0-9a-f]{64}$")]
 
 
+class ExcludedRecord(Part):
+    """A test of a log, or a span of one (s since its first row), that was used for nothing."""
+
+    test: str
+    from_s: Absent[float] = None
+    to_s: Absent[float] = None
+    why: Absent[str] = None
+
+
 class LogRecord(Part):
-    """A log of the bundle's campaign: the name of its file alone, SHA-256, use and kind."""
+    """A log of the bundle's campaign: the name of its file alone, SHA-256, use and kind.
+
+    `excluded`: what was not read of it.
+    """
 
     file: str
     sha256: Digest
     use: Literal["fit", "holdout"]
     kind: Absent[str] = None
+    excluded: Absent[list[ExcludedRecord]] = None
 
     @property
     def family(self) -> str:
@@ -67,4 +80,4 @@ def records(sources: Iterable[Source]) -> list[LogRecord]:
     return [LogRecord.model_validate(s.to_json()) for s in sources]
 
 
-__all__ = ["LogRecord", "Provenance", "family", "records"]
+__all__ = ["ExcludedRecord", "LogRecord", "Provenance", "family", "records"]

@@ -20,6 +20,7 @@ from sysid.display.tables import Shown, ShownTable, record_table
 from sysid.identification.friction.effort import classify_trial
 from sysid.io.campaign import Campaign
 from sysid.io.channels import DUTIES, PRESSURES, SWITCHES
+from sysid.io.exclusion import Excluded
 from sysid.io.logs import Log, Trial
 from sysid.io.measured_speed import velocity_channel
 from sysid.io.rig import Rig
@@ -71,7 +72,8 @@ class LogCheck(Shown):
 
     `kinds` counts its tests by the kind that their content shows; `declared` is the kind and
     `use` the use that a campaign gives the log, None for one that was checked alone. `contradicts`
-    says in what it contradicts the rig file or, in a campaign, the other logs.
+    says in what it contradicts the rig file or, in a campaign, the other logs; `excluded` is what
+    was not looked at.
     """
 
     file: str
@@ -90,11 +92,15 @@ class LogCheck(Shown):
     declared: str | None = None
     use: str | None = None
     contradicts: tuple[str, ...] = ()
+    excluded: tuple[Excluded, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Plain dictionaries and lists; `declared` and `use` only for a campaign's log,
-        `contradicts` only for one that does."""
+        `contradicts` only for one that does, `excluded` only where something is."""
         content = asdict(self)
+        del content["excluded"]
+        if self.excluded:
+            content["excluded"] = [one.to_json() for one in self.excluded]
         if self.declared is None:
             del content["declared"], content["use"]
         if not self.contradicts:
@@ -159,6 +165,7 @@ class LogCheck(Shown):
                 "identifies": tuple(Identification(**i) for i in content["identifies"]),
                 "notices": tuple(content["notices"]),
                 "contradicts": tuple(content.get("contradicts", ())),
+                "excluded": tuple(map(Excluded.from_json, content.get("excluded", ()))),
             }
         )
 
@@ -240,6 +247,7 @@ def check_log(log: Log, rig: Rig, declared: str | None = None) -> LogCheck:
         notices=tuple(n for n in log.notices if n not in log.contradictions),
         declared=declared,
         contradicts=log.contradictions,
+        excluded=log.excluded,
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
@@ -12,6 +13,7 @@ from sysid.commands.options import (
     bundle_option,
     campaign_argument,
     effects_option,
+    exclude_option,
     json_option,
 )
 from sysid.commands.printing import notices, print_json, print_tables, progress
@@ -25,10 +27,13 @@ from sysid.workflows.advising import advise as advise_campaign
 @campaign_argument
 @bundle_option
 @effects_option
+@exclude_option
 @json_option
-def advise(campaign: Path, bundle: Path, effects: Path | None, as_json: bool) -> None:
+def advise(
+    campaign: Path, bundle: Path, effects: Path | None, exclude: Sequence[str], as_json: bool
+) -> None:
     """Which test to run next: expected standard errors, ties, sizes of effects."""
-    read = read_campaign(campaign)
+    read = read_campaign(campaign).excluding(exclude)
     found = advise_campaign(read, read_bundle(bundle), effects=effects, progress=progress())
     notices((*read.notices, *read.rig.notices, *found.notices))
     if as_json:

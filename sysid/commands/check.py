@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path, PurePath
 from typing import Any
@@ -15,6 +15,7 @@ from sysid.checks.campaign_check import Answer, CampaignCheck
 from sysid.checks.log_check import LogCheck, check_log
 from sysid.commands.options import (
     component_option,
+    exclude_option,
     json_option,
     logs_argument,
     map_option,
@@ -27,10 +28,11 @@ from sysid.display.terminal import console, new_table
 from sysid.errors import input_error
 from sysid.io.bare_rig import read_bare_logs
 from sysid.io.campaign import CampaignLog
-from sysid.io.logs import read_log
+from sysid.io.exclusion import Exclusion
+from sysid.io.logs import exclusions_for, read_log
 from sysid.io.rig import find_rig_file, read_rig
 from sysid.io.tables import require_log
-from sysid.io.units import parse_map
+from sysid.io.units import ColumnMap, parse_map
 from sysid.workflows.subject import subject_of
 
 # Logs of one kind that a cell names; more are counted.
@@ -44,6 +46,7 @@ _REMARKS = 12
 @rig_option
 @map_option
 @component_option
+@exclude_option
 @verbose_option
 @json_option
 def check(
@@ -51,6 +54,7 @@ def check(
     rig: Path | None,
     maps: Sequence[str],
     component: str | None,
+    exclude: Sequence[str],
     verbose: bool,
     as_json: bool,
 ) -> None:
@@ -62,16 +66,20 @@ def check(
     """
     checked: list[LogCheck | CampaignCheck] = []
     said: list[str] = []
+    alone = [path for path in logs if path.suffix != ".toml"]
+    mapping = parse_map(maps)
+    given = exclusions_for(exclude, alone, mapping) if alone else []
+    excluded = dict(zip(alone, given, strict=True))
     for path in logs:
         if path.suffix == ".toml":
-            checked.append(_campaign_check(path, rig, maps, component, said))
+            checked.append(_campaign_check(path, rig, maps, component, exclude, said))
         elif component is not None:
             mend = "give the campaign file that lists it"
             raise input_error(path, "is no campaign file, which --component needs", mend)
         else:
             rig_file = rig or find_rig_file(path)
             require_log(path)
-            checked.append(_log_check(path, rig_file, maps, said))
+            checked.append(_log_check(path, rig_file, mapping, excluded[path], said))
     if as_json:
         _tell(checked, said, all_of_them=True)
         print_json(_content(checked))
@@ -86,13 +94,18 @@ def check(
         out.print()
 
 
-def _log_check(path: Path, rig: Path | None, maps: Sequence[str], said: list[str]) -> LogCheck:
+def _log_check(
+    path: Path,
+    rig: Path | None,
+    mapping: Mapping[str, ColumnMap],
+    exclude: Sequence[Exclusion],
+    said: list[str],
+) -> LogCheck:
     """The check of one log; without a rig file by what it shows and the reference rig."""
-    mapping = parse_map(maps)
     if rig is not None:
         known = read_rig(rig)
-        return check_log(read_log(path, known, mapping, readings=True), known)
-    bare = read_bare_logs([path], mapping, readings=True)
+        return check_log(read_log(path, known, mapping, None, exclude, readings=True), known)
+    bare = read_bare_logs([path], mapping, exclude=[exclude], readings=True)
     said += [
         f"{path}: no rig file: {', '.join(bare.rig.assumed)} are assumed, as on the reference rig "
         f"(`sysid init --from {path.name} rig.toml` writes one to correct)",
@@ -108,7 +121,12 @@ def _log_check(path: Path, rig: Path | None, maps: Sequence[str], said: list[str
 
 
 def _campaign_check(
-    path: Path, rig: Path | None, maps: Sequence[str], component: str | None, said: list[str]
+    path: Path,
+    rig: Path | None,
+    maps: Sequence[str],
+    component: str | None,
+    exclude: Sequence[str],
+    said: list[str],
 ) -> CampaignCheck:
     """The check of a campaign; the reader's notices are added to `said`."""
     if rig is not None or maps:
@@ -116,7 +134,7 @@ def _campaign_check(
         raise input_error(
             path, f"a campaign file names its own rig and maps, {given} is for logs", "omit it"
         )
-    campaign = read_with(path, component, progress())
+    campaign = read_with(path, component, progress(), exclude)
     said += [*campaign.notices, *campaign.rig.notices]
     return subject_of(campaign).check()
 
@@ -156,6 +174,10 @@ def _campaign(check: CampaignCheck, verbose: bool) -> Iterable[Any]:
     yield from (Text(f"- {line}") for line in check.contradictions)
     training, held = len(check.training), len(check.entries) - len(check.training)
     yield Text(f"{check.path}: {training} training log{'s' * (training != 1)}, {held} held out")
+    for one in check.logs:
+        if one.excluded and not verbose:
+            tests = ", ".join(e.exclusion.title for e in one.excluded)
+            yield Text(f"excluded from {PurePath(one.file).name}: {tests}")
     yield _table(check)
     yield from _quality(check, verbose)
     if verbose:
@@ -245,6 +267,9 @@ def _blocks(check: LogCheck) -> Iterable[Any]:
     yield Text(
         f"{check.gaps} gaps, the longest {check.longest_gap_s:.4g} s" if check.gaps else "no gaps"
     )
+    for one in check.excluded:
+        why = f": {one.exclusion.why}" if one.exclusion.why else ""
+        yield Text(f"excluded: {one.exclusion.title} ({one.rows} rows){why}")
     table = new_table("Channels", "channel", "low", "high", "resolution", "noise", "remark")
     for channel in check.channels:
         remark = []

@@ -22,6 +22,7 @@ from sysid.commands.options import (
     campaign_argument,
     component_option,
     effects_option,
+    exclude_option,
     json_option,
     report_option,
 )
@@ -50,6 +51,7 @@ _CORRECT = wording.CORRECT_MODEL.lower()
 @report_option
 @effects_option
 @component_option
+@exclude_option
 @click.option(
     "--refine/--no-refine",
     default=True,
@@ -91,6 +93,7 @@ def diagnose_campaign(
     report: Path | None = None,
     effects: Path | None = None,
     component: str | None = None,
+    exclude: Sequence[str] = (),
     refine: bool = True,
     seed: int = 0,
     budget: float | None = None,
@@ -100,12 +103,13 @@ def diagnose_campaign(
     """Diagnose a campaign with its fitted bundle; write the extended bundle and the report.
 
     `effects` is a Python file with effects in addition to the catalogue, `component` one of the
-    user's own, whose logs are the campaign's; `refine` whether the numbers of what was found are
-    those of simulation error; after `budget` seconds of processor time (None: after so many
-    evaluations) it ends with the best so far, a `quick` one after a first look. Raises InputError
-    for unusable files, NotIdentifiedError where the bundle or the campaign is insufficient.
+    user's own, whose logs are the campaign's; `exclude` what is not read of them; `refine` whether
+    the numbers of what was found are those of simulation error; after `budget` seconds of processor
+    time (None: after so many evaluations) it ends with the best so far, a `quick` one after a first
+    look. Raises InputError for unusable files, NotIdentifiedError where the bundle or the campaign
+    is insufficient.
     """
-    campaign = read_with(campaign_path, component, progress)
+    campaign = read_with(campaign_path, component, progress, exclude)
     bundle = read_bundle(bundle_path)
     found = workflow(
         campaign,

@@ -34,6 +34,7 @@ from sysid.commands.options import (
     PathArgument,
     campaign_argument,
     component_option,
+    exclude_option,
     json_option,
     logs_argument,
     map_option,
@@ -63,7 +64,7 @@ from sysid.io.bare_rig import read_bare_logs
 from sysid.io.campaign import FRICTION_POINTS, Campaign, CampaignLog
 from sysid.io.channels import CHAMBER_PRESSURES
 from sysid.io.files import check_each_once
-from sysid.io.logs import Log, Trial, read_log
+from sysid.io.logs import Log, Trial, exclusions_for, read_log
 from sysid.io.rig import Rig, find_rig_file, read_rig
 from sysid.io.source import Source
 from sysid.io.tables import require_log
@@ -116,6 +117,7 @@ _part_options = options(
         help="HTML report (default: STEM.KIND.report.html here).",
     ),
     click.option("--no-report", is_flag=True, help="Write no report."),
+    exclude_option,
     json_option,
 )
 _valve_option = click.option(
@@ -225,13 +227,19 @@ def _valve_pwm(
 @campaign_argument
 @click.option("-o", "output", type=PathArgument, help="Write the bundle here.")
 @component_option
+@exclude_option
 @report_option
 @json_option
 def _campaign(
-    campaign: Path, output: Path | None, component: str | None, report: Path | None, as_json: bool
+    campaign: Path,
+    output: Path | None,
+    component: str | None,
+    exclude: Sequence[str],
+    report: Path | None,
+    as_json: bool,
 ) -> None:
     """Everything that a campaign's training logs identify, in one bundle."""
-    read = read_with(campaign, component, progress())
+    read = read_with(campaign, component, progress(), exclude)
     if component is not None:
         own = fit_own(read, progress=progress("fitting "))
         if output is not None:
@@ -324,6 +332,7 @@ class _Files:
     report: Path | None
     no_report: bool = False
     readings: bool = False
+    exclude: Sequence[str] = ()
 
     def bundle_path(self, kind: str, sources: Sequence[Source]) -> Path | None:
         """Where the bundle of a fit goes; None for nowhere. Raises InputError."""
@@ -414,7 +423,13 @@ def _as_campaign(
     declared = f"friction-{options['kind']}" if options.get("kind") else None
     entries = tuple(
         CampaignLog(
-            declared or _kind_of(log, rig, kind), log.path.name, log.path, "fit", valve, mapping
+            declared or _kind_of(log, rig, kind),
+            log.path.name,
+            log.path,
+            "fit",
+            valve,
+            mapping,
+            exclude=tuple(one.exclusion for one in log.excluded),
         )
         for log in logs
     )
@@ -459,6 +474,7 @@ def _read_logs(files: _Files, existing: Bundle | None) -> _Given:
     """
     check_each_once(files.logs, "log")
     mapping = parse_map(files.maps)
+    excluded = exclusions_for(files.exclude, files.logs, mapping)
     found = {find_rig_file(p) for p in files.logs} if files.rig is None else {files.rig}
     for log in files.logs:
         require_log(log)
@@ -472,10 +488,13 @@ def _read_logs(files: _Files, existing: Bundle | None) -> _Given:
     (path,) = found
     if path is not None:
         rig = read_rig(path)
-        logs = tuple(read_log(p, rig, mapping, readings=files.readings) for p in files.logs)
+        logs = tuple(
+            read_log(log, rig, mapping, exclude=own, readings=files.readings)
+            for log, own in zip(files.logs, excluded, strict=True)
+        )
         return _Given(rig, rig, logs, rig.notices)
     beside = None if existing is None else existing.rig_content
-    bare = read_bare_logs(files.logs, mapping, beside, readings=files.readings)
+    bare = read_bare_logs(files.logs, mapping, beside, excluded, readings=files.readings)
     return _Given(
         bare.rig, bare.read_with, bare.logs, bare.notices, bare.in_volts, True, bare.shown
     )

@@ -38,6 +38,12 @@ map_option = click.option(
     metavar="TARGET=COLUMN:UNIT",
     help='Foreign column and unit, e.g. "pressure_a_pa=P1:kPa(g)"; may be repeated.',
 )
+exclude_option = click.option(
+    "--exclude",
+    multiple=True,
+    metavar="[LOG/]TEST[@FROM:TO]",
+    help="Use nothing of a test, or of a span of it (s since its first row); may be repeated.",
+)
 component_option = click.option(
     "--component",
     metavar="FILE[:CLASS]",

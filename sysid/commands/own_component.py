@@ -1,7 +1,8 @@
-"""`--component FILE`: a campaign read with a component of the user's own, and that it runs said."""
+"""A campaign as a command reads it: `--component FILE`, and that it runs said; `--exclude`."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from sysid.io.campaign import Campaign, read_campaign
@@ -9,19 +10,22 @@ from sysid.io.own_kind import OwnKind
 from sysid.types import Progress
 
 
-def read_with(path: Path, component: str | None, tell: Progress) -> Campaign:
+def read_with(
+    path: Path, component: str | None, tell: Progress, exclude: Sequence[str] = ()
+) -> Campaign:
     """The campaign; with `component`, as text of the option, its logs are of that.
 
-    Raises InputError for a file that cannot be used.
+    `exclude`: what is not read of them, as texts of `--exclude`. Raises InputError for a file that
+    cannot be used, and where an excluded test does not exist.
     """
     if component is None:
-        return read_campaign(path)
+        return read_campaign(path).excluding(exclude)
     from sysid.components.campaign import runs_own_code
     from sysid.components.loading import with_component
 
     campaign = with_component(path, component)
     tell(runs_own_code(campaign))
-    return campaign
+    return campaign.excluding(exclude)
 
 
 def own_kind(component: str | None, tell: Progress) -> OwnKind | None:

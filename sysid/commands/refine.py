@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +17,7 @@ from sysid.commands.options import (
     campaign_argument,
     component_option,
     effects_option,
+    exclude_option,
     json_option,
     report_option,
 )
@@ -57,6 +59,7 @@ if TYPE_CHECKING:
 )
 @effects_option
 @component_option
+@exclude_option
 @json_option
 def refine(
     campaign: Path,
@@ -64,6 +67,7 @@ def refine(
     as_json: bool,
     no_prior: bool,
     component: str | None,
+    exclude: Sequence[str],
     **options: Any,
 ) -> None:
     """All parameters of the assembled model together, by simulation error."""
@@ -75,6 +79,7 @@ def refine(
         campaign,
         bundle,
         component=component,
+        exclude=exclude,
         prior=not no_prior,
         progress=progress(),
         **options,
@@ -89,18 +94,19 @@ def refine_campaign(
     output: Path | None = None,
     report: Path | None = None,
     component: str | None = None,
+    exclude: Sequence[str] = (),
     effects: Path | None = None,
     progress: Progress = no_progress,
     **options: Any,
 ) -> tuple[RefineResult | OwnRefinement, tuple[Path, ...]]:
     """Refine a bundle on a campaign's motion logs; the result, and the files that were written.
 
-    `effects` is a Python file with further effects, `component` one with a component of the
-    user's own; they are executed. `options` are those of `sysid.refinement`. Raises InputError for
-    unusable files or unknown names, NotIdentifiedError where the bundle lacks what the simulation
-    needs.
+    `effects` is a Python file with further effects, `component` one with a component of the user's
+    own; they are executed; `exclude` names what is not read. `options` are those of
+    `sysid.refinement`. Raises InputError for unusable files or unknown names, NotIdentifiedError
+    where the bundle lacks what the simulation needs.
     """
-    campaign = read_with(campaign_path, component, progress)
+    campaign = read_with(campaign_path, component, progress, exclude)
     catalogue = catalogue_with(effects) if effects else None
     result = subject_of(campaign).refine(
         read_bundle(bundle_path), progress, {**options, "catalogue": catalogue}

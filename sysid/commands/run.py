@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from sysid.commands.options import (
     campaign_argument,
     component_option,
     effects_option,
+    exclude_option,
     json_option,
     options,
     verbose_option,
@@ -80,6 +82,7 @@ run_options = options(
 @campaign_argument
 @click.option("-o", "folder", required=True, type=PathArgument, help="Folder for all results.")
 @component_option
+@exclude_option
 @run_options
 def run(campaign: Path, folder: Path, **options: Any) -> None:
     """The whole pipeline, from checks to exports. Resumes where it stopped."""
@@ -146,6 +149,7 @@ def run_campaign(
     budget: float | None = None,
     quick: bool = False,
     component: str | None = None,
+    exclude: Sequence[str] = (),
     progress: Progress = no_progress,
     entered: Progress = no_progress,
 ) -> RunReport:
@@ -153,14 +157,14 @@ def run_campaign(
 
     `surface` and `seed` are those of `sysid fit valve-pwm` and the diagnosis; `diagnose` says
     whether to look for what the model lacks, `refine` whether to estimate all parameters together
-    afterwards, `effects` is a Python file with further effects, `component` one with a component
-    of the user's own; `progress` is called with a line for each step, `entered` with each stage's
-    name. The diagnosis ends after `budget` seconds of processor time (None: after so many
-    evaluations); where it missed something then, a call with more does it again. `quick`: a first
-    diagnosis that leaves much out, and no refinement; a call without it does both. No other call
-    works in the folder meanwhile.
+    afterwards, `effects` is a Python file with further effects, `component` one with a component of
+    the user's own, `exclude` what is not read of the logs (`--exclude`); `progress` is called with
+    a line for each step, `entered` with each stage's name. The diagnosis ends after `budget`
+    seconds of processor time (None: after so many evaluations); where it missed something then, a
+    call with more does it again. `quick`: a first diagnosis that leaves much out, and no
+    refinement; a call without it does both. No other call works in the folder meanwhile.
     """
-    campaign = read_with(campaign_path, component, progress)
+    campaign = read_with(campaign_path, component, progress, exclude)
     if effects is not None:
         catalogue_with(effects)  # an unusable file is reported before the work, not after it
     with working_in(folder):
@@ -180,6 +184,7 @@ def run_campaign(
             quick=quick,
             effects=effects,
             budget=budget,
+            exclude=tuple(exclude),
         )
         if quick and has_whole_diagnosis(run):
             run.quick = False  # what is there already is more than a first look

@@ -90,6 +90,7 @@ class PipelineRun:
     effects: Path | None = None
     budget: float | None = None
     quick: bool = False
+    exclude: tuple[str, ...] = ()
     notices: list[str] = field(default_factory=list)
     unasked: list[str] = field(default_factory=list)
     validation: ValidationResult | None = None
@@ -186,6 +187,8 @@ def made_from(run: PipelineRun, stage: Stage) -> dict[str, str]:
     own = component_in(run.campaign)
     if own is not None:
         found["--component"] = f"{own.name} {own.sha256}"
+    if run.exclude:
+        found["--exclude"] = json.dumps(run.exclude)
     if stage.layout > 1:
         found["layout"] = str(stage.layout)
     if stage.reads_refine:

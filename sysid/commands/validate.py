@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from sysid.commands.options import (
     campaign_argument,
     component_option,
     effects_option,
+    exclude_option,
     json_option,
     report_option,
 )
@@ -40,6 +42,7 @@ from sysid.workflows.subject import subject_of
 @click.option("-o", "output", type=PathArgument, help="Write the bundle with its validation.")
 @effects_option
 @component_option
+@exclude_option
 @json_option
 def validate(campaign: Path, bundle: Path, as_json: bool, **options: Any) -> None:
     """Open-loop simulation of a bundle's model against a campaign's motion logs."""
@@ -82,15 +85,16 @@ def validate_campaign(
     output: Path | None = None,
     effects: Path | None = None,
     component: str | None = None,
+    exclude: Sequence[str] = (),
     progress: Progress = no_progress,
 ) -> Validated:
     """Simulate a campaign's motion logs open loop with a bundle's model.
 
     `effects` is a Python file with further effects, `component` one with a component of the
-    user's own; they are executed. Raises InputError for unusable files, NotIdentifiedError where
-    the bundle lacks what the simulation needs.
+    user's own; they are executed; `exclude` names what is not read. Raises InputError for unusable
+    files, NotIdentifiedError where the bundle lacks what the simulation needs.
     """
-    campaign = read_with(campaign_path, component, progress)
+    campaign = read_with(campaign_path, component, progress, exclude)
     bundle = read_bundle(bundle_path)
     catalogue = catalogue_with(effects) if effects else None
     result = subject_of(campaign).validate(bundle, catalogue, progress)

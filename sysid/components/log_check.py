@@ -93,6 +93,7 @@ def _check(log: Log, loaded: LoadedComponent) -> LogCheck:
         identifies=(),
         notices=(*log.notices, *missing, *strange),
         declared=loaded.kind,
+        excluded=log.excluded,
     )
 
 

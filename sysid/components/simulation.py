@@ -266,7 +266,7 @@ def runs_of(made: DynamicComponent, pieces: Sequence[tuple[Trial, int, int]]) ->
     noise = {id(t): _noise_of(t, made) for t, _, _ in pieces}
     for k, (trial, start, stop) in enumerate(pieces):
         rows = np.minimum(np.arange(start, start + n), stop - 1)
-        time[k] = trial.time[rows] - trial.time[0]
+        time[k] = trial.since_start[rows]
         for i, name in enumerate(made.inputs):
             inputs[k, :, i] = trial[name][rows]
         for i, (name, column) in enumerate(made.columns.items()):

@@ -81,7 +81,7 @@ class StaticPart(OwnPart):
 def _columns(stretch: Stretch, law: StaticComponent) -> dict[str, FloatArray]:
     trial = stretch.trial
     columns = {name: trial[name][stretch.rows] for name in law.inputs}
-    return {**columns, "time_s": trial.time[stretch.rows] - trial.time[0]}
+    return {**columns, "time_s": trial.since_start[stretch.rows]}
 
 
 __all__ = ["StaticPart"]

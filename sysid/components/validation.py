@@ -94,7 +94,7 @@ def _test(
         use=use,
         test=trial.label,
         model=part.loaded.name,
-        time=trial.time - trial.time[0],
+        time=trial.since_start,
         measured={name: trial[name] for name in shown},
         simulated=shown,
         counted=len(trial),

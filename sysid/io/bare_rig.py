@@ -20,6 +20,7 @@ from sysid.io import plausibility
 from sysid.io.bundled import REFERENCE_BUNDLE, thesis_folder
 from sysid.io.channels import PRESSURES, VALVE_COMMANDS
 from sysid.io.declaration import LONGEST_TEXT, range_of
+from sysid.io.exclusion import Exclusion
 from sysid.io.log_constants import ShownConstants, shown_constants
 from sysid.io.logs import Log, log_of, log_table
 from sysid.io.rig import ASSUMED, BARE, Rig, rig_from_content
@@ -56,15 +57,17 @@ def read_bare_logs(
     paths: Sequence[Path],
     mapping: Mapping[str, ColumnMap],
     beside: Mapping[str, Any] | None = None,
+    exclude: Sequence[Sequence[Exclusion]] = (),
     *,
     readings: bool = False,
 ) -> BareLogs:
     """Read logs of one rig without its rig file.
 
     `beside` is the content of a rig that other parts were fitted with: of it the assumed
-    constants that these logs show are replaced, and all others kept. `readings` and InputError as
-    `read_log` has them.
+    constants that these logs show are replaced, and all others kept. `exclude`: of each log what is
+    not read. `readings` and InputError as `read_log` has them.
     """
+    excluded = exclude or [()] * len(paths)
     tables = [log_table(path, mapping) for path in paths]
     present = {name for table in tables for name in _channels(table, mapping)}
     is_linear = any(name in present for name in _LINEAR)
@@ -72,7 +75,10 @@ def read_bare_logs(
     in_volts = "motor_volts" in present and not present & {"motor_torque_nm", "motor_force_n"}
     draft = _draft(reference, in_volts)
     shown = shown_constants(
-        [log_of(table, draft, mapping, readings=readings) for table in tables],
+        [
+            log_of(t, draft, mapping, None, own, readings=readings)
+            for t, own in zip(tables, excluded, strict=True)
+        ],
         draft.position_channel,
         draft.effort_channel,
     )
@@ -85,7 +91,10 @@ def read_bare_logs(
     found = [key for key in _dotted(content) if key in free and key not in left]
     rig = rig_from_content({ASSUMED: left, **content} if left else content, SOURCE)
     read_with = _volts_as_effort(rig) if in_volts else rig
-    logs = tuple(log_of(table, read_with, mapping, readings=readings) for table in tables)
+    logs = tuple(
+        log_of(table, read_with, mapping, None, own, readings=readings)
+        for table, own in zip(tables, excluded, strict=True)
+    )
     return BareLogs(rig, read_with, logs, in_volts, tuple(found), tuple(_doubts(logs, rig, shown)))
 
 

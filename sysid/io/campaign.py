@@ -15,7 +15,8 @@ from pydantic import Field
 from sysid.errors import InputError, input_error
 from sysid.io.declaration import ChoiceKey, TextKey, TomlTable, declared_keys
 from sysid.io.effort_timing import effort_is_read, readings_line, with_commands
-from sysid.io.logs import Log, read_log
+from sysid.io.exclusion import Exclusion, exclusions_of, shared_out
+from sysid.io.logs import Log, read_log, test_labels
 from sysid.io.own_kind import OwnKind, read_own_log
 from sysid.io.rig import Rig, read_rig, read_toml, reject_misspelt
 from sysid.io.samples import Trial
@@ -78,6 +79,17 @@ ColumnTable = Annotated[
 ]
 
 
+class ExcludedSpan(TomlTable):
+    """An entry of `exclude`: a test, or a span of one, that is used for nothing."""
+
+    test: Annotated[str, TextKey("Label of the test; empty for the only test of a file.")] = ""
+    from_s: Annotated[float | None, Field(description="Begin, s since the test's first row.")] = (
+        None
+    )
+    to_s: Annotated[float | None, Field(description="End, s since the test's first row.")] = None
+    why: Annotated[str, TextKey("The reason, which the report lists.")] = ""
+
+
 class LogEntry(TomlTable):
     """`[[log]]`: the file of one or more tests of a kind, and what it may be used for."""
 
@@ -93,6 +105,11 @@ class LogEntry(TomlTable):
         default_factory=dict,
         description="This log's own columns, each as \"column:unit\" or with a sensor's range; it "
         "must have them.",
+    )
+    exclude: list[str | ExcludedSpan] = Field(
+        default_factory=list,
+        description="What is used for nothing: labels of whole tests, or tables with a span of one "
+        "(`test`, `from_s`, `to_s`, s since its first row) and a reason (`why`).",
     )
 
 
@@ -113,7 +130,8 @@ class CampaignFile(TomlTable):
 class CampaignLog:
     """One `[[log]]` entry. `file` is as written, `path` its location.
 
-    `mapping` is its own `map`, `shared` the campaign's, of columns that not every log has.
+    `mapping` is its own `map`, `shared` the campaign's, of columns that not every log has;
+    `exclude` is what is not read of it.
     """
 
     kind: str
@@ -123,6 +141,7 @@ class CampaignLog:
     valve: str | None
     mapping: Mapping[str, ColumnMap]
     shared: Mapping[str, ColumnMap] = field(default_factory=dict)
+    exclude: tuple[Exclusion, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -162,7 +181,30 @@ class Campaign:
         Raises InputError for one that cannot be opened.
         """
         chosen = (e for e in self.logs if use in (None, e.use))
-        return [Source(e.path.name, _digest(e.path), e.use, e.kind) for e in chosen]
+        return [
+            Source(e.path.name, _digest(e.path), e.use, e.kind, _as_given(e.exclude))
+            for e in chosen
+        ]
+
+    def excluding(self, texts: Sequence[str]) -> Campaign:
+        """The campaign without what `--exclude` names too, in every log that has such a test.
+
+        `LOG/TEST` names the test of one log. Raises InputError where none has it.
+        """
+        if not texts:
+            return self
+        named = [
+            (
+                (self.name_of(e.path), e.file, e.path.name),
+                test_labels(e.path, e.mapping, e.shared),
+            )
+            for e in self.logs
+        ]
+        logs = tuple(
+            replace(e, exclude=(*e.exclude, *more))
+            for e, more in zip(self.logs, shared_out(texts, named), strict=True)
+        )
+        return replace(self, logs=logs)
 
     def name_of(self, path: Path) -> str:
         """A log's file name; its `file` where the campaign has another log of that name."""
@@ -189,7 +231,8 @@ class Campaign:
     def read(self, entry: CampaignLog) -> Log:
         """Read one entry's log. Raises InputError."""
         if self.own is not None and entry.kind == self.own.kind:
-            return read_own_log(entry.path, self.rig, self.own, entry.mapping, entry.shared)
+            own, maps = self.own, (entry.mapping, entry.shared)
+            return read_own_log(entry.path, self.rig, own, *maps, entry.exclude)
         log = self._as_recorded(entry)
         if entry.kind not in _BALANCED or not self._effort_is_read:
             return log
@@ -198,8 +241,14 @@ class Campaign:
         return replace(log, trials=trials, notices=(*log.notices, line))
 
     def _as_recorded(self, entry: CampaignLog) -> Log:
-        readings = entry.kind == FRICTION_POINTS
-        return read_log(entry.path, self.rig, entry.mapping, entry.shared, readings=readings)
+        return read_log(
+            entry.path,
+            self.rig,
+            entry.mapping,
+            entry.shared,
+            entry.exclude,
+            readings=entry.kind == FRICTION_POINTS,
+        )
 
     @cached_property
     def _effort_is_read(self) -> bool:
@@ -257,6 +306,10 @@ def read_campaign(path: Path, own: OwnKind | None = None) -> Campaign:
     return Campaign(path, read_rig(rig_path), logs, tuple(notices), own, shown)
 
 
+def _as_given(exclusions: Sequence[Exclusion]) -> tuple[dict[str, Any], ...]:
+    return tuple(one.to_json() for one in exclusions)
+
+
 def _digest(path: Path) -> str:
     """SHA-256 of a log's file."""
     with open_input(path, "a log") as file:
@@ -291,7 +344,8 @@ def _entry(
     units = {**CANONICAL_UNITS, **(own_kind.columns if own_kind else {})}
     own, common = (parse_map_table(m, str(path), units) for m in (maps, shared))
     entry = LogEntry.model_construct(file=file, map=maps, **chosen)
-    return CampaignLog(entry.kind, file, log_path, entry.use, entry.valve, own, common)
+    excluded = exclusions_of(table.get("exclude", []), where, str(path))
+    return CampaignLog(entry.kind, file, log_path, entry.use, entry.valve, own, common, excluded)
 
 
 def _choices(path: Path, where: str, table: dict[str, Any], own: OwnKind | None) -> dict[str, Any]:
@@ -340,6 +394,7 @@ __all__ = [
     "Campaign",
     "CampaignFile",
     "CampaignLog",
+    "ExcludedSpan",
     "Kind",
     "LogEntry",
     "Use",

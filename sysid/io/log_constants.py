@@ -161,14 +161,15 @@ def _resting(trial: Trial, side: str, position: str) -> Iterator[tuple[str, Floa
         command = trial[switch]
         edges = [0, *(np.flatnonzero(np.diff(command)) + 1), len(command)]
         for first, last in itertools.pairwise(edges):
-            if first == 0 and command[0] == 0.0:
+            if first == 0 and command[0] == 0.0 and trial.has_its_start:
                 yield _OFF, pressure[:last]
             else:
                 settled = max(1, round(_SETTLED * (last - first)))
                 yield _ON if command[first] else _OFF, pressure[last - settled : last]
     elif duty in trial and bool(np.any(trial[duty])):
         # The first row is from before the first pulse.
-        yield _BEGUN, pressure[:1]
+        if trial.has_its_start:
+            yield _BEGUN, pressure[:1]
         if bool(np.all(trial[duty] > _NEARLY_ON)):
             yield _ON, _end(pressure)
     else:

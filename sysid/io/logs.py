@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from sysid import signals
 from sysid.errors import InputError, input_error, one_line, shortened
 from sysid.io import plausibility
 from sysid.io.channels import CHAMBER_PRESSURES, PRESSURES, VALVE_COMMANDS
+from sysid.io.exclusion import Excluded, Exclusion, KeptRows, labels_in, shared_out, without
 from sysid.io.measured_speed import (
     are_readings,
     check_motion,
@@ -62,7 +63,8 @@ _FAR_BEYOND = 3.0
 class LogReading:
     """A log while it is being read: columns by canonical name, and where they came from.
 
-    `strides`: rows from one fresh reading to the next, of channels that repeat theirs.
+    `strides`: rows from one fresh reading to the next, of channels that repeat theirs. `begun`: of
+    each part of a test whose start is excluded, by label, how many s after it begins.
     """
 
     table: LogTable
@@ -74,10 +76,17 @@ class LogReading:
     maps: Mapping[str, ColumnMap] = field(default_factory=dict)
     contradictions: list[str] = field(default_factory=list)
     strides: dict[str, float] = field(default_factory=dict)
+    begun: Mapping[str, float] = field(default_factory=dict)
+    excluded: tuple[Excluded, ...] = ()
 
     @property
     def where(self) -> str:
         return str(self.table.path)
+
+    def leave_out(self, kept: KeptRows) -> None:
+        """Go on with the rows that are not excluded."""
+        self.table, self.begun, self.excluded = kept.table, kept.begun, kept.excluded
+        self.notices += kept.notices
 
     def contradict(self, section: str, line: str | None) -> None:
         """Note what contradicts a section of the rig file: a notice, where nobody declared it."""
@@ -90,25 +99,51 @@ def read_log(
     rig: Rig,
     mapping: Mapping[str, ColumnMap] | None = None,
     shared: Mapping[str, ColumnMap] | None = None,
+    exclude: Sequence[Exclusion] = (),
     *,
     readings: bool = False,
 ) -> Log:
     """Read, check and convert one log file to SI.
 
     `mapping` translates foreign names and units (`sysid.io.units.parse_map`); `shared` does so
-    where the file has the column and `mapping` does not override it. `readings`: it may be a table
-    of steady speeds and efforts without time, each row a reading (`friction-points`). Raises
-    InputError, one line that names the file, the row or column, and the fix.
+    where the file has the column and `mapping` does not override it. What `exclude` names is not
+    looked at. `readings`: it may be a table of steady speeds and efforts without time, each row a
+    reading (`friction-points`). Raises InputError, one line that names the file, the row or column,
+    and the fix.
     """
     table = log_table(path, {**(shared or {}), **(mapping or {})})
-    return log_of(table, rig, mapping, shared, readings=readings)
+    return log_of(table, rig, mapping, shared, exclude, readings=readings)
 
 
-def log_table(path: Path, maps: Mapping[str, ColumnMap]) -> LogTable:
-    """The columns of a log file that the log format or a map names. Raises InputError."""
-    wanted = set(CANONICAL_UNITS) | {m.column for m in maps.values()}
+def log_table(
+    path: Path, maps: Mapping[str, ColumnMap], names: Collection[str] = tuple(CANONICAL_UNITS)
+) -> LogTable:
+    """The columns of a log file that a map names, or have one of `names`. Raises InputError."""
+    wanted = set(names) | {m.column for m in maps.values()}
     text = {"test"} | ({maps["test"].column} if "test" in maps else set())
     return read_table(path, wanted, text)
+
+
+def test_labels(
+    path: Path,
+    mapping: Mapping[str, ColumnMap],
+    shared: Mapping[str, ColumnMap] | None = None,
+) -> list[str]:
+    """The labels of a log's tests; one empty label without a column of them. Raises InputError."""
+    maps = {t: m for t, m in {**(shared or {}), **mapping}.items() if t == "test"}
+    table = log_table(path, maps, ("test",))
+    if maps and "test" not in mapping and not has_column(table.header, maps["test"]):
+        maps = {}
+    return labels_in(table, maps)[1]
+
+
+def exclusions_for(
+    texts: Sequence[str], paths: Sequence[Path], mapping: Mapping[str, ColumnMap]
+) -> list[tuple[Exclusion, ...]]:
+    """What `--exclude` means of each log. Raises InputError where no log has the test."""
+    if not texts:
+        return [() for _ in paths]
+    return shared_out(texts, [((str(p), p.name), test_labels(p, mapping)) for p in paths])
 
 
 def log_of(
@@ -116,6 +151,7 @@ def log_of(
     rig: Rig,
     mapping: Mapping[str, ColumnMap] | None = None,
     shared: Mapping[str, ColumnMap] | None = None,
+    exclude: Sequence[Exclusion] = (),
     *,
     readings: bool = False,
 ) -> Log:
@@ -129,12 +165,13 @@ def log_of(
                 f"{path}: has no column {column!r}, which the campaign maps to {target}"
             )
     timeless = "time_s" not in maps and "time_s" not in table.header
-    are_readings = timeless and _shows_readings(table, maps, rig)
-    if timeless and not (readings and are_readings):
-        raise missing_time(table, are_readings=are_readings)
+    are_points = timeless and _shows_readings(table, maps, rig)
+    if timeless and not (readings and are_points):
+        raise missing_time(table, are_readings=are_points)
+    reading.leave_out(without(table, maps, exclude, rig))
     _take_columns(reading, maps)
     if timeless:
-        reading.columns["time_s"] = np.arange(len(table.frame), dtype=np.float64)
+        reading.columns["time_s"] = np.arange(len(reading.table.frame), dtype=np.float64)
         reading.notices.append(
             f"{path}: holds no time_s, but speeds and efforts: each row is a reading of friction "
             "by itself (friction-points)"
@@ -625,7 +662,7 @@ def log_from(reading: LogReading, groups: Sequence[tuple[str, NDArray[np.int64] 
     table, wrong = reading.table, tuple(map(one_line, reading.contradictions))
     trials = tuple(trial_of(reading, label, rows) for label, rows in groups)
     notices = (*wrong, *map(one_line, reading.notices))
-    return Log(table.path, table.sha256, trials, notices, reading.rig, wrong)
+    return Log(table.path, table.sha256, trials, notices, reading.rig, wrong, reading.excluded)
 
 
 def trial_of(reading: LogReading, label: str, rows: NDArray[np.int64] | slice) -> Trial:
@@ -644,6 +681,7 @@ def trial_of(reading: LogReading, label: str, rows: NDArray[np.int64] | slice) -
         reading.unusable,
         row_period=max([*slow.values(), said or 0.0]) or None,
         slow=slow if said is None else {},
+        begun_s=reading.begun.get(label, 0.0),
         read_as={name: _read_as(reading, name) for name in channels},
         contradictions=tuple(map(one_line, reading.contradictions)),
         place_known=reading.origin.get(position) != velocity_channel(reading.rig),
@@ -663,6 +701,7 @@ __all__ = [
     "Trial",
     "any_contradiction",
     "check_time_column",
+    "exclusions_for",
     "groups_of",
     "log_from",
     "log_of",
@@ -670,6 +709,7 @@ __all__ = [
     "missing_time",
     "read_log",
     "smallest_step",
+    "test_labels",
     "trial_of",
     "with_channels",
 ]

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from sysid.errors import input_error
+from sysid.io.exclusion import Exclusion, without
 from sysid.io.logs import LogReading, check_time_column, groups_of, log_from, missing_time
 from sysid.io.rig import Rig
 from sysid.io.samples import Log
@@ -42,23 +43,26 @@ def read_own_log(
     own: OwnKind,
     mapping: Mapping[str, ColumnMap] | None = None,
     shared: Mapping[str, ColumnMap] | None = None,
+    exclude: Sequence[Exclusion] = (),
 ) -> Log:
     """Read a log of a user's own kind: `time_s`, `test` where it is there, and its columns.
 
     Values are taken in the columns' own units, converted where `mapping`, or `shared` for columns
-    that the file has, says so. A column that is missing is missing in the trials. Raises InputError
-    for a file, a cell or a time column that cannot be used.
+    that the file has, says so. A column that is missing is missing in the trials, and so is what
+    `exclude` names. Raises InputError for a file, a cell or a time column that cannot be used.
     """
     units = {"time_s": "s", **own.columns}
     maps = {t: m for t, m in {**(shared or {}), **(mapping or {})}.items() if t in (*units, "test")}
     text = {"test", *(m.column for t, m in maps.items() if t == "test")}
-    table = read_table(path, {*units, *(m.column for m in maps.values())}, text)
+    table = read_table(path, {"test", *units, *(m.column for m in maps.values())}, text)
     for target in set(shared or {}) - set(mapping or {}):
         if target in maps and not has_column(table.header, maps[target]):
             del maps[target]
     reading = LogReading(table, rig, maps=maps)
     if "time_s" not in maps and "time_s" not in table.header:
         raise missing_time(table)
+    reading.leave_out(without(table, maps, exclude, rig))
+    table = reading.table
     for name in units:
         if name in maps:
             column = table.header[find_column(table.header, maps[name], str(path))]

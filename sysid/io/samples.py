@@ -13,6 +13,7 @@ import numpy as np
 from sysid.display.plots import legend, some_axes
 from sysid.display.tables import Shown
 from sysid.errors import InputError, input_error
+from sysid.io.exclusion import Excluded
 from sysid.io.rig import Rig
 from sysid.io.units import ColumnMap
 from sysid.types import FloatArray
@@ -37,6 +38,9 @@ class Trial:
     `is_readings`: a table without time, each row a reading by itself; `time` then counts the rows.
     `read_as` tells from which column a channel was read, and how; `contradictions` are those of its
     log (`Log`). `place_known` is False where the position is the integral of a measured speed.
+    `begun_s`: how long after the test's first row this part of it begins, what was before being
+    excluded (`sysid.io.exclusion`); what begins with a test (rest, valves off) does not begin with
+    it.
     """
 
     label: str
@@ -50,6 +54,7 @@ class Trial:
     is_readings: bool = False
     slow: Mapping[str, float] = field(default_factory=dict)
     place_known: bool = True
+    begun_s: float = 0.0
 
     def __contains__(self, name: str) -> bool:
         return name in self.channels
@@ -64,6 +69,16 @@ class Trial:
     def period(self) -> float:
         """Median sampling period, s."""
         return float(np.median(np.diff(self.time)))
+
+    @property
+    def since_start(self) -> FloatArray:
+        """Time of each row (n,) since the test's first, excluded or not, s."""
+        return self.time - self.time[0] + self.begun_s
+
+    @property
+    def has_its_start(self) -> bool:
+        """Whether the test's first row is the trial's: it starts at rest, with its valves off."""
+        return self.begun_s == 0.0
 
     @property
     def title(self) -> str:
@@ -110,9 +125,10 @@ class Trial:
 class Log(Shown):
     """A log file as read: its trials, its SHA-256, and the reader's notices.
 
-    `rig` is the rig that it was read with. Values are SI, pressures absolute. `len(log)` counts its
-    tests, `log[label]` is one of them. `contradictions` are the notices, the first of them, of what
-    the log and the rig file say differently: one of the two is wrong.
+    `rig` is the rig that it was read with; `excluded` is what is not in its trials. Values are SI,
+    pressures absolute. `len(log)` counts its tests, `log[label]` is one of them. `contradictions`
+    are the notices, the first of them, of what the log and the rig file say differently: one of the
+    two is wrong.
 
     >>> log.frame.columns[:3].tolist()
     ['test', 'time_s', 'motor_torque_nm']
@@ -126,6 +142,7 @@ class Log(Shown):
     notices: tuple[str, ...] = field(default=())
     rig: Rig | None = None
     contradictions: tuple[str, ...] = ()
+    excluded: tuple[Excluded, ...] = ()
 
     def __len__(self) -> int:
         return len(self.trials)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from typing import Any
 
 from sysid.io.logs import Log
 
@@ -11,19 +12,24 @@ from sysid.io.logs import Log
 class Source:
     """A log that a bundle was fitted on, or that its campaign has for another use.
 
-    `file` is its name alone, so that a bundle can be shared.
+    `file` is its name alone, so that a bundle can be shared; `excluded` is what was not read of it,
+    each as `sysid.io.exclusion.Exclusion.to_json`.
     """
 
     file: str
     sha256: str
     use: str
     kind: str
+    excluded: tuple[dict[str, Any], ...] = ()
 
     @classmethod
     def of(cls, log: Log, use: str, kind: str) -> Source:
         """A log as it was read."""
-        return cls(log.path.name, log.sha256, use, kind)
+        excluded = tuple(one.exclusion.to_json() for one in log.excluded)
+        return cls(log.path.name, log.sha256, use, kind, excluded)
 
-    def to_json(self) -> dict[str, str]:
+    def to_json(self) -> dict[str, Any]:
         """The log's entry in `provenance.logs`."""
-        return asdict(self)
+        entry = asdict(self)
+        excluded = list(entry.pop("excluded"))
+        return {**entry, "excluded": excluded} if excluded else entry

@@ -15,8 +15,8 @@ import json
 import os
 import stat
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
@@ -53,6 +53,8 @@ class LogTable:
     """The columns that were asked for, their file's SHA-256, and the place of each row.
 
     `comments` are the lines above the header, or what `write_table` put into Parquet's metadata.
+    `rows` (n,) are the file's rows that are in the frame (None: all); a file of another format has
+    its own `place_of` a row and columns that were `stamped`.
     """
 
     path: Path
@@ -62,16 +64,30 @@ class LogTable:
     body: bytes | None
     header_line: int = 0
     comments: tuple[str, ...] = ()
+    rows: NDArray[np.intp] | None = None
+    place_of: Callable[[int], str] | None = None
+    stamped: frozenset[str] = field(default=frozenset())
 
     def place(self, row: int) -> str:
         """`line 17` of a CSV file (row 0 is the first data row), `row 17` of Parquet."""
+        row = self._in_file(row)
+        if self.place_of is not None:
+            return self.place_of(row)
         if self.body is None:
             return f"row {row + 1}"
         return f"line {_data_lines(self.body)[row][0]}"
 
+    def _in_file(self, row: int) -> int:
+        return row if self.rows is None else int(self.rows[row])
+
+    def at_rows(self, kept: NDArray[np.intp]) -> LogTable:
+        """The table of these rows alone."""
+        rows = kept if self.rows is None else self.rows[kept]
+        return replace(self, frame=self.frame.iloc[kept].reset_index(drop=True), rows=rows)
+
     def is_stamped(self, column: str) -> bool:
         """Whether a column holds time stamps or durations, as Parquet has them."""
-        return bool(self.frame[column].dtype.kind in "mM")
+        return column in self.stamped or bool(self.frame[column].dtype.kind in "mM")
 
     def empty(self, column: str) -> NDArray[np.bool_]:
         """Which cells (n,) of a column hold nothing."""
@@ -86,7 +102,7 @@ class LogTable:
         import pandas as pd
 
         values = self.frame[column]
-        if self.is_stamped(column):
+        if values.dtype.kind in "mM":
             spans = values if values.dtype.kind == "m" else values - values.iloc[0]
             values = spans.dt.total_seconds()
         if values.dtype.kind not in "fiub":
@@ -126,12 +142,15 @@ class LogTable:
     def _not_finite(self, column: str, row: int, array: NDArray[np.float64] | None) -> Exception:
         where = f"{self.path}, {self.place(row)}"
         if self.body is not None:
-            fields = len(next(csv.reader([_data_lines(self.body)[row][1]])))
-            if fields < len(self.header):
-                last = row == len(self.frame) - 1
+            lines = _data_lines(self.body)
+            fields = len(next(csv.reader([lines[self._in_file(row)][1]])))
+            # The first row is as long as the header: it was checked.
+            whole = len(next(csv.reader([lines[0][1]])))
+            if fields < whole:
+                last = self._in_file(row) == len(lines) - 1
                 return input_error(
                     where,
-                    f"the row ends early: {fields} of {len(self.header)} fields",
+                    f"the row ends early: {fields} of {whole} fields",
                     "delete this last line: the recording was cut off there"
                     if last
                     else "complete the row or delete it",

@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 
     from sysid.model.simulator import Inputs, ValveCommand
 
+# Rows and time (s) from which the velocity within a test is taken, the more of both.
+_FIRST_ROWS, _FIRST_S = 8, 0.02
+
 DISCRETE = "discrete"
 """The valve model that is the discrete law; the others are kinds of PWM surface."""
 
@@ -34,8 +37,10 @@ def inputs_from_trial(
 
     A command that the test does not hold is off or zero; a position that it does not hold
     starts at 0, a pressure at the atmosphere; the run starts at rest. `starts_on`: whether
-    valves A and B were on before the first row. Raises InputError for fewer than two rows,
-    no command at all, commands out of range, or values that are missing.
+    valves A and B were on before the first row. A test whose start is excluded starts at the
+    velocity that its first samples show, with the on/off commands that it has there. Raises
+    InputError for fewer than two rows, no command at all, commands out of range, or values that are
+    missing.
     """
     from sysid.model.simulator import Inputs
 
@@ -56,7 +61,20 @@ def inputs_from_trial(
         position=_first(trial, rig.position_channel) or 0.0,
         pressure_a=_first(trial, "pressure_a_pa"),
         pressure_b=_first(trial, "pressure_b_pa"),
+        velocity=_first_velocity(trial, rig),
+        elapsed=trial.begun_s,
     )
+
+
+def _first_velocity(trial: Trial, rig: Rig) -> float:
+    """0 at a test's start, where it is at rest; else that of its first samples."""
+    name = rig.position_channel
+    if trial.has_its_start or name not in trial:
+        return 0.0
+    rows = max(_FIRST_ROWS, math.ceil(_FIRST_S / trial.period))
+    since = trial.time[:rows] - trial.time[0]
+    line = np.polynomial.Polynomial.fit(since, trial[name][:rows], min(2, len(since) - 1))
+    return float(line.deriv()(0.0))
 
 
 def simulate_trials(
@@ -97,7 +115,7 @@ def starts_on_supply(trial: Trial, rig: Rig) -> tuple[bool, bool]:
 
     Under PWM with the piston held, nearer to the supply; a motion starts with its valves off.
     """
-    if not is_held(trial, rig):
+    if not (is_held(trial, rig) and trial.has_its_start):
         return False, False
     air = rig.require("air", "which the valves' flow needs")
     middle = 0.5 * (air.atmospheric_pressure_pa + air.supply_pressure_pa)
@@ -175,6 +193,8 @@ def _valve_command(trial: Trial, side: str, starts_on: bool) -> ValveCommand | N
             f"{used[0]} = {values[at]:g} at {trial.time[at]:g} s",
             "a duty lies in 0 to 1" if is_duty else "a valve is 0 or 1",
         )
+    if not (trial.has_its_start or is_duty):
+        starts_on = bool(values[0])  # it was switched before the first row
     return ValveCommand(values, is_duty, starts_on)
 
 

@@ -210,7 +210,7 @@ def _present(runs: Sequence[Run], number: int, test: MotionTest) -> list[_Piece]
     for i, run in enumerate(runs):
         if run.test != number:
             continue
-        start = int(np.argmin(np.abs(test.time - test.time[0] - run.inputs.elapsed)))
+        start = int(np.argmin(np.abs(test.since_start - run.inputs.elapsed)))
         same = [s for s in (*test.segments, test.whole) if s.start == start]
         segment = dataclasses.replace(same[0], stop=start + len(run.inputs.time))
         found.append(_Piece(number, segment, (i,)))

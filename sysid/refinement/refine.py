@@ -327,7 +327,14 @@ def _effort(
     for tests that cannot be brought onto even time."""
     position, effort = rig.position_channel, rig.effort_channel
     trials = [
-        Trial(t.label, t.time, {position: t.measured[0], effort: t.motor}, t.source) for t in tests
+        Trial(
+            t.label,
+            t.time,
+            {position: t.measured[0], effort: t.motor},
+            t.source,
+            begun_s=t.begun_s,
+        )
+        for t in tests
     ]
     try:
         return {effort: (effort_rmse(trials, rig, before), effort_rmse(trials, rig, after))}

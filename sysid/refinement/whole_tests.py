@@ -23,7 +23,7 @@ def whole_residuals(tests: Sequence[MotionTest], model: Model, position: str) ->
     Position in rad or m, pressures in Pa. Raises SimulationError where one does not stay finite.
     """
     runs = simulate_segments([(t, t.whole) for t in tests], model, (), position)
-    return [(t.measured - r)[:, : t.counted(t.whole)] for t, r in zip(tests, runs, strict=True)]
+    return [t.residual_of(t.whole, run) for t, run in zip(tests, runs, strict=True)]
 
 
 def rmse(residuals: Sequence[FloatArray]) -> FloatArray:

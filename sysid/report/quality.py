@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -30,6 +30,10 @@ def quality_section(campaign: Campaign, checks: Sequence[LogCheck]) -> Section:
     by_path = {Path(check.file).resolve(): check for check in checks}
     pairs = [(entry, by_path.get(entry.path.resolve())) for entry in campaign.logs]
     blocks: list[Block] = [_logs_table(pairs)]
+    excluded = list(_excluded(pairs))
+    if excluded:
+        columns = ("Log", "Test", "Span", "Reason", "Rows")
+        blocks.append(table("Excluded: used for nothing", columns, excluded, text=(1, 2, 3)))
     known = [(e, c) for e, c in pairs if c is not None]
     if known:
         blocks.append(Fold("Channels: range, resolution and noise", (_channels_table(known),)))
@@ -48,6 +52,18 @@ def quality_section(campaign: Campaign, checks: Sequence[LogCheck]) -> Section:
         else f"{count}; none is held out, so that the errors below are those on the training data.",
     )
     return Section("data", "Data and their quality", intro, tuple(blocks))
+
+
+def _excluded(
+    pairs: Sequence[tuple[CampaignLog, LogCheck | None]],
+) -> Iterator[tuple[str, ...]]:
+    """A row of each test or span that is not read, with the reason that was given."""
+    for entry, check in pairs:
+        rows = [None] * len(entry.exclude) if check is None else [e.rows for e in check.excluded]
+        for one, count in zip(entry.exclude, rows, strict=False):
+            shown = MISSING if count is None else str(count)
+            span = one.span or "whole"
+            yield entry.file, one.test or MISSING, span, one.why or MISSING, shown
 
 
 def _logs_table(pairs: Sequence[tuple[CampaignLog, LogCheck | None]]) -> HtmlTable:

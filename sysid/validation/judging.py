@@ -38,10 +38,11 @@ def judged(
     """
     names = (rig.position_channel, *CHAMBER_PRESSURES)
     counted = test.counted(test.whole)
-    inputs = _named_inputs(test, rig)
+    rows = slice(test.whole.start, test.whole.stop)
+    inputs = _named_inputs(test, rig, rows)
     channels, growth, logged = {}, {}, []
     for i, name in enumerate(names):
-        measured = test.measured[i]
+        measured = test.measured[i, rows]
         if np.isnan(measured).any():
             continue
         logged.append(i)
@@ -64,8 +65,8 @@ def judged(
         use=entry.use,
         test=test.label,
         model=model,
-        time=test.time - test.time[0],
-        measured={names[i]: test.measured[i] for i in logged},
+        time=test.since_start[rows],
+        measured={names[i]: test.measured[i, rows] for i in logged},
         simulated={names[i]: whole[i] for i in logged},
         counted=counted,
         channels=channels,
@@ -81,12 +82,13 @@ def _finite_state(test: MotionTest, rig: Rig) -> FloatArray:
     return np.nan_to_num(test.whole.state.values, nan=atmosphere)
 
 
-def _named_inputs(test: MotionTest, rig: Rig) -> dict[str, FloatArray]:
+def _named_inputs(test: MotionTest, rig: Rig, rows: slice) -> dict[str, FloatArray]:
+    """The commands in these rows, by name."""
     prefix = "duty" if test.pulsed else "valve"
-    inputs = {rig.effort_channel: test.motor}
+    inputs = {rig.effort_channel: test.motor[rows]}
     for side, command in zip(SIDES, test.commands, strict=True):
         if command is not None:
-            inputs[f"{prefix}_{side}"] = command
+            inputs[f"{prefix}_{side}"] = command[rows]
     return inputs
 
 

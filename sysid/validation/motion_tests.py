@@ -75,7 +75,9 @@ class MotionTest:
     `time` (n,) s; `motor` (n,) Nm or N; `commands` of valves A and B: (n,) duty if `pulsed`,
     else 0 or 1, None for a valve that stays off; `measured` (3, n) position and pressures,
     NaN where not logged; `near_stop` (n,): too near an end stop to count. `whole` starts at
-    the first row, `segments` within the test.
+    the first row, `segments` within the test. Of a test whose start is excluded `begun_s` is how
+    long after it the first row is (s); its `whole` starts as segments do, after what a start state
+    and a run-up need.
     """
 
     label: str
@@ -90,6 +92,12 @@ class MotionTest:
     whole: Segment
     segments: tuple[Segment, ...] = ()
     notices: tuple[str, ...] = ()
+    begun_s: float = 0.0
+
+    @property
+    def since_start(self) -> FloatArray:
+        """Time of each row (n,) since the test's start, s."""
+        return self.time - self.time[0] + self.begun_s
 
     @property
     def period(self) -> float:
@@ -100,6 +108,15 @@ class MotionTest:
         """How many rows of a segment count: those before the arm comes near an end stop."""
         near = np.flatnonzero(self.near_stop[segment.start : segment.stop])
         return int(near[0]) if near.size else segment.stop - segment.start
+
+    def measured_in(self, segment: Segment) -> FloatArray:
+        """(3, rows) position and pressures of a segment's rows that count."""
+        return self.measured[:, segment.start : segment.start + self.counted(segment)]
+
+    def residual_of(self, segment: Segment, run: FloatArray) -> FloatArray:
+        """(3, rows): measured less simulated (3, n), of the segment's rows that count."""
+        measured = self.measured_in(segment)
+        return measured - run[:, : measured.shape[1]]
 
 
 def prepare(
@@ -127,7 +144,9 @@ def prepare(
     motor = np.asarray(trial.channels.get(rig.effort_channel, np.zeros(len(trial))), dtype=float)
     tolerance = 2.0 * noise.still
     start = state_at_rest(trial.time, measured, noise, edges)
-    if rig.is_motor_alone:
+    if not trial.has_its_start:
+        pass  # its whole starts within it
+    elif rig.is_motor_alone:
         moved = moves_at_start(trial.time, motor, measured, tolerance, rig, inertia)
         if moved is not None:
             start = _state_in_motion(trial.time, measured, noise, edges)
@@ -145,7 +164,10 @@ def prepare(
         near_stop=near_end_stop(measured[0], rig),
         noise=noise,
         whole=Segment(0, len(trial), start),
+        begun_s=trial.begun_s,
     )
+    if not trial.has_its_start:
+        test = replace(test, whole=_whole_of_part(test, edges, rig, stride))
     if test.near_stop.any():
         notices.append(_stop_notice(test))
     segments = _segments(test, edges, horizon, rig, stride)
@@ -181,6 +203,40 @@ def _state_in_motion(
     """State at a test's first row from its first samples: a motor alone hides no other state."""
     near = slice(0, half_window(float(time[1] - time[0]), None) + 1)
     return state_within(float(time[0]), time[near], measured[:, near], noise, edges, None)
+
+
+def _whole_of_part(
+    test: MotionTest, edges: tuple[ValveEdges, ValveEdges], rig: Rig, stride: int | None
+) -> Segment:
+    """Where a simulation of a part of a test starts, of whose start nothing is known.
+
+    From a state that its samples show, once edges that were under way have taken effect, and after
+    a run-up. Raises InputError where the part is too short, or a pressure is not logged.
+    """
+    if np.isnan(test.measured[: 1 if rig.is_motor_alone else None]).any():
+        raise input_error(
+            test.source,
+            "starts after excluded rows, and a chamber's pressure there is not logged",
+            "log both pressures, or exclude the test as a whole",
+        )
+    delays = (rig.valves.on_delay_s, rig.valves.off_delay_s) if rig.valves else (0.0,)
+    half = half_window(test.period, stride)
+    first = half + math.ceil(max(delays) / test.period)
+    run_up = round(_RUN_UP_S / test.period)
+    allowed = _allowed_starts(test, rig)
+    allowed = allowed[(allowed >= first) & (allowed < len(test.time) - half)]
+    last = first + run_up + round(_SLACK * run_up)
+    near = allowed[(allowed >= first + run_up) & (allowed <= last)]
+    row = _best_start(test, edges, near, half * test.period)
+    if row is None or len(test.time) - row < MIN_ROWS:
+        raise input_error(
+            test.source,
+            f"is what excluded rows leave of a test, too short to be simulated ({len(test.time)} "
+            f"rows; its first {_RUN_UP_S:g} s show only how it starts)",
+            "exclude less of it, or the test as a whole",
+        )
+    whole = _segment(test, edges, slice(row, len(test.time)), stride)
+    return replace(whole, run_up=_run_up(test, edges, row, allowed, stride))
 
 
 def _stop_notice(test: MotionTest) -> str:
@@ -264,7 +320,7 @@ def _segments(
     half = half_window(test.period, stride)
     allowed = _allowed_starts(test, rig)
     segments = []
-    for first in range(half, n - rows + 1, rows):
+    for first in range(max(half, test.whole.start), n - rows + 1, rows):
         last = min(first + round(_SLACK * rows), n - rows, n - half - 1)
         near = allowed[(allowed >= first) & (allowed <= last)]
         start = _best_start(test, edges, near, half * test.period)
@@ -298,7 +354,7 @@ def _run_up(
     half = half_window(test.period, stride)
     first = start - round(_RUN_UP_S / test.period)
     if first < half:
-        return replace(test.whole, stop=start + 1)
+        return replace(test.whole, stop=start + 1) if test.begun_s == 0.0 else None
     near = allowed[(allowed >= max(first - half, half)) & (allowed <= first)]
     row = _best_start(test, edges, near[::-1], half * test.period)
     return None if row is None else _segment(test, edges, slice(row, start + 1), stride)

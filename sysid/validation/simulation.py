@@ -85,7 +85,7 @@ def inputs_of(test: MotionTest, segment: Segment) -> Inputs:
         velocity=float(velocity),
         pressure_a=known[0],
         pressure_b=known[1],
-        elapsed=float(test.time[segment.start] - test.time[0]),
+        elapsed=float(test.since_start[segment.start]),
     )
 
 

@@ -45,13 +45,18 @@ def read_rig(path: str | Path) -> Rig:
 
 
 def read_log(
-    path: str | Path, rig: Rig | str | Path | None = None, *, maps: Sequence[str] = ()
+    path: str | Path,
+    rig: Rig | str | Path | None = None,
+    *,
+    maps: Sequence[str] = (),
+    exclude: Sequence[str] = (),
 ) -> Log:
     """Read and check a log (CSV or Parquet) and convert it to SI, absolute pressures.
 
     The rig is an object or its file; None: `rig.toml` in the log's folder or the nearest one
     above it. `maps` translates foreign columns, as `--map` does: "pressure_a_pa=P1:kPa(g)".
-    Raises InputError, one line that names the row or column.
+    `exclude` names what is not read, as `--exclude` does: a test ("7"), or a span of one in s since
+    its first row ("12@3:4.5"). Raises InputError, one line that names the row or column.
 
     >>> log = si.read_log("run.csv", campaign.rig)
     >>> log.frame.shape[0] == sum(len(trial) for trial in log.trials)
@@ -59,7 +64,9 @@ def read_log(
     """
     if not isinstance(rig, Rig):
         rig = read_rig(rigs.require_rig_file(Path(path)) if rig is None else rig)
-    return logs.read_log(Path(path), rig, parse_map(maps))
+    mapping = parse_map(maps)
+    (excluded,) = logs.exclusions_for(exclude, [Path(path)], mapping)
+    return logs.read_log(Path(path), rig, mapping, exclude=excluded)
 
 
 def read_bundle(path: str | Path) -> Bundle:

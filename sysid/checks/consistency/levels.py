@@ -34,7 +34,9 @@ def rest_pressures(trials: Sequence[Trial], pressure: str) -> list[float]:
 
 
 def _off_at_start(trial: Trial) -> bool:
-    return not any(np.any(trial[n][:_START_ROWS] != 0.0) for n in VALVE_COMMANDS if n in trial)
+    return trial.has_its_start and not any(
+        np.any(trial[n][:_START_ROWS] != 0.0) for n in VALVE_COMMANDS if n in trial
+    )
 
 
 def filled_pressures(trials: Sequence[Trial], valve: str) -> list[float]:

@@ -46,13 +46,12 @@ class HeldOut:
         """
         squares, count = np.zeros(3), np.zeros(3)
         for test, run in zip(self.tests, self.simulated(model), strict=True):
-            n = test.counted(test.whole)
-            gap = (test.measured - run)[:, :n]
-            logged = np.isfinite(test.measured[:, :n]).all(axis=1)
+            gap = test.residual_of(test.whole, run)
+            logged = np.isfinite(test.measured_in(test.whole)).all(axis=1)
             # A simulation that diverges has an infinite error, not an unknown one.
             off = np.nan_to_num(gap[logged], nan=np.inf)
             squares[logged] += np.sum(off**2, axis=1)
-            count[logged] += n
+            count[logged] += gap.shape[1]
         with np.errstate(invalid="ignore"):
             return np.asarray(np.sqrt(squares / count))
 

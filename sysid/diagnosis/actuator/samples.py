@@ -259,7 +259,7 @@ def _channels(trial: Trial, rig: Rig, inputs: Inputs) -> dict[str, FloatArray]:
                 "fill the gap, or take the test out of the campaign",
             )
     found["motor"] = signals.held_about_rows(inputs.motor)
-    found["time"] = trial.time - trial.time[0]
+    found["time"] = trial.since_start
     return found
 
 

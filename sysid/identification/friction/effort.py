@@ -91,7 +91,8 @@ class EvenTrial:
     the third resists. `limit` is the largest |position| at a sufficient distance from an end stop
     (infinite where the rig declares no stroke). `stride`: samples whose errors are shared. `lost`:
     samples in pauses of the recording, of which nothing is known. `speed_noise`: of the measured
-    speed whose integral the position is; None where the position was measured.
+    speed whose integral the position is; None where the position was measured. `has_its_start`:
+    whether the test's first row is its own, or it follows what is excluded.
     """
 
     label: str
@@ -110,6 +111,7 @@ class EvenTrial:
     has_motor: bool = True
     stride: int = 1
     speed_noise: signals.NoiseFloor | None = None
+    has_its_start: bool = True
 
     def __len__(self) -> int:
         return len(self.time)
@@ -285,6 +287,7 @@ def even_trial(trial: Trial, rig: Rig, notices: list[str]) -> EvenTrial:
         lost=signals.in_pauses(trial.time, grid),
         stride=trial.stride_of(rig.position_channel),
         speed_noise=_speed_noise(trial, rig),
+        has_its_start=trial.has_its_start,
         has_motor=has_motor,
         valves_on=any(name in trial and np.any(trial[name]) for name in VALVE_COMMANDS),
         valves_move=any(name in trial and np.ptp(trial[name]) > 0.0 for name in VALVE_COMMANDS),
@@ -345,7 +348,7 @@ def classify_trial(trial: Trial, rig: Rig) -> str:
 
     Static: the motor's effort grows from zero, without falling back, for most of the test.
     Sliding: it is constant to within 1 % for at least half of the test. A test in which a
-    valve moves, and any other test, is motion.
+    valve moves, and any other test, is motion. Of a ramp whose start is excluded the rest is one.
     """
     try:
         even = even_trial(trial, rig, [])
@@ -359,18 +362,18 @@ def classify(trial: EvenTrial) -> str:
     drive = trial.motor
     if trial.valves_move or len(trial) < MIN_SAMPLES or not np.any(drive):
         return MOTION
-    if _is_ramp(drive):
+    if _is_ramp(drive, trial.has_its_start):
         return STATIC
     start, stop = constant_run(drive)
     return SLIDING if stop - start >= 0.5 * len(drive) and drive[start] != 0.0 else MOTION
 
 
-def _is_ramp(drive: FloatArray) -> bool:
+def _is_ramp(drive: FloatArray, from_zero: bool) -> bool:
     size = np.abs(drive)
     top = int(np.argmax(size))
     still = int(np.argmax(size > 0.02 * size[top]))
     rise = drive[still : top + 1]
-    if len(rise) < 0.5 * len(drive) or size[0] > 0.1 * size[top]:
+    if len(rise) < 0.5 * len(drive) or (from_zero and size[0] > 0.1 * size[top]):
         return False
     way = float(np.sum(np.abs(np.diff(rise))))
     straight = np.corrcoef(np.arange(len(rise)), rise)[0, 1] if len(rise) > 2 else 0.0

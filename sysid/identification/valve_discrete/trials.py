@@ -180,12 +180,13 @@ def _cut(trial: Trial, whole: Piece, valve: str, air: Air, keep_rise: bool) -> S
     notices: list[str] = []
     reasons: list[tuple[str, str]] = []
     time = whole.chamber.time
-    bad = np.zeros(len(time), dtype=bool)
+    # Which edges an excluded start left under way is unknown.
+    bad = ~np.array(trial.has_its_start) & (time < time[0] + _EDGE_GUARD_S)
     clipped, lines = _clipped(whole)
     if lines:
         bad |= clipped
         notices += [f"{trial.source}: pressure_{valve}_pa {line}" for line in lines]
-    if len(whole.chamber.opens) and whole.chamber.opens[0] <= time[0]:
+    if len(whole.chamber.opens) and whole.chamber.opens[0] <= time[0] and trial.has_its_start:
         notices.append(
             f"{trial.source}: valve {valve.upper()} is on in the first row; log some rows before "
             "it is switched on"

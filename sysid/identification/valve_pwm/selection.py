@@ -129,6 +129,8 @@ def _unusable(
     trial: Trial, duty: FloatArray, volume: FloatArray, rig: Rig, valve: str
 ) -> str | None:
     """Why the trial is not a constant-duty test with the piston held; None where it is one."""
+    if not trial.has_its_start:
+        return "its start is excluded, which shows whether it fills or discharges, and from where"
     if float(np.ptp(duty)) > _DUTY_TOLERANCE:
         return f"duty_{valve} is not constant, but a sample has only one duty"
     if float(np.ptp(volume)) > HELD_SHARE_OF_VOLUME * float(volume.mean()):
