@@ -193,10 +193,11 @@ class Campaign:
         """
         if not texts:
             return self
+        units = None if self.own is None else {"test": None, "time_s": "s", **self.own.columns}
         named = [
             (
                 (self.name_of(e.path), e.file, e.path.name),
-                test_labels(e.path, e.mapping, e.shared),
+                test_labels(e.path, e.mapping, e.shared, units),
             )
             for e in self.logs
         ]

@@ -17,6 +17,7 @@ from sysid.errors import InputError, input_error, one_line, shortened
 from sysid.io import plausibility
 from sysid.io.channels import CHAMBER_PRESSURES, PRESSURES, VALVE_COMMANDS
 from sysid.io.exclusion import Excluded, Exclusion, KeptRows, labels_in, shared_out, without
+from sysid.io.foreign_log import foreign_log, in_log_format, is_in_log_format
 from sysid.io.measured_speed import (
     are_readings,
     check_motion,
@@ -118,7 +119,12 @@ def read_log(
 def log_table(
     path: Path, maps: Mapping[str, ColumnMap], names: Collection[str] = tuple(CANONICAL_UNITS)
 ) -> LogTable:
-    """The columns of a log file that a map names, or have one of `names`. Raises InputError."""
+    """The columns of a log file that a map names, or have one of `names`. Raises InputError.
+
+    With maps it may be any file that `sysid convert` reads (`sysid.io.foreign_log`).
+    """
+    if maps and not is_in_log_format(path, maps, names):
+        return foreign_log(path, maps)
     wanted = set(names) | {m.column for m in maps.values()}
     text = {"test"} | ({maps["test"].column} if "test" in maps else set())
     return read_table(path, wanted, text)
@@ -128,11 +134,18 @@ def test_labels(
     path: Path,
     mapping: Mapping[str, ColumnMap],
     shared: Mapping[str, ColumnMap] | None = None,
+    units: Mapping[str, str | None] | None = None,
 ) -> list[str]:
-    """The labels of a log's tests; one empty label without a column of them. Raises InputError."""
-    maps = {t: m for t, m in {**(shared or {}), **mapping}.items() if t == "test"}
-    table = log_table(path, maps, ("test",))
-    if maps and "test" not in mapping and not has_column(table.header, maps["test"]):
+    """The labels of a log's tests; one empty label without a column of them. Raises InputError.
+
+    `units`: of the columns that it may have (None: the log format's).
+    """
+    known = CANONICAL_UNITS if units is None else units
+    maps = {**(shared or {}), **mapping}
+    table = log_table(path, maps, tuple(known))
+    maps = {t: m for t, m in maps.items() if t in mapping or has_column(table.header, m)}
+    if table.foreign is not None:
+        table, _ = in_log_format(table, maps, 0.0, known)
         maps = {}
     return labels_in(table, maps)[1]
 
@@ -164,12 +177,18 @@ def log_of(
             reading.notices.append(
                 f"{path}: has no column {column!r}, which the campaign maps to {target}"
             )
+    mapped = maps
+    if table.foreign is not None:
+        table, said = in_log_format(table, maps, rig.atmosphere_pa, CANONICAL_UNITS)
+        reading.table, maps = table, {}
+        reading.notices += said
     timeless = "time_s" not in maps and "time_s" not in table.header
     are_points = timeless and _shows_readings(table, maps, rig)
     if timeless and not (readings and are_points):
         raise missing_time(table, are_readings=are_points)
     reading.leave_out(without(table, maps, exclude, rig))
     _take_columns(reading, maps)
+    reading.origin |= {t: m.column for t, m in mapped.items() if t in reading.columns}
     if timeless:
         reading.columns["time_s"] = np.arange(len(reading.table.frame), dtype=np.float64)
         reading.notices.append(
@@ -218,7 +237,7 @@ def _take_columns(reading: LogReading, maps: Mapping[str, ColumnMap]) -> None:
     for name in table.header:
         if name in known and name not in maps and name not in used and name != "test":
             _take(reading, name, maps)
-    ambient = reading.rig.air.atmospheric_pressure_pa if reading.rig.air else None
+    ambient = reading.rig.atmosphere_pa
     for target, entry in maps.items():
         if target != "test":
             column = sources[target]

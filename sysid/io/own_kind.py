@@ -11,10 +11,17 @@ import numpy as np
 
 from sysid.errors import input_error
 from sysid.io.exclusion import Exclusion, without
-from sysid.io.logs import LogReading, check_time_column, groups_of, log_from, missing_time
+from sysid.io.foreign_log import in_log_format
+from sysid.io.logs import (
+    LogReading,
+    check_time_column,
+    groups_of,
+    log_from,
+    log_table,
+    missing_time,
+)
 from sysid.io.rig import Rig
 from sysid.io.samples import Log
-from sysid.io.tables import read_table
 from sysid.io.units import LARGEST, TEST_COLUMN, ColumnMap, find_column, has_column, to_si
 from sysid.types import FloatArray
 
@@ -53,12 +60,15 @@ def read_own_log(
     """
     units = {"time_s": "s", **own.columns}
     maps = {t: m for t, m in {**(shared or {}), **(mapping or {})}.items() if t in (*units, "test")}
-    text = {"test", *(m.column for t, m in maps.items() if t == "test")}
-    table = read_table(path, {"test", *units, *(m.column for m in maps.values())}, text)
+    table = log_table(path, maps, ("test", *units))
     for target in set(shared or {}) - set(mapping or {}):
         if target in maps and not has_column(table.header, maps[target]):
             del maps[target]
     reading = LogReading(table, rig, maps=maps)
+    if table.foreign is not None:
+        known = {"test": None, **units}
+        table, reading.notices = in_log_format(table, maps, rig.atmosphere_pa, known, own.held)
+        reading.table, maps = table, {}
     if "time_s" not in maps and "time_s" not in table.header:
         raise missing_time(table)
     reading.leave_out(without(table, maps, exclude, rig))
@@ -67,9 +77,8 @@ def read_own_log(
         if name in maps:
             column = table.header[find_column(table.header, maps[name], str(path))]
             stamped = table.is_stamped(column)
-            atmosphere = rig.air.atmospheric_pressure_pa if rig.air else None
             readings = table.numbers(column)
-            values = to_si(readings, maps[name], atmosphere, stamped=stamped)
+            values = to_si(readings, maps[name], rig.atmosphere_pa, stamped=stamped)
             reading.notices += maps[name].notices(readings, str(path), table.place)
         elif name in table.header:
             column, values = name, table.numbers(name)

@@ -188,6 +188,11 @@ class Rig:
         block = (i.block_mass_kg or 0.0) * radius**2
         return i.arm_mass_kg * i.arm_length_m**2 / 3.0 + block + payload
 
+    @property
+    def atmosphere_pa(self) -> float | None:
+        """The atmosphere's pressure, Pa; None where the file does not give it."""
+        return None if self.air is None else self.air.atmospheric_pressure_pa
+
     def payload_inertia(self) -> float:
         """What the payload adds to the inertia (thesis 3.3.5), kg m2 or, its mass, kg."""
         if self.inertia is None:

@@ -16,7 +16,7 @@ import os
 import stat
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
@@ -39,6 +39,8 @@ from sysid.io.parquet_columns import ParquetColumns
 if TYPE_CHECKING:
     import pandas as pd
 
+    from sysid.io.foreign import ForeignTable
+
 PARQUET_SUFFIXES = (".parquet", ".pq")
 _NOTED = b"sysid.comments"
 # Comments stand at the head of a file.
@@ -53,8 +55,9 @@ class LogTable:
     """The columns that were asked for, their file's SHA-256, and the place of each row.
 
     `comments` are the lines above the header, or what `write_table` put into Parquet's metadata.
-    `rows` (n,) are the file's rows that are in the frame (None: all); a file of another format has
-    its own `place_of` a row and columns that were `stamped`.
+    `rows` (n,) are the file's rows that are in the frame (None: all). A file of another format has
+    its own `place_of` a row; until it is brought into the log format (`sysid.io.foreign_log`) it is
+    `foreign`, and the frame empty.
     """
 
     path: Path
@@ -66,7 +69,7 @@ class LogTable:
     comments: tuple[str, ...] = ()
     rows: NDArray[np.intp] | None = None
     place_of: Callable[[int], str] | None = None
-    stamped: frozenset[str] = field(default=frozenset())
+    foreign: ForeignTable | None = None
 
     def place(self, row: int) -> str:
         """`line 17` of a CSV file (row 0 is the first data row), `row 17` of Parquet."""
@@ -87,7 +90,7 @@ class LogTable:
 
     def is_stamped(self, column: str) -> bool:
         """Whether a column holds time stamps or durations, as Parquet has them."""
-        return column in self.stamped or bool(self.frame[column].dtype.kind in "mM")
+        return bool(self.frame[column].dtype.kind in "mM")
 
     def empty(self, column: str) -> NDArray[np.bool_]:
         """Which cells (n,) of a column hold nothing."""
@@ -102,7 +105,7 @@ class LogTable:
         import pandas as pd
 
         values = self.frame[column]
-        if values.dtype.kind in "mM":
+        if self.is_stamped(column):
             spans = values if values.dtype.kind == "m" else values - values.iloc[0]
             values = spans.dt.total_seconds()
         if values.dtype.kind not in "fiub":

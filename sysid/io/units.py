@@ -415,7 +415,7 @@ def check_size(
     found = float(np.max(np.abs(values), initial=0.0))
     if found <= largest:
         return values
-    unit = units[target] or ""
+    unit = units.get(target) or ""
     raise input_error(
         where,
         f"{target} reaches {found:.3g} {unit.replace('*', '')}, beyond anything measured "
