@@ -97,8 +97,8 @@ def campaign_file() -> str:
             _HEAD + "\n".join([*_rows(CampaignFile), table.format(shared)]) + "\n",
             "## `[[log]]`, one per log\n",
             _HEAD + "\n".join([*_rows(LogEntry), table.format(own), excluded]) + "\n",
-            "[A test went wrong](../how-to/test-went-wrong.md) shows what `exclude` does. The kinds "
-            "are described under [log format](log-format.md).\n",
+            "[A test went wrong](../how-to/test-went-wrong.md) shows what `exclude` does. The "
+            "kinds are described under [log format](log-format.md).\n",
         ]
     )
 

@@ -25,7 +25,8 @@ class ExcludedRecord(Part):
 class LogRecord(Part):
     """A log of the bundle's campaign: the name of its file alone, SHA-256, use and kind.
 
-    `excluded`: what was not read of it.
+    `excluded`: what was not read of it; `payload_mass_kg`: what it carried, where that is not the
+    rig file's payload.
     """
 
     file: str
@@ -33,6 +34,7 @@ class LogRecord(Part):
     use: Literal["fit", "holdout"]
     kind: Absent[str] = None
     excluded: Absent[list[ExcludedRecord]] = None
+    payload_mass_kg: Absent[float] = None
 
     @property
     def family(self) -> str:

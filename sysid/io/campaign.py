@@ -13,12 +13,12 @@ from typing import Annotated, Any, Literal, get_args
 from pydantic import Field
 
 from sysid.errors import InputError, input_error
-from sysid.io.declaration import ChoiceKey, TextKey, TomlTable, declared_keys
+from sysid.io.declaration import ChoiceKey, NumberKey, TextKey, TomlTable, declared_keys, range_of
 from sysid.io.effort_timing import effort_is_read, readings_line, with_commands
 from sysid.io.exclusion import Exclusion, exclusions_of, shared_out
 from sysid.io.logs import Log, read_log, test_labels
 from sysid.io.own_kind import OwnKind, read_own_log
-from sysid.io.rig import Rig, read_rig, read_toml, reject_misspelt
+from sysid.io.rig import Inertia, Rig, read_rig, read_toml, reject_misspelt
 from sysid.io.samples import Trial
 from sysid.io.source import Source
 from sysid.io.tables import open_input, sha256_of
@@ -67,6 +67,8 @@ _COLUMN_SCHEMA = {
         },
     ]
 }
+_PAYLOAD = range_of(Inertia, "payload_mass_kg")
+
 # A table that says which column of a log holds which column of the log format.
 ColumnTable = Annotated[
     dict[str, str | dict[str, Any]],
@@ -106,6 +108,10 @@ class LogEntry(TomlTable):
         description="This log's own columns, each as \"column:unit\" or with a sensor's range; it "
         "must have them.",
     )
+    payload_mass_kg: Annotated[
+        float | None,
+        NumberKey("What was carried, in place of the rig file's payload.", _PAYLOAD),
+    ] = None
     exclude: list[str | ExcludedSpan] = Field(
         default_factory=list,
         description="What is used for nothing: labels of whole tests, or tables with a span of one "
@@ -131,7 +137,7 @@ class CampaignLog:
     """One `[[log]]` entry. `file` is as written, `path` its location.
 
     `mapping` is its own `map`, `shared` the campaign's, of columns that not every log has;
-    `exclude` is what is not read of it.
+    `exclude` is what is not read of it; `payload_kg` what it carried (None: the rig's payload).
     """
 
     kind: str
@@ -142,6 +148,7 @@ class CampaignLog:
     mapping: Mapping[str, ColumnMap]
     shared: Mapping[str, ColumnMap] = field(default_factory=dict)
     exclude: tuple[Exclusion, ...] = ()
+    payload_kg: float | None = None
 
 
 @dataclass(frozen=True)
@@ -182,7 +189,7 @@ class Campaign:
         """
         chosen = (e for e in self.logs if use in (None, e.use))
         return [
-            Source(e.path.name, _digest(e.path), e.use, e.kind, _as_given(e.exclude))
+            Source(e.path.name, _digest(e.path), e.use, e.kind, _as_given(e.exclude), e.payload_kg)
             for e in chosen
         ]
 
@@ -242,7 +249,7 @@ class Campaign:
         return replace(log, trials=trials, notices=(*log.notices, line))
 
     def _as_recorded(self, entry: CampaignLog) -> Log:
-        return read_log(
+        log = read_log(
             entry.path,
             self.rig,
             entry.mapping,
@@ -250,6 +257,10 @@ class Campaign:
             entry.exclude,
             readings=entry.kind == FRICTION_POINTS,
         )
+        if entry.payload_kg is None:
+            return log
+        carried = (replace(trial, payload_kg=entry.payload_kg) for trial in log.trials)
+        return replace(log, trials=tuple(carried))
 
     @cached_property
     def _effort_is_read(self) -> bool:
@@ -304,7 +315,10 @@ def read_campaign(path: Path, own: OwnKind | None = None) -> Campaign:
     _reject_used_twice(path, logs)
     name = content.get("name")
     shown = name if isinstance(name, str) else ""
-    return Campaign(path, read_rig(rig_path), logs, tuple(notices), own, shown)
+    rig = read_rig(rig_path)
+    for number, entry in enumerate(logs, start=1):
+        rig.carrying(entry.payload_kg, f"{path}, [[log]] entry {number} ({entry.file}),")
+    return Campaign(path, rig, logs, tuple(notices), own, shown)
 
 
 def _as_given(exclusions: Sequence[Exclusion]) -> tuple[dict[str, Any], ...]:
@@ -346,7 +360,16 @@ def _entry(
     own, common = (parse_map_table(m, str(path), units) for m in (maps, shared))
     entry = LogEntry.model_construct(file=file, map=maps, **chosen)
     excluded = exclusions_of(table.get("exclude", []), where, str(path))
-    return CampaignLog(entry.kind, file, log_path, entry.use, entry.valve, own, common, excluded)
+    payload = _payload(path, where, table.get("payload_mass_kg"))
+    return CampaignLog(
+        entry.kind, file, log_path, entry.use, entry.valve, own, common, excluded, payload
+    )
+
+
+def _payload(path: Path, where: str, value: Any) -> float | None:
+    key = declared_keys(LogEntry)["payload_mass_kg"]
+    given = f"{where}: payload_mass_kg"
+    return None if value is None else float(key.check(value, given, str(path)))
 
 
 def _choices(path: Path, where: str, table: dict[str, Any], own: OwnKind | None) -> dict[str, Any]:

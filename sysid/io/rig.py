@@ -30,6 +30,7 @@ from sysid.io.rig_sections import (
     Valves,
 )
 from sysid.io.tables import PARQUET_SUFFIXES
+from sysid.types import FloatArray
 
 GRAVITY_M_PER_S2 = 9.81
 RIG_FILE_NAME = "rig.toml"
@@ -41,6 +42,21 @@ BARE = "the reference rig"
 _NO_FILE = "the assumed rig"
 _NO_INERTIA = Inertia.model_construct()
 _NO_SENSORS = Sensors.model_construct()
+
+
+@dataclass(frozen=True)
+class Load:
+    """What a payload is more than its rig file's: kg m2 or kg, and Nm and N of gravity.
+
+    Of one test, or (n,) of the samples of several.
+    """
+
+    inertia: float | FloatArray = 0.0
+    gravity_moment: float | FloatArray = 0.0
+    weight: float | FloatArray = 0.0
+
+
+NO_LOAD = Load()
 
 
 @dataclass(frozen=True)
@@ -199,6 +215,41 @@ class Rig:
             return 0.0
         lever = 1.0 if self.is_linear else self.inertia.payload_length_m
         return self.inertia.payload_mass_kg * lever**2
+
+    def carrying(self, payload_kg: float | None, by: str = "a log") -> Rig:
+        """The rig with another payload, kg (None: its own); `by` names what declares it.
+
+        Raises InputError where the file does not say where the payload is.
+        """
+        own = 0.0 if self.inertia is None else self.inertia.payload_mass_kg
+        if payload_kg is None or payload_kg == own:
+            return self
+        if self.inertia is None:
+            raise input_error(
+                self.source,
+                f"section [inertia] is missing, but {by} carries a payload",
+                "add it, with what moves without the payload",
+            )
+        said = self.inertia.payload_length_m or "payload_length_m" in self.content.get(
+            "inertia", {}
+        )
+        if not (self.is_linear or said):
+            raise input_error(
+                self.source,
+                f"[inertia] payload_length_m is missing, but {by} carries a payload",
+                "add its distance from the shaft",
+            )
+        inertia = self.inertia.model_copy(update={"payload_mass_kg": payload_kg})
+        return dataclasses.replace(self, inertia=inertia)
+
+    def load_of(self, payload_kg: float | None) -> Load:
+        """What a payload, kg (None: the rig's own), is more than the rig's own."""
+        other = self.carrying(payload_kg)
+        if other is self:
+            return NO_LOAD
+        gravity = other.gravity_moment() - self.gravity_moment()
+        inertia = other.payload_inertia() - self.payload_inertia()
+        return Load(inertia, *((0.0, gravity) if self.is_linear else (gravity, 0.0)))
 
     def gravity_moment(self) -> float:
         """Amplitude of gravity's effort (thesis 3.3.8-3.3.10): Nm, or N on a linear rig.
@@ -426,11 +477,13 @@ def require_inertia(rig: Rig) -> float:
 __all__ = [
     "ASSUMED",
     "GRAVITY_M_PER_S2",
+    "NO_LOAD",
     "RIG_FILE_NAME",
     "Air",
     "Cylinder",
     "Inertia",
     "InputError",
+    "Load",
     "Motor",
     "Pwm",
     "Rig",

@@ -40,7 +40,7 @@ class Trial:
     log (`Log`). `place_known` is False where the position is the integral of a measured speed.
     `begun_s`: how long after the test's first row this part of it begins, what was before being
     excluded (`sysid.io.exclusion`); what begins with a test (rest, valves off) does not begin with
-    it.
+    it. `payload_kg`: what was carried, kg (None: what the rig file says).
     """
 
     label: str
@@ -55,6 +55,7 @@ class Trial:
     slow: Mapping[str, float] = field(default_factory=dict)
     place_known: bool = True
     begun_s: float = 0.0
+    payload_kg: float | None = None
 
     def __contains__(self, name: str) -> bool:
         return name in self.channels
@@ -73,7 +74,7 @@ class Trial:
     @property
     def since_start(self) -> FloatArray:
         """Time of each row (n,) since the test's first, excluded or not, s."""
-        return self.time - self.time[0] + self.begun_s
+        return np.asarray(self.time - self.time[0] + self.begun_s)
 
     @property
     def has_its_start(self) -> bool:

@@ -13,7 +13,8 @@ class Source:
     """A log that a bundle was fitted on, or that its campaign has for another use.
 
     `file` is its name alone, so that a bundle can be shared; `excluded` is what was not read of it,
-    each as `sysid.io.exclusion.Exclusion.to_json`.
+    each as `sysid.io.exclusion.Exclusion.to_json`; `payload_kg` what it carried in place of the
+    rig file's payload.
     """
 
     file: str
@@ -21,6 +22,7 @@ class Source:
     use: str
     kind: str
     excluded: tuple[dict[str, Any], ...] = ()
+    payload_kg: float | None = None
 
     @classmethod
     def of(cls, log: Log, use: str, kind: str) -> Source:
@@ -32,4 +34,9 @@ class Source:
         """The log's entry in `provenance.logs`."""
         entry = asdict(self)
         excluded = list(entry.pop("excluded"))
-        return {**entry, "excluded": excluded} if excluded else entry
+        payload = entry.pop("payload_kg")
+        return {
+            **entry,
+            **({"excluded": excluded} if excluded else {}),
+            **({} if payload is None else {"payload_mass_kg": payload}),
+        }

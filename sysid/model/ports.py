@@ -18,6 +18,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from sysid.io.channels import SIDES
+from sysid.io.rig import NO_LOAD, Load
 from sysid.model.base import Array, Parameters
 
 
@@ -246,10 +247,25 @@ class Model:
         left = (effect.settled() for effect in self.effects)
         return Model(self.parameters, tuple(effect for effect in left if effect is not None))
 
+    def carrying(self, load: Load) -> Model:
+        """The model with more of a payload than its own; itself without any."""
+        if load == NO_LOAD:
+            return self
+        return Model(with_load(self.parameters, load), self.effects)
+
     def at(self, time: Array) -> Parameters:
         """The parameters in force at a time."""
         parameters: Parameters = self.through("parameters", self.parameters, time)
         return parameters
+
+
+def with_load(parameters: Parameters, load: Load) -> Parameters:
+    """Parameters with more of a payload than their own; that of each sample, where it has (n,)."""
+    return parameters.replace(
+        inertia=parameters.inertia + load.inertia,
+        gravity_moment=parameters.gravity_moment + load.gravity_moment,
+        weight=parameters.weight + load.weight,
+    )
 
 
 Structure = tuple[tuple[type, tuple[tuple[str, Any], ...]], ...]

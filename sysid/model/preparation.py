@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from sysid.io.channels import SIDES
+from sysid.io.rig import NO_LOAD, Load
 from sysid.model import plant, valve_timing
 from sysid.model.ports import Model, overrides
 from sysid.model.pulse_means import pulse_means
@@ -49,6 +50,7 @@ class Inputs:
     row, as effects count time from the test's start, and a run may start within it. `remembered`:
     what the effects' states have there beyond those with which they begin, by name and in their
     units; 0 for one that is not given. `seen`: what its sensors saw before; None: the first row.
+    `load`: what is carried beyond the model's own payload.
     """
 
     time: FloatArray
@@ -62,6 +64,7 @@ class Inputs:
     elapsed: float = 0.0
     remembered: Mapping[str, float] = field(default_factory=dict)
     seen: History | None = None
+    load: Load = NO_LOAD
 
     def valve(self, side: str) -> ValveCommand | None:
         """Valve A's or B's command."""

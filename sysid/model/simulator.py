@@ -320,6 +320,11 @@ def _check_commands(inputs: Inputs) -> None:
         raise ValueError("motor and valve commands must be finite and have the length of time")
 
 
+def carrying(inputs: Sequence[Inputs], models: Sequence[Model]) -> list[Model]:
+    """Each run's model, with what it carries beyond the model's own payload."""
+    return [model.carrying(one.load) for one, model in zip(inputs, models, strict=True)]
+
+
 def cores() -> int:
     affinity = getattr(os, "sched_getaffinity", None)
     return len(affinity(0)) if affinity else os.cpu_count() or 1
@@ -352,6 +357,7 @@ def simulate(
     if not inputs:
         return []
     check_runs(inputs, models, bool(surfaces))
+    models = carrying(inputs, models)
     if not (surfaces or rows_alone) and models[0].has_remembering_sensor:
         return _simulated_between(inputs, models, max_step, nan_if_endless)
     found = _simulated(inputs, models, surfaces, max_step, nan_if_endless)
@@ -382,7 +388,7 @@ def remembered_after(
         )
         for one, run in zip(inputs, runs, strict=True)
     ]
-    begun = np.array(start_lanes(last, stack_models(list(models))).extra)
+    begun = np.array(start_lanes(last, stack_models(carrying(inputs, models))).extra)
     beyond = np.array([run.extra for run in runs]) - begun.T
     return [
         dict(zip(names, own.tolist(), strict=True)) if np.isfinite(own).all() else {}

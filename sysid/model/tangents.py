@@ -30,6 +30,7 @@ from sysid.model.simulator import (
     MOST_CALLS,
     STATE,
     at_first_row,
+    carrying,
     check_runs,
     cores,
     run_through,
@@ -86,6 +87,7 @@ def simulate_tangents(
 
     Raises as `simulate` does.
     """
+    models = carrying(inputs, models)
     pairs = list(zip(inputs, models, strict=True))
     check_runs(inputs, models, bool(surfaces))
     varied = tuple(directions)

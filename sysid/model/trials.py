@@ -63,6 +63,7 @@ def inputs_from_trial(
         pressure_b=_first(trial, "pressure_b_pa"),
         velocity=_first_velocity(trial, rig),
         elapsed=trial.begun_s,
+        load=rig.load_of(trial.payload_kg),
     )
 
 

@@ -333,6 +333,7 @@ def _effort(
             {position: t.measured[0], effort: t.motor},
             t.source,
             begun_s=t.begun_s,
+            payload_kg=t.payload_kg,
         )
         for t in tests
     ]

@@ -85,7 +85,7 @@ def _logs_table(pairs: Sequence[tuple[CampaignLog, LogCheck | None]]) -> HtmlTab
                 f"{check.rows:,}".replace(",", "\N{NARROW NO-BREAK SPACE}"),
                 number(check.duration_s),
                 number(1e3 * check.period_s),
-                _remarks(check),
+                _remarks(entry, check),
             )
         )
     columns = (
@@ -101,8 +101,10 @@ def _kinds(check: LogCheck) -> str:
     return ", ".join(f"{count} {kind}" for kind, count in check.kinds.items())
 
 
-def _remarks(check: LogCheck) -> str:
+def _remarks(entry: CampaignLog, check: LogCheck) -> str:
     found = []
+    if entry.payload_kg is not None:
+        found.append(f"payload {number(entry.payload_kg)} kg")
     if check.gaps:
         found.append(f"{check.gaps} gaps, the longest {duration(check.longest_gap_s)}")
     if check.jitter_s > 0.01 * check.period_s:

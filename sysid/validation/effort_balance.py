@@ -18,10 +18,10 @@ from sysid import signals
 from sysid.identification.friction.effort import EvenTrial, even_trial
 from sysid.identification.friction.motion_samples import default_cutoff, left_out
 from sysid.io.logs import Trial
-from sysid.io.rig import Rig
+from sysid.io.rig import NO_LOAD, Load, Rig
 from sysid.model import plant
 from sysid.model.base import bare_parameters
-from sysid.model.ports import Model, Point
+from sysid.model.ports import Model, Point, with_load
 from sysid.types import FloatArray, IntArray
 
 FASTEST_CUTOFF_HZ = 20.0
@@ -36,7 +36,7 @@ class ImposedMotion:
     """A test, or a stretch of one: where the shaft is at every sample, and the rows that count.
 
     `point`, `acceleration` (rad/s2 or m/s2) and `load` (the cylinder's effort, Nm or N) are the
-    whole test's, (n,); `period` in s.
+    whole test's, (n,); `period` in s. `carried`: beyond the rig file's payload.
     """
 
     label: str
@@ -46,6 +46,7 @@ class ImposedMotion:
     cutoff_hz: float
     rows: IntArray
     load: FloatArray
+    carried: Load = NO_LOAD
 
 
 def imposed_motion(trial: Trial, even: EvenTrial, rig: Rig) -> ImposedMotion:
@@ -59,7 +60,7 @@ def imposed_motion(trial: Trial, even: EvenTrial, rig: Rig) -> ImposedMotion:
     grid = even.time + trial.time[0]
     bare = bare_parameters(rig)
     point = Point(
-        time=even.time,
+        time=even.time + trial.begun_s,
         position=position,
         velocity=velocity,
         pressure_a=_channel(trial, "pressure_a_pa", grid, bare.atmosphere),
@@ -72,7 +73,14 @@ def imposed_motion(trial: Trial, even: EvenTrial, rig: Rig) -> ImposedMotion:
     )
     acceleration = signals.second_derivative(position, even.period)
     return ImposedMotion(
-        trial.title, point, acceleration, even.period, cutoff, rows[::thin], even.cylinder
+        trial.title,
+        point,
+        acceleration,
+        even.period,
+        cutoff,
+        rows[::thin],
+        even.cylinder,
+        rig.load_of(trial.payload_kg),
     )
 
 
@@ -81,7 +89,7 @@ def effort_gap(motion: ImposedMotion, model: Model) -> FloatArray:
 
     In the logged command's own units: otherwise a motor gain of 0 would explain everything.
     """
-    parameters = model.at(motion.point.time)
+    parameters = with_load(model.at(motion.point.time), motion.carried)
     point = dataclasses.replace(motion.point, parameters=parameters)
     driven = plant.applied_effort(point, model)
     resisted = plant.sliding_friction(point, model) + parameters.inertia * motion.acceleration

@@ -19,7 +19,7 @@ from sysid import signals
 from sysid.errors import input_error
 from sysid.io.channels import CHAMBER_PRESSURES, SIDES
 from sysid.io.logs import Trial
-from sysid.io.rig import Rig
+from sysid.io.rig import NO_LOAD, Load, Rig
 from sysid.io.trial_kind import rows_per_ripple
 from sysid.model import valve_timing
 from sysid.parallel import Failure, error_of, on_its_own
@@ -77,7 +77,7 @@ class MotionTest:
     NaN where not logged; `near_stop` (n,): too near an end stop to count. `whole` starts at
     the first row, `segments` within the test. Of a test whose start is excluded `begun_s` is how
     long after it the first row is (s); its `whole` starts as segments do, after what a start state
-    and a run-up need.
+    and a run-up need. `load`: what it carries beyond the rig file's payload.
     """
 
     label: str
@@ -93,11 +93,13 @@ class MotionTest:
     segments: tuple[Segment, ...] = ()
     notices: tuple[str, ...] = ()
     begun_s: float = 0.0
+    load: Load = NO_LOAD
+    payload_kg: float | None = None
 
     @property
     def since_start(self) -> FloatArray:
         """Time of each row (n,) since the test's start, s."""
-        return self.time - self.time[0] + self.begun_s
+        return np.asarray(self.time - self.time[0] + self.begun_s)
 
     @property
     def period(self) -> float:
@@ -144,15 +146,16 @@ def prepare(
     motor = np.asarray(trial.channels.get(rig.effort_channel, np.zeros(len(trial))), dtype=float)
     tolerance = 2.0 * noise.still
     start = state_at_rest(trial.time, measured, noise, edges)
+    carried = rig.carrying(trial.payload_kg)
     if not trial.has_its_start:
         pass  # its whole starts within it
     elif rig.is_motor_alone:
-        moved = moves_at_start(trial.time, motor, measured, tolerance, rig, inertia)
+        moved = moves_at_start(trial.time, motor, measured, tolerance, carried, inertia)
         if moved is not None:
             start = _state_in_motion(trial.time, measured, noise, edges)
             notices.append(_MOVING.format(trial.source, moved))
     else:
-        check_at_rest(trial.source, trial.time, motor, measured, tolerance, rig, inertia)
+        check_at_rest(trial.source, trial.time, motor, measured, tolerance, carried, inertia)
     test = MotionTest(
         label=trial.label,
         source=trial.source,
@@ -165,6 +168,8 @@ def prepare(
         noise=noise,
         whole=Segment(0, len(trial), start),
         begun_s=trial.begun_s,
+        load=rig.load_of(trial.payload_kg),
+        payload_kg=trial.payload_kg,
     )
     if not trial.has_its_start:
         test = replace(test, whole=_whole_of_part(test, edges, rig, stride))

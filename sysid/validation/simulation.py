@@ -86,6 +86,7 @@ def inputs_of(test: MotionTest, segment: Segment) -> Inputs:
         pressure_a=known[0],
         pressure_b=known[1],
         elapsed=float(test.since_start[segment.start]),
+        load=test.load,
     )
 
 

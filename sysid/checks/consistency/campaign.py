@@ -108,8 +108,9 @@ def _readings_of(log: Log, kind: str, rig: Rig, name: str) -> LogReadings:
         even = [e for e in (_even(t, rig) for t in log.trials) if e is not None]
         if takes_energy_out(even):
             notices.append(Contradiction(name, _energy(name, rig)))
+        carried = rig.carrying(log.trials[0].payload_kg)
         known = rig.total_inertia() is not None or not rig.is_vertical
-        for gain in gains(even, rig.total_inertia() or 1.0) if known else ():
+        for gain in gains(even, carried.total_inertia() or 1.0) if known else ():
             _take_gain(gain, name, rig, readings, notices)
     if kind == "friction-static":
         readings += _breakaway(log.trials, name, rig)

@@ -19,7 +19,7 @@ from sysid import signals
 from sysid.errors import input_error
 from sysid.io.channels import SIDES, VALVE_COMMANDS
 from sysid.io.logs import Trial
-from sysid.io.rig import Rig
+from sysid.io.rig import NO_LOAD, Rig
 from sysid.io.trial_kind import is_held
 from sysid.model.ports import Model
 from sysid.model.preparation import Inputs, Shared, open_intervals
@@ -86,7 +86,8 @@ class Traces:
     `rate_a`, `rate_b` are their central differences; `motor` is the command's mean around
     the sample and `open_a`, `open_b` the share of the time around it in which a valve is
     open. `direction` is the velocity's sign, 0 at rest. `supply` is the measured
-    supply pressure, the declared one where it is not logged.
+    supply pressure, the declared one where it is not logged. `carried` (n, 3) is what a payload is
+    more than the rig file's, as a `Load` has it; (n, 0) where no test's is another.
     """
 
     runs: tuple[TestRun, ...]
@@ -103,6 +104,7 @@ class Traces:
     open_b: FloatArray
     direction: FloatArray
     supply: FloatArray
+    carried: FloatArray
 
     def __len__(self) -> int:
         return len(self.time)
@@ -221,8 +223,19 @@ def prepare(tests: Sequence[tuple[str, str, Trial]], rig: Rig, model: Model) -> 
         open_a=opening(runs, model, "a"),
         open_b=opening(runs, model, "b"),
         supply=smooth(runs, joined["supply"], PRESSURE_CUTOFF_HZ),
+        carried=_carried(runs),
         **_derived(tuple(runs), *(joined[n] for n in ("position", "pressure_a", "pressure_b"))),
     )
+
+
+def _carried(runs: Sequence[TestRun]) -> FloatArray:
+    loads = [run.inputs.load for run in runs]
+    columns = 0 if all(load == NO_LOAD for load in loads) else 3
+    found = np.zeros((runs[-1].rows.stop, columns))
+    for run, load in zip(runs, loads, strict=True):
+        if columns:
+            found[run.rows] = load.inertia, load.gravity_moment, load.weight
+    return found
 
 
 def _uniform(trial: Trial, rig: Rig) -> Trial:

@@ -17,9 +17,10 @@ import numpy as np
 
 from sysid.diagnosis.actuator.samples import TestRun, Traces
 from sysid.io.channels import SIDES
+from sysid.io.rig import Load
 from sysid.model import base, plant
 from sysid.model.base import Array
-from sysid.model.ports import Model, Point, Structure, join, overrides, split
+from sysid.model.ports import Model, Point, Structure, join, overrides, split, with_load
 from sysid.types import BoolArray, FloatArray, IntArray
 
 _PIECE_S = 0.25
@@ -43,12 +44,15 @@ _SIGNALS = (
     "open_b",
     "direction",
     "supply",
+    "carried",
 )
 
 
 def point_of(traces: Traces, model: Model) -> Point:
     """Where the model is at every sample."""
     parameters = model.at(traces.time)
+    if traces.carried.size:
+        parameters = with_load(parameters, Load(*traces.carried.T))
     supply = parameters.supply + (traces.supply - model.parameters.supply)
     return Point(
         time=traces.time,
@@ -167,7 +171,7 @@ def _signals(traces: Traces) -> dict[str, Any]:
 
 
 class _Channel:
-    """A channel (n,) that is equal only to itself."""
+    """A channel (n,), or several (n, k), that is equal only to itself."""
 
     def __init__(self, values: FloatArray) -> None:
         self.values = values
@@ -184,7 +188,8 @@ class _Channel:
 def _padded(channel: _Channel) -> Any:
     from sysid.model.jax_setup import jnp
 
-    return jnp.asarray(np.pad(channel.values, (0, -len(channel.values) % _ROWS)))
+    values = channel.values
+    return jnp.asarray(np.pad(values, [(0, -len(values) % _ROWS), *[(0, 0)] * (values.ndim - 1)]))
 
 
 @cache

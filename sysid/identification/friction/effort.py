@@ -92,7 +92,8 @@ class EvenTrial:
     (infinite where the rig declares no stroke). `stride`: samples whose errors are shared. `lost`:
     samples in pauses of the recording, of which nothing is known. `speed_noise`: of the measured
     speed whose integral the position is; None where the position was measured. `has_its_start`:
-    whether the test's first row is its own, or it follows what is excluded.
+    whether the test's first row is its own, or it follows what is excluded. `added_inertia`: what
+    its payload is more than the rig file's, kg m2 or kg.
     """
 
     label: str
@@ -112,6 +113,7 @@ class EvenTrial:
     stride: int = 1
     speed_noise: signals.NoiseFloor | None = None
     has_its_start: bool = True
+    added_inertia: float = 0.0
 
     def __len__(self) -> int:
         return len(self.time)
@@ -267,7 +269,7 @@ def even_trial(trial: Trial, rig: Rig, notices: list[str]) -> EvenTrial:
     motor = even(rig.effort_channel, hold=True) if has_motor else np.zeros(len(grid))
     if rig.max_effort is not None:
         motor = np.clip(motor, -rig.max_effort, rig.max_effort)
-    moment = rig.gravity_moment()
+    moment = rig.carrying(trial.payload_kg).gravity_moment()
     weights = (0.0, moment) if rig.is_linear else (moment, 0.0)
     gravity = np.asarray(gravity_effort(position, *weights)) + np.zeros(len(grid))
     travel = rig.travel
@@ -290,6 +292,7 @@ def even_trial(trial: Trial, rig: Rig, notices: list[str]) -> EvenTrial:
         has_its_start=trial.has_its_start,
         has_motor=has_motor,
         valves_on=any(name in trial and np.any(trial[name]) for name in VALVE_COMMANDS),
+        added_inertia=float(rig.load_of(trial.payload_kg).inertia),
         valves_move=any(name in trial and np.ptp(trial[name]) > 0.0 for name in VALVE_COMMANDS),
     )
 

@@ -86,6 +86,7 @@ def motion_samples(trial: EvenTrial, cutoff_hz: float) -> MotionSamples:
     effort = signals.lowpass(
         signals.held_about_rows(trial.motor) + trial.cylinder - trial.gravity, dt, cutoff_hz
     )
+    effort = effort - trial.added_inertia * acceleration
     rows = np.flatnonzero(~left_out(trial, cutoff_hz))[:: max(1, length // A_LENGTH)]
     noise = np.array([0.0, speed_noise**2, 0.0, acceleration_noise**2])
     rest_speed = REST_NOISE_TIMES * speed_noise

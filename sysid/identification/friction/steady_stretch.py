@@ -166,7 +166,7 @@ def momentum_balance(
     def mean(effort: FloatArray) -> float:
         return float(weight @ effort[rows]) * dt / area
 
-    inertial = 0.0 if inertia is None else inertia * gained / area
+    inertial = 0.0 if inertia is None else (inertia + trial.added_inertia) * gained / area
     motor, cylinder, gravity = map(mean, (trial.motor, trial.cylinder, trial.gravity))
     return {
         "speed": speed,

@@ -20,7 +20,10 @@ from sysid.types import FloatArray
 
 
 def trial_law(trial: EvenTrial, start: int, stop: int, inertia: float) -> tuple[float, float]:
-    """Friction at zero speed (signed) and its slope over speed, over rows [start, stop)."""
+    """Friction at zero speed (signed) and its slope over speed, over rows [start, stop).
+
+    `inertia` is the rig file's, kg m2 or kg; what the trial's payload is more is added.
+    """
     rows, dt = slice(start, stop), trial.period
     x = trial.position[rows] - trial.position[start]
     measured = (trial.cylinder - trial.gravity)[rows]
@@ -32,7 +35,7 @@ def trial_law(trial: EvenTrial, start: int, stop: int, inertia: float) -> tuple[
     t = dt * np.arange(len(x))
     columns = np.column_stack([np.ones(len(x)), t, -0.5 * t**2, -distance])
     names = ("start", "start speed", "Coulomb friction", "viscous friction")
-    fit = linear_fit(columns, inertia * x - twice, names=names)
+    fit = linear_fit(columns, (inertia + trial.added_inertia) * x - twice, names=names)
     return float(fit.coefficients[2]), float(fit.coefficients[3])
 
 
