@@ -21,7 +21,7 @@ Sources = Mapping[str, tuple[str, ColumnMap]]
 
 @dataclass
 class SlowerColumns:
-    """Columns of a table that are empty in the rows between their own, filled as the recipe says."""
+    """Columns of a table that are empty between rows of their own, filled as the recipe says."""
 
     table: ForeignTable
     recipe: Recipe

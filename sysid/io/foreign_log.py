@@ -111,12 +111,18 @@ def in_log_format(
     """The table of a `foreign_log` with the log format's columns in SI, and notices.
 
     `units` are those of the columns that it may have, by name, of which `held` hold from sample to
-    sample; `atmosphere_pa` (Pa) is added to gauge pressures. Raises InputError as `sysid convert` does.
+    sample; `atmosphere_pa` (Pa) is added to gauge pressures. Raises InputError as `sysid convert`
+    does.
     """
     if table.foreign is None:
         raise TypeError("the table is no foreign file's")
     # A file that is read once more, with another rig, says all of it again.
-    file = replace(table.foreign, notices=list(table.foreign.notices), stamped=set(), shape=list(table.foreign.shape))
+    file = replace(
+        table.foreign,
+        notices=list(table.foreign.notices),
+        stamped=set(),
+        shape=list(table.foreign.shape),
+    )
     recipe = Recipe(maps=dict(maps), atmosphere_pa=atmosphere_pa, units=units, held=held)
     with _converted_first():
         frame = log_columns(file, recipe, None)
