@@ -52,5 +52,5 @@ def test_a_component_s_columns_are_converted(case: Path) -> None:
 def test_a_component_s_ratio_is_a_ratio(case: Path, ratio: str) -> None:
     path = case / "campaign.toml"
     path.write_text(path.read_text("utf-8").replace("0.00392157", ratio), "utf-8")
-    found = done("check", path, "--component", case / "pump.py")
+    found = done("check", path, "-v", "--component", case / "pump.py")
     assert "duty" in found.out and "outside" not in found.out + found.err

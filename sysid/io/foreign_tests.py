@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.io.foreign import ForeignTable
-from sysid.io.time_breaks import Wraps, time_breaks, wraps_of, wraps_of_seconds
+from sysid.io.time_breaks import TimeWraps, time_breaks, wraps_of, wraps_of_seconds
 from sysid.types import BoolArray, FloatArray, IntArray
 
 # Of the places where something happens, those that a notice lists.
@@ -123,7 +123,7 @@ def _unwrapped(
 ) -> FloatArray:
     out, places, what = values, [], ""
     for first, last in _parts(starts, len(values)):
-        wraps: Wraps | None = find(values[first:last]) if last - first > 2 else None
+        wraps: TimeWraps | None = find(values[first:last]) if last - first > 2 else None
         if wraps is not None:
             out = out.copy() if out is values else out
             out[first:last] = wraps.unwrapped(values[first:last])

@@ -39,7 +39,7 @@ from sysid.io.parquet_columns import ParquetColumns
 if TYPE_CHECKING:
     import pandas as pd
 
-    from sysid.io.foreign import ForeignTable
+    from sysid.io.foreign.table import ForeignTable
 
 PARQUET_SUFFIXES = (".parquet", ".pq")
 _NOTED = b"sysid.comments"

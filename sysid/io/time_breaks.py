@@ -25,7 +25,7 @@ _ROUNDED = 0.5
 
 
 @dataclass(frozen=True)
-class Wraps:
+class TimeWraps:
     """A counter that wraps: its size in the column's unit, its name, and the rows after wraps."""
 
     size: float
@@ -39,7 +39,7 @@ class Wraps:
         return np.asarray(values + np.cumsum(turns))
 
 
-def wraps_of(values: FloatArray) -> Wraps | None:
+def wraps_of(values: FloatArray) -> TimeWraps | None:
     """The wraps of a column of counts (n,), whole numbers of whatever unit; None: there are none.
 
     A wrap reaches the counter's size, and the step over it, modulo that size, is an ordinary one.
@@ -52,11 +52,11 @@ def wraps_of(values: FloatArray) -> Wraps | None:
         if np.min(values) >= low and np.max(values) < low + size:
             rows = _over(values, size, 0.0)
             if rows.size:
-                return Wraps(size, f"a {bits}-bit counter", rows)
+                return TimeWraps(size, f"a {bits}-bit counter", rows)
     return None
 
 
-def wraps_of_seconds(time: FloatArray) -> Wraps | None:
+def wraps_of_seconds(time: FloatArray) -> TimeWraps | None:
     """The wraps of times (n,) s that a counter of a common unit made; None: there are none."""
     if len(time) < 3 or np.all(np.diff(time) >= 0.0):
         return None
@@ -65,7 +65,7 @@ def wraps_of_seconds(time: FloatArray) -> Wraps | None:
         if np.ptp(time) < size:
             rows = _over(time, size, _ROUNDED)
             if rows.size:
-                return Wraps(size, f"a {bits}-bit counter of {unit_name}", rows)
+                return TimeWraps(size, f"a {bits}-bit counter of {unit_name}", rows)
     return None
 
 
@@ -117,4 +117,4 @@ def _starts_again(before: FloatArray, after: FloatArray) -> bool:
     return len(np.unique(places)) > 1
 
 
-__all__ = ["TimeBreaks", "Wraps", "time_breaks", "wraps_of", "wraps_of_seconds"]
+__all__ = ["TimeBreaks", "TimeWraps", "time_breaks", "wraps_of", "wraps_of_seconds"]

@@ -49,7 +49,7 @@ def find_heading(path: Path, lines: Lines, layout: Layout, options: ReadOptions)
     It is the line that holds the names asked for, else the one above the rows whose number of
     cells has settled. Raises InputError where neither says which line it is.
     """
-    search = _Search(path, lines, layout, options)
+    search = _HeadingSearch(path, lines, layout, options)
     first = search.first_row()
     if options.header is False:
         return TableHeading(None, None, first, layout)
@@ -63,7 +63,7 @@ def find_heading(path: Path, lines: Lines, layout: Layout, options: ReadOptions)
 
 
 @dataclass
-class _Search:
+class _HeadingSearch:
     """The search for one file's heading."""
 
     path: Path
