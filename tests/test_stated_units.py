@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from foreign_files import log_of
 
-from sysid.errors import InputError
+from sysid.io.conversion import convert
 from sysid.io.foreign import ForeignTable
 from sysid.io.foreign.recipe import Recipe
 from sysid.io.foreign_columns import log_columns
@@ -91,26 +92,64 @@ def test_readings_in_another_unit_than_the_range_s_are_converted() -> None:
 
 
 @pytest.mark.parametrize(
-    ("entry", "unit", "said"),
+    ("entry", "unit", "taken"),
     [
-        (
-            "pressure_a_pa=P",
-            "V",
-            r"P \(for pressure_a_pa\) is in 'V' by the file: 'V' is a voltage",
-        ),
-        ("pressure_a_pa=P", "foo", "'foo' is not a known unit"),
-        ("duty_a=u", "V", r'--map "duty_a=u:0..24 -> 0..1"'),
-        ("flow_a_kg_s=u", "l/min", "its mass depends on the state"),
+        ("pressure_a_pa=P", "V", "taken as Pa"),
+        ("pressure_a_pa=P", "foo", "taken as Pa"),
+        ("duty_a=u", "V", "taken as it stands"),
+        ("flow_a_kg_s=u", "l/min", "taken as kg/s"),
     ],
 )
-def test_a_unit_of_the_file_that_cannot_be_is_refused_with_the_fix(
-    entry: str, unit: str, said: str
+def test_a_map_without_a_unit_is_si_where_the_file_s_is_another_s(
+    entry: str, unit: str, taken: str
 ) -> None:
+    """As the log format says; with a notice, for the map may have forgotten it."""
     target, _, column = entry.partition("=")
-    with pytest.raises(InputError, match=said) as caught:
-        read(["time_s=t:ms", entry], {column: unit})
-    line = str(caught.value)
-    assert line.startswith("rec.mf4: ") and f'--map "{target}={column}:' in line
+    frame, notices = read(["time_s=t:ms", entry], {column: unit})
+    assert frame[target].tolist() == {"P": [1.0, 4.0], "u": [0.0, 50.0]}[column]
+    (line,) = notices
+    assert line.startswith(f"rec.mf4: {column} (for {target}) is in {unit!r} by the file; {taken}")
+    assert f'--map "{target}={column}:0' in line
+
+
+@pytest.mark.parametrize(("unit", "worth"), [("KPA", 1e3), ("MBAR", 100.0), ("PSI", 6894.757293)])
+def test_capitals_of_a_heading(unit: str, worth: float) -> None:
+    frame, _ = read(["time_s=t:ms", "pressure_a_pa=P"], {"P": unit})
+    assert frame["pressure_a_pa"].tolist() == pytest.approx([worth, 4 * worth])
+
+
+@pytest.mark.parametrize(
+    ("name", "target", "worth"),
+    [
+        ("arm_nm", "motor_torque_nm", 1.0),
+        ("arm_mnm", "motor_torque_nm", 1e-3),
+        ("arm_kpa", "pressure_a_pa", 1e3),
+        ("cylinder_mm", "pressure_a_pa", 1.0),
+        ("cylinder_ms", "position_m", 1.0),
+    ],
+)
+def test_the_end_of_a_name_is_a_unit_only_of_its_target_s_quantity(
+    tmp_path: Path, name: str, target: str, worth: float
+) -> None:
+    (tmp_path / "a.csv").write_text(f"t,{name}\n" + "".join(f"{i},{2 * i}\n" for i in range(30)))
+    report = convert(tmp_path / "a.csv", tmp_path / "b.csv", maps=["time_s=t", f"{target}={name}"])
+    values = log_of(tmp_path / "b.csv")[target]
+    assert values.tolist() == pytest.approx((2 * worth * np.arange(30)).tolist())
+    assert any("as the file states" in line for line in report.notices) == (worth != 1.0)
+
+
+def test_names_of_the_log_format_are_si(tmp_path: Path) -> None:
+    head, row = "time_s,motor_torque_nm,pressure_a_pa [kPa],encoder_counts\n", "{0},{0},{0},{0}\n"
+    (tmp_path / "a.csv").write_text(head + "".join(row.format(i) for i in range(30)))
+    report = convert(tmp_path / "a.csv", tmp_path / "b.csv", maps=["pressure_a_pa=#3"])
+    log = log_of(tmp_path / "b.csv")
+    assert log["motor_torque_nm"].tolist() == log["time_s"].tolist() == list(range(30))
+    assert log["pressure_a_pa"].tolist() == [1e3 * i for i in range(30)]
+    assert not any("torque" in line for line in report.notices)
+    report = convert(
+        tmp_path / "a.csv", tmp_path / "b.csv", maps=["motor_torque_nm=motor_torque_nm:mNm"]
+    )
+    assert any("motor_torque_nm is in 'Nm' by the file" in line for line in report.notices)
 
 
 def test_a_label_needs_no_unit() -> None:

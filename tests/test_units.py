@@ -92,6 +92,14 @@ def test_decimal_readings_stay_the_decimal_that_a_person_expects() -> None:
     assert np.array_equal(to_si(milliseconds, one("time_s=t:ms")), expected)
 
 
+def test_readings_that_are_no_decimals_are_multiplied_alone() -> None:
+    readings = np.random.default_rng(3).normal(size=500)
+    assert np.array_equal(to_si(readings, one("motor_force_n=u:35.15 N")), readings * 35.15)
+    decimals = np.arange(500) / 100.0
+    expected = [float(f"{i * 3515 / 1e4:.4f}") for i in range(500)]
+    assert to_si(decimals, one("motor_force_n=u:35.15 N")).tolist() == expected
+
+
 def test_conversion_leaves_its_input_and_shape() -> None:
     readings = np.array([[1.0, 2.0], [3.0, 4.0]])
     out = to_si(readings, ColumnMap("time_s", "t"))

@@ -261,7 +261,8 @@ def _as_stated(table: ForeignTable, name: str, entry: ColumnMap, recipe: Recipe)
     if name not in table.units:
         return entry
     si = recipe.units[entry.target]
-    entry, notice = in_stated_unit(entry, table.units[name], si, str(table.path))
+    in_name = name in table.in_names
+    entry, notice = in_stated_unit(entry, table.units[name], si, str(table.path), in_name)
     table.notices += [] if notice is None else [notice]
     return entry
 

@@ -273,6 +273,18 @@ def ratio_of(unit: str, other: str) -> float | None:
         return None
 
 
+def in_any_capitals(unit: str, si: str) -> str:
+    """A unit as headings write it, "KPA", "nm" of a torque, in the capitals that `si` asks for.
+
+    Unchanged where it is one of this quantity as it stands, or in no capitals.
+    """
+    if unit not in (si, si.replace("*", "")) and ratio_of(unit, si) is None:
+        for known in _COMMON_UNITS:
+            if known.lower() == unit.lower() and ratio_of(known, si) is not None:
+                return known
+    return unit
+
+
 def check_unit(unit: str, where: str) -> None:
     """InputError, that opens with `where`, for a unit that nobody knows; empty: none."""
     try:
@@ -475,6 +487,7 @@ def _is_same_kind(unit: str, si: str) -> bool:
 __all__ = [
     "Conversion",
     "check_unit",
+    "in_any_capitals",
     "is_ratio",
     "parse_unit",
     "ratio_of",

@@ -29,7 +29,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from sysid.errors import InputError, input_error
 from sysid.io.sensor_range import SensorRange, ends_of, is_range, parse_range, range_text
-from sysid.io.unit_text import check_unit, parse_unit, ratio_of, without_multiple
+from sysid.io.unit_text import (
+    check_unit,
+    in_any_capitals,
+    parse_unit,
+    ratio_of,
+    without_multiple,
+)
 from sysid.types import FloatArray
 
 TEST_COLUMN = "test"
@@ -261,19 +267,25 @@ def _table_entry(target: str, table: Mapping[str, Any], source: str, si: str | N
 
 
 def in_stated_unit(
-    entry: ColumnMap, stated: str, si: str | None, where: str
+    entry: ColumnMap, stated: str, si: str | None, where: str, in_name: bool = False
 ) -> tuple[ColumnMap, str | None]:
     """An entry beside the unit that the file itself states for its column; and a notice, or None.
 
-    An entry without a unit takes it; one with another keeps its own. Raises InputError where an
-    entry without a unit meets one that is unknown or of another quantity than `si`.
+    An entry without a unit takes one of its own quantity, `si`; with a unit it keeps it.
+    `in_name`: the unit is the end of the column's name, and so none where it is of another
+    quantity.
     """
     stated = stated.strip().strip("[]").strip()
     if si is None or stated in ("", "-", "1", "?", "none", "None", "n/a", "N/A"):
         return entry, None
+    sensor = entry.sensor
+    quantity = si if sensor is None else sensor.unit or stated
+    stated = in_any_capitals(stated, quantity)
+    if in_name and (entry.column == entry.target or ratio_of(stated, quantity) is None):
+        return entry, None
     if entry.unit is None:
         return _stated_alone(entry, stated, si, where)
-    if entry.sensor is not None:
+    if sensor is not None:
         return _stated_beside_range(entry, stated, where)
     bare = without_multiple(entry.unit)
     said = f"{where}: {entry.column} is in {stated!r} by the file, mapped as {entry.unit!r}"
@@ -295,22 +307,21 @@ def in_stated_unit(
 def _stated_alone(
     entry: ColumnMap, stated: str, si: str, where: str
 ) -> tuple[ColumnMap, str | None]:
+    named = f"{where}: {entry.column} (for {entry.target})"
     try:
         found = _with_unit(entry, stated, si, where)
-    except InputError as error:
-        reason = str(error).partition(f"{where}: ")[2].partition("; ")[0]
-        example = "0..24 -> 0..1" if si == "dimensionless" else f"0.5..4.5 -> 0..100 {_shown(si)}"
-        raise input_error(
-            where,
-            f"{entry.column} (for {entry.target}) is in {stated!r} by the file: {reason}",
-            f'give its unit, or its range: --map "{entry.target}={entry.column}:{example}"',
-        ) from None
+    except InputError:
+        worth = _shown(si).replace("dimensionless", "")
+        taken = f"taken as {worth}" if worth else "taken as it stands"
+        example = f"0.5..4.5 -> 0..100 {worth}" if worth else "0..24 -> 0..1"
+        return entry, (
+            f"{named} is in {stated!r} by the file; {taken}, as the map has no unit: give a unit "
+            f'or a range, --map "{entry.target}={entry.column}:{example}"'
+        )
     if found.factor == 1.0 and found.offset == 0.0 and not found.gauge:
         return entry, None
     absolute = ", absolute" if si == "Pa" and found.gauge is None else ""
-    return found, (
-        f"{where}: {entry.column} (for {entry.target}) is in {stated}{absolute}, as the file states"
-    )
+    return found, f"{named} is in {stated}{absolute}, as the file states"
 
 
 def _stated_beside_range(entry: ColumnMap, stated: str, where: str) -> tuple[ColumnMap, str | None]:
@@ -373,27 +384,37 @@ def to_si(
         scaled = readings / inverse if divides else readings * factor
         if offset:
             size = np.maximum(np.abs(scaled), abs(offset))
-            return _decimal(scaled + offset, size, factor, offset)
+            return _decimal(readings, scaled + offset, size, factor, offset)
         exact = divides or factor == 1.0
-        return scaled if exact else _decimal(scaled, np.abs(scaled), factor)
+        return scaled if exact else _decimal(readings, scaled, np.abs(scaled), factor)
 
 
 def _decimal(
-    values: NDArray[np.float64], size: NDArray[np.float64], *numbers: float
+    readings: NDArray[np.float64],
+    values: NDArray[np.float64],
+    size: NDArray[np.float64],
+    *numbers: float,
 ) -> NDArray[np.float64]:
     """Values without what rounding left of decimal readings: 1.46 - 1 is 0.46, not 0.45999...96.
 
     The decimals of 15 digits, counted from `size`, of the largest term, that lie within the
-    rounding; the values themselves where none does, or where `numbers` are no short decimals.
+    rounding; the values themselves where none does, or where the readings or `numbers` are no
+    short decimals.
     """
-    if not all(map(_is_short, numbers)):
+    if not all(map(_is_short, numbers)) or np.any(_rounded(readings, np.abs(readings)) != readings):
         return values
+    rounded = _rounded(values, size)
+    with np.errstate(invalid="ignore"):
+        close = np.abs(rounded - values) <= 2.0 * np.spacing(size)
+    return np.asarray(np.where(close, rounded, values))
+
+
+def _rounded(values: NDArray[np.float64], size: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Values at 15 digits, counted from `size`."""
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         places = _DIGITS - np.ceil(np.log10(size))
         tens = _TENS[np.clip(np.nan_to_num(places), 0, len(_TENS) - 1).astype(np.intp)]
-        rounded = np.rint(values * tens) / tens
-        close = np.abs(rounded - values) <= 2.0 * np.spacing(size)
-    return np.asarray(np.where(close, rounded, values))
+        return np.asarray(np.rint(values * tens) / tens)
 
 
 def _is_short(number: float) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 
 from sysid.errors import InputError, input_error
 from sysid.io.foreign.heading import find_header
-from sysid.io.foreign.stated_units import stated_units
+from sysid.io.foreign.stated_units import state_units
 from sysid.io.foreign.table import ForeignTable, ReadOptions, damaged, take_names
 from sysid.io.foreign.workbook_size import check_size
 from sysid.io.units import bare_name
@@ -49,7 +49,6 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
         table.notices.append(f"{path}: {above} rows above the names passed over")
         frame, rows = frame.iloc[above:], rows[above:]
     names, skipped = find_header(rows, options.header)
-    units = stated_units(names or (), rows[1] if skipped else ())
     if skipped:
         table.notices.append(f"{path}: a row of units under the names was skipped")
     body = frame.iloc[skipped + (names is not None) :]
@@ -61,8 +60,7 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
     across = "column" if options.transpose else "row"
     table.place = lambda row: f"sheet {name!r}, {across} {numbers[row]}"
     take_names(table, names, (_values(body[column]) for column in body.columns))
-    columns = list(table.columns)
-    table.units.update({columns[index]: unit for index, unit in units.items()})
+    state_units(table, names or (), rows[1] if skipped else ())
     return table
 
 

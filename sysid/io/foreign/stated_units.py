@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+
+from sysid.io.foreign.table import ForeignTable
+from sysid.io.units import CANONICAL_UNITS
 
 _BRACKETED = re.compile(r"(?P<name>.*?\S)[\s_]*[\[(](?P<unit>[^\[\]]*)[\])]\s*")
 _ENDING = re.compile(r"(?P<name>.*[^_\s])_(?P<unit>[A-Za-z]{2,4})")
@@ -30,10 +33,21 @@ _AT_END = frozenset(_ENDINGS.split())
 
 
 def unit_in(name: str) -> str | None:
-    """The unit that a heading's name states: "kPa" of "P1 [kPa]", "mm" of "x_mm"."""
+    """The unit that a heading's name states: "kPa" of "P1 [kPa]", "mm" of "x_mm".
+
+    A name of the log format states its SI unit.
+    """
     found = _BRACKETED.fullmatch(name)
     if found is not None and is_unit(found["unit"]):
         return found["unit"].strip()
+    if name in CANONICAL_UNITS:
+        unit = (CANONICAL_UNITS[name] or "").replace("*", "")
+        return None if unit in ("", "dimensionless") else unit
+    return _ending(name)
+
+
+def _ending(name: str) -> str | None:
+    """The unit at a name's end: "mm" of "x_mm"."""
     found = _ENDING.fullmatch(name)
     return found["unit"] if found is not None and found["unit"].lower() in _AT_END else None
 
@@ -49,15 +63,18 @@ def are_units(cells: Sequence[str]) -> bool:
     return bool(known) and all(map(is_unit, known))
 
 
-def stated_units(names: Sequence[str], cells: Sequence[str]) -> Mapping[int, str]:
-    """Each column's unit, by its index: of the row under the names, else of the name itself."""
-    found = {}
-    for index, name in enumerate(names):
+def state_units(table: ForeignTable, names: Sequence[str], cells: Sequence[str]) -> None:
+    """Put each column's unit into its table: of the row of units, else of the name itself.
+
+    Both are those of the heading, in the order of the table's columns.
+    """
+    for index, (column, name) in enumerate(zip(table.columns, names, strict=False)):
         cell = _unbracketed(cells[index]) if index < len(cells) else ""
         unit = cell if is_unit(cell) else unit_in(name)
         if unit:
-            found[index] = unit
-    return found
+            table.units[column] = unit
+            if unit == _ending(name) and unit != cell and name not in CANONICAL_UNITS:
+                table.in_names.add(column)
 
 
 def _unbracketed(text: str) -> str:
@@ -66,4 +83,4 @@ def _unbracketed(text: str) -> str:
     return text[1:-1].strip() if closed and text.endswith(closed) else text
 
 
-__all__ = ["are_units", "is_unit", "stated_units", "unit_in"]
+__all__ = ["are_units", "is_unit", "state_units", "unit_in"]

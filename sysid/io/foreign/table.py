@@ -71,7 +71,8 @@ class ForeignTable:
 
     `columns` maps each name to a (n,) array of numbers, text or time stamps; their lengths
     may differ (.mat, TDMS). `skipped` gives the reason why other contents are not columns;
-    `units` is each column's unit as the file states it, `clocks` the times (n,) s of a column's own
+    `units` is each column's unit as the file states it (`in_names`: of these columns only by the
+    last letters of their names), `clocks` the times (n,) s of a column's own
     samples on the file's one clock, where its channels are sampled at different instants;
     `starts` are the rows, after the first, at which the recording says that it starts again;
     `shape` are lines for the log's head that say how its rows were made.
@@ -86,6 +87,7 @@ class ForeignTable:
     skipped: dict[str, str] = field(default_factory=dict)
     sampling: dict[str, SampleTimes] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
+    in_names: set[str] = field(default_factory=set)
     clocks: dict[str, NDArray[np.float64]] = field(default_factory=dict)
     starts: tuple[int, ...] = ()
     notices: list[str] = field(default_factory=list)

@@ -13,7 +13,7 @@ from sysid.errors import InputError, input_error, shortened
 from sysid.io.bounds import check_rectangle, check_text
 from sysid.io.foreign import lvm, twincat
 from sysid.io.foreign.heading import Lines, TableHeading, find_heading, is_comment
-from sysid.io.foreign.stated_units import stated_units
+from sysid.io.foreign.stated_units import state_units
 from sysid.io.foreign.table import ForeignTable, ReadOptions, SampleTimes, take_names
 from sysid.io.foreign.table_rows import check_widths, row_ends_early, rows_below
 from sysid.io.foreign.text_layout import (
@@ -83,7 +83,7 @@ def _read_lines(
     check_rectangle(path, len(body), layout.fields)
     names = _names(heading, options)
     take_names(table, names, parsed(path, [line for _, line in body], layout))
-    _state_units(table, names, heading.under)
+    state_units(table, names or (), heading.under)
     _take_sampling(table, heading, names)
     return table
 
@@ -199,7 +199,7 @@ def _of_signals(
     table.format = f"{layout.said}, transposed"
     table.place = lambda row: f"value {row + 1} of the line"
     units = [cells[1] if stated else "" for cells in signals]
-    _state_units(table, names, units)
+    state_units(table, names or (), units)
     return table
 
 
@@ -219,13 +219,6 @@ def _names(heading: TableHeading, options: ReadOptions) -> list[str] | None:
                 names[places[0]] = wanted
                 break
     return names
-
-
-def _state_units(table: ForeignTable, names: list[str] | None, under: list[str]) -> None:
-    columns = list(table.columns)
-    for index, unit in stated_units(names or (), under).items():
-        if index < len(columns):
-            table.units[columns[index]] = unit
 
 
 def _take_sampling(table: ForeignTable, heading: TableHeading, names: list[str] | None) -> None:
