@@ -159,6 +159,58 @@ def test_period_of_a_scope_that_states_it(tmp_path: Path) -> None:
     assert any("the file's own period, 0.001 s" in notice for notice in report.notices)
 
 
+def test_settings_over_no_column_of_the_rows(tmp_path: Path) -> None:
+    """Rigol: the period stands in the row of units, beyond the rows' cells."""
+    cells = "".join(
+        f"{i},{b:.4f},{c:.4f},\n" for i, (b, c) in enumerate(zip(POSITION, FORCE, strict=True))
+    )
+    text = "X,pos,u,Start,Increment,\nSequence,Volt,Volt,0.0,1.0E-3,\n" + cells
+    for how in ({}, {"period_s": 0.001}):
+        read(tmp_path, text, *BY_NAME[1:], **how)
+        expect(tmp_path)
+
+
+YOKOGAWA = (
+    '"HEADER SIZE",8\n"Model Name","DLM2024"\n"TraceName","t","pos","u"\n"BlockSize",40,40,40\n'
+    '"VUnit","s","mm","N"\n"SampleRate",1E+03,1E+03,1E+03\n"HUnit","s","s","s"\n\n'
+)
+
+
+def test_names_amid_a_header_of_settings(tmp_path: Path) -> None:
+    """Yokogawa: lines of the header have a cell for each column, some of them numbers."""
+    body = "".join(f",{line},\n" for line in rows().splitlines())
+    report = read(tmp_path, YOKOGAWA + body, *BY_NAME)
+    expect(tmp_path)
+    assert any("line 4 and 2 more passed over" in notice for notice in report.notices)
+    read(tmp_path, YOKOGAWA + body, "time_s=#2", "position_m=#3:mm", "motor_force_n=#4")
+    expect(tmp_path)
+    spoilt = body.replace(",0.005,", ",,0.005,")
+    with pytest.raises(InputError, match="line 14"):
+        read(tmp_path, YOKOGAWA + spoilt, *BY_NAME)
+
+
+def test_remarks_in_the_first_rows_are_no_settings(tmp_path: Path) -> None:
+    lines = rows().splitlines()
+    text = "note,t,pos,u\nwarm,{}\nagain,{}\n".format(*lines[:2])
+    read(tmp_path, text + "".join(f",{line}\n" for line in lines[2:]), *BY_NAME)
+    expect(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "heading",
+    [
+        "t,pos,u\nUnit: s,Unit: cm,Unit: 1\nInterp: linear,Interp: zoh,Interp: zoh\n",
+        "t,pos,u\n,Lage,Kraft\ns,cm,\n",
+        "s,cm,\nt,pos,u\n",
+        "t,pos,u\n,,\n[s],[cm],\n",
+    ],
+)
+def test_a_row_of_units_wherever_it_stands(tmp_path: Path, heading: str) -> None:
+    report = read(tmp_path, heading + rows(), *BY_NAME)
+    expect(tmp_path)
+    assert any("pos is in 'cm' by the file, mapped as 'mm'" in line for line in report.notices)
+
+
 def test_what_stands_above_is_said(tmp_path: Path) -> None:
     report = read(tmp_path, SCOPE + "t,pos,u\n" + rows(), *BY_NAME)
     assert any("begins in line 6;" in n and "(--skip-rows 5)" in n for n in report.notices)

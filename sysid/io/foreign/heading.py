@@ -25,8 +25,10 @@ _WORD = re.compile(r"[^\W\d_]{2,}")
 class TableHeading:
     """The names (None: the file has none), the line that holds them, and the first row's index.
 
-    `under` are the cells of a row of units under the names; `above` further cells that may name
-    columns, of the lines around; `passed` the other lines between names and rows.
+    `under` are the cells of the row under the names that is none of the table's, `units` those of
+    the row of units, which may be another; `above` further cells that may name columns, of the
+    line above; `beyond` names of settings, whose values stand in `under` and in none of the rows;
+    `passed` the other lines between names and rows.
     """
 
     names: list[str] | None
@@ -34,7 +36,9 @@ class TableHeading:
     first: int
     layout: Layout
     under: list[str] = field(default_factory=list)
+    units: list[str] = field(default_factory=list)
     above: list[str] = field(default_factory=list)
+    beyond: list[str] = field(default_factory=list)
     passed: list[int] = field(default_factory=list)
 
 
@@ -59,7 +63,7 @@ def find_heading(path: Path, lines: Lines, layout: Layout, options: ReadOptions)
         by_place = search.heading(first)
     if by_place is None:
         return TableHeading(None, None, first, layout)
-    return search.below(by_place)
+    return search.below(by_place, first)
 
 
 @dataclass
@@ -90,7 +94,7 @@ class _HeadingSearch:
         if not 0 <= index < len(self.lines) or is_comment(self.lines[index][1]):
             return False
         cells = self.cells(index)
-        numeric = [cells[i] for i in self.layout.numeric if i < len(cells) and cells[i]]
+        numeric = self._over_numbers(cells)
         return (
             self.layout.fits(cells) and bool(numeric) and all(map(self.layout.is_number, numeric))
         )
@@ -110,9 +114,33 @@ class _HeadingSearch:
         )
         if found is None:
             return self._first_of_any()
+        found = self._below_settings(found)
         while found > 0 and self._continues_up(found - 1):
             found -= 1
         return found
+
+    def _below_settings(self, index: int) -> int:
+        """The first line below settings, of which some look like rows: "BlockSize",241,241.
+
+        Each begins with its name, in a column in which the rows have nothing; some hold words.
+        """
+        below = index
+        for at in range(index, len(self.lines)):
+            cells = self.cells(at)
+            if not self._is_labelled(cells):
+                break
+            if any(not self.layout.is_number(cell) for cell in self._over_numbers(cells)):
+                below = at + 1
+        return below
+
+    def _is_labelled(self, cells: Sequence[str]) -> bool:
+        """Whether a line has a word where the rows have nothing."""
+        words = (cells[i] for i in self.layout.blank if i < len(cells))
+        return any(cell and not self.layout.is_number(cell) for cell in words)
+
+    def _over_numbers(self, cells: Sequence[str]) -> list[str]:
+        """The filled cells of the columns that hold numbers."""
+        return [cells[i] for i in sorted(self.layout.numeric) if i < len(cells) and cells[i]]
 
     def _is_caption(self, index: int) -> bool:
         """Whether a line holds words alone: "data:". What stands above is none of the table."""
@@ -194,7 +222,22 @@ class _HeadingSearch:
                 return named
             if _COMMENT_COLUMN.fullmatch(cells[named - 1]):
                 return layout.fields
-        return 0
+        return layout.fields if self._has_settings(index, named) else 0
+
+    def _has_settings(self, index: int, named: int) -> bool:
+        """Whether the names beyond the rows' cells are of numbers in the row of units alone.
+
+        So a scope notes its period: "X,CH1,Start,Increment" over "Sequence,VOLT,-5.0E-2,1.0E-3".
+        """
+        fields = self.layout.fields
+        if named <= fields or index + 1 >= len(self.lines):
+            return False
+        cells = self.cells(index + 1)
+        return (
+            len(cells) >= named
+            and all(map(self.layout.is_number, cells[fields:named]))
+            and _is_of_words(cells, self.layout)
+        )
 
     def _has_wider_row(self, fields: int) -> bool:
         """Whether some line has that many cells although most have fewer: the last are empty."""
@@ -215,7 +258,9 @@ class _HeadingSearch:
             layout = replace(layout, ends_empty=False, numeric=layout.numeric.union(more))
         above = self.cells(index - 1) if index > 0 else []
         above = above[:width] if self.layout.fits(above) else []
-        return TableHeading([c.strip() for c in cells], index, index + 1, layout, above=above)
+        beyond = [name for name in self.cells(index)[width:] if name]
+        names = [name.strip() for name in cells]
+        return TableHeading(names, index, index + 1, layout, above=above, beyond=beyond)
 
     def by_place(self, first: int, strict: bool = True) -> TableHeading | None:
         """The heading by its place above the rows, or None: InputError where it does not fit."""
@@ -255,30 +300,52 @@ class _HeadingSearch:
             return None
         return self.heading(index)
 
-    def below(self, heading: TableHeading) -> TableHeading:
-        """The heading with what stands between it and the first row: units, a date."""
+    def below(self, heading: TableHeading, first: int) -> TableHeading:
+        """The heading with what stands between it and the first row: units, a date, settings."""
         assert heading.line is not None
+        if are_units(self._over_numbers(heading.above)):
+            heading.units = heading.above
         for index in range(heading.line + 1, len(self.lines)):
             heading.first = index
             text = self.lines[index][1]
             cells = self.cells(index)
             if is_comment(text):
                 continue
-            if heading.layout.fits(cells) or len(cells) == len(heading.names or ()):
-                if not self.has_numbers(cells) or _is_of_words(cells, heading.layout):
-                    if not heading.under:
-                        heading.under = cells[: heading.layout.fields]
-                    heading.passed.append(index)
-                    continue
-            elif not self.has_numbers(cells) or STAMP.search(text) is not None:
+            if self._is_under(cells, heading):
+                self._take_under(heading, cells, index)
+            elif self._is_other(index, cells, heading, first):
                 heading.passed.append(index)
-                continue
-            if self._is_caption(index + 1):
-                heading.passed.append(index)
-                continue
-            return heading
+            else:
+                return heading
         heading.first = len(self.lines)
         return heading
+
+    def _is_under(self, cells: Sequence[str], heading: TableHeading) -> bool:
+        """Whether a line has words for the columns."""
+        named = len(heading.names or ()) + len(heading.beyond)
+        whole = heading.layout.fits(cells) or len(cells) - (not cells[-1]) == named
+        if not whole and len(cells) != named:
+            return False
+        return not self.has_numbers(cells) or _is_of_words(cells, heading.layout)
+
+    def _take_under(self, heading: TableHeading, cells: list[str], index: int) -> None:
+        """The first row of words under the names, and the first of units."""
+        if not heading.under:
+            heading.under = cells
+        else:
+            heading.passed.append(index)
+        if are_units(self._over_numbers(cells)) and heading.units in ([], heading.above):
+            heading.units = cells
+
+    def _is_other(
+        self, index: int, cells: Sequence[str], heading: TableHeading, first: int
+    ) -> bool:
+        """Whether a line between names and rows is none of the table's."""
+        if heading.layout.fits(cells) or len(cells) == len(heading.names or ()):
+            is_none = index < first and self._is_labelled(cells)
+        else:
+            is_none = not self.has_numbers(cells) or STAMP.search(self.lines[index][1]) is not None
+        return is_none or self._is_caption(index + 1)
 
     def disagrees(self, index: int) -> InputError:
         number = self.lines[index][0]

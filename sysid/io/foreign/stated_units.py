@@ -10,6 +10,7 @@ from sysid.io.units import CANONICAL_UNITS
 
 _BRACKETED = re.compile(r"(?P<name>.*?\S)[\s_]*[\[(](?P<unit>[^\[\]]*)[\])]\s*")
 _ENDING = re.compile(r"(?P<name>.*[^_\s])_(?P<unit>[A-Za-z]{2,4})")
+_TITLE = re.compile(r"(?i)(?:units?|einheit)\s*[:=]\s*")
 _REFERENCE = re.compile(r"\s*\((?:g|a|gauge|abs|absolute)\)$|(?<=bar|psi)[ga]$", re.IGNORECASE)
 # As headings write them, without regard to capitals.
 _LISTED = """
@@ -78,7 +79,7 @@ def state_units(table: ForeignTable, names: Sequence[str], cells: Sequence[str])
 
 
 def _unbracketed(text: str) -> str:
-    text = text.strip()
+    text = _TITLE.sub("", text.strip())
     closed = {"(": ")", "[": "]"}.get(text[:1])
     return text[1:-1].strip() if closed and text.endswith(closed) else text
 

@@ -83,8 +83,8 @@ def _read_lines(
     check_rectangle(path, len(body), layout.fields)
     names = _names(heading, options)
     take_names(table, names, parsed(path, [line for _, line in body], layout))
-    state_units(table, names or (), heading.under)
-    _take_sampling(table, heading, names)
+    state_units(table, names or (), heading.units or heading.under)
+    _take_sampling(table, heading)
     return table
 
 
@@ -144,14 +144,16 @@ def _tell_heading(
         )
     if heading.under:
         table.notices.append(
-            f"{path}: the row under the names was skipped ({'; '.join(heading.under[:8])})"
+            f"{path}: the row under the names was skipped "
+            f"({'; '.join(heading.under[:8]).rstrip('; ')})"
         )
-    for index in heading.passed:
-        number, text = lines[index]
-        if heading.layout.cells(text)[: heading.layout.fields] != heading.under:
-            table.notices.append(
-                f"{path}: line {number} passed over, none of the table's rows ({text.strip()[:60]})"
-            )
+    if heading.passed:
+        number, text = lines[heading.passed[0]]
+        more = f" and {len(heading.passed) - 1} more" if len(heading.passed) > 1 else ""
+        table.notices.append(
+            f"{path}: line {number}{more} passed over, none of the table's rows "
+            f"({text.strip()[:60]})"
+        )
 
 
 def _read_transposed(table: ForeignTable, lines: Lines, options: ReadOptions) -> ForeignTable:
@@ -221,12 +223,13 @@ def _names(heading: TableHeading, options: ReadOptions) -> list[str] | None:
     return names
 
 
-def _take_sampling(table: ForeignTable, heading: TableHeading, names: list[str] | None) -> None:
+def _take_sampling(table: ForeignTable, heading: TableHeading) -> None:
     """A scope's period and first instant, which stand as numbers in the row of units."""
+    names = [name.strip().lower() for name in (*(heading.names or ()), *heading.beyond)]
     stated = {
-        name.strip().lower(): float(cell)
-        for name, cell in zip(names or (), heading.under, strict=False)
-        if name.strip().lower() in ("start", "increment") and is_number(cell)
+        name: float(cell)
+        for name, cell in zip(names, heading.under, strict=False)
+        if name in ("start", "increment") and is_number(cell)
     }
     if len(stated) == 2 and stated["increment"] > 0.0:
         base = SampleTimes(stated["increment"], stated["start"])

@@ -7,7 +7,7 @@ import itertools
 import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from sysid.errors import input_error
@@ -48,8 +48,9 @@ _WORDS = re.compile(r"\S+")
 class Layout:
     """How the lines are read; `fields` is the number of columns.
 
-    `numeric` are the columns (from 0) whose cells are numbers; `ends_empty`: each line ends with
-    a delimiter that starts no column.
+    `numeric` are the columns (from 0) whose cells are numbers, `blank` those in which most rows
+    have none;
+    `ends_empty`: each line ends with a delimiter that starts no column.
     """
 
     delimiter: str
@@ -57,6 +58,7 @@ class Layout:
     fields: int
     thousands: str | None = None
     numeric: frozenset[int] = frozenset()
+    blank: frozenset[int] = frozenset()
     ends_empty: bool = False
 
     @property
@@ -147,7 +149,11 @@ def _scored(lines: Sequence[str], layout: Layout) -> tuple[tuple[float, bool], L
         for column in range(fields)
         if 2 * sum(is_n[column] for _, is_n in usual) > sum(bool(row[column]) for row, _ in usual)
     )
-    found = Layout(layout.delimiter, layout.decimal, fields, layout.thousands, numeric, ends_empty)
+    # A damaged row may have a cell there.
+    blank = frozenset(c for c in range(fields) if 2 * sum(bool(r[c]) for r, _ in usual) < len(usual))
+    found = replace(
+        layout, fields=fields, numeric=numeric, blank=blank, ends_empty=ends_empty
+    )
     return (round(votes / len(rows) * share, 2), fields > 1), found
 
 
