@@ -64,6 +64,12 @@ def many_objects(path: Path) -> None:
             h5py.h5g.create(first.id, str(number).encode())
 
 
+def many_records(path: Path) -> None:
+    sample = np.dtype([("time", "f8"), ("p", "f8")])
+    with h5py.File(path, "w") as file:
+        file.create_dataset("compound", (MANY,), dtype=sample, chunks=(1 << 10,))
+
+
 HDF5_BOMBS: dict[str, Maker] = {
     "never-written": never_written,
     "never-written-by-parts": never_written_by_parts,
@@ -71,6 +77,7 @@ HDF5_BOMBS: dict[str, Maker] = {
     "large-chunk": large_chunk,
     "deflated": deflated_beyond_its_chunk,
     "many-objects": many_objects,
+    "many-records": many_records,
 }
 
 
@@ -167,8 +174,6 @@ def virtual_ring(file: h5py.File) -> None:
 
 
 def other_types(file: h5py.File) -> None:
-    sample = np.dtype([("time", "f8"), ("p", "f8")])
-    file.create_dataset("compound", (MANY,), dtype=sample, chunks=(1 << 20,))
     file.create_dataset("text", (MANY,), dtype="S1000", chunks=(1 << 10,))
     file.create_dataset("one-text", (1,), dtype=h5py.string_dtype(length=2_000_000_000))
     file.create_dataset("array", (MANY,), dtype=np.dtype(("f8", (1000,))), chunks=(1 << 10,))
@@ -410,7 +415,8 @@ def text_of_line_ends(path: Path) -> None:
 
 
 def text_of_short_rows(path: Path) -> None:
-    wide = [",".join(f"c{number}" for number in range(10_000)), ",".join(["1"] * 10_000)]
+    names = ["time_s", "p", *(f"c{number}" for number in range(2, 10_000))]
+    wide = [",".join(names), ",".join(["1"] * 10_000)]
     path.write_text("\n".join([*wide, *[wide[1]] * 300, *["1"] * 20_000, ""]))
 
 

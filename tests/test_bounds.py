@@ -100,7 +100,11 @@ def expect_refused(kind: str, paths: list[Path], what: str, **environment: str) 
         (bombs.TDMS_BOMBS, ".tdms", "SYSID_MAX_CELLS|is damaged or not a TDMS file"),
         (bombs.EXCEL_BOMBS, ".xlsx", "unpacks to more than is read"),
         (bombs.PARQUET_BOMBS, ".parquet", "SYSID_MAX_CELLS|more than 100,000 columns"),
-        (bombs.TEXT_BOMBS, ".csv", "SYSID_MAX_CELLS|more than 100,000 columns"),
+        (
+            bombs.TEXT_BOMBS,
+            ".csv",
+            "SYSID_MAX_CELLS|more than 100,000 columns|10000 column names over 1 field",
+        ),
     ],
     ids=lambda value: value if isinstance(value, str) and value.startswith(".") else "",
 )

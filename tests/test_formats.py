@@ -768,6 +768,23 @@ def test_list_shows_names_as_they_are(tmp_path: Path, capsys: pytest.CaptureFixt
     ]
 
 
+def test_records_of_hdf5(tmp_path: Path) -> None:
+    """PyTables' and h5py's compound data sets: each field that is a number is a column."""
+    fields = [("t", "f8"), ("imu", [("w", "f4"), ("id", "S4")]), ("p", "f8", (2,)), ("on", "?")]
+    records = np.zeros(9, dtype=[*fields, ("word", "S4")])
+    records["t"], records["imu"]["w"], records["p"][:, 1] = np.arange(9), 2.5, 7.0
+    with h5py.File(tmp_path / "rec.h5", "w") as file:
+        file.create_dataset("log", data=records, compression="gzip")
+        file["log"].attrs["names"] = "some"
+        named = np.dtype([("t", "f8"), ("text", h5py.string_dtype())])
+        file.create_dataset("other", (9,), dtype=named)
+    found = table_of(tmp_path / "rec.h5")
+    assert list(found.columns) == ["log.t", "log.imu.w", "log.p#1", "log.p#2", "log.on", "other.t"]
+    assert found.columns["log.t"].tolist() == list(range(9))
+    assert set(found.columns["log.imu.w"]) == {2.5} and set(found.columns["log.p#2"]) == {7.0}
+    assert set(found.skipped) == {"log.imu.id", "log.word", "other.text"}
+
+
 def test_list_reads_as_a_conversion_does(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -255,6 +255,20 @@ def test_sheet_with_rows_above_its_names(tmp_path: Path) -> None:
     np.testing.assert_allclose(angle, [0.0, 2.0, 4.0, 6.0, 8.0])
 
 
+def test_sheet_with_descriptions_over_its_units(tmp_path: Path) -> None:
+    book = openpyxl.Workbook()
+    for row in (["AI01", "AI02", "t"], ["Druck A", "Winkel", "Zeit"], ["mbar", "deg", "s"]):
+        book.active.append(row)
+    for time in range(5):
+        book.active.append([1000 + time, time, time])
+    book.save(tmp_path / "rec.xlsx")
+    maps = ["time_s=t", "pressure_a_pa=AI01", "theta_rad=AI02:rad"]
+    report = convert(tmp_path / "rec.xlsx", tmp_path / "log.csv", maps=maps)
+    assert log_of(tmp_path / "log.csv")["pressure_a_pa"].tolist()[:2] == [100000.0, 100100.0]
+    assert any("2 rows of words under the names skipped" in line for line in report.notices)
+    assert any("AI02 is in 'deg' by the file" in line for line in report.notices)
+
+
 # --- lines that are no rows ------------------------------------------------------------
 
 HALF = rows().splitlines(keepends=True)

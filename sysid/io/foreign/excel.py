@@ -10,9 +10,10 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from sysid.errors import InputError, input_error
-from sysid.io.foreign.heading import find_header
-from sysid.io.foreign.stated_units import state_units
+from sysid.io.foreign.heading import STAMP, find_header
+from sysid.io.foreign.stated_units import are_units, state_units
 from sysid.io.foreign.table import ForeignTable, ReadOptions, damaged, take_names
+from sysid.io.foreign.text_layout import is_number
 from sysid.io.foreign.workbook_size import check_size
 from sysid.io.units import bare_name
 
@@ -48,9 +49,14 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
     if above:
         table.notices.append(f"{path}: {above} rows above the names passed over")
         frame, rows = frame.iloc[above:], rows[above:]
-    names, skipped = find_header(rows, options.header)
+    names, _ = find_header(rows, options.header)
+    under = [] if names is None else _rows_under(rows)
+    units = next(filter(are_units, under), [])
+    skipped = len(under)
     if skipped:
-        table.notices.append(f"{path}: a row of units under the names was skipped")
+        what = "a row of units" if units and skipped == 1 else f"{skipped} rows of words"
+        shown = "; ".join(cell for cell in units or under[0] if cell)
+        table.notices.append(f"{path}: {what} under the names skipped ({shown[:60]})")
     body = frame.iloc[skipped + (names is not None) :]
     if body.empty:
         raise input_error(
@@ -60,7 +66,7 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
     across = "column" if options.transpose else "row"
     table.place = lambda row: f"sheet {name!r}, {across} {numbers[row]}"
     take_names(table, names, (_values(body[column]) for column in body.columns))
-    state_units(table, names or (), rows[1] if skipped else ())
+    state_units(table, names or (), units)
     return table
 
 
@@ -72,6 +78,14 @@ def _rows_above(rows: Sequence[Sequence[str]], asked: Sequence[str]) -> int:
         for row in rows
     ]
     return found.index(max(found)) if any(found) else 0
+
+
+def _rows_under(rows: Sequence[Sequence[str]]) -> list[Sequence[str]]:
+    """The rows of words, units among them, between the names and the first row of numbers."""
+    for count, row in enumerate(rows[1:]):
+        if any(is_number(cell) or STAMP.search(cell) for cell in row):
+            return list(rows[1 : count + 1])
+    return []
 
 
 def _transposed(frame: Any) -> Any:

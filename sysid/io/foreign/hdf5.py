@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.errors import InputError, input_error, shortened
 from sysid.io.bounds import MOST_COLUMNS, Cells, check_columns
@@ -25,16 +26,17 @@ from sysid.io.foreign.table import ForeignTable, ReadOptions, damaged
 
 _MAX_DEPTH = 12
 _OUTSIDE = "save the data in one file (in MATLAB: load, then save)"
-_REFERENCE_BYTES = 8
+_REFERENCE_BYTES = _NUMBER_BYTES = 8
 # Bytes of MATLAB's attributes, of its names, and of what filters add to a chunk, are fewer.
 _SHORT = 1024
 
 
 def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
-    """Data sets by name, groups (structs) by dots; see `sysid.io.foreign.matlab.read`.
+    """Data sets by name, groups (structs) and fields of records by dots.
 
-    Of several names for one object the first is read; links and references come last. Raises
-    InputError where values or objects are in other files, and beyond the bound of cells.
+    See `sysid.io.foreign.matlab.read`. Of several names for one object the first is read; links and
+    references come last. Raises InputError where values or objects are in other files, and beyond
+    the bound of cells.
     """
     import h5py
 
@@ -46,7 +48,10 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
             found.look_through()
             for name, node in found.wanted:
                 _check_packed(path, name, node)
-                table.add(name, np.asarray(node[()]).T)
+                if fields := _fields_of_numbers(node.dtype):
+                    _add_fields(table, name, node.fields(fields)[()])
+                else:
+                    table.add(name, np.asarray(node[()]).T)
                 unit = _attribute(node, b"units") or _attribute(node, b"unit")
                 if isinstance(unit, str) and unit.strip():
                     _set_unit(table, name, unit.strip())
@@ -57,6 +62,24 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
     if found.objects and not table.columns:
         raise only_objects(path, found.objects)
     return table
+
+
+def _fields_of_numbers(dtype: Any) -> list[str]:
+    """The fields of a compound type that are numbers, or records of their own; () of another."""
+    parts = {name: dtype.fields[name][0] for name in dtype.names or ()}
+    return [n for n, d in parts.items() if (d.names and not d.hasobject) or d.base.kind in "fiub"]
+
+
+def _add_fields(table: ForeignTable, name: str, rows: NDArray[Any]) -> None:
+    """The fields of records (n,), "name.field"; of a record within one by further dots."""
+    for field_name in rows.dtype.names or ():
+        full, values = _full(name, field_name), rows[field_name]
+        if values.dtype.names:
+            _add_fields(table, full, values)
+        elif values.dtype.kind not in "fiub":
+            table.skipped[full] = f"of type {values.dtype}"
+        else:
+            table.add(full, values)
 
 
 def _set_unit(table: ForeignTable, name: str, unit: str) -> None:
@@ -188,6 +211,11 @@ class _Objects:
             skipped[full] = "empty"
         elif h5py.check_ref_dtype(dtype) is h5py.Reference:
             self._later.append(partial(self._follow, name, parent, node, depth, kind == "cell"))
+        elif fields := _fields_of_numbers(dtype):
+            others = [field_name for field_name in dtype.names if field_name not in fields]
+            skipped |= {_full(full, field_name): "no number" for field_name in others}
+            self._count_records(full, node, fields)
+            self.wanted.append((full, node))
         elif kind == "char" or dtype.kind not in "fiub":
             skipped[full] = "text" if kind == "char" else f"of type {_kind(dtype)}"
         else:
@@ -228,6 +256,20 @@ class _Objects:
         if node.chunks is not None:  # a chunk is read whole, and may be larger than its data set
             Cells(self.table.path).add(math.prod(node.chunks), f"a chunk of data set {full}")
         self.cells.add(node.size, f"data set {full}")
+
+    def _count_records(self, full: str, node: Any, fields: list[str]) -> None:
+        """InputError where the fields of a compound data set are beyond the bound of cells."""
+        check_columns(self.table.path, len(node.dtype.names))
+        if node.chunks is not None:
+            width = _eighths(node.dtype.itemsize)
+            Cells(self.table.path).add(math.prod(node.chunks) * width, f"a chunk of {full}")
+        width = sum(_eighths(node.dtype.fields[name][0].itemsize) for name in fields)
+        self.cells.add(node.size * width, f"data set {full}")
+
+
+def _eighths(size: int) -> int:
+    """Bytes as cells."""
+    return -(-size // _NUMBER_BYTES)
 
 
 def _check_packed(path: Path, name: str, node: Any) -> None:

@@ -353,7 +353,7 @@ class _HeadingSearch:
         named = len(cells) - (len(cells) > 1 and not cells[-1])
         return input_error(
             f"{self.path}, line {number}",
-            f"{named} column names over {self.layout.fields} fields",
+            f"{named} column names over {self.layout.fields} field{'s' * (self.layout.fields != 1)}",
             f"make them agree; if the names are others, --skip-rows {number} starts below this "
             "line, and with --no-header the columns are #1, #2 ... (in a recipe: skip_rows)",
         )

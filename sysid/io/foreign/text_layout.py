@@ -27,7 +27,7 @@ _DELIMITER_NAMES = {
     "bar": "|",
 }
 _SAID = {"\t": "tabs", ",": "commas", ";": "semicolons", BLANK: "blanks", "|": "bars"}
-# In this order: of two that fit equally well the first is used.
+# Of two that fit equally well the first is used.
 _CANDIDATES = (
     (";", "."),
     (";", ","),
@@ -120,18 +120,23 @@ def check_line_lengths(path: Path, lines: Iterable[str], options: ReadOptions) -
 
 
 def find_layout(path: Path, lines: Sequence[str], options: ReadOptions) -> Layout:
-    """The delimiter and decimal sign under which most cells of most lines are numbers."""
+    """The delimiter and decimal sign under which most cells of most lines are numbers.
+
+    Where only another delimiter cuts out the names asked for, it is that one.
+    """
     # Headings and preambles come first, so the last lines decide.
     late = lines[-max(_FEWEST_LINES, len(lines) // 10) :]
     late = late[len(late) // 2 :] if len(late) == len(lines) else late
     late = late[:: max(1, len(late) // _SAMPLE_LINES)]
-    best: tuple[tuple[float, bool], Layout] | None = None
-    for delimiter, decimal in _candidates(path, options):
-        score, layout = _scored(late, Layout(delimiter, decimal, 0, options.thousands))
-        if best is None or score > best[0]:
-            best = score, layout
-    assert best is not None  # always at least one candidate
-    return best[1]
+    tried = [
+        _scored(late, Layout(delimiter, decimal, 0, options.thousands))
+        for delimiter, decimal in _candidates(path, options)
+    ]
+    found = [layout for _, layout in sorted(tried, key=lambda one: one[0], reverse=True)]
+    asked = {name for name in options.names if not name.startswith("#")}
+    heads = [line for line in lines if asked and all(name in line for name in asked)][:1]
+    by_name = (one for one in found for line in heads if asked <= set(one.cells(line)))
+    return next(by_name, found[0])
 
 
 def _scored(lines: Sequence[str], layout: Layout) -> tuple[tuple[float, bool], Layout]:
@@ -150,10 +155,10 @@ def _scored(lines: Sequence[str], layout: Layout) -> tuple[tuple[float, bool], L
         if 2 * sum(is_n[column] for _, is_n in usual) > sum(bool(row[column]) for row, _ in usual)
     )
     # A damaged row may have a cell there.
-    blank = frozenset(c for c in range(fields) if 2 * sum(bool(r[c]) for r, _ in usual) < len(usual))
-    found = replace(
-        layout, fields=fields, numeric=numeric, blank=blank, ends_empty=ends_empty
+    blank = frozenset(
+        c for c in range(fields) if 2 * sum(bool(r[c]) for r, _ in usual) < len(usual)
     )
+    found = replace(layout, fields=fields, numeric=numeric, blank=blank, ends_empty=ends_empty)
     return (round(votes / len(rows) * share, 2), fields > 1), found
 
 
