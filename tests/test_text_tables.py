@@ -115,10 +115,36 @@ def test_signs_that_no_keyboard_has(tmp_path: Path, group: str, option: str) -> 
     assert frame["motor_force_n"].tolist() == [-i - 0.5 for i in range(20)]
 
 
-def test_dates_between_dots(tmp_path: Path) -> None:
-    cells = "".join(f"14.05.2024 13:29:{30 + i},500;{i}\n" for i in range(20))
-    read(tmp_path, "t;u\n" + cells, "time_s=t", "motor_force_n=u")
+@pytest.mark.parametrize(
+    "stamp",
+    [
+        "14.05.2024 13:29:{:02d},500",
+        "14.05.24 13:29:{:02d}.5",
+        "14/05/2024 13:29:{:02d}.500",
+        "05/14/2024 01:29:{:02d}.500 PM",
+        "05/04/2024 13:29:{:02d}",
+        "2024-05-14 13:29:{:02d}.500",
+        "13:29:{:02d}.500",
+    ],
+)
+def test_dates_as_countries_write_them(tmp_path: Path, stamp: str) -> None:
+    lines = ["t;u", *(f"{stamp.format(10 + i)};{i}" for i in range(20))]
+    maps = ("time_s=t", "motor_force_n=u")
+    read(tmp_path, "\n".join(lines) + "\n", *maps)
     assert log_of(tmp_path / "log.csv")["time_s"].tolist() == list(range(20))
+    for cell in ("", stamp.format(15).replace("1", "l"), "4"):
+        spoilt = [*lines[:12], f"{cell};11", *lines[13:]]
+        with pytest.raises(InputError, match="line 13: column t") as caught:
+            read(tmp_path, "\n".join(spoilt) + "\n", *maps)
+        assert repr(cell)[:20].rstrip("'") in str(caught.value) or not cell
+
+
+def test_a_date_of_two_readings(tmp_path: Path) -> None:
+    cells = "".join(
+        f"0{4 + i // 10}/05/2024 {'23:59:50' if i < 10 else '00:00:00'};1\n" for i in range(20)
+    )
+    with pytest.raises(InputError, match="either number may be the day"):
+        read(tmp_path, "t;u\n" + cells, "time_s=t", "motor_force_n=u")
 
 
 def test_names_that_are_numbers(tmp_path: Path) -> None:

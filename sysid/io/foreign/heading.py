@@ -351,9 +351,10 @@ class _HeadingSearch:
         number = self.lines[index][0]
         cells = self.cells(index)
         named = len(cells) - (len(cells) > 1 and not cells[-1])
+        fields = "1 field" if self.layout.fields == 1 else f"{self.layout.fields} fields"
         return input_error(
             f"{self.path}, line {number}",
-            f"{named} column names over {self.layout.fields} field{'s' * (self.layout.fields != 1)}",
+            f"{named} column names over {fields}",
             f"make them agree; if the names are others, --skip-rows {number} starts below this "
             "line, and with --no-header the columns are #1, #2 ... (in a recipe: skip_rows)",
         )

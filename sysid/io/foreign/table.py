@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,18 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.errors import InputError, input_error, shortened
+from sysid.io.foreign.stamps import clock_seconds, dates_in
+from sysid.types import IntArray
 
 if TYPE_CHECKING:
     import pandas as pd
 
 Column = NDArray[Any]
-
-_CLOCK = re.compile(r"\s*(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d+)?)\s*")
-_DOTTED = re.compile(
-    r"(?P<day>\d{1,2})\.(?P<month>\d{1,2})\.(?P<year>\d{4})[ T]+"
-    r"(?P<time>\d{2}:\d{2}:\d{2}(?:[.,]\d+)?)"
-)
-_DAY_S = 86400.0
 
 _LISTED = 24
 
@@ -140,12 +134,13 @@ class ForeignTable:
             values = pd.to_numeric(series, errors="coerce").to_numpy(np.float64, na_value=np.nan)
             bad = np.flatnonzero(np.isnan(values) & series.notna().to_numpy())
             if bad.size and target == "time_s":
-                stamps = _dated(series)
-                if stamps is None:
-                    stamps = pd.to_datetime(series, format="ISO8601", errors="coerce", utc=True)
-                if not stamps.isna().any():
+                stamps = dates_in(self.path, name, series)
+                if stamps is not None:
+                    self._all_stamps(name, series, np.flatnonzero(stamps.isna()), rows)
                     return self._seconds(name, target, stamps, rows)
-                if (clock := _clock_seconds(cells)) is not None:
+                clock = clock_seconds(cells)
+                if clock is not None:
+                    self._all_stamps(name, series, np.flatnonzero(np.isnan(clock)), rows)
                     self.stamped.add(name)
                     self._counts_from(name, str(cells[0]).strip())
                     return clock
@@ -172,6 +167,21 @@ class ForeignTable:
             f"column {name} (for {target}) holds {_shown(cells[at])}, not a number",
             "fix the cell or map another column (a decimal comma: --decimal; digits "
             "grouped by thousands: --thousands)",
+        )
+
+    def _all_stamps(
+        self, name: str, cells: pd.Series, others: IntArray, rows: NDArray[np.intp] | None
+    ) -> None:
+        """InputError at the first of the cells that are no time stamps, although most are."""
+        if not others.size:
+            return
+        first = int(others[0])
+        if bool(cells.isna()[first]):
+            raise self._not_finite(name, "time_s", _row(first, rows))
+        raise input_error(
+            f"{self.path}, {self.place(_row(first, rows))}",
+            f"column {name} (for time_s) holds {_shown(cells[first])}, no time as the others are",
+            "fix the cell, or delete the row",
         )
 
     def _counts_from(self, name: str, first: str) -> None:
@@ -227,21 +237,6 @@ def _row(index: int, rows: NDArray[np.intp] | None) -> int:
     return index if rows is None else int(rows[index])
 
 
-def _dated(cells: pd.Series) -> pd.Series | None:
-    """Time stamps of dates between dots, day first; None where a cell is anything else."""
-    import pandas as pd
-
-    found = [_DOTTED.fullmatch(str(cell).strip()) for cell in cells]
-    if not all(found):
-        return None
-    written = [
-        f"{m['year']}-{m['month']:0>2}-{m['day']:0>2}T{m['time'].replace(',', '.')}"
-        for m in found
-        if m
-    ]
-    return pd.Series(pd.to_datetime(written, format="ISO8601", errors="coerce", utc=True))
-
-
 def _shown(value: Any) -> str:
     if isinstance(value, float | np.floating):
         return f"{value:.6g}"
@@ -277,19 +272,3 @@ def take_names(table: ForeignTable, names: Sequence[str] | None, columns: Iterab
     for name, its in numbers.items():
         more = " ..." if len(its) > _LISTED else ""
         table.skipped[name] = f"it names {' and '.join(its[:_LISTED])}{more}"
-
-
-def _clock_seconds(cells: Column) -> NDArray[np.float64] | None:
-    """Seconds (n,) from the first of times of day, 14:59:58.001, over midnight too.
-
-    None where a cell is anything else.
-    """
-    found = [_CLOCK.fullmatch(str(cell)) for cell in cells]
-    if not all(found):
-        return None
-    hours, minutes, seconds = (
-        np.array([float(match[i].replace(",", ".")) for match in found if match]) for i in (1, 2, 3)
-    )
-    time = 3600.0 * hours + 60.0 * minutes + seconds
-    days = np.cumsum(np.diff(time, prepend=time[:1]) < -0.5 * _DAY_S)
-    return np.asarray(np.round(time + _DAY_S * days - time[0], 9))
