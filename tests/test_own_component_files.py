@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from own_components import FOLDER, refused, run
+from own_components import FOLDER, done, refused, run
 
 import sysid as si
 from sysid.components.definition import DynamicComponent
@@ -260,3 +260,51 @@ def test_a_bundle_without_it(campaign: Path, rig_text: str) -> None:
 def test_a_component_given_as_something_else(campaign: Path) -> None:
     with pytest.raises(InputError, match="is not a component"):
         si.read_campaign(campaign, component=dict)  # type: ignore[arg-type]
+
+
+def test_a_column_that_is_empty_is_absent(campaign: Path) -> None:
+    (campaign.parent / "cart.py").write_text(GOOD, "utf-8")
+    rows = (campaign.parent / "other.csv").read_text("utf-8").splitlines()
+    for extra in ("speed_m_per_s", "push_n"):
+        emptied = [rows[0]]
+        for row in rows[1:]:
+            time, push, speed = row.split(",")
+            emptied.append(f"{time},{push if extra != 'push_n' else ''},"
+                           f"{speed if extra != 'speed_m_per_s' else ''}")  # fmt: skip
+        (campaign.parent / "other.csv").write_text("\n".join([*emptied, ""]), "utf-8")
+        read = si.read_campaign(campaign, component=campaign.parent / "cart.py")
+        (log,) = [one for one in read.logs if one.use == "holdout"]
+        said = read.read(log)
+        assert any(f"{extra} is empty: taken as absent" in line for line in said.notices)
+        assert extra not in said.trials[0]
+
+
+def test_a_column_that_is_empty_in_one_test_is_absent_there(campaign: Path) -> None:
+    (campaign.parent / "cart.py").write_text(GOOD, "utf-8")
+    rows = [
+        f"{label},{0.01 * i:.2f},{0.1 * i},{'' if label == 'b' else i}"
+        for label in "ab"
+        for i in range(5)
+    ]
+    text = "\n".join(["test,time_s,push_n,speed_m_per_s", *rows, ""])
+    (campaign.parent / "other.csv").write_text(text, "utf-8")
+    read = si.read_campaign(campaign, component=campaign.parent / "cart.py")
+    (log,) = [one for one in read.logs if one.use == "holdout"]
+    said = read.read(log)
+    assert any("speed_m_per_s is empty in test b: taken as absent" in n for n in said.notices)
+    first, second = said.trials
+    assert "speed_m_per_s" in first and "speed_m_per_s" not in second and "push_n" in second
+
+
+def test_a_recording_that_starts_again_is_converted_with_the_component(campaign: Path) -> None:
+    (campaign.parent / "cart.py").write_text(GOOD, "utf-8")
+    rows = (campaign.parent / "run.csv").read_text("utf-8").splitlines()
+    (campaign.parent / "other.csv").write_text("\n".join([*rows, *rows[1:], ""]), "utf-8")
+    told = refused("check", campaign, "--component", campaign.parent / "cart.py")
+    assert "the recording starts again there" in told
+    assert "`sysid convert --component cart.py other.csv -o other_2.csv`" in told
+    done("convert", "--component", campaign.parent / "cart.py", campaign.parent / "other.csv",
+         "-o", campaign.parent / "other_2.csv", "--map", "time_s=time_s", "--map", "push_n=push_n",
+         "--map", "speed_m_per_s=speed_m_per_s")  # fmt: skip
+    text = (campaign.parent / "other_2.csv").read_text("utf-8")
+    assert "\ntime_s,test," in text and "\n1.99,2," in text

@@ -58,6 +58,10 @@ class LoadedComponent(OwnKind):
         return tuple(n for n, c in columns.items() if c.role == "input" and c.between == "held")
 
     @property
+    def defined_in(self) -> str:
+        return self.file
+
+    @property
     def name(self) -> str:
         """The class's name."""
         return type(self.definition).__name__

@@ -65,7 +65,8 @@ class LogReading:
     """A log while it is being read: columns by canonical name, and where they came from.
 
     `strides`: rows from one fresh reading to the next, of channels that repeat theirs. `begun`: of
-    each part of a test whose start is excluded, by label, how many s after it begins.
+    each part of a test whose start is excluded, by label, how many s after it begins. `convert`:
+    the `sysid convert` that reads the file.
     """
 
     table: LogTable
@@ -79,6 +80,7 @@ class LogReading:
     strides: dict[str, float] = field(default_factory=dict)
     begun: Mapping[str, float] = field(default_factory=dict)
     excluded: tuple[Excluded, ...] = ()
+    convert: str = "sysid convert"
 
     @property
     def where(self) -> str:
@@ -241,7 +243,7 @@ def _take_columns(reading: LogReading, maps: Mapping[str, ColumnMap]) -> None:
     for target, entry in maps.items():
         if target != "test":
             column = sources[target]
-            absent = _absent(reading, target, column, maps)
+            absent = absent_rows(reading, target, column, maps)
             if absent is not None and absent.all():
                 continue
             stamped = table.is_stamped(column)
@@ -260,7 +262,7 @@ def _take_columns(reading: LogReading, maps: Mapping[str, ColumnMap]) -> None:
         raise input_error(reading.where, "holds one row only", "a test needs at least two samples")
 
 
-def _absent(
+def absent_rows(
     reading: LogReading, target: str, column: str, maps: Mapping[str, ColumnMap]
 ) -> NDArray[np.bool_] | None:
     """The rows (n,) of tests in which a column is empty: there it is absent, which is said.
@@ -288,7 +290,7 @@ def _known(values: FloatArray) -> FloatArray:
 
 def _take(reading: LogReading, name: str, maps: Mapping[str, ColumnMap]) -> None:
     """A column by its own name; one that only few kinds of test need may be unusable."""
-    absent = _absent(reading, name, name, maps)
+    absent = absent_rows(reading, name, name, maps)
     if absent is not None and absent.all():
         return
     try:
@@ -573,7 +575,7 @@ def _time_error(
         )
     what = f"time_s{name} goes back from {before:.9g} to {after:.9g}"
     file = reading.table.path
-    line = f"`sysid convert {file.name} -o {file.stem}_2.csv`"
+    line = f"`{reading.convert} {file.name} -o {file.stem}_2.csv`"
     wraps = wraps_of_seconds(time)
     if wraps is not None and index + 1 in wraps.rows:
         return input_error(
@@ -718,6 +720,7 @@ __all__ = [
     "Log",
     "LogReading",
     "Trial",
+    "absent_rows",
     "any_contradiction",
     "check_time_column",
     "exclusions_for",

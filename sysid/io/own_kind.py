@@ -14,6 +14,7 @@ from sysid.io.exclusion import Exclusion, without
 from sysid.io.foreign_log import in_log_format
 from sysid.io.logs import (
     LogReading,
+    absent_rows,
     check_time_column,
     groups_of,
     log_from,
@@ -39,6 +40,11 @@ class OwnKind:
         return ()
 
     @property
+    def defined_in(self) -> str:
+        """The file that defines it, as `--component` names it; empty without one."""
+        return ""
+
+    @property
     def units(self) -> dict[str, str | None]:
         """The unit of each column that a log of this kind may have, in their order."""
         return {"time_s": "s", TEST_COLUMN: None, **self.columns}
@@ -55,8 +61,9 @@ def read_own_log(
     """Read a log of a user's own kind: `time_s`, `test` where it is there, and its columns.
 
     Values are taken in the columns' own units, converted where `mapping`, or `shared` for columns
-    that the file has, says so. A column that is missing is missing in the trials, and so is what
-    `exclude` names. Raises InputError for a file, a cell or a time column that cannot be used.
+    that the file has, says so. A column that is missing is missing in the trials, one that is empty
+    in a test is so in this test, which is said, and what `exclude` names is missing, too. Raises
+    InputError for a file, a cell or a time column that cannot be used.
     """
     units = {"time_s": "s", **own.columns}
     maps = {t: m for t, m in {**(shared or {}), **(mapping or {})}.items() if t in (*units, "test")}
@@ -65,6 +72,7 @@ def read_own_log(
         if target in maps and not has_column(table.header, maps[target]):
             del maps[target]
     reading = LogReading(table, rig, maps=maps)
+    reading.convert += f" --component {own.defined_in or 'FILE.py'}"
     if table.foreign is not None:
         known = {"test": None, **units}
         table, reading.notices = in_log_format(table, maps, rig.atmosphere_pa, known, own.held)
@@ -76,14 +84,18 @@ def read_own_log(
     for name in units:
         if name in maps:
             column = table.header[find_column(table.header, maps[name], str(path))]
-            stamped = table.is_stamped(column)
-            readings = table.numbers(column)
-            values = to_si(readings, maps[name], rig.atmosphere_pa, stamped=stamped)
-            reading.notices += maps[name].notices(readings, str(path), table.place)
         elif name in table.header:
-            column, values = name, table.numbers(name)
+            column = name
         else:
             continue
+        absent = absent_rows(reading, name, column, maps)
+        if absent is not None and absent.all():
+            continue
+        values = table.numbers(column, absent)
+        if name in maps:
+            reading.notices += maps[name].notices(values, str(path), table.place)
+            stamped = table.is_stamped(column)
+            values = to_si(values, maps[name], rig.atmosphere_pa, stamped=stamped)
         reading.columns[name] = _checked_size(path, name, units[name], values)
         reading.origin[name] = column
     if len(table.frame) < 2:
@@ -94,7 +106,7 @@ def read_own_log(
 
 
 def _checked_size(path: Path, name: str, unit: str, values: FloatArray) -> FloatArray:
-    largest = float(np.max(np.abs(values), initial=0.0))
+    largest = float(np.max(np.abs(values[~np.isnan(values)]), initial=0.0))
     if math.isfinite(largest) and largest <= LARGEST:
         return values
     raise input_error(
