@@ -226,7 +226,7 @@ def test_a_shaft_that_rests_is_not_called_sampled_too_slowly(tmp_path: Path) -> 
     frame["position_m"] = COUNT * np.round(np.random.default_rng(4).normal(0, 0.4, len(frame)))
     frame.to_csv(tmp_path / "rest.csv", index=False)
     logs = read_bare_logs([tmp_path / "rest.csv"], {})
-    with pytest.raises(NotIdentifiedError, match="hardly moves"):
+    with pytest.raises(NotIdentifiedError, match="position_m hardly changes"):
         fit_friction(logs.logs[0].trials, logs.rig, kind="motion")
 
 
@@ -254,3 +254,37 @@ def test_a_chamber_that_fills_within_a_row_is_said(
     (log,) = read_bare_logs([tmp_path / "v.csv"], {}).logs
     lines = [n for n in log.notices if "of its range from one reading" in n]
     assert [("pressure_a_pa" in n) for n in lines] == [True] * is_said
+
+
+@pytest.mark.parametrize("stride", [8, 12, 16])
+def test_a_slow_position_keeps_its_acceleration(stride: int, tmp_path: Path) -> None:
+    """On lines between readings the motion's fast part is rounded off, and friction takes it."""
+    rng = np.random.default_rng(1)
+    count, t = 2e-6, 1e-3 * np.arange(12000)
+    w1, w2 = 2.0 * np.pi * 0.4, 2.0 * np.pi * 4.0
+    v = 0.25 * np.sin(w1 * t) + 0.1 * np.sin(w2 * t + 0.3)
+    a = 0.25 * w1 * np.cos(w1 * t) + 0.1 * w2 * np.cos(w2 * t + 0.3)
+    x = -0.25 / w1 * np.cos(w1 * t) - 0.1 / w2 * np.cos(w2 * t + 0.3)
+    force = MASS * a + COULOMB * np.tanh(v / 1e-3) + VISCOUS * v + 0.3 * rng.standard_normal(len(t))
+    position = stale(count * np.round(x / count), [stride])
+    frame = pd.DataFrame({"time_s": t, "position_m": position, "motor_force_n": force})
+    log, result = bare(frame, tmp_path)
+    assert any("with a spline through them" in line for line in log.notices)
+    found = result.by_name()
+    assert found["viscous_n_s_per_m"].value == pytest.approx(VISCOUS, rel=5e-3)
+    assert found["coulomb_n"].value == pytest.approx(COULOMB, rel=3e-3)
+    assert found["mass_kg"].value == pytest.approx(MASS, rel=3e-3)
+
+
+def test_a_column_that_one_test_lacks_is_mended_in_the_others(tmp_path: Path) -> None:
+    frame = axis_frame(length_s=6.0)
+    slow = frame.assign(position_m=stale(frame["position_m"].to_numpy(), [8]), test="slow")
+    lacks = frame.assign(position_m=math.nan, test="lacks")
+    path = tmp_path / "log.csv"
+    pd.concat([slow, lacks]).to_csv(path, index=False)
+    log = read_bare_logs([path], {}).logs[0]
+    assert any("position_m repeats: 88% of its rows" in line for line in log.notices)
+    assert "position_m" not in log["lacks"] and log["lacks"].row_period is None
+    held = log["slow"]
+    assert held.slow["position_m"] == pytest.approx(8e-3, rel=0.02)
+    assert len(np.unique(held["position_m"])) > 0.9 * len(held)

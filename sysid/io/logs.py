@@ -622,20 +622,35 @@ def _mended(
     """
     rig, name = reading.rig, reading.rig.position_channel
     counts = reading.origin.get(name) == "encoder_counts"
-    whole = {n: values for n, values in reading.columns.items() if not np.isnan(values).any()}
-    recording = Recording(
-        columns=whole,
-        tests=list(groups),
-        position=name,
-        count=rig.encoder_step if counts else None,
-        declared=rig.encoder_step if rig.has_declared_encoder else None,
-        place=reading.table.place,
-    )
-    mend(recording)
-    reading.columns.update(recording.columns)
-    reading.notices += [f"{reading.where}: {line}" for line in recording.notices]
-    reading.strides.update(recording.strides)
-    return recording.tests
+    mended = list(groups)
+    for present, own in _by_channels(reading.columns, groups).items():
+        recording = Recording(
+            columns={channel: reading.columns[channel] for channel in present},
+            tests=[groups[k] for k in own],
+            position=name,
+            count=rig.encoder_step if counts else None,
+            declared=rig.encoder_step if rig.has_declared_encoder else None,
+            place=reading.table.place,
+        )
+        mend(recording)
+        reading.columns.update(recording.columns)
+        reading.notices += [f"{reading.where}: {line}" for line in recording.notices]
+        for channel, stride in recording.strides.items():
+            reading.strides[channel] = max(stride, reading.strides.get(channel, 0.0))
+        for k, test in zip(own, recording.tests, strict=True):
+            mended[k] = test
+    return mended
+
+
+def _by_channels(
+    columns: Mapping[str, FloatArray], groups: Sequence[tuple[str, NDArray[np.int64] | slice]]
+) -> dict[tuple[str, ...], list[int]]:
+    """The numbers of the tests by the channels that they have."""
+    found: dict[tuple[str, ...], list[int]] = {}
+    for k, (_, rows) in enumerate(groups):
+        present = tuple(n for n, values in columns.items() if not np.isnan(values[rows]).any())
+        found.setdefault(present, []).append(k)
+    return found
 
 
 def _check_tests(reading: LogReading, groups: list[tuple[str, NDArray[np.int64] | slice]]) -> None:
@@ -692,7 +707,8 @@ def trial_of(reading: LogReading, label: str, rows: NDArray[np.int64] | slice) -
     channels = {n: v for n, v in channels.items() if not np.isnan(v).all()}
     time = reading.columns["time_s"][rows]
     said = measured_period(reading.table.comments)
-    slow = {n: stride * float(np.median(np.diff(time))) for n, stride in reading.strides.items()}
+    period = float(np.median(np.diff(time)))
+    slow = {n: stride * period for n, stride in reading.strides.items() if n in channels}
     position = reading.rig.position_channel
     return Trial(
         label,

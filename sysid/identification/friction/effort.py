@@ -89,11 +89,12 @@ class EvenTrial:
 
     `motor`, `cylinder` and `gravity` are efforts as in thesis 3.3.7: the first two drive,
     the third resists. `limit` is the largest |position| at a sufficient distance from an end stop
-    (infinite where the rig declares no stroke). `stride`: samples whose errors are shared. `lost`:
-    samples in pauses of the recording, of which nothing is known. `speed_noise`: of the measured
-    speed whose integral the position is; None where the position was measured. `has_its_start`:
-    whether the test's first row is its own, or it follows what is excluded. `added_inertia`: what
-    its payload is more than the rig file's, kg m2 or kg.
+    (infinite where the rig declares no stroke). `stride`: samples whose errors are shared;
+    `spline`: samples from one reading to the next of a position on a spline through them, else 0.
+    `lost`: samples in pauses of the recording, of which nothing is known. `speed_noise`: of the
+    measured speed whose integral the position is; None where the position was measured.
+    `has_its_start`: whether the test's first row is its own, or it follows what is excluded.
+    `added_inertia`: what its payload is more than the rig file's, kg m2 or kg.
     """
 
     label: str
@@ -111,6 +112,7 @@ class EvenTrial:
     valves_on: bool = False
     has_motor: bool = True
     stride: int = 1
+    spline: float = 0.0
     speed_noise: signals.NoiseFloor | None = None
     has_its_start: bool = True
     added_inertia: float = 0.0
@@ -288,6 +290,7 @@ def even_trial(trial: Trial, rig: Rig, notices: list[str]) -> EvenTrial:
         travel=travel,
         lost=signals.in_pauses(trial.time, grid),
         stride=trial.stride_of(rig.position_channel),
+        spline=trial.slow.get(rig.position_channel, 0.0) / trial.period,
         speed_noise=_speed_noise(trial, rig),
         has_its_start=trial.has_its_start,
         has_motor=has_motor,

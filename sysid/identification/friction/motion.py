@@ -165,7 +165,7 @@ def fit_motion(
         samples = _long_enough(samples)
     fits = model.apart(samples)
     found = model.estimated(samples, fits)
-    if shape.speeds:
+    if VISCOUS in model.columns:
         found = model.with_model_error(samples, found)
     return _finished(samples, given, model, fits is not None, found, limits, units)
 
@@ -185,21 +185,30 @@ def separation(samples: Sequence[MotionSamples]) -> Separation:
 
 @dataclass(frozen=True)
 class _Model:
-    """Which regressors are fitted (`columns`), and the inertia where it is not."""
+    """Which regressors are fitted (`columns`), and the inertia where it is not.
+
+    Where one speed leaves sums of friction only, `slope` is the speed's share of the columns of
+    direction and 1. What the speed deviates from that, on the way to a reversal, takes friction,
+    too: fitted beside the sums, it is not taken for inertia.
+    """
 
     shape: Separation
     columns: tuple[int, ...]
     inertia: float | None
     unmoved: bool = False
+    slope: tuple[float, float] = (0.0, 0.0)
 
     @staticmethod
     def of(samples: Sequence[MotionSamples], inertia: float | None, shape: Separation) -> _Model:
-        columns = (COULOMB,) + (VISCOUS,) * shape.speeds + (OFFSET,) * shape.both
+        slope = (0.0, 0.0) if shape.speeds else _slope(samples, shape)
+        deviates = shape.speeds or _shows(_deviations(samples, slope), samples, VISCOUS)
+        columns = (COULOMB,) + (VISCOUS,) * deviates + (OFFSET,) * shape.both
         if inertia is not None:
-            return _Model(shape, columns, inertia)
-        if _accelerates(samples):
-            return _Model(shape, (*columns, INERTIA), None)
-        return _Model(shape, columns, None, unmoved=True)
+            return _Model(shape, columns, inertia, slope=slope)
+        accelerations = [s.regressors[:, INERTIA] for s in samples]
+        if _shows(accelerations, samples, INERTIA):
+            return _Model(shape, (*columns, INERTIA), None, slope=slope)
+        return _Model(shape, columns, None, unmoved=True, slope=slope)
 
     def rows(self, samples: Sequence[MotionSamples]) -> WeightedRows:
         """All trials' rows; each trial is weighted by the residual variance of its own fit."""
@@ -217,8 +226,9 @@ class _Model:
 
     def _of_trial(self, chosen: MotionSamples) -> WeightedRows:
         y, keep = self.balanced(chosen), list(self.columns)
-        weights = np.ones(len(y))
-        return WeightedRows(chosen.regressors[:, keep], y, weights, chosen.noise[keep] * len(y))
+        regressors, weights = chosen.regressors.copy(), np.ones(len(y))
+        (regressors[:, VISCOUS],) = _deviations([chosen], self.slope)
+        return WeightedRows(regressors[:, keep], y, weights, chosen.noise[keep] * len(y))
 
     def balanced(self, chosen: MotionSamples) -> FloatArray:
         """The effort (n,) that the fitted parameters balance: less what a given inertia takes."""
@@ -299,24 +309,31 @@ class _Model:
         found = np.zeros(4)
         found[INERTIA] = self.inertia or 0.0
         found[list(self.columns)] = values
+        found[[COULOMB, OFFSET]] -= found[VISCOUS] * np.array(self.slope)
         return found
 
-    def slope(self, samples: Sequence[MotionSamples]) -> tuple[float, float]:
-        """The fit of the speed on the columns of direction and 1: its factor in each sum."""
-        keep = [c for c in self.columns if c != INERTIA]
-        x, v = (
-            np.concatenate(part)
-            for part in zip(*((s.regressors[:, keep], s.speed) for s in samples), strict=True)
-        )
-        found, *_ = np.linalg.lstsq(x, v, rcond=None)
-        mean, half = (*map(float, found), 0.0)[:2]
-        return mean, half
+
+def _slope(samples: Sequence[MotionSamples], shape: Separation) -> tuple[float, float]:
+    """The fit of the speed on the columns of direction and 1: its factor in each sum."""
+    keep = [COULOMB, OFFSET] if shape.both else [COULOMB]
+    x, v = (
+        np.concatenate(part)
+        for part in zip(*((s.regressors[:, keep], s.speed) for s in samples), strict=True)
+    )
+    found, *_ = np.linalg.lstsq(x, v, rcond=None)
+    mean, half = (*map(float, found), 0.0)[:2]
+    return mean, half
 
 
-def _accelerates(samples: Sequence[MotionSamples]) -> bool:
-    """Whether the acceleration is more than the encoder's noise."""
-    squares = sum(float(np.sum(s.regressors[:, INERTIA] ** 2)) for s in samples)
-    noise = sum(s.noise[INERTIA] * len(s.effort) for s in samples)
+def _deviations(samples: Sequence[MotionSamples], slope: tuple[float, float]) -> list[FloatArray]:
+    """What the speed (n,) of each trial is more than its share `slope` of direction and 1."""
+    return [s.speed - s.regressors[:, [COULOMB, OFFSET]] @ np.array(slope) for s in samples]
+
+
+def _shows(values: Sequence[FloatArray], samples: Sequence[MotionSamples], column: int) -> bool:
+    """Whether values (n,) of each trial are more than the encoder's noise in a regressor."""
+    squares = sum(float(np.sum(own**2)) for own in values)
+    noise = sum(s.noise[column] * len(s.effort) for s in samples)
     return bool(squares > 0.0 and noise <= MOST_NOISE * squares)
 
 
@@ -339,8 +356,7 @@ def _finished(
     sums: tuple[Combination, ...] = ()
     if not model.shape.full:
         parts = [by_column[c] for c in (COULOMB, OFFSET) if c in by_column]
-        slope = (0.0, 0.0) if model.shape.speeds else model.slope(samples)
-        sums = combined(parts, slope, model.shape, units)
+        sums = combined(parts, model.slope, model.shape, units)
     full = model.full(found.values)
     rmse, count = _rmse(samples, full)
     effort = np.concatenate([model.balanced(s) for s in samples])

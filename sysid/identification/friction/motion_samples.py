@@ -187,7 +187,7 @@ def _filtered_noise(trial: EvenTrial, cutoff_hz: float) -> tuple[float, float]:
     """Noise of the filtered speed and acceleration, from that of what was measured."""
     if trial.speed_noise is None:
         measured = trial.position_noise
-        gains = _noise_gains(trial.period, cutoff_hz, trial.stride)
+        gains = _noise_gains(trial.period, cutoff_hz, trial.stride, trial.spline)
     else:
         measured, gains = trial.speed_noise, _noise_gains_of_speed(trial.period, cutoff_hz)
     return measured.total * gains[0], measured.total * gains[1]
@@ -208,19 +208,32 @@ def _noise_gains_of_speed(period: float, cutoff_hz: float) -> tuple[float, float
 
 
 @lru_cache(maxsize=32)
-def _noise_gains(period: float, cutoff_hz: float, stride: int) -> tuple[float, float]:
+def _noise_gains(
+    period: float, cutoff_hz: float, stride: int, spline: float
+) -> tuple[float, float]:
     """Noise of the filtered speed (1/s) and acceleration (1/s2) over that of the position.
 
     Of samples on the line between readings `stride` of them apart an error takes in all samples to
-    the next readings: its mean square is that over where a sample lies between two of them.
+    the next readings: its mean square is that over where a sample lies between two of them. The
+    same of a spline through readings `spline` samples apart (0: it is none).
     """
-    half = 10 * signals.filter_length(period, cutoff_hz) + stride
-    rows = np.arange(-half, half + 1)
-    one = np.maximum(0.0, 1.0 - np.abs(rows) / stride)
+    apart = spline or float(stride)
+    half = 10 * signals.filter_length(period, cutoff_hz) + math.ceil(apart)
+    away = np.arange(-half, half + 1) / apart
+    one = _cardinal_spline(away) if spline else np.maximum(0.0, 1.0 - np.abs(away))
     smooth = signals.lowpass(one, period, cutoff_hz)
     speed = signals.first_derivative(smooth, period)
     acceleration = signals.second_derivative(smooth, period)
     return (
-        math.sqrt(float(speed @ speed) / stride),
-        math.sqrt(float(acceleration @ acceleration) / stride),
+        math.sqrt(float(speed @ speed) / apart),
+        math.sqrt(float(acceleration @ acceleration) / apart),
     )
+
+
+def _cardinal_spline(away: FloatArray) -> FloatArray:
+    """The cubic spline through 1 at 0 and 0 at all other whole numbers, at `away` (n,)."""
+    from scipy.interpolate import CubicSpline
+
+    last = math.ceil(float(np.max(np.abs(away)))) + 1
+    knots = np.arange(-last, last + 1.0)
+    return np.asarray(CubicSpline(knots, (knots == 0.0).astype(float))(away))

@@ -24,6 +24,7 @@ from sysid.types import FloatArray
 Rows = NDArray[np.int64] | slice
 """Rows of a file that are one test's."""
 
+_FEWEST_OF_A_SPLINE = 4
 # Named one by one in a notice.
 _NAMED = 3
 
@@ -32,9 +33,9 @@ _NAMED = 3
 class Recording:
     """A file's samples by tests while they are mended.
 
-    `columns` (n,) each by name, SI; `tests`: (label, rows) of each; `position` names its channel,
-    `count` is the step of its counter where the file holds one, `declared` the step that the rig
-    file declares; `place` names a row of the file.
+    `columns` (n,) each by name, SI; `tests`: (label, rows) of those that have all of them;
+    `position` names its channel, `count` is the step of its counter where the file holds one,
+    `declared` the step that the rig file declares; `place` names a row of the file.
     Afterwards `notices` say what was done, without the file's name, and `strides` how many rows
     apart a channel's fresh readings are.
     """
@@ -51,6 +52,10 @@ class Recording:
     def parts(self, name: str) -> list[FloatArray]:
         """A channel's samples, test by test."""
         return [self.columns[name][rows] for _, rows in self.tests]
+
+    def samples(self, name: str) -> FloatArray:
+        """A channel's samples of all tests, one after the other."""
+        return np.concatenate(self.parts(name))
 
     def put(self, name: str, parts: Sequence[FloatArray]) -> None:
         """Replace a channel's samples, test by test."""
@@ -116,7 +121,7 @@ def _counts(recording: Recording) -> list[float]:
     """What one count of the position may be."""
     if recording.count is not None:
         return [recording.count]
-    shown = resolution_of(recording.columns[recording.position])
+    shown = resolution_of(recording.samples(recording.position))
     found = [shown.step] if shown.is_whole else []
     return found if recording.declared is None else [*found, recording.declared]
 
@@ -154,7 +159,7 @@ def _join_on(recording: Recording, fresh: list[Fresh] | None) -> None:
 def _resolution(recording: Recording) -> Resolution:
     if recording.count is not None:
         return Resolution(recording.count, True)
-    return resolution_of(recording.columns[recording.position], recording.declared)
+    return resolution_of(recording.samples(recording.position), recording.declared)
 
 
 def _jumps_line(recording: Recording, found: Sequence[tuple[int, Jump]]) -> str:
@@ -177,18 +182,36 @@ def _jumps_line(recording: Recording, found: Sequence[tuple[int, Jump]]) -> str:
 
 
 def _take_fresh(recording: Recording, name: str, how: Staleness, fresh: Sequence[Fresh]) -> None:
-    """A channel on the line between its fresh readings."""
+    """A channel on the curve through its fresh readings.
+
+    A position has a speed that changes steadily: a spline, where lines would round off what
+    accelerates it. A pressure turns within a sample where a valve switches: lines.
+    """
     times = recording.parts("time_s")
-    recording.put(
-        name,
-        [np.interp(time, own.time, own.values) for time, own in zip(times, fresh, strict=True)],
-    )
+    is_smooth = name == recording.position
+    between = _on_spline if is_smooth else _on_lines
+    recording.put(name, [between(t, own) for t, own in zip(times, fresh, strict=True)])
     recording.strides[name] = how.stride
     period = how.stride * float(np.median(np.concatenate([np.diff(time) for time in times])))
     recording.notices.append(
         f"{name} repeats: {how.share:.0%} of its rows hold the reading before, a fresh one comes "
-        f"every {period:.4g} s: only the fresh ones are used, with lines between them"
+        f"every {period:.4g} s: only the fresh ones are used, with "
+        f"{'a spline through' if is_smooth else 'lines between'} them"
     )
+
+
+def _on_lines(time: FloatArray, fresh: Fresh) -> FloatArray:
+    """At `time` (n,) s on the lines between fresh readings; the last one holds."""
+    return np.asarray(np.interp(time, fresh.time, fresh.values))
+
+
+def _on_spline(time: FloatArray, fresh: Fresh) -> FloatArray:
+    """At `time` (n,) s on the cubic spline through fresh readings; the last one holds."""
+    if len(fresh.time) < _FEWEST_OF_A_SPLINE:
+        return _on_lines(time, fresh)
+    from scipy.interpolate import CubicSpline
+
+    return np.asarray(CubicSpline(fresh.time, fresh.values)(np.minimum(time, fresh.time[-1])))
 
 
 def _end_at_fresh(recording: Recording, fresh: Iterable[Sequence[Fresh]]) -> None:
