@@ -288,3 +288,27 @@ def test_a_column_that_one_test_lacks_is_mended_in_the_others(tmp_path: Path) ->
     held = log["slow"]
     assert held.slow["position_m"] == pytest.approx(8e-3, rel=0.02)
     assert len(np.unique(held["position_m"])) > 0.9 * len(held)
+
+
+def test_at_one_speed_friction_on_the_way_to_it_is_not_taken_for_inertia(tmp_path: Path) -> None:
+    """At the low cut-offs of slow sensors the reversals' friction is spread over its neighbours."""
+    period, inner, speed, place, rows = 1e-3, 20, 0.0, 0.0, []
+    for time in period * np.arange(8000):
+        force = 20.0 * np.sign(np.sin(2.0 * np.pi * time / 1.6 + 0.1))
+        rows.append((time, COUNT * round(place / COUNT), force))
+        for _ in range(inner):
+            friction = COULOMB * math.tanh(speed / 1e-4) + 40.0 * speed
+            speed += (force - friction) / MASS * period / inner
+            place += speed * period / inner
+    path = tmp_path / "log.csv"
+    pd.DataFrame(rows, columns=["time_s", "position_m", "motor_force_n"]).to_csv(path, index=False)
+    logs = read_bare_logs([path], {})
+    for cutoff in (None, 10.0):
+        found = fit_friction(
+            logs.logs[0].trials, logs.rig, kind="motion", estimate_inertia=True, cutoff_hz=cutoff
+        )
+        mass, (friction, _) = found.by_name()["mass_kg"], found.combinations
+        assert "viscous_n_s_per_m" in friction.of
+        assert abs(mass.value - MASS) < 2.0 * mass.std < 0.5
+        true = COULOMB + 40.0 * friction.coefficients[1]
+        assert friction.estimate.value == pytest.approx(true, rel=0.01)
