@@ -45,8 +45,9 @@ class MotionSamples:
     """One trial, filtered: regressors (n, 4) for Coulomb, viscous, offset and inertia, and
     the effort (n,) that they balance; only samples that count, thinned so that the filter
     leaves them independent. `noise` (4,) is the variance of the regressors' noise,
-    `rest_speed` the rule's limit, `load` (n,) the cylinder's effort, `since` and `until` (n,) the
-    way since the last reversal of the motion and to the next one, infinite where there is none."""
+    `rest_speed` the rule's limit, `load` (n,) the cylinder's effort next to a motor's (0 without
+    one), `since` and `until` (n,) the way since the last reversal of the motion and to the next
+    one, infinite where there is none."""
 
     regressors: FloatArray
     effort: FloatArray
@@ -91,12 +92,14 @@ def motion_samples(trial: EvenTrial, cutoff_hz: float) -> MotionSamples:
     noise = np.array([0.0, speed_noise**2, 0.0, acceleration_noise**2])
     rest_speed = REST_NOISE_TIMES * speed_noise
     since, until = _about_reversals(position, speed, rest_speed)
+    # The air that alone drives the motion follows its speed as every effort does: it ties nothing.
+    load = trial.cylinder if trial.has_motor else np.zeros(len(position))
     return MotionSamples(
         regressors[rows],
         effort[rows],
         noise,
         rest_speed,
-        trial.cylinder[rows],
+        load[rows],
         since[rows],
         until[rows],
     )
