@@ -127,6 +127,61 @@ def test_check_and_fit_agree(
     assert not any("variance inflation" in item["reason"] for item in checked)
 
 
+CYLINDER = """
+[rig]
+name = "cylinder"
+orientation = "horizontal"
+motion = "linear"
+[air]
+gas_constant_j_per_kg_k = 287.0
+heat_capacity_ratio = 1.4
+temperature_k = 293.15
+atmospheric_pressure_pa = 1e5
+supply_pressure_pa = 7e5
+[cylinder]
+area_a_m2 = 8e-4
+area_b_m2 = 7e-4
+offset_a_m = 0.3
+offset_b_m = 0.3
+stroke_m = 0.5
+"""
+
+
+@pytest.mark.parametrize("measured", ["position_m", "velocity_m_per_s"])
+@pytest.mark.parametrize("pressures", [1, 2])
+def test_check_and_fit_agree_on_a_cylinder_without_a_motor(
+    pressures: int, measured: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its pressures are the effort, where both are logged."""
+    rng, time = np.random.default_rng(4), np.arange(0.0, 10.0, 0.002)
+    speed = 0.11 * np.sin(2.2 * time) + 0.11 * np.sin(5.6 * time)
+    force = 4.0 * np.gradient(speed, time) + 18.0 * np.tanh(speed / 1e-3) + 55.0 * speed
+    position = (
+        0.05 * (1.0 - np.cos(2.2 * time))
+        + 0.11 / 5.6 * (1.0 - np.cos(5.6 * time))
+        + 1e-6 * rng.normal(size=len(time))
+    )
+    frame = pd.DataFrame({"time_s": time, "pressure_b_pa": 4e5 + 50 * rng.normal(size=len(time))})
+    if pressures == 2:
+        frame["pressure_a_pa"] = 1e5 + (force + 3e5 * 7e-4) / 8e-4 + 50 * rng.normal(size=len(time))
+    frame[measured] = position if measured == "position_m" else speed
+    (tmp_path / "rig.toml").write_text(CYLINDER)
+    log = tmp_path / "run.csv"
+    frame.to_csv(log, index=False)
+    assert main(["check", str(log), "--json"]) == 0
+    checked = json.loads(capsys.readouterr().out)["logs"][0]
+    yes = {i["parameter"] for i in checked["identifies"] if i["identified"]}
+    assert ("friction-motion" in checked["kinds"]) == (pressures == 2)
+    assert main(["fit", "friction", str(log), "--json", *UNWRITTEN]) == (0 if yes else 2)
+    said = capsys.readouterr()
+    integrated = f"position_m is the integral of {measured}" in said.err
+    assert integrated == (bool(yes) and measured != "position_m")
+    if pressures == 2:
+        assert {"Coulomb friction", "viscous friction", "inertia"} <= yes
+        found = json.loads(said.out)["friction"]
+        assert found["coulomb_n"]["value"] == pytest.approx(18.0, rel=0.1)
+
+
 @pytest.mark.parametrize("torques", [1, 3])
 def test_check_and_fit_agree_on_readings(
     torques: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]

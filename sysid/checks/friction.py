@@ -45,9 +45,15 @@ def friction_identified(
     what a fit would give that estimates it.
     """
     u = units_of(rig)
-    if trials and not any(rig.effort_channel in t for t in trials) and declared is None:
+    unbalanced = not any(
+        rig.effort_channel in t or rig.air_alone_drives(t.channels) for t in trials
+    )
+    if trials and unbalanced and declared is None:
         why = (
             f"column {rig.effort_channel} is missing: map it, if the log has it under another name"
+            if rig.cylinder is None or rig.has_declared_motor
+            else f"column {rig.effort_channel} is missing, and so is a chamber pressure: map what "
+            "drives the shaft, an effort or both pressures"
         )
         for parameter in (*_names(u), "inertia"):
             yield Identification(parameter, False, why)

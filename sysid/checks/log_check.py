@@ -17,7 +17,7 @@ from sysid.checks.friction import POINTS, Identification
 from sysid.checks.identifiability import excitation, identifications
 from sysid.display.plots import bars, one_axes
 from sysid.display.tables import Shown, ShownTable, record_table
-from sysid.identification.friction.effort import classify_trial
+from sysid.identification.friction.effort import MOTION, classify_trial
 from sysid.io.campaign import Campaign
 from sysid.io.channels import DUTIES, PRESSURES, SWITCHES
 from sysid.io.exclusion import Excluded
@@ -345,7 +345,7 @@ def kind_of(trial: Trial, rig: Rig) -> str | None:
     """The trial's kind as in `spec/log-format.md`; None where nothing is commanded.
 
     A motion driven by the motor alone is called `friction-motion`: it can identify the same
-    as `motion-motor`.
+    as `motion-motor`. So is one that the logged chamber pressures alone drive.
     """
     held = is_held(trial, rig)
     if is_active(trial, *DUTIES):
@@ -354,4 +354,6 @@ def kind_of(trial: Trial, rig: Rig) -> str | None:
         return "valve-discrete" if held else "motion-discrete"
     if is_active(trial, rig.effort_channel) and rig.position_channel in trial:
         return classify_trial(trial, rig)
+    if not held and rig.position_channel in trial and rig.air_alone_drives(trial.channels):
+        return MOTION
     return None

@@ -97,9 +97,12 @@ def instead_of_position(
     the chambers' volumes follow from it.
     """
     speed, position = velocity_channel(rig), rig.position_channel
-    if position in channels or speed not in channels or rig.effort_channel not in channels:
+    if position in channels or speed not in channels:
         return False, None
-    if are_readings(channels, rig):
+    if rig.effort_channel not in channels:
+        if not rig.air_alone_drives(channels):
+            return False, None
+    elif are_readings(channels, rig):
         return False, None
     if (why := place_needed(rig)) is not None:
         return False, f"{where}: holds {speed} but no {position}, which is needed: {why}"

@@ -9,13 +9,15 @@ import dataclasses
 import difflib
 import math
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from sysid.errors import InputError, input_error
+from sysid.io.channels import CHAMBER_PRESSURES
 from sysid.io.declaration import TomlSection
+from sysid.io.file_kinds import in_folder
 from sysid.io.files import note_input
 from sysid.io.rig_file import RIG_TABLES, RigFile, RigHead
 from sysid.io.rig_sections import (
@@ -165,6 +167,11 @@ class Rig:
         """Whether a motor is declared, and not only assumed."""
         return self.motor is not None and not self.assumes("motor")
 
+    def air_alone_drives(self, channels: Container[str]) -> bool:
+        """Whether a motion is balanced without an effort: no motor is declared, and both chamber
+        pressures are logged."""
+        return not self.has_declared_motor and all(name in channels for name in CHAMBER_PRESSURES)
+
     @property
     def has_declared_encoder(self) -> bool:
         """Whether an encoder's count is declared, and not only assumed."""
@@ -288,7 +295,7 @@ def find_rig_file(log: Path) -> Path | None:
         what = f"cannot be opened: {error.strerror}"
         raise input_error(name, what, "give the path of a log") from None
     if is_folder:
-        raise input_error(log, "is a directory", "give the path of a log in it")
+        raise input_error(log, "is a directory", in_folder(log, "give the path of a log in it"))
     return nearest_rig_file(folder / log.name)
 
 

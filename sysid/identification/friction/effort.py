@@ -259,7 +259,7 @@ def even_trial(trial: Trial, rig: Rig, notices: list[str]) -> EvenTrial:
     """
     trial = with_position(trial, rig)
     trial.require([rig.position_channel], "and friction cannot be identified without motion")
-    if rig.has_declared_motor or not set(CHAMBER_PRESSURES) <= set(trial.channels):
+    if not rig.air_alone_drives(trial.channels):
         trial.require([rig.effort_channel], "and the motor's effort is what friction balances")
     grid = signals.uniform_grid(trial.time)
 
