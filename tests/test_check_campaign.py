@@ -427,3 +427,26 @@ def test_a_coarse_sensor_that_repeats_by_chance_is_not_stuck(
     assert main(["check", str(tmp_path / "run.csv"), "--json"]) == 0
     (log,) = json.loads(capsys.readouterr().out)["logs"]
     assert max(c["stuck_s"] for c in log["channels"]) == pytest.approx(0.2, abs=0.05)
+
+
+def test_a_few_readings_out_of_range_are_to_be_excluded(
+    tmp_path: Path, rig_text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A cable that came out: the unit is right, and the line says when."""
+    pressure = np.full(400, 2e5)
+    pressure[100:121] = -3e4
+    path = pressure_log(tmp_path, rig_text, pressure_a_pa=pressure)
+    assert main(["check", str(path)]) == 2
+    said = capsys.readouterr().err
+    assert "21 of 400 readings" in said and "from 0.1 to 0.12 s: leave out" in said
+    assert "--exclude" in said and "kPa" not in said
+    assert main(["check", str(path), "--exclude", "@0.09:0.13"]) == 0
+
+
+def test_a_bag_s_folder_is_named_for_what_it_is(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "bag").mkdir()
+    (tmp_path / "bag" / "metadata.yaml").touch()
+    assert main(["check", str(tmp_path / "bag")]) == 2
+    assert "of a ROS 2 bag, give the .db3 or .mcap file in it" in capsys.readouterr().err

@@ -22,7 +22,8 @@ def check_same_fit(path: Path, kind: str, sources: Sequence[Source]) -> None:
     if _origin(path) != own:
         raise input_error(
             path,
-            f"is in the way: it is not the result of `sysid fit {kind}` of these logs",
+            f"is in the way: it is not the result of `sysid fit {kind}` of these logs as they "
+            "are now",
             f"move it, or say where to write with {_option(path)}",
         )
 

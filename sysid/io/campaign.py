@@ -16,6 +16,7 @@ from sysid.errors import InputError, input_error
 from sysid.io.declaration import ChoiceKey, NumberKey, TextKey, TomlTable, declared_keys, range_of
 from sysid.io.effort_timing import effort_is_read, readings_line, with_commands
 from sysid.io.exclusion import Exclusion, exclusions_of, shared_out
+from sysid.io.file_kinds import in_folder
 from sysid.io.logs import Log, read_log, test_labels
 from sysid.io.own_kind import OwnKind, read_own_log
 from sysid.io.rig import Inertia, Rig, read_rig, read_toml, reject_misspelt
@@ -350,7 +351,7 @@ def _entry(
     chosen = _choices(path, where, table, own_kind)
     log_path = path.parent / file
     if log_path.is_dir():
-        raise input_error(path, f"{where}: is a directory", "name a log in it")
+        raise input_error(path, f"{where}: is a directory", in_folder(log_path, "name a log in it"))
     if not log_path.exists():
         raise input_error(path, f"{where}: no such file", "paths are relative to the campaign file")
     maps = table.get("map", {})

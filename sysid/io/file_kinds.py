@@ -40,6 +40,13 @@ FOREIGN_SUFFIXES = (
 """Names of files that are other programs', and are no logs."""
 
 
+def in_folder(folder: Path, otherwise: str) -> str:
+    """What to give in place of a folder: of a ROS 2 bag one of its files, else `otherwise`."""
+    if (folder / "metadata.yaml").is_file():
+        return "of a ROS 2 bag, give the .db3 or .mcap file in it, or convert the bag first"
+    return otherwise
+
+
 def reject_foreign(path: Path, file: BinaryIO) -> None:
     """InputError that says what an open file is, where it is neither text nor Parquet; the file's
     place is kept."""
@@ -56,7 +63,8 @@ def reject_foreign(path: Path, file: BinaryIO) -> None:
     raise input_error(
         path,
         f"is {what}, not a log",
-        f"convert it first: `sysid convert {path.name} -o {_log_name(path)} --map ...`",
+        f"convert it first: `sysid convert {path.name} -o {_log_name(path)} --map ...`, or map its "
+        "columns here (--map; in a campaign file, [map])",
     )
 
 

@@ -448,8 +448,9 @@ def _check_values(reading: LogReading) -> None:
     rig, columns, where = reading.rig, reading.columns, reading.where
     for name in PRESSURES:
         if name in columns:
-            known = _known(columns[name])
-            plausibility.check_pressure(where, name, reading.origin[name], known, rig)
+            logged = ~np.isnan(columns[name])
+            known, time = columns[name][logged], columns["time_s"][logged]
+            plausibility.check_pressure(where, name, reading.origin[name], known, rig, time)
     for name in VALVE_COMMANDS:
         if name not in columns:
             continue
@@ -460,7 +461,8 @@ def _check_values(reading: LogReading) -> None:
                 raise input_error(
                     f"{where}, {reading.table.place(int(bad[0]))}",
                     f"{name} = {columns[name][bad[0]]:g} is neither 0 nor 1",
-                    f"write 0 (off) or 1 (on); a duty belongs in duty_{name[-1]}",
+                    f"write 0 (off) or 1 (on), a measured coil voltage too; a duty belongs in "
+                    f"duty_{name[-1]}",
                 )
         else:
             known = _known(columns[name])

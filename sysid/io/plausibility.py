@@ -45,6 +45,8 @@ _LOWEST_SHARE_OF_ATMOSPHERE = 0.5
 _LOWEST_FROM_REST = 0.1
 _AT_REST = 0.2
 _HIGHEST_SHARE_OF_SUPPLY = 4.0
+# Fewer readings out of range than this share are a fault of the recording, not a wrong unit.
+_FEW = 0.2
 # Pressures within this factor may be one: gauges, supplies and the weather differ by less.
 _SAME_PRESSURE = 1.15
 _HIGH = 0.9
@@ -74,8 +76,16 @@ def _mapping(target: str, column: str, unit: str) -> str:
     return f'if it is in {unit}, give --map "{target}={column}:{unit}"'
 
 
-def check_pressure(where: str, target: str, column: str, values: FloatArray, rig: Rig) -> None:
-    """Absolute pressure (n,) Pa against the rig's atmosphere and supply."""
+def check_pressure(
+    where: str,
+    target: str,
+    column: str,
+    values: FloatArray,
+    rig: Rig,
+    time: FloatArray | None = None,
+) -> None:
+    """Absolute pressure (n,) Pa against the rig's atmosphere and supply; `time` (n,) s, where the
+    log has one, says when a few readings went wrong."""
     if rig.air is None:
         return
     ambient, supply = rig.air.atmospheric_pressure_pa, rig.air.supply_pressure_pa
@@ -86,12 +96,30 @@ def check_pressure(where: str, target: str, column: str, values: FloatArray, rig
     if low >= floor and high <= ceiling:
         return
     what = f"{target} runs from {low:.4g} to {high:.4g}, which is not plausible as absolute Pa"
-    raise input_error(where, what, _pressure_mend(target, column, values, ambient, supply))
+    mend = _looks_like(target, column, values, ambient, supply)
+    if mend is None:
+        odd = np.flatnonzero((values < floor) | (values > ceiling))
+        if len(odd) < _FEW * len(values):
+            span = "" if time is None else _span(time, odd)
+            mend = (
+                f"{len(odd)} of {len(values)} readings are below {floor:.3g} or above "
+                f"{ceiling:.3g} Pa{span}: leave out what went wrong there with --exclude"
+            )
+        else:
+            mend = _mapping(target, column, "kPa") + " (or bar, psi; add (g) to a gauge pressure)"
+    raise input_error(where, what, mend)
 
 
-def _pressure_mend(
+def _span(time: FloatArray, rows: NDArray[np.int64]) -> str:
+    """From the first to the last of some rows; the first alone where `time` (n,) s starts again."""
+    if np.all(np.diff(time) > 0.0):
+        return f", from {time[rows[0]]:.6g} to {time[rows[-1]]:.6g} s"
+    return f", the first at {time[rows[0]]:.6g} s"
+
+
+def _looks_like(
     target: str, column: str, values: FloatArray, ambient: float, supply: float
-) -> str:
+) -> str | None:
     """The unit in which the readings at rest would be the atmosphere's, as in an open chamber."""
     low, high = float(np.min(values)), float(np.max(values))
     floor, ceiling = _LOWEST_SHARE_OF_ATMOSPHERE * ambient, _HIGHEST_SHARE_OF_SUPPLY * supply
@@ -106,7 +134,7 @@ def _pressure_mend(
                 kind = "a gauge pressure" if gauge else "an absolute pressure"
                 name = f"{unit}(g)" if gauge else unit
                 return f"it looks like {kind} in {unit}: " + _mapping(target, column, name)
-    return _mapping(target, column, "kPa") + " (or bar, psi; add (g) to a gauge pressure)"
+    return None
 
 
 def check_position(
@@ -158,7 +186,16 @@ def _beyond_stops(where: str, target: str, column: str, values: FloatArray, rig:
     return (
         f"{where}: {target} runs from {low:.4g} to {high:.4g} {si}, beyond the end stops at "
         f"+-{0.5 * rig.travel:.4g} {si}: its zero is not the middle of the stroke, or "
-        f"{_lengths(rig)} is wrong"
+        f"{_lengths(rig)} is wrong{_from_an_end(low, high, rig.travel, si)}"
+    )
+
+
+def _from_an_end(low: float, high: float, travel: float, si: str) -> str:
+    """How a position that counts from an end of the stroke is mapped; empty where it does not."""
+    if min(low, travel - high) < -_BEYOND_THE_STOP * travel:
+        return ""
+    return f"; readings from one end on are mapped as 0..{travel:.4g} {si} -> " + (
+        f"-{0.5 * travel:.4g}..{0.5 * travel:.4g} {si}"
     )
 
 
