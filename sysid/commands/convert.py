@@ -75,7 +75,7 @@ _WIDEST = 10_000
     multiple=True,
     type=PathArgument,
     metavar="OTHER",
-    help="File whose columns are put beside FOREIGN's by time: measurements on the line between "
+    help="File whose columns are put next to FOREIGN's by time: measurements on the line between "
     "rows, commands held, inside the overlap only; may be repeated.",
 )
 @click.option(
