@@ -131,7 +131,7 @@ def test_an_ordinary_log_with_maps_keeps_its_reader(lab: pd.DataFrame, tmp_path:
 
 def test_without_a_map_it_is_converted_first(lab: pd.DataFrame, tmp_path: Path) -> None:
     mat(lab, tmp_path / "run.mat")
-    with pytest.raises(InputError, match=r"a .mat file is not a log; convert it first"):
+    with pytest.raises(InputError, match=r"is a MATLAB file, not a log; convert it first"):
         read_log(tmp_path / "run.mat", RIG)
 
 
