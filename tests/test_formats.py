@@ -368,6 +368,20 @@ def test_ulog(tmp_path: Path) -> None:
     expect_samples(out)
 
 
+def test_ulog_cut_off(tmp_path: Path) -> None:
+    path = tmp_path / "rec.ulg"
+    write_ulog(path)
+    whole, content = table_of(path), path.read_bytes()
+    assert not any("cut off" in notice for notice in whole.notices)
+    for end in (len(content) - 1, 3 * len(content) // 4, 3 * len(content) // 4 + 1):
+        path.write_bytes(content[:end])
+        found = table_of(path)
+        rows = max(map(len, found.columns.values()))
+        assert rows <= max(map(len, whole.columns.values()))
+        line = f"ends within a message: the recording was cut off after {rows} rows"
+        assert any(line in notice for notice in found.notices)
+
+
 def test_ulog_without_timestamps_and_with_too_many_fields(tmp_path: Path) -> None:
     path = tmp_path / "rec.ulg"
     write_ulog(path)

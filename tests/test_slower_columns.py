@@ -148,7 +148,7 @@ def test_a_slow_sample_that_is_lost_is_told(tmp_path: Path) -> None:
     slow = every(FORCE, 5)
     slow[20] = np.nan
     report = convert(write(tmp_path, t=TIME, x=POSITION, u=slow), tmp_path / "o.csv", maps=MAPS)
-    assert "(every 0.005 s, once 0.01 s)" in told(report)
+    assert "(every 0.005 s, once 0.01 s: none in line 22)" in told(report)
 
 
 @pytest.mark.parametrize(

@@ -64,12 +64,26 @@ class SlowerColumns:
         every = median_period(time[rows])
         self._said.append(
             f"{name} is empty in {how} of the rows, {_filled(held)} its own (every {every:.4g} s"
-            + _gap(rows, time, every)
+            + self._gap(rows, time, kept)
             + ")"
         )
         if not held:
             self._longest = max(self._longest, every)
         return rows
+
+    def _gap(self, rows: IntArray, time: FloatArray, kept: IntArray) -> str:
+        """Where a column of even rate misses a sample of its own, perhaps by a lost cell."""
+        steps = np.diff(rows)
+        usual = float(np.median(steps))
+        odd = np.flatnonzero(steps != usual)
+        if not 0 < len(odd) <= 0.25 * len(steps):
+            return ""
+        at = odd[np.argmax(np.abs(steps[odd] - usual))]
+        often = "once" if len(odd) == 1 else f"{len(odd)} times otherwise, as in"
+        found = f"{float(time[rows[at + 1]] - time[rows[at]]):.4g} s"
+        if steps[at] < usual:
+            return f", {often} {found}: {self.table.place(int(kept[rows[at + 1]]))}"
+        return f", {often} {found}: none in {self.table.place(int(kept[rows[at] + int(usual)]))}"
 
     def _reject_ends(self, said: str, rows: IntArray, kept: IntArray) -> None:
         """InputError for a column that is full, but for many rows at the table's end or start."""
@@ -131,17 +145,6 @@ class SlowerColumns:
 
 def _filled(held: bool) -> str:
     return "held between" if held else "linear between"
-
-
-def _gap(rows: IntArray, time: FloatArray, every: float) -> str:
-    """That a column of even rate once misses a sample of its own, perhaps by a lost cell."""
-    steps = np.diff(rows)
-    usual = float(np.median(steps))
-    odd = np.flatnonzero(steps != usual)
-    if not 0 < len(odd) <= 0.25 * len(steps):
-        return ""
-    at = odd[np.argmax(np.abs(steps[odd] - usual))]
-    return f", once {float(time[rows[at + 1]] - time[rows[at]]):.4g} s"
 
 
 def tell_left_out(table: ForeignTable, name: str, missing: BoolArray, kept: IntArray) -> None:

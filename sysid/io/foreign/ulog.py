@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -15,6 +16,8 @@ from sysid.io.foreign.table import ForeignTable, ReadOptions, damaged
 
 _MAX_DEPTH = 12
 _US = 1e6
+# Of a message: its size and kind.
+_HEAD_BYTES = 3
 
 
 def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
@@ -26,11 +29,12 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
     from pyulog import ULog
 
     try:
-        # pyulog prints what it finds damaged, and closes what it is given.
+        # pyulog prints what it finds damaged.
         with contextlib.redirect_stdout(io.StringIO()):
-            _check_formats(path, ULog(_not_closed(file), parse_header_only=True).message_formats)
+            _check_formats(path, ULog(_Reading(file), parse_header_only=True).message_formats)
             file.seek(0)
-            content = ULog(_not_closed(file))
+            whole = _Reading(file)
+            content = ULog(whole)
         table = _table(path, content)
     except (InputError, ModuleNotFoundError):
         raise
@@ -38,6 +42,11 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
         raise damaged(path, "a ULog file", error) from None
     if content.file_corruption:
         table.notices.append(f"{path}: parts of it are damaged; their messages are left out")
+    elif whole.is_cut:
+        rows = max(map(len, table.columns.values()), default=0)
+        table.notices.append(
+            f"{path}: ends within a message: the recording was cut off after {rows} rows"
+        )
     if lost := sum(dropout.duration for dropout in content.dropouts):
         table.notices.append(
             f"{path}: the logger lost messages {len(content.dropouts)} times, for {lost} ms in all"
@@ -45,14 +54,27 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
     return table
 
 
-def _not_closed(file: BinaryIO) -> Any:
-    class Kept:
-        read, seek, tell = file.read, file.seek, file.tell
+@dataclass
+class _Reading:
+    """A file that stays open. `is_cut`: the last message, of head and content, is not whole."""
 
-        def close(self) -> None:
-            pass
+    file: BinaryIO
+    is_cut: bool = False
 
-    return Kept()
+    def read(self, size: int = -1) -> bytes:
+        data = self.file.read(size)
+        is_end = not data and size == _HEAD_BYTES
+        self.is_cut = len(data) < size and not is_end
+        return data
+
+    def seek(self, place: int, whence: int = 0) -> int:
+        return self.file.seek(place, whence)
+
+    def tell(self) -> int:
+        return self.file.tell()
+
+    def close(self) -> None:
+        """pyulog closes what it is given."""
 
 
 def _check_formats(path: Path, formats: dict[str, Any]) -> None:
