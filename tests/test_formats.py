@@ -434,7 +434,7 @@ def test_a_numpy_archive_is_no_workbook(tmp_path: Path) -> None:
     path = tmp_path / "rec.npz"
     np.savez(path, t=TIME)
     path.write_bytes(path.read_bytes()[:-40])
-    refused(path, tmp_path / "log.csv", "damaged or not a numpy archive")
+    refused(path, tmp_path / "log.csv", "damaged or not a NumPy archive")
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("note.txt", "nothing")
     refused(path, tmp_path / "log.csv", "holds no columns")

@@ -1,43 +1,128 @@
-"""What a file that is no log is: by the first bytes of it, else by its name."""
+"""What a file is, by the first bytes of it, else by its name; and which reader reads it."""
 
 from __future__ import annotations
 
 import re
 import zipfile
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 from sysid.errors import input_error
 
-_HEAD_BYTES = 4096
-_HDF5 = b"\x89HDF\r\n\x1a\n"
+HEAD_BYTES = 4096
+
+
+class FileKind(NamedTuple):
+    """`what` a file is, in words, and the module of `sysid.io.foreign` that reads it ("": none)."""
+
+    what: str
+    reader: str = ""
+
+
+OLD_EXCEL = FileKind("an old Excel workbook (.xls)")
+GZIP = FileKind("a compressed file (gzip)")
+ARCHIVE = FileKind("an archive (zip)")
+DAMAGED_ARCHIVE = FileKind("a damaged archive (zip)")
+_ARRAY = FileKind("a NumPy array (.npy)", "arrays")
+_ARRAYS = FileKind("a NumPy archive (.npz)", "arrays")
+_EXCEL = FileKind("an Excel workbook", "excel")
+_HDF5 = FileKind("an HDF5 file", "hdf5")
+_JSON = FileKind("JSON", "json_text")
+_MATLAB = FileKind("a MATLAB file", "matlab")
+_MATLAB_7_3 = FileKind("a MATLAB file (version 7.3)", "hdf5")
+_MCAP = FileKind("an MCAP recording", "mcap")
+_MDF = FileKind("an MDF measurement file", "mdf")
+_PARQUET = FileKind("Parquet", "parquet")
+_ROS_1 = FileKind("a ROS 1 bag", "rosbag")
+_ROS_2 = FileKind("a SQLite database (a ROS 2 bag?)", "rosbag")
+_TDMS = FileKind("a TDMS file (LabVIEW)", "tdms")
+_ULOG = FileKind("a PX4 log (ULog)", "ulog")
+
+_HDF5_HEAD = b"\x89HDF\r\n\x1a\n"
 _SIGNATURES = (
-    (b"\x93NUMPY", "a NumPy array (.npy)"),
-    (_HDF5, "an HDF5 file"),
-    (b"MATLAB 5.0", "a MATLAB file"),
-    (b"TDSm", "a TDMS file (LabVIEW)"),
-    (b"MDF     ", "an MDF measurement file"),
-    (b"UnFinMF ", "an MDF measurement file"),
-    (b"\x89MCAP0\r\n", "an MCAP recording"),
-    (b"#ROSBAG V", "a ROS 1 bag"),
-    (b"SQLite format 3\0", "a SQLite database (a ROS 2 bag?)"),
-    (b"ULog\x01\x12\x35", "a PX4 log (ULog)"),
-    (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "an old Excel workbook (.xls)"),
-    (b"\x1f\x8b", "a compressed file (gzip)"),
+    (b"TDSm", _TDMS),
+    (b"PAR1", _PARQUET),
+    (b"MATLAB 5.0", _MATLAB),
+    (b"MDF     ", _MDF),
+    (b"UnFinMF ", _MDF),
+    (b"\x89MCAP", _MCAP),
+    (b"#ROSBAG V", _ROS_1),
+    (b"SQLite format 3\0", _ROS_2),
+    (b"ULog\x01\x12\x35", _ULOG),
+    (b"\x93NUMPY", _ARRAY),
+    (_HDF5_HEAD, _HDF5),
+    (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", OLD_EXCEL),
+    (b"\x1f\x8b", GZIP),
 )
-_BUNDLE = b'"schema": "sysid-bundle/'
-_JSON = re.compile(rb"\s*[{\[]\s*([\"{\[\d}\]-]|null|true|false)")
 _BY_SUFFIX = {
-    ".mat": "a MATLAB file",
-    ".xlsx": "an Excel workbook",
-    ".xls": "an old Excel workbook (.xls)",
-    ".tdms": "a TDMS file (LabVIEW)",
+    ".mat": _MATLAB,
+    ".xlsx": _EXCEL,
+    ".xlsm": _EXCEL,
+    ".xls": OLD_EXCEL,
+    ".tdms": _TDMS,
+    ".npz": _ARRAYS,
+    ".npy": _ARRAY,
+    ".h5": _HDF5,
+    ".hdf5": _HDF5,
+    ".mf4": _MDF,
+    ".mdf": _MDF,
+    ".mcap": _MCAP,
+    ".bag": _ROS_1,
+    ".db3": _ROS_2,
+    ".ulg": _ULOG,
 }
-FOREIGN_SUFFIXES = (
-    *_BY_SUFFIX, ".npz", ".npy", ".json", ".jsonl", ".ndjson", ".h5", ".hdf5", ".mf4", ".mdf",
-    ".mcap", ".bag", ".db3", ".ulg",
-)  # fmt: skip
+_JSON_SUFFIXES = (".json", ".jsonl", ".ndjson")
+FOREIGN_SUFFIXES = (*_BY_SUFFIX, *_JSON_SUFFIXES)
 """Names of files that are other programs', and are no logs."""
+_PARQUET_SUFFIXES = (".parquet", ".pq")
+_JSON_HEAD = re.compile(rb"\s*(?:\{\s*[\"}]|\[\s*[\[{])")
+_BUNDLE = b'"schema": "sysid-bundle/'
+
+
+def kind_by_content(path: Path, file: BinaryIO) -> FileKind | None:
+    """What a file is by its first bytes; None for text, and for what has no signature.
+
+    The file's place is kept.
+    """
+    start = file.tell()
+    head = file.read(HEAD_BYTES)
+    try:
+        for signature, kind in _SIGNATURES:
+            if head.startswith(signature):
+                return kind
+        if head[512 : 512 + len(_HDF5_HEAD)] == _HDF5_HEAD:
+            return _MATLAB_7_3
+        if head.startswith(b"PK\x03\x04"):
+            return _kind_of_archive(path, file)
+        return _JSON if _looks_like_json(path, head) else None
+    finally:
+        file.seek(start)
+
+
+def kind_by_name(path: Path) -> FileKind | None:
+    """What a file is by the end of its name; None for the ends of text's."""
+    suffix = path.suffix.lower()
+    return _PARQUET if suffix in _PARQUET_SUFFIXES else _BY_SUFFIX.get(suffix)
+
+
+def _kind_of_archive(path: Path, file: BinaryIO) -> FileKind:
+    try:
+        with zipfile.ZipFile(file) as archive:
+            names = archive.namelist()
+    except (zipfile.BadZipFile, NotImplementedError, OSError, ValueError):
+        return DAMAGED_ARCHIVE
+    if "xl/workbook.xml" in names:
+        return _EXCEL
+    is_named = path.suffix.lower() == ".npz"
+    return _ARRAYS if is_named or any(n.endswith(".npy") for n in names) else ARCHIVE
+
+
+def _looks_like_json(path: Path, head: bytes) -> bool:
+    if b"\0" in head:
+        return False
+    text = head.removeprefix(b"\xef\xbb\xbf")
+    named = path.suffix.lower() in _JSON_SUFFIXES and text.lstrip()[:1] in (b"{", b"[")
+    return named or _JSON_HEAD.match(text) is not None
 
 
 def in_folder(folder: Path, otherwise: str) -> str:
@@ -50,19 +135,19 @@ def in_folder(folder: Path, otherwise: str) -> str:
 def reject_foreign(path: Path, file: BinaryIO) -> None:
     """InputError that says what an open file is, where it is neither text nor Parquet; the file's
     place is kept."""
-    start = file.tell()
-    head = file.read(_HEAD_BYTES)
-    what = _by_content(head, file) or _BY_SUFFIX.get(path.suffix.lower())
-    file.seek(start)
-    if what is None:
+    kind = kind_by_content(path, file) or kind_by_name(path)
+    if kind is None or kind == _PARQUET:
         return
-    if _BUNDLE in head:
+    start = file.tell()
+    is_bundle = _BUNDLE in file.read(HEAD_BYTES)
+    file.seek(start)
+    if is_bundle:
         raise input_error(path, "is a fitted bundle, not a log", "give the path of a log")
-    if "gzip" in what:
-        raise input_error(path, f"is {what}, not a log", "unpack it with gunzip first")
+    if kind == GZIP:
+        raise input_error(path, f"is {kind.what}, not a log", "unpack it with gunzip first")
     raise input_error(
         path,
-        f"is {what}, not a log",
+        f"is {kind.what}, not a log",
         f"convert it first: `sysid convert {path.name} -o {_log_name(path)} --map ...`, or map its "
         "columns here (--map; in a campaign file, [map])",
     )
@@ -73,28 +158,15 @@ def _log_name(path: Path) -> str:
     return f"{path.stem}{'_log' if path.suffix.lower() == '.csv' else ''}.csv"
 
 
-def _by_content(head: bytes, file: BinaryIO) -> str | None:
-    for signature, what in _SIGNATURES:
-        if head.startswith(signature):
-            return what
-    if head[512:520] == _HDF5:
-        return "a MATLAB file (version 7.3)"
-    if head.startswith(b"PK\x03\x04"):
-        return _archive(file)
-    return "JSON" if _JSON.match(head) else None
-
-
-def _archive(file: BinaryIO) -> str:
-    try:
-        with zipfile.ZipFile(file) as archive:
-            names = archive.namelist()
-    except (zipfile.BadZipFile, OSError, ValueError):
-        return "a damaged archive (zip)"
-    if "xl/workbook.xml" in names:
-        return "an Excel workbook"
-    if names and all(name.endswith(".npy") for name in names):
-        return "a NumPy archive (.npz)"
-    return "an archive (zip)"
-
-
-__all__ = ["FOREIGN_SUFFIXES", "reject_foreign"]
+__all__ = [
+    "ARCHIVE",
+    "DAMAGED_ARCHIVE",
+    "FOREIGN_SUFFIXES",
+    "GZIP",
+    "HEAD_BYTES",
+    "OLD_EXCEL",
+    "FileKind",
+    "kind_by_content",
+    "kind_by_name",
+    "reject_foreign",
+]

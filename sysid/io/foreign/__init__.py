@@ -10,59 +10,32 @@ from __future__ import annotations
 import contextlib
 import csv
 import importlib
-import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NoReturn
 
 from sysid.errors import input_error, shortened
-from sysid.io.foreign.json_text import looks_like_json
+from sysid.io.file_kinds import (
+    DAMAGED_ARCHIVE,
+    GZIP,
+    HEAD_BYTES,
+    OLD_EXCEL,
+    FileKind,
+    kind_by_content,
+    kind_by_name,
+)
 from sysid.io.foreign.table import ForeignTable, ReadOptions, SampleTimes, damaged
 from sysid.io.tables import open_input, sha256_of
 
 Reader = Callable[[Path, BinaryIO, ReadOptions], ForeignTable]
 
 _EXTRA = "sysid[formats]"
-# By their first bytes: which reader, and what the file is.
-_SIGNATURES = (
-    (b"TDSm", "tdms"),
-    (b"PAR1", "parquet"),
-    (b"MATLAB 5.0", "matlab"),
-    (b"MDF     ", "mdf"),
-    (b"UnFinMF ", "mdf"),
-    (b"\x89MCAP", "mcap"),
-    (b"#ROSBAG V", "rosbag"),
-    (b"SQLite format 3\x00", "rosbag"),
-    (b"ULog\x01\x12\x35", "ulog"),
-    (b"\x93NUMPY", "arrays"),
-)
 # Readers by libraries of the extra.
 _LIBRARIES = {
     "mdf": "an MDF4 file",
     "mcap": "an MCAP file",
     "rosbag": "a ROS bag",
     "ulog": "a ULog file",
-}
-_HDF5 = b"\x89HDF\r\n\x1a\n"
-_HEAD_BYTES = 4096
-_OLE = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
-_BY_NAME = {
-    ".mat": ("matlab", "a MATLAB file"),
-    ".xlsx": ("excel", "an Excel workbook"),
-    ".xlsm": ("excel", "an Excel workbook"),
-    ".tdms": ("tdms", "a TDMS file"),
-    ".parquet": ("parquet", "Parquet"),
-    ".pq": ("parquet", "Parquet"),
-    ".h5": ("hdf5", "an HDF5 file"),
-    ".hdf5": ("hdf5", "an HDF5 file"),
-    ".mf4": ("mdf", "an MDF4 file"),
-    ".mdf": ("mdf", "an MDF file"),
-    ".mcap": ("mcap", "an MCAP file"),
-    ".bag": ("rosbag", "a ROS 1 bag"),
-    ".db3": ("rosbag", "a ROS 2 bag"),
-    ".ulg": ("ulog", "a ULog file"),
-    ".npy": ("arrays", "a numpy file"),
-    ".npz": ("arrays", "a numpy archive"),
 }
 
 
@@ -73,7 +46,7 @@ def read_foreign(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTab
     cells than are read (`sysid.io.bounds`).
     """
     file.seek(0)
-    kind = _kind(path, file)
+    kind = _reader_of(path, file)
     file.seek(0)
     if options.transpose and kind not in ("text", "excel"):
         raise input_error(
@@ -150,40 +123,44 @@ def _with_columns(table: ForeignTable) -> ForeignTable:
     raise input_error(table.path, f"holds no columns ({table.format}){told}", "give another file")
 
 
-def _kind(path: Path, file: BinaryIO) -> str:
-    """Which reader: by the signature at the head of the file, else by the file's name."""
-    raw = file.read(_HEAD_BYTES)
-    for signature, kind in _SIGNATURES:
-        if raw.startswith(signature):
-            return kind
-    if raw.startswith(_HDF5) or raw[512:520] == _HDF5:
-        return "hdf5"
-    if raw.startswith(b"PK\x03\x04"):
-        return _kind_of_archive(path, file)
-    if raw.startswith(_OLE):
+def _reader_of(path: Path, file: BinaryIO) -> str:
+    """Which reader: by the head of the file, else by the file's name. Raises InputError."""
+    kind = kind_by_content(path, file)
+    if kind is not None:
+        return kind.reader or _unread(path, file, kind)
+    raw = file.read(HEAD_BYTES)
+    is_text = _looks_like_text(raw)
+    named = kind_by_name(path)
+    is_matlab = named is not None and named.reader == "matlab"
+    if is_text and (named is None or is_matlab):
+        return "text"
+    if named is None:
+        raise input_error(
+            path,
+            "is a binary file of an unknown format",
+            "save it as one of the formats that `sysid convert --help` lists",
+        )
+    if is_matlab:  # version 4 has no signature
+        return named.reader
+    raise damaged(path, named.what, "its first bytes belong to another format")
+
+
+def _unread(path: Path, file: BinaryIO, kind: FileKind) -> NoReturn:
+    """InputError for a kind of file that no reader reads."""
+    if kind == OLD_EXCEL:
         encrypted = _holds(file, "EncryptedPackage".encode("utf-16-le"))
         raise input_error(
             path,
-            "is protected by a password" if encrypted else "is an old Excel file (.xls)",
+            "is protected by a password" if encrypted else f"is {kind.what}",
             "save it from Excel without a password" if encrypted else "save it from Excel as .xlsx",
         )
-    if raw.startswith(b"\x1f\x8b"):
-        raise input_error(path, "is compressed (gzip)", "unpack it with gunzip first")
-    is_text = _looks_like_text(raw)
-    if is_text and looks_like_json(path, raw):
-        return "json_text"
-    kind, what = _BY_NAME.get(path.suffix.lower(), ("text", "text"))
-    if kind == "text" or (is_text and path.suffix.lower() == ".mat"):
-        if not is_text:
-            raise input_error(
-                path,
-                "is a binary file of an unknown format",
-                "save it as one of the formats that `sysid convert --help` lists",
-            )
-        return "text"
-    if kind == "matlab":  # version 4 has no signature
-        return kind
-    raise damaged(path, what, "its first bytes belong to another format")
+    if kind == DAMAGED_ARCHIVE:
+        named = kind_by_name(path)
+        what = "an Excel workbook" if named is None else named.what
+        raise damaged(path, what, "its list of contents cannot be read")
+    raise input_error(
+        path, f"is {kind.what}", f"unpack it{' with gunzip' if kind == GZIP else ''} first"
+    )
 
 
 def _holds(file: BinaryIO, words: bytes) -> bool:
@@ -195,20 +172,6 @@ def _holds(file: BinaryIO, words: bytes) -> bool:
             return True
         end = chunk[-len(words) :]
     return False
-
-
-def _kind_of_archive(path: Path, file: BinaryIO) -> str:
-    try:
-        with zipfile.ZipFile(file) as archive:
-            names = archive.namelist()
-    except (zipfile.BadZipFile, NotImplementedError, OSError, ValueError) as error:
-        what = "a numpy archive" if path.suffix.lower() == ".npz" else "an Excel workbook"
-        raise damaged(path, what, error) from None
-    if "xl/workbook.xml" in names:
-        return "excel"
-    if any(name.endswith(".npy") for name in names) or path.suffix.lower() == ".npz":
-        return "arrays"
-    raise input_error(path, "is an archive, not an Excel workbook", "unpack it first")
 
 
 def _looks_like_text(raw: bytes) -> bool:

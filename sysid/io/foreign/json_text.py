@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -14,20 +13,11 @@ from sysid.errors import InputError, input_error
 from sysid.io.bounds import VARIABLE, check_columns, most_cells
 from sysid.io.foreign.table import Column, ForeignTable, ReadOptions
 
-SUFFIXES = (".json", ".jsonl", ".ndjson")
 # By its first signs, whatever its name: an object with a key, or an array of objects or arrays.
-_START = re.compile(rb"\s*(?:\{\s*[\"}]|\[\s*[\[{])")
 _MAX_DEPTH = 12
 # Of the bound of cells: a value of JSON takes several times a number's memory.
 _SHARE = 5
 _UNITS = ("unit", "units")
-
-
-def looks_like_json(path: Path, head: bytes) -> bool:
-    """Whether a text file is JSON, by its first bytes and its name."""
-    text = head.removeprefix(b"\xef\xbb\xbf")
-    named = path.suffix.lower() in SUFFIXES and text.lstrip()[:1] in (b"{", b"[")
-    return named or _START.match(text) is not None
 
 
 def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
@@ -272,4 +262,4 @@ def _are_numbers(value: dict[str, Any]) -> bool:
     return all(key.lstrip("-").isdecimal() for key in value)
 
 
-__all__ = ["SUFFIXES", "looks_like_json", "read"]
+__all__ = ["read"]
