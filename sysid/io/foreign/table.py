@@ -138,7 +138,7 @@ class ForeignTable:
                 if stamps is not None:
                     self._all_stamps(name, series, np.flatnonzero(stamps.isna()), rows)
                     return self._seconds(name, target, stamps, rows)
-                clock = clock_seconds(cells)
+                clock = clock_seconds(cells.tolist())
                 if clock is not None:
                     self._all_stamps(name, series, np.flatnonzero(np.isnan(clock)), rows)
                     self.stamped.add(name)
