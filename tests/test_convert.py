@@ -356,3 +356,12 @@ def test_times_of_day_count_from_the_first(tmp_path: Path) -> None:
     assert read["time_s"].tolist() == pytest.approx([0.0, 0.001, 0.002, 0.003], abs=1e-9)
     path.write_text("zeit;x\n23:59:59;1.5\nnoon;2.5\n")
     assert main(words) == 2
+
+
+def test_a_misspelt_name_of_the_log_format_is_asked_about(tmp_path: Path) -> None:
+    head = "time_s,theta_rad,motor_torqe_nm,spare,pressure_c_pa\n"
+    (tmp_path / "a.csv").write_text(head + "".join(f"{i},{i},{i},{i},{i}\n" for i in range(20)))
+    known = ["pressure_a_pa=1e5", "pressure_b_pa=1e5"]
+    report = convert(tmp_path / "a.csv", tmp_path / "b.csv", constants=known)
+    (line,) = [line for line in report.notices if "not mapped" in line]
+    assert "motor_torqe_nm (did you mean motor_torque_nm?), spare, pressure_c_pa" in line

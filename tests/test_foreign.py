@@ -311,6 +311,10 @@ def damaged_files(folder: Path) -> dict[str, tuple[bytes, str]]:
         "noise.mat": (bytes(range(256)) * 8, "is damaged or not a MATLAB file"),
         "cut73.mat": (mat73[: len(mat73) // 2], r"is damaged or not an HDF5 \(MATLAB 7.3\) file"),
         "cut.tdms": (tdms[: len(tdms) - 100], "ends in the middle|is damaged or not a TDMS file"),
+        "length.tdms": (
+            tdms[:12] + bytes([tdms[12] ^ 8]) + tdms[13:],
+            "not a TDMS file .no segment begins at byte|ends in the middle",
+        ),
         "head.tdms": (tdms[:20], "ends in the middle|is damaged or not a TDMS|holds no columns"),
         "text.tdms": (b"t,q\n1,2\n", "is damaged or not a TDMS file"),
         "cut.parquet": (table[: len(table) // 2], "is damaged or not Parquet"),

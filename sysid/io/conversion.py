@@ -7,6 +7,7 @@ checked and written. The options of the command line may also be given in a TOML
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -40,6 +41,9 @@ from sysid.io.units import (
 
 if TYPE_CHECKING:
     import pandas as pd
+
+# How alike a name and the one meant are, as `difflib` counts: one letter of seven differs.
+_MISSPELT = 0.85
 
 
 @dataclass(frozen=True)
@@ -175,8 +179,7 @@ def convert(
     frame = reshaped(whole, how, ", ".join(map(str, paths)))
     unmapped = list(dict.fromkeys(name for file in files for name in file.unmapped))
     if unmapped:
-        more = " ..." if len(unmapped) > 30 else ""
-        notices.append(f"left out, not mapped: {', '.join(map(shortened, unmapped[:30]))}{more}")
+        notices.append(_left_out(unmapped, [name for name in units if name not in frame]))
     sources = tuple(file.source for file in files)
     said = [*(line for file in files for line in file.said), *joined_lines]
     _write(frame, output, sources, recipe, [*said, *how.lines(rows_every)])
@@ -312,6 +315,15 @@ def _joined(frames: Sequence[pd.DataFrame], paths: Sequence[Path]) -> pd.DataFra
                 "convert only files of the same layout together",
             )
     return pd.concat(frames, ignore_index=True)
+
+
+def _left_out(names: Sequence[str], lacking: Sequence[str]) -> str:
+    """The notice of what is not mapped; with the log format's name that one may be meant for."""
+    shown = []
+    for name in names[:30]:
+        close = difflib.get_close_matches(name, lacking, 1, _MISSPELT)
+        shown.append(shortened(name) + (f" (did you mean {close[0]}?)" if close else ""))
+    return f"left out, not mapped: {', '.join(shown)}{' ...' if len(names) > 30 else ''}"
 
 
 def _write(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import struct
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -10,6 +12,11 @@ import numpy as np
 from sysid.errors import InputError, input_error
 from sysid.io.bounds import Cells, check_columns
 from sysid.io.foreign.table import ForeignTable, ReadOptions, SampleTimes, damaged
+
+# A segment's lead-in: tag, flags, version, and the bytes up to the next segment.
+_TAG = b"TDSm"
+_LEAD_IN_BYTES = 28
+_BIG_ENDIAN = 1 << 6
 
 
 def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
@@ -20,6 +27,7 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
     import nptdms
 
     table = ForeignTable(path, "TDMS")
+    _check_segments(path, file)
     try:
         _check_size(path, nptdms.TdmsFile.read_metadata(file))
         file.seek(0)
@@ -39,6 +47,24 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
             "copy it again, or open it in NI's software and save it again",
         )
     return table
+
+
+def _check_segments(path: Path, file: BinaryIO) -> None:
+    """InputError where the segments, each of which states its length, do not follow one another.
+
+    npTDMS stops there without a word.
+    """
+    size, at = file.seek(0, os.SEEK_END), 0
+    while at < size:
+        file.seek(at)
+        head = file.read(_LEAD_IN_BYTES)
+        if head[:4] != _TAG:
+            raise damaged(path, "a TDMS file", f"no segment begins at byte {at:,}")
+        if len(head) < _LEAD_IN_BYTES:
+            break
+        sign = ">" if head[4] & _BIG_ENDIAN else "<"
+        at += _LEAD_IN_BYTES + int(struct.unpack(f"{sign}Q", head[12:20])[0])
+    file.seek(0)
 
 
 def _check_size(path: Path, content: Any) -> None:
