@@ -42,8 +42,8 @@ from sysid.io.units import (
 if TYPE_CHECKING:
     import pandas as pd
 
-# How alike a name and the one meant are, as `difflib` counts: one letter of seven differs.
-_MISSPELT = 0.85
+# How alike a name and the one meant are, as `difflib` counts: one letter of six differs, or less.
+_MISSPELT = 0.8
 
 
 @dataclass(frozen=True)
