@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from sysid.io import plausibility
+from sysid.io.added_twice import TWICE
 from sysid.io.bundled import REFERENCE_BUNDLE, thesis_folder
 from sysid.io.channels import PRESSURES, VALVE_COMMANDS
 from sysid.io.declaration import LONGEST_TEXT, range_of
@@ -95,7 +96,13 @@ def read_bare_logs(
         log_of(table, read_with, mapping, None, own, readings=readings)
         for table, own in zip(tables, excluded, strict=True)
     )
-    return BareLogs(rig, read_with, logs, in_volts, tuple(found), tuple(_doubts(logs, rig, shown)))
+    doubts = list(_doubts(logs, rig))
+    elsewhere = _not_the_atmosphere(logs, shown)
+    if elsewhere is not None and _are_twice(shown, rig):
+        logs = tuple(_contradicted(log, elsewhere) for log in logs)
+    elif elsewhere is not None:
+        doubts.insert(0, elsewhere)
+    return BareLogs(rig, read_with, logs, in_volts, tuple(found), tuple(doubts))
 
 
 def _channels(table: LogTable, mapping: Mapping[str, ColumnMap]) -> Iterator[str]:
@@ -239,15 +246,41 @@ def _set_stroke(cylinder: dict[str, Any], stroke: float) -> None:
     cylinder["stroke_m"] = stroke
 
 
-def _doubts(logs: Sequence[Log], rig: Rig, shown: ShownConstants) -> Iterator[str]:
+def _not_the_atmosphere(logs: Sequence[Log], shown: ShownConstants) -> str | None:
+    """A line where open chambers rest at another pressure than the atmosphere's; else None."""
+    if len(shown.open_pa) <= (shown.atmosphere_pa is not None):
+        return None
+    rests = " and at ".join(f"{pressure:.4g}" for pressure in shown.open_pa)
+    return (
+        f"{', '.join(str(log.path) for log in logs)}: chambers rest at {rests} Pa with their "
+        "valves off, which is not the atmosphere's pressure: is that added twice? Map an "
+        "absolute pressure without (g)"
+    )
+
+
+def _are_twice(shown: ShownConstants, rig: Rig) -> bool:
+    """Whether open chambers rest at twice the atmosphere's pressure."""
+    ambient = rig.atmosphere_pa
+    if ambient is None:
+        return False
+    return any(abs(rest / (2.0 * ambient) - 1.0) <= TWICE for rest in shown.open_pa)
+
+
+def _contradicted(log: Log, line: str) -> Log:
+    """A log that says, first, what is contradictory in it."""
+    trials = tuple(
+        dataclasses.replace(t, contradictions=(line, *t.contradictions)) for t in log.trials
+    )
+    return dataclasses.replace(
+        log,
+        trials=trials,
+        contradictions=(line, *log.contradictions),
+        notices=(line, *log.notices),
+    )
+
+
+def _doubts(logs: Sequence[Log], rig: Rig) -> Iterator[str]:
     """Notices of what a rig file would contradict, as far as the logs alone show it."""
-    if len(shown.open_pa) > (shown.atmosphere_pa is not None):
-        rests = " and at ".join(f"{pressure:.4g}" for pressure in shown.open_pa)
-        yield (
-            f"{', '.join(str(log.path) for log in logs)}: chambers rest at {rests} Pa with their "
-            "valves off, which is not the atmosphere's pressure: is that added twice? Map an "
-            "absolute pressure without (g)"
-        )
     name, undeclared = rig.position_channel, dataclasses.replace(rig, sampling=None)
     for log in logs:
         period, rows = float(np.median([t.period for t in log.trials])), sum(map(len, log.trials))

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from sysid import signals
 from sysid.errors import InputError, input_error, one_line, shortened
 from sysid.io import plausibility
+from sysid.io.added_twice import added_twice
 from sysid.io.channels import CHAMBER_PRESSURES, PRESSURES, VALVE_COMMANDS
 from sysid.io.exclusion import Excluded, Exclusion, KeptRows, labels_in, shared_out, without
 from sysid.io.foreign_log import foreign_log, in_log_format, is_in_log_format
@@ -202,7 +203,7 @@ def log_of(
     _convert_motor(reading)
     if not timeless:
         groups = _mended(reading, groups)
-    _check_values(reading)
+    _check_values(reading, groups)
     if not timeless:
         check_time_column(reading, groups)
         _count_from_the_start(reading)
@@ -443,7 +444,9 @@ def _convert_motor(reading: LogReading) -> None:
                 reading.contradict("motor", line + hint)
 
 
-def _check_values(reading: LogReading) -> None:
+def _check_values(
+    reading: LogReading, groups: Sequence[tuple[str, NDArray[np.int64] | slice]]
+) -> None:
     """Units and ranges of every channel, over the whole file."""
     rig, columns, where = reading.rig, reading.columns, reading.where
     for name in PRESSURES:
@@ -495,11 +498,36 @@ def _check_values(reading: LogReading) -> None:
             _known(columns["temperature_k"]),
         )
     if not any(np.any(_known(columns[n]) != 0.0) for n in VALVE_COMMANDS if n in columns):
-        chambers = {name: _known(columns[name]) for name in CHAMBER_PRESSURES if name in columns}
-        reading.contradict("air", plausibility.check_rest(where, chambers, rig))
+        reading.contradict("air", _unlike_the_atmosphere(reading, groups))
     whole = {name: values for name, values in columns.items() if not np.isnan(values).any()}
     reading.contradict("air", plausibility.check_supply(where, whole, rig))
     reading.notices += response_notices(where, whole, position, rig.effort_channel)
+
+
+def _unlike_the_atmosphere(
+    reading: LogReading, groups: Sequence[tuple[str, NDArray[np.int64] | slice]]
+) -> str | None:
+    """A line where chambers of a log whose valves stay off do not rest at the atmosphere's pressure
+    though the rig file or the motion says that they do."""
+    rig, columns = reading.rig, reading.columns
+    chambers = {name: _known(columns[name]) for name in CHAMBER_PRESSURES if name in columns}
+    line = plausibility.check_rest(reading.where, chambers, rig)
+    if line is not None:
+        return line
+    tests = [
+        {n: columns[n][groups[k][1]] for n in p}
+        for p, own in _by_channels(columns, groups).items()
+        for k in own
+    ]
+    twice = added_twice(tests, rig)
+    if not twice:
+        return None
+    rests = float(np.median(chambers[twice[0]]))
+    return (
+        f"{reading.where}: {' and '.join(twice)} rest{'s' * (len(twice) == 1)} at {rests:.4g} Pa, "
+        "twice the atmosphere's pressure in the rig file, and the motion shows nothing of it: the "
+        "atmosphere's pressure is added twice; map an absolute pressure without (g)"
+    )
 
 
 def _clip_duty(reading: LogReading, name: str) -> None:
