@@ -94,6 +94,17 @@ def test_several_jumps_in_several_tests_are_one_notice(tmp_path: Path) -> None:
     assert "test 2" not in line
 
 
+@pytest.mark.parametrize("rows", [1, 2, 3, 8])
+def test_a_position_that_jumps_there_and_back(rows: int, tmp_path: Path) -> None:
+    """A misread sample or a few, inside the range of the motion."""
+    frame = axis_frame()
+    log, result = bare(jumped(jumped(frame, 5000, 0.02), 5000 + rows, -0.02), tmp_path)
+    (line,) = (n for n in log.notices if "jumps by" in n)
+    assert f"line {5000 + 2} " in line and f"line {5000 + rows + 2} " in line
+    assert np.ptp(log.trials[0]["position_m"] - frame["position_m"]) < 2.1 * COUNT
+    is_near(result)
+
+
 def test_a_shaft_at_rest_jumps_by_counts_of_a_declared_encoder() -> None:
     time, held = 1e-3 * np.arange(4000.0), np.full(4000, 0.3)
     held[1700:] += 12 * 7.85e-5
@@ -117,8 +128,9 @@ def test_an_impact_is_no_jump(period: float) -> None:
 def test_stick_slip_is_no_jump(period: float, count: float) -> None:
     """Slips of 10 ms once in 0.2 s, resolved or not."""
     t = period * np.arange(round(8.0 / period))
-    phase = np.clip(np.mod(t, 0.2) / 0.01, 0.0, 1.0)
-    slips = 0.002 * (np.floor(t / 0.2) + 0.5 - 0.5 * np.cos(np.pi * phase))
+    done = np.floor(t / 0.2 + 1e-9)
+    phase = np.clip((t - 0.2 * done) / 0.01, 0.0, 1.0)
+    slips = 0.002 * (done + 0.5 - 0.5 * np.cos(np.pi * phase))
     position = count * np.round(slips / count)
     assert without_jumps(t, position, Resolution(count, True))[1] == []
 

@@ -3,7 +3,8 @@
 A mass has a speed that an impact, a slip or a valve may change within a sample, but it cannot take
 a step and go on as before. So a step is a jump where it lies outside all steps around it, by more
 than the sensor's errors and the irregularity of the motion around it allow. An impact's or a
-breakaway's step lies between the speeds before and after it.
+breakaway's step lies between the speeds before and after it. A position that jumps there and back
+within a few rows has two such steps, in opposite directions, outside all others around them.
 """
 
 from __future__ import annotations
@@ -43,13 +44,16 @@ _FEW = 3
 _MOST = 50
 
 
-def _line() -> FloatArray:
-    """(s, s): the least-squares line through the steps to either side, at these steps."""
-    places = np.delete(np.arange(-_SIDE, _SIDE + 1.0), _SIDE)
+def _line(back: int) -> FloatArray:
+    """(s, s): the least-squares line through the steps around a jump, at these steps; it may go
+    `back` by a step so many later (0: it does not)."""
+    places = np.delete(np.arange(2 * _SIDE + 1.0 + back), [_SIDE, _SIDE + back])
+    places -= places.mean()
     return np.asarray(np.outer(places, places) / (places @ places) + 1.0 / len(places))
 
 
-_LINE = _line()
+# By after how many steps a jump goes back (0: it does not, within those around it).
+_LINES = tuple(_line(back) for back in range(_SIDE + 1))
 
 
 @dataclass(frozen=True)
@@ -67,9 +71,12 @@ class Jump:
 class _Around:
     """The steps of a test that have `_SIDE` others on both sides, (m,) each.
 
-    `outside`: how far it lies outside the others; `range`: the
-    others' about their line; `expected`: their mean; `fastest`: their highest speed.
+    `back`: after how many steps the position would go back, 0: not at all. `outside`: how far a
+    step, and that back in the other direction, lie outside the others; `range`: the others' about
+    their line; `expected`: their mean; `fastest`: their highest speed.
     """
+
+    back: int
 
     outside: FloatArray
     range: FloatArray
@@ -96,12 +103,13 @@ def without_jumps(
     found: list[Jump] = []
     joined = position
     for _ in range(_MOST):
-        jump = _largest(time, joined, resolution)
-        if jump is None or jump.size == 0.0:
+        jumps = _largest(time, joined, resolution)
+        if not jumps or jumps[0].size == 0.0:
             break
         joined = joined.copy()
-        joined[jump.row :] -= jump.size
-        found.append(jump)
+        for jump in jumps:
+            joined[jump.row :] -= jump.size
+        found += jumps
     if _is_the_motion(joined, found):
         return position, []
     return joined, sorted(found, key=lambda jump: jump.row)
@@ -131,28 +139,41 @@ def resolution_of(positions: FloatArray, declared: float | None = None) -> Resol
     return Resolution(whole or float(np.min(steps)), whole > 0.0)
 
 
-def _largest(time: FloatArray, position: FloatArray, resolution: Resolution) -> Jump | None:
-    """The clearest jump of a test; None without any."""
-    around = _around(time, position)
-    if around is None or not around.outside.any():
-        return None
+def _largest(time: FloatArray, position: FloatArray, resolution: Resolution) -> list[Jump]:
+    """The clearest jump of a test, with that back where it goes back; none without any."""
+    looks = [around for back in range(_SIDE + 1) if (around := _around(time, position, back))]
+    if not any(around.outside.any() for around in looks):
+        return []
     count = resolution.step
-    noise = _largest_noise(position, count)
-    # What whole counts do not explain.
-    beyond = np.maximum(0.0, around.outside - _COUNTS * count)
-    ratio = beyond / (count + noise + around.range)
-    irregular = np.maximum(0.0, around.range - _ROUNDED * count)
-    clear = (beyond > noise + _IRREGULAR * irregular) & (ratio > _seldom_passed(ratio))
-    if not clear.any():
-        return None
-    step = int(np.argmax(np.where(clear, ratio, 0.0)))
-    row = step + _SIDE + 1
-    taken = float(position[row] - position[row - 1])
-    size = taken - float(around.expected[step])
+    noises = _largest_noise(position, count)
+    best, clearest, seldom = None, 0.0, 0.0
+    for around in looks:
+        noise = noises[: len(around.outside)]
+        # What whole counts do not explain.
+        beyond = np.maximum(0.0, around.outside - _COUNTS * count)
+        ratio = beyond / (count + noise + around.range)
+        irregular = np.maximum(0.0, around.range - _ROUNDED * count)
+        # Steps there and back by chance are rarer than steps outside the others.
+        seldom = max(seldom, _seldom_passed(ratio))
+        clear = (beyond > noise + _IRREGULAR * irregular) & (ratio > seldom)
+        ratio = np.where(clear, ratio, 0.0)
+        if ratio.max() > clearest:
+            best, clearest = (around, int(np.argmax(ratio))), float(ratio.max())
+    return [] if best is None else _jumps_at(time, position, resolution, *best)
+
+
+def _jumps_at(
+    time: FloatArray, position: FloatArray, resolution: Resolution, around: _Around, step: int
+) -> list[Jump]:
+    """The jump of a step (index into `around`), and that back by as much where it goes back."""
+    size = float(np.diff(position)[step + _SIDE] - around.expected[step])
     if resolution.is_whole:
         size = resolution.step * round(size / resolution.step)
-    speed = abs(taken) / float(time[row] - time[row - 1])
-    return Jump(row, size, speed, float(around.fastest[step]))
+    jumps = []
+    for row in sorted({step + _SIDE + 1, step + _SIDE + 1 + around.back}):
+        speed = abs(float(position[row] - position[row - 1])) / float(time[row] - time[row - 1])
+        jumps.append(Jump(row, -size if jumps else size, speed, float(around.fastest[step])))
+    return jumps
 
 
 def _largest_noise(position: FloatArray, count: float) -> FloatArray:
@@ -185,28 +206,36 @@ def _seldom_passed(ratio: FloatArray) -> float:
     return float(seldom + (seldom - usual) * decades)
 
 
-def _around(time: FloatArray, position: FloatArray) -> _Around | None:
+def _around(time: FloatArray, position: FloatArray, back: int) -> _Around | None:
     periods, steps = np.diff(time), np.diff(position)
-    window = 2 * _SIDE + 1
+    window = 2 * _SIDE + 1 + back
     if len(steps) < window + 2:
         return None
-    others = np.delete(sliding_window_view(steps / periods, window), _SIDE, axis=1)
+    pair = [_SIDE, _SIDE + back]
+    others = np.delete(sliding_window_view(steps / periods, window), pair, axis=1)
     lengths = sliding_window_view(periods, window)
     # A row's time stamp may be late: its step may have taken any of the periods around it.
     short, long = lengths.min(axis=1), lengths.max(axis=1)
     low, high = others.min(axis=1), others.max(axis=1)
-    above = steps[_SIDE:-_SIDE] - np.maximum(high * short, high * long)
-    below = np.minimum(low * short, low * long) - steps[_SIDE:-_SIDE]
-    outside = np.maximum(0.0, np.maximum(above, below))
+    there, again = (sliding_window_view(steps, window)[:, at] for at in pair)
+    most, least = np.maximum(high * short, high * long), np.minimum(low * short, low * long)
+    if back:
+        outside = np.maximum(
+            np.minimum(there - most, least - again), np.minimum(least - there, again - most)
+        )
+    else:
+        outside = np.maximum(there - most, least - there)
+    outside = np.maximum(0.0, outside)
     # What happens in a pause of the recording is unknown.
     paused = np.zeros(len(steps), dtype=bool)
     paused[signals.pauses(time)] = True
     outside[sliding_window_view(paused, window).any(axis=1)] = 0.0
-    left = others - others @ _LINE.T
+    left = others - others @ _LINES[back].T
     return _Around(
+        back,
         outside,
         np.ptp(left, axis=1) * long,
-        others.mean(axis=1) * periods[_SIDE:-_SIDE],
+        others.mean(axis=1) * sliding_window_view(periods, window)[:, _SIDE],
         np.abs(others).max(axis=1),
     )
 
