@@ -409,3 +409,22 @@ def test_another_heading_amid_the_rows(tmp_path: Path) -> None:
     text = "".join(["t,pos,u\n", *HALF[:9], "u,pos,t\n", *HALF[9:]])
     with pytest.raises(InputError, match=r"line 11: words amid the rows \('u,pos,t'\)"):
         read(tmp_path, text, *BY_NAME)
+
+
+@pytest.mark.parametrize("wider_first", [True, False])
+def test_a_second_heading_of_other_columns_loses_no_rows(tmp_path: Path, wider_first: bool) -> None:
+    """A logger that appends, whose program got a column more between two recordings."""
+    plain = "t,pos,u\n" + rows()
+    wider = "t,pos,u,extra\n" + rows().replace("\n", ",1\n")
+    text = wider + plain if wider_first else plain + wider
+    with pytest.raises(InputError, match=r"line 42: a second heading .* line 1,.*--skip-rows 41"):
+        read(tmp_path, text, *BY_NAME)
+    read(tmp_path, text, *BY_NAME, skip_rows=41)
+    expect(tmp_path)
+
+
+def test_signals_in_rows_are_named(tmp_path: Path) -> None:
+    columns = [line.split(",") for line in ("t,pos,u\n" + rows()).splitlines()]
+    text = "".join(",".join(signal) + "\n" for signal in zip(*columns, strict=True))
+    with pytest.raises(InputError, match=r"line 1: 't' names the line.*--transpose"):
+        read(tmp_path, text, *BY_NAME)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from sysid.errors import InputError, input_error
+from sysid.errors import InputError, input_error, shortened
 from sysid.io.foreign.stated_units import are_units
 from sysid.io.foreign.table import ReadOptions
 from sysid.io.foreign.text_layout import BLANK, COMMENTS, Layout, is_number
@@ -18,6 +18,8 @@ Lines = Sequence[tuple[int, str]]
 
 STAMP = re.compile(r"\d{1,2}:\d{2}|\b\d{4}-\d{2}-\d{2}\b|\b\d{1,2}[./]\d{1,2}[./]\d{2,4}\b")
 _COMMENT_COLUMN = re.compile(r"(?i)comments?|remarks?|notes?|kommentar|bemerkung")
+# Lines among whose first cells signals in rows are looked for.
+_SIGNALS = 1000
 _WORD = re.compile(r"[^\W\d_]{2,}")
 
 
@@ -58,6 +60,8 @@ def find_heading(path: Path, lines: Lines, layout: Layout, options: ReadOptions)
     if options.header is False:
         return TableHeading(None, None, first, layout)
     by_name = search.by_name(first)
+    if by_name is None:
+        search.check_rows_are_no_signals()
     by_place = by_name if by_name is not None else search.by_place(first)
     if by_place is None and options.header and search.width_of(first):
         by_place = search.heading(first)
@@ -197,7 +201,42 @@ class _HeadingSearch:
             if self.by_place(first, strict=False) is not None or 2 * matches < len(asked):
                 return None
             raise self.disagrees(index)
+        self._check_upper(index, matches, wanted)
         return self.heading(index)
+
+    def _check_upper(self, index: int, matches: int, wanted: Sequence[str]) -> None:
+        """InputError where the same names head another table, of more or fewer columns, above."""
+        for upper in range(index):
+            if self.matches(upper, wanted) < matches or not self._heads_numbers(upper):
+                continue
+            above, number = self.lines[upper][0], self.lines[index][0]
+            raise input_error(
+                f"{self.path}, line {number}",
+                f"a second heading with other columns than that in line {above}, which has rows too",
+                f"split the file there; --skip-rows {number - 1} reads the lower table alone",
+            )
+
+    def _heads_numbers(self, index: int) -> bool:
+        """Whether two rows of numbers stand under a line, each with a cell for each of its own."""
+        named = self.cells(index)
+        under = [self.cells(i) for i in (index + 1, index + 2) if i < len(self.lines)]
+        return len(under) == 2 and all(
+            len(cells) == len(named) and all(map(self.layout.is_number, filter(None, cells)))
+            for cells in under
+        )
+
+    def check_rows_are_no_signals(self) -> None:
+        """InputError where all names that are asked for are the first cells of lines."""
+        asked = {name for name in self.options.names if not name.startswith("#")}
+        first = [(self.cells(i) or [""])[0] for i in range(min(_SIGNALS, len(self.lines)))]
+        if len(asked) < 2 or not asked <= set(first):
+            return
+        index = next(i for i, cell in enumerate(first) if cell in asked)
+        raise input_error(
+            f"{self.path}, line {self.lines[index][0]}",
+            f"{shortened(first[index])!r} names the line, not a column: each line is a signal",
+            "give --transpose (in a recipe: transpose = true)",
+        )
 
     def matches(self, index: int, wanted: Sequence[str]) -> int:
         """How many of the names asked for a line holds as cells; none where all are numbers."""
