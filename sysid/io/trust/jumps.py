@@ -169,7 +169,7 @@ def _jumps_at(
     size = float(np.diff(position)[step + _SIDE] - around.expected[step])
     if resolution.is_whole:
         size = resolution.step * round(size / resolution.step)
-    jumps = []
+    jumps: list[Jump] = []
     for row in sorted({step + _SIDE + 1, step + _SIDE + 1 + around.back}):
         speed = abs(float(position[row] - position[row - 1])) / float(time[row] - time[row - 1])
         jumps.append(Jump(row, -size if jumps else size, speed, float(around.fastest[step])))
