@@ -243,7 +243,9 @@ _EVERY_WORD = re.compile(
         (
             "end stops|motor_volts|single sample|twice|swapped|sampled every|per row|inverted",
             "time base|same values|either a slip|reversed|resolved in steps|its sign is missing",
-            "below the Coulomb friction of|take energy out|hold the same",
+            "below the Coulomb friction of|take energy out|hold the same|one of the two is wrong",
+            "is wrong by|though no valve opens|jumps|wraps around|a fresh one comes|too slow",
+            "too far apart|opposite sign|do not belong to one motion|times as far as",
         )
     )
 )
