@@ -215,6 +215,29 @@ def test_names_amid_a_header_of_settings(tmp_path: Path) -> None:
         read(tmp_path, YOKOGAWA + spoilt, *BY_NAME)
 
 
+def test_settings_beside_the_rows(tmp_path: Path) -> None:
+    """Tektronix: the first rows have a setting and its value in columns of their own."""
+    lines = rows().splitlines()
+    beside = ["Record Length,40,", "Source,CH1,", "Vertical Units,V,"]
+    text = [f"{beside[i] if i < 3 else ',,'},{line}" for i, line in enumerate(lines)]
+    maps = ("time_s=#4", "position_m=#5:mm", "motor_force_n=#6")
+    read(tmp_path, "\n".join(text) + "\n", *maps, no_header=True)
+    expect(tmp_path)
+    text[1] = text[1].replace(",0.001,", ",0.0O1,")
+    with pytest.raises(InputError, match="line 2"):
+        read(tmp_path, "\n".join(text) + "\n", *maps, no_header=True)
+
+
+@pytest.mark.parametrize("style", ["trailing", "serial monitor", "trailing heading"])
+@pytest.mark.parametrize("row", [3, 36])
+def test_a_row_shifted_by_a_cell_is_named(tmp_path: Path, style: str, row: int) -> None:
+    lines = HEADINGS[style].splitlines(keepends=True)
+    sign = ";" if ";" in lines[0] else ","
+    lines[row] = sign + lines[row].replace(sign + "\n", "\n")
+    with pytest.raises(InputError, match=f"line {row + 1}"):
+        read(tmp_path, "".join(lines), *BY_NAME)
+
+
 def test_remarks_in_the_first_rows_are_no_settings(tmp_path: Path) -> None:
     lines = rows().splitlines()
     text = "note,t,pos,u\nwarm,{}\nagain,{}\n".format(*lines[:2])

@@ -128,14 +128,17 @@ class _HeadingSearch:
 
         Each begins with its name, in a column in which the rows have nothing; some hold words.
         """
-        below = index
+        below, has_words = index, False
         for at in range(index, len(self.lines)):
             cells = self.cells(at)
             if not self._is_labelled(cells):
                 break
-            if any(not self.layout.is_number(cell) for cell in self._over_numbers(cells)):
+            over = self._over_numbers(cells)
+            if over and not self.has_numbers(over):
                 below = at + 1
-        return below
+                # A damaged number has digits.
+                has_words |= not any(map(str.isdigit, "".join(over)))
+        return below if has_words else index
 
     def _is_labelled(self, cells: Sequence[str]) -> bool:
         """Whether a line has a word where the rows have nothing."""

@@ -41,6 +41,7 @@ _CANDIDATES = (
 )
 _SAMPLE_LINES = 100
 _FEWEST_LINES = 40
+_MANY = 20
 _WORDS = re.compile(r"\S+")
 
 
@@ -147,14 +148,15 @@ def _scored(lines: Sequence[str], layout: Layout) -> tuple[tuple[float, bool], L
     filled = sum(1 for row in rows for cell in row if cell)
     share = sum(map(sum, numbers)) / max(1, filled)
     usual = [(row, is_n) for row, is_n in zip(rows, numbers, strict=True) if len(row) == width]
-    ends_empty = width > 1 and all(not row[-1] for row, _ in usual)
+    # A damaged row may have a cell where all others have none.
+    last = sum(bool(row[-1]) for row, _ in usual)
+    ends_empty = width > 1 and last <= (len(usual) >= _MANY)
     fields = width - ends_empty
     numeric = frozenset(
         column
         for column in range(fields)
         if 2 * sum(is_n[column] for _, is_n in usual) > sum(bool(row[column]) for row, _ in usual)
     )
-    # A damaged row may have a cell there.
     blank = frozenset(
         c for c in range(fields) if 2 * sum(bool(r[c]) for r, _ in usual) < len(usual)
     )
