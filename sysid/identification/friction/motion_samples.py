@@ -212,7 +212,7 @@ def _noise_gains_of_speed(period: float, cutoff_hz: float) -> tuple[float, float
 
 @lru_cache(maxsize=32)
 def _noise_gains(
-    period: float, cutoff_hz: float, stride: int, spline: float
+    period: float, cutoff_hz: float, stride: int, spline: float = 0.0
 ) -> tuple[float, float]:
     """Noise of the filtered speed (1/s) and acceleration (1/s2) over that of the position.
 
