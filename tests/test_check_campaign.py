@@ -450,3 +450,17 @@ def test_a_bag_s_folder_is_named_for_what_it_is(
     (tmp_path / "bag" / "metadata.yaml").touch()
     assert main(["check", str(tmp_path / "bag")]) == 2
     assert "of a ROS 2 bag, give the .db3 or .mcap file in it" in capsys.readouterr().err
+
+
+def test_a_log_declared_of_the_valve_that_stays_off(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The tests asked for are there, of the other valve: that is said, not only what is needed."""
+    shutil.copy(BUNDLED / "rig.toml", tmp_path / "rig.toml")
+    shutil.copy(BUNDLED / "valve_discrete_b.parquet", tmp_path / "b.parquet")
+    path = tmp_path / "campaign.toml"
+    path.write_text(
+        'rig = "rig.toml"\n[[log]]\nkind = "valve-discrete"\nfile = "b.parquet"\nvalve = "a"\n'
+    )
+    said = " ".join(told(path, capsys))
+    assert "valve_a is not logged, or never switched on" in said

@@ -73,9 +73,10 @@ def _discrete(trials: Sequence[Trial], rig: Rig, valve: str) -> Iterator[Identif
     pressure = f"pressure_{valve}_pa"
     used = [t for t in trials if is_active(t, f"valve_{valve}") and pressure in t]
     title = f"valve {valve.upper()}"
-    lacking = dict.fromkeys(
-        _FLOW_NAMES, f"needs a valve-discrete test of {title}: piston held, on 3 s, off"
-    )
+    needs = f"needs a valve-discrete test of {title}: piston held, on 3 s, off"
+    if trials and not any(is_active(t, f"valve_{valve}") for t in trials):
+        needs = f"valve_{valve} is not logged, or never switched on: {needs}"
+    lacking = dict.fromkeys(_FLOW_NAMES, needs)
     counts = dict.fromkeys(_FLOW_NAMES, 0)
     if used and rig.air is not None:
         counts = _in_regime(used, rig.air, valve)
