@@ -215,7 +215,7 @@ class _HeadingSearch:
             above, number = self.lines[upper][0], self.lines[index][0]
             raise input_error(
                 f"{self.path}, line {number}",
-                f"a second heading with other columns than that in line {above}, which has rows too",
+                f"a second heading, of other columns than that of the rows from line {above} on",
                 f"split the file there; --skip-rows {number - 1} reads the lower table alone",
             )
 
