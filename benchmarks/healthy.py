@@ -1,6 +1,6 @@
 """Healthy campaigns: what the checks against slips say of recordings without one.
 
-    python benchmarks/healthy.py [--count 200] [--first 70000] [--data ../shared/data]
+    python benchmarks/healthy.py [--count 200] [--first 70000] [--data ../shared/data] [--jobs 2]
 
 Campaigns are generated from the seeds printed; orientation, motion, dialect, sampling, scatter and
 effects of the catalogue (none, one or two, which are no slips) are drawn with the seed. Each is
@@ -14,10 +14,12 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import itertools
 import shutil
 import sys
 import tempfile
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -57,6 +59,11 @@ class Tally:
     refusals: list[str] = field(default_factory=list)
     misleading: list[str] = field(default_factory=list)
     unidentified: list[str] = field(default_factory=list)
+
+    def add(self, other: Tally) -> None:
+        """Count what was said of others too."""
+        for one in dataclasses.fields(self):
+            setattr(self, one.name, getattr(self, one.name) + getattr(other, one.name))
 
 
 def written(seed: int, folder: Path) -> Path | None:
@@ -125,6 +132,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--first", type=int, default=70000, help="first seed")
+    parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--data", type=Path, default=DATA, help="folder of the measured data")
     options = parser.parse_args()
     rest = Tally()
@@ -133,18 +141,25 @@ def main() -> None:
     show("bundled and samples", rest)
     if options.data.is_dir():
         show("measured", judged_sets(options.data))
+    tally, seeds = Tally(), itertools.count(options.first)
+    with ProcessPoolExecutor(options.jobs) as pool:
+        while tally.campaigns < options.count:
+            some = list(itertools.islice(seeds, min(20, options.count - tally.campaigns)))
+            for found in pool.map(judged, some):
+                tally.add(found)
+            show(f"generated, seeds {options.first} to {some[-1]}", tally)
+
+
+def judged(seed: int) -> Tally:
+    """What is said of the campaign of a seed."""
     tally = Tally()
-    seed = options.first
-    while tally.campaigns < options.count:
-        with tempfile.TemporaryDirectory() as name:
-            made = written(seed, Path(name) / str(seed))
-            if made is None:
-                tally.not_made += 1
-            else:
-                judge(made, tally)
-        seed += 1
-        if tally.campaigns % 20 == 0:
-            show(f"generated, seeds {options.first} to {seed - 1}", tally)
+    with tempfile.TemporaryDirectory() as name:
+        made = written(seed, Path(name) / str(seed))
+        if made is None:
+            tally.not_made += 1
+        else:
+            judge(made, tally)
+    return tally
 
 
 def judged_sets(data: Path) -> Tally:
