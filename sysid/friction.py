@@ -14,7 +14,7 @@ import numpy as np
 
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.estimation.linear import Estimate
-from sysid.estimation.quality import SCATTER_TIMES
+from sysid.estimation.quality import LEAST_EXPLAINED, SCATTER_TIMES
 from sysid.identification.friction.clusters import Clusters, cluster_test
 from sysid.identification.friction.combinations import (
     Combination,
@@ -229,9 +229,49 @@ def _of(fit: _Fit, estimate_inertia: bool) -> FrictionResult:
         whole = _as_motion(fit, None if estimate_inertia else declared, said)
         motion = whole or motion
         sliding = None if whole else _by_levels(fit, inertia, said)
+    if sliding is not None and motion is not None and _refutes(motion, sliding):
+        _set_aside(fit, sliding)
+        sliding = None
     if static is None and sliding is None and motion is None and not fit.sums:
         raise error_of(list(fit.failures.values()), _nothing(fit))
     return _result(fit, static, sliding, motion, estimate_inertia)
+
+
+def _refutes(motion: MotionFriction, sliding: SlidingFriction) -> bool:
+    """Whether constant-effort tests give what no friction is, and motion what it may be.
+
+    A force that changes along the stroke (a spring, a cushion, a tilt) is in a test of one way with
+    its speed; to and fro it is told from friction.
+    """
+    if not any(e.identified and e.interval[1] < 0.0 for e in (sliding.coulomb, sliding.viscous)):
+        return False
+    if not motion.both_ways or motion.explained < LEAST_EXPLAINED:
+        return False
+    own = (motion.coulomb, motion.viscous)
+    if all(e.identified for e in own):
+        return own[0].interval[0] > 0.0 and own[1].interval[1] > 0.0
+    # Of both only a sum is known; the offset's is of either sign.
+    sums = (c.estimate for c in motion.combinations if any("coulomb" in name for name in c.of))
+    return any(e.interval[0] > 0.0 for e in sums)
+
+
+def _set_aside(fit: _Fit, sliding: SlidingFriction) -> None:
+    """Constant-effort tests left out, for what their own law is."""
+    named = {fit.units.coulomb: sliding.coulomb, fit.units.viscous: sliding.viscous}
+    wrong = " and ".join(
+        f"{name} = {e.value:.3g} {e.unit}"
+        for name, e in named.items()
+        if e.identified and e.interval[1] < 0.0
+    )
+    why = (
+        f"they give {wrong}, which is no friction, and the motion to and fro does not: an effort "
+        "that changes along the stroke or with the direction acts in them"
+    )
+    fit.failures[SLIDING] = Failure(why)
+    fit.sums = ()
+    for use in fit.uses:
+        if use.kind == SLIDING and use.used:
+            use.leave_out(why)
 
 
 def _prepared(

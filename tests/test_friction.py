@@ -525,6 +525,21 @@ def test_every_make_of_rig_without_scatter(orientation: str, motion: str) -> Non
         assert result[name].value == pytest.approx(truth, rel=within[name.split("_")[0]])
 
 
+@pytest.mark.parametrize("seed", [30, 32, 35])
+def test_a_spring_along_the_stroke_is_in_constant_effort_tests_alone(seed: int) -> None:
+    """Undeclared, it makes their viscous friction negative; the motion to and fro tells it apart."""
+    effects = drawn_effects(seed, [("cable-spring", "linear", 1.0)])
+    tests = make_friction_tests(seed, effects=effects)
+    result = fit_friction(trials_of(tests), rig_from_content(tests.rig, "generated"))
+    assert result.source == "friction-motion" and not result.impossible
+    assert result["coulomb_nm"].value == pytest.approx(
+        tests.truth["friction"]["coulomb_nm"], rel=0.12
+    )
+    said = next(line for line in result.notices if "which is no friction" in line)
+    assert "viscous_nm_s_per_rad = -" in said
+    assert all(use.reason for use in result.trials if use.kind == "friction-sliding")
+
+
 @pytest.mark.parametrize("bristles", [False, True])
 def test_an_arm_that_swings_uphill_to_rest_gives_its_friction(bristles: bool) -> None:
     """A short run of `benchmarks/friction.py --only vertical`; no steady stretch anywhere."""

@@ -17,7 +17,13 @@ from sysid.display.tables import Shown, ShownTable, estimate_records, estimate_t
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.linear import Estimate, FTest
 from sysid.estimation.named import NamedEstimates
-from sysid.estimation.quality import CONTRADICTED, LEAST_EXPLAINED, FitQuality, LeftOut
+from sysid.estimation.quality import (
+    CONTRADICTED,
+    LEAST_EXPLAINED,
+    FitQuality,
+    LeftOut,
+    root_mean_square,
+)
 from sysid.identification.friction.combinations import Combination
 from sysid.identification.friction.effort import (
     KINDS,
@@ -32,7 +38,7 @@ from sysid.identification.friction.effort import (
 from sysid.identification.friction.low_speed import RULE as LOW_SPEED_RULE
 from sysid.identification.friction.motion import MotionFriction
 from sysid.identification.friction.motion_samples import RULE
-from sysid.identification.friction.sliding import SlidingFriction
+from sysid.identification.friction.sliding import SlidingFriction, missed_by
 from sysid.identification.friction.static import CRITERION, StaticFriction, breakaway_of
 from sysid.types import FloatArray
 
@@ -141,6 +147,19 @@ class FrictionResult(NamedEstimates, Shown):
         uses = [use for use in self.trials if use.kind == kind]
         if not all(use.used for use in uses):
             yield tests_left_out(uses, self._missed(kind, uses))
+        if kind == MOTION == self.source:
+            yield from self._set_aside()
+
+    def _set_aside(self) -> Iterator[LeftOut]:
+        """The constant-effort tests that the law of the motion is asked about."""
+        uses = [use for use in self.trials if use.kind == SLIDING]
+        if not uses or any(use.used for use in uses) or self.motion is None:
+            return
+        measured, left = missed_by(self.motion, uses)
+        out = LeftOut(f"{SLIDING} tests", len(uses), len(uses), len(uses) - len(measured))
+        if len(measured):
+            out = replace(out, rmse=root_mean_square(left), spread=root_mean_square(measured))
+        yield out
 
     def _missed(self, kind: str, uses: Sequence[TrialUse]) -> tuple[FloatArray, FloatArray]:
         """Measured effort, and what the law leaves of it, of the tests that it can be asked about;
@@ -149,7 +168,7 @@ class FrictionResult(NamedEstimates, Shown):
             measured = np.array([breakaway_of(u) for u in uses if "breakaway" in u.values])
             return measured, measured - self.static.estimate.value
         if kind == SLIDING and self.sliding is not None:
-            return self.sliding.missed(uses)
+            return missed_by(self.sliding, uses)
         return np.zeros(0), np.zeros(0)
 
     @property

@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,6 +65,17 @@ class SlidingPoints:
         return len(self.labels)
 
 
+class Law(Protocol):
+    """Coulomb and viscous friction and an offset, as a fit gives them."""
+
+    @property
+    def coulomb(self) -> Estimate: ...
+    @property
+    def viscous(self) -> Estimate: ...
+    @property
+    def offset(self) -> Estimate: ...
+
+
 @dataclass(frozen=True)
 class SlidingFriction:
     """Coulomb and viscous friction over all trials; `offset` where both directions are present.
@@ -90,14 +102,15 @@ class SlidingFriction:
     quality: FitQuality | None = None
     joint: JointCovariance | None = None
 
-    def missed(self, uses: Sequence[TrialUse]) -> tuple[FloatArray, FloatArray]:
-        """Mean friction of the trials (n,) that have one, used or left out, and what the law leaves
-        of it; in effort."""
-        known = [use.values for use in uses if "friction" in use.values]
-        friction, speed = (np.array([row[key] for row in known]) for key in ("friction", "speed"))
-        offset = self.offset.value if self.offset.identified else 0.0
-        law = self.coulomb.value * np.sign(speed) + self.viscous.value * speed + offset
-        return friction, friction - law
+
+def missed_by(law: Law, uses: Sequence[TrialUse]) -> tuple[FloatArray, FloatArray]:
+    """Mean friction of the trials (n,) that have one, used or left out, and what a law of friction
+    leaves of it; in effort."""
+    known = [use.values for use in uses if "friction" in use.values]
+    friction, speed = (np.array([row[key] for row in known]) for key in ("friction", "speed"))
+    offset = law.offset.value if law.offset.identified else 0.0
+    told = law.coulomb.value * np.sign(speed) + law.viscous.value * speed + offset
+    return friction, friction - told
 
 
 def levels_of(set_effort: FloatArray) -> NDArray[np.intp]:
