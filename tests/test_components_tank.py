@@ -305,6 +305,16 @@ def test_a_valve_command_serves_as_the_pump() -> None:
     assert np.array_equal(one.pressure, two.pressure)
 
 
+def test_a_valve_that_is_off_throughout_begins_with_the_discharge() -> None:
+    trial = discharge(4.0e4, 3)
+    begun = int(np.flatnonzero(trial["pump_volts"] != 0.0)[-1]) + 1
+    falling = {"pressure_a_pa": trial["pressure_a_pa"][begun:]}
+    time = trial.time[begun:]
+    alone = Trial("1", time, {**falling, "valve_a": np.zeros(len(time))}, "l")
+    one, two = tank([trial], rig()).discharges[0], tank([alone], rig()).discharges[0]
+    assert np.array_equal(one.pressure, two.pressure)
+
+
 def test_measured_tank_is_predicted_twice_as_well(shared_data: Path, tmp_path: Path) -> None:
     """Levels that nothing was fitted on, by the wall's heat and the shape of the flow."""
     described = read_rig(MEASURED / "rig.toml")

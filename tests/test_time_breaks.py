@@ -22,7 +22,7 @@ def recorded(folder: Path, *parts: np.ndarray, **more: np.ndarray) -> Path:
     return plain(folder, t=time, q=np.arange(len(time)) / 7.0, **more)
 
 
-@pytest.mark.parametrize("bits", [16, 32])
+@pytest.mark.parametrize("bits", [16, 24, 32])
 @pytest.mark.parametrize("signed", [False, True])
 def test_a_counter_is_unwrapped(tmp_path: Path, bits: int, signed: bool) -> None:
     size = 1 << bits
@@ -39,6 +39,14 @@ def test_a_counter_wraps_more_than_once(tmp_path: Path) -> None:
     counts = (60_000 + 9_000 * STEPS) % 65536
     convert(recorded(tmp_path, counts), tmp_path / "o.csv", maps=("time_s=t:ms", "theta_rad=q"))
     np.testing.assert_allclose(np.diff(log_of(tmp_path / "o.csv")["time_s"]), 9.0, rtol=1e-12)
+
+
+def test_the_time_of_day_over_midnight_in_seconds(tmp_path: Path) -> None:
+    time = np.round((86_398.0 + 0.05 * STEPS) % 86_400.0, 3)
+    path = recorded(tmp_path, time)
+    report = convert(path, tmp_path / "o.csv", maps=("time_s=t", "theta_rad=q"))
+    np.testing.assert_allclose(np.diff(log_of(tmp_path / "o.csv")["time_s"]), 0.05, rtol=1e-6)
+    assert any("the time of day" in notice for notice in report.notices)
 
 
 def test_seconds_that_were_a_counter(tmp_path: Path) -> None:

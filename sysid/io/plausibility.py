@@ -264,8 +264,11 @@ def folds(values: FloatArray) -> bool:
     i = 2 * n + np.flatnonzero(lowest & (inner <= step))
     near = np.minimum(values[i - n], values[i + n]) - values[i]
     far = np.maximum(values[i - 2 * n] - values[i - n], values[i + 2 * n] - values[i + n])
-    # A smooth motion turns round with a third of the speed that it has a little farther away.
-    return bool(np.any((near > _STRAIGHT * far) & (near > _FOLD_SPEED * n * step)))
+    # A smooth motion turns round with a third of the speed that it has a little farther away; one
+    # that turns again so near is not sampled finely enough to tell.
+    before, after = np.maximum(i - 3 * n, 0), np.minimum(i + 3 * n, len(values) - 1)
+    goes_on = (values[before] > values[i - 2 * n]) & (values[after] > values[i + 2 * n])
+    return bool(np.any(goes_on & (near > _STRAIGHT * far) & (near > _FOLD_SPEED * n * step)))
 
 
 def spikes(values: FloatArray) -> NDArray[np.intp]:

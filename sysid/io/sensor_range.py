@@ -77,7 +77,7 @@ class SensorRange:
         if low > 0.0 and np.all(np.abs(readings[outside]) < 0.5 * low):
             why = "a wire off, or is the range right?"
         return int(outside[0]), (
-            f"{first:.4g} is the first of {outside.size} readings of {len(readings)} ({share:.2g} "
+            f"{first:.4g} is the first of {outside.size} readings of {len(readings)} ({share:.3g} "
             f"%) outside the sensor's range of {self.start:g} to {self.end:g}{unit}: {why}"
         )
 

@@ -8,14 +8,21 @@ import numpy as np
 
 from sysid.types import FloatArray, IntArray
 
-_BITS = (32, 16)
-# (bits, unit in s, its name) of the counters that loggers count time with.
+_BITS = (32, 24, 16)
+# (size in s, name) of the counters that loggers count time with.
 _CLOCKS = (
-    (32, 1e-6, "microseconds"),
-    (32, 1e-3, "milliseconds"),
-    (32, 1e-9, "nanoseconds"),
-    (16, 1e-3, "milliseconds"),
-    (16, 1e-6, "microseconds"),
+    *(
+        (2.0**bits * unit, f"a {bits}-bit counter of {name}")
+        for bits, unit, name in (
+            (32, 1e-6, "microseconds"),
+            (32, 1e-3, "milliseconds"),
+            (32, 1e-9, "nanoseconds"),
+            (24, 1e-6, "microseconds"),
+            (16, 1e-3, "milliseconds"),
+            (16, 1e-6, "microseconds"),
+        )
+    ),
+    (86400.0, "the time of day"),
 )
 # Of the median step, and the share of steps, up to which a step over a wrap is an ordinary one.
 _ORDINARY = 2.0
@@ -60,12 +67,11 @@ def wraps_of_seconds(time: FloatArray) -> TimeWraps | None:
     """The wraps of times (n,) s that a counter of a common unit made; None: there are none."""
     if len(time) < 3 or np.all(np.diff(time) >= 0.0):
         return None
-    for bits, unit, unit_name in _CLOCKS:
-        size = 2.0**bits * unit
+    for size, clock in _CLOCKS:
         if np.ptp(time) < size:
             rows = _over(time, size, _ROUNDED)
             if rows.size:
-                return TimeWraps(size, f"a {bits}-bit counter of {unit_name}", rows)
+                return TimeWraps(size, clock, rows)
     return None
 
 

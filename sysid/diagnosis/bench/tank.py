@@ -255,7 +255,8 @@ def _discharge(trial: Trial, atmosphere: float) -> _Fall:
     """The discharge that a trial holds. Raises as `tank` does."""
     command = _command(trial)
     on = np.flatnonzero(trial[command] != 0.0)
-    first = int(on[-1]) + 1 if len(on) else len(trial)
+    # Off in every row: the test begins with its discharge.
+    first = int(on[-1]) + 1 if len(on) else 0
     if len(trial) - first < _FEWEST_BINS:
         raise NotIdentifiedError(
             f"{trial.source}: c_dis is not identified: {command} is never switched off for good, "
