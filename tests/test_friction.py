@@ -527,7 +527,7 @@ def test_every_make_of_rig_without_scatter(orientation: str, motion: str) -> Non
 
 @pytest.mark.parametrize("seed", [30, 32, 35])
 def test_a_spring_along_the_stroke_is_in_constant_effort_tests_alone(seed: int) -> None:
-    """Undeclared, it makes their viscous friction negative; the motion to and fro tells it apart."""
+    """Undeclared, it makes their viscous friction negative; motion to and fro tells it apart."""
     effects = drawn_effects(seed, [("cable-spring", "linear", 1.0)])
     tests = make_friction_tests(seed, effects=effects)
     result = fit_friction(trials_of(tests), rig_from_content(tests.rig, "generated"))

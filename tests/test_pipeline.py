@@ -363,7 +363,7 @@ def test_a_file_of_another_layout_is_made_anew(tmp_path: Path) -> None:
     run: Any = SimpleNamespace(
         inputs={}, surface="ann", seed=0, effects=None, refines=True, folder=tmp_path, notices=[],
         unasked=[], campaign=SimpleNamespace(own=None), path=lambda name: tmp_path / name,
-        tell=lambda _: None, budget=None,
+        tell=lambda _: None, budget=None, exclude=(),
     )  # fmt: skip
     old, new = (Stage("one", ("one.json",), (), write, layout=n) for n in (1, 2))
     assert perform(run, old).why and perform(run, old).why is None

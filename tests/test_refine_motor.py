@@ -240,13 +240,15 @@ def test_an_effect_in_the_bundle_is_refined_beside_the_others(
     (strength,) = kind.strengths()
     friction = each.bundle.friction
     assert friction is not None
-    off = {"coulomb_nm": 1.05, "viscous_nm_s_per_rad": 0.85}
-    units = {"coulomb_nm": "Nm", "viscous_nm_s_per_rad": "Nm s/rad"}
+    off = {
+        "coulomb_nm": (1.05, 0.1, "Nm"),
+        "viscous_nm_s_per_rad": (0.85, 0.1, "Nm s/rad"),
+        "inertia_kg_m2": (0.993, 0.01, "kg m2"),
+    }
     known = {
-        name: Estimate.symmetric(
-            factor * each.truth[name], 0.1 * each.truth[name], units[name], 10.0
-        )
-        for name, factor in off.items()
+        name: Estimate.symmetric(factor * truth, share * truth, unit, 10.0)
+        for name, (factor, share, unit) in off.items()
+        for truth in (each.truth[name],)
     }
     bundle = each.bundle.replaced(friction=friction.replaced(**known))
     bundle = bundle.with_effects([entry_of(kind(**{strength.name: 1.2 * DRAG}), {})])

@@ -174,10 +174,9 @@ def _campaign(check: CampaignCheck, verbose: bool) -> Iterable[Any]:
     yield from (Text(f"- {line}") for line in check.contradictions)
     training, held = len(check.training), len(check.entries) - len(check.training)
     yield Text(f"{check.path}: {training} training log{'s' * (training != 1)}, {held} held out")
-    for one in check.logs:
-        if one.excluded and not verbose:
-            tests = ", ".join(e.exclusion.title for e in one.excluded)
-            yield Text(f"excluded from {PurePath(one.file).name}: {tests}")
+    if not verbose:
+        for one in check.logs:
+            yield from _excluded(one, f"{PurePath(one.file).name}: ")
     yield _table(check)
     yield from _quality(check, verbose)
     if verbose:
@@ -255,6 +254,13 @@ def _log(check: LogCheck) -> Iterable[Any]:
     yield from _blocks(check)
 
 
+def _excluded(check: LogCheck, of: str = "") -> Iterable[Text]:
+    """A line for each test or span that is not looked at."""
+    for one in check.excluded:
+        why = f": {one.exclusion.why}" if one.exclusion.why else ""
+        yield Text(f"{of}excluded: {one.exclusion.title} ({one.rows} rows){why}")
+
+
 def _blocks(check: LogCheck) -> Iterable[Any]:
     kinds = ", ".join(f"{n} x {k}" for k, n in check.kinds.items())
     yield Text(check.file, style="bold")
@@ -267,9 +273,7 @@ def _blocks(check: LogCheck) -> Iterable[Any]:
     yield Text(
         f"{check.gaps} gaps, the longest {check.longest_gap_s:.4g} s" if check.gaps else "no gaps"
     )
-    for one in check.excluded:
-        why = f": {one.exclusion.why}" if one.exclusion.why else ""
-        yield Text(f"excluded: {one.exclusion.title} ({one.rows} rows){why}")
+    yield from _excluded(check)
     table = new_table("Channels", "channel", "low", "high", "resolution", "noise", "remark")
     for channel in check.channels:
         remark = []
