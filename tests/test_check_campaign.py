@@ -449,7 +449,8 @@ def test_a_bag_s_folder_is_named_for_what_it_is(
     (tmp_path / "bag").mkdir()
     (tmp_path / "bag" / "metadata.yaml").touch()
     assert main(["check", str(tmp_path / "bag")]) == 2
-    assert "of a ROS 2 bag, give the .db3 or .mcap file in it" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "is a ROS 2 bag, not a log" in said and "or map its columns here" in said
 
 
 def test_a_log_declared_of_the_valve_that_stays_off(

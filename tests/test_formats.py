@@ -26,6 +26,7 @@ from foreign_files import (
     refused,
     write_tdms,
 )
+from golden_folder import BUNDLED
 from logger_files import (
     DELAY_NS,
     NS,
@@ -43,8 +44,10 @@ from scipy.io import savemat
 
 from sysid.commands.app import main
 from sysid.errors import InputError
+from sysid.io.campaign import read_campaign
 from sysid.io.conversion import convert
 from sysid.io.foreign import ForeignTable, ReadOptions, read_any
+from sysid.io.logs import read_log
 
 
 def table_of(path: Path) -> ForeignTable:
@@ -243,6 +246,32 @@ def test_ros_2_bag(tmp_path: Path, storage: str, mode: str | None) -> None:
     report = convert(folder, out, maps=entries, atmosphere_pa=ATMOSPHERE)
     expect_samples(out)
     assert len(report.sources[0].sha256) == 64
+
+
+def test_a_bag_s_folder_is_a_log_with_a_map(tmp_path: Path) -> None:
+    """As `convert` would write it, in a campaign too; its digest is that of its files."""
+    folder, out = tmp_path / "bag", tmp_path / "log.csv"
+    write_bag2(folder, "sqlite3")
+    entries = without_time("/p1.fluid_pressure", "/joint_states.position[elbow]")
+    convert(folder, out, maps=entries, atmosphere_pa=ATMOSPHERE)
+    rig_file = (BUNDLED / "rig.toml").read_text()
+    (tmp_path / "rig.toml").write_text(rig_file)
+    maps = "\n".join(f'{t} = "{c}"' for t, c in (entry.split("=", 1) for entry in entries))
+    (tmp_path / "campaign.toml").write_text(
+        f'rig = "rig.toml"\n[[log]]\nkind = "valve-discrete"\nfile = "bag"\n[map]\n{maps}\n'
+    )
+    campaign = read_campaign(tmp_path / "campaign.toml")
+    ambient = campaign.rig.atmosphere_pa
+    assert ambient is not None
+    (trial,), (other,) = (
+        campaign.read(campaign.logs[0]).trials,
+        read_log(out, campaign.rig).trials,
+    )
+    assert_array_equal(trial["theta_rad"], other["theta_rad"])
+    assert trial["pressure_a_pa"] - ambient == pytest.approx(other["pressure_a_pa"] - ATMOSPHERE)
+    assert len(campaign.sources()[0].sha256) == 64
+    with pytest.raises(InputError, match=r"is a ROS 2 bag, not a log; convert it first"):
+        read_log(folder, campaign.rig)
 
 
 def test_a_file_of_packed_messages_alone(tmp_path: Path) -> None:

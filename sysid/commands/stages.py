@@ -25,6 +25,7 @@ from sysid.errors import InputError
 from sysid.exporters import export_file
 from sysid.io.campaign import Campaign
 from sysid.io.files import make_folder, write_atomic
+from sysid.io.foreign import digest_of
 from sysid.model.effects.catalogue import catalogue_with
 from sysid.parallel import Failure, on_its_own, processor_seconds
 from sysid.types import Progress
@@ -138,7 +139,7 @@ def digests(campaign: Campaign) -> dict[str, str]:
     """SHA-256 of the campaign file, the rig file and every log, by their names."""
     paths = {campaign.path.name: campaign.path, "rig file": Path(campaign.rig.source)}
     paths |= {entry.file: entry.path for entry in campaign.logs}
-    return {name: _digest(path) for name, path in paths.items()}
+    return {name: digest_of(path, "an input") for name, path in paths.items()}
 
 
 def _digest(path: Path) -> str:

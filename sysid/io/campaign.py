@@ -16,13 +16,13 @@ from sysid.errors import InputError, input_error
 from sysid.io.declaration import ChoiceKey, NumberKey, TextKey, TomlTable, declared_keys, range_of
 from sysid.io.effort_timing import effort_is_read, readings_line, with_commands
 from sysid.io.exclusion import Exclusion, exclusions_of, shared_out
-from sysid.io.file_kinds import in_folder
+from sysid.io.file_kinds import is_bag
+from sysid.io.foreign import digest_of
 from sysid.io.logs import Log, read_log, test_labels
 from sysid.io.own_kind import OwnKind, read_own_log
 from sysid.io.rig import Inertia, Rig, read_rig, read_toml, reject_misspelt
 from sysid.io.samples import Trial
 from sysid.io.source import Source
-from sysid.io.tables import open_input, sha256_of
 from sysid.io.units import CANONICAL_UNITS, ColumnMap, parse_map_table
 
 Kind = Literal[
@@ -190,7 +190,14 @@ class Campaign:
         """
         chosen = (e for e in self.logs if use in (None, e.use))
         return [
-            Source(e.path.name, _digest(e.path), e.use, e.kind, _as_given(e.exclude), e.payload_kg)
+            Source(
+                e.path.name,
+                digest_of(e.path, "a log"),
+                e.use,
+                e.kind,
+                _as_given(e.exclude),
+                e.payload_kg,
+            )
             for e in chosen
         ]
 
@@ -326,12 +333,6 @@ def _as_given(exclusions: Sequence[Exclusion]) -> tuple[dict[str, Any], ...]:
     return tuple(one.to_json() for one in exclusions)
 
 
-def _digest(path: Path) -> str:
-    """SHA-256 of a log's file."""
-    with open_input(path, "a log") as file:
-        return sha256_of(file)
-
-
 def _entry(
     path: Path,
     number: int,
@@ -350,8 +351,8 @@ def _entry(
     where = f"{where} ({file})"
     chosen = _choices(path, where, table, own_kind)
     log_path = path.parent / file
-    if log_path.is_dir():
-        raise input_error(path, f"{where}: is a directory", in_folder(log_path, "name a log in it"))
+    if log_path.is_dir() and not is_bag(log_path):
+        raise input_error(path, f"{where}: is a directory", "name a log in it")
     if not log_path.exists():
         raise input_error(path, f"{where}: no such file", "paths are relative to the campaign file")
     maps = table.get("map", {})

@@ -7,9 +7,10 @@ import zipfile
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
-from sysid.errors import input_error
+from sysid.errors import InputError, input_error
 
 HEAD_BYTES = 4096
+BAG_METADATA, BAG_SUFFIXES = "metadata.yaml", (".db3", ".mcap")
 
 
 class FileKind(NamedTuple):
@@ -125,11 +126,19 @@ def _looks_like_json(path: Path, head: bytes) -> bool:
     return named or _JSON_HEAD.match(text) is not None
 
 
-def in_folder(folder: Path, otherwise: str) -> str:
-    """What to give in place of a folder: of a ROS 2 bag one of its files, else `otherwise`."""
-    if (folder / "metadata.yaml").is_file():
-        return "of a ROS 2 bag, give the .db3 or .mcap file in it, or convert the bag first"
-    return otherwise
+def is_bag(path: Path) -> bool:
+    """Whether a path is the folder of a ROS 2 bag."""
+    if not path.is_dir():
+        return False
+    return (path / BAG_METADATA).is_file() or any(
+        one.suffix in BAG_SUFFIXES and one.is_file() for one in path.iterdir()
+    )
+
+
+def reject_bag(path: Path) -> None:
+    """InputError where a path is the folder of a ROS 2 bag."""
+    if is_bag(path):
+        raise _is_no_log(path, "a ROS 2 bag")
 
 
 def reject_foreign(path: Path, file: BinaryIO) -> None:
@@ -145,9 +154,13 @@ def reject_foreign(path: Path, file: BinaryIO) -> None:
         raise input_error(path, "is a fitted bundle, not a log", "give the path of a log")
     if kind == GZIP:
         raise input_error(path, f"is {kind.what}, not a log", "unpack it with gunzip first")
-    raise input_error(
+    raise _is_no_log(path, kind.what)
+
+
+def _is_no_log(path: Path, what: str) -> InputError:
+    return input_error(
         path,
-        f"is {kind.what}, not a log",
+        f"is {what}, not a log",
         f"convert it first: `sysid convert {path.name} -o {_log_name(path)} --map ...`, or map its "
         "columns here (--map; in a campaign file, [map])",
     )
@@ -160,13 +173,17 @@ def _log_name(path: Path) -> str:
 
 __all__ = [
     "ARCHIVE",
+    "BAG_METADATA",
+    "BAG_SUFFIXES",
     "DAMAGED_ARCHIVE",
     "FOREIGN_SUFFIXES",
     "GZIP",
     "HEAD_BYTES",
     "OLD_EXCEL",
     "FileKind",
+    "is_bag",
     "kind_by_content",
     "kind_by_name",
+    "reject_bag",
     "reject_foreign",
 ]

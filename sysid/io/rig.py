@@ -17,7 +17,7 @@ from typing import Any
 from sysid.errors import InputError, input_error
 from sysid.io.channels import CHAMBER_PRESSURES
 from sysid.io.declaration import TomlSection
-from sysid.io.file_kinds import in_folder
+from sysid.io.file_kinds import is_bag
 from sysid.io.files import note_input
 from sysid.io.rig_file import RIG_TABLES, RigFile, RigHead
 from sysid.io.rig_sections import (
@@ -294,8 +294,8 @@ def find_rig_file(log: Path) -> Path | None:
         name = str(log) if len(str(log)) < 200 else f"{str(log)[:80]}..."
         what = f"cannot be opened: {error.strerror}"
         raise input_error(name, what, "give the path of a log") from None
-    if is_folder:
-        raise input_error(log, "is a directory", in_folder(log, "give the path of a log in it"))
+    if is_folder and not is_bag(log):
+        raise input_error(log, "is a directory", "give the path of a log in it")
     return nearest_rig_file(folder / log.name)
 
 

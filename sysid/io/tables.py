@@ -32,7 +32,7 @@ from sysid.io.bounds import (
     check_rectangle,
     check_text,
 )
-from sysid.io.file_kinds import FOREIGN_SUFFIXES, reject_foreign
+from sysid.io.file_kinds import FOREIGN_SUFFIXES, reject_bag, reject_foreign
 from sysid.io.files import note_input, open_atomic
 from sysid.io.parquet_columns import ParquetColumns
 
@@ -274,6 +274,7 @@ def read_table(path: Path, wanted: Collection[str], text: Collection[str] = ()) 
             "is a TOML file, not a log",
             "give the path of a log; all logs of a campaign are fitted by `sysid fit CAMPAIGN`",
         )
+    reject_bag(path)
     try:
         with open_input(path, "a log") as file:
             if path.suffix.lower() in PARQUET_SUFFIXES:

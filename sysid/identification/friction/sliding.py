@@ -65,7 +65,7 @@ class SlidingPoints:
         return len(self.labels)
 
 
-class Law(Protocol):
+class FrictionLaw(Protocol):
     """Coulomb and viscous friction and an offset, as a fit gives them."""
 
     @property
@@ -103,7 +103,7 @@ class SlidingFriction:
     joint: JointCovariance | None = None
 
 
-def missed_by(law: Law, uses: Sequence[TrialUse]) -> tuple[FloatArray, FloatArray]:
+def missed_by(law: FrictionLaw, uses: Sequence[TrialUse]) -> tuple[FloatArray, FloatArray]:
     """Mean friction of the trials (n,) that have one, used or left out, and what a law of friction
     leaves of it; in effort."""
     known = [use.values for use in uses if "friction" in use.values]

@@ -21,6 +21,7 @@ from sysid.io.file_kinds import (
     HEAD_BYTES,
     OLD_EXCEL,
     FileKind,
+    is_bag,
     kind_by_content,
     kind_by_name,
 )
@@ -65,13 +66,19 @@ def read_foreign(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTab
     return _with_columns(table)
 
 
-def is_bag(path: Path) -> bool:
-    """Whether a path is a ROS 2 bag's folder."""
-    if not path.is_dir():
-        return False
-    from sysid.io.foreign import rosbag
+def digest_of(path: Path, what: str) -> str:
+    """The SHA-256 of a file, or of a ROS 2 bag's files one after the other; `what` it is.
 
-    return rosbag.is_bag(path)
+    Raises InputError where it cannot be opened.
+    """
+    with contextlib.ExitStack() as opened:
+        paths = [path]
+        if is_bag(path):
+            from sysid.io.foreign import rosbag
+
+            opened.enter_context(_installed(path, "rosbag"))
+            paths, what = rosbag.bag_files(path)[0], "a bag's file"
+        return sha256_of(*(opened.enter_context(open_input(one, what)) for one in paths))
 
 
 def read_any(path: Path, what: str, options: ReadOptions) -> ForeignTable:
@@ -185,6 +192,7 @@ __all__ = [
     "ForeignTable",
     "ReadOptions",
     "SampleTimes",
+    "digest_of",
     "is_bag",
     "read_any",
     "read_bag",

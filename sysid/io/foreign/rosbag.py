@@ -19,15 +19,14 @@ from urllib.parse import quote
 
 from sysid.errors import InputError, input_error
 from sysid.io.bounds import check_length
+from sysid.io.file_kinds import BAG_METADATA, BAG_SUFFIXES
 from sysid.io.foreign import mcap
 from sysid.io.foreign.messages import Messages
 from sysid.io.foreign.ros_types import Decoder, ros_decoder
 from sysid.io.foreign.table import ForeignTable, ReadOptions, damaged
 from sysid.io.foreign.unpacking import unpacked
 
-METADATA = "metadata.yaml"
 SQLITE = b"SQLite format 3\x00"
-_SUFFIXES = (".db3", ".mcap")
 _MOST_METADATA = 1 << 24
 _CHUNK = 1 << 20
 _ZSTD = b"\x28\xb5\x2f\xfd"
@@ -222,11 +221,6 @@ def _plain(path: Path, packed: BinaryIO, packing: Packing) -> Iterator[BinaryIO]
         yield plain
 
 
-def is_bag(folder: Path) -> bool:
-    """Whether a folder is a ROS 2 bag."""
-    return (folder / METADATA).is_file() or bool(_files_in(folder))
-
-
 @dataclass(frozen=True)
 class Packing:
     """What of a ROS 2 bag is packed ("file", "message", else nothing), and how ("zstd")."""
@@ -240,7 +234,7 @@ def bag_files(folder: Path) -> tuple[list[Path], Packing]:
 
     Raises InputError where `metadata.yaml` is damaged, or names a file that is missing.
     """
-    about = folder / METADATA
+    about = folder / BAG_METADATA
     if not about.is_file():
         return _files_in(folder), Packing()
     try:
@@ -264,16 +258,18 @@ def bag_files(folder: Path) -> tuple[list[Path], Packing]:
 
 
 def _files_in(folder: Path) -> list[Path]:
-    return sorted(path for path in folder.iterdir() if path.suffix in _SUFFIXES and path.is_file())
+    return sorted(
+        path for path in folder.iterdir() if path.suffix in BAG_SUFFIXES and path.is_file()
+    )
 
 
 def read_files(folder: Path, files: list[tuple[Path, BinaryIO]], packing: Packing) -> ForeignTable:
     """The messages of a ROS 2 bag's files (see `bag_files`). Raises InputError as `read` does."""
     table = ForeignTable(folder, "ROS 2 bag")
     messages = Messages(table)
-    if not (folder / METADATA).is_file():
+    if not (folder / BAG_METADATA).is_file():
         table.notices.append(
-            f"{folder}: it has no {METADATA} (the recorder was stopped): its files are read by "
+            f"{folder}: it has no {BAG_METADATA} (the recorder was stopped): its files are read by "
             "their names"
         )
     for path, packed in files:
@@ -289,4 +285,4 @@ def read_files(folder: Path, files: list[tuple[Path, BinaryIO]], packing: Packin
     return table
 
 
-__all__ = ["METADATA", "Packing", "bag_files", "is_bag", "read", "read_files"]
+__all__ = ["Packing", "bag_files", "read", "read_files"]
