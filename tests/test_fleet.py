@@ -31,6 +31,7 @@ from sysid.io.campaign import read_campaign
 from sysid.model.effects import AtmosphereLeakage
 from sysid.model.effects.catalogue import catalogue
 from sysid.parallel import Failure, attempt_all, on_cluster
+from sysid.parallel.cluster import collector_off
 from sysid.report.fleet import fleet_page
 
 DAYS = np.array([0.0, 30.0, 65.0, 90.0, 120.0, 200.0, 230.0, 260.0, 300.0, 340.0])
@@ -532,7 +533,7 @@ def test_a_local_cluster_takes_work_from_its_own_process_only(
         others = distributed.Security.temporary()
         plain = cluster.address.replace("tls://", "tcp://")
         for address, shown in ((plain, None), (cluster.address, None), (cluster.address, others)):
-            with pytest.raises((OSError, TypeError)):
+            with pytest.raises((OSError, TypeError)), collector_off():
                 distributed.Client(address, security=shown, timeout=1.0, set_as_default=False)
         with (
             pytest.raises(InputError, match=r"tls://.*: no Dask scheduler answers"),

@@ -7,6 +7,7 @@ and the scheduler gives it to another worker where one dies.
 
 from __future__ import annotations
 
+import gc
 import importlib
 import logging
 import os
@@ -95,19 +96,39 @@ def _own(distributed: Any) -> Any:
 
 
 @contextmanager
+def collector_off() -> Iterator[None]:
+    """No garbage is collected within the block.
+
+    A client that could not connect is closed when it is collected, and waits there for a lock that
+    one being made holds: where the collector ran in between, both stood still for ever.
+    """
+    gc.collect()
+    was_on = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_on:
+            gc.enable()
+
+
+@contextmanager
 def _client(distributed: Any, scheduler: str, workers: int) -> Iterator[Any]:
     if scheduler == LOCAL:
         made = {"n_workers": workers, "threads_per_worker": 1, "processes": True}
         heard = {"host": _HERE, "dashboard_address": f"{_HERE}:0", "security": _own(distributed)}
-        with (
-            distributed.LocalCluster(**made, **heard, silence_logs=logging.CRITICAL) as cluster,
-            distributed.Client(cluster, set_as_default=False) as client,
-        ):
-            yield client
+        with collector_off():
+            cluster = distributed.LocalCluster(**made, **heard, silence_logs=logging.CRITICAL)
+        with cluster:
+            with collector_off():
+                client = distributed.Client(cluster, set_as_default=False)
+            with client:
+                yield client
         return
     try:
         distributed.comm.get_address_host_port(scheduler)  # a bad one leaves no client behind
-        client = distributed.Client(scheduler, timeout=_CONNECT_S, set_as_default=False)
+        with collector_off():
+            client = distributed.Client(scheduler, timeout=_CONNECT_S, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         said = one_line(str(error))[:120]
         raise input_error(
@@ -178,4 +199,4 @@ def _one_process() -> Iterator[None]:
             os.environ[_JOBS_VARIABLE] = before
 
 
-__all__ = ["LOCAL", "Cluster", "cluster_in_force", "collect_on", "on_cluster"]
+__all__ = ["LOCAL", "Cluster", "cluster_in_force", "collect_on", "collector_off", "on_cluster"]
