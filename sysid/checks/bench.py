@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from sysid.checks.friction import POINTS, Identification
+from sysid.checks.friction import Identification
 from sysid.errors import InputError, NotIdentifiedError
+from sysid.io.campaign import FRICTION_POINTS
 from sysid.io.channels import VALVE_COMMANDS
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
@@ -24,7 +25,7 @@ BENCH_LAWS = tuple(COLUMNS.values())
 def bench_kind(trial: Trial, rig: Rig) -> str | None:
     """The kind of a bench test by its columns; None for any other test."""
     if trial.is_readings:
-        return POINTS
+        return FRICTION_POINTS
     found = next((kind for name, kind in COLUMNS.items() if name in trial), None)
     return found or (_TANK if _is_of_a_tank(trial, rig) else None)
 

@@ -7,11 +7,18 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from sysid.checks.bench import BENCH_LAWS, bench_identified
-from sysid.checks.friction import POINTS, Identification, friction_together
+from sysid.checks.friction import Identification, friction_together
 from sysid.checks.identifiability import valves_identified
 from sysid.checks.log_check import LogCheck, check_campaign, kind_of, listed
 from sysid.identification.friction.effort import balances
-from sysid.io.campaign import BENCH_KINDS, FRICTION_KINDS, MOTION_KINDS, Campaign, CampaignLog
+from sysid.io.campaign import (
+    BENCH_KINDS,
+    FRICTION_KINDS,
+    FRICTION_POINTS,
+    MOTION_KINDS,
+    Campaign,
+    CampaignLog,
+)
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 
@@ -159,7 +166,7 @@ def _together(campaign: Campaign, entries: Sequence[CampaignLog]) -> Iterator[Id
         if trials and kind in BENCH_LAWS:
             yield from bench_identified(kind, trials, rig)
         elif trials:
-            yield from friction_together(trials, POINTS, rig)
+            yield from friction_together(trials, FRICTION_POINTS, rig)
     rest = [(e, t) for e, t in tests if e.kind not in BENCH_KINDS]
     if not rest:
         return

@@ -17,12 +17,10 @@ from sysid.identification.friction.effort import (
     balances,
     units_of,
 )
-from sysid.io.campaign import FRICTION_KINDS, MOTION_KINDS
+from sysid.io.campaign import FRICTION_KINDS, FRICTION_POINTS, MOTION_KINDS
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 
-POINTS = "friction-points"
-"""The kind of readings taken by hand."""
 _MOVING = "needs friction-sliding or friction-motion tests in both directions"
 _NO_TEST = "the campaign declares no friction or motion test of it"
 
@@ -65,9 +63,9 @@ def friction_together(
     trials: Sequence[Trial], kinds: Sequence[str] | str, rig: Rig
 ) -> Iterator[Identification]:
     """The same of the tests of several logs, which are fitted together; `kinds` of each trial, or
-    `POINTS`."""
-    if kinds == POINTS:
-        yield from _each(rig, POINTS, lambda **_: _of_points(trials, rig))
+    `FRICTION_POINTS`."""
+    if kinds == FRICTION_POINTS:
+        yield from _each(rig, FRICTION_POINTS, lambda **_: _of_points(trials, rig))
     elif trials:
         yield from _each(rig, None, partial(_of_tests, trials, rig, kinds))
     else:
@@ -81,9 +79,9 @@ def _each(
     u = units_of(rig)
     found, why = fitted(estimate_inertia=False)
     for parameter, name in _names(u).items():
-        if declared != POINTS or name in found or not found:
+        if declared != FRICTION_POINTS or name in found or not found:
             yield _identification(parameter, found, name, why)
-    if declared == POINTS:
+    if declared == FRICTION_POINTS:
         return  # Readings of a steady motion, or of breakaway, are of nothing else.
     if rig.total_inertia() is not None:
         found, why = fitted(estimate_inertia=True)
@@ -113,7 +111,7 @@ def _fitted(
     trials: Sequence[Trial], rig: Rig, declared: str | None, *, estimate_inertia: bool
 ) -> tuple[dict[str, Estimate], str]:
     """The estimates of the fit by name, and the tests behind them, or why there are none."""
-    if declared == POINTS:
+    if declared == FRICTION_POINTS:
         return _of_points(trials, rig)
     kind = MOTION if declared in MOTION_KINDS else declared
     if kind is not None and kind not in FRICTION_KINDS:
@@ -158,11 +156,11 @@ def _of_points(trials: Sequence[Trial], rig: Rig) -> tuple[dict[str, Estimate], 
     from sysid.diagnosis.bench.registry import component_of
 
     try:
-        component = component_of(POINTS, trials, rig)
+        component = component_of(FRICTION_POINTS, trials, rig)
         fitted = fit_law(component, (), range(len(component.tests)))
     except (InputError, NotIdentifiedError) as error:
         return {}, str(error)
     return dict(fitted.base_estimates()), f"{len(component.tests)} readings"
 
 
-__all__ = ["POINTS", "Identification", "friction_identified", "friction_together"]
+__all__ = ["Identification", "friction_identified", "friction_together"]

@@ -10,8 +10,9 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from sysid.checks.friction import POINTS, Identification, friction_identified
+from sysid.checks.friction import Identification, friction_identified
 from sysid.errors import InputError, NotIdentifiedError
+from sysid.io.campaign import FRICTION_POINTS
 from sysid.io.channels import DUTIES, SIDES, SWITCHES
 from sysid.io.logs import Trial
 from sysid.io.rig import Air, Rig
@@ -40,7 +41,7 @@ def identifications(
     `by_kind` holds the log's trials by kind; `declared` is the kind that a campaign gives them.
     """
     yield from friction_identified([t for group in by_kind.values() for t in group], rig, declared)
-    if declared != POINTS:
+    if declared != FRICTION_POINTS:
         yield from valves_identified(by_kind, rig)
 
 

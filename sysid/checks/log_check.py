@@ -13,12 +13,12 @@ import numpy as np
 from sysid import signals
 from sysid.checks.bench import BENCH_LAWS, COLUMNS, bench_identified, bench_kind
 from sysid.checks.consistency.campaign import located_contradictions, readings_of
-from sysid.checks.friction import POINTS, Identification
+from sysid.checks.friction import Identification
 from sysid.checks.identifiability import excitation, identifications
 from sysid.display.plots import bars, one_axes
 from sysid.display.tables import Shown, ShownTable, record_table
 from sysid.identification.friction.effort import MOTION, classify_trial
-from sysid.io.campaign import Campaign
+from sysid.io.campaign import FRICTION_POINTS, Campaign
 from sysid.io.channels import DUTIES, PRESSURES, SWITCHES
 from sysid.io.exclusion import Excluded
 from sysid.io.logs import Log, Trial
@@ -226,7 +226,7 @@ def check_log(log: Log, rig: Rig, declared: str | None = None) -> LogCheck:
         by_kind.setdefault(kind, []).append(trial)
     channels = _measured_channels(log, rig)
     bench = next(iter(by_kind)) if set(by_kind) & {*BENCH_LAWS} else None
-    taken_as = POINTS if set(by_kind) == {POINTS} else declared
+    taken_as = FRICTION_POINTS if set(by_kind) == {FRICTION_POINTS} else declared
     return LogCheck(
         file=str(log.path),
         kinds=kinds,
@@ -253,7 +253,7 @@ def check_log(log: Log, rig: Rig, declared: str | None = None) -> LogCheck:
 
 def _kind_in(trial: Trial, rig: Rig, declared: str | None) -> str:
     """A trial's kind: of a bench as declared, else by its content."""
-    if declared in BENCH_LAWS or declared == POINTS:
+    if declared in BENCH_LAWS or declared == FRICTION_POINTS:
         return declared
     return bench_kind(trial, rig) or kind_of(trial, rig) or "nothing commanded"
 

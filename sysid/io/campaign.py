@@ -208,7 +208,7 @@ class Campaign:
         """
         if not texts:
             return self
-        units = None if self.own is None else {"test": None, "time_s": "s", **self.own.columns}
+        units = None if self.own is None else self.own.units
         named = [
             (
                 (self.name_of(e.path), e.file, e.path.name),
@@ -414,6 +414,7 @@ def _reject_used_twice(path: Path, logs: Sequence[CampaignLog]) -> None:
 __all__ = [
     "BENCH_KINDS",
     "FRICTION_KINDS",
+    "FRICTION_POINTS",
     "KINDS",
     "MOTION_KINDS",
     "USES",

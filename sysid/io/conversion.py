@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sysid.errors import input_error, one_line, shortened
-from sysid.io.file_kinds import FOREIGN_SUFFIXES
-from sysid.io.foreign import ForeignTable, is_bag, read_bag, read_foreign
+from sysid.io.file_kinds import FOREIGN_SUFFIXES, is_bag
+from sysid.io.foreign import ForeignTable, read_bag, read_foreign
 from sysid.io.foreign.recipe import Recipe, extended, read_recipe
 from sysid.io.foreign_columns import log_columns, unused_columns, with_atmosphere
 from sysid.io.joining import TimedColumns, joined

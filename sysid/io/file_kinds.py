@@ -39,10 +39,11 @@ _ROS_2 = FileKind("a SQLite database (a ROS 2 bag?)", "rosbag")
 _TDMS = FileKind("a TDMS file (LabVIEW)", "tdms")
 _ULOG = FileKind("a PX4 log (ULog)", "ulog")
 
+PARQUET_HEAD = b"PAR1"
 _HDF5_HEAD = b"\x89HDF\r\n\x1a\n"
 _SIGNATURES = (
     (b"TDSm", _TDMS),
-    (b"PAR1", _PARQUET),
+    (PARQUET_HEAD, _PARQUET),
     (b"MATLAB 5.0", _MATLAB),
     (b"MDF     ", _MDF),
     (b"UnFinMF ", _MDF),
@@ -75,7 +76,7 @@ _BY_SUFFIX = {
 _JSON_SUFFIXES = (".json", ".jsonl", ".ndjson")
 FOREIGN_SUFFIXES = (*_BY_SUFFIX, *_JSON_SUFFIXES)
 """Names of files that are other programs', and are no logs."""
-_PARQUET_SUFFIXES = (".parquet", ".pq")
+PARQUET_SUFFIXES = (".parquet", ".pq")
 _JSON_HEAD = re.compile(rb"\s*(?:\{\s*[\"}]|\[\s*[\[{])")
 _BUNDLE = b'"schema": "sysid-bundle/'
 
@@ -103,7 +104,7 @@ def kind_by_content(path: Path, file: BinaryIO) -> FileKind | None:
 def kind_by_name(path: Path) -> FileKind | None:
     """What a file is by the end of its name; None for the ends of text's."""
     suffix = path.suffix.lower()
-    return _PARQUET if suffix in _PARQUET_SUFFIXES else _BY_SUFFIX.get(suffix)
+    return _PARQUET if suffix in PARQUET_SUFFIXES else _BY_SUFFIX.get(suffix)
 
 
 def _kind_of_archive(path: Path, file: BinaryIO) -> FileKind:
@@ -180,6 +181,8 @@ __all__ = [
     "GZIP",
     "HEAD_BYTES",
     "OLD_EXCEL",
+    "PARQUET_HEAD",
+    "PARQUET_SUFFIXES",
     "FileKind",
     "is_bag",
     "kind_by_content",

@@ -10,29 +10,29 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 from sysid.errors import InputError, shortened
-from sysid.io.file_kinds import FOREIGN_SUFFIXES
-from sysid.io.foreign import ForeignTable, ReadOptions, is_bag, read_bag, read_foreign
+from sysid.io.file_kinds import FOREIGN_SUFFIXES, PARQUET_HEAD, PARQUET_SUFFIXES, is_bag
+from sysid.io.foreign import ForeignTable, ReadOptions, read_bag, read_foreign
 from sysid.io.foreign.recipe import Recipe
 from sysid.io.foreign_columns import log_columns, unused_columns
 from sysid.io.reshaping import HELD_COLUMNS
 from sysid.io.tables import (
-    PARQUET_SUFFIXES,
     LogTable,
     comments_in,
+    is_number,
     open_input,
     sha256_of,
 )
 from sysid.io.units import ColumnMap
 
 _HEAD_BYTES = 1 << 16
-_PARQUET = b"PAR1"
 _MARKS = (b"\xff\xfe", b"\xfe\xff")
+# Of unknown columns, by name.
 _LISTED = 30
 # Options that commands which read logs do not have.
 _OF_CONVERT = re.compile(
@@ -51,7 +51,7 @@ def is_in_log_format(path: Path, maps: Mapping[str, ColumnMap], names: Collectio
         return False
     with open_input(path, "a log") as file:
         head = file.read(_HEAD_BYTES)
-    if head.startswith(_PARQUET) or path.suffix.lower() in (*PARQUET_SUFFIXES, ".toml"):
+    if head.startswith(PARQUET_HEAD) or path.suffix.lower() in (*PARQUET_SUFFIXES, ".toml"):
         return True
     if b"\0" in head or head.startswith(_MARKS):
         return False
@@ -68,15 +68,7 @@ def is_in_log_format(path: Path, maps: Mapping[str, ColumnMap], names: Collectio
     own = {name.strip() for name in header}
     numbered = any(entry.column.startswith("#") for entry in maps.values())
     known = bool(own & ({entry.column for entry in maps.values()} | set(names))) or numbered
-    return known and len(first) == len(header) and any(map(_is_number, first))
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
+    return known and len(first) == len(header) and any(map(is_number, first))
 
 
 def foreign_log(path: Path, maps: Mapping[str, ColumnMap]) -> LogTable:
@@ -129,9 +121,7 @@ def in_log_format(
         unused = unused_columns(file, recipe)
     notices = list(dict.fromkeys(file.notices))
     if unused:
-        more = f" and {len(unused) - _LISTED} more" if len(unused) > _LISTED else ""
-        listed = ", ".join(map(shortened, unused[:_LISTED]))
-        notices.append(f"{table.path}: ignored, unknown: {listed}{more}")
+        notices.append(unknown_line(table.path, unused))
     is_whole = len(frame) == max(len(values) for values in file.columns.values())
     placed = file.place if is_whole else lambda row: f"row {row + 1} of those that are read"
     made = replace(
@@ -143,6 +133,12 @@ def in_log_format(
         foreign=None,
     )
     return made, notices
+
+
+def unknown_line(path: Path, names: Sequence[str]) -> str:
+    """The notice of columns that nobody knows."""
+    more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
+    return f"{path}: ignored, unknown: {', '.join(map(shortened, names[:_LISTED]))}{more}"
 
 
 @contextmanager
@@ -158,4 +154,4 @@ def _converted_first() -> Iterator[None]:
         ) from None
 
 
-__all__ = ["foreign_log", "in_log_format", "is_in_log_format"]
+__all__ = ["foreign_log", "in_log_format", "is_in_log_format", "unknown_line"]

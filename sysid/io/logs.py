@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid import signals
-from sysid.errors import InputError, input_error, one_line, shortened
+from sysid.errors import InputError, input_error, one_line
 from sysid.io import plausibility
 from sysid.io.added_twice import added_twice
 from sysid.io.channels import CHAMBER_PRESSURES, PRESSURES, VALVE_COMMANDS
 from sysid.io.exclusion import Excluded, Exclusion, KeptRows, labels_in, shared_out, without
-from sysid.io.foreign_log import foreign_log, in_log_format, is_in_log_format
+from sysid.io.foreign_log import foreign_log, in_log_format, is_in_log_format, unknown_line
 from sysid.io.measured_speed import (
     are_readings,
     check_motion,
@@ -48,7 +48,7 @@ _SELDOM_NEEDED = (
 )
 # Columns of a file that become a channel of another name.
 _CONVERTED = ("motor_volts", "encoder_counts")
-# Of unknown columns, by name.
+# Of tests, by their labels.
 _LISTED = 30
 # Consecutive rows of a second sampling period from which a test counts as mixed.
 _MIXED_RUN = 10
@@ -180,7 +180,6 @@ def log_of(
             reading.notices.append(
                 f"{path}: has no column {column!r}, which the campaign maps to {target}"
             )
-    mapped = maps
     if table.foreign is not None:
         table, said = in_log_format(table, maps, rig.atmosphere_pa, CANONICAL_UNITS)
         reading.table, maps = table, {}
@@ -191,7 +190,7 @@ def log_of(
         raise missing_time(table, are_readings=are_points)
     reading.leave_out(without(table, maps, exclude, rig))
     _take_columns(reading, maps)
-    reading.origin |= {t: m.column for t, m in mapped.items() if t in reading.columns}
+    reading.origin |= {t: m.column for t, m in reading.maps.items() if t in reading.columns}
     if timeless:
         reading.columns["time_s"] = np.arange(len(reading.table.frame), dtype=np.float64)
         reading.notices.append(
@@ -256,9 +255,7 @@ def _take_columns(reading: LogReading, maps: Mapping[str, ColumnMap]) -> None:
             reading.origin[target] = sources[target]
     unknown = [n for n in table.header if n not in known and n not in used]
     if unknown:
-        more = f" and {len(unknown) - _LISTED} more" if len(unknown) > _LISTED else ""
-        listed = ", ".join(map(shortened, unknown[:_LISTED]))
-        reading.notices.append(f"{reading.where}: ignored, unknown: {listed}{more}")
+        reading.notices.append(unknown_line(table.path, unknown))
     if len(table.frame) < 2:
         raise input_error(reading.where, "holds one row only", "a test needs at least two samples")
 

@@ -74,8 +74,7 @@ def read_own_log(
     reading = LogReading(table, rig, maps=maps)
     reading.convert += f" --component {own.defined_in or 'FILE.py'}"
     if table.foreign is not None:
-        known = {"test": None, **units}
-        table, reading.notices = in_log_format(table, maps, rig.atmosphere_pa, known, own.held)
+        table, reading.notices = in_log_format(table, maps, rig.atmosphere_pa, own.units, own.held)
         reading.table, maps = table, {}
     if "time_s" not in maps and "time_s" not in table.header:
         raise missing_time(table)

@@ -17,7 +17,7 @@ from typing import Any
 from sysid.errors import InputError, input_error
 from sysid.io.channels import CHAMBER_PRESSURES
 from sysid.io.declaration import TomlSection
-from sysid.io.file_kinds import is_bag
+from sysid.io.file_kinds import PARQUET_SUFFIXES, is_bag
 from sysid.io.files import note_input
 from sysid.io.rig_file import RIG_TABLES, RigFile, RigHead
 from sysid.io.rig_sections import (
@@ -31,7 +31,6 @@ from sysid.io.rig_sections import (
     Tank,
     Valves,
 )
-from sysid.io.tables import PARQUET_SUFFIXES
 from sysid.types import FloatArray
 
 GRAVITY_M_PER_S2 = 9.81

@@ -32,7 +32,13 @@ from sysid.io.bounds import (
     check_rectangle,
     check_text,
 )
-from sysid.io.file_kinds import FOREIGN_SUFFIXES, reject_bag, reject_foreign
+from sysid.io.file_kinds import (
+    FOREIGN_SUFFIXES,
+    PARQUET_HEAD,
+    PARQUET_SUFFIXES,
+    reject_bag,
+    reject_foreign,
+)
 from sysid.io.files import note_input, open_atomic
 from sysid.io.parquet_columns import ParquetColumns
 
@@ -41,12 +47,10 @@ if TYPE_CHECKING:
 
     from sysid.io.foreign.table import ForeignTable
 
-PARQUET_SUFFIXES = (".parquet", ".pq")
 _NOTED = b"sysid.comments"
 # Comments stand at the head of a file.
 _HEAD_BYTES = 1 << 16
 _CHUNK = 1 << 20
-_PARQUET = b"PAR1"
 _NOT_A_NUMBER = ["", "NaN", "nan", "NA", "N/A", "null", "NULL", "None", "-nan", "#N/A"]
 
 
@@ -354,7 +358,7 @@ def comments_in(file: BinaryIO) -> tuple[str, ...]:
     """The comments of a file that `write_table` wrote; none of any other file."""
     file.seek(0)
     head = file.read(_HEAD_BYTES)
-    if head.startswith(_PARQUET):
+    if head.startswith(PARQUET_HEAD):
         import pyarrow.parquet as parquet
 
         return _comments_of(parquet.read_schema(file).metadata)
@@ -437,7 +441,7 @@ def _header(path: Path, body: bytes) -> tuple[int, tuple[str, ...]]:
         check_columns(path, text.count(",") + 1)
         names = tuple(name.strip() for name in next(csv.reader([text])))
         _reject_wrong_delimiter(where, text, names)
-        if all(_is_number(n) for n in names):
+        if all(is_number(n) for n in names):
             raise input_error(
                 where,
                 "numbers where the column names should be",
@@ -545,7 +549,8 @@ def _data_lines(body: bytes) -> list[tuple[int, str]]:
     return numbered[head + 1 :]
 
 
-def _is_number(text: str) -> bool:
+def is_number(text: str) -> bool:
+    """Whether a cell of the log format is a number."""
     try:
         float(text)
     except ValueError:
@@ -554,9 +559,9 @@ def _is_number(text: str) -> bool:
 
 
 __all__ = [
-    "PARQUET_SUFFIXES",
     "LogTable",
     "comments_in",
+    "is_number",
     "looks_cut",
     "open_input",
     "read_bytes",

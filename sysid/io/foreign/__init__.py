@@ -193,7 +193,6 @@ __all__ = [
     "ReadOptions",
     "SampleTimes",
     "digest_of",
-    "is_bag",
     "read_any",
     "read_bag",
     "read_foreign",
